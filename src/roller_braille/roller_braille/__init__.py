@@ -1,0 +1,1 @@
+"""Reading Braille from images of warped events."""

@@ -1,0 +1,1 @@
+"""The ``roller`` command, launching, replay, recording and playing."""

@@ -1,0 +1,1 @@
+"""Shared building blocks of the roller inspection packages; no ROS imports."""

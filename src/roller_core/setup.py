@@ -1,0 +1,20 @@
+"""Installs roller_core."""
+
+from setuptools import find_packages, setup
+
+NAME = "roller_core"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Event arrays, packet codecs, camera, pose track, clock and settings shared by the roller packages",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, NAME + ".*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
+        ("share/" + NAME, ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+)

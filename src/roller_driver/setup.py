@@ -1,0 +1,27 @@
+"""Installs roller_driver."""
+
+from setuptools import find_packages, setup
+
+NAME = "roller_driver"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Drivers of the roller cell: event camera, UR10 poses and the virtual cell",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, NAME + ".*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
+        ("share/" + NAME, ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    entry_points={
+        "console_scripts": [
+            "virtual_cell_node = roller_driver.virtual_cell_node:main",
+            "event_camera_node = roller_driver.event_camera_node:main",
+            "ur10_node = roller_driver.ur10_node:main",
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""Depth maps from events, their fusion and the stitched surface."""

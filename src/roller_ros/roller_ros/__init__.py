@@ -1,0 +1,1 @@
+"""Thin helpers between ROS 2 and the roller packages."""
