@@ -7,7 +7,7 @@ NAME = "roller_core"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Event arrays, packet codecs, camera, pose track, clock and settings shared by the roller packages",
+    description="Building blocks shared by the roller packages",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},

@@ -7,7 +7,7 @@ NAME = "roller_ros"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Thin helpers between ROS 2 and the roller packages: parameters, QoS, messages, pose tracks, diagnostics",
+    description="Thin helpers between ROS 2 and the roller packages",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
