@@ -1,0 +1,45 @@
+"""rosbag2 types that the workspace reads and writes, for the `rosbags` library."""
+
+from __future__ import annotations
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+EVENT_PACKET = "event_camera_msgs/msg/EventPacket"
+#: The same fields under the name that older recordings carry.
+EVENT_ARRAY = "event_array_msgs/msg/EventArray"
+BRAILLE_CELL = "roller_msgs/msg/BrailleCell"
+
+_EVENT_PACKET_MSG = """
+std_msgs/Header header
+uint32 height
+uint32 width
+uint64 seq
+uint64 time_base
+string encoding
+bool is_bigendian
+uint8[] events
+"""
+
+_BRAILLE_CELL_MSG = """
+std_msgs/Header header
+uint32 line
+uint32 column
+uint8 mask
+string pattern
+string character
+bool readable
+geometry_msgs/Point position
+float32 confidence
+float32[6] dot_confidence
+"""
+
+
+def typestore() -> Typestore:
+    """A typestore with the standard messages, event packets of both names and Braille cells."""
+    store = get_typestore(Stores.ROS2_KILTED)
+    types = get_types_from_msg(_EVENT_PACKET_MSG, EVENT_PACKET)
+    types |= get_types_from_msg(_EVENT_PACKET_MSG, EVENT_ARRAY)
+    types |= get_types_from_msg(_BRAILLE_CELL_MSG, BRAILLE_CELL)
+    store.register(types)
+    return store

@@ -1,0 +1,230 @@
+"""The pinhole camera with lens distortion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from .errors import RollerError
+
+F64 = npt.NDArray[np.float64]
+
+_COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+_ITERATE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+
+
+class CameraError(RollerError):
+    """A calibration that can't be read or makes no sense."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsic calibration, as `sensor_msgs/CameraInfo` holds it.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size, px.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point, px.
+    distortion : sequence of float
+        `plumb_bob`: k1 k2 p1 p2 k3; `rational_polynomial`: k1 k2 p1 p2 k3 k4 k5 k6;
+        `equidistant`: k1 k2 k3 k4. Missing trailing ones are zero.
+    model : str
+        Distortion model's name.
+
+    Raises
+    ------
+    CameraError
+        If a figure is not finite, not positive where it must be, or the model isn't known.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    model: str = "plumb_bob"
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise CameraError(f"image size {self.width}×{self.height} px is not positive")
+        if not np.all(np.isfinite([self.fx, self.fy, self.cx, self.cy, *self.distortion])):
+            raise CameraError("the camera calibration holds a value that is not finite")
+        if self.fx <= 0 or self.fy <= 0:
+            raise CameraError(
+                f"focal length {self.fx:g}, {self.fy:g} px is not positive; "
+                "is the camera calibrated?"
+            )
+        if self.model not in _COEFFICIENTS:
+            raise CameraError(
+                f"distortion model '{self.model}' isn't known; known are {', '.join(_COEFFICIENTS)}"
+            )
+        n = _COEFFICIENTS[self.model]
+        if len(self.distortion) > n:
+            raise CameraError(f"{self.model} has {n} coefficients, not {len(self.distortion)}")
+        padded = tuple(float(d) for d in self.distortion) + (0.0,) * (n - len(self.distortion))
+        object.__setattr__(self, "distortion", padded)
+
+    @property
+    def K(self) -> F64:
+        """Intrinsic matrix, shape (3, 3), px."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether any distortion coefficient differs from zero."""
+        return any(self.distortion)
+
+    def undistort(self, pixels: npt.ArrayLike) -> F64:
+        """Ideal pinhole pixels of observed ones.
+
+        Parameters
+        ----------
+        pixels : array_like, shape (n, 2)
+            Observed u, v in px.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 2)
+            Pixels of a camera of the same `K` without distortion.
+        """
+        points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
+        if not self.is_distorted:
+            return points[:, 0, :].copy()
+        d = np.array(self.distortion)
+        if self.model == "equidistant":
+            out = cv2.fisheye.undistortPoints(points, self.K, d, P=self.K)
+        else:
+            out = cv2.undistortPointsIter(points, self.K, d, None, self.K, _ITERATE)
+        return np.asarray(out, dtype=np.float64)[:, 0, :]
+
+    def distort(self, pixels: npt.ArrayLike) -> F64:
+        """Observed pixels of ideal pinhole ones: the inverse of `undistort`, shapes (n, 2)."""
+        return self.project(self.rays(pixels))
+
+    def undistortion_table(self) -> npt.NDArray[np.float32]:
+        """Ideal pinhole pixel of every sensor pixel, float32, shape (height, width, 2), (u, v)."""
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        table = self.undistort(np.stack([u, v], axis=-1).reshape(-1, 2))
+        return table.reshape(self.height, self.width, 2).astype(np.float32)
+
+    def rays(self, pixels: npt.ArrayLike) -> F64:
+        """Directions (x, y, 1) of ideal pinhole pixels, shape (n, 3)."""
+        p = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        x = (p[:, 0] - self.cx) / self.fx
+        y = (p[:, 1] - self.cy) / self.fy
+        return np.stack([x, y, np.ones(len(p))], axis=-1)
+
+    def project(self, points: npt.ArrayLike) -> F64:
+        """Observed pixels (with distortion) of points in the camera frame.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 3)
+            Metres; z > 0.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 2)
+            u, v in px.
+        """
+        p = np.asarray(points, dtype=np.float64).reshape(-1, 1, 3)
+        if not len(p):
+            return np.empty((0, 2))
+        zero = np.zeros(3)
+        d = np.array(self.distortion)
+        if self.model == "equidistant":
+            out, _ = cv2.fisheye.projectPoints(p, zero, zero, self.K, d)
+        else:
+            out, _ = cv2.projectPoints(p, zero, zero, self.K, d)
+        return np.asarray(out, dtype=np.float64).reshape(-1, 2)
+
+    @classmethod
+    def from_matrix(
+        cls,
+        width: int,
+        height: int,
+        k: Sequence[float],
+        d: Sequence[float] = (),
+        model: str = "plumb_bob",
+    ) -> Camera:
+        """From the fields of `sensor_msgs/CameraInfo`: K row by row, D, distortion model.
+
+        Raises
+        ------
+        CameraError
+            If K has no nine entries or a value makes no sense.
+        """
+        values = [float(v) for v in k]
+        if len(values) != 9:
+            raise CameraError(f"the intrinsic matrix has {len(values)} entries, not 9")
+        coefficients = tuple(float(v) for v in d)
+        return cls(
+            int(width),
+            int(height),
+            values[0],
+            values[4],
+            values[2],
+            values[5],
+            coefficients,
+            model or "plumb_bob",
+        )
+
+    @classmethod
+    def from_yaml(cls, path: Path | str) -> Camera:
+        """Read a ROS camera_info YAML file (as camera_calibration writes it).
+
+        Raises
+        ------
+        CameraError
+            If the file can't be read or an entry is missing or wrong.
+        """
+        try:
+            data: Any = yaml.safe_load(Path(path).read_text())
+            return cls.from_matrix(
+                data["image_width"],
+                data["image_height"],
+                data["camera_matrix"]["data"],
+                data.get("distortion_coefficients", {}).get("data", ()),
+                data.get("distortion_model", "plumb_bob"),
+            )
+        except OSError as error:
+            raise CameraError(f"camera {path}: can't be read ({error.strerror})") from error
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise CameraError(f"camera {path}: not a YAML file") from error
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise CameraError(
+                f"camera {path}: entry {error} is missing or wrong; expected ROS camera_info YAML "
+                "(image_width, image_height, camera_matrix, distortion_coefficients)"
+            ) from error
+        except CameraError as error:
+            raise CameraError(f"camera {path}: {error}") from error
+
+    def to_yaml(self, path: Path | str, name: str = "event_camera") -> None:
+        """Write a ROS camera_info YAML file."""
+        projection = np.hstack([self.K, np.zeros((3, 1))]).ravel().tolist()
+        data = {
+            "image_width": self.width,
+            "image_height": self.height,
+            "camera_name": name,
+            "camera_matrix": {"rows": 3, "cols": 3, "data": self.K.ravel().tolist()},
+            "distortion_model": self.model,
+            "distortion_coefficients": {
+                "rows": 1,
+                "cols": len(self.distortion),
+                "data": list(self.distortion),
+            },
+            "rectification_matrix": {"rows": 3, "cols": 3, "data": np.eye(3).ravel().tolist()},
+            "projection_matrix": {"rows": 3, "cols": 4, "data": projection},
+        }
+        Path(path).write_text(yaml.safe_dump(data, sort_keys=False))

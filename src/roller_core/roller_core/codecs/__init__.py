@@ -1,0 +1,32 @@
+"""Codecs for the event packets that ROS event cameras publish.
+
+The five encodings of ``event_camera_msgs/msg/EventPacket`` are decoded (`mono`, `libcaer`,
+`libcaer_cmp`, `evt3`, `trigger`), four are encoded.
+"""
+
+from __future__ import annotations
+
+from .decoder import DecodedPacket, PacketDecoder
+from .encoder import MAX_SPAN_NS, encode
+from .errors import (
+    CodecError,
+    PacketLengthError,
+    PacketTimeError,
+    UnknownEncodingError,
+)
+
+DECODED_ENCODINGS = ("mono", "libcaer", "libcaer_cmp", "evt3", "trigger")
+ENCODED_ENCODINGS = ("mono", "libcaer", "libcaer_cmp", "evt3")
+
+__all__ = [
+    "DECODED_ENCODINGS",
+    "ENCODED_ENCODINGS",
+    "MAX_SPAN_NS",
+    "CodecError",
+    "DecodedPacket",
+    "PacketDecoder",
+    "PacketLengthError",
+    "PacketTimeError",
+    "UnknownEncodingError",
+    "encode",
+]

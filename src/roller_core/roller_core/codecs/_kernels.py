@@ -1,0 +1,246 @@
+"""State machines of the two run-length encodings, in both directions.
+
+Words are little-endian u16 with the code in bits 15:12. Layouts: facts of the formats as the
+libcaer and Metavision ROS drivers publish them (EVT 3.0 by Prophesee).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+# State of an EVT 3.0 decoder between packets.
+EVT3_TIME_HIGH, EVT3_TIME_LOW, EVT3_WRAPS, EVT3_Y, EVT3_BASE_X, EVT3_BASE_P, EVT3_VALID = range(7)
+EVT3_STATE_SIZE = 7
+# Sensors step TIME_HIGH back a little without a wrap; more than this is a wrap.
+EVT3_JITTER = 10
+
+
+@njit(cache=True, nogil=True)
+def _count_libcaer_cmp(words):  # type: ignore[no-untyped-def]
+    n = 0
+    for w in words:
+        code = w >> 12
+        if code == 3:
+            n += 1
+        elif code == 5:
+            mask = w & 0xFF
+            while mask:
+                n += mask & 1
+                mask >>= 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _decode_libcaer_cmp(words, time_base_ns, x, y, t, p):  # type: ignore[no-untyped-def]
+    n = 0
+    high = np.int64(0)
+    low = np.int64(0)
+    column = np.uint16(0)
+    base_y = 0
+    polarity = np.uint8(0)
+    for w in words:
+        code = w >> 12
+        if code == 0:
+            high = np.int64(w & 0xFFF)
+        elif code == 1:
+            low = np.int64(w & 0xFFF)
+        elif code == 2:
+            column = np.uint16(w & 0x7FF)
+        elif code == 3:
+            x[n] = column
+            y[n] = w & 0x7FF
+            p[n] = (w >> 11) & 1
+            t[n] = time_base_ns + ((high << 12) | low) * 1000
+            n += 1
+        elif code == 4:
+            base_y = np.int64(w & 0x7FF)
+            polarity = np.uint8((w >> 11) & 1)
+        elif code == 5:
+            now = time_base_ns + ((high << 12) | low) * 1000
+            for bit in range(8):
+                if (w >> bit) & 1:
+                    x[n] = column
+                    y[n] = base_y + bit
+                    p[n] = polarity
+                    t[n] = now
+                    n += 1
+            base_y += 8
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _encode_libcaer_cmp(x, y, t_us, p, words):  # type: ignore[no-untyped-def]
+    n = len(x)
+    k = 0
+    high = np.int64(0)
+    low = np.int64(0)
+    column = np.int64(-1)
+    i = 0
+    while i < n:
+        new_high = t_us[i] >> 12
+        new_low = t_us[i] & 0xFFF
+        if new_high != high:
+            high = new_high
+            words[k] = high
+            k += 1
+        if new_low != low:
+            low = new_low
+            words[k] = (1 << 12) | low
+            k += 1
+        if np.int64(x[i]) != column:
+            column = np.int64(x[i])
+            words[k] = (2 << 12) | column
+            k += 1
+        # A run: same time, column and polarity, rows rising by less than eight.
+        end = i + 1
+        while (
+            end < n
+            and t_us[end] == t_us[i]
+            and x[end] == x[i]
+            and p[end] == p[i]
+            and y[end] > y[end - 1]
+            and y[end] - y[end - 1] < 8
+        ):
+            end += 1
+        if end - i < 3:
+            # One word an event is never longer than a vector of one or two.
+            for j in range(i, end):
+                words[k] = (3 << 12) | (np.int64(p[j]) << 11) | np.int64(y[j])
+                k += 1
+        else:
+            base = np.int64(y[i])
+            words[k] = (4 << 12) | (np.int64(p[i]) << 11) | base
+            k += 1
+            mask = 0
+            for j in range(i, end):
+                while np.int64(y[j]) - base >= 8:
+                    words[k] = (5 << 12) | mask
+                    k += 1
+                    mask = 0
+                    base += 8
+                mask |= 1 << (np.int64(y[j]) - base)
+            words[k] = (5 << 12) | mask
+            k += 1
+        i = end
+    return k
+
+
+@njit(cache=True, nogil=True)
+def _count_evt3(words):  # type: ignore[no-untyped-def]
+    n = 0
+    triggers = 0
+    for w in words:
+        code = w >> 12
+        if code == 2:
+            n += 1
+        elif code == 4 or code == 5:
+            mask = w & (0xFFF if code == 4 else 0xFF)
+            while mask:
+                n += mask & 1
+                mask >>= 1
+        elif code == 10:
+            triggers += 1
+    return n, triggers
+
+
+@njit(cache=True, nogil=True)
+def _decode_evt3(words, state, x, y, t, p, trigger_id, trigger_t, trigger_edge):  # type: ignore[no-untyped-def]
+    n = 0
+    m = 0
+    now = ((state[EVT3_WRAPS] << 24) | (state[EVT3_TIME_HIGH] << 12) | state[EVT3_TIME_LOW]) * 1000
+    for w in words:
+        code = w >> 12
+        if code == 8:
+            high = np.int64(w & 0xFFF)
+            if state[EVT3_TIME_HIGH] - high > EVT3_JITTER:
+                state[EVT3_WRAPS] += 1
+            state[EVT3_TIME_HIGH] = high
+            if state[EVT3_VALID] == 0:
+                state[EVT3_VALID] = 1
+        elif code == 6:
+            state[EVT3_TIME_LOW] = w & 0xFFF
+            if state[EVT3_VALID] == 1:
+                state[EVT3_VALID] = 2
+        elif code == 0:
+            state[EVT3_Y] = w & 0x7FF
+            continue
+        elif code == 3:
+            state[EVT3_BASE_X] = w & 0x7FF
+            state[EVT3_BASE_P] = (w >> 11) & 1
+            continue
+        elif state[EVT3_VALID] < 2:
+            # Before the first TIME_HIGH and TIME_LOW no time is known, so nothing can be placed.
+            continue
+        elif code == 2:
+            x[n] = w & 0x7FF
+            y[n] = state[EVT3_Y]
+            p[n] = (w >> 11) & 1
+            t[n] = now
+            n += 1
+            continue
+        elif code == 4 or code == 5:
+            width = 12 if code == 4 else 8
+            for bit in range(width):
+                if (w >> bit) & 1:
+                    x[n] = state[EVT3_BASE_X] + bit
+                    y[n] = state[EVT3_Y]
+                    p[n] = state[EVT3_BASE_P]
+                    t[n] = now
+                    n += 1
+            state[EVT3_BASE_X] += width
+            continue
+        elif code == 10:
+            trigger_id[m] = (w >> 8) & 0xF
+            trigger_edge[m] = w & 1
+            trigger_t[m] = now
+            m += 1
+            continue
+        else:
+            continue
+        now = (
+            (state[EVT3_WRAPS] << 24) | (state[EVT3_TIME_HIGH] << 12) | state[EVT3_TIME_LOW]
+        ) * 1000
+    return n, m
+
+
+@njit(cache=True, nogil=True)
+def _encode_evt3(x, y, t_us, p, words):  # type: ignore[no-untyped-def]
+    k = 0
+    high = np.int64(-1)
+    low = np.int64(-1)
+    row = np.int64(-1)
+    for i in range(len(x)):
+        new_high = (t_us[i] >> 12) & 0xFFF
+        new_low = t_us[i] & 0xFFF
+        if new_high != high:
+            high = new_high
+            low = np.int64(-1)
+            words[k] = (8 << 12) | high
+            k += 1
+        if new_low != low:
+            low = new_low
+            words[k] = (6 << 12) | low
+            k += 1
+        if np.int64(y[i]) != row:
+            row = np.int64(y[i])
+            words[k] = row
+            k += 1
+        words[k] = (2 << 12) | (np.int64(p[i]) << 11) | np.int64(x[i])
+        k += 1
+    return k
+
+
+@njit(cache=True, nogil=True)
+def _keep_inside(x, y, t, p, width, height):  # type: ignore[no-untyped-def]
+    """Move events inside the image to the front; their number."""
+    n = 0
+    for i in range(len(x)):
+        if x[i] < width and y[i] < height:
+            if n != i:
+                x[n] = x[i]
+                y[n] = y[i]
+                t[n] = t[i]
+                p[n] = p[i]
+            n += 1
+    return n

@@ -1,0 +1,161 @@
+"""From packets to events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..events import EventArray, TriggerArray
+from . import _kernels
+from .errors import PacketLengthError, UnknownEncodingError
+
+Payload = bytes | bytearray | memoryview | npt.NDArray[np.uint8]
+
+_WORD_BYTES = {"mono": 8, "trigger": 8, "libcaer": 8, "libcaer_cmp": 2, "evt3": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedPacket:
+    """What one packet held.
+
+    Attributes
+    ----------
+    events : EventArray
+        Events in the packet's order; times in sensor time, ns.
+    triggers : TriggerArray
+        Edges on the trigger inputs.
+    outside : int
+        Events left out because their pixel lies outside the image.
+    """
+
+    events: EventArray
+    triggers: TriggerArray
+    outside: int = 0
+
+
+class PacketDecoder:
+    """Decodes the packets of one stream in order.
+
+    `evt3` carries time from packet to packet, so one decoder serves one stream.
+
+    Parameters
+    ----------
+    encoding : str
+        One of `mono`, `libcaer`, `libcaer_cmp`, `evt3`, `trigger`.
+    width, height : int
+        Image size in pixels; events outside it are counted and left out.
+
+    Raises
+    ------
+    UnknownEncodingError
+        If the encoding isn't known.
+    """
+
+    def __init__(self, encoding: str, width: int, height: int) -> None:
+        if encoding not in _WORD_BYTES:
+            raise UnknownEncodingError(
+                f"event packets are encoded as '{encoding}'; known are {', '.join(_WORD_BYTES)}"
+            )
+        self.encoding = encoding
+        self.width = width
+        self.height = height
+        self._evt3 = np.zeros(_kernels.EVT3_STATE_SIZE, np.int64)
+
+    def decode(self, payload: Payload, time_base_ns: int = 0) -> DecodedPacket:
+        """Decode one packet.
+
+        Parameters
+        ----------
+        payload : bytes-like or ndarray of uint8
+            The message's `events`.
+        time_base_ns : int
+            The message's `time_base`, ns.
+
+        Raises
+        ------
+        PacketLengthError
+            If the payload is no whole number of words; the decoder's state is unchanged.
+        """
+        raw = np.frombuffer(payload, np.uint8)
+        word = _WORD_BYTES[self.encoding]
+        if len(raw) % word:
+            raise PacketLengthError(
+                f"{self.encoding} packet of {len(raw)} bytes is no whole number of "
+                f"{word}-byte words; the packet is cut off or not {self.encoding}"
+            )
+        if self.encoding == "trigger":
+            return DecodedPacket(EventArray.empty(), _triggers(raw, time_base_ns))
+        if self.encoding == "mono":
+            return self._inside(*_decode_mono(raw, time_base_ns))
+        if self.encoding == "libcaer":
+            return self._inside(*_decode_libcaer(raw, time_base_ns))
+        words = raw.view("<u2")
+        if self.encoding == "libcaer_cmp":
+            fields = _allocate(_kernels._count_libcaer_cmp(words))
+            _kernels._decode_libcaer_cmp(words, time_base_ns, *fields)
+            return self._inside(*fields)
+        n, m = _kernels._count_evt3(words)
+        fields = _allocate(n)
+        ids, times, edges = np.empty(m, np.uint16), np.empty(m, np.int64), np.empty(m, np.uint8)
+        n, m = _kernels._decode_evt3(words, self._evt3, *fields, ids, times, edges)
+        x, y, t, p = fields
+        packet = self._inside(x[:n], y[:n], t[:n], p[:n])
+        return DecodedPacket(
+            packet.events, TriggerArray(ids[:m], times[:m], edges[:m]), packet.outside
+        )
+
+    def _inside(
+        self,
+        x: npt.NDArray[np.uint16],
+        y: npt.NDArray[np.uint16],
+        t: npt.NDArray[np.int64],
+        p: npt.NDArray[np.uint8],
+    ) -> DecodedPacket:
+        n = _kernels._keep_inside(x, y, t, p, self.width, self.height)
+        events = EventArray(x[:n], y[:n], t[:n], p[:n])
+        return DecodedPacket(events, TriggerArray.empty(), len(x) - n)
+
+
+def _allocate(
+    n: int,
+) -> tuple[
+    npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.int64], npt.NDArray[np.uint8]
+]:
+    return (
+        np.empty(n, np.uint16),
+        np.empty(n, np.uint16),
+        np.empty(n, np.int64),
+        np.empty(n, np.uint8),
+    )
+
+
+def _decode_mono(raw: npt.NDArray[np.uint8], time_base_ns: int):  # type: ignore[no-untyped-def]
+    words = raw.view("<u8")
+    t = time_base_ns + (words & 0xFFFFFFFF).astype(np.int64)
+    x = ((words >> np.uint64(32)) & np.uint64(0xFFFF)).astype(np.uint16)
+    y = ((words >> np.uint64(48)) & np.uint64(0x7FFF)).astype(np.uint16)
+    return x, y, t, (words >> np.uint64(63)).astype(np.uint8)
+
+
+def _triggers(raw: npt.NDArray[np.uint8], time_base_ns: int) -> TriggerArray:
+    x, _, t, edge = _decode_mono(raw, time_base_ns)
+    return TriggerArray(x, t, edge)
+
+
+def _decode_libcaer(raw: npt.NDArray[np.uint8], time_base_ns: int):  # type: ignore[no-untyped-def]
+    pairs = raw.view("<u4").reshape(-1, 2)
+    pairs = pairs[(pairs[:, 0] & 1) == 1]  # bit 0: the event is valid
+    data = pairs[:, 0]
+    t_us = pairs[:, 1].view(np.int32).astype(np.int64)
+    # 31-bit microseconds start again at zero after 2^31 µs.
+    if len(t_us) > 1:
+        wraps = np.cumsum(np.diff(t_us, prepend=t_us[0]) < -(2**30))
+        t_us = t_us + wraps * np.int64(2**31)
+    return (
+        ((data >> 17) & 0x7FFF).astype(np.uint16),
+        ((data >> 2) & 0x7FFF).astype(np.uint16),
+        time_base_ns + t_us * 1000,
+        ((data >> 1) & 1).astype(np.uint8),
+    )

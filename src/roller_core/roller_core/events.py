@@ -1,0 +1,134 @@
+"""Events as a structure of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import RollerError
+
+
+class EventArrayError(RollerError):
+    """Arrays that don't make up one list of events."""
+
+
+@dataclass(frozen=True, slots=True)
+class EventArray:
+    """Events of one sensor, one array a field.
+
+    Parameters
+    ----------
+    x, y : ndarray of uint16, shape (n,)
+        Pixel column and row.
+    t_ns : ndarray of int64, shape (n,)
+        Time in nanoseconds; of which clock is the owner's business.
+    p : ndarray of uint8, shape (n,)
+        Polarity, 1 = ON (brighter), 0 = OFF.
+    """
+
+    x: npt.NDArray[np.uint16]
+    y: npt.NDArray[np.uint16]
+    t_ns: npt.NDArray[np.int64]
+    p: npt.NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        n = len(self.x)
+        for name, dtype in (
+            ("x", np.uint16),
+            ("y", np.uint16),
+            ("t_ns", np.int64),
+            ("p", np.uint8),
+        ):
+            array = getattr(self, name)
+            if array.dtype != dtype or array.ndim != 1 or len(array) != n:
+                raise EventArrayError(
+                    f"event field '{name}' is {array.dtype} of shape {array.shape}; "
+                    f"expected {np.dtype(dtype)} of shape ({n},)"
+                )
+
+    @classmethod
+    def empty(cls) -> EventArray:
+        """No events."""
+        return cls.from_arrays([], [], [], [])
+
+    @classmethod
+    def from_arrays(
+        cls, x: npt.ArrayLike, y: npt.ArrayLike, t_ns: npt.ArrayLike, p: npt.ArrayLike
+    ) -> EventArray:
+        """Build from anything array-like, converted to the field types.
+
+        Raises
+        ------
+        EventArrayError
+            If the arrays differ in length or have more than one dimension.
+        """
+        return cls(
+            np.ascontiguousarray(x, dtype=np.uint16),
+            np.ascontiguousarray(y, dtype=np.uint16),
+            np.ascontiguousarray(t_ns, dtype=np.int64),
+            np.ascontiguousarray(p, dtype=np.uint8),
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[EventArray]) -> EventArray:
+        """Join lists of events in the order given."""
+        if len(parts) == 1:
+            return parts[0]
+        if not parts:
+            return cls.empty()
+        return cls(
+            np.concatenate([e.x for e in parts]),
+            np.concatenate([e.y for e in parts]),
+            np.concatenate([e.t_ns for e in parts]),
+            np.concatenate([e.p for e in parts]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def __getitem__(self, index: slice | npt.NDArray[np.generic]) -> EventArray:
+        return EventArray(self.x[index], self.y[index], self.t_ns[index], self.p[index])
+
+    def shifted(self, offset_ns: int) -> EventArray:
+        """The same events, `offset_ns` later."""
+        return EventArray(self.x, self.y, self.t_ns + np.int64(offset_ns), self.p)
+
+    def with_times(self, t_ns: npt.NDArray[np.int64]) -> EventArray:
+        """The same events with other time stamps."""
+        return EventArray(self.x, self.y, t_ns, self.p)
+
+    def sorted_by_time(self) -> EventArray:
+        """The same events in order of time; events of one time keep their order."""
+        if len(self) < 2 or bool(np.all(self.t_ns[1:] >= self.t_ns[:-1])):
+            return self
+        return self[np.argsort(self.t_ns, kind="stable")]
+
+
+@dataclass(frozen=True, slots=True)
+class TriggerArray:
+    """Edges on the sensor's trigger inputs.
+
+    Parameters
+    ----------
+    id : ndarray of uint16, shape (n,)
+        Input channel.
+    t_ns : ndarray of int64, shape (n,)
+        Time in nanoseconds.
+    edge : ndarray of uint8, shape (n,)
+        1 = rising, 0 = falling.
+    """
+
+    id: npt.NDArray[np.uint16]
+    t_ns: npt.NDArray[np.int64]
+    edge: npt.NDArray[np.uint8]
+
+    @classmethod
+    def empty(cls) -> TriggerArray:
+        """No edges."""
+        return cls(np.empty(0, np.uint16), np.empty(0, np.int64), np.empty(0, np.uint8))
+
+    def __len__(self) -> int:
+        return len(self.id)

@@ -1,0 +1,311 @@
+"""A track of poses over time, interpolated and never guessed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import RollerError
+from .transforms import F64, RotationError, pose_matrix, slerp, unit_quaternion
+
+I64 = npt.NDArray[np.int64]
+
+
+class PoseError(RollerError):
+    """A pose that can't be had or used."""
+
+
+class NoPosesError(PoseError):
+    """The track holds no pose at all."""
+
+
+class PoseExtrapolationError(PoseError):
+    """A time before the first or after the last pose."""
+
+
+class PoseGapError(PoseError):
+    """A time between two poses that lie too far apart."""
+
+
+class PoseOrderError(PoseError):
+    """A pose older than the newest one: time ran backwards."""
+
+
+class PoseValueError(PoseError):
+    """A pose that is not finite or has no valid rotation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """One rigid pose: metres, and a unit quaternion x, y, z, w."""
+
+    position: F64
+    quaternion: F64
+
+    @property
+    def matrix(self) -> F64:
+        """The 4×4 matrix."""
+        return pose_matrix(self.position, self.quaternion)
+
+
+class PoseTrack:
+    """Poses in order of time: linear in position, spherical in rotation.
+
+    Parameters
+    ----------
+    max_gap_s : float
+        Two neighbouring poses further apart than this leave a gap, in which no pose is given.
+    """
+
+    def __init__(self, max_gap_s: float = 0.1) -> None:
+        self.max_gap_s = max_gap_s
+        self._n = 0
+        self._t = np.empty(64, np.int64)
+        self._p = np.empty((64, 3))
+        self._q = np.empty((64, 4))
+
+    def __len__(self) -> int:
+        return self._n
+
+    @property
+    def times_ns(self) -> I64:
+        """Time stamps, int64, shape (n,)."""
+        return self._t[: self._n]
+
+    @property
+    def positions(self) -> F64:
+        """Positions in metres, shape (n, 3)."""
+        return self._p[: self._n]
+
+    @property
+    def quaternions(self) -> F64:
+        """Unit quaternions x, y, z, w, shape (n, 4)."""
+        return self._q[: self._n]
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the first pose."""
+        self._need_poses()
+        return int(self._t[0])
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last pose."""
+        self._need_poses()
+        return int(self._t[self._n - 1])
+
+    def append(self, t_ns: int, position: npt.ArrayLike, quaternion: npt.ArrayLike) -> None:
+        """Add a pose; one with the newest time stamp replaces that pose.
+
+        Raises
+        ------
+        PoseOrderError
+            If it is older than the newest pose.
+        PoseValueError
+            If it is not finite or its quaternion is zero.
+        """
+        p = np.asarray(position, dtype=np.float64)
+        if not np.all(np.isfinite(p)):
+            raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s is not finite; it is left out")
+        try:
+            q = unit_quaternion(quaternion)
+        except RotationError as error:
+            raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s: {error}; it is left out") from error
+        if self._n and t_ns < self._t[self._n - 1]:
+            behind = (self._t[self._n - 1] - t_ns) * 1e-9
+            raise PoseOrderError(
+                f"pose at {t_ns * 1e-9:.6f} s is {behind:.6f} s older than the one before it; "
+                "time runs backwards, check the clock of the pose source"
+            )
+        if self._n and t_ns == self._t[self._n - 1]:
+            self._n -= 1
+        elif self._n == len(self._t):
+            self._t = np.concatenate([self._t, np.empty_like(self._t)])
+            self._p = np.concatenate([self._p, np.empty_like(self._p)])
+            self._q = np.concatenate([self._q, np.empty_like(self._q)])
+        self._t[self._n], self._p[self._n], self._q[self._n] = t_ns, p, q
+        self._n += 1
+
+    def extend(
+        self, t_ns: npt.ArrayLike, positions: npt.ArrayLike, quaternions: npt.ArrayLike
+    ) -> None:
+        """Add poses in order of time, see `append`."""
+        for t, p, q in zip(
+            np.asarray(t_ns), np.asarray(positions), np.asarray(quaternions), strict=True
+        ):
+            self.append(int(t), p, q)
+
+    def discard_before(self, t_ns: int) -> None:
+        """Forget poses that no time from `t_ns` on needs; the one just before it stays."""
+        first = max(int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1, 0)
+        if first:
+            kept = slice(first, self._n)
+            self._t[: self._n - first] = self._t[kept].copy()
+            self._p[: self._n - first] = self._p[kept].copy()
+            self._q[: self._n - first] = self._q[kept].copy()
+            self._n -= first
+
+    def covers(self, start_ns: int, end_ns: int) -> bool:
+        """Whether every time of the closed interval has a pose."""
+        try:
+            self.check(start_ns, end_ns)
+        except PoseError:
+            return False
+        return True
+
+    def check(self, start_ns: int, end_ns: int) -> None:
+        """Refuse an interval that poses don't cover.
+
+        Raises
+        ------
+        NoPosesError, PoseExtrapolationError, PoseGapError
+            With the reason.
+        """
+        self._need_poses()
+        if start_ns < self._t[0] or end_ns > self._t[self._n - 1]:
+            raise PoseExtrapolationError(
+                f"no pose for {start_ns * 1e-9:.6f}–{end_ns * 1e-9:.6f} s: poses reach from "
+                f"{self._t[0] * 1e-9:.6f} to {self._t[self._n - 1] * 1e-9:.6f} s"
+            )
+        first = max(int(np.searchsorted(self.times_ns, start_ns, side="right")) - 1, 0)
+        last = int(np.searchsorted(self.times_ns, end_ns, side="left"))
+        steps = np.diff(self._t[first : last + 1])
+        if len(steps) and steps.max() > self.max_gap_s * 1e9:
+            k = first + int(np.argmax(steps))
+            raise PoseGapError(
+                f"no pose from {self._t[k] * 1e-9:.6f} to {self._t[k + 1] * 1e-9:.6f} s: "
+                f"a gap of {steps.max() * 1e-9:.3f} s, over the limit of {self.max_gap_s:g} s"
+            )
+
+    def sample(self, t_ns: npt.ArrayLike) -> tuple[F64, F64]:
+        """Interpolated poses.
+
+        Parameters
+        ----------
+        t_ns : array_like of int, shape (n,)
+            Times in nanoseconds, in any order.
+
+        Returns
+        -------
+        positions : ndarray, shape (n, 3)
+            Metres.
+        quaternions : ndarray, shape (n, 4)
+            Unit quaternions x, y, z, w.
+
+        Raises
+        ------
+        NoPosesError, PoseExtrapolationError, PoseGapError
+            Where a time has no pose.
+        """
+        t = np.atleast_1d(np.asarray(t_ns, dtype=np.int64))
+        if not len(t):
+            return np.empty((0, 3)), np.empty((0, 4))
+        self.check(int(t.min()), int(t.max()))
+        if self._n == 1:
+            return np.repeat(self.positions, len(t), 0), np.repeat(self.quaternions, len(t), 0)
+        k = np.clip(np.searchsorted(self.times_ns, t, side="right") - 1, 0, self._n - 2)
+        # Subtract in int64: epoch nanoseconds don't fit a float64 exactly.
+        fraction = (t - self._t[k]) / (self._t[k + 1] - self._t[k])
+        positions = self._p[k] + fraction[:, None] * (self._p[k + 1] - self._p[k])
+        return positions, slerp(self._q[k], self._q[k + 1], fraction)
+
+    def at(self, t_ns: int) -> Pose:
+        """The pose at one time; see `sample`."""
+        positions, quaternions = self.sample([t_ns])
+        return Pose(positions[0], quaternions[0])
+
+    def matrices(self, t_ns: npt.ArrayLike) -> F64:
+        """Interpolated poses as 4×4 matrices, shape (n, 4, 4); see `sample`."""
+        return pose_matrix(*self.sample(t_ns))
+
+    def velocity(self, t_ns: int) -> F64:
+        """Velocity in m/s, shape (3,), of the interval between poses that holds `t_ns`.
+
+        Raises
+        ------
+        NoPosesError, PoseExtrapolationError, PoseGapError
+            Where there is no such interval.
+        """
+        self.check(t_ns, t_ns)
+        if self._n < 2:
+            raise NoPosesError("one pose alone has no velocity; at least two are needed")
+        k = min(max(int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1, 0), self._n - 2)
+        return (self._p[k + 1] - self._p[k]) / ((self._t[k + 1] - self._t[k]) * 1e-9)
+
+    def transformed(self, tool_to_sensor: npt.ArrayLike) -> PoseTrack:
+        """The track of a frame fixed to this one: each pose times a 4×4 matrix on the right."""
+        fixed = np.asarray(tool_to_sensor, dtype=np.float64)
+        from .transforms import matrix_to_quaternion, multiply_quaternions
+
+        out = PoseTrack(self.max_gap_s)
+        q_fixed = matrix_to_quaternion(fixed[:3, :3])
+        matrices = pose_matrix(self.positions, self.quaternions) @ fixed
+        out.extend(
+            self.times_ns, matrices[:, :3, 3], multiply_quaternions(self.quaternions, q_fixed)
+        )
+        return out
+
+    @classmethod
+    def read_tum(cls, path: Path | str, max_gap_s: float = 0.1) -> PoseTrack:
+        """Read lines `t x y z qx qy qz qw` (seconds, metres); `#` starts a comment.
+
+        Raises
+        ------
+        PoseError
+            If the file can't be read, a line is malformed or time runs backwards.
+        """
+        track = cls(max_gap_s)
+        try:
+            text = Path(path).read_text()
+        except (OSError, UnicodeDecodeError) as error:
+            raise PoseError(f"poses {path}: can't be read ({error})") from error
+        for number, line in enumerate(text.splitlines(), 1):
+            fields = line.split("#")[0].split()
+            if not fields:
+                continue
+            try:
+                if len(fields) != 8:
+                    raise ValueError(f"{len(fields)} fields")
+                t_ns = seconds_to_ns(fields[0])
+                values = [float(f) for f in fields[1:]]
+            except ValueError as error:
+                raise PoseError(
+                    f"poses {path}, line {number}: {error}; expected 't x y z qx qy qz qw'"
+                ) from error
+            try:
+                track.append(t_ns, values[:3], values[3:])
+            except PoseError as error:
+                raise type(error)(f"poses {path}, line {number}: {error}") from error
+        if not len(track):
+            raise NoPosesError(f"poses {path}: the file holds no pose")
+        return track
+
+    def write_tum(self, path: Path | str) -> None:
+        """Write lines `t x y z qx qy qz qw`, as `read_tum` reads them."""
+        with open(path, "w") as file:
+            for t, p, q in zip(self.times_ns, self.positions, self.quaternions, strict=True):
+                values = " ".join(f"{v:.12g}" for v in (*p, *q))
+                file.write(f"{int(t) // 10**9}.{int(t) % 10**9:09d} {values}\n")
+
+    def _need_poses(self) -> None:
+        if not self._n:
+            raise NoPosesError("no poses yet; is the robot's pose (base -> tool) published?")
+
+
+def seconds_to_ns(text: str) -> int:
+    """Decimal seconds as text to whole nanoseconds, without a detour over float64.
+
+    Raises
+    ------
+    ValueError
+        If the text is no finite number.
+    """
+    from decimal import Decimal, InvalidOperation
+
+    try:
+        return int((Decimal(text) * 1_000_000_000).to_integral_value())
+    except (InvalidOperation, OverflowError, ValueError) as error:
+        raise ValueError(f"'{text}' is no time in seconds") from error

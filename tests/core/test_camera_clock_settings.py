@@ -1,0 +1,140 @@
+"""Camera model, sensor clock and settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import Field
+
+from roller_core.camera import Camera, CameraError
+from roller_core.clock import SensorClock
+from roller_core.errors import SettingsError
+from roller_core.settings import Settings
+
+DISTORTED = Camera(640, 480, 1066.0, 1060.0, 319.5, 239.5, (-0.14, 0.09, -3e-4, 2e-4, 0.01))
+
+
+def test_undistortion_inverts_projection_up_to_the_corner() -> None:
+    table = DISTORTED.undistortion_table()
+    corners = np.array([[0, 0], [639, 0], [0, 479], [639, 479], [320, 240]])
+    ideal = table[corners[:, 1], corners[:, 0]]
+    back = DISTORTED.project(DISTORTED.rays(ideal) * 0.045)
+    np.testing.assert_allclose(back, corners, atol=1e-3)
+    np.testing.assert_allclose(DISTORTED.distort(DISTORTED.undistort(corners)), corners, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("model", "d"),
+    [("rational_polynomial", (-0.1, 0.05, 0, 0, 0, 0.1, 0, 0)), ("equidistant", (0.01, -0.002))],
+)
+def test_other_models_invert(model: str, d: tuple[float, ...]) -> None:
+    camera = Camera(640, 480, 1066, 1066, 319.5, 239.5, d, model)
+    pixels = np.array([[0.0, 0.0], [639.0, 479.0], [100.0, 400.0]])
+    np.testing.assert_allclose(camera.distort(camera.undistort(pixels)), pixels, atol=1e-6)
+
+
+def test_table_without_distortion_is_the_grid() -> None:
+    table = Camera(8, 6, 10, 10, 3.5, 2.5).undistortion_table()
+    assert table.shape == (6, 8, 2)
+    assert tuple(table[4, 7]) == (7.0, 4.0)
+
+
+def test_camera_yaml_round_trip(tmp_path: Path) -> None:
+    DISTORTED.to_yaml(tmp_path / "camera.yaml")
+    assert Camera.from_yaml(tmp_path / "camera.yaml") == DISTORTED
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: [",
+        "just text",
+        "image_width: 640\n",
+        "image_width: 640\nimage_height: 480\ncamera_matrix: {data: [1, 2]}\n",
+    ],
+)
+def test_camera_yaml_faults(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(text)
+    with pytest.raises(CameraError, match="camera"):
+        Camera.from_yaml(path)
+    with pytest.raises(CameraError, match="can't be read"):
+        Camera.from_yaml(tmp_path / "none.yaml")
+
+
+def test_uncalibrated_camera_is_refused() -> None:
+    with pytest.raises(CameraError, match="calibrated"):
+        Camera.from_matrix(640, 480, [0] * 9)
+
+
+def test_clock_recovers_offset_and_skew() -> None:
+    """50 ppm of drift and 0–1 ms of late arrival: within 100 µs, as a cell needs."""
+    rng = np.random.default_rng(1)
+    clock = SensorClock()
+    offset_ns = 1_790_000_000_000_000_000
+    errors = []
+    for k in range(20_000):
+        device = 5_000_000_000 + k * 2_000_000
+        true = offset_ns + device + round((device - 5_000_000_000) * 50e-6)
+        clock.observe(device, true + round(rng.exponential(300_000)))
+        if k > 5000:
+            errors.append(int(clock.to_ros_ns(device)) - true)
+    assert np.abs(errors).max() < 100_000
+    assert abs(clock.skew - 50e-6) < 5e-6
+
+
+def test_clock_is_monotonic_between_packets() -> None:
+    rng = np.random.default_rng(2)
+    clock = SensorClock()
+    last = 0
+    for k in range(5000):
+        device = k * 1_000_000
+        clock.observe(device, 10**18 + device + round(rng.exponential(200_000)))
+        now = int(clock.to_ros_ns(device))
+        assert now > last
+        last = now
+
+
+def test_clock_starts_anew_after_a_step() -> None:
+    clock = SensorClock()
+    for k in range(100):
+        clock.observe(k * 10_000_000, 10**18 + k * 10_000_000)
+    clock.observe(0, 10**18 + 2_000_000_000)
+    assert clock.steps == 1
+    assert int(clock.to_ros_ns(0)) == 10**18 + 2_000_000_000
+
+
+def test_exact_clock_is_the_identity() -> None:
+    clock = SensorClock()
+    for k in range(100):
+        clock.observe(10**18 + k, 10**18 + k)
+    assert int(clock.to_ros_ns(10**18 + 7)) == 10**18 + 7
+
+
+class _Demo(Settings):
+    planes: int = Field(5, ge=2, le=9, description="Planes.")
+
+
+def test_settings_from_yaml(tmp_path: Path) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text("/**:\n  ros__parameters: {planes: 3}\nemvs:\n  ros__parameters: {planes: 4}\n")
+    assert _Demo.from_yaml(path, "emvs").planes == 4
+    assert _Demo.from_yaml(path, "other").planes == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("emvs:\n  ros__parameters: {planes: 99}\n", "'planes' = 99"),
+        ("emvs:\n  ros__parameters: {plane: 3}\n", "unknown entry 'plane'"),
+        ("emvs: {planes: 3}\n", "ros__parameters"),
+        ("- 3\n", "expected"),
+    ],
+)
+def test_settings_faults(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text(text)
+    with pytest.raises(SettingsError, match=message):
+        _Demo.from_yaml(path, "emvs")

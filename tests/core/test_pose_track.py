@@ -1,0 +1,158 @@
+"""Pose track: interpolation against analytic motion, refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from roller_core.pose_track import (
+    NoPosesError,
+    PoseError,
+    PoseExtrapolationError,
+    PoseGapError,
+    PoseOrderError,
+    PoseTrack,
+    PoseValueError,
+)
+from roller_core.transforms import (
+    inverse_pose,
+    matrix_to_quaternion,
+    multiply_quaternions,
+    pose_matrix,
+    quaternion_to_matrix,
+    rotation_vector_to_quaternion,
+)
+
+IDENTITY = [0.0, 0.0, 0.0, 1.0]
+EPOCH_NS = 1_790_000_000_000_000_000
+
+vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
+
+
+def straight(n: int = 10, step_ns: int = 8_000_000, start_ns: int = EPOCH_NS) -> PoseTrack:
+    track = PoseTrack()
+    for k in range(n):
+        track.append(start_ns + k * step_ns, [0.004 * k, 1.0, 2.0], IDENTITY)
+    return track
+
+
+@given(vector=vectors)
+def test_matrix_and_quaternion_are_inverse(vector: np.ndarray) -> None:
+    q = rotation_vector_to_quaternion(vector)
+    back = matrix_to_quaternion(quaternion_to_matrix(q))
+    assert abs(abs(q @ back) - 1) < 1e-12
+
+
+@given(a=vectors, b=vectors)
+def test_quaternion_product_is_matrix_product(a: np.ndarray, b: np.ndarray) -> None:
+    qa, qb = rotation_vector_to_quaternion(a), rotation_vector_to_quaternion(b)
+    np.testing.assert_allclose(
+        quaternion_to_matrix(multiply_quaternions(qa, qb)),
+        quaternion_to_matrix(qa) @ quaternion_to_matrix(qb),
+        atol=1e-12,
+    )
+
+
+@given(v=vectors, p=vectors)
+def test_inverse_pose(v: np.ndarray, p: np.ndarray) -> None:
+    m = pose_matrix(p, rotation_vector_to_quaternion(v))
+    np.testing.assert_allclose(m @ inverse_pose(m), np.eye(4), atol=1e-12)
+
+
+@settings(deadline=None)
+@given(angle=st.floats(-3.0, 3.0), fraction=st.floats(0, 1), flip=st.booleans())
+def test_rotation_is_spherical_and_ignores_the_sign(
+    angle: float, fraction: float, flip: bool
+) -> None:
+    track = PoseTrack()
+    q1 = rotation_vector_to_quaternion([0, 0, angle])
+    track.append(0, [0, 0, 0], IDENTITY)
+    track.append(8_000_000, [0, 0, 0], -q1 if flip else q1)
+    t = round(8_000_000 * fraction)
+    expected = rotation_vector_to_quaternion([0, 0, angle * t / 8_000_000])
+    assert abs(abs(track.at(t).quaternion @ expected) - 1) < 1e-9
+
+
+def test_epoch_times_lose_nothing() -> None:
+    """A step of 1 ns at epoch times moves the pose by what the speed says: 0.5 m/s."""
+    track = straight()
+    t = EPOCH_NS + np.array([1_000_000, 1_000_001, 1_001_000])
+    x = track.sample(t)[0][:, 0]
+    np.testing.assert_allclose(x - x[0], [0, 0.5e-9, 0.5e-6], atol=1e-15)
+
+
+def test_velocity() -> None:
+    np.testing.assert_allclose(straight().velocity(EPOCH_NS + 9_000_000), [0.5, 0, 0])
+
+
+def test_unnormalised_quaternions_are_normalised() -> None:
+    track = PoseTrack()
+    track.append(0, [0, 0, 0], [0, 0, 0, 2.0])
+    np.testing.assert_allclose(track.at(0).quaternion, IDENTITY)
+
+
+def test_refusals_name_the_reason() -> None:
+    with pytest.raises(NoPosesError):
+        PoseTrack().at(0)
+    track = straight()
+    with pytest.raises(PoseExtrapolationError, match="poses reach from"):
+        track.at(EPOCH_NS - 1)
+    with pytest.raises(PoseExtrapolationError):
+        track.at(track.end_ns + 1)
+    with pytest.raises(PoseOrderError, match="backwards"):
+        track.append(EPOCH_NS, [0, 0, 0], IDENTITY)
+    with pytest.raises(PoseValueError):
+        track.append(track.end_ns + 1, [np.nan, 0, 0], IDENTITY)
+    with pytest.raises(PoseValueError):
+        track.append(track.end_ns + 1, [0, 0, 0], [0, 0, 0, 0])
+    end = track.end_ns
+    track.append(end + 300_000_000, [1, 1, 1], IDENTITY)
+    with pytest.raises(PoseGapError, match=r"gap of 0\.300 s"):
+        track.at(end + 1_000_000)
+    assert track.covers(EPOCH_NS, end)
+    assert not track.covers(EPOCH_NS, end + 1)
+
+
+def test_discarding_keeps_what_is_needed() -> None:
+    track = straight(300)
+    t = EPOCH_NS + 250 * 8_000_000 + 1
+    before = track.at(t).position
+    track.discard_before(t)
+    assert len(track) == 50
+    np.testing.assert_array_equal(track.at(t).position, before)
+
+
+def test_hand_eye_composition() -> None:
+    fixed = pose_matrix([0.1, 0, 0.05], rotation_vector_to_quaternion([0.3, -0.2, 1.0]))
+    track = straight()
+    moved = track.transformed(fixed)
+    t = EPOCH_NS + 5_000_000
+    np.testing.assert_allclose(moved.at(t).matrix, track.at(t).matrix @ fixed, atol=1e-12)
+
+
+def test_tum_round_trip(tmp_path: Path) -> None:
+    track = straight()
+    track.write_tum(tmp_path / "poses.txt")
+    again = PoseTrack.read_tum(tmp_path / "poses.txt")
+    np.testing.assert_array_equal(again.times_ns, track.times_ns)
+    np.testing.assert_allclose(again.positions, track.positions, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0 1 2 3\n", "line 1: 4 fields"),
+        ("0 0 0 0 0 0 0 1\nx 0 0 0 0 0 0 1\n", "line 2"),
+        ("1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "line 2.*backwards"),
+        ("# nothing\n", "no pose"),
+    ],
+)
+def test_tum_faults(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(text)
+    with pytest.raises(PoseError, match=message):
+        PoseTrack.read_tum(path)
