@@ -1,0 +1,128 @@
+"""From a stream of event packets to events in ROS time, with an account of what was lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .clock import SensorClock
+from .codecs import PacketDecoder
+from .codecs.decoder import Payload
+from .errors import RollerError
+from .events import EventArray
+
+
+class StreamError(RollerError):
+    """A packet that doesn't fit the stream it came in."""
+
+
+class ImageSizeError(StreamError):
+    """A packet of another image size than the camera's."""
+
+
+@dataclass(slots=True)
+class StreamCounts:
+    """What a stream held so far."""
+
+    packets: int = 0
+    events: int = 0
+    lost_packets: int = 0
+    outside_events: int = 0
+    late_events: int = 0
+    clock_steps: int = 0
+
+
+class EventStream:
+    """Decodes packets in order and stamps their events with ROS time.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size that the camera's calibration is for, px.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.width = width
+        self.height = height
+        self.clock = SensorClock()
+        self.counts = StreamCounts()
+        self._decoder: PacketDecoder | None = None
+        self._last_seq: int | None = None
+        self._last_ns: int | None = None
+
+    def push(
+        self,
+        encoding: str,
+        width: int,
+        height: int,
+        seq: int,
+        stamp_ns: int,
+        time_base_ns: int,
+        payload: Payload,
+    ) -> EventArray:
+        """Decode one packet.
+
+        Parameters
+        ----------
+        encoding, width, height, seq
+            The message's fields.
+        stamp_ns : int
+            The message's `header.stamp`: arrival at the host, ROS time, ns.
+        time_base_ns : int
+            The message's `time_base`, sensor time, ns.
+        payload : bytes-like
+            The message's `events`.
+
+        Returns
+        -------
+        EventArray
+            In order of time, ROS time; never before events of earlier packets.
+
+        Raises
+        ------
+        ImageSizeError
+            If the packet is for another image size.
+        CodecError
+            If it can't be decoded.
+        """
+        if (width, height) != (self.width, self.height):
+            raise ImageSizeError(
+                f"event packet {seq} is for {width}×{height} px but the camera is calibrated for "
+                f"{self.width}×{self.height} px; use the calibration of this camera"
+            )
+        if self._decoder is None or self._decoder.encoding != encoding:
+            self._decoder = PacketDecoder(encoding, width, height)
+        packet = self._decoder.decode(payload, time_base_ns)
+        self._count_gap(seq)
+        events = packet.events.sorted_by_time()
+        self.counts.packets += 1
+        self.counts.outside_events += packet.outside
+        self.counts.events += len(events)
+        if not len(events):
+            return events
+        steps = self.clock.steps
+        self.clock.observe(int(events.t_ns[0]), stamp_ns)
+        self.counts.clock_steps += self.clock.steps - steps
+        return self._in_order(events.with_times(self.clock.to_ros_ns(events.t_ns)))
+
+    def _count_gap(self, seq: int) -> None:
+        # A lower number is a driver that started anew, not a loss.
+        if self._last_seq is not None and seq > self._last_seq + 1:
+            self.counts.lost_packets += seq - self._last_seq - 1
+        self._last_seq = seq
+
+    def _in_order(self, events: EventArray) -> EventArray:
+        last = self._last_ns
+        if last is not None and events.t_ns[0] < last:
+            behind_ns = last - int(events.t_ns[0])
+            if behind_ns < 5_000_000:
+                # The clock map moved back by less than its jitter: hold the time.
+                events = events.with_times(np.maximum(events.t_ns, last))
+            else:
+                kept = events[int(np.searchsorted(events.t_ns, last)) :]
+                self.counts.late_events += len(events) - len(kept)
+                events = kept
+        if len(events):
+            self._last_ns = int(events.t_ns[-1])
+        return events

@@ -1,0 +1,73 @@
+"""Node parameters from a settings model: names, defaults, descriptions and ranges."""
+
+from __future__ import annotations
+
+import types
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+import annotated_types
+from pydantic.fields import FieldInfo
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from roller_core.settings import Settings
+
+S = TypeVar("S", bound=Settings)
+
+
+def declare_settings(node: Node, model: type[S]) -> S:
+    """Declare one parameter a field and return the validated settings.
+
+    Parameters are read-only: a node keeps the settings it started with, so what a bag's report
+    says holds for the whole bag.
+
+    Raises
+    ------
+    SettingsError
+        Naming the parameter that is out of range or of the wrong type.
+    """
+    values: dict[str, Any] = {}
+    for name, field in model.model_fields.items():
+        default = field.get_default(call_default_factory=True)
+        if isinstance(default, tuple):
+            default = list(default)
+        node.declare_parameter(name, default, descriptor(name, field), ignore_override=False)
+        value = node.get_parameter(name).value
+        values[name] = list(value) if hasattr(value, "tolist") else value
+    return model.create(values, f"parameters of node '{node.get_name()}'")
+
+
+def descriptor(name: str, field: FieldInfo) -> ParameterDescriptor:
+    """The ROS descriptor of one settings field."""
+    out = ParameterDescriptor(
+        name=name, description=field.description or "", read_only=True, dynamic_typing=True
+    )
+    low, high = -float("inf"), float("inf")
+    for rule in field.metadata:
+        if isinstance(rule, annotated_types.Ge):
+            low = max(low, float(rule.ge))  # type: ignore[arg-type]
+        elif isinstance(rule, annotated_types.Gt):
+            low = max(low, float(rule.gt))  # type: ignore[arg-type]
+        elif isinstance(rule, annotated_types.Le):
+            high = min(high, float(rule.le))  # type: ignore[arg-type]
+        elif isinstance(rule, annotated_types.Lt):
+            high = min(high, float(rule.lt))  # type: ignore[arg-type]
+    kinds = _plain_types(field.annotation)
+    if high == float("inf") and low == -float("inf"):
+        return out
+    if float in kinds:
+        out.floating_point_range = [
+            FloatingPointRange(from_value=max(low, -1e300), to_value=min(high, 1e300))
+        ]
+    elif int in kinds:
+        limit = 2**62
+        out.integer_range = [
+            IntegerRange(from_value=int(max(low, -limit)), to_value=int(min(high, limit)))
+        ]
+    return out
+
+
+def _plain_types(annotation: Any) -> set[Any]:
+    if get_origin(annotation) in (Union, types.UnionType):
+        return {t for a in get_args(annotation) for t in _plain_types(a)}
+    return {annotation}
