@@ -1,0 +1,195 @@
+"""Inner loops of the event sensor: from log intensity of rows to latched, read-out events.
+
+Times are int64 nanoseconds of the sensor's clock since the simulation began. Chance comes from a
+hash of (seed, pixel, draw number), so results don't depend on the order in which rows are done.
+
+An event is one 64-bit word: time [63:23], x [22:12], y [11:1], polarity [0], which sorts into
+read-out order: frame by frame, column by column, row by row.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from ._render_kernels import _shade_row, _trace_row
+
+#: Events one pixel may emit between two rendered frames; any more wait for the next frame.
+MAX_PER_STEP = 8
+TIME_SHIFT = 23
+#: No read-out can be pending, no noise event due.
+NEVER = np.int64(2**62)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _uniform(seed, pixel, draw):
+    """Uniform number in (0, 1) from a hash (splitmix64's finaliser) of its arguments."""
+    h = np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15)
+    h ^= np.uint64(draw) * np.uint64(0xD1B54A32D192ED03)
+    h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    h ^= h >> np.uint64(31)
+    return (np.float64(h >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
+
+
+@numba.njit(cache=True, nogil=True)
+def _next_noise(t, rate_hz, seed, pixel, draw):
+    """Time of the next noise event of a pixel after `t`."""
+    if rate_hz <= 0.0:
+        return NEVER
+    wait = -math.log(_uniform(seed, pixel, draw)) / rate_hz * 1e9
+    return t + np.int64(min(wait, 1e18)) + 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _pixel_events(
+    t0, t1, l0, l1, x, y, pixel, state, level, noise, draws, on, off, rate, timing, seed, out, n
+):
+    """Events of one pixel while its signal goes linearly from `l0` at `t0` to `l1` at `t1`.
+
+    `state` is the time until which the pixel is held (0: free), `level` the signal it compares
+    with, `noise` the time of its next noise event. Returns the four states and the number of
+    events in `out`.
+    """
+    latency, jitter, refractory, readout, on_share = timing
+    last = n + MAX_PER_STEP
+    t = t0
+    slope = (l1 - l0) / np.float64(t1 - t0)
+    while n < last:
+        if state > 0:
+            if state >= t1:
+                break
+            # The pixel is let go and starts from the signal as it is now.
+            t = max(t, state)
+            state = np.int64(0)
+            level = np.float32(l0 + slope * np.float64(t - t0))
+            if noise < t:
+                draws += 1
+                noise = _next_noise(t, rate, seed, pixel, draws)
+        crossing = NEVER
+        polarity = 0
+        if slope > 0.0 and l1 - level >= on:
+            crossing = t0 + np.int64((level + on - l0) / slope)
+            polarity = 1
+        elif slope < 0.0 and level - l1 >= off:
+            crossing = t0 + np.int64((level - off - l0) / slope)
+        if crossing != NEVER:
+            crossing = min(max(crossing, t), t1)
+        if noise < t1 and noise < crossing:
+            at = max(noise, t)
+            draws += 1
+            polarity = 1 if _uniform(seed, pixel, draws) < on_share else 0
+            draws += 1
+            noise = _next_noise(at, rate, seed, pixel, draws)
+            level = np.float32(l0 + slope * np.float64(at - t0))
+        elif crossing != NEVER:
+            at = crossing
+            level += on if polarity == 1 else -off
+        else:
+            break
+        seen = at + latency
+        if jitter > 0:
+            draws += 2
+            u = _uniform(seed, pixel, draws - 1)
+            w = _uniform(seed, pixel, draws)
+            normal = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * w)
+            seen = max(seen + np.int64(normal * jitter), at)
+        if readout > 0:
+            # Latched until the next read-out frame; the pixel is held so long.
+            seen = (seen // readout + 1) * readout
+            state = max(at + refractory, seen)
+        elif refractory > 0:
+            state = at + refractory
+        t = at
+        out[n] = (
+            (np.uint64(seen) << np.uint64(TIME_SHIFT))
+            | (np.uint64(x) << np.uint64(12))
+            | (np.uint64(y) << np.uint64(1))
+            | np.uint64(polarity)
+        )
+        n += 1
+    return state, level, noise, draws, n
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _sensor_row(
+    t0, t1, keep, new, y, signal, level, held, noise, draws, on, off, rate, timing, seed, out, n
+):
+    """Advance one row of pixels from `t0` to `t1`, at whose end the log intensity is `new`.
+
+    Parameters
+    ----------
+    keep : float32
+        Share of the old signal the pixel's low pass keeps over the step.
+    new, signal, level, on, off, rate : ndarray of float32, shape (w,)
+        Log intensity; low-passed signal; compared level; thresholds; noise rate in Hz.
+    held, noise, draws : ndarray of int64, shape (w,)
+        Time until which the pixel is held, next noise event, random numbers drawn.
+    out, n : ndarray of uint64, int
+        Event buffer with room for MAX_PER_STEP events a pixel, and the number in it.
+
+    Returns
+    -------
+    int
+        Number of events in the buffer.
+    """
+    w = len(new)
+    for u in range(w):
+        l0 = signal[u]
+        l1 = new[u] + keep * (l0 - new[u])
+        signal[u] = l1
+        d = l1 - level[u]
+        if d < on[u] and -d < off[u] and held[u] == 0 and noise[u] >= t1:
+            continue
+        held[u], level[u], noise[u], draws[u], n = _pixel_events(
+            t0, t1, np.float64(l0), np.float64(l1), u, y, np.int64(y) * w + u, held[u], level[u],
+            noise[u], draws[u], on[u], off[u], rate[u], timing, seed, out, n,
+        )  # fmt: skip
+    return n
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+def _simulate_rows(
+    xn, yn, flat, shape, cameras, times, keeps, roller, origin, light, depth,
+    signal, level, held, noise, draws, on, off, rate, timing, seed, first, out, counts,
+):  # fmt: skip
+    """Render and watch all rows over a chunk of frames.
+
+    `times` has one entry more than `cameras`: the time the chunk starts from. Row v goes on from
+    frame `first[v]` and stops early, leaving `first[v]` at the next frame to do, when its buffer
+    `out[v]` might overflow; the caller empties the buffers and calls again.
+    """
+    h, w = xn.shape
+    for v in numba.prange(h):
+        sx = np.empty(w, np.float32)
+        sy = np.empty(w, np.float32)
+        coat = np.empty(w, np.float32)
+        seen = np.empty(w, np.float32)
+        n = 0
+        i = first[v]
+        while i < len(cameras) and n + w * MAX_PER_STEP <= out.shape[1]:
+            _trace_row(
+                xn[v], yn[v], flat, shape, cameras[i], roller, origin, depth[v], sx, sy, coat
+            )
+            _shade_row(xn[v], yn[v], depth[v], sx, sy, coat, light, seen)
+            n = _sensor_row(
+                times[i], times[i + 1], keeps[i], seen, v, signal[v], level[v], held[v], noise[v],
+                draws[v], on[v], off[v], rate[v], timing, seed, out[v], n,
+            )  # fmt: skip
+            i += 1
+        first[v] = i
+        counts[v] = n
+
+
+@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+def _render_rows(xn, yn, flat, shape, camera, roller, origin, light, depth, sx, sy, out):
+    """Render one frame; `depth` holds first guesses and becomes the depth."""
+    h, w = xn.shape
+    for v in numba.prange(h):
+        coat = np.empty(w, np.float32)
+        _trace_row(
+            xn[v], yn[v], flat, shape, camera, roller, origin, depth[v], sx[v], sy[v], coat
+        )
+        _shade_row(xn[v], yn[v], depth[v], sx[v], sy[v], coat, light, out[v])
