@@ -1,0 +1,83 @@
+"""A depth map and the account of how it came about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.camera import Camera
+from roller_core.transforms import F64
+
+F32 = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """Depth seen from one reference view.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Reference time, ROS time, ns.
+    depth : ndarray of float32, shape (height, width)
+        Metres along z; NaN = not measured. Pixels are ideal pinhole pixels of the camera's K.
+    confidence : ndarray of float32, shape (height, width)
+        0–1; NaN where there is no depth.
+    pose : ndarray of float64, shape (4, 4)
+        Camera optical frame in base at the reference time.
+    start_ns, end_ns : int
+        The window, ROS time, ns.
+    events : int
+        Events in the window.
+    milliseconds : dict
+        Time by stage, ms.
+    notes : tuple of str
+        What was lost or refused in this window, one line each.
+    """
+
+    stamp_ns: int
+    depth: F32
+    confidence: F32
+    pose: F64
+    start_ns: int
+    end_ns: int
+    events: int
+    milliseconds: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def points(self) -> int:
+        """Number of measured pixels."""
+        return int(np.count_nonzero(np.isfinite(self.depth)))
+
+
+def back_project(depth: F32, camera: Camera) -> tuple[F64, npt.NDArray[np.int64]]:
+    """Points of a depth map in the camera frame (paper, eq. back-projection).
+
+    Parameters
+    ----------
+    depth : ndarray of float32, shape (height, width)
+        Metres, NaN = not measured.
+    camera : Camera
+        Intrinsics; the map's pixels are free of distortion.
+
+    Returns
+    -------
+    points : ndarray of float64, shape (n, 3)
+        Metres, row by row.
+    pixels : ndarray of int64, shape (n,)
+        Flat index of each point's pixel.
+    """
+    flat = depth.reshape(-1)
+    pixels = np.flatnonzero(np.isfinite(flat))
+    z = flat[pixels].astype(np.float64)
+    x = (pixels % depth.shape[1] - camera.cx) / camera.fx * z
+    y = (pixels // depth.shape[1] - camera.cy) / camera.fy * z
+    return np.stack([x, y, z], axis=-1), pixels
+
+
+def pinhole(camera: Camera) -> Camera:
+    """The camera that depth maps belong to: the same K without distortion."""
+    return Camera(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)

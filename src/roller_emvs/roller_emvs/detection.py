@@ -1,0 +1,155 @@
+"""From votes to a semi-dense depth map: adaptive Gaussian threshold and masked median."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from .rays import F32
+from .votes import U16
+
+Mask = npt.NDArray[np.bool_]
+
+
+def adaptive_threshold(votes: F32, c: float, kernel_px: int, full_scale_votes: float) -> Mask:
+    """Pixels whose votes stand out of their neighbourhood (EMVS, section 5.2.3).
+
+    Parameters
+    ----------
+    votes : ndarray of float32, shape (height, width)
+        Maximum along each ray.
+    c : float
+        How far above the Gaussian mean of the neighbourhood, in 1/255 of full scale.
+    kernel_px : int
+        Size of the neighbourhood, odd, px.
+    full_scale_votes : float
+        Votes that count as 255; 0 stretches the window's own extremes over 0–255.
+
+    Returns
+    -------
+    ndarray of bool, shape (height, width)
+    """
+    if full_scale_votes > 0:
+        gray = votes * np.float32(255.0 / full_scale_votes)
+    else:
+        low, high = float(votes.min()), float(votes.max())
+        if high <= low:
+            return np.zeros(votes.shape, bool)
+        gray = (votes - np.float32(low)) * np.float32(255.0 / (high - low))
+    # OpenCV's adaptiveThreshold in whole levels, but without its saturation at 255.
+    gray = np.floor(gray)
+    mean = cv2.GaussianBlur(gray, (kernel_px, kernel_px), 0, borderType=cv2.BORDER_REPLICATE)
+    mask = np.asarray((gray > np.rint(mean) + np.float32(c)) & (votes > 0))
+    # At the border the neighbourhood is cut off and every stray event stands out.
+    border = max(kernel_px // 2, 1)
+    inner = np.zeros_like(mask)
+    inner[border:-border, border:-border] = mask[border:-border, border:-border]
+    return inner
+
+
+def masked_median(index: U16, mask: Mask, size_px: int, levels: int) -> tuple[F32, F32]:
+    """Median of the masked neighbours of each masked pixel.
+
+    Parameters
+    ----------
+    index : ndarray of uint16, shape (height, width)
+        Plane of each pixel.
+    mask : ndarray of bool, shape (height, width)
+        Pixels that count.
+    size_px : int
+        Size of the square neighbourhood, odd, px.
+    levels : int
+        Number of planes.
+
+    Returns
+    -------
+    median : ndarray of float32, shape (height, width)
+        Lower median plane; NaN outside the mask.
+    spread : ndarray of float32, shape (height, width)
+        Interquartile range of the neighbours' planes; NaN outside the mask.
+    """
+    median = np.full(index.shape, np.nan, np.float32)
+    spread = np.full(index.shape, np.nan, np.float32)
+    columns, rows = np.nonzero(mask.T)
+    starts = np.searchsorted(columns, np.arange(index.shape[1] + 1)).astype(np.int64)
+    values = index[rows, columns]
+    histogram = np.zeros(levels, np.int32)
+    coarse = np.zeros(levels // 16 + 1, np.int32)
+    first = np.empty(index.shape[1], np.int64)
+    last = np.empty(index.shape[1], np.int64)
+    _masked_median(
+        rows.astype(np.int64),
+        values,
+        starts,
+        mask,
+        size_px // 2,
+        histogram,
+        coarse,
+        first,
+        last,
+        median,
+        spread,
+    )
+    return median, spread
+
+
+@njit(cache=True, nogil=True)
+def _quantile(histogram, coarse, rank):  # type: ignore[no-untyped-def]
+    """Level of the item of a rank (from 0), by blocks of 16 levels."""
+    below = 0
+    block = 0
+    while below + coarse[block] <= rank:
+        below += coarse[block]
+        block += 1
+    level = block * 16
+    while below + histogram[level] <= rank:
+        below += histogram[level]
+        level += 1
+    return level
+
+
+@njit(cache=True, nogil=True)
+def _masked_median(  # type: ignore[no-untyped-def]
+    rows, values, starts, mask, radius, histogram, coarse, first, last, median, spread
+):
+    height, width = mask.shape
+    for x in range(width):
+        first[x] = starts[x]
+        last[x] = starts[x]
+    for y in range(height):
+        # Items of each column that lie within the rows of this window.
+        any_here = False
+        for x in range(width):
+            while first[x] < starts[x + 1] and rows[first[x]] < y - radius:
+                first[x] += 1
+            while last[x] < starts[x + 1] and rows[last[x]] <= y + radius:
+                last[x] += 1
+            any_here |= mask[y, x]
+        if not any_here:
+            continue
+        count = 0
+        for x in range(-radius, width):
+            new = x + radius
+            if new < width:
+                for i in range(first[new], last[new]):
+                    histogram[values[i]] += 1
+                    coarse[values[i] >> 4] += 1
+                count += last[new] - first[new]
+            old = x - radius - 1
+            if old >= 0:
+                for i in range(first[old], last[old]):
+                    histogram[values[i]] -= 1
+                    coarse[values[i] >> 4] -= 1
+                count -= last[old] - first[old]
+            if x >= 0 and mask[y, x]:
+                median[y, x] = _quantile(histogram, coarse, (count - 1) // 2)
+                low = _quantile(histogram, coarse, (count - 1) // 4)
+                high = _quantile(histogram, coarse, 3 * (count - 1) // 4)
+                spread[y, x] = high - low
+        # Leave the histogram empty for the next row.
+        for x in range(max(width - radius - 1, 0), width):
+            for i in range(first[x], last[x]):
+                histogram[values[i]] -= 1
+                coarse[values[i] >> 4] -= 1

@@ -1,0 +1,132 @@
+"""The one pipeline from events and poses to depth maps.
+
+The node, the replay command and the tests all drive this object.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+
+from . import focus, paper
+from .depth_map import DepthMap
+from .rays import make_packets
+from .settings import DepthSettings
+from .stopwatch import Stopwatch
+from .windows import RefusedWindow, Window, WindowCutter
+
+
+@dataclass(slots=True)
+class PipelineCounts:
+    """What the pipeline did so far."""
+
+    windows: int = 0
+    refused_windows: int = 0
+    events: int = 0
+    points: int = 0
+    dropped_events: int = 0
+    events_without_pose: int = 0
+
+
+class DepthPipeline:
+    """Events and poses in, depth maps out.
+
+    Parameters
+    ----------
+    settings : DepthSettings
+        Method and its parameters.
+    camera : Camera
+        Calibration of the camera that the events are from.
+    track : PoseTrack
+        Camera optical frame in base; the caller goes on adding poses to it.
+    """
+
+    def __init__(self, settings: DepthSettings, camera: Camera, track: PoseTrack) -> None:
+        self.settings = settings
+        self.camera = camera
+        self.track = track
+        self._counts = PipelineCounts()
+        self._table = camera.undistortion_table()
+        self._cutter = WindowCutter(settings, track)
+
+    @property
+    def counts(self) -> PipelineCounts:
+        """What was done and lost so far."""
+        self._counts.dropped_events = self._cutter.dropped_events
+        self._counts.events_without_pose = self._cutter.events_without_pose
+        return self._counts
+
+    @property
+    def held_events(self) -> int:
+        """Events that wait for their window to be complete."""
+        return self._cutter.held_events
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed; None while it isn't known."""
+        return self._cutter.needed_from_ns
+
+    def add_events(self, events: EventArray) -> None:
+        """Take events in order of time, ROS time."""
+        self._cutter.add(events)
+
+    def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
+        """Depth maps of all windows that are complete, in order.
+
+        Parameters
+        ----------
+        flush : bool
+            No more events will come: what is left makes up the last window.
+        """
+        while (window := self._cutter.cut(flush)) is not None:
+            self._counts.events += (
+                window.events if isinstance(window, RefusedWindow) else len(window.events)
+            )
+            result = self._reconstruct(window) if isinstance(window, Window) else window
+            if isinstance(result, RefusedWindow):
+                self._counts.refused_windows += 1
+            else:
+                self._counts.windows += 1
+                self._counts.points += result.points
+            yield result
+
+    def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
+        s, camera, events = self.settings, self.camera, window.events
+        watch, begin = Stopwatch(), time.perf_counter()
+        span = window.end_ns - window.start_ns
+        middle_ns = window.start_ns + span // 2
+        try:
+            with watch("packets"):
+                packets = make_packets(events, self._table, self.track, s.packet_events)
+                times = [window.start_ns + round(f * span) for f, _ in s.views()]
+                poses = self.track.matrices([*times, middle_ns])
+                target = poses[-1]
+            if s.method == "focus":
+                depth, confidence = focus.focus_depth(packets, camera, target, s, watch)
+            else:
+                views = [
+                    paper.view_depth(packets, camera, pose, weight, s, watch)
+                    for pose, (_, weight) in zip(poses[:-1], s.views(), strict=True)
+                ]
+                depth, confidence = paper.fuse(views, target, camera, s, watch)
+        except RollerError as error:
+            return RefusedWindow(window.start_ns, window.end_ns, len(events), str(error))
+        watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
+        return DepthMap(
+            middle_ns,
+            depth,
+            confidence,
+            target,
+            window.start_ns,
+            window.end_ns,
+            len(events),
+            {k: float(np.round(v, 3)) for k, v in watch.milliseconds.items()},
+        )

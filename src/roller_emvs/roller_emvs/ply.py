@@ -1,0 +1,100 @@
+"""A point cloud file that grows as patches come, so no scan has to fit in memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.errors import UnwritableOutputError
+
+_COUNT_WIDTH = 12
+
+
+class PlyWriter:
+    """Writes a binary PLY of float64 positions and float32 properties, patch by patch.
+
+    The header holds the count of what is complete after every patch, so a run that is cut short
+    leaves a file that opens.
+
+    Parameters
+    ----------
+    path : path
+        File to write.
+    properties : tuple of str
+        Names of the float32 properties that follow x, y, z.
+    comment : str
+        One line for the header.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If the file can't be created.
+    """
+
+    def __init__(self, path: Path | str, properties: tuple[str, ...], comment: str = "") -> None:
+        self.count = 0
+        self._kind = np.dtype(
+            [(n, "<f8") for n in ("x", "y", "z")] + [(n, "<f4") for n in properties]
+        )
+        lines = ["ply", "format binary_little_endian 1.0"]
+        lines += [f"comment {comment}"] if comment else []
+        head = "\n".join([*lines, "element vertex "])
+        names = [f"property double {n}" for n in ("x", "y", "z")]
+        names += [f"property float {n}" for n in properties]
+        try:
+            self._file = open(path, "wb")  # noqa: SIM115 (closed by close)
+        except OSError as error:
+            raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
+        self._file.write(head.encode())
+        self._count_at = self._file.tell()
+        self._file.write(
+            (f"{0:<{_COUNT_WIDTH}}\n" + "\n".join([*names, "end_header"]) + "\n").encode()
+        )
+
+    def write(self, points: npt.NDArray[np.float64], *properties: npt.NDArray[np.float32]) -> None:
+        """Append points, shape (n, 3), and their properties, each shape (n,)."""
+        if not len(points):
+            return
+        rows = np.empty(len(points), self._kind)
+        names = self._kind.names or ()
+        for name, column in zip(names, [*points.T, *properties], strict=True):
+            rows[name] = column
+        self._file.write(rows.tobytes())
+        self.count += len(points)
+        self._file.seek(self._count_at)
+        self._file.write(f"{self.count:<{_COUNT_WIDTH}}".encode())
+        self._file.seek(0, 2)
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+    def __enter__(self) -> PlyWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def read_ply(path: Path | str) -> dict[str, npt.NDArray[np.float64]]:
+    """Columns of a PLY file as `PlyWriter` writes it, by property name."""
+    data = Path(path).read_bytes()
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    kinds = {"double": "<f8", "float": "<f4"}
+    fields, count = [], 0
+    for line in data[:end].decode().splitlines():
+        words = line.split()
+        if words[:2] == ["element", "vertex"]:
+            count = int(words[2])
+        elif words[0] == "property":
+            fields.append((words[2], kinds[words[1]]))
+    rows = np.frombuffer(data, np.dtype(fields), count, end)
+    return {name: rows[name].astype(np.float64) for name, _ in fields}

@@ -1,0 +1,210 @@
+"""Settings of the depth engine: defaults, ranges and descriptions in one place.
+
+Node parameters, `config/emvs.yaml` and the README's table come from here.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from roller_core.settings import Settings
+
+Method = Literal["focus", "bma", "left_right", "emvs"]
+METHODS: tuple[Method, ...] = ("focus", "bma", "left_right", "emvs")
+
+
+class DepthSettings(Settings):
+    """From events to depth maps. Defaults of the paper's methods are the paper's."""
+
+    method: Method = Field(
+        "focus",
+        description="focus: neighbourhood evidence (default); emvs: one volume, middle reference; "
+        "left_right: start and end views; bma: start, middle and end views, weighted (paper).",
+    )
+    window: Literal["auto", "time", "travel", "all"] = Field(
+        "auto",
+        description="What a window of events spans: a time (paper), a travel of the sensor, or "
+        "all of the recording; auto takes travel for focus and time for the paper's methods.",
+    )
+    window_s: float = Field(0.02, ge=0.0005, le=10.0, description="Window length in time, s.")
+    window_travel_m: float = Field(
+        0.006, ge=0.0005, le=0.1, description="Window length in travel of the sensor, m."
+    )
+    max_window_s: float = Field(
+        1.0,
+        ge=0.01,
+        le=60.0,
+        description="A window by travel that takes longer than this (standstill) is given up, s.",
+    )
+    window_overlap: float = Field(
+        0.0, ge=0.0, le=0.9, description="Share of a window that the next one repeats."
+    )
+    depth_min_m: float = Field(0.043, gt=0.0, le=100.0, description="Nearest depth plane, m.")
+    depth_max_m: float = Field(0.047, gt=0.0, le=100.0, description="Farthest depth plane, m.")
+    planes: int = Field(
+        500, ge=2, le=65535, description="Depth planes of the paper's methods (N_z)."
+    )
+    plane_spacing: Literal["depth", "inverse_depth"] = Field(
+        "depth", description="Planes evenly spaced in depth (paper) or in inverse depth."
+    )
+    packet_events: int = Field(
+        256, ge=1, le=65536, description="Events that share the pose of their median event."
+    )
+    reference_views: tuple[float, ...] = Field(
+        (0.0, 0.5, 1.0),
+        min_length=1,
+        max_length=9,
+        description="Reference views of bma as fractions of the window: start, middle, end.",
+    )
+    weights: tuple[float, ...] = Field(
+        (0.445, 0.333, 0.222),
+        min_length=1,
+        max_length=9,
+        description="Weights of the reference views of bma, in their order.",
+    )
+    weight_rule: Literal["fixed", "inverse_variance"] = Field(
+        "fixed",
+        description="fixed: the weights as given (paper); inverse_variance: each multiplied, "
+        "pixel by pixel, by the inverse of the depth's local variance.",
+    )
+    threshold_c: float = Field(
+        16.0, ge=0.0, le=255.0, description="Adaptive Gaussian threshold: margin C, in 1/255."
+    )
+    threshold_kernel_px: int = Field(
+        5, ge=3, le=255, description="Adaptive Gaussian threshold: size of its window, odd, px."
+    )
+    full_scale_votes: float = Field(
+        32.0,
+        ge=0.0,
+        le=1e6,
+        description="Votes that count as 255 for the threshold, whatever the window holds; "
+        "0 scales by each window's own extremes, as the reference C++ code does.",
+    )
+    median_px: int = Field(
+        45, ge=1, le=255, description="Masked median filter G_f: size, odd, px; 1 is off."
+    )
+    focus_sigma_px: float = Field(
+        4.0, ge=0.5, le=32.0, description="Neighbourhood over which focus sums evidence, px."
+    )
+    focus_planes_per_px: float = Field(
+        2.0, ge=0.25, le=16.0, description="Depth planes of focus per pixel of parallax."
+    )
+    focus_max_planes: int = Field(
+        96, ge=5, le=1024, description="Most depth planes that focus sweeps."
+    )
+    focus_min_parallax_px: float = Field(
+        2.0,
+        ge=0.1,
+        le=1000.0,
+        description="Parallax between nearest and farthest plane below which focus gives no "
+        "depth, px.",
+    )
+    focus_min_confidence: float = Field(
+        0.15, ge=0.0, le=1.0, description="Depths of focus with less confidence are left out."
+    )
+    focus_min_votes: float = Field(
+        3.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."
+    )
+    max_pose_gap_s: float = Field(
+        0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
+    )
+    max_backlog_events: int = Field(
+        40_000_000,
+        ge=10_000,
+        le=2_000_000_000,
+        description="Events that may wait for processing; beyond it the oldest are dropped, "
+        "counted.",
+    )
+    threads: int = Field(2, ge=1, le=64, description="Threads that share the depth planes.")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> DepthSettings:
+        if self.depth_min_m >= self.depth_max_m:
+            raise ValueError(
+                f"depth_min_m = {self.depth_min_m:g} must be less than "
+                f"depth_max_m = {self.depth_max_m:g}"
+            )
+        for name in ("threshold_kernel_px", "median_px"):
+            if getattr(self, name) % 2 == 0:
+                raise ValueError(f"{name} = {getattr(self, name)} must be odd")
+        if len(self.weights) != len(self.reference_views):
+            raise ValueError(
+                f"{len(self.weights)} weights for {len(self.reference_views)} reference_views"
+            )
+        if min(self.weights) < 0 or sum(self.weights) <= 0:
+            raise ValueError(f"weights {list(self.weights)} must be at least 0 and not all 0")
+        if not all(0.0 <= f <= 1.0 for f in self.reference_views):
+            raise ValueError(f"reference_views {list(self.reference_views)} must lie in 0–1")
+        return self
+
+    @property
+    def window_rule(self) -> Literal["time", "travel", "all"]:
+        """The window rule in force."""
+        if self.window == "auto":
+            return "travel" if self.method == "focus" else "time"
+        return self.window
+
+    def views(self) -> tuple[tuple[float, float], ...]:
+        """(fraction of the window, weight) of the reference views that the method fuses."""
+        if self.method == "left_right":
+            return ((0.0, 0.5), (1.0, 0.5))
+        if self.method == "bma":
+            return tuple(zip(self.reference_views, self.weights, strict=True))
+        return ((0.5, 1.0),)
+
+
+class StitcherSettings(Settings):
+    """From depth maps to one cloud in `base`."""
+
+    voxel_m: float = Field(
+        5e-5, gt=0.0, le=1.0, description="Edge of the voxels in which points are merged, m."
+    )
+    min_confidence: float = Field(
+        0.0, ge=0.0, le=1.0, description="Points of less confidence are left out."
+    )
+    icp: bool = Field(True, description="Refine each depth map's pose against the cloud by ICP.")
+    icp_max_correction_m: float = Field(
+        2e-4, gt=0.0, le=1.0, description="An ICP correction larger than this is refused, m."
+    )
+    icp_max_distance_m: float = Field(
+        3e-4, gt=0.0, le=1.0, description="Points further apart than this don't correspond, m."
+    )
+    icp_min_conditioning: float = Field(
+        0.01,
+        ge=0.0,
+        le=1.0,
+        description="Smallest to largest eigenvalue of ICP's normal equations below which the "
+        "geometry doesn't fix the pose and the correction is refused.",
+    )
+    icp_min_gain: float = Field(
+        0.02,
+        ge=0.0,
+        le=1.0,
+        description="Share by which ICP must lower the residual for its result to be taken.",
+    )
+    icp_points: int = Field(
+        4000, ge=100, le=1_000_000, description="Points of a depth map that ICP uses at most."
+    )
+    outlier_radius_m: float = Field(
+        0.0,
+        ge=0.0,
+        le=10.0,
+        description="Radius of the outlier filter on each depth map; 0 is off, m.",
+    )
+    outlier_neighbours: int = Field(
+        3, ge=1, le=1000, description="Neighbours within the radius that a point needs to stay."
+    )
+    surface_z_m: float = Field(
+        0.0,
+        ge=-1e4,
+        le=1e4,
+        description="Height of the nominal surface in base; `height` of a point counts from it, m.",
+    )
+    max_voxels: int = Field(
+        3_000_000,
+        ge=1000,
+        le=1_000_000_000,
+        description="Voxels under work at most; beyond it the oldest are settled early.",
+    )

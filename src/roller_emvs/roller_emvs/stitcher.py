@@ -1,0 +1,134 @@
+"""From depth maps to one cloud in `base`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from roller_core.camera import Camera
+from roller_core.transforms import F64, inverse_pose
+
+from .depth_map import DepthMap, back_project
+from .registration import Refinement, refine
+from .settings import StitcherSettings
+from .voxels import VoxelMap
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Points of the surface that are done.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (n, 3)
+        Metres, frame base.
+    height : ndarray of float32, shape (n,)
+        Above the nominal surface, metres.
+    confidence : ndarray of float32, shape (n,)
+        0–1.
+    """
+
+    points: F64
+    height: npt.NDArray[np.float32]
+    confidence: npt.NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def columns(self) -> npt.NDArray[np.float32]:
+        """x, y, z, height, confidence as float32, shape (n, 5)."""
+        return np.column_stack([self.points, self.height, self.confidence]).astype(np.float32)
+
+
+class Stitcher:
+    """Adds depth maps to a cloud; a point is handed out once, when it is out of view.
+
+    Memory holds what is in view and at most `max_voxels`, so a scan may be of any length.
+
+    Parameters
+    ----------
+    settings : StitcherSettings
+        Voxels, ICP and filters.
+    camera : Camera
+        Intrinsics of the depth maps.
+    """
+
+    def __init__(self, settings: StitcherSettings, camera: Camera) -> None:
+        self.settings = settings
+        self.camera = camera
+        self.voxels = VoxelMap(settings.voxel_m)
+        self.icp_tried = 0
+        self.icp_accepted = 0
+        self.last_refinement: Refinement | None = None
+
+    def add(self, depth_map: DepthMap) -> Patch:
+        """Merge a depth map.
+
+        Returns
+        -------
+        Patch
+            Points that this view no longer reaches; often empty.
+        """
+        points, confidence = self._points(depth_map)
+        if self.settings.icp and len(points) and len(self.voxels):
+            margin = self.settings.icp_max_distance_m
+            target = self.voxels.near(points.min(axis=0) - margin, points.max(axis=0) + margin)
+            found = refine(points, target, self.settings)
+            self.last_refinement = found
+            self.icp_tried += 1
+            if found.accepted:
+                self.icp_accepted += 1
+                points = points @ found.correction[:3, :3].T + found.correction[:3, 3]
+        self.voxels.add(points, confidence)
+        keep = self._in_view(self.voxels.points()[0], depth_map.pose)
+        over = int(keep.sum()) - self.settings.max_voxels
+        if over > 0:
+            keep &= self.voxels.oldest(over)
+        return self._patch(*self.voxels.settle(keep))
+
+    def finish(self) -> Patch:
+        """Hand out what is left; the scan is over."""
+        return self._patch(*self.voxels.settle(np.zeros(len(self.voxels), bool)))
+
+    def _points(self, depth_map: DepthMap) -> tuple[F64, npt.NDArray[np.float32]]:
+        points, pixels = back_project(depth_map.depth, self.camera)
+        confidence = depth_map.confidence.reshape(-1)[pixels]
+        keep = confidence >= self.settings.min_confidence
+        if self.settings.outlier_radius_m and len(points):
+            keep &= radius_filter(
+                points, self.settings.outlier_radius_m, self.settings.outlier_neighbours
+            )
+        pose = depth_map.pose
+        return points[keep] @ pose[:3, :3].T + pose[:3, 3], confidence[keep]
+
+    def _in_view(self, points: F64, pose: F64) -> npt.NDArray[np.bool_]:
+        camera, to_camera = self.camera, inverse_pose(pose)
+        local = points @ to_camera[:3, :3].T + to_camera[:3, 3]
+        z = np.maximum(local[:, 2], 1e-9)
+        u = camera.fx * local[:, 0] / z + camera.cx
+        v = camera.fy * local[:, 1] / z + camera.cy
+        return np.asarray((u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
+
+    def _patch(self, points: F64, confidence: npt.NDArray[np.float32]) -> Patch:
+        height = (points[:, 2] - self.settings.surface_z_m).astype(np.float32)
+        return Patch(points, height, confidence)
+
+
+def radius_filter(points: F64, radius_m: float, neighbours: int) -> npt.NDArray[np.bool_]:
+    """Points that have at least `neighbours` others within a radius.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, 3)
+        Metres.
+    radius_m : float
+        Radius, metres.
+    neighbours : int
+        Others that a point needs.
+    """
+    tree = cKDTree(points)
+    counts = tree.query_ball_point(points, radius_m, return_length=True)
+    return np.asarray(counts - 1 >= neighbours)

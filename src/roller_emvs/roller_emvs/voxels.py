@@ -1,0 +1,115 @@
+"""Merging points in voxels, weighted by confidence, with what has passed let go."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.transforms import F64
+
+I64 = npt.NDArray[np.int64]
+
+# 21 bits an axis, signed, around the first point: 2 million voxels each way.
+_BITS = 21
+_HALF = 1 << (_BITS - 1)
+
+
+class VoxelMap:
+    """Weighted means of points in cubic voxels.
+
+    Parameters
+    ----------
+    voxel_m : float
+        Edge of a voxel, metres.
+    """
+
+    def __init__(self, voxel_m: float) -> None:
+        self.voxel_m = voxel_m
+        self._origin: F64 | None = None
+        self._keys = np.empty(0, np.int64)
+        # Columns: weight, weight·(x, y, z) from the origin, weight·confidence, last touched.
+        self._sums = np.empty((0, 6))
+        self._round = 0
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def add(self, points: F64, confidence: npt.NDArray[np.float32]) -> int:
+        """Merge points, shape (n, 3), metres, with their confidences, shape (n,).
+
+        Returns
+        -------
+        int
+            Points left out because they are not finite or out of the map's reach.
+        """
+        self._round += 1
+        good = np.isfinite(points).all(axis=1) & np.isfinite(confidence)
+        if self._origin is None:
+            if not good.any():
+                return len(points)
+            self._origin = np.asarray(points[good][0], np.float64)
+        local = points - self._origin
+        cells = np.floor(local / self.voxel_m)
+        good &= (np.abs(cells) < _HALF).all(axis=1)
+        local, cells, sure = local[good], cells[good].astype(np.int64), confidence[good]
+        weight = np.maximum(sure.astype(np.float64), 1e-3)
+        keys = self._key(cells)
+        values = np.column_stack([weight, local * weight[:, None], sure * weight])
+        unique, inverse = np.unique(keys, return_inverse=True)
+        sums = np.zeros((len(unique), 6))
+        for k in range(5):
+            sums[:, k] = np.bincount(inverse, values[:, k], len(unique))
+        sums[:, 5] = self._round
+        self._merge(unique, sums)
+        return int(len(points) - good.sum())
+
+    def points(self) -> tuple[F64, npt.NDArray[np.float32]]:
+        """Merged points, shape (n, 3), metres, and confidences, shape (n,)."""
+        return self._means(self._sums)
+
+    def near(self, low: F64, high: F64) -> F64:
+        """Merged points within an axis-aligned box, shape (n, 3), metres."""
+        points = self.points()[0]
+        return points[((points >= low) & (points <= high)).all(axis=1)]
+
+    def settle(self, keep: npt.NDArray[np.bool_]) -> tuple[F64, npt.NDArray[np.float32]]:
+        """Take out the voxels not to be kept and return their points and confidences.
+
+        Parameters
+        ----------
+        keep : ndarray of bool, shape (n,)
+            In the order of `points`.
+        """
+        gone = self._sums[~keep]
+        self._keys, self._sums = self._keys[keep], self._sums[keep]
+        return self._means(gone)
+
+    def oldest(self, count: int) -> npt.NDArray[np.bool_]:
+        """Mask of all but the `count` voxels that were touched longest ago."""
+        keep = np.ones(len(self), bool)
+        keep[np.argsort(self._sums[:, 5], kind="stable")[:count]] = False
+        return keep
+
+    def _merge(self, keys: I64, sums: F64) -> None:
+        place = np.searchsorted(self._keys, keys)
+        known = place < len(self._keys)
+        known[known] = self._keys[place[known]] == keys[known]
+        at = place[known]
+        self._sums[at, :5] += sums[known, :5]
+        self._sums[at, 5] = self._round
+        fresh = ~known
+        if fresh.any():
+            self._keys = np.insert(self._keys, place[fresh], keys[fresh])
+            self._sums = np.insert(self._sums, place[fresh], sums[fresh], axis=0)
+
+    def _means(self, sums: F64) -> tuple[F64, npt.NDArray[np.float32]]:
+        if not len(sums) or self._origin is None:
+            return np.empty((0, 3)), np.empty(0, np.float32)
+        weight = sums[:, :1]
+        points = sums[:, 1:4] / weight + self._origin
+        return points, (sums[:, 4] / sums[:, 0]).astype(np.float32)
+
+    @staticmethod
+    def _key(cells: I64) -> I64:
+        c = cells + _HALF
+        return (c[:, 0] << (2 * _BITS)) | (c[:, 1] << _BITS) | c[:, 2]

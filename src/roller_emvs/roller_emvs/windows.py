@@ -1,0 +1,236 @@
+"""Cutting the stream of events into windows, by time or by travel of the sensor.
+
+Where a window ends depends on the events and poses alone, never on when they arrived, so a
+replay cuts where the live graph did.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseError, PoseTrack
+
+from .settings import DepthSettings
+
+
+@dataclass(frozen=True)
+class Window:
+    """Events from `start_ns` (included) to `end_ns` (excluded), with poses all over."""
+
+    start_ns: int
+    end_ns: int
+    events: EventArray
+
+
+@dataclass(frozen=True)
+class RefusedWindow:
+    """A window that gives no depth, and why."""
+
+    start_ns: int
+    end_ns: int
+    events: int
+    reason: str
+
+
+class WindowCutter:
+    """Holds events until their window is complete and covered by poses.
+
+    Parameters
+    ----------
+    settings : DepthSettings
+        Window rule, length, overlap and limits.
+    track : PoseTrack
+        Camera in base; grows while windows are cut.
+    """
+
+    def __init__(self, settings: DepthSettings, track: PoseTrack) -> None:
+        self._settings = settings
+        self._track = track
+        self._parts: deque[EventArray] = deque()
+        self._held = 0
+        self._newest_ns = 0
+        self._start_ns: int | None = None
+        self.dropped_events = 0
+        self.events_without_pose = 0
+
+    @property
+    def held_events(self) -> int:
+        """Events that wait."""
+        return self._held
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed; None while it isn't known."""
+        return self._start_ns
+
+    def add(self, events: EventArray) -> None:
+        """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
+        if not len(events):
+            return
+        self._parts.append(events)
+        self._held += len(events)
+        self._newest_ns = int(events.t_ns[-1])
+        while self._held > self._settings.max_backlog_events and len(self._parts) > 1:
+            gone = self._parts.popleft()
+            self._held -= len(gone)
+            self.dropped_events += len(gone)
+
+    def cut(self, flush: bool = False) -> Window | RefusedWindow | None:
+        """The next window, or None while it is not complete.
+
+        Parameters
+        ----------
+        flush : bool
+            No more events will come: what is left makes up the last window.
+        """
+        while self._held and len(self._track):
+            if not self._find_start(flush):
+                return None
+            start = self._start_ns
+            assert start is not None
+            found = self._find_end(start, flush)
+            if found is None:
+                return None
+            end, following, reason = found
+            window = self._take(start, end, following)
+            if not len(window.events) and not reason:
+                continue  # nothing happened; go on to the next
+            if not reason:
+                try:
+                    self._track.check(start, end)
+                except PoseError as error:
+                    reason = str(error)
+            if reason:
+                return RefusedWindow(start, end, len(window.events), reason)
+            return window
+        return None
+
+    def _find_start(self, flush: bool) -> bool:
+        """Settle where the next window starts; False while it can't be known."""
+        first_ns = int(self._parts[0].t_ns[0])
+        if self._start_ns is None:
+            # Events from before the first pose can't be placed.
+            if first_ns < self._track.start_ns:
+                self.events_without_pose += self._drop_before(self._track.start_ns)
+                if not self._held:
+                    return False
+                first_ns = int(self._parts[0].t_ns[0])
+            self._start_ns = first_ns
+        elif self._settings.window_rule == "time":
+            length = self._length_ns()
+            empty = (first_ns - self._start_ns) // length
+            self._start_ns += max(empty, 0) * length
+        if self._track.end_ns > self._start_ns:
+            return True
+        if flush:
+            self.events_without_pose += self._drop_before(2**63 - 1)
+        return False
+
+    def _length_ns(self) -> int:
+        return round(self._settings.window_s * 1e9)
+
+    def _find_end(self, start: int, flush: bool) -> tuple[int, int, str] | None:
+        """End of the window, start of the one after, and why it is refused, if it is."""
+        s = self._settings
+        track_end = self._track.end_ns
+        last = min(self._newest_ns + 1, track_end)
+        if s.window_rule == "all":
+            return (last, last, "") if flush and last > start else None
+        if s.window_rule == "time":
+            end = start + self._length_ns()
+            following = start + round(self._length_ns() * (1 - s.window_overlap))
+            share = (last - start) / self._length_ns()
+            reason = ""
+        else:
+            end_or_none, following, share, reason = self._travel_end(start, last)
+            end = end_or_none if end_or_none is not None else 2**63 - 1
+        if end <= track_end and end <= self._newest_ns:
+            return end, following, reason
+        if not flush:
+            return None
+        if last <= start:
+            self.events_without_pose += self._drop_before(2**63 - 1)
+            return None
+        if end <= track_end and end <= last:
+            return end, following, reason
+        short = "" if share >= 0.5 else f"the last {share:.0%} of a window is too short"
+        return last, 2**63 - 1, short
+
+    def _travel_end(self, start: int, last: int) -> tuple[int | None, int, float, str]:
+        """End, following start, share reached and refusal of a window by travel."""
+        s = self._settings
+        limit = start + round(s.max_window_s * 1e9)
+        try:
+            origin = self._track.at(start).position
+        except PoseError as error:
+            # A gap: start anew at the first pose after it.
+            times = self._track.times_ns
+            later = times[np.searchsorted(times, start, side="right") :]
+            return int(later[0]), int(later[0]), 0.0, str(error)
+        times = self._track.times_ns
+        first = int(np.searchsorted(times, start, side="right"))
+        times = times[first:]
+        away = np.linalg.norm(self._track.positions[first:] - origin, axis=1)
+        end = self._reach(start, times, away, s.window_travel_m)
+        if end is not None and end <= limit:
+            following = end
+            if s.window_overlap:
+                step = s.window_travel_m * (1 - s.window_overlap)
+                following = self._reach(start, times, away, step) or end
+            return end, following, 1.0, ""
+        if self._track.end_ns >= limit:
+            return (
+                limit,
+                limit,
+                0.0,
+                (
+                    f"the sensor moved less than {s.window_travel_m * 1e3:g} mm "
+                    f"in {s.max_window_s:g} s: no parallax, no depth"
+                ),
+            )
+        within = away[times <= last]
+        return None, limit, float(within.max() / s.window_travel_m) if len(within) else 0.0, ""
+
+    @staticmethod
+    def _reach(start: int, times: np.ndarray, away: np.ndarray, travel: float) -> int | None:
+        """Time at which the distance from the start first reaches `travel`."""
+        reached = np.flatnonzero(away >= travel)
+        if not len(reached):
+            return None
+        k = int(reached[0])
+        t0, d0 = (start, 0.0) if k == 0 else (int(times[k - 1]), float(away[k - 1]))
+        share = (travel - d0) / (float(away[k]) - d0)
+        return t0 + max(round(share * (int(times[k]) - t0)), 1)
+
+    def _take(self, start: int, end: int, following: int) -> Window:
+        """Take the window's events and forget all before the window that follows."""
+        self._drop_before(start)
+        taken = []
+        for part in self._parts:
+            if part.t_ns[0] >= end:
+                break
+            taken.append(part[: int(np.searchsorted(part.t_ns, end))])
+        self._start_ns = following if following < 2**62 else None
+        self._drop_before(following)
+        return Window(start, end, EventArray.concatenate(taken))
+
+    def _drop_before(self, t_ns: int) -> int:
+        """Forget events before a time; how many."""
+        gone = 0
+        while self._parts:
+            part = self._parts[0]
+            if part.t_ns[-1] < t_ns:
+                gone += len(part)
+                self._parts.popleft()
+                continue
+            k = int(np.searchsorted(part.t_ns, t_ns))
+            if k:
+                self._parts[0] = part[k:]
+                gone += k
+            break
+        self._held -= gone
+        return gone
