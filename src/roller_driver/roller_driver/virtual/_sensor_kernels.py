@@ -189,7 +189,5 @@ def _render_rows(xn, yn, flat, shape, camera, roller, origin, light, depth, sx, 
     h, w = xn.shape
     for v in numba.prange(h):
         coat = np.empty(w, np.float32)
-        _trace_row(
-            xn[v], yn[v], flat, shape, camera, roller, origin, depth[v], sx[v], sy[v], coat
-        )
+        _trace_row(xn[v], yn[v], flat, shape, camera, roller, origin, depth[v], sx[v], sy[v], coat)
         _shade_row(xn[v], yn[v], depth[v], sx[v], sy[v], coat, light, out[v])

@@ -62,7 +62,9 @@ def to_cells(text: str) -> list[tuple[int, str]]:
             number = False
             cells.append((0, " "))
         else:
-            raise SceneError(f"no Braille for {c!r}; a plate can show letters a–z, digits and spaces")
+            raise SceneError(
+                f"no Braille for {c!r}; a plate can show letters a–z, digits and spaces"
+            )
     return cells
 
 
@@ -107,9 +109,7 @@ def put_braille(plate: Plate, text: str, x0_mm: float, settings: SceneSettings) 
                     x, y = left + dot // 3 * pitch, middle + (1 - dot % 3) * pitch
                     _put_dot(plate, x, y, radius, settings.dot_height_mm)
             plate.marks.append(
-                BrailleMark(
-                    (left + pitch / 2) * 1e-3, middle * 1e-3, mask, character, row, column
-                )
+                BrailleMark((left + pitch / 2) * 1e-3, middle * 1e-3, mask, character, row, column)
             )
     half = high / 2
     plate.regions.append(

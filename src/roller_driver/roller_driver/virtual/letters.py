@@ -76,7 +76,9 @@ def put_letter(
         If the letter isn't known.
     """
     if letter not in _STROKES:
-        raise SceneError(f"no letter shape for {letter!r}; a letter plate can show A–Z, 0–9, spaces")
+        raise SceneError(
+            f"no letter shape for {letter!r}; a letter plate can show A–Z, 0–9, spaces"
+        )
     unit = size / _HEIGHT_UNITS
     left = x0 + stroke / 2
     segments = []

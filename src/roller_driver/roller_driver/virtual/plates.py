@@ -101,8 +101,9 @@ def _rivet(settings: SceneSettings, name: str, tilt_mm: float) -> Scene:
     def head(x: F64, y: F64) -> F64:
         r = np.hypot(x - xc, y)
         top = RIVET_RISE + tilt_mm * (1 + (x - xc) / RIVET_RADIUS) / 2
-        groove = -GROOVE_DEPTH * np.clip(1 - np.abs(r - RIVET_RADIUS - GROOVE_WIDTH / 2) * 2
-                                         / GROOVE_WIDTH, 0.0, 1.0)
+        groove = -GROOVE_DEPTH * np.clip(
+            1 - np.abs(r - RIVET_RADIUS - GROOVE_WIDTH / 2) * 2 / GROOVE_WIDTH, 0.0, 1.0
+        )
         return np.where(r <= RIVET_RADIUS, top, np.where(r < reach, groove, 0.0))
 
     plate.put("rivet", (xc - reach, xc + reach, -reach, reach), head, join="set")

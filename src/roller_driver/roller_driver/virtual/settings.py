@@ -17,14 +17,19 @@ class SceneSettings(Settings):
     step_mm: float = Field(0.02, ge=0.005, le=0.1, description="grid step of the height map, mm")
     width_mm: float = Field(23.0, ge=4.0, le=60.0, description="width of the plate, mm")
     margin_mm: float = Field(
-        8.0, ge=0.0, le=100.0, description="flat plate before the first and after the last object, mm"
+        8.0,
+        ge=0.0,
+        le=100.0,
+        description="flat plate before the first and after the last object, mm",
     )
     length_mm: float = Field(
         0.0, ge=0.0, le=2000.0, description="least length of the plate, mm; 0: as its objects need"
     )
     dot_pitch_mm: float = Field(2.34, ge=1.0, le=5.0, description="Braille: distance of dots, mm")
     cell_pitch_mm: float = Field(6.2, ge=3.0, le=12.0, description="Braille: distance of cells, mm")
-    line_pitch_mm: float = Field(10.0, ge=5.0, le=20.0, description="Braille: distance of lines, mm")
+    line_pitch_mm: float = Field(
+        10.0, ge=5.0, le=20.0, description="Braille: distance of lines, mm"
+    )
     dot_diameter_mm: float = Field(1.44, ge=0.5, le=3.0, description="Braille: base of a dot, mm")
     dot_height_mm: float = Field(0.48, ge=0.05, le=1.5, description="Braille: height of a dot, mm")
     mesh_unit: Literal["mm", "m"] = Field("mm", description="unit of a mesh's coordinates")
@@ -36,8 +41,12 @@ class CameraSettings(Settings):
     width: int = Field(640, ge=8, le=2047, description="columns, px")
     height: int = Field(480, ge=8, le=2047, description="rows, px")
     focal_px: float = Field(1066.0, ge=50.0, le=10000.0, description="focal length, px")
-    cx_px: float = Field(-1.0, ge=-1.0, le=4096.0, description="principal point; -1: the middle, px")
-    cy_px: float = Field(-1.0, ge=-1.0, le=4096.0, description="principal point; -1: the middle, px")
+    cx_px: float = Field(
+        -1.0, ge=-1.0, le=4096.0, description="principal point; -1: the middle, px"
+    )
+    cy_px: float = Field(
+        -1.0, ge=-1.0, le=4096.0, description="principal point; -1: the middle, px"
+    )
     distortion: list[float] = Field(
         default_factory=list, max_length=5, description="plumb_bob coefficients k1 k2 p1 p2 k3"
     )
@@ -59,7 +68,9 @@ class CameraSettings(Settings):
 class SkinSettings(Settings):
     """How the elastomer follows the relief."""
 
-    contact: Literal["light", "medium", "full"] = Field("full", description="how hard it is pressed")
+    contact: Literal["light", "medium", "full"] = Field(
+        "full", description="how hard it is pressed"
+    )
     press_mm: float = Field(
         0.0, ge=0.0, le=4.5, description="press depth at full contact, mm; 0: the scene's own"
     )
@@ -71,7 +82,9 @@ class SkinSettings(Settings):
 class LightSettings(Settings):
     """The LED ring, the coating and the scattered light."""
 
-    ambient: float = Field(0.45, ge=0.0, le=10.0, description="scattered light; plate's middle is 1")
+    ambient: float = Field(
+        0.45, ge=0.0, le=10.0, description="scattered light; plate's middle is 1"
+    )
     diffuse: float = Field(1.0, ge=0.0, le=10.0, description="matt part of the ring's light")
     specular: float = Field(0.3, ge=0.0, le=10.0, description="semi-specular part of it")
     lobe_slope: float = Field(0.45, ge=0.02, le=3.0, description="width of the lobe, as a slope")
@@ -90,7 +103,9 @@ class SensorSettings(Settings):
     )
     bandwidth_hz: float = Field(2000.0, ge=0.0, le=1e6, description="pixel's low pass; 0: none")
     refractory_us: float = Field(200.0, ge=0.0, le=1e5, description="dead time of a pixel, µs")
-    background_hz: float = Field(0.3, ge=0.0, le=1000.0, description="noise events a pixel and second")
+    background_hz: float = Field(
+        0.3, ge=0.0, le=1000.0, description="noise events a pixel and second"
+    )
     background_on: float = Field(0.6, ge=0.0, le=1.0, description="share of ON among noise events")
     hot_share: float = Field(1e-4, ge=0.0, le=0.1, description="share of hot pixels")
     hot_hz: float = Field(500.0, ge=0.0, le=1e4, description="median rate of a hot pixel")
@@ -132,13 +147,17 @@ class ClockSettings(Settings):
     start_sensor_s: float = Field(3.7, ge=0.0, le=1000.0, description="sensor time at the start, s")
     drift_ppm: float = Field(15.0, ge=-200.0, le=200.0, description="sensor clock's rate error")
     latency_us: float = Field(150.0, ge=0.0, le=1e5, description="least delay of a packet, µs")
-    arrival_jitter_us: float = Field(80.0, ge=0.0, le=1e5, description="mean of what comes on top, µs")
+    arrival_jitter_us: float = Field(
+        80.0, ge=0.0, le=1e5, description="mean of what comes on top, µs"
+    )
     pose_rate_hz: float = Field(125.0, ge=5.0, le=1000.0, description="poses a second")
     pose_offset_us: float = Field(0.0, ge=-1e5, le=1e5, description="error of all pose stamps, µs")
     pose_jitter_us: float = Field(30.0, ge=0.0, le=1e4, description="RMS error of a pose stamp, µs")
     pose_latency_us: float = Field(1500.0, ge=0.0, le=1e5, description="mean delay of a pose, µs")
     pose_noise_um: float = Field(2.0, ge=0.0, le=500.0, description="RMS noise of positions, µm")
-    pose_noise_urad: float = Field(5.0, ge=0.0, le=5000.0, description="RMS noise of rotations, µrad")
+    pose_noise_urad: float = Field(
+        5.0, ge=0.0, le=5000.0, description="RMS noise of rotations, µrad"
+    )
     image_rate_hz: float = Field(25.0, ge=0.0, le=200.0, description="intensity images a second")
 
 
@@ -171,6 +190,9 @@ class VirtualCellSettings(Settings):
         light = self.light
         if light.ambient + light.diffuse + light.specular <= 0:
             raise ValueError("the light is off: ambient, diffuse and specular are all 0")
-        if self.packets.encoding == "libcaer_cmp" and max(self.camera.width, self.camera.height) > 2047:
+        if (
+            self.packets.encoding == "libcaer_cmp"
+            and max(self.camera.width, self.camera.height) > 2047
+        ):
             raise ValueError("libcaer_cmp holds pixels up to 2047")
         return self

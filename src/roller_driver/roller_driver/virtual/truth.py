@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path as FilePath
@@ -236,7 +237,8 @@ class Truth:
             "duration_ns": self.duration_ns,
             "settings": self.settings.model_dump(),
         }
-        (folder / TEXT_FILE).write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
+        plain = json.loads(json.dumps(data))  # NumPy's floats become Python's
+        (folder / TEXT_FILE).write_text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True))
 
     @classmethod
     def load(cls, folder: FilePath | str) -> Truth:

@@ -1,0 +1,226 @@
+"""Writes a simulated scan as a rosbag2 folder, with its truth beside the messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+
+from roller_core.bags import EVENT_PACKET, typestore
+from roller_core.codecs import encode
+from roller_core.errors import UnwritableOutputError
+from roller_core.transforms import matrix_to_quaternion
+
+from .cell import Packet, Picture, PoseSample, VirtualCell
+
+BASE, TOOL, CAMERA = "base", "tool0_controller", "event_camera_optical_frame"
+_FOREVER = QosTime(9223372036, 854775807)
+
+
+def _qos(depth: int, reliable: bool = True, latched: bool = False) -> list[Qos]:
+    return [
+        Qos(
+            QosHistory.KEEP_LAST,
+            depth,
+            QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+            QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+            _FOREVER,
+            _FOREVER,
+            QosLiveliness.AUTOMATIC,
+            _FOREVER,
+            False,
+        )
+    ]
+
+
+#: Topic: type and offered quality of service.
+TOPICS: dict[str, tuple[str, list[Qos]]] = {
+    "/event_camera/events": (EVENT_PACKET, _qos(1000, reliable=False)),
+    "/event_camera/camera_info": ("sensor_msgs/msg/CameraInfo", _qos(1, latched=True)),
+    "/event_camera/image_raw": ("sensor_msgs/msg/Image", _qos(10)),
+    "/tf": ("tf2_msgs/msg/TFMessage", _qos(100)),
+    "/tf_static": ("tf2_msgs/msg/TFMessage", _qos(1, latched=True)),
+}
+
+
+@dataclass(frozen=True)
+class BagSummary:
+    """What was written: packets and events, events cut by the rate cap, poses, images."""
+
+    path: Path
+    packets: int
+    events: int
+    dropped: int
+    poses: int
+    images: int
+
+
+class _Messages:
+    """Builds the messages of a typestore."""
+
+    def __init__(self, cell: VirtualCell) -> None:
+        self.store = typestore()
+        self._types = self.store.types
+        self._cell = cell
+
+    def make(self, name: str, **fields: Any) -> Any:
+        """A message of a type such as `sensor_msgs/msg/Image`."""
+        return self._types[name](**fields)
+
+    def header(self, stamp_ns: int, frame: str) -> Any:
+        """A header."""
+        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+        stamp = self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def transform(
+        self, stamp_ns: int, parent: str, child: str, position: Any, quaternion: Any
+    ) -> Any:
+        """One transform as a TFMessage."""
+        x, y, z = (float(v) for v in position)
+        move = self.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+        qx, qy, qz, qw = (float(v) for v in quaternion)
+        turn = self.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw)
+        stamped = self.make(
+            "geometry_msgs/msg/TransformStamped",
+            header=self.header(stamp_ns, parent),
+            child_frame_id=child,
+            transform=self.make("geometry_msgs/msg/Transform", translation=move, rotation=turn),
+        )
+        return self.make("tf2_msgs/msg/TFMessage", transforms=[stamped])
+
+    def camera_info(self, stamp_ns: int) -> Any:
+        """The calibration."""
+        camera = self._cell.camera
+        roi = self.make(
+            "sensor_msgs/msg/RegionOfInterest",
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False,
+        )  # fmt: skip
+        return self.make(
+            "sensor_msgs/msg/CameraInfo",
+            header=self.header(stamp_ns, CAMERA),
+            height=camera.height,
+            width=camera.width,
+            distortion_model=camera.model,
+            d=np.array(camera.distortion, np.float64),
+            k=camera.K.ravel(),
+            r=np.eye(3).ravel(),
+            p=np.hstack([camera.K, np.zeros((3, 1))]).ravel(),
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+        )
+
+    def packet(self, packet: Packet, encoding: str) -> Any:
+        """One event packet."""
+        return self.make(
+            EVENT_PACKET,
+            header=self.header(packet.stamp_ns, CAMERA),
+            height=self._cell.camera.height,
+            width=self._cell.camera.width,
+            seq=packet.seq,
+            time_base=packet.time_base_ns,
+            encoding=encoding,
+            is_bigendian=False,
+            events=encode(encoding, packet.events, packet.time_base_ns),
+        )
+
+    def image(self, picture: Picture) -> Any:
+        """One intensity image."""
+        height, width = picture.image.shape
+        return self.make(
+            "sensor_msgs/msg/Image",
+            header=self.header(picture.stamp_ns, CAMERA),
+            height=height,
+            width=width,
+            encoding="mono8",
+            is_bigendian=0,
+            step=width,
+            data=picture.image.reshape(-1),
+        )
+
+
+def write_bag(
+    cell: VirtualCell, path: Path | str, progress: Callable[[float], None] | None = None
+) -> BagSummary:
+    """Simulate a scan and write it as a rosbag2 folder (MCAP) with its truth.
+
+    Parameters
+    ----------
+    cell : VirtualCell
+        The cell, not run before.
+    path : path
+        Folder to make; must not exist.
+    progress : callable, optional
+        Called now and then with the share done, 0 to 1.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If the folder exists or can't be made.
+    """
+    path = Path(path)
+    messages = _Messages(cell)
+    if path.exists():
+        raise UnwritableOutputError(f"{path} is there already; give another output folder")
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    try:
+        writer.open()
+    except (OSError, WriterError) as error:
+        raise UnwritableOutputError(f"{path}: can't write a bag there ({error})") from error
+    counts = {Packet: 0, PoseSample: 0, Picture: 0}
+    try:
+        connections = {
+            topic: writer.add_connection(
+                topic, kind, typestore=messages.store, offered_qos_profiles=qos
+            )
+            for topic, (kind, qos) in TOPICS.items()
+        }
+
+        def put(topic: str, arrival_ns: int, message: Any) -> None:
+            connection: Connection = connections[topic]
+            writer.write(
+                connection, arrival_ns, messages.store.serialize_cdr(message, connection.msgtype)
+            )
+
+        start = cell.truth.start_ros_ns
+        put("/event_camera/camera_info", start, messages.camera_info(start))
+        rotation = matrix_to_quaternion(cell.hand_eye[:3, :3])
+        fixed = messages.transform(start, TOOL, CAMERA, cell.hand_eye[:3, 3], rotation)
+        put("/tf_static", start, fixed)
+        cell.truth.save(path)
+        encoding = cell.settings.packets.encoding
+        for item in cell.run():
+            counts[type(item)] += 1
+            if isinstance(item, Packet):
+                put("/event_camera/events", item.arrival_ns, messages.packet(item, encoding))
+            elif isinstance(item, PoseSample):
+                tf = messages.transform(item.stamp_ns, BASE, TOOL, item.position, item.quaternion)
+                put("/tf", item.arrival_ns, tf)
+            else:
+                put("/event_camera/image_raw", item.arrival_ns, messages.image(item))
+            if progress is not None:
+                progress(cell.progress)
+    finally:
+        writer.close()
+    return BagSummary(
+        path,
+        counts[Packet],
+        cell.event_count,
+        cell.dropped_count,
+        counts[PoseSample],
+        counts[Picture],
+    )
