@@ -1,0 +1,21 @@
+"""Running ROS 2 launch files (XML) where `ros2 launch` is absent.
+
+A strict subset: what it reads it does as `ros2 launch` would, with one process a node and the same
+arguments; what it doesn't know it refuses, naming file and line.
+"""
+
+from roller_bringup.launching.arguments import Argument, list_arguments
+from roller_bringup.launching.errors import LaunchError
+from roller_bringup.launching.plan import LaunchPlan, NodeProcess, load
+from roller_bringup.launching.runner import Runner, run
+
+__all__ = [
+    "Argument",
+    "LaunchError",
+    "LaunchPlan",
+    "NodeProcess",
+    "Runner",
+    "list_arguments",
+    "load",
+    "run",
+]
