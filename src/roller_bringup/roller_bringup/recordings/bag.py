@@ -1,0 +1,176 @@
+"""rosbag2 folders with the graph's topics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
+from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.event_stream import EventStream
+from roller_core.events import EventArray
+from roller_core.frames import SensorFrames
+from roller_core.pose_track import PoseTrack
+
+from .bag_reader import BagReader, RawMessage
+from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
+
+_TF, _TF_STATIC = "/tf", "/tf_static"
+_TF_TYPE = "tf2_msgs/msg/TFMessage"
+_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+
+
+class BagRecording(Recording):
+    """A rosbag2 (MCAP or SQLite), healthy or damaged.
+
+    Parameters
+    ----------
+    path : path
+        Bag folder, or a storage file of one.
+    poses : path, optional
+        TUM file in ROS time, for bags without /tf.
+    camera : Camera, optional
+        Calibration, for bags without CameraInfo; goes before the bag's own.
+    max_gap_s : float
+        See `PoseTrack`.
+
+    Raises
+    ------
+    MissingTopicError
+        If the bag has no events, no calibration or no poses.
+    RecordingError
+        If it can't be read at all.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        poses: Path | None = None,
+        camera: Camera | None = None,
+        max_gap_s: float = 0.1,
+    ) -> None:
+        self._path = path
+        self._reader = BagReader(path)
+        self._store = typestore()
+        self._topic = self._event_topic()
+        self._frames = SensorFrames(max_gap_s=max_gap_s)
+        self.track = self._frames.track
+        self._has_tf = poses is None
+        if poses is not None:
+            self.track = PoseTrack.read_tum(poses, max_gap_s)
+        elif self._reader.topics.get(_TF) != _TF_TYPE:
+            raise MissingTopicError(
+                f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "
+                f"give --poses FILE (TUM); it has {self._listed()}"
+            )
+        self.camera = camera or self._calibration()
+        self._stream = EventStream(self.camera.width, self.camera.height)
+        self.counts = self._stream.counts
+        self.duration_s = self._reader.duration_s
+
+    def steps(self) -> Iterator[Step]:
+        """Read message by message; a packet that can't be decoded is left out, with a fault."""
+        wanted = {self._topic} | ({_TF, _TF_STATIC} if self._has_tf else set())
+        for item in self._reader.messages(wanted):
+            if isinstance(item, RecordingError):
+                yield Step(EventArray.empty(), 1.0, (item,))
+                break
+            events = EventArray.empty()
+            faults: list[RollerError] = []
+            try:
+                message = self._store.deserialize_cdr(item.data, item.type)
+            except Exception as error:
+                faults.append(
+                    MalformedRecordingError(
+                        f"bag {self._path}: a message on {item.topic} at "
+                        f"{item.log_ns * 1e-9:.6f} s is malformed ({error}); it is left out"
+                    )
+                )
+                yield Step(events, self._reader.progress(item.log_ns), tuple(faults))
+                continue
+            try:
+                if item.topic == self._topic:
+                    events = self._decode(message)
+                else:
+                    self._take_transforms(message, item, faults)
+            except RollerError as error:
+                faults.append(error)
+            yield Step(events, self._reader.progress(item.log_ns), tuple(faults))
+        if self._has_tf and not len(self.track):
+            yield Step(EventArray.empty(), 1.0, (self._no_poses(),))
+
+    def _decode(self, message: Any) -> EventArray:
+        return self._stream.push(
+            message.encoding,
+            message.width,
+            message.height,
+            message.seq,
+            message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec,
+            message.time_base,
+            message.events,
+        )
+
+    def _take_transforms(self, message: Any, item: RawMessage, faults: list[RollerError]) -> None:
+        for transform in message.transforms:
+            t, r = transform.transform.translation, transform.transform.rotation
+            stamp = transform.header.stamp
+            parent = transform.header.frame_id.lstrip("/")
+            child = transform.child_frame_id.lstrip("/")
+            position, rotation = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w)
+            try:
+                if item.topic == _TF_STATIC:
+                    self._frames.add_static(parent, child, position, rotation)
+                else:
+                    t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+                    self._frames.add(parent, child, t_ns, position, rotation)
+            except RollerError as error:
+                faults.append(error)
+
+    def _no_poses(self) -> RecordingError:
+        f = self._frames
+        if not f.has_robot_poses:
+            return MissingTopicError(
+                f"bag {self._path}: /tf holds no transform {f.base} -> {f.moving}; "
+                "is the robot's pose recorded?"
+            )
+        return MissingTopicError(
+            f"bag {self._path}: /tf_static holds no way from {f.moving} to {f.sensor}; "
+            "is the hand-eye calibration recorded?"
+        )
+
+    def _event_topic(self) -> str:
+        found = [
+            name
+            for name, kind in self._reader.topics.items()
+            if kind in (EVENT_PACKET, EVENT_ARRAY)
+        ]
+        if not found:
+            raise MissingTopicError(
+                f"bag {self._path}: there is no topic of type {EVENT_PACKET}; "
+                f"it has {self._listed()}"
+            )
+        return "/event_camera/events" if "/event_camera/events" in found else found[0]
+
+    def _calibration(self) -> Camera:
+        namespace = self._topic.rsplit("/", 1)[0]
+        infos = {n for n, kind in self._reader.topics.items() if kind == _INFO_TYPE}
+        topic = f"{namespace}/camera_info"
+        if topic not in infos:
+            raise MissingTopicError(
+                f"bag {self._path}: there is no {topic} ({_INFO_TYPE}); "
+                f"give --camera FILE (ROS camera_info); it has {self._listed()}"
+            )
+        for item in self._reader.messages({topic}):
+            if isinstance(item, RecordingError):
+                break
+            info: Any = self._store.deserialize_cdr(item.data, item.type)
+            return Camera.from_matrix(
+                info.width, info.height, info.k, info.d, info.distortion_model
+            )
+        raise MissingTopicError(f"bag {self._path}: {topic} holds no message; give --camera FILE")
+
+    def _listed(self) -> str:
+        names = ", ".join(sorted(self._reader.topics))
+        return names or "no topics"

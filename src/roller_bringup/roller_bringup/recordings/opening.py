@@ -1,0 +1,50 @@
+"""Which kind of recording a path is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from roller_core.camera import Camera
+
+from .base import Recording, RecordingError
+
+
+def open_recording(
+    path: Path,
+    poses: Path | None = None,
+    camera_file: Path | None = None,
+    max_gap_s: float = 0.1,
+) -> Recording:
+    """Open a rosbag2, an AEDAT4 file or a folder of the public event-camera dataset.
+
+    Parameters
+    ----------
+    path : path
+        Recording.
+    poses : path, optional
+        TUM file, camera optical frame in base.
+    camera_file : path, optional
+        ROS camera_info YAML.
+    max_gap_s : float
+        See `PoseTrack`.
+
+    Raises
+    ------
+    RecordingError, CameraError, PoseError
+        With one line that says what is wrong.
+    """
+    camera = Camera.from_yaml(camera_file) if camera_file else None
+    if not path.exists():
+        raise RecordingError(f"{path}: there is no such file or folder")
+    # The readers bring heavy libraries; only the one that is needed is loaded.
+    if path.is_dir() and (path / "events.txt").exists():
+        from .dataset import DatasetRecording
+
+        return DatasetRecording(path, poses, camera, max_gap_s)
+    if path.is_file() and path.suffix.lower() in (".aedat4", ".aedat"):
+        from .aedat4 import Aedat4Recording
+
+        return Aedat4Recording(path, poses, camera, max_gap_s)
+    from .bag import BagRecording
+
+    return BagRecording(path, poses, camera, max_gap_s)
