@@ -29,7 +29,7 @@ _C5 = np.float32(-0.14168885275695892)
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy")
-def _fast_log(x):
+def _fast_log(x):  # type: ignore[no-untyped-def]
     """Natural logarithm of a positive float32, within 2e-6: exponent bits and a polynomial."""
     bits = np.float32(x).view(np.int32)
     exponent = (bits - np.int32(0x3F3504F3)) >> np.int32(23)
@@ -39,14 +39,14 @@ def _fast_log(x):
 
 
 @numba.njit(cache=True, nogil=True, inline="always", error_model="numpy", fastmath=True)
-def _turn(x, radius, half, arc_half):
+def _turn(x, radius, half, arc_half):  # type: ignore[no-untyped-def]
     """How much further than x the free coating has turned: arc from the patch border less chord."""
     turned = radius * (np.float32(math.asin(abs(x) / radius)) - arc_half) - (abs(x) - half)
     return turned if x > 0 else -turned
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):
+def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):  # type: ignore[no-untyped-def]
     """Follow one row's rays to the skin, from the depths found last.
 
     Parameters
@@ -141,7 +141,7 @@ def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _shade_row(xn, yn, z, sx, sy, coat, light, out):
+def _shade_row(xn, yn, z, sx, sy, coat, light, out):  # type: ignore[no-untyped-def]
     """Log intensity of one row under the ring light.
 
     Parameters

@@ -24,7 +24,7 @@ NEVER = np.int64(2**62)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def _uniform(seed, pixel, draw):
+def _uniform(seed, pixel, draw):  # type: ignore[no-untyped-def]
     """Uniform number in (0, 1) from a hash (splitmix64's finaliser) of its arguments."""
     h = np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15)
     h ^= np.uint64(draw) * np.uint64(0xD1B54A32D192ED03)
@@ -35,7 +35,7 @@ def _uniform(seed, pixel, draw):
 
 
 @numba.njit(cache=True, nogil=True)
-def _next_noise(t, rate_hz, seed, pixel, draw):
+def _next_noise(t, rate_hz, seed, pixel, draw):  # type: ignore[no-untyped-def]
     """Time of the next noise event of a pixel after `t`."""
     if rate_hz <= 0.0:
         return NEVER
@@ -44,7 +44,7 @@ def _next_noise(t, rate_hz, seed, pixel, draw):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _pixel_events(
+def _pixel_events(  # type: ignore[no-untyped-def]
     t0, t1, l0, l1, x, y, pixel, state, level, noise, draws, on, off, rate, timing, seed, out, n
 ):
     """Events of one pixel while its signal goes linearly from `l0` at `t0` to `l1` at `t1`.
@@ -114,7 +114,7 @@ def _pixel_events(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sensor_row(
+def _sensor_row(  # type: ignore[no-untyped-def]
     t0, t1, keep, new, y, signal, level, held, noise, draws, on, off, rate, timing, seed, out, n
 ):
     """Advance one row of pixels from `t0` to `t1`, at whose end the log intensity is `new`.
@@ -151,7 +151,7 @@ def _sensor_row(
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _simulate_rows(
+def _simulate_rows(  # type: ignore[no-untyped-def]
     xn, yn, flat, shape, cameras, times, keeps, roller, origin, light, depth,
     signal, level, held, noise, draws, on, off, rate, timing, seed, first, out, counts,
 ):  # fmt: skip
@@ -184,7 +184,7 @@ def _simulate_rows(
 
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _render_rows(xn, yn, flat, shape, camera, roller, origin, light, depth, sx, sy, out):
+def _render_rows(xn, yn, flat, shape, camera, roller, origin, light, depth, sx, sy, out):  # type: ignore[no-untyped-def]
     """Render one frame; `depth` holds first guesses and becomes the depth."""
     h, w = xn.shape
     for v in numba.prange(h):

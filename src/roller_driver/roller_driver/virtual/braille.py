@@ -95,7 +95,8 @@ def put_braille(plate: Plate, text: str, x0_mm: float, settings: SceneSettings) 
     high = (len(lines) - 1) * settings.line_pitch_mm + 2 * pitch + 2 * radius
     if high > plate.width:
         raise SceneError(
-            f"{len(lines)} Braille lines are {high:.1f} mm high, the plate is {plate.width:g} mm wide"
+            f"{len(lines)} Braille lines are {high:.1f} mm high but the plate is only "
+            f"{plate.width:g} mm wide"
         )
     length = line_length_mm(text, settings)
     if x0_mm + length > plate.length + 1e-6:

@@ -17,8 +17,8 @@ from .motion import Path, PoseStream, hand_eye
 from .optics import SurfaceMaps, light_vector, to_grey
 from .relief import F64, HeightMap, Scene
 from .scenes import build_scene
-from .sensor import EventSensor, U64, unpack, use_threads
-from .settings import VirtualCellSettings
+from .sensor import EventSensor, unpack, use_threads
+from .settings import MotionSettings, VirtualCellSettings
 from .skin import press_depth_mm, skin_over
 from .truth import Truth, make_camera
 
@@ -96,7 +96,10 @@ class VirtualCell:
         press = press_depth_mm(settings.skin, self.scene.press_mm)
         table = self.camera.undistortion_table().reshape(-1, 2)
         rays = self.camera.rays(table).reshape(self.camera.height, self.camera.width, 3)
-        self._rays = tuple(np.ascontiguousarray(rays[..., i], np.float32) for i in (0, 1))
+        self._rays = (
+            np.ascontiguousarray(rays[..., 0], np.float32),
+            np.ascontiguousarray(rays[..., 1], np.float32),
+        )
         reach_x, reach_y = (float(np.abs(r).max()) * (radius - press) for r in self._rays)
         self.settings = settings.model_copy(
             update={"motion": _with_ends(settings, self.scene, reach_x)}
@@ -130,7 +133,8 @@ class VirtualCell:
     def travel_px(self) -> float:
         """Length of the stretch at full speed in pixels of the plate's face."""
         m = self.settings.motion
-        assert m.start_mm is not None and m.end_mm is not None
+        assert m.start_mm is not None
+        assert m.end_mm is not None
         return abs(m.end_mm - m.start_mm) / self._px_mm
 
     @property
@@ -166,12 +170,10 @@ class VirtualCell:
 
     def run(self) -> Iterator[Item]:
         """Everything the cell's devices send, in order of arrival at the host."""
-        queue: list[tuple[int, int, Item]] = []
-        order = 0
-        for item in (*self._pose_items(), *self._picture_stubs()):
-            queue.append((item.arrival_ns, order, item))
-            order += 1
+        known: list[Item] = [*self._pose_items(), *self._picture_stubs()]
+        queue = [(item.arrival_ns, i, item) for i, item in enumerate(known)]
         heapq.heapify(queue)
+        order = len(known)
         packets = _Packer(self)
         for now, events in self.raw_events():
             for packet in packets.add(events, now):
@@ -220,7 +222,7 @@ class VirtualCell:
         return [Picture(int(t), int(t) + _IMAGE_LATENCY_NS, empty) for t in times]
 
 
-def _with_ends(settings: VirtualCellSettings, scene: Scene, reach_mm: float):  # noqa: ANN202
+def _with_ends(settings: VirtualCellSettings, scene: Scene, reach_mm: float) -> MotionSettings:
     """Motion settings with start and end: objects come into view at full speed and leave so."""
     motion = settings.motion
     x0, x1, _, _ = scene.relief.bounds
@@ -292,6 +294,3 @@ class _Packer:
         return Packet(
             self._seq - 1, int(first) + delay, base + start, self._arrival, events.shifted(base)
         )
-
-
-__all__ = ["Item", "Packet", "Picture", "PoseSample", "U64", "VirtualCell"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from .errors import SceneError
@@ -85,7 +87,7 @@ def put_letter(
     for word in _STROKES[letter].split():
         points = np.array([int(c) for c in word], float).reshape(-1, 2) * unit
         points += (left, -size / 2)
-        segments += list(zip(points[:-1], points[1:], strict=True))
+        segments += list(pairwise(points))
 
     def shape(x: F64, y: F64) -> F64:
         nearest = np.full(x.shape, np.inf)

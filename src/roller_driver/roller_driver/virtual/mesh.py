@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,9 @@ def mesh_scene(path: str, settings: SceneSettings) -> Scene:
     SceneError
         If the file can't be read or the relief is higher than the roller can press.
     """
-    import open3d as o3d  # late: it takes a second to load and only this scene needs it
+    import open3d  # late: it takes a second to load and only this scene needs it
+
+    o3d: Any = open3d  # its stubs leave out NumPy arrays
 
     if not Path(path).is_file():
         raise SceneError(f"mesh {path}: no such file")
@@ -39,8 +42,8 @@ def mesh_scene(path: str, settings: SceneSettings) -> Scene:
     size = high - low
     if size[2] > 3.0:
         raise SceneError(
-            f"mesh {path}: {size[2]:.3g} mm high in unit '{settings.mesh_unit}'; the roller takes up "
-            "to 3 mm; check mesh_unit and that z points up"
+            f"mesh {path}: {size[2]:.3g} mm high in unit '{settings.mesh_unit}'; the roller takes "
+            "up to 3 mm; check mesh_unit and that z points up"
         )
     plate = new_plate(settings, float(size[0]))
     x0, half = settings.margin_mm, float(size[1]) / 2

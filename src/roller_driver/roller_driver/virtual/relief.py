@@ -65,12 +65,12 @@ class HeightMap:
     @property
     def x(self) -> F64:
         """Positions of the columns, metres, shape (nx,)."""
-        return self.x0 + self.step * np.arange(self.height.shape[1])
+        return np.asarray(self.x0 + self.step * np.arange(self.height.shape[1]), np.float64)
 
     @property
     def y(self) -> F64:
         """Positions of the rows, metres, shape (ny,)."""
-        return self.y0 + self.step * np.arange(self.height.shape[0])
+        return np.asarray(self.y0 + self.step * np.arange(self.height.shape[0]), np.float64)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:

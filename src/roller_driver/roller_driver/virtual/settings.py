@@ -176,23 +176,18 @@ class VirtualCellSettings(Settings):
 
     seed: int = Field(1, ge=0, le=2**31 - 1, description="seed of all chance")
     threads: int = Field(0, ge=0, le=64, description="threads; 0: all cores (results don't depend)")
-    scene: SceneSettings = Field(default_factory=SceneSettings)
-    camera: CameraSettings = Field(default_factory=CameraSettings)
-    skin: SkinSettings = Field(default_factory=SkinSettings)
-    light: LightSettings = Field(default_factory=LightSettings)
-    sensor: SensorSettings = Field(default_factory=SensorSettings)
-    motion: MotionSettings = Field(default_factory=MotionSettings)
-    clock: ClockSettings = Field(default_factory=ClockSettings)
-    packets: PacketSettings = Field(default_factory=PacketSettings)
+    scene: SceneSettings = SceneSettings.create({})
+    camera: CameraSettings = CameraSettings.create({})
+    skin: SkinSettings = SkinSettings.create({})
+    light: LightSettings = LightSettings.create({})
+    sensor: SensorSettings = SensorSettings.create({})
+    motion: MotionSettings = MotionSettings.create({})
+    clock: ClockSettings = ClockSettings.create({})
+    packets: PacketSettings = PacketSettings.create({})
 
     @model_validator(mode="after")
     def _consistent(self) -> VirtualCellSettings:
         light = self.light
         if light.ambient + light.diffuse + light.specular <= 0:
             raise ValueError("the light is off: ambient, diffuse and specular are all 0")
-        if (
-            self.packets.encoding == "libcaer_cmp"
-            and max(self.camera.width, self.camera.height) > 2047
-        ):
-            raise ValueError("libcaer_cmp holds pixels up to 2047")
         return self

@@ -25,7 +25,7 @@ CONTACT = {"light": 0.2, "medium": 0.55, "full": 1.0}
 
 
 @numba.njit(cache=True, nogil=True)
-def _envelope(height, slope_step):
+def _envelope(height, slope_step):  # type: ignore[no-untyped-def]
     """Raise `height` (ny, nx) in place to its upper envelope of limited slope.
 
     `slope_step` is the largest difference between direct neighbours. A chamfer transform: two

@@ -166,7 +166,7 @@ class Truth:
         return mask.reshape(self.camera.height, self.camera.width)
 
     def touches(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether the pressed skin reaches the bare surface at points of `base`, not tents over it."""
+        """Whether the pressed skin reaches the bare surface at points of `base` (no tent)."""
         return self.height_at(x, y) - self.height_at(x, y, "relief") < _TOUCH_M
 
     @cached_property
