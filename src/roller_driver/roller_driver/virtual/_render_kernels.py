@@ -59,8 +59,9 @@ def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):  #
         (ny, nx) of the map.
     camera : ndarray of float64, shape (3,)
         Camera x, y over the plate and height above its face.
-    roller : ndarray of float64, shape (3,)
-        Radius, half length of the nominal contact patch, blend width at its border.
+    roller : ndarray of float64, shape (4,)
+        Radius, half length of the nominal contact patch, blend width at its border; angle (rad)
+        the half length is seen at from the axis.
     origin : ndarray of float64, shape (3,)
         Map origin x, y and step.
     z : ndarray of float32, shape (w,)
@@ -83,7 +84,7 @@ def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):  #
     radius = np.float32(roller[0])
     r2 = radius * radius
     half = np.float32(roller[1])
-    arc_half = np.float32(math.asin(roller[1] / roller[0]))
+    arc_half = np.float32(roller[3])
     k = np.float32(roller[2])
     for u in range(len(z)):
         xr = xn[u]

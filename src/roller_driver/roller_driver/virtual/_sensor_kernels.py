@@ -17,8 +17,11 @@ import numpy as np
 from ._render_kernels import _shade_row, _trace_row
 
 #: Events one pixel may emit between two rendered frames; any more wait for the next frame.
-MAX_PER_STEP = 8
+MAX_PER_STEP = 4
 TIME_SHIFT = 23
+#: Frames that flat parts of the surface are watched at a time, and pixels decided on together.
+GROUP = 4
+_SEGMENT = 32
 #: No read-out can be pending, no noise event due.
 NEVER = np.int64(2**62)
 
@@ -115,12 +118,15 @@ def _pixel_events(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _sensor_row(  # type: ignore[no-untyped-def]
-    t0, t1, keep, new, y, signal, level, held, noise, draws, on, off, rate, timing, seed, out, n
-):
-    """Advance one row of pixels from `t0` to `t1`, at whose end the log intensity is `new`.
+    t0, t1, keep, new, x0, y, width, signal, level, held, noise, draws, on, off, rate, timing,
+    seed, out, n,
+):  # fmt: skip
+    """Advance pixels of one row from `t0` to `t1`, at whose end the log intensity is `new`.
 
     Parameters
     ----------
+    x0, y, width : int
+        First pixel's place and the image's width.
     keep : float32
         Share of the old signal the pixel's low pass keeps over the step.
     new, signal, level, on, off, rate : ndarray of float32, shape (w,)
@@ -135,8 +141,7 @@ def _sensor_row(  # type: ignore[no-untyped-def]
     int
         Number of events in the buffer.
     """
-    w = len(new)
-    for u in range(w):
+    for u in range(len(new)):
         l0 = signal[u]
         l1 = new[u] + keep * (l0 - new[u])
         signal[u] = l1
@@ -144,41 +149,81 @@ def _sensor_row(  # type: ignore[no-untyped-def]
         if d < on[u] and -d < off[u] and held[u] == 0 and noise[u] >= t1:
             continue
         held[u], level[u], noise[u], draws[u], n = _pixel_events(
-            t0, t1, np.float64(l0), np.float64(l1), u, y, np.int64(y) * w + u, held[u], level[u],
-            noise[u], draws[u], on[u], off[u], rate[u], timing, seed, out, n,
+            t0, t1, np.float64(l0), np.float64(l1), x0 + u, y, np.int64(y) * width + x0 + u,
+            held[u], level[u], noise[u], draws[u], on[u], off[u], rate[u], timing, seed, out, n,
         )  # fmt: skip
     return n
 
 
+@numba.njit(cache=True, nogil=True)
+def _is_active(xl, xr, yn, first, last, active, origin):  # type: ignore[no-untyped-def]
+    """Whether any relief lies where the rays from `xl` to `xr` look, from one camera to another."""
+    z = first[2]
+    step = origin[2]
+    left = math.floor((min(first[0], last[0]) + xl * z - origin[0]) / step)
+    right = math.floor((max(first[0], last[0]) + xr * z - origin[0]) / step)
+    row = math.floor((first[1] - yn * z - origin[1]) / step)
+    row = min(max(row, 0), active.shape[0] - 1)
+    for column in range(max(left, 0), min(right, active.shape[1] - 1) + 1):
+        if active[row, column]:
+            return True
+    return False
+
+
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _simulate_rows(  # type: ignore[no-untyped-def]
-    xn, yn, flat, shape, cameras, times, keeps, roller, origin, light, depth,
-    signal, level, held, noise, draws, on, off, rate, timing, seed, first, out, counts,
+    xn, yn, flat, shape, active, active_origin, cameras, times, keeps, roller, origin, light,
+    depth, signal, level, held, noise, draws, on, off, rate, timing, seed, first, out, counts,
 ):  # fmt: skip
     """Render and watch all rows over a chunk of frames.
 
-    `times` has one entry more than `cameras`: the time the chunk starts from. Row v goes on from
-    frame `first[v]` and stops early, leaving `first[v]` at the next frame to do, when its buffer
-    `out[v]` might overflow; the caller empties the buffers and calls again.
+    `times` has one entry more than `cameras`: the time the chunk starts from. Frames are done in
+    groups of GROUP; parts of a row that see only flat plate are rendered at a group's last frame
+    alone. Row v goes on from frame `first[v]` and stops early, leaving `first[v]` at the next
+    frame to do, when its buffer `out[v]` might overflow; the caller empties the buffers and calls
+    again.
     """
     h, w = xn.shape
     for v in numba.prange(h):
-        sx = np.empty(w, np.float32)
-        sy = np.empty(w, np.float32)
-        coat = np.empty(w, np.float32)
-        seen = np.empty(w, np.float32)
+        sx = np.empty(_SEGMENT, np.float32)
+        sy = np.empty(_SEGMENT, np.float32)
+        coat = np.empty(_SEGMENT, np.float32)
+        seen = np.empty(_SEGMENT, np.float32)
         n = 0
         i = first[v]
-        while i < len(cameras) and n + w * MAX_PER_STEP <= out.shape[1]:
-            _trace_row(
-                xn[v], yn[v], flat, shape, cameras[i], roller, origin, depth[v], sx, sy, coat
-            )
-            _shade_row(xn[v], yn[v], depth[v], sx, sy, coat, light, seen)
-            n = _sensor_row(
-                times[i], times[i + 1], keeps[i], seen, v, signal[v], level[v], held[v], noise[v],
-                draws[v], on[v], off[v], rate[v], timing, seed, out[v], n,
-            )  # fmt: skip
-            i += 1
+        while i < len(cameras) and n + w * MAX_PER_STEP * GROUP <= out.shape[1]:
+            stop = min(i + GROUP, len(cameras))
+            for a in range(0, w, _SEGMENT):
+                b = min(a + _SEGMENT, w)
+                m = b - a
+                begin = stop - 1
+                if _is_active(
+                    xn[v, a], xn[v, b - 1], yn[v, a], cameras[i], cameras[stop - 1], active,
+                    active_origin,
+                ):  # fmt: skip
+                    begin = i
+                t0 = times[i]
+                keep = np.float32(1.0)
+                for j in range(i, stop):
+                    keep *= keeps[j]
+                    if j < begin:
+                        continue
+                    _trace_row(
+                        xn[v, a:b], yn[v, a:b], flat, shape, cameras[j], roller, origin,
+                        depth[v, a:b], sx[:m], sy[:m], coat[:m],
+                    )  # fmt: skip
+                    _shade_row(
+                        xn[v, a:b], yn[v, a:b], depth[v, a:b], sx[:m], sy[:m], coat[:m], light,
+                        seen[:m],
+                    )  # fmt: skip
+                    n = _sensor_row(
+                        t0, times[j + 1], keep, seen[:m], a, v, w, signal[v, a:b], level[v, a:b],
+                        held[v, a:b], noise[v, a:b], draws[v, a:b], on[v, a:b], off[v, a:b],
+                        rate[v, a:b], timing, seed, out[v], n,
+                    )  # fmt: skip
+                    t0 = times[j + 1]
+                    keep = np.float32(1.0)
+            i = stop
         first[v] = i
         counts[v] = n
 

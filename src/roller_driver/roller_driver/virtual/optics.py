@@ -14,6 +14,8 @@ from .settings import LightSettings
 #: Depths the light is fitted over, mm.
 _Z_MID, _Z_HALF = 45.0, 2.5
 _R_SQ_UNIT = 200.0
+#: Squares of the coarse map, and the height that counts as flat.
+_COARSE_MM, _FLAT_MM = 0.5, 1e-4
 
 
 def ring_field(x: F64, y: F64, z: F64, light: LightSettings) -> tuple[F64, F64, F64]:
@@ -112,6 +114,15 @@ def speckle(shape: tuple[int, int], step_mm: float, light: LightSettings, seed: 
     return np.asarray(np.log1p(np.maximum(noise, -0.9)), np.float32)
 
 
+def _relief_near(height: F32, n: int) -> npt.NDArray[np.uint8]:
+    """Where squares of n × n points, or their neighbours, hold anything but flat plate."""
+    rows = np.arange(0, height.shape[0], n)
+    columns = np.arange(0, height.shape[1], n)
+    largest = np.maximum.reduceat(np.maximum.reduceat(np.abs(height), rows, 0), columns, 1)
+    uneven = (largest > _FLAT_MM).astype(np.uint8)
+    return np.asarray(cv2.dilate(uneven, np.ones((3, 3), np.uint8)), np.uint8)
+
+
 @dataclass(frozen=True)
 class SurfaceMaps:
     """What is fixed to the surface, interleaved for the renderer.
@@ -122,10 +133,16 @@ class SurfaceMaps:
         Skin height in mm, its slopes along x and y, log reflectance.
     origin : ndarray of float64, shape (3,)
         x, y of the first point and the step, mm.
+    active : ndarray of uint8, shape (my, mx)
+        A coarse map: 1 where there is relief or where it is near.
+    active_origin : ndarray of float64, shape (3,)
+        The same for the coarse map.
     """
 
     values: F32
     origin: F64
+    active: npt.NDArray[np.uint8]
+    active_origin: F64
 
     @classmethod
     def build(cls, skin: HeightMap, light: LightSettings, seed: int) -> SurfaceMaps:
@@ -137,7 +154,10 @@ class SurfaceMaps:
         values[:, 1:-1, 1] = (height[:, 2:] - height[:, :-2]) / np.float32(2 * step)
         values[1:-1, :, 2] = (height[2:] - height[:-2]) / np.float32(2 * step)
         values[..., 3] = speckle(height.shape, step, light, seed)
-        return cls(values, np.array([skin.x0 * 1e3, skin.y0 * 1e3, step]))
+        origin = np.array([skin.x0 * 1e3, skin.y0 * 1e3, step])
+        n = max(round(_COARSE_MM / step), 1)
+        coarse = np.array([origin[0], origin[1], n * step])
+        return cls(values, origin, _relief_near(height, n), coarse)
 
     @property
     def flat(self) -> F32:

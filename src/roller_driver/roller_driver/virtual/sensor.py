@@ -17,8 +17,8 @@ U64 = npt.NDArray[np.uint64]
 I64 = npt.NDArray[np.int64]
 _MASK_11 = np.uint64(0x7FF)
 _CAP_FRAME_NS = 200_000
-#: Events one row's buffer holds, in units of what a single step may give.
-_BUFFER_STEPS = 2
+#: Events one row's buffer holds, in units of what a group of frames may give.
+_BUFFER_GROUPS = 2
 
 
 def use_threads(count: int) -> None:
@@ -44,8 +44,8 @@ class EventSensor:
         x/z and y/z of each pixel's ray.
     maps : SurfaceMaps
         What is fixed to the surface.
-    roller : ndarray of float64, shape (3,)
-        Radius, half length of the nominal patch, blend width, mm.
+    roller : ndarray of float64, shape (4,)
+        See `truth.Truth.roller`.
     light : ndarray of float32, shape (24,)
         See `optics.light_vector`.
     settings : SensorSettings
@@ -95,7 +95,9 @@ class EventSensor:
         self._seed = np.uint64((seed * 0x9E3779B97F4A7C15 + 0x1234567) % 2**64)
         timing = (s.latency_us, s.jitter_us, s.refractory_us, s.readout_us)
         self._timing = (*(np.int64(round(v * 1e3)) for v in timing), float(s.background_on))
-        self._out = np.empty((h, w * kernels.MAX_PER_STEP * _BUFFER_STEPS), np.uint64)
+        self._out = np.empty(
+            (h, w * kernels.MAX_PER_STEP * kernels.GROUP * _BUFFER_GROUPS), np.uint64
+        )
         self._pending = np.empty(0, np.uint64)
 
     def start(self, camera: F64) -> None:
@@ -143,8 +145,8 @@ class EventSensor:
         parts = [self._pending]
         while int(first.min()) < len(times_ns):
             kernels._simulate_rows(
-                self._xn, self._yn, self._maps.flat, self._maps.shape, cameras, times, keeps,
-                self._roller, self._maps.origin, self._light, self._depth, self._signal,
+                self._xn, self._yn, self._maps.flat, self._maps.shape, self._maps.active,
+                self._maps.active_origin, cameras, times, keeps, self._roller, self._maps.origin, self._light, self._depth, self._signal,
                 self._level, self._held, self._noise, self._draws, self._on, self._off, self._rate,
                 self._timing, self._seed, first, self._out, counts,
             )  # fmt: skip

@@ -102,7 +102,7 @@ class SensorSettings(Settings):
         0.03, ge=0.0, le=0.2, description="fixed spread of the threshold from pixel to pixel"
     )
     bandwidth_hz: float = Field(2000.0, ge=0.0, le=1e6, description="pixel's low pass; 0: none")
-    refractory_us: float = Field(200.0, ge=0.0, le=1e5, description="dead time of a pixel, µs")
+    refractory_us: float = Field(100.0, ge=0.0, le=1e5, description="dead time of a pixel, µs")
     background_hz: float = Field(
         0.3, ge=0.0, le=1000.0, description="noise events a pixel and second"
     )
@@ -125,7 +125,7 @@ class MotionSettings(Settings):
     """How the robot rolls."""
 
     speed: float = Field(0.3, ge=0.001, le=2.0, description="speed of the scan, m/s")
-    acceleration: float = Field(8.0, ge=0.05, le=100.0, description="of the ramps, m/s²")
+    acceleration: float = Field(15.0, ge=0.05, le=100.0, description="of the ramps, m/s²")
     hold_s: float = Field(0.1, ge=0.0, le=10.0, description="standstill before and after, s")
     reverse: bool = Field(False, description="roll back to the start afterwards")
     start_mm: float | None = Field(None, description="camera's x where full speed begins, mm")

@@ -77,10 +77,10 @@ class Truth:
 
     @property
     def roller(self) -> F64:
-        """Radius, half length of the nominal contact patch and blend width, mm, shape (3,)."""
+        """Radius, half length of the nominal patch, blend width, mm; half angle, rad; shape (4,)."""
         r, d = self.radius_mm, self.press_mm
         half = np.sqrt(max(r**2 - (r - d) ** 2, 0.0)) if d > 0 else 0.0
-        return np.array([r, half, self.settings.skin.blend_mm])
+        return np.array([r, half, self.settings.skin.blend_mm, np.arcsin(half / r)])
 
     @property
     def objects(self) -> dict[str, Region]:
@@ -207,7 +207,7 @@ class Truth:
             )  # fmt: skip
         x, y = xn * z, yn * z
         over = self.skin.sample((position[0] + x) * 1e-3, (position[1] - y) * 1e-3) * 1e3
-        radius, _, blend = self.roller
+        radius, _, blend, _ = self.roller
         free = np.sqrt(np.maximum(radius**2 - x.astype(np.float64) ** 2, 0.0))
         return z.astype(np.float64) * 1e-3, position[2] - over + blend <= free
 
