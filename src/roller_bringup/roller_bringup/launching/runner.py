@@ -118,6 +118,8 @@ class Runner:
         """
         self._again.clear()
         stopping, self._running = self._running, []
+        if stopping:
+            self._say(f"stopping {', '.join(process.node.name for process in stopping)}")
         clean = True
         for step in _STEPS:
             if not stopping:

@@ -1,0 +1,229 @@
+"""Starting, watching and stopping processes."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from bringup.launch_world import World
+from roller_bringup import launching
+from roller_bringup.commands import up
+from roller_bringup.launching import LaunchError, Runner
+from roller_bringup.launching.output import Screen
+
+FOREVER = "trap 'echo bye; exit 0' INT TERM; echo ready; while :; do sleep 0.02; done"
+STUBBORN = "trap '' INT; echo ready; while :; do sleep 0.02; done"
+DEAF = "trap '' INT TERM; echo ready; while :; do sleep 0.02; done"
+
+
+def node(name, required=False, more=""):
+    on_exit = 'on_exit="shutdown"' if required else ""
+    return f'<node pkg="demo" exec="{name}" name="{name}" {on_exit} {more}/>'
+
+
+def run(world, body, grace_s=5.0, **arguments):
+    text = io.StringIO()
+    code = launching.run(
+        launching.load(world.launch(body), arguments), Screen(text), grace_s=grace_s
+    )
+    return code, text.getvalue()
+
+
+def until(condition, seconds=10.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it never came"
+        time.sleep(0.01)
+
+
+def test_ends_well_when_all_do(world):
+    code, text = run(world, node("talker"))
+    assert code == 0
+    assert "[talker] hello\n" in text
+    assert "[launch] talker finished\n" in text
+
+
+def test_a_required_nodes_end_stops_all(world):
+    world.script("forever", FOREVER)
+    world.script("short", "sleep 0.3; echo done")
+    code, text = run(world, node("forever") + node("short", required=True))
+    assert code == 0
+    assert "[short] done\n" in text
+    assert "[forever] bye\n" in text
+
+
+def test_a_required_nodes_failure_is_ours(world):
+    world.script("forever", FOREVER)
+    world.script("bad", "sleep 0.2; echo oh >&2; exit 3")
+    code, text = run(world, node("forever") + node("bad", required=True))
+    assert code == 1
+    assert "[bad] oh\n[launch] bad failed with exit code 3\n" in text
+
+
+def test_a_required_nodes_crash_is_ours(world):
+    world.script("crash", "kill -SEGV $$")
+    code, text = run(world, node("crash", required=True))
+    assert code == 1
+    assert "crash was ended by SIGSEGV" in text
+
+
+def test_another_nodes_failure_is_told_and_the_rest_goes_on(world):
+    world.script("bad", "exit 3")
+    world.script("short", "sleep 0.4")
+    code, text = run(world, node("bad") + node("short", required=True))
+    assert code == 0
+    assert text.index("bad failed with exit code 3") < text.index("short finished")
+
+
+def test_respawn(world):
+    marks = world.files / "marks"
+    world.script("again", f"echo x >> {marks}")
+    world.script("short", f"while [ $(wc -l < {marks}) -lt 3 ]; do sleep 0.02; done")
+    marks.touch()
+    more = 'respawn="true" respawn_delay="0.05"'
+    code, _ = run(world, node("again", more=more) + node("short", required=True))
+    assert code == 0
+    assert marks.read_text().count("x") >= 3
+
+
+def test_harder_signals_follow_and_nothing_stays(world):
+    world.script("stubborn", STUBBORN)
+    world.script("deaf", f"sleep 1000 & echo child $!; {DEAF}")
+    text = io.StringIO()
+    plan = launching.load(world.launch(node("stubborn") + node("deaf")))
+    runner = Runner(plan, Screen(text), grace_s=0.3)
+    runner.start()
+    until(lambda: text.getvalue().count("ready") == 2)
+    assert runner.poll() is None
+    start = time.monotonic()
+    assert runner.stop() == 1
+    assert time.monotonic() - start < 5
+    assert runner.exit_codes == {"stubborn": -signal.SIGTERM, "deaf": -signal.SIGKILL}
+    assert "stubborn still runs; sending SIGTERM" in text.getvalue()
+    assert "deaf still runs; sending SIGKILL" in text.getvalue()
+    child = int(text.getvalue().split("child ")[1].split()[0])
+    until(lambda: not alive(child))
+    assert not plan.folder.exists()
+
+
+def alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as stat:
+            return stat.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_what_a_finished_node_left_running_is_ended(world):
+    world.script("parent", "sleep 1000 & echo child $!")
+    code, text = run(world, node("parent"))
+    assert code == 0
+    child = int(text.split("child ")[1].split()[0])
+    until(lambda: not alive(child))
+
+
+def test_starting_fails_whole(world):
+    world.script("forever", FOREVER)
+    world.script("nothing", "").write_text("#!/no/such/program\n")
+    text = io.StringIO()
+    runner = Runner(launching.load(world.launch(node("forever") + node("nothing"))), Screen(text))
+    with pytest.raises(LaunchError, match="can't start"):
+        runner.start()
+    assert runner.exit_codes.keys() == {"forever"}
+
+
+def test_output_is_kept_in_files(world, tmp_path):
+    runner = Runner(launching.load(world.launch(node("talker"))), Screen(None, tmp_path / "logs"))
+    with runner:
+        until(lambda: runner.poll() is not None)
+    assert (tmp_path / "logs" / "talker.log").read_text() == "hello\n"
+
+
+def test_colours_only_on_a_terminal(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    terminal = Terminal()
+    Screen(terminal).writer("a")("text")
+    assert terminal.getvalue() == "\x1b[0m[a]\x1b[0m text\n".replace("[0m[a]", "[36m[a]")
+
+
+PROGRAM = """
+import argparse, sys
+from roller_bringup.commands import up
+parser = argparse.ArgumentParser()
+up.add_parser(parser.add_subparsers())
+arguments = parser.parse_args()
+sys.exit(arguments.run(arguments))
+"""
+
+
+def start(world: World, body: str) -> subprocess.Popen[str]:
+    path = world.launch(body)
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "up", str(path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "AMENT_PREFIX_PATH": str(world.prefix)},
+        start_new_session=True,
+    )
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_ends_well_on_a_signal(world, number):
+    world.script("forever", FOREVER)
+    process = start(world, node("forever", required=True))
+    assert process.stdout is not None
+    lines = []
+    while not lines or "ready" not in lines[-1]:
+        lines.append(process.stdout.readline())
+    # As a terminal does it: to the whole foreground group.
+    os.killpg(process.pid, number)
+    rest, _ = process.communicate(timeout=20)
+    assert process.returncode == 0, rest
+    assert "[forever] bye" in rest
+
+
+def test_a_second_signal_hurries(world):
+    world.script("deaf", DEAF)
+    process = start(world, node("deaf"))
+    assert process.stdout is not None
+    while "ready" not in process.stdout.readline():
+        pass
+    begin = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    while process.poll() is None:
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+    assert time.monotonic() - begin < 5
+    assert process.returncode == 1
+    process.communicate()
+
+
+def test_up_finds_files_and_arguments(world, capsys, monkeypatch):
+    path = world.launch('<arg name="who" description="whom"/><arg name="b" default="2"/>')
+    parser = up.argparse.ArgumentParser()
+    up.add_parser(parser.add_subparsers())
+    arguments = parser.parse_args(["up", str(path), "--show-args"])
+    assert arguments.run(arguments) == 0
+    assert capsys.readouterr().out == (
+        "Arguments of test.launch.xml (name:=value):\n"
+        "  who (must be given)\n      whom\n  b (default: '2')\n"
+    )
+    assert up.split(["a:=1", "b:=x:=y", "c:="]) == {"a": "1", "b": "x:=y", "c": ""}
+    for words, reason in ((["a=1"], "write name:=value"), (["a:=1", "a:=2"], "given twice")):
+        with pytest.raises(LaunchError, match=reason):
+            up.split(words)
+    with pytest.raises(LaunchError, match=r"there is no launch file nope; ours are .*virtual"):
+        up.find("nope")
+    assert up.find("virtual").name == "virtual.launch.xml"
+    assert up.find("cell.launch.xml").name == "cell.launch.xml"
