@@ -1,0 +1,222 @@
+"""Setting up: steps that are done once, the command at the root, what a machine lacks."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def modules(monkeypatch):
+    """The modules of scripts/workspace, which stand alone."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts" / "workspace"))
+    names = ("steps", "system", "venv_builder", "wheels", "distribution")
+    for name in names:
+        sys.modules.pop(name, None)
+    import distribution
+    import steps
+    import system
+    import wheels
+
+    yield {"steps": steps, "system": system, "wheels": wheels, "distribution": distribution}
+    for name in names:
+        sys.modules.pop(name, None)
+
+
+def test_a_digest_follows_names_and_contents(modules, tmp_path):
+    digest = modules["steps"].digest
+    folder = tmp_path / "package"
+    (folder / "sub").mkdir(parents=True)
+    (folder / "a").write_text("1")
+    seen = {digest([folder])}
+    assert digest([folder]) in seen
+    (folder / "__pycache__").mkdir()
+    (folder / "__pycache__" / "a.pyc").write_text("x")
+    assert digest([folder]) in seen
+    for change in (
+        lambda: (folder / "a").write_text("2"),
+        lambda: (folder / "sub" / "b").write_text(""),
+        lambda: (folder / "a").rename(folder / "c"),
+    ):
+        change()
+        assert digest([folder]) not in seen
+        seen.add(digest([folder]))
+    assert digest([folder], "python3.12") not in seen
+    assert digest([tmp_path / "none"]) != digest([])
+
+
+def test_a_step_is_done_once_and_again_when_it_failed(modules, tmp_path, capsys):
+    steps = modules["steps"].Steps(tmp_path / "setup")
+    done = []
+    assert steps.do("one", "doing one", "key", lambda: done.append(1))
+    assert not steps.do("one", "doing one", "key", lambda: done.append(2))
+    assert steps.do("one", "doing one", "other key", lambda: done.append(3))
+
+    def fail():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        steps.do("two", "doing two", "key", fail)
+    assert steps.do("two", "doing two", "key", lambda: done.append(4))
+    steps.forget("two")
+    assert steps.do("two", "doing two", "key", lambda: done.append(5))
+    assert done == [1, 3, 4, 5]
+    assert capsys.readouterr().out.splitlines()[2] == "setup: doing two ... failed"
+
+
+def test_a_failed_program_shows_the_end_of_what_it_said(modules, tmp_path):
+    steps = modules["steps"].Steps(tmp_path)
+    with pytest.raises(modules["steps"].SetupError) as caught:
+        steps.run(["bash", "-c", "seq 100; exit 7"])
+    message = str(caught.value)
+    assert message.startswith(f"bash failed (exit 7); all of it in {tmp_path}/setup.log:")
+    assert message.splitlines()[-1].strip() == "100"
+    assert len(message.splitlines()) < 20
+    with pytest.raises(modules["steps"].SetupError, match="can't run /no/such: No such file"):
+        steps.run(["/no/such"])
+
+
+def test_missing_system_packages_are_named(modules, monkeypatch):
+    system = modules["system"]
+    monkeypatch.setattr(system, "loads", lambda library: library != "libGL.so.1")
+    monkeypatch.setattr(system.shutil, "which", lambda name: None)
+    assert {"libgl1", "build-essential"} <= set(system.missing_packages())
+    assert "build-essential" not in system.missing_packages(build=False)
+
+
+def test_without_the_right_to_install_the_command_is_told(modules, monkeypatch, tmp_path):
+    system = modules["system"]
+    monkeypatch.setattr(system.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(
+        system.shutil, "which", lambda name: None if name == "sudo" else f"/usr/bin/{name}"
+    )
+    with pytest.raises(modules["steps"].SetupError) as caught:
+        system.provide(modules["steps"].Steps(tmp_path), ["libgl1", "libgomp1"])
+    assert str(caught.value).endswith("Run:\n  sudo apt install libgl1 libgomp1")
+
+
+def test_packages_a_distribution_lacks_are_named_as_apt_has_them(modules, tmp_path, monkeypatch):
+    distribution = modules["distribution"]
+    index = tmp_path / "share/ament_index/resource_index/packages"
+    index.mkdir(parents=True)
+    for name in distribution.NEEDED:
+        if name not in ("event_camera_msgs", "tf_transformations"):
+            (index / name).touch()
+    found = distribution.Distribution("jazzy", [tmp_path / "workspace", tmp_path])
+    assert found.prefix == tmp_path
+    with pytest.raises(modules["steps"].SetupError) as caught:
+        distribution.build(ROOT, None, None, found)
+    assert str(caught.value).endswith(
+        "Run:\n  sudo apt install ros-jazzy-event-camera-msgs ros-jazzy-tf-transformations"
+    )
+
+
+def test_a_distribution_counts_when_its_rclpy_can_be_imported(modules, tmp_path, monkeypatch):
+    find = modules["distribution"].find
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.delenv("ROLLER_ROS", raising=False)
+    assert find() is None
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (tmp_path / "rclpy.py").write_text("")
+    assert find().name == "jazzy"
+    (tmp_path / "rclpy.py").write_text("raise ImportError('built for another Python')")
+    with pytest.raises(modules["steps"].SetupError, match="built for another Python"):
+        find()
+    monkeypatch.setenv("ROLLER_ROS", "wheels")
+    assert find() is None
+
+
+def test_links_make_a_package_visible_and_follow_a_move(modules, tmp_path):
+    package = tmp_path / "src" / "demo"
+    (package / "resource").mkdir(parents=True)
+    (package / "resource" / "demo").touch()
+    (package / "package.xml").touch()
+    (package / "config").mkdir()
+    share = tmp_path / "share"
+    (share / "demo" / "config").mkdir(parents=True)
+    for _ in range(2):
+        modules["wheels"].link_share(package, share)
+        assert (share / "ament_index/resource_index/packages/demo").exists()
+        assert (share / "demo" / "config").resolve() == package / "config"
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """A checkout whose Python only tells how it was called."""
+    (tmp_path / "scripts").mkdir()
+    shutil.copy(ROOT / "roller", tmp_path)
+    shutil.copy(ROOT / "scripts" / "env.sh", tmp_path / "scripts")
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text('#!/bin/bash\npwd\necho "$@"\nenv | sort\nexit 3\n')
+    python.chmod(0o755)
+    return tmp_path
+
+
+def call(checkout, *words, cwd, **environment):
+    plain = {"PATH": os.environ["PATH"], "HOME": str(checkout)}
+    return subprocess.run(
+        [str(checkout / "roller"), *words],
+        cwd=cwd,
+        env={**plain, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_command_asks_for_the_set_up(checkout):
+    done = call(checkout, "demo", cwd="/")
+    assert done.returncode == 1
+    assert done.stderr == f"roller: not set up yet: run `make setup` in {checkout}\n"
+
+
+def test_the_command_runs_from_anywhere_with_its_environment(checkout, tmp_path):
+    (checkout / ".venv" / "setup").mkdir()
+    (checkout / ".venv" / "setup" / "mode").write_text("wheels\n")
+    elsewhere = tmp_path / "else where"
+    elsewhere.mkdir()
+    (elsewhere / "link").symlink_to(checkout / "roller")
+    done = call(checkout, "replay", "bag a", cwd=elsewhere, _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
+    assert done.returncode == 3
+    lines = done.stdout.splitlines()
+    assert lines[0] == str(elsewhere)
+    assert lines[1] == "-m roller_bringup.cli replay bag a"
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" in lines
+    assert f"FASTDDS_DEFAULT_PROFILES_FILE={checkout}/config/fastdds.xml" in lines
+    assert f"NUMBA_CACHE_DIR={checkout}/.venv/cache/numba" in lines
+    assert not any(line.startswith(("_ROS_WHEELS", "ROS_LOG_DIR")) for line in lines)
+    linked = subprocess.run(
+        [str(elsewhere / "link")], capture_output=True, text=True, cwd="/", check=False
+    )
+    assert linked.stdout.splitlines()[0] == "/"
+
+
+def test_a_cell_opts_into_its_network(checkout):
+    (checkout / ".venv" / "setup").mkdir()
+    (checkout / ".venv" / "setup" / "mode").write_text("wheels\n")
+    for environment, expected in (
+        ({"ROLLER_ROS_NETWORK": "SUBNET"}, "SUBNET"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "SUBNET"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROLLER_ROS_NETWORK": "SUBNET"}, "OFF"),
+    ):
+        done = call(checkout, cwd="/", **environment)
+        assert f"ROS_AUTOMATIC_DISCOVERY_RANGE={expected}" in done.stdout.splitlines()
+    done = call(checkout, cwd="/", HOME="/nonexistent")
+    assert f"ROS_LOG_DIR={checkout}/log/ros" in done.stdout.splitlines()
+
+
+def test_the_scripts_are_sound():
+    for script in ["roller", ".ci/run", *map(str, (ROOT / "scripts").glob("*.sh"))]:
+        path = ROOT / script
+        assert subprocess.run(["bash", "-n", str(path)], check=False).returncode == 0
+        assert path.name == "env.sh" or os.access(path, os.X_OK), script
