@@ -21,6 +21,16 @@ class ImageSizeError(StreamError):
     """A packet of another image size than the camera's."""
 
 
+class TimeBackwardsError(StreamError):
+    """Time jumped back: the source started anew, or its clock was set back."""
+
+
+#: Events up to this late are the clock map's jitter, ns.
+_HOLD_NS = 5_000_000
+#: Events later than this belong to a source that started anew, ns.
+_RESTART_NS = 1_000_000_000
+
+
 @dataclass(slots=True)
 class StreamCounts:
     """What a stream held so far."""
@@ -85,6 +95,8 @@ class EventStream:
             If the packet is for another image size.
         CodecError
             If it can't be decoded.
+        TimeBackwardsError
+            If time jumped back by more than a second; the stream then starts anew.
         """
         if (width, height) != (self.width, self.height):
             raise ImageSizeError(
@@ -116,8 +128,14 @@ class EventStream:
         last = self._last_ns
         if last is not None and events.t_ns[0] < last:
             behind_ns = last - int(events.t_ns[0])
-            if behind_ns < 5_000_000:
-                # The clock map moved back by less than its jitter: hold the time.
+            if behind_ns > _RESTART_NS:
+                self.counts.late_events += len(events)
+                self._last_ns = None
+                raise TimeBackwardsError(
+                    f"event time runs backwards by {behind_ns * 1e-9:.3f} s, "
+                    f"from {last * 1e-9:.6f} s; was the recording or the driver started anew?"
+                )
+            if behind_ns < _HOLD_NS:
                 events = events.with_times(np.maximum(events.t_ns, last))
             else:
                 kept = events[int(np.searchsorted(events.t_ns, last)) :]

@@ -31,7 +31,9 @@ class PoseGapError(PoseError):
 
 
 class PoseOrderError(PoseError):
-    """A pose older than the newest one: time ran backwards."""
+    """A pose older than the newest one: time ran backwards by `behind_s` seconds."""
+
+    behind_s: float = 0.0
 
 
 class PoseValueError(PoseError):
@@ -112,14 +114,16 @@ class PoseTrack:
             raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s is not finite; it is left out")
         try:
             q = unit_quaternion(quaternion)
-        except RotationError as error:
-            raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s: {error}; it is left out") from error
+        except RotationError as fault:
+            raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s: {fault}; it is left out") from fault
         if self._n and t_ns < self._t[self._n - 1]:
             behind = (self._t[self._n - 1] - t_ns) * 1e-9
-            raise PoseOrderError(
+            error = PoseOrderError(
                 f"pose at {t_ns * 1e-9:.6f} s is {behind:.6f} s older than the one before it; "
                 "time runs backwards, check the clock of the pose source"
             )
+            error.behind_s = behind
+            raise error
         if self._n and t_ns == self._t[self._n - 1]:
             self._n -= 1
         elif self._n == len(self._t):
@@ -137,6 +141,10 @@ class PoseTrack:
             np.asarray(t_ns), np.asarray(positions), np.asarray(quaternions), strict=True
         ):
             self.append(int(t), p, q)
+
+    def clear(self) -> None:
+        """Forget all poses."""
+        self._n = 0
 
     def discard_before(self, t_ns: int) -> None:
         """Forget poses that no time from `t_ns` on needs; the one just before it stays."""

@@ -6,6 +6,7 @@ every field carries a description and, for numbers, its range.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -77,6 +78,27 @@ def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
             raise SettingsError(f"parameters {path}: '{pattern}' has no 'ros__parameters'")
         found.update(section["ros__parameters"])
     return found
+
+
+def parameter_file(sections: Mapping[str, type[Settings]]) -> str:
+    """A ROS 2 parameter file with all defaults, each under its description.
+
+    Parameters
+    ----------
+    sections : mapping
+        Settings model by node name.
+    """
+    lines = []
+    for node, model in sections.items():
+        lines += [f"{node}:", "  ros__parameters:"]
+        for name, field in model.model_fields.items():
+            default = field.get_default(call_default_factory=True)
+            if isinstance(default, tuple):
+                default = list(default)
+            lines += [f"    # {line}" for line in textwrap.wrap(field.description or "", 90)]
+            value = yaml.safe_dump(default, default_flow_style=True, width=10_000)
+            lines.append(f"    {name}: {value.removesuffix('...' + chr(10)).strip()}")
+    return "\n".join(lines) + "\n"
 
 
 def _first_fault(error: ValidationError) -> str:

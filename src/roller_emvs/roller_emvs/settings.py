@@ -30,7 +30,7 @@ class DepthSettings(Settings):
     )
     window_s: float = Field(0.02, ge=0.0005, le=10.0, description="Window length in time, s.")
     window_travel_m: float = Field(
-        0.006, ge=0.0005, le=0.1, description="Window length in travel of the sensor, m."
+        0.009, ge=0.0005, le=0.1, description="Window length in travel of the sensor, m."
     )
     max_window_s: float = Field(
         1.0,

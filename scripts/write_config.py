@@ -1,0 +1,25 @@
+"""Write config/*.yaml anew from the settings models; tests hold the files to them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from roller_core.settings import Settings, parameter_file
+from roller_emvs.emvs_node import EmvsParameters
+from roller_emvs.stitcher_node import StitcherParameters
+
+FILES: dict[str, type[Settings]] = {
+    "emvs": EmvsParameters,
+    "stitcher": StitcherParameters,
+}
+
+
+def main() -> None:
+    """Write all files."""
+    folder = Path(__file__).resolve().parents[1] / "config"
+    for node, model in FILES.items():
+        (folder / f"{node}.yaml").write_text(parameter_file({node: model}))
+
+
+if __name__ == "__main__":
+    main()

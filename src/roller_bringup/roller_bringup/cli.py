@@ -1,0 +1,54 @@
+"""The `roller` command."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from roller_core.errors import RollerError
+
+#: Name of a subcommand's module and its line of help; modules are loaded when they are used.
+_COMMANDS = {
+    "simulate": ("roller_driver.virtual.command", "simulate a scan, written as a bag"),
+    "replay": ("roller_bringup.commands.replay", "process a recording offline"),
+    "up": ("roller_bringup.commands.up", "run a launch file"),
+    "demo": ("roller_bringup.commands.demo", "roll the virtual cell over a plate, live"),
+    "info": ("roller_bringup.commands.info", "tell what a recording holds"),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a subcommand.
+
+    Returns
+    -------
+    int
+        0 if all was well; 1 after a fault, told in one line; 2 for wrong usage; 130 when
+        interrupted.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = argparse.ArgumentParser(
+        prog="roller", description="Surface inspection with an event-camera tactile roller."
+    )
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    chosen = next((w for w in words if not w.startswith("-")), None)
+    for name, (module, line) in _COMMANDS.items():
+        if name == chosen:
+            importlib.import_module(module).add_parser(subparsers)
+        else:
+            subparsers.add_parser(name, help=line)
+    args = parser.parse_args(words)
+    try:
+        return int(args.run(args))
+    except RollerError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

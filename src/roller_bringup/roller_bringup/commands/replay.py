@@ -1,0 +1,64 @@
+"""`roller replay`: process a recording offline."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from roller_bringup.progress import progress_bar
+from roller_emvs.settings import METHODS
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `replay` to the command's parser."""
+    parser = subparsers.add_parser(
+        "replay",
+        help="process a recording offline",
+        description="Process a rosbag2 (folder or file), an AEDAT4 file or a folder of the public "
+        "event-camera dataset with the pipeline of the nodes.",
+    )
+    parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    parser.add_argument("--method", choices=METHODS, help="depth method (default: focus)")
+    parser.add_argument(
+        "--params", type=Path, metavar="FILE", help="ROS 2 parameter file (emvs, stitcher, braille)"
+    )
+    parser.add_argument(
+        "--poses", type=Path, metavar="FILE", help="TUM poses of the camera in base, seconds"
+    )
+    parser.add_argument(
+        "--camera", type=Path, metavar="FILE", help="calibration, ROS camera_info YAML"
+    )
+    parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
+    parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay, draw the overview and say what came of it.
+
+    Raises
+    ------
+    RollerError
+        If the recording can't be opened or results can't be written.
+    """
+    from roller_bringup.inspection import InspectionSettings
+    from roller_bringup.recordings import open_recording
+    from roller_bringup.replay import replay
+    from roller_bringup.results.summary import summary
+    from roller_bringup.results.writer import make_folder
+
+    settings = InspectionSettings.load(args.params, args.method)
+    make_folder(args.output)
+    recording = open_recording(args.input, args.poses, args.camera, settings.depth.max_pose_gap_s)
+    with progress_bar(f"replay {args.input.name}") as progress:
+        report = replay(recording, settings, args.output, args.input, not args.no_braille, progress)
+    if not args.no_picture:
+        from roller_bringup.results.overview import draw_overview
+
+        draw_overview(args.output, args.input)
+    print(summary(report, args.output))
+    for line in report.faults:
+        print(f"error: {line}", file=sys.stderr)
+    return 1 if report.faults else 0

@@ -1,0 +1,1 @@
+"""What a run leaves behind: bag, cloud, text, report and pictures."""

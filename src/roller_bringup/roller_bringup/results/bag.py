@@ -1,0 +1,127 @@
+"""The /roller topics of a run as a rosbag2 (MCAP)."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import serialize_message
+from roller_braille.messages import cell_message, marker_messages, text_message
+from roller_braille.pipeline import Cell
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.errors import WriterError
+
+from roller_core.bags import typestore
+from roller_core.camera import Camera
+from roller_core.errors import UnwritableOutputError
+from roller_emvs.depth_map import DepthMap, pinhole
+from roller_emvs.stitcher import Patch
+from roller_ros import messages
+
+SURFACE_FIELDS = ("x", "y", "z", "height", "confidence")
+
+_TYPES = {
+    "/roller/depth/image": "sensor_msgs/msg/Image",
+    "/roller/depth/confidence": "sensor_msgs/msg/Image",
+    "/roller/depth/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/roller/surface/points": "sensor_msgs/msg/PointCloud2",
+    "/roller/braille/cells": "roller_msgs/msg/BrailleCell",
+    "/roller/braille/text": "std_msgs/msg/String",
+    "/roller/braille/markers": "visualization_msgs/msg/MarkerArray",
+}
+_LATCHED = {"/roller/surface/points", "/roller/braille/markers"}
+
+
+def _qos(latched: bool) -> list[Qos]:
+    zero = QosTime(0, 0)
+    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+    return [
+        Qos(
+            QosHistory.KEEP_LAST, 50, QosReliability.RELIABLE, durability,
+            zero, zero, QosLiveliness.AUTOMATIC, zero, False,
+        )
+    ]  # fmt: skip
+
+
+class ResultBag:
+    """Writes results as the nodes would publish them.
+
+    Parameters
+    ----------
+    path : path
+        Bag folder; an earlier bag there is replaced.
+    camera : Camera
+        Of the depth maps.
+    sensor_frame, base_frame : str
+        Frames of depth images and of the surface.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written, or if what stands there is no bag.
+    """
+
+    def __init__(self, path: Path, camera: Camera, sensor_frame: str, base_frame: str) -> None:
+        self._camera = pinhole(camera)
+        self._sensor_frame = sensor_frame
+        self._base_frame = base_frame
+        try:
+            if path.exists():
+                if not (path / "metadata.yaml").is_file() and not list(path.glob("*.mcap")):
+                    raise UnwritableOutputError(
+                        f"{path}: stands in the way and is no bag; give another --output"
+                    )
+                shutil.rmtree(path)
+            self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+            # Depth images are mostly NaN: a tenth of their size when compressed.
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            self._writer.open()
+        except (OSError, WriterError) as error:
+            raise UnwritableOutputError(f"{path}: can't be written ({error})") from error
+        store = typestore()
+        self._connections: dict[str, Connection] = {
+            topic: self._writer.add_connection(
+                topic, kind, typestore=store, offered_qos_profiles=_qos(topic in _LATCHED)
+            )
+            for topic, kind in _TYPES.items()
+        }
+
+    def write_depth(self, found: DepthMap) -> None:
+        """Depth image, confidence and camera_info at the window's reference time."""
+        t, frame = found.stamp_ns, self._sensor_frame
+        self._put("/roller/depth/image", t, messages.image(found.depth, t, frame))
+        self._put("/roller/depth/confidence", t, messages.image(found.confidence, t, frame))
+        self._put("/roller/depth/camera_info", t, messages.camera_info(self._camera, t, frame))
+
+    def write_patch(self, patch: Patch, t_ns: int) -> None:
+        """Points of the surface; an empty patch is passed over."""
+        if len(patch):
+            cloud = messages.point_cloud(patch.columns(), SURFACE_FIELDS, t_ns, self._base_frame)
+            self._put("/roller/surface/points", t_ns, cloud)
+
+    def write_cell(self, cell: Cell, lines: list[str]) -> None:
+        """A Braille cell, the text so far and the cell's markers."""
+        t = cell.stamp_ns
+        self._put("/roller/braille/cells", t, cell_message(cell, self._base_frame))
+        self._put("/roller/braille/text", t, text_message(lines))
+        self._put("/roller/braille/markers", t, marker_messages([cell], self._base_frame))
+
+    def close(self) -> None:
+        """Finish the bag."""
+        self._writer.close()
+
+    def _put(self, topic: str, t_ns: int, message: Any) -> None:
+        self._writer.write(
+            self._connections[topic], int(np.int64(t_ns)), serialize_message(message)
+        )

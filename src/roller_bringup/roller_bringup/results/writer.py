@@ -1,0 +1,95 @@
+"""The output folder of a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from roller_braille.pipeline import Cell
+from roller_braille.report import cells_to_json
+
+from roller_core.camera import Camera
+from roller_core.errors import UnwritableOutputError
+from roller_emvs.ply import PlyWriter
+from roller_emvs.stitcher import Patch
+
+from ..inspection import Mapped
+from .bag import ResultBag
+
+
+class ResultWriter:
+    """Writes `result/`, `surface.ply`, `braille.txt` and `braille.json` as results come.
+
+    Parameters
+    ----------
+    folder : path
+        Output folder; made if needed, an earlier run's files are replaced.
+    camera : Camera
+        Of the depth maps.
+    sensor_frame, base_frame : str
+        Frames of depth images and of the surface.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If something can't be written.
+    """
+
+    def __init__(self, folder: Path, camera: Camera, sensor_frame: str, base_frame: str) -> None:
+        self.folder = folder
+        make_folder(folder)
+        self.ply_path = folder / "surface.ply"
+        self._ply = PlyWriter(
+            self.ply_path, ("height", "confidence"), f"frame {base_frame}, metres"
+        )
+        self._bag = ResultBag(folder / "result", camera, sensor_frame, base_frame)
+        self._cells: list[Cell] = []
+        self._last_ns = 0
+
+    @property
+    def surface_points(self) -> int:
+        """Points written so far."""
+        return self._ply.count
+
+    def write_mapped(self, found: Mapped) -> None:
+        """A depth map and the surface points that it completed."""
+        self._last_ns = found.depth_map.stamp_ns
+        self._bag.write_depth(found.depth_map)
+        self.write_patch(found.patch)
+
+    def write_patch(self, patch: Patch) -> None:
+        """Surface points."""
+        self._bag.write_patch(patch, self._last_ns)
+        self._ply.write(patch.points, patch.height, patch.confidence)
+
+    def write_cell(self, cell: Cell, lines: list[str]) -> None:
+        """A Braille cell and the text so far."""
+        self._cells.append(cell)
+        self._bag.write_cell(cell, lines)
+
+    def close(self, lines: list[str]) -> None:
+        """Finish all files; `lines` is the text read."""
+        self._bag.close()
+        self._ply.close()
+        (self.folder / "braille.txt").write_text("".join(f"{line}\n" for line in lines))
+        cells = json.dumps(cells_to_json(self._cells, lines), indent=1, ensure_ascii=False)
+        (self.folder / "braille.json").write_text(cells + "\n")
+
+
+def make_folder(folder: Path) -> None:
+    """Make an output folder and make sure that files can be written there.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If not.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UnwritableOutputError(
+            f"{folder}: results can't be written there ({error.strerror}); give another --output"
+        ) from error

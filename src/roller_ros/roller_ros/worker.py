@@ -1,0 +1,82 @@
+"""A thread that does a node's work in order, so that callbacks return at once."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Worker(Generic[T]):
+    """Handles items one after the other in its own thread.
+
+    Parameters
+    ----------
+    handle : callable
+        Takes one item.
+    on_idle : callable
+        Called once when nothing came for `idle_s`.
+    idle_s : float
+        Seconds.
+    limit : int
+        Items that may wait; beyond it the oldest is dropped and counted.
+    """
+
+    def __init__(
+        self,
+        handle: Callable[[T], None],
+        on_idle: Callable[[], None],
+        idle_s: float,
+        limit: int,
+    ) -> None:
+        self._handle = handle
+        self._on_idle = on_idle
+        self._idle_s = idle_s
+        self._items: deque[T] = deque()
+        self._limit = limit
+        self._ready = threading.Condition()
+        self._stop = False
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def submit(self, item: T) -> None:
+        """Queue an item."""
+        with self._ready:
+            if len(self._items) >= self._limit:
+                self._items.popleft()
+                self.dropped += 1
+            self._items.append(item)
+            self._ready.notify()
+
+    @property
+    def waiting(self) -> int:
+        """Items in the queue."""
+        return len(self._items)
+
+    def stop(self) -> None:
+        """Finish the item at hand and end; what waits is dropped."""
+        with self._ready:
+            self._stop = True
+            self._ready.notify()
+        self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        last, idle_done = time.monotonic(), True
+        while True:
+            with self._ready:
+                if not self._items and not self._stop:
+                    self._ready.wait(0.1)
+                if self._stop:
+                    return
+                item = self._items.popleft() if self._items else None
+            if item is not None:
+                self._handle(item)
+                last, idle_done = time.monotonic(), False
+            elif not idle_done and time.monotonic() - last > self._idle_s:
+                self._on_idle()
+                idle_done = True
