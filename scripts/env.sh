@@ -7,7 +7,7 @@ if [[ ! -s "$ROLLER_VENV/setup/mode" ]]; then
   exit 1
 fi
 ROLLER_MODE="$(<"$ROLLER_VENV/setup/mode")"
-export ROLLER_ROOT ROLLER_MODE
+export ROLLER_ROOT ROLLER_VENV ROLLER_MODE
 
 # Left behind by a Python of another environment, it would keep ours from finding its libraries.
 unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
