@@ -21,7 +21,7 @@ MAX_PER_STEP = 4
 TIME_SHIFT = 23
 #: Frames that flat parts of the surface are watched at a time, and pixels decided on together.
 GROUP = 4
-_SEGMENT = 32
+_SEGMENT = 64
 #: No read-out can be pending, no noise event due.
 NEVER = np.int64(2**62)
 
@@ -129,8 +129,10 @@ def _sensor_row(  # type: ignore[no-untyped-def]
         First pixel's place and the image's width.
     keep : float32
         Share of the old signal the pixel's low pass keeps over the step.
-    new, signal, level, on, off, rate : ndarray of float32, shape (w,)
-        Log intensity; low-passed signal; compared level; thresholds; noise rate in Hz.
+    new : ndarray of float32, shape (w,)
+        Log intensity; overwritten.
+    signal, level, on, off, rate : ndarray of float32, shape (w,)
+        Low-passed signal; compared level; thresholds; noise rate in Hz.
     held, noise, draws : ndarray of int64, shape (w,)
         Time until which the pixel is held, next noise event, random numbers drawn.
     out, n : ndarray of uint64, int
@@ -141,17 +143,28 @@ def _sensor_row(  # type: ignore[no-untyped-def]
     int
         Number of events in the buffer.
     """
-    for u in range(len(new)):
-        l0 = signal[u]
-        l1 = new[u] + keep * (l0 - new[u])
-        signal[u] = l1
+    w = len(new)
+    busy = 0
+    for u in range(w):
+        l1 = new[u] + keep * (signal[u] - new[u])
+        new[u] = l1
         d = l1 - level[u]
-        if d < on[u] and -d < off[u] and held[u] == 0 and noise[u] >= t1:
-            continue
-        held[u], level[u], noise[u], draws[u], n = _pixel_events(
-            t0, t1, np.float64(l0), np.float64(l1), x0 + u, y, np.int64(y) * width + x0 + u,
-            held[u], level[u], noise[u], draws[u], on[u], off[u], rate[u], timing, seed, out, n,
-        )  # fmt: skip
+        idle = (held[u] == 0) & (d < on[u]) & (-d < off[u]) & (noise[u] >= t1)
+        busy += not (idle | (held[u] >= t1))
+    if busy > 0:
+        for u in range(w):
+            if held[u] >= t1:
+                continue
+            l0 = signal[u]
+            l1 = new[u]
+            d = l1 - level[u]
+            if held[u] == 0 and d < on[u] and -d < off[u] and noise[u] >= t1:
+                continue
+            held[u], level[u], noise[u], draws[u], n = _pixel_events(
+                t0, t1, np.float64(l0), np.float64(l1), x0 + u, y, np.int64(y) * width + x0 + u,
+                held[u], level[u], noise[u], draws[u], on[u], off[u], rate[u], timing, seed, out, n,
+            )  # fmt: skip
+    signal[:] = new
     return n
 
 

@@ -146,9 +146,10 @@ class EventSensor:
         while int(first.min()) < len(times_ns):
             kernels._simulate_rows(
                 self._xn, self._yn, self._maps.flat, self._maps.shape, self._maps.active,
-                self._maps.active_origin, cameras, times, keeps, self._roller, self._maps.origin, self._light, self._depth, self._signal,
-                self._level, self._held, self._noise, self._draws, self._on, self._off, self._rate,
-                self._timing, self._seed, first, self._out, counts,
+                self._maps.active_origin, cameras, times, keeps, self._roller, self._maps.origin,
+                self._light, self._depth, self._signal, self._level, self._held, self._noise,
+                self._draws, self._on, self._off, self._rate, self._timing, self._seed, first,
+                self._out, counts,
             )  # fmt: skip
             parts += [row[:n] for row, n in zip(self._out, counts, strict=True) if n]
             parts = [np.concatenate(parts)]

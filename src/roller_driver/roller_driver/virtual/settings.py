@@ -97,7 +97,7 @@ class LightSettings(Settings):
 class SensorSettings(Settings):
     """The event sensor."""
 
-    threshold: float = Field(0.25, ge=0.01, le=2.0, description="contrast threshold, log intensity")
+    threshold: float = Field(0.3, ge=0.01, le=2.0, description="contrast threshold, log intensity")
     threshold_spread: float = Field(
         0.03, ge=0.0, le=0.2, description="fixed spread of the threshold from pixel to pixel"
     )

@@ -77,7 +77,7 @@ class Truth:
 
     @property
     def roller(self) -> F64:
-        """Radius, half length of the nominal patch, blend width, mm; half angle, rad; shape (4,)."""
+        """Radius, half patch length, blend width (mm), half patch angle (rad), shape (4,)."""
         r, d = self.radius_mm, self.press_mm
         half = np.sqrt(max(r**2 - (r - d) ** 2, 0.0)) if d > 0 else 0.0
         return np.array([r, half, self.settings.skin.blend_mm, np.arcsin(half / r)])
