@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from dataclasses import asdict
 from functools import cached_property
@@ -211,6 +212,12 @@ class Truth:
         free = np.sqrt(np.maximum(radius**2 - x.astype(np.float64) ** 2, 0.0))
         return z.astype(np.float64) * 1e-3, position[2] - over + blend <= free
 
+    def starting_at(self, start_ros_ns: int) -> Truth:
+        """The same scan, begun at another ROS time."""
+        out = copy.copy(self)
+        out.start_ros_ns = start_ros_ns
+        return out
+
     def save(self, folder: FilePath | str) -> None:
         """Write `truth.npz` and `truth.yaml` into a folder."""
         folder = FilePath(folder)
@@ -264,7 +271,7 @@ class Truth:
             with np.load(folder / grid["file"]) as maps:
                 skin = HeightMap(maps["skin"], *where)
                 relief = HeightMap(maps["relief"], *where)
-            return cls(
+            truth = cls(
                 VirtualCellSettings.create(data["settings"], f"{folder / TEXT_FILE}"),
                 data["press_mm"],
                 skin,
@@ -273,5 +280,7 @@ class Truth:
                 data["text"],
                 tuple(BrailleMark(**m) for m in data["cells"]),
             )
+            truth.start_ros_ns = int(data["start_ros_ns"])
         except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
             raise TruthError(f"{folder}: the truth can't be read ({error})") from error
+        return truth
