@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -43,3 +51,31 @@ def typestore() -> Typestore:
     types |= get_types_from_msg(_BRAILLE_CELL_MSG, BRAILLE_CELL)
     store.register(types)
     return store
+
+
+def bag_qos(depth: int, reliable: bool = True, latched: bool = False) -> list[Qos]:
+    """Quality of service of a topic as a bag's metadata hold it.
+
+    Parameters
+    ----------
+    depth : int
+        Messages kept.
+    reliable : bool
+        Reliable or best effort.
+    latched : bool
+        Transient local or volatile.
+    """
+    zero = QosTime(0, 0)
+    return [
+        Qos(
+            QosHistory.KEEP_LAST,
+            depth,
+            QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+            QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+            zero,
+            zero,
+            QosLiveliness.AUTOMATIC,
+            zero,
+            False,
+        )
+    ]

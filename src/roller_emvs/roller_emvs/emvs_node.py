@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from event_camera_msgs.msg import EventPacket
 from pydantic import Field
 from rclpy.node import Node
@@ -56,7 +58,7 @@ class EmvsNode(Node):
         self._early: list[EventPacket] = []
         self._faults = 0
         self._latency_s = 0.0
-        self._window_ms = 0.0
+        self._window_ms: deque[float] = deque(maxlen=1000)
         self._events_before = 0
         self._image = self.create_publisher(Image, "/roller/depth/image", qos.DEPTH)
         self._confidence = self.create_publisher(Image, "/roller/depth/confidence", qos.DEPTH)
@@ -158,7 +160,7 @@ class EmvsNode(Node):
         self._info.publish(messages.camera_info(camera, t, frame))
         self._confidence.publish(messages.image(found.confidence, t, frame))
         self._image.publish(messages.image(found.depth, t, frame))
-        self._window_ms = found.milliseconds.get("total", 0.0)
+        self._window_ms.append(found.milliseconds.get("total", 0.0))
         self._latency_s = self.get_clock().now().nanoseconds * 1e-9 - found.end_ns * 1e-9
 
     def _fault(self, error: RollerError) -> None:
@@ -194,7 +196,8 @@ class EmvsNode(Node):
                 "events_without_pose": counts.events_without_pose,
                 "windows": counts.windows,
                 "refused_windows": counts.refused_windows,
-                "window_ms": self._window_ms,
+                "window_ms_median": _percentile(self._window_ms, 50),
+                "window_ms_p95": _percentile(self._window_ms, 95),
                 "window_latency_s": round(self._latency_s, 4),
                 "waiting_messages": self._worker.waiting,
                 "waiting_events": self._pipeline.held_events,
@@ -204,6 +207,10 @@ class EmvsNode(Node):
                 "faults": self._faults,
             },
         )
+
+
+def _percentile(values: deque[float], share: float) -> float:
+    return round(float(np.percentile(values, share)), 2) if values else 0.0
 
 
 def main() -> None:

@@ -2,7 +2,8 @@
 
 Point-to-plane ICP (Chen and Medioni 1992; open3d). The robot's pose is the start and usually
 better than what relief can add (the paper found 0.0002 mm), so a correction must be well
-conditioned, small, and lower the residual.
+conditioned, as small as a robot's error, and lower the residual of points that did not help to
+find it.
 """
 
 from __future__ import annotations
@@ -62,40 +63,40 @@ def refine(points: F64, target: F64, settings: StitcherSettings) -> Refinement:
     # Near the origin open3d's arithmetic keeps nanometres, wherever the robot's base is.
     origin = points.mean(axis=0)
     step = max(len(points) // s.icp_points, 1)
-    source_cloud = _cloud(points[::step] - origin)
-    target_cloud = _cloud(target - origin)
-    target_cloud.estimate_normals(
-        o3d.geometry.KDTreeSearchParamHybrid(4 * s.icp_max_distance_m, 30)
-    )
+    chosen = points[::step] - origin
+    # Half of the points find the correction, the other half judge it.
+    finding, judging = _cloud(chosen[::2]), _cloud(chosen[1::2])
+    cloud = _cloud(target - origin)
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(4 * s.icp_max_distance_m, 30))
     reg = o3d.pipelines.registration
-    before = reg.evaluate_registration(source_cloud, target_cloud, s.icp_max_distance_m)
+    before = reg.evaluate_registration(judging, cloud, s.icp_max_distance_m)
     if len(before.correspondence_set) < _MIN_PAIRS:
         return _refused("too few points overlap")
     result = reg.registration_icp(
-        source_cloud,
-        target_cloud,
+        finding,
+        cloud,
         s.icp_max_distance_m,
         np.eye(4),
         reg.TransformationEstimationPointToPlane(),
         reg.ICPConvergenceCriteria(max_iteration=15),
     )
     pairs = np.asarray(result.correspondence_set)
-    if len(pairs) < _MIN_PAIRS:
-        return _refused("too few points overlap")
-    conditioning = _conditioning(
-        np.asarray(source_cloud.points)[pairs[:, 0]], np.asarray(target_cloud.normals)[pairs[:, 1]]
-    )
     moved = np.asarray(result.transformation)
-    shift = float(np.linalg.norm(moved[:3, 3]))
-    figures = (conditioning, float(before.inlier_rmse), float(result.inlier_rmse))
-    if not np.isfinite(moved).all():
-        return _refused("ICP did not converge", *figures)
+    if len(pairs) < _MIN_PAIRS or not np.isfinite(moved).all():
+        return _refused("ICP did not converge")
+    conditioning = _conditioning(
+        np.asarray(finding.points)[pairs[:, 0]], np.asarray(cloud.normals)[pairs[:, 1]]
+    )
+    after = reg.evaluate_registration(judging, cloud, s.icp_max_distance_m, moved)
+    figures = (conditioning, float(before.inlier_rmse), float(after.inlier_rmse))
     if conditioning < s.icp_min_conditioning:
         return _refused("the geometry does not fix the pose", *figures)
+    # What counts is how far any point moves: a small turn far out is no small correction.
+    shift = np.linalg.norm(chosen @ moved[:3, :3].T + moved[:3, 3] - chosen, axis=1).max()
     if shift > s.icp_max_correction_m:
         return _refused(f"a correction of {shift * 1e6:.0f} µm is implausible", *figures)
-    if result.inlier_rmse > before.inlier_rmse * (1 - s.icp_min_gain) or (
-        result.fitness < before.fitness * 0.98
+    if after.inlier_rmse > before.inlier_rmse * (1 - s.icp_min_gain) or (
+        after.fitness < before.fitness * 0.98
     ):
         return _refused("no better than the robot's pose", *figures)
     shift_back, shift_out = np.eye(4), np.eye(4)

@@ -166,7 +166,10 @@ class StitcherSettings(Settings):
     )
     icp: bool = Field(True, description="Refine each depth map's pose against the cloud by ICP.")
     icp_max_correction_m: float = Field(
-        2e-4, gt=0.0, le=1.0, description="An ICP correction larger than this is refused, m."
+        5e-5,
+        gt=0.0,
+        le=1.0,
+        description="An ICP correction that moves a point further than this is refused, m.",
     )
     icp_max_distance_m: float = Field(
         3e-4, gt=0.0, le=1.0, description="Points further apart than this don't correspond, m."
@@ -179,7 +182,7 @@ class StitcherSettings(Settings):
         "geometry doesn't fix the pose and the correction is refused.",
     )
     icp_min_gain: float = Field(
-        0.02,
+        0.05,
         ge=0.0,
         le=1.0,
         description="Share by which ICP must lower the residual for its result to be taken.",

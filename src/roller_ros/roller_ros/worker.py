@@ -58,6 +58,15 @@ class Worker(Generic[T]):
         """Items in the queue."""
         return len(self._items)
 
+    def drain(self, timeout_s: float) -> bool:
+        """Wait until nothing waits; False if that took too long."""
+        end = time.monotonic() + timeout_s
+        while self._items and self._thread.is_alive():
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.01)
+        return True
+
     def stop(self) -> None:
         """Finish the item at hand and end; what waits is dropped."""
         with self._ready:

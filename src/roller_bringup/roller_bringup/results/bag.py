@@ -10,19 +10,11 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from roller_braille.messages import cell_message, marker_messages, text_message
 from roller_braille.pipeline import Cell
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 
-from roller_core.bags import typestore
+from roller_core.bags import bag_qos, typestore
 from roller_core.camera import Camera
 from roller_core.errors import UnwritableOutputError
 from roller_emvs.depth_map import DepthMap, pinhole
@@ -41,17 +33,6 @@ _TYPES = {
     "/roller/braille/markers": "visualization_msgs/msg/MarkerArray",
 }
 _LATCHED = {"/roller/surface/points", "/roller/braille/markers"}
-
-
-def _qos(latched: bool) -> list[Qos]:
-    zero = QosTime(0, 0)
-    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
-    return [
-        Qos(
-            QosHistory.KEEP_LAST, 50, QosReliability.RELIABLE, durability,
-            zero, zero, QosLiveliness.AUTOMATIC, zero, False,
-        )
-    ]  # fmt: skip
 
 
 class ResultBag:
@@ -92,7 +73,10 @@ class ResultBag:
         store = typestore()
         self._connections: dict[str, Connection] = {
             topic: self._writer.add_connection(
-                topic, kind, typestore=store, offered_qos_profiles=_qos(topic in _LATCHED)
+                topic,
+                kind,
+                typestore=store,
+                offered_qos_profiles=bag_qos(50, reliable=True, latched=topic in _LATCHED),
             )
             for topic, kind in _TYPES.items()
         }

@@ -27,7 +27,7 @@ _DEPTH_MAP = "turbo_r"
 _HEIGHT_MAP = "viridis"
 
 
-def draw_overview(folder: Path, source: Path) -> Path:
+def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     """Draw `overview.png` from the files of a run.
 
     Parameters
@@ -36,6 +36,8 @@ def draw_overview(folder: Path, source: Path) -> Path:
         Output folder of a run, finished.
     source : path
         Its input; a simulated scan has its truth beside it.
+    bag : path, optional
+        Where the depth images are; `result/` of the folder by default.
 
     Returns
     -------
@@ -48,16 +50,24 @@ def draw_overview(folder: Path, source: Path) -> Path:
         truth = Truth.load(source)
     cloud = _thinned(read_ply(folder / "surface.ply"))
     figure = plt.figure(figsize=(15, 11), dpi=100, layout="constrained")
-    grid = figure.add_gridspec(4, 3, height_ratios=[1.25, 0.9, 0.8, 0.18])
-    depth_axes = [figure.add_subplot(grid[0, k]) for k in range(3)]
-    _draw_depths(figure, depth_axes, folder, report, truth)
-    _draw_above(figure, figure.add_subplot(grid[1, :]), cloud)
-    _draw_profile(figure.add_subplot(grid[2, :2]), cloud, truth)
-    _draw_errors(figure.add_subplot(grid[2, 2]), report)
+    grid = figure.add_gridspec(4, 6, height_ratios=[1.25, 0.9, 0.8, 0.18])
+    stamps = _chosen_stamps(report)
+    if len(stamps) > 1:
+        depth_axes = [figure.add_subplot(grid[0, 2 * k : 2 * k + 2]) for k in range(len(stamps))]
+        above = figure.add_subplot(grid[1, :])
+    else:
+        depth_axes = [figure.add_subplot(grid[:2, :3])]
+        above = figure.add_subplot(grid[:2, 3:])
+    _draw_depths(figure, depth_axes, bag or folder / "result", stamps, truth)
+    _draw_above(figure, above, cloud)
+    _draw_profile(figure.add_subplot(grid[2, :4]), cloud, truth)
+    _draw_errors(figure.add_subplot(grid[2, 4:]), report)
     _draw_text(figure.add_subplot(grid[3, :]), report)
+    totals = report["totals"]
+    maps = f"{totals['depth_windows']} depth map{'s' if totals['depth_windows'] != 1 else ''}"
     figure.suptitle(
-        f"{source.name}: {report['totals']['depth_windows']} depth maps by {report['method']}, "
-        f"{report['totals']['surface_points']} surface points"
+        f"{Path(report['source']).name}: {maps} by {report['method']}, "
+        f"{totals['surface_points']} surface points"
     )
     path = folder / "overview.png"
     figure.savefig(path)
@@ -73,36 +83,41 @@ def _thinned(cloud: dict[str, F64]) -> dict[str, F64]:
     return {name: column[chosen] for name, column in cloud.items()}
 
 
-def _draw_depths(
-    figure: Figure, axes: list[Axes], folder: Path, report: dict[str, Any], truth: Truth | None
-) -> None:
-    """The depth maps with most points of three stretches of the run."""
+def _chosen_stamps(report: dict[str, Any]) -> list[int]:
+    """The depth maps with most points of up to three stretches of the run."""
     windows = [w for w in report["windows"] if w["points"]]
-    parts = np.array_split(np.array([w["points"] for w in windows]), 3)
-    chosen, first = [], 0
-    for part in parts:
+    most = max((w["points"] for w in windows), default=0)
+    windows = [w for w in windows if w["points"] > 0.1 * most]
+    chosen = []
+    for part in np.array_split(np.arange(len(windows)), 3):
         if len(part):
-            chosen.append(int(windows[first + int(np.argmax(part))]["stamp_ns"]))
-        first += len(part)
-    images = _depth_images(folder / "result", set(chosen))
+            best = max((windows[k] for k in part), key=lambda w: w["points"])
+            chosen.append(int(best["stamp_ns"]))
+    return chosen
+
+
+def _draw_depths(
+    figure: Figure, axes: list[Axes], bag: Path, stamps: list[int], truth: Truth | None
+) -> None:
+    images = _depth_images(bag, set(stamps))
     measured = [i[np.isfinite(i)].astype(np.float64) for i in images.values()]
     low, high = _limits(np.concatenate(measured) if measured else np.empty(0))
     picture = None
-    for axis, stamp in zip(axes, chosen, strict=False):
+    for axis, stamp in zip(axes, stamps, strict=False):
         mm = images[stamp] * 1e3
         picture = axis.imshow(_thick(mm), cmap=_DEPTH_MAP, vmin=low * 1e3, vmax=high * 1e3)
-        title = f"depth at {(stamp - chosen[0]) * 1e-9:+.3f} s"
+        title = f"depth at {(stamp - stamps[0]) * 1e-9:+.3f} s"
         if truth is not None:
             error = _error_um(images[stamp], stamp, truth)
             if len(error):
                 title += f", error {np.abs(error).mean():.0f} µm"
         axis.set_title(title, fontsize=10)
         axis.set_xlabel("u, px")
-    for axis in axes[len(chosen) :]:
-        axis.set_axis_off()
+    if picture is None:
+        axes[0].text(0.5, 0.5, "no depth", ha="center", transform=axes[0].transAxes)
+        return
     axes[0].set_ylabel("v, px")
-    if picture is not None:
-        figure.colorbar(picture, ax=axes, label="depth, mm", shrink=0.85)
+    figure.colorbar(picture, ax=axes, label="depth, mm", shrink=0.85)
 
 
 def _thick(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -121,11 +136,12 @@ def _depth_images(bag: Path, stamps: set[int]) -> dict[int, npt.NDArray[np.float
     store, found = typestore(), {}
     with Reader(bag) as reader:
         wanted = [c for c in reader.connections if c.topic == "/roller/depth/image"]
-        for connection, log_ns, data in reader.messages(wanted):
-            if log_ns in stamps:
-                message: Any = store.deserialize_cdr(data, connection.msgtype)
+        for connection, _, data in reader.messages(wanted):
+            message: Any = store.deserialize_cdr(data, connection.msgtype)
+            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+            if stamp in stamps:
                 pixels = np.frombuffer(message.data, np.float32)
-                found[log_ns] = pixels.reshape(message.height, message.width)
+                found[stamp] = pixels.reshape(message.height, message.width)
     return found
 
 

@@ -36,6 +36,25 @@ def summary(report: Report, output: Path) -> str:
     return "\n".join(lines)
 
 
+def demo_table(report: Report, folder: Path) -> str:
+    """What the demonstration prints: points, errors, text, milliseconds, files."""
+    t = report.totals
+    depth = t["live"].get("emvs: depth", {})
+    lines = ["", f"{t['surface_points']} surface points from {t['depth_windows']} depth maps"]
+    if report.truth:
+        lines += error_table(report.truth)
+        lines.append("text given: " + str(report.truth["text"]).replace("\n", " / "))
+    lines.append("text read:  " + (" / ".join(t["braille_text"]) or "-"))
+    if depth:
+        lines.append(
+            f"{depth['window_ms_median']} ms a window (95 %: {depth['window_ms_p95']} ms), "
+            f"{depth['lost_packets']} packets lost, {depth['dropped_events']} events dropped"
+        )
+    names = ("overview.png", "surface.ply", "braille.txt", "report.json", "bag/", "truth/")
+    lines.append("files: " + ", ".join(f"{folder}/{name}" for name in names))
+    return "\n".join(lines)
+
+
 def error_table(truth: dict[str, Any]) -> list[str]:
     """Errors by object, with the share of relief edges that were measured."""
     head = f"{'object':16s} {'points':>9s} {'MAE µm':>8s} {'median µm':>10s} {'edges seen':>11s}"

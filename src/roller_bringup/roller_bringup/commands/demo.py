@@ -1,0 +1,70 @@
+"""`roller demo`: the virtual cell through the real graph, compared with the truth."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `demo` to the command's parser."""
+    parser = subparsers.add_parser(
+        "demo",
+        help="roll the virtual cell over a plate, live",
+        description="Roll the virtual cell over a plate with Braille and relief through the real "
+        "graph (separate processes, DDS), record it, and compare with the known truth.",
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("demo"), metavar="DIR", help="results go here (demo/)"
+    )
+    parser.add_argument("--scene", default="demo", help="what to roll over (demo)")
+    parser.add_argument("--speed", type=float, default=0.3, metavar="V", help="m/s (0.3)")
+    parser.add_argument("--method", default="focus", help="depth method (focus)")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the graph, gather its results, draw and print.
+
+    Raises
+    ------
+    RollerError
+        If the graph or one of its nodes can't do its work.
+    """
+    import yaml
+
+    from roller_bringup.launching import load
+    from roller_bringup.launching.locate import package_share
+    from roller_bringup.live import fresh_folder, run_until_done
+    from roller_bringup.results.overview import draw_overview
+    from roller_bringup.results.recorded import gather
+    from roller_bringup.results.report import Report
+    from roller_bringup.results.summary import demo_table
+
+    folder = fresh_folder(args.output.absolute())
+    overrides = folder / "parameters.yaml"
+    overrides.write_text(
+        yaml.safe_dump(
+            {"virtual_cell": {"ros__parameters": {"truth_output": str(folder / "truth")}}}
+        )
+    )
+    arguments = {
+        "scene": args.scene,
+        "speed": str(args.speed),
+        "method": args.method,
+        "params": str(overrides),
+        "record": "true",
+        "output": str(folder / "bag"),
+    }
+    launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
+    seen = run_until_done(load(launch_file, arguments), tell=print)
+    report = Report(
+        f"virtual cell, scene {args.scene} at {args.speed:g} m/s, live",
+        args.method,
+        {"launch": arguments},
+    )
+    report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
+    gather(folder / "bag", folder, folder / "truth", report)
+    draw_overview(folder, folder / "truth", folder / "bag")
+    print(demo_table(report, folder))
+    return 0

@@ -1,0 +1,178 @@
+"""Running a launch file and knowing when its graph has nothing more to do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from roller_core.errors import RollerError
+from roller_ros import qos
+
+from . import topics
+from .launching import LaunchPlan, Runner
+
+#: Statuses that tell that the source has nothing more to send.
+SOURCES = ("virtual_cell: scan", "player: playback")
+
+
+class GraphError(RollerError):
+    """The graph ended before its work was done."""
+
+
+@dataclass
+class Observation:
+    """What was seen of a running graph.
+
+    Attributes
+    ----------
+    statuses : dict
+        Last diagnostics by status name: message and values.
+    faults : list of str
+        Messages of all ERROR statuses, each once.
+    received : dict
+        Messages by output topic.
+    source_done : bool
+        Whether the source said that it is finished.
+    """
+
+    statuses: dict[str, tuple[str, dict[str, str]]] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+    received: dict[str, int] = field(default_factory=dict)
+    source_done: bool = False
+    last_output: float = 0.0
+
+
+class Observer:
+    """A node of its own context that watches diagnostics and outputs."""
+
+    def __init__(self) -> None:
+        self.seen = Observation()
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self._node = Node("observer", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        for topic in topics.OUTPUTS:
+            if topic.type is DiagnosticArray:
+                continue
+            self._node.create_subscription(
+                topic.type, topic.name, lambda _, n=topic.name: self._count(n), topic.qos, raw=True
+            )
+        self._node.create_subscription(
+            DiagnosticArray, "/diagnostics", self._diagnose, qos.DIAGNOSTICS
+        )
+
+    def spin(self, timeout_s: float) -> None:
+        """Take what comes within some time."""
+        end = time.monotonic() + timeout_s
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _count(self, name: str) -> None:
+        self.seen.received[name] = self.seen.received.get(name, 0) + 1
+        self.seen.last_output = time.monotonic()
+
+    def _diagnose(self, message: Any) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            if values or status.name not in self.seen.statuses:
+                self.seen.statuses[status.name] = (status.message, values)
+            if status.level >= b"\x02" and status.message not in self.seen.faults:
+                self.seen.faults.append(status.message)
+            if status.name in SOURCES and status.message == "finished":
+                self.seen.source_done = True
+
+
+def run_until_done(
+    plan: LaunchPlan,
+    quiet_s: float = 3.0,
+    timeout_s: float = 600.0,
+    tell: Callable[[str], None] = lambda line: None,
+) -> Observation:
+    """Run a graph until its source is finished and the outputs have been quiet for a while.
+
+    Parameters
+    ----------
+    plan : LaunchPlan
+        What to run.
+    quiet_s : float
+        How long outputs must be quiet, s; longer than the nodes' idle flush.
+    timeout_s : float
+        Give up after this, s.
+    tell : callable
+        Told in a line what is going on.
+
+    Raises
+    ------
+    GraphError
+        If a required node ended or time ran out.
+    """
+    observer = Observer()
+    seen = observer.seen
+    try:
+        with Runner(plan) as runner:
+            begin = time.monotonic()
+            done_at = 0.0
+            state = ""
+            while True:
+                observer.spin(0.1)
+                now = time.monotonic()
+                for name in SOURCES:
+                    message = seen.statuses.get(name, ("", {}))[0]
+                    if message and message != state:
+                        state = message
+                        tell(f"{name.split(':')[0]}: {message}")
+                if seen.source_done:
+                    done_at = done_at or now
+                    if now - max(seen.last_output, done_at) > quiet_s and _drained(seen):
+                        return seen
+                if runner.poll() is not None:
+                    raise GraphError(f"the graph ended early: {_ended(runner)}")
+                if now - begin > timeout_s:
+                    raise GraphError(f"the graph was not done after {timeout_s:.0f} s")
+    finally:
+        observer.close()
+
+
+def _drained(seen: Observation) -> bool:
+    """Whether no node says that it has messages waiting."""
+    return all(values.get("waiting_messages", "0") == "0" for _, values in seen.statuses.values())
+
+
+def _ended(runner: Runner) -> str:
+    return ", ".join(f"{name} exited with {code}" for name, code in runner.exit_codes.items())
+
+
+def fresh_folder(folder: Path) -> Path:
+    """Make a folder to run in, without what an earlier run left there.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
+    import shutil
+
+    from .results.writer import make_folder
+
+    make_folder(folder)
+    for name in ("bag", "result", "truth"):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    for name in ("surface.ply", "braille.txt", "braille.json", "report.json", "overview.png"):
+        (folder / name).unlink(missing_ok=True)
+    return folder

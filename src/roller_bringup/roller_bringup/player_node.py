@@ -1,0 +1,132 @@
+"""Node `player`: a bag's recorded camera and robot, published in real time."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import Field
+from rclpy.node import Node
+
+from roller_core.bags import EVENT_ARRAY
+from roller_core.errors import RollerError
+from roller_core.settings import Settings
+from roller_ros import diagnostics
+from roller_ros.node_main import run_node
+from roller_ros.parameters import declare_settings
+
+from . import topics
+from .recordings.bag_reader import BagReader
+from .recordings.base import MissingTopicError, RecordingError
+
+_OLD_TYPES = {EVENT_ARRAY: "event_camera_msgs/msg/EventPacket"}
+
+
+class PlayerParameters(Settings):
+    """Parameters of the node."""
+
+    bag: str = Field("", description="The rosbag2 to play: its folder or its file.")
+    rate: float = Field(
+        1.0, ge=0.001, le=1000.0, description="How fast to play it; 1 is as it was recorded."
+    )
+    wait_s: float = Field(
+        10.0,
+        ge=0.0,
+        le=600.0,
+        description="How long to wait for a subscriber to the events before playing, s.",
+    )
+    settle_s: float = Field(
+        1.0, ge=0.0, le=60.0, description="Pause between the first subscriber and playing, s."
+    )
+    exit_when_done: bool = Field(False, description="Whether to end after the last message.")
+    linger_s: float = Field(
+        4.0, ge=0.0, le=600.0, description="How long others have to finish before it ends, s."
+    )
+
+
+class PlayerNode(Node):
+    """Publishes messages as they lie in the bag, spaced as they were logged."""
+
+    def __init__(self) -> None:
+        super().__init__("player")
+        self._p = declare_settings(self, PlayerParameters)
+        if not self._p.bag:
+            raise RecordingError("parameter 'bag' is empty; name the rosbag2 to play")
+        self._reader = BagReader(Path(self._p.bag))
+        self._state = "waiting"
+        self._played = 0
+        self.done = threading.Event()
+        found = {}
+        for topic in topics.INPUTS:
+            kind = self._reader.topics.get(topic.name)
+            if _OLD_TYPES.get(kind or "", kind) == topic.type_name:
+                found[topic.name] = self.create_publisher(topic.type, topic.name, topic.qos)
+        if "/event_camera/events" not in found:
+            raise MissingTopicError(
+                f"bag {self._p.bag}: there are no events on /event_camera/events; "
+                f"it has {', '.join(sorted(self._reader.topics)) or 'no topics'}"
+            )
+        # Not _publishers: rclpy's own.
+        self._outputs = found
+        self._diagnostics = diagnostics.Diagnostics(self, "playback", self._status, 0.5)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        self._timer = self.create_timer(0.2, self._end)
+
+    def destroy_node(self) -> None:
+        """Stop playing first."""
+        self._stop.set()
+        self._thread.join(timeout=5.0)
+        super().destroy_node()
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_subscriber()
+            self._play()
+        except RollerError as error:
+            self._diagnostics.fault(str(error))
+        self._state = "finished"
+        if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
+            self.done.set()
+
+    def _wait_for_subscriber(self) -> None:
+        events = self._outputs["/event_camera/events"]
+        end = time.monotonic() + self._p.wait_s
+        while time.monotonic() < end and not self._stop.is_set():
+            if events.get_subscription_count():
+                break
+            time.sleep(0.05)
+        self._stop.wait(self._p.settle_s)
+
+    def _play(self) -> None:
+        self._state = "playing"
+        begin = first_ns = None
+        for item in self._reader.messages(set(self._outputs)):
+            if self._stop.is_set():
+                return
+            if isinstance(item, RecordingError):
+                raise item
+            if begin is None or first_ns is None:
+                begin, first_ns = time.monotonic(), item.log_ns
+            due = begin + (item.log_ns - first_ns) * 1e-9 / self._p.rate
+            wait = due - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            self._outputs[item.topic].publish(item.data)
+            self._played += 1
+
+    def _end(self) -> None:
+        if self.done.is_set():
+            raise SystemExit(0)
+
+    def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
+        return diagnostics.OK, self._state, {"messages": self._played}
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(PlayerNode))

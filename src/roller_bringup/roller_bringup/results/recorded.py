@@ -1,0 +1,117 @@
+"""Results of a live run from its recording, in the same files as a replay's."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.rosbag2 import Reader
+
+from roller_core.bags import typestore
+from roller_core.errors import RollerError
+from roller_emvs.depth_map import DepthMap
+from roller_emvs.ply import PlyWriter
+
+from .report import Report
+from .truth import TruthTally
+
+_SURFACE = "/roller/surface/points"
+
+
+class RecordedResultsError(RollerError):
+    """A recording without what a live run should have published."""
+
+
+def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -> None:
+    """Write surface, text and report from a recorded graph.
+
+    Parameters
+    ----------
+    bag : path
+        rosbag2 with the /roller topics.
+    output : path
+        Folder for `surface.ply`, `braille.txt`, `braille.json` and `report.json`.
+    truth_folder : path, optional
+        Where the scan's truth lies.
+    report : Report
+        Completed with windows, truth and totals, and written.
+
+    Raises
+    ------
+    RecordedResultsError
+        If the bag holds no depth map.
+    """
+    tally = TruthTally.beside(truth_folder) if truth_folder else None
+    store, lines, cells, points = typestore(), "", [], 0
+    confidence: dict[int, npt.NDArray[np.float32]] = {}
+    with (
+        Reader(bag) as reader,
+        PlyWriter(output / "surface.ply", ("height", "confidence"), "frame base, metres") as ply,
+    ):
+        for connection, _, data in reader.messages():
+            topic = connection.topic
+            if not topic.startswith("/roller/"):
+                continue
+            message: Any = store.deserialize_cdr(data, connection.msgtype)
+            if topic == "/roller/depth/confidence":
+                confidence[_stamp_ns(message)] = _pixels(message)
+            elif topic == "/roller/depth/image":
+                stamp = _stamp_ns(message)
+                found = DepthMap(
+                    stamp, _pixels(message), confidence.pop(stamp, _pixels(message)),
+                    np.eye(4), stamp, stamp, 0,
+                )  # fmt: skip
+                report.add_window(found)
+                if tally is not None:
+                    tally.add(found)
+            elif topic == _SURFACE:
+                rows = np.frombuffer(message.data, np.float32).reshape(-1, 5)
+                ply.write(rows[:, :3].astype(np.float64), rows[:, 3], rows[:, 4])
+                points += len(rows)
+            elif topic == "/roller/braille/text":
+                lines = message.data
+            elif topic == "/roller/braille/cells":
+                cells.append(_cell(message))
+    if not report.windows:
+        raise RecordedResultsError(f"bag {bag}: the graph published no depth map")
+    text = [line for line in lines.split("\n") if line]
+    (output / "braille.txt").write_text("".join(f"{line}\n" for line in text))
+    (output / "braille.json").write_text(
+        json.dumps({"lines": text, "cells": cells}, indent=1, ensure_ascii=False) + "\n"
+    )
+    report.totals |= {
+        "depth_windows": len(report.windows),
+        "surface_points": points,
+        "braille_cells": len(cells),
+        "braille_text": text,
+    }
+    if tally is not None:
+        report.truth = tally.summary()
+    report.write(output / "report.json")
+
+
+def _stamp_ns(message: Any) -> int:
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def _pixels(message: Any) -> npt.NDArray[np.float32]:
+    return np.frombuffer(message.data, np.float32).reshape(message.height, message.width)
+
+
+def _cell(message: Any) -> dict[str, Any]:
+    position = message.position
+    return {
+        "stamp_s": _stamp_ns(message) * 1e-9,
+        "line": int(message.line),
+        "column": int(message.column),
+        "mask": int(message.mask),
+        "pattern": message.pattern,
+        "character": message.character,
+        "readable": bool(message.readable),
+        "position_m": [position.x, position.y, position.z],
+        "confidence": float(message.confidence),
+        "dot_confidence": [float(c) for c in message.dot_confidence],
+    }

@@ -1,0 +1,54 @@
+"""The graph's topics, their types and qualities of service."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from event_camera_msgs.msg import EventPacket
+from rclpy.qos import QoSProfile
+from roller_msgs.msg import BrailleCell
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
+
+from roller_ros import qos
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of the graph."""
+
+    name: str
+    type: Any
+    qos: QoSProfile
+
+    @property
+    def type_name(self) -> str:
+        """The type as bags name it: package/msg/Type."""
+        module = self.type.__module__.split(".")[0]
+        return f"{module}/msg/{self.type.__name__}"
+
+
+#: What comes from camera and robot.
+INPUTS = (
+    Topic("/event_camera/events", EventPacket, qos.EVENTS),
+    Topic("/event_camera/camera_info", CameraInfo, qos.LATCHED),
+    Topic("/event_camera/image_raw", Image, qos.PREVIEW),
+    Topic("/tf", TFMessage, qos.TF),
+    Topic("/tf_static", TFMessage, qos.TF_STATIC),
+)
+#: What the nodes make of it.
+OUTPUTS = (
+    Topic("/roller/depth/image", Image, qos.DEPTH),
+    Topic("/roller/depth/confidence", Image, qos.DEPTH),
+    Topic("/roller/depth/camera_info", CameraInfo, qos.DEPTH),
+    Topic("/roller/surface/points", PointCloud2, qos.SURFACE),
+    Topic("/roller/braille/cells", BrailleCell, qos.BRAILLE),
+    Topic("/roller/braille/text", String, qos.BRAILLE),
+    Topic("/roller/braille/markers", MarkerArray, qos.MARKERS),
+    Topic("/diagnostics", DiagnosticArray, qos.DIAGNOSTICS),
+)
+ALL = INPUTS + OUTPUTS
