@@ -1,0 +1,55 @@
+"""Kernels of the Braille reader; `warp.py` holds their NumPy twins."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+
+@numba.njit(cache=True, nogil=True)
+def _vote(x, y, t, table, knots_ns, maps, strip, newest):  # type: ignore[no-untyped-def]
+    """Warp events onto the surface and count them there.
+
+    x, y: uint16 (n,); t: int64 (n,), growing; table: float32 (h, w, 2), pixels whose u is below
+    -1e8 are left out; knots_ns: int64 (k,), k >= 2; maps: float64 (k, 3, 3), pixel to (column, row)
+    of the strip at the knots, linear in between; strip: float32 (rows, columns), counted into;
+    newest: int64 (columns,), time of each column's newest event. Returns the events counted.
+    """
+    rows, columns = strip.shape
+    last = len(knots_ns) - 2
+    k = 0
+    used = 0
+    for i in range(len(x)):
+        u = table[y[i], x[i], 0]
+        if u < -1e8:
+            continue
+        v = table[y[i], x[i], 1]
+        while k < last and t[i] >= knots_ns[k + 1]:
+            k += 1
+        f = (t[i] - knots_ns[k]) / (knots_ns[k + 1] - knots_ns[k])
+        a = maps[k]
+        b = maps[k + 1]
+        g = 1.0 - f
+        c = (
+            (g * a[0, 0] + f * b[0, 0]) * u
+            + (g * a[0, 1] + f * b[0, 1]) * v
+            + (g * a[0, 2] + f * b[0, 2])
+        )
+        r = (
+            (g * a[1, 0] + f * b[1, 0]) * u
+            + (g * a[1, 1] + f * b[1, 1]) * v
+            + (g * a[1, 2] + f * b[1, 2])
+        )
+        w = (
+            (g * a[2, 0] + f * b[2, 0]) * u
+            + (g * a[2, 1] + f * b[2, 1]) * v
+            + (g * a[2, 2] + f * b[2, 2])
+        )
+        ci = math.floor(c / w + 0.5)
+        ri = math.floor(r / w + 0.5)
+        if 0 <= ci < columns and 0 <= ri < rows:
+            strip[ri, ci] += 1.0
+            newest[ci] = t[i]
+            used += 1
+    return used

@@ -1,0 +1,194 @@
+"""Cutting the stream of events into the frames that are warped together.
+
+A frame ends after a number of events or a travel of the sensor, or where a pass ends: all decided by
+events and poses, never by when they arrived.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+
+from .rolling import Pass, RollTracker, Span
+from .settings import BrailleSettings
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Events of a rolling sensor, from `start_ns` (included) to `end_ns` (excluded)."""
+
+    roll: Pass
+    start_ns: int
+    end_ns: int
+    events: EventArray
+
+
+@dataclass(frozen=True)
+class PassEnd:
+    """The pass is over."""
+
+    roll: Pass
+
+
+class BatchCutter:
+    """Holds events until their frame is complete and covered by poses.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        Events and travel a frame, limits.
+    track : PoseTrack
+        Camera in base; grows while frames are cut.
+    """
+
+    def __init__(self, settings: BrailleSettings, track: PoseTrack) -> None:
+        self._settings = settings
+        self._track = track
+        self._rolls = RollTracker(settings, track)
+        self._parts: deque[EventArray] = deque()
+        self._held = 0
+        self._newest_ns = 0
+        self._span: Span | None = None
+        self._start_ns = 0
+        self.still_events = 0
+        self.dropped_events = 0
+        self.events_without_pose = 0
+
+    @property
+    def held_events(self) -> int:
+        """Events that wait."""
+        return self._held
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed; None while it isn't known."""
+        known = self._rolls.known_ns
+        if known is None:
+            return None
+        if self._span is not None:
+            return min(known, self._start_ns)
+        return min([known, *(s.start_ns for s in self._rolls.spans)])
+
+    def add(self, events: EventArray) -> None:
+        """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
+        if not len(events):
+            return
+        self._parts.append(events)
+        self._held += len(events)
+        self._newest_ns = int(events.t_ns[-1])
+        while self._held > self._settings.max_backlog_events and len(self._parts) > 1:
+            gone = self._parts.popleft()
+            self._held -= len(gone)
+            self.dropped_events += len(gone)
+
+    def cut(self, flush: bool = False) -> Batch | PassEnd | None:
+        """The next frame or end of a pass, or None while there is none complete.
+
+        Parameters
+        ----------
+        flush : bool
+            No more events will come: what is left makes up the last frame.
+        """
+        self._rolls.update()
+        if self._rolls.known_ns is None:
+            return None
+        if flush:
+            self._rolls.stop()
+        while True:
+            if self._span is None and not self._next_span(flush):
+                return None
+            assert self._span is not None
+            span = self._span
+            if span.last_of_pass:
+                self._span = None
+                return PassEnd(span.roll)
+            batch = self._cut_span(span, flush)
+            if batch is not None:
+                return batch
+            if self._span is not None:
+                return None
+
+    def _next_span(self, flush: bool) -> bool:
+        known = self._rolls.known_ns
+        assert known is not None
+        if not self._rolls.spans:
+            self._skip(known)
+            if flush:
+                self.events_without_pose += self._drop_before(2**63 - 1)
+            return False
+        self._span = self._rolls.spans.popleft()
+        self._start_ns = self._span.start_ns
+        if not self._span.last_of_pass:
+            self._skip(self._start_ns)
+        return True
+
+    def _skip(self, t_ns: int) -> None:
+        """Pass over the events of a sensor that doesn't roll."""
+        self.events_without_pose += self._drop_before(min(t_ns, self._track.start_ns))
+        self.still_events += self._drop_before(t_ns)
+
+    def _cut_span(self, span: Span, flush: bool) -> Batch | None:
+        """The next frame of a span; the span is done when it has none left."""
+        if self._start_ns >= span.end_ns:
+            if not span.open:
+                self._span = None
+            return None
+        limit = self._limit(span)
+        until = span.end_ns if limit is None else limit
+        most = self._settings.batch_events
+        parts, found = [], 0
+        for part in self._parts:
+            if part.t_ns[0] >= until or found >= most:
+                break
+            part = part[: min(int(np.searchsorted(part.t_ns, until)), most - found)]
+            parts.append(part)
+            found += len(part)
+        if found >= most:
+            end = int(parts[-1].t_ns[-1])
+        elif limit is not None and (self._newest_ns >= limit or flush):
+            end = limit
+        else:
+            return None
+        self._drop(found)
+        start, self._start_ns = self._start_ns, end
+        return Batch(span.roll, start, end, EventArray.concatenate(parts))
+
+    def _limit(self, span: Span) -> int | None:
+        """Where the frame ends by travel or with its span; None while that isn't known."""
+        times = self._track.times_ns
+        a = int(np.searchsorted(times, self._start_ns, side="right"))
+        b = int(np.searchsorted(times, span.end_ns, side="right"))
+        away = (self._track.positions[a:b] - self._track.at(self._start_ns).position) @ (
+            span.roll.rotation[:, 0]
+        )
+        reached = np.flatnonzero(np.abs(away) >= self._settings.batch_travel_m)
+        if len(reached):
+            return int(times[a + reached[0]])
+        return None if span.open else span.end_ns
+
+    def _drop(self, count: int) -> None:
+        self._held -= count
+        while count:
+            part = self._parts[0]
+            if len(part) <= count:
+                count -= len(part)
+                self._parts.popleft()
+            else:
+                self._parts[0] = part[count:]
+                count = 0
+
+    def _drop_before(self, t_ns: int) -> int:
+        """Forget events before a time; how many."""
+        gone = 0
+        for part in self._parts:
+            k = int(np.searchsorted(part.t_ns, t_ns))
+            gone += k
+            if k < len(part):
+                break
+        self._drop(gone)
+        return gone

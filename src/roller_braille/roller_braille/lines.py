@@ -1,0 +1,220 @@
+"""Following one line of Braille along the roll."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+
+from .cells import Seen
+from .dots import Dots
+from .lattice import Lattice
+from .recognise import Recogniser, Reference, image_around
+from .settings import BrailleSettings
+from .strip import Strip
+from .warp import F64
+
+#: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
+_NEAR_CELLS = 4
+_LEAST_DOTS = 4
+#: Cells behind whose dots hold the lattice.
+_FIT_CELLS = 8
+#: A tile with less than this, in a dot's events, is blank.
+_BLANK = 0.3
+#: Cells of other relief in a row that end a line.
+_FOREIGN = 2
+
+
+class _Kind(Enum):
+    BLANK = 0
+    READ = 1
+    FOREIGN = 2
+
+
+class LineReader:
+    """One line: its lattice follows the dots, its cells are read as they leave the view.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        See there.
+    strip : Strip
+        The pass's mosaic.
+    recogniser : Recogniser
+        Reads cells.
+    lattice : Lattice
+        Of the line's first cells; cell 0 is its first.
+    direction : int
+        +1 when the sensor rolls along the camera's x axis, -1 against it.
+    view : tuple of float
+        First and last way down the image that is fully seen, metres.
+    """
+
+    def __init__(
+        self,
+        settings: BrailleSettings,
+        strip: Strip,
+        recogniser: Recogniser,
+        lattice: Lattice,
+        direction: int,
+        view: tuple[float, float],
+    ) -> None:
+        self._settings, self._strip, self._recogniser = settings, strip, recogniser
+        self._spacing = settings.spacing
+        #: Lattice whose cell 0 is the next to be read.
+        self.lattice = lattice
+        self._next = 0
+        self._left_first = direction > 0
+        self._view = view
+        self._dots = Dots.none()
+        self._sides: F64 = np.empty((0, 4))
+        self._pending: list[Seen] = []
+        self._unusual = 0
+        self._raised = 0
+        #: Cells read and confirmed, in travel order.
+        self.cells: list[Seen] = []
+        #: Whether so many of its dots were read that it is a line of Braille.
+        self.accepted = False
+        #: Whether nothing more will be read.
+        self.closed = False
+
+    @property
+    def top(self) -> float:
+        """Way down the image of the top row, metres."""
+        return self.lattice.down
+
+    @property
+    def begin(self) -> float:
+        """Travel at which the next cell's tile begins, metres."""
+        return self.lattice.centre(0)[0] - self.lattice.cell / 2
+
+    def holds(self, dots: Dots) -> np.ndarray:
+        """Which dots lie in the line's band, shape (n,)."""
+        down = (
+            dots.down - self.lattice.down - self.lattice.slope * (dots.along - self.lattice.along)
+        )
+        half = (self._spacing.line_pitch_m - 2 * self._spacing.dot_pitch_m) / 2
+        return np.asarray((down > -half) & (down < 2 * self.lattice.dot_down + half))
+
+    def take(self, dots: Dots) -> None:
+        """Take newly found dots of its band."""
+        on, _ = self.lattice.assign(dots)
+        dots = dots.where(on)
+        if not len(dots):
+            return
+        image, at = image_around(
+            self._strip, np.stack([dots.along, dots.down], -1), self._recogniser.margin
+        )
+        sides = self._recogniser.quarters(image, at)
+        self._dots = Dots(
+            np.append(self._dots.along, dots.along),
+            np.append(self._dots.down, dots.down),
+            np.append(self._dots.votes, dots.votes),
+        )
+        self._sides = np.concatenate([self._sides, sides])
+
+    def advance(self, complete: int, final: bool) -> None:
+        """Read the cells whose tiles lie before a column."""
+        while not self.closed:
+            end = self.lattice.centre(0)[0] + self.lattice.cell / 2
+            if int(np.ceil(end / self._strip.px_m)) > complete:
+                break
+            self._read_next()
+        if final:
+            self._close()
+
+    def _close(self) -> None:
+        self._pending = []
+        self.closed = True
+
+    def _read_next(self) -> None:
+        kind, seen = self._read()
+        if kind is _Kind.READ:
+            self._raised += int(seen.mask).bit_count()
+            self.cells += [*self._pending, seen]
+            self._pending = []
+            self._unusual = 0
+            self.accepted |= self._raised >= self._settings.min_line_dots
+        else:
+            self._pending.append(seen)
+            self._unusual = self._unusual + 1 if kind is _Kind.FOREIGN else 0
+            if (
+                self._unusual > _FOREIGN
+                or len(self._pending) > self._settings.max_spaces
+                or not self.accepted
+            ):
+                self._close()
+        self._follow()
+
+    def _follow(self) -> None:
+        """Fit the lattice to the dots up to here and step to the next cell."""
+        recent = self._dots.along > self.lattice.along - _FIT_CELLS * self.lattice.cell
+        self._dots, self._sides = self._dots.where(recent), self._sides[recent]
+        near = self._dots.along < self.lattice.along + 2 * self.lattice.cell
+        self.lattice = self.lattice.fitted(self._dots.where(near), self.lattice).moved(1)
+        self._next += 1
+
+    def _reference(self) -> Reference | None:
+        cells = np.abs((self._dots.along - self.lattice.centre(0)[0]) / self.lattice.cell)
+        near = cells <= _NEAR_CELLS
+        if near.sum() < _LEAST_DOTS:
+            sides = self._sides[np.argsort(cells, kind="stable")[:_LEAST_DOTS]]
+        else:
+            sides = self._sides[near]
+        if not len(sides):
+            return None
+        quarters = np.median(sides, axis=0)
+        whole = float(np.median(sides.sum(axis=1)))
+        if whole <= 0:
+            return None
+        return Reference(whole, np.maximum(quarters, 0.1 * whole))
+
+    def _read(self) -> tuple[_Kind, Seen]:
+        lattice, strip, s = self.lattice, self._strip, self._spacing
+        nodes = lattice.nodes(0)
+        image, at = image_around(strip, nodes, self._recogniser.margin)
+        middle, down = lattice.centre(0)
+        # Tile: half way to the neighbours; its place in the cut out image.
+        offset = at[0] - [nodes[0, 0] / strip.px_m, strip.row(nodes[0, 1])]
+        half = s.line_pitch_m / 2
+        tile = np.round(
+            [
+                (middle - lattice.cell / 2) / strip.px_m + offset[0],
+                (middle + lattice.cell / 2) / strip.px_m + offset[0],
+                strip.row(down - half) + offset[1],
+                strip.row(down + half) + offset[1],
+            ]
+        ).astype(int)
+        energies = self._recogniser.measure(image, at, tuple(tile))
+        reference = self._reference()
+        a, b = (
+            int((middle - lattice.cell / 2) / strip.px_m),
+            int((middle + lattice.cell / 2) / strip.px_m),
+        )
+        stamp = strip.newest_ns(a, b)
+        if reference is None:
+            return _Kind.FOREIGN, self._seen(0, np.zeros(6), stamp)
+        reading = self._recogniser.read(image, at, energies, reference)
+        outside = (nodes[:, 1] < self._view[0]) | (nodes[:, 1] > self._view[1])
+        confidence = np.where(outside, 0.0, reading.confidence)
+        mask = int((reading.raised << np.arange(6)).sum())
+        if not reading.raised.any() and reading.filled < _BLANK:
+            return _Kind.BLANK, self._seen(0, confidence, stamp)
+        if reading.explained < self._settings.min_explained:
+            return _Kind.FOREIGN, self._seen(mask, confidence, stamp)
+        return _Kind.READ, self._seen(mask, confidence, stamp)
+
+    def _seen(self, mask: int, confidence: F64, stamp_ns: int) -> Seen:
+        if not self._left_first:
+            mask = mask >> 3 | (mask & 7) << 3
+            confidence = np.roll(confidence, 3)
+        along, down = self.lattice.centre(0)
+        return Seen(
+            self._next,
+            mask,
+            tuple(float(c) for c in confidence),
+            bool(confidence.min() >= self._settings.min_dot_confidence),
+            along,
+            down,
+            stamp_ns,
+        )

@@ -1,0 +1,145 @@
+"""Joining what passes read into lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from . import table
+from .cells import Cell, Seen
+from .lines import LineReader
+from .passes import PassReader
+from .settings import BrailleSettings
+from .warp import F64, Warp
+
+#: Cells this near to one that is known, in cell pitches, are that one seen again.
+_SAME = 0.4
+
+
+class _Place:
+    """Where the next cell of a line being read goes."""
+
+    def __init__(self) -> None:
+        self.line: int | None = None
+        self.column = 0
+
+
+class Page:
+    """Puts cells in reading order and finds what they stand for.
+
+    Lines that are in view together are read one after the other, from the top. A sensor that rolls
+    against the reading direction sees a line's end first, so its lines come when the pass is over.
+    Cells that an earlier pass has read are left out.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        Spacing.
+    warp : Warp
+        Gives positions in base.
+    """
+
+    def __init__(self, settings: BrailleSettings, warp: Warp) -> None:
+        self._settings = settings
+        self._warp = warp
+        self._decoders: list[table.Decoder] = []
+        self._columns: list[dict[int, str]] = []
+        self._known: F64 = np.empty((0, 3))
+        self._where: list[tuple[int, int]] = []
+        self._current: LineReader | None = None
+        self._given = 0
+        self._place = _Place()
+        self.repeated = 0
+
+    def text(self) -> list[str]:
+        """The lines so far, without trailing spaces."""
+        out = []
+        for columns in self._columns:
+            last = max(columns, default=-1)
+            out.append("".join(columns.get(c, " ") for c in range(last + 1)).rstrip(" "))
+        return out
+
+    def collect(self, reader: PassReader, over: bool) -> Iterator[Cell]:
+        """Cells of a pass that can be given now.
+
+        Parameters
+        ----------
+        reader : PassReader
+            The pass.
+        over : bool
+            Whether it is over.
+        """
+        if reader.roll.direction < 0 and not over:
+            return
+        while True:
+            if self._current is None:
+                ready = [x for x in reader.lines if x.accepted]
+                if not ready:
+                    return
+                self._current = min(ready, key=lambda x: x.top)
+                self._given, self._place = 0, _Place()
+            cells = self._current.cells
+            new = cells[self._given :] if reader.roll.direction > 0 else cells[::-1]
+            self._given = len(cells)
+            for seen in new:
+                yield from self._give(seen, reader)
+            if not self._current.closed:
+                return
+            reader.lines.remove(self._current)
+            self._current = None
+
+    def _give(self, seen: Seen, reader: PassReader) -> Iterator[Cell]:
+        depth = self._warp.depth_at(reader.roll)
+        position = self._warp.surface_points(reader.roll, seen.along, seen.down, depth)[0]
+        place = self._place
+        known = self._find(position)
+        if known is not None:
+            self.repeated += 1
+            place.line, place.column = self._where[known][0], self._where[known][1] + 1
+            return
+        if place.line is None:
+            place.line = len(self._columns)
+            self._columns.append({})
+            self._decoders.append(table.Decoder())
+        character, readable = self._decode(place.line, seen)
+        cell = Cell(
+            seen.stamp_ns,
+            place.line,
+            place.column,
+            seen.mask,
+            character if readable and character is not None else "",
+            readable,
+            position,
+            min(seen.dot_confidence),
+            seen.dot_confidence,
+        )
+        self._columns[place.line][place.column] = self._shown(seen, character, readable)
+        self._known = np.concatenate([self._known, position[None]])
+        self._where.append((place.line, place.column))
+        place.column += 1
+        yield cell
+
+    def _decode(self, line: int, seen: Seen) -> tuple[str | None, bool]:
+        if not seen.certain:
+            least = self._settings.min_dot_confidence
+            certain = sum(1 << i for i, c in enumerate(seen.dot_confidence) if c >= least)
+            self._decoders[line].skip(seen.mask, certain)
+            return None, False
+        character = self._decoders[line].read(seen.mask)
+        return character, character is not None
+
+    @staticmethod
+    def _shown(seen: Seen, character: str | None, readable: bool) -> str:
+        if readable:
+            return character or ""
+        return table.pattern(seen.mask) if seen.certain else table.UNREADABLE
+
+    def _find(self, position: F64) -> int | None:
+        """The known cell at a place."""
+        if not len(self._known):
+            return None
+        away = np.linalg.norm(self._known - position, axis=1)
+        nearest = int(np.argmin(away))
+        limit = _SAME * self._settings.spacing.cell_pitch_m
+        return nearest if away[nearest] < limit else None

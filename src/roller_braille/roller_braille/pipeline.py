@@ -1,0 +1,159 @@
+"""The one pipeline from events and poses to Braille cells.
+
+The node, the replay command and the tests all drive this object.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from roller_core.camera import Camera
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseError, PoseTrack
+
+from .batches import Batch, BatchCutter, PassEnd
+from .cells import Cell
+from .page import Page
+from .passes import PassReader
+from .settings import BrailleSettings
+from .warp import Warp
+
+
+@dataclass(slots=True)
+class BrailleCounts:
+    """What the reader did so far.
+
+    Attributes
+    ----------
+    frames, events : int
+        Frames warped and the events in them.
+    refused_frames : int
+        Frames left out because poses were missing.
+    passes, dots : int
+        Passes over the surface, spots that may be dots.
+    cells, unreadable_cells, repeated_cells : int
+        Cells given, those of them not readable, and cells seen again by a later pass.
+    still_events, events_without_pose, dropped_events : int
+        Events while the sensor didn't roll, events that no pose was there for, and events dropped
+        because too many waited.
+    """
+
+    frames: int = 0
+    refused_frames: int = 0
+    events: int = 0
+    passes: int = 0
+    dots: int = 0
+    cells: int = 0
+    unreadable_cells: int = 0
+    repeated_cells: int = 0
+    still_events: int = 0
+    events_without_pose: int = 0
+    dropped_events: int = 0
+
+
+class BraillePipeline:
+    """Events and poses in, Braille cells out.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        Method and its parameters.
+    camera : Camera
+        Calibration of the camera that the events are from.
+    track : PoseTrack
+        Camera optical frame in base; the caller goes on adding poses to it.
+    """
+
+    def __init__(self, settings: BrailleSettings, camera: Camera, track: PoseTrack) -> None:
+        self.settings = settings
+        self.camera = camera
+        self.track = track
+        self._counts = BrailleCounts()
+        self._cutter = BatchCutter(settings, track)
+        self._warp = Warp(settings, camera, track)
+        self._page = Page(settings, self._warp)
+        self._reader: PassReader | None = None
+        #: Why frames were left out, newest last.
+        self.refusals: list[str] = []
+        #: Time that each frame took, ms.
+        self.milliseconds: list[float] = []
+
+    @property
+    def counts(self) -> BrailleCounts:
+        """What was done and lost so far."""
+        counts, cutter = self._counts, self._cutter
+        counts.still_events = cutter.still_events
+        counts.events_without_pose = cutter.events_without_pose
+        counts.dropped_events = cutter.dropped_events
+        counts.repeated_cells = self._page.repeated
+        return counts
+
+    @property
+    def held_events(self) -> int:
+        """Events that wait for their frame to be complete."""
+        return self._cutter.held_events
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed; None while it isn't known."""
+        return self._cutter.needed_from_ns
+
+    def add_events(self, events: EventArray) -> None:
+        """Take events in order of time, ROS time."""
+        self._cutter.add(events)
+
+    def text(self) -> list[str]:
+        """Lines of text read so far.
+
+        A cell whose dots are not certain stands there as U+FFFD, one whose dots are certain but
+        have no meaning in grade 1 as its Braille pattern.
+        """
+        return self._page.text()
+
+    def results(self, flush: bool = False) -> Iterator[Cell]:
+        """Cells that are complete, each once, in reading order.
+
+        Parameters
+        ----------
+        flush : bool
+            No more events will come for now: what is left makes up the last frame, and lines end
+            here.
+        """
+        while (item := self._cutter.cut(flush)) is not None:
+            begin = time.perf_counter()
+            cells = self._end(item) if isinstance(item, PassEnd) else self._frame(item)
+            if isinstance(item, Batch):
+                self.milliseconds.append((time.perf_counter() - begin) * 1e3)
+            for cell in cells:
+                self._counts.cells += 1
+                self._counts.unreadable_cells += not cell.readable
+                yield cell
+
+    def _frame(self, batch: Batch) -> list[Cell]:
+        if self._reader is None:
+            self._reader = PassReader(self.settings, self._warp, batch.roll)
+            self._counts.passes += 1
+        reader = self._reader
+        try:
+            reader.add(batch)
+        except PoseError as error:
+            self._counts.refused_frames += 1
+            self.refusals.append(str(error))
+            return []
+        self._counts.frames += 1
+        self._counts.events += len(batch.events)
+        before = reader.dots
+        reader.advance()
+        self._counts.dots += reader.dots - before
+        return list(self._page.collect(reader, over=False))
+
+    def _end(self, _: PassEnd) -> list[Cell]:
+        reader, self._reader = self._reader, None
+        if reader is None:
+            return []
+        before = reader.dots
+        reader.advance(final=True)
+        self._counts.dots += reader.dots - before
+        return list(self._page.collect(reader, over=True))

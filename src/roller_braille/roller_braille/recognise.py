@@ -1,0 +1,231 @@
+"""Telling which dots of a cell are raised.
+
+A cell's part of the mosaic is cleaned (bilateral filter, CLAHE, threshold, opening, closing), cut
+into six squares and each searched for a circle, as the paper does. Beside that stands the evidence
+of the events themselves: how many lie within a dot's place, and whether all its sides have them,
+both against what the dots of the same line have. A dot is raised or not only where these agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from .dots import SPOT
+from .settings import BrailleSettings
+from .strip import Strip
+from .warp import F32, F64
+
+#: Share of a dot's events below which a place without a circle is certainly empty, and the share
+#: at which it certainly is not.
+_EMPTY, _FILLED = 0.15, 0.5
+#: Evidence at which a dot is as likely raised as not, and that of a sure one.
+_EVEN, _SURE = 0.5, 0.85
+_QUARTERS = 4
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Events above the background at the six nodes of a cell.
+
+    Attributes
+    ----------
+    whole : ndarray, shape (6,)
+        All of the spot.
+    quarters : ndarray, shape (6, 4)
+        Its right, lower, left and upper quarter.
+    total : float
+        All of the cell's tile: from half way to the cell before to half way to the next, and from
+        half way to the line above to half way to the one below.
+    background : float
+        Events that a spot holds without a dot.
+    """
+
+    whole: F64
+    quarters: F64
+    total: float
+    background: float
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a raised dot of a line has: events of the whole spot and of its quarters, shape (4,)."""
+
+    whole: float
+    quarters: F64
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Which dots of a cell are raised, by node: the first column from the top, then the second.
+
+    Attributes
+    ----------
+    raised : ndarray of bool, shape (6,)
+        More likely raised than not.
+    confidence : ndarray, shape (6,)
+        How sure, 0 to 1.
+    explained : float
+        Share of the tile's events that lie within raised dots.
+    filled : float
+        Events of the tile, in those of a dot.
+    """
+
+    raised: npt.NDArray[np.bool_]
+    confidence: F64
+    explained: float
+    filled: float
+
+
+class Recogniser:
+    """Reads single cells.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        Filters, thresholds, weights.
+    """
+
+    def __init__(self, settings: BrailleSettings) -> None:
+        self._settings = settings
+        s = settings.spacing
+        px = settings.strip_px_m
+        self._px = px
+        self._radius_px = s.dot_diameter_m / 2 / px
+        spot = self._radius_px * SPOT
+        n = int(np.ceil(spot))
+        y, x = np.mgrid[-n : n + 1, -n : n + 1]
+        inside = np.hypot(x, y) <= spot
+        side = np.round(np.arctan2(y, x) / (np.pi / 2)).astype(int) % _QUARTERS
+        self._reach = n
+        #: Columns and rows to cut out around nodes, so that a cell's tile lies within.
+        self.margin = int(
+            np.ceil(max(s.cell_pitch_m - s.dot_pitch_m, s.line_pitch_m - 2 * s.dot_pitch_m) / px)
+        )
+        self._masks = np.stack([inside & (side == q) for q in range(_QUARTERS)]).astype(np.float32)
+        self._area = float(inside.sum())
+        self._square = round(s.dot_pitch_m / px)
+        size = settings.morphology_px
+        self._element = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        self._clahe = cv2.createCLAHE(
+            settings.clahe_clip, (settings.clahe_tiles, settings.clahe_tiles)
+        )
+
+    def measure(self, image: F32, at: F64, tile: tuple[int, int, int, int]) -> Energies:
+        """Count events at the nodes of a cell.
+
+        Parameters
+        ----------
+        image : ndarray of float32
+            Part of the mosaic around the cell.
+        at : ndarray, shape (6, 2)
+            Nodes: column and row in `image`.
+        tile : tuple of int
+            First and last column, first and last row of the cell's tile (last excluded).
+        """
+        a, b, top, bottom = tile
+        part = image[max(top, 0) : max(bottom, 0), max(a, 0) : max(b, 0)]
+        level = _background(part)
+        quarters = self.quarters(image, at) - level * self._masks.sum(axis=(1, 2))
+        total = float(part.sum()) - level * part.size
+        return Energies(quarters.sum(axis=1), quarters, total, level * self._area)
+
+    def quarters(self, image: F32, at: F64) -> F64:
+        """Events in the quarters of spots at columns and rows `at`, (n, 2); shape (n, 4)."""
+        n = self._reach
+        padded = cv2.copyMakeBorder(image, n, n, n, n, cv2.BORDER_CONSTANT)
+        out = np.zeros((len(at), _QUARTERS))
+        for i, (c, r) in enumerate(np.floor(at + 0.5).astype(int)):
+            if 0 <= c < image.shape[1] and 0 <= r < image.shape[0]:
+                window = padded[r : r + 2 * n + 1, c : c + 2 * n + 1]
+                out[i] = (self._masks * window).sum(axis=(1, 2))
+        return out
+
+    def read(self, image: F32, at: F64, energies: Energies, reference: Reference) -> Reading:
+        """Tell which dots are raised.
+
+        Parameters
+        ----------
+        image, at
+            See `measure`.
+        energies : Energies
+            What `measure` found.
+        reference : Reference
+            What raised dots of this line have.
+        """
+        whole = np.clip(energies.whole / reference.whole, 0.0, None)
+        sides = np.clip(energies.quarters / reference.quarters, 0.0, None)
+        shape = np.minimum(np.minimum(sides[:, 0], sides[:, 2]), whole)
+        circles = self._circles(image, at, reference)
+        w = self._settings.hough_weight
+        evidence = (1 - w) * (np.minimum(whole, 1.0) + np.minimum(shape, 1.0)) / 2 + w * circles
+        sure = np.clip((evidence - _EVEN) / (_SURE - _EVEN), 0.0, 1.0)
+        most = np.maximum(whole, np.median(sides, axis=1))
+        empty = np.clip((_FILLED - most) / (_FILLED - _EMPTY), 0.0, 1.0)
+        raised = sure > empty
+        confidence = np.where(raised, sure - empty, empty - sure)
+        held = float(np.maximum(energies.whole, 0.0)[raised].sum())
+        total = max(energies.total, 1e-9)
+        return Reading(raised, confidence, min(held / total, 1.0), total / reference.whole)
+
+    def clean(self, image: F32, reference: Reference) -> npt.NDArray[np.uint8]:
+        """The paper's preprocessing: uint8 image of 0 and 255, shape as `image`."""
+        s = self._settings
+        full = 4.0 * reference.whole / self._area
+        grey = np.clip(image * (255.0 / max(full, 1e-9)), 0, 255).astype(np.uint8)
+        if s.bilateral_px > 1:
+            grey = cv2.bilateralFilter(grey, s.bilateral_px, s.bilateral_sigma, s.bilateral_px)
+        if s.clahe_clip > 0:
+            grey = self._clahe.apply(grey)
+        binary = cv2.threshold(grey, 255 * s.threshold, 255, cv2.THRESH_BINARY)[1]
+        if s.morphology_px > 1:
+            binary = cv2.morphologyEx(binary, cv2.MORPH_CLOSE, self._element)
+            binary = cv2.morphologyEx(binary, cv2.MORPH_OPEN, self._element)
+        return np.asarray(binary, np.uint8)
+
+    def _circles(self, image: F32, at: F64, reference: Reference) -> F64:
+        """Whether a circle the size of a dot is found in each of the six squares."""
+        s = self._settings
+        half = self._square // 2
+        binary = self.clean(image, reference)
+        padded = cv2.copyMakeBorder(binary, half, half, half, half, cv2.BORDER_CONSTANT)
+        low = self._radius_px * (1 - s.hough_radius_tolerance)
+        high = self._radius_px * (1 + s.hough_radius_tolerance)
+        found = np.zeros(len(at))
+        for i, (c, r) in enumerate(np.floor(at + 0.5).astype(int)):
+            if not (0 <= c < image.shape[1] and 0 <= r < image.shape[0]):
+                continue
+            square = np.ascontiguousarray(padded[r : r + 2 * half + 1, c : c + 2 * half + 1])
+            if not square.any():
+                continue
+            circles = cv2.HoughCircles(
+                square, cv2.HOUGH_GRADIENT, 1, minDist=4 * half, param1=200,
+                param2=s.hough_votes, minRadius=int(low), maxRadius=int(np.ceil(high)),
+            )  # fmt: skip
+            if circles is not None:
+                x, y, _ = circles[0, 0]
+                found[i] = float(np.hypot(x - half, y - half) <= half / 2)
+        return found
+
+
+def _background(part: F32) -> float:
+    """Events a pixel where nothing is, from the emptier half of blocks."""
+    n = 8
+    rows, columns = part.shape[0] // n, part.shape[1] // n
+    if not rows or not columns:
+        return 0.0
+    blocks = part[: rows * n, : columns * n].reshape(rows, n, columns, n).mean(axis=(1, 3))
+    return float(np.quantile(blocks, 0.25))
+
+
+def image_around(strip: Strip, nodes: F64, margin_px: int) -> tuple[F32, F64]:
+    """Part of the mosaic around nodes, and the nodes' columns and rows in it."""
+    columns = nodes[:, 0] / strip.px_m
+    a, b = int(columns.min()) - margin_px, int(columns.max()) + margin_px + 1
+    rows = (nodes[:, 1] - strip.top_m) / strip.px_m
+    top, bottom = max(int(rows.min()) - margin_px, 0), int(rows.max()) + margin_px + 1
+    image = np.ascontiguousarray(strip.image(a, b)[top:bottom])
+    return image, np.stack([columns - a, rows - top], axis=-1)

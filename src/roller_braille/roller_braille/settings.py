@@ -1,0 +1,165 @@
+"""Settings of the Braille reader: defaults, ranges and descriptions in one place.
+
+Node parameters, `config/braille.yaml` and the README's table come from here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import Field
+
+from roller_core.settings import Settings
+
+Profile = Literal["nls", "marburg", "wide"]
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """Distances on a Braille plate, metres."""
+
+    dot_pitch_m: float
+    cell_pitch_m: float
+    line_pitch_m: float
+    dot_diameter_m: float
+
+
+#: Library of Congress (NLS specification 800), Marburg Medium, and the widest cells in use.
+PROFILES: dict[str, Spacing] = {
+    "nls": Spacing(2.34e-3, 6.2e-3, 10.0e-3, 1.44e-3),
+    "marburg": Spacing(2.5e-3, 6.0e-3, 10.0e-3, 1.5e-3),
+    "wide": Spacing(2.5e-3, 6.8e-3, 10.0e-3, 1.5e-3),
+}
+
+
+class BrailleSettings(Settings):
+    """From events to text."""
+
+    profile: Profile = Field(
+        "nls",
+        description="Spacing of the plate: nls (2.34 / 6.2 / 10 mm between dots / cells / lines), "
+        "marburg (2.5 / 6.0 / 10 mm) or wide (2.5 / 6.8 / 10 mm).",
+    )
+    dot_pitch_m: float = Field(
+        0.0, ge=0.0, le=0.01, description="Distance of dots in a cell, m; 0: the profile's."
+    )
+    cell_pitch_m: float = Field(
+        0.0, ge=0.0, le=0.03, description="Distance of cells in a line, m; 0: the profile's."
+    )
+    line_pitch_m: float = Field(
+        0.0, ge=0.0, le=0.05, description="Distance of lines, m; 0: the profile's."
+    )
+    dot_diameter_m: float = Field(
+        0.0, ge=0.0, le=0.01, description="Diameter of a dot's base, m; 0: the profile's."
+    )
+    pitch_tolerance: float = Field(
+        0.04,
+        ge=0.0,
+        le=0.1,
+        description="Largest error of the pitches that is measured and put right, as a share.",
+    )
+    depth_source: Literal["fixed", "surface"] = Field(
+        "fixed",
+        description="Depth of the surface: fixed (depth_m), or from the camera's height in base "
+        "over the plane surface_z_m.",
+    )
+    depth_m: float = Field(
+        0.0455, ge=0.001, le=10.0, description="Depth of the surface with source fixed, m."
+    )
+    surface_z_m: float = Field(
+        0.0, ge=-10.0, le=10.0, description="Height of the plate in base with source surface, m."
+    )
+    batch_events: int = Field(
+        20_000, ge=100, le=1_000_000, description="Most events of a frame (paper: 20 000)."
+    )
+    batch_travel_m: float = Field(
+        0.006, ge=0.0005, le=0.1, description="Travel of the sensor that ends a frame too, m."
+    )
+    view_half_width_m: float = Field(
+        0.008,
+        ge=0.001,
+        le=0.1,
+        description="Events this far from the optical axis along the roll are used, m; the skin "
+        "outside the contact does not move with the surface.",
+    )
+    strip_px_m: float = Field(
+        0.00006, ge=0.00001, le=0.001, description="Pixel of the surface's mosaic, m."
+    )
+    min_speed_m_s: float = Field(
+        0.005, ge=0.0, le=1.0, description="Events of a sensor slower than this are noise, m/s."
+    )
+    standstill_s: float = Field(
+        1.0, ge=0.05, le=60.0, description="A standstill this long ends the line, s."
+    )
+    turn_back_m: float = Field(
+        0.002, ge=0.0001, le=0.1, description="Rolling back this far ends the line, m."
+    )
+    lookahead_cells: int = Field(
+        3,
+        ge=1,
+        le=20,
+        description="Cells seen beyond its first dot before a line is begun; lines above that are "
+        "indented by less come first.",
+    )
+    min_line_dots: int = Field(
+        3, ge=1, le=100, description="Fewer dots than this are not taken for a line."
+    )
+    min_dot_votes: float = Field(
+        300.0, ge=0.0, le=1e9, description="Events, above the background, that a dot needs."
+    )
+    max_spaces: int = Field(
+        8, ge=1, le=100, description="More blank or foreign cells than this end a line."
+    )
+    min_explained: float = Field(
+        0.6,
+        ge=0.0,
+        le=1.0,
+        description="Share of a cell's events that its dots must hold; less is other relief.",
+    )
+    min_dot_confidence: float = Field(
+        0.4, ge=0.0, le=1.0, description="A cell with a dot less certain than this isn't read."
+    )
+    hough_weight: float = Field(
+        0.2,
+        ge=0.0,
+        le=1.0,
+        description="Weight of the Hough circle in a dot's evidence, beside its energy and shape.",
+    )
+    bilateral_px: int = Field(
+        5, ge=1, le=31, description="Bilateral filter of a cell's image: diameter, px; 1 is off."
+    )
+    bilateral_sigma: float = Field(
+        60.0, ge=0.1, le=255.0, description="Bilateral filter: spread in grey levels."
+    )
+    clahe_clip: float = Field(2.0, ge=0.0, le=100.0, description="CLAHE: clip limit; 0 is off.")
+    clahe_tiles: int = Field(2, ge=1, le=16, description="CLAHE: tiles along each side.")
+    threshold: float = Field(
+        0.3, ge=0.0, le=1.0, description="Binary threshold as a share of full scale."
+    )
+    morphology_px: int = Field(
+        3, ge=1, le=15, description="Opening and closing: diameter of the element, px; 1 is off."
+    )
+    hough_votes: float = Field(
+        6.0, ge=0.5, le=100.0, description="Hough circles: votes that a centre needs."
+    )
+    hough_radius_tolerance: float = Field(
+        0.35, ge=0.01, le=0.9, description="Hough circles: radius may differ by this share."
+    )
+    max_backlog_events: int = Field(
+        20_000_000,
+        ge=10_000,
+        le=2_000_000_000,
+        description="Events that may wait for poses; beyond it the oldest are dropped, counted.",
+    )
+
+    @property
+    def spacing(self) -> Spacing:
+        """The profile's spacing with what is set apart put in."""
+        p = PROFILES[self.profile]
+        return Spacing(
+            self.dot_pitch_m or p.dot_pitch_m,
+            self.cell_pitch_m or p.cell_pitch_m,
+            self.line_pitch_m or p.line_pitch_m,
+            self.dot_diameter_m or p.dot_diameter_m,
+        )

@@ -1,0 +1,138 @@
+"""The mosaic of warped events, a strip fixed to the surface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roller_core.events import EventArray
+
+from .settings import BrailleSettings
+from .warp import F32, I64, Knots, vote
+
+#: Columns seen over less than this share of the full travel are not made up for.
+_LEAST_EXPOSURE = 0.25
+_MARGIN_M = 0.002
+
+
+class Strip:
+    """Counts of warped events on the surface, over the part of a pass that is still needed.
+
+    Columns run along the travel of the sensor, whichever way it rolls, rows down the image. A
+    column is numbered by its place: column c is at c times the pixel's size from where the pass
+    began.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        Pixel size and width of the view.
+    half_height_m : float
+        Half height of the view.
+    """
+
+    def __init__(self, settings: BrailleSettings, half_height_m: float) -> None:
+        self.px_m = settings.strip_px_m
+        self._half = settings.view_half_width_m
+        self._rows = int(np.ceil(2 * (half_height_m + _MARGIN_M) / self.px_m))
+        #: Way down the image of the first row, metres.
+        self.top_m = -self._rows / 2 * self.px_m
+        self._first = 0
+        self._counts: F32 = np.zeros((self._rows, 0), np.float32)
+        self._newest: I64 = np.zeros(0, np.int64)
+        self._begin: float | None = None
+        self._end = 0.0
+        self.events = 0
+
+    @property
+    def rows(self) -> int:
+        """Rows."""
+        return self._rows
+
+    @property
+    def first(self) -> int:
+        """First column kept."""
+        return self._first
+
+    @property
+    def complete(self) -> int:
+        """Columns before this one have left the view."""
+        return int(np.floor((self._end - self._half) / self.px_m)) if self._begin is not None else 0
+
+    @property
+    def seen(self) -> tuple[int, int]:
+        """First column seen and the one after the last."""
+        if self._begin is None:
+            return 0, 0
+        a = int(np.ceil((self._begin - self._half) / self.px_m))
+        return a, int(np.floor((self._end + self._half) / self.px_m)) + 1
+
+    def row(self, down_m: float) -> float:
+        """Row of a way down the image."""
+        return (down_m - self.top_m) / self.px_m
+
+    def add(self, events: EventArray, table: F32, knots: Knots) -> None:
+        """Warp a frame of events and count them."""
+        if self._begin is None:
+            self._begin = float(knots.along[0])
+            self._first = int(np.floor((self._begin - self._half) / self.px_m))
+            self._end = self._begin
+        self._end = max(self._end, float(knots.along[-1]))
+        self._reserve(int((float(knots.along.max()) + self._half) / self.px_m) + 16)
+        raster = np.array(
+            [
+                [1 / self.px_m, 0.0, -float(self._first)],
+                [0.0, 1 / self.px_m, -self.top_m / self.px_m],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        self.events += vote(events, table, knots, raster, self._counts, self._newest)
+
+    def forget_before(self, column: int) -> None:
+        """Columns before this one are no longer needed."""
+        # Moving what is kept costs; do it once in a while.
+        keep = column - self._first
+        if 512 < keep < self._counts.shape[1]:
+            self._counts[:, :-keep] = self._counts[:, keep:].copy()
+            self._counts[:, -keep:] = 0.0
+            self._newest[:-keep] = self._newest[keep:].copy()
+            self._newest[-keep:] = 0
+            self._first = column
+
+    def image(self, a: int, b: int) -> F32:
+        """Counts of columns a to b (b excluded), as if all were seen over the full travel.
+
+        Returns
+        -------
+        ndarray of float32, shape (rows, b - a)
+            Events a pixel; 0 where nothing is kept.
+        """
+        out = np.zeros((self._rows, b - a), np.float32)
+        lo, hi = max(a, self._first), min(b, self._first + self._counts.shape[1])
+        if lo < hi:
+            gain = self._gain(lo, hi)
+            part = self._counts[:, lo - self._first : hi - self._first]
+            np.multiply(part, gain, out=out[:, lo - a : hi - a])
+        return out
+
+    def newest_ns(self, a: int, b: int) -> int:
+        """Time of the newest event in columns a to b (b excluded); 0 if there is none."""
+        part = self._newest[max(a - self._first, 0) : max(b - self._first, 0)]
+        return int(part.max(initial=0))
+
+    def _gain(self, a: int, b: int) -> F32:
+        assert self._begin is not None
+        place = np.arange(a, b) * self.px_m
+        seen = np.minimum(self._end, place + self._half) - np.maximum(
+            self._begin, place - self._half
+        )
+        share = np.clip(seen / (2 * self._half), 0.0, 1.0)
+        return np.where(share >= _LEAST_EXPOSURE, 1 / np.maximum(share, 1e-3), 1.0).astype(
+            np.float32
+        )
+
+    def _reserve(self, column: int) -> None:
+        have = self._counts.shape[1]
+        need = column - self._first
+        if need > have:
+            more = max(need - have, 1024)
+            self._counts = np.hstack([self._counts, np.zeros((self._rows, more), np.float32)])
+            self._newest = np.append(self._newest, np.zeros(more, np.int64))

@@ -1,0 +1,183 @@
+"""Motion compensation: from events to places on the surface.
+
+A point of the surface at depth Z moves through the image at u̇ = -F·v/Z. Over a time in which the
+camera moves ΔX along the roll, an event at u is thus warped to u + F·ΔX/Z at the reference time,
+and a pixel of the warped image is the place X + Z·(u - c_x)/F of the surface. Instead of a constant
+speed times the time, ΔX is the way between the poses themselves, so ramps and vibration are right;
+and the two steps are one map from pixel to surface, a homography, linear in time between knots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.camera import Camera
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+from roller_core.transforms import F64, quaternion_to_matrix
+
+from . import _kernels as kernels
+from .rolling import Pass
+from .settings import BrailleSettings
+
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+
+#: Pixel of the table that is left out.
+OUTSIDE = -1e9
+_KNOT_NS = 500_000
+
+
+@dataclass(frozen=True)
+class Knots:
+    """Maps from pixel to surface at times.
+
+    Attributes
+    ----------
+    times_ns : ndarray of int64, shape (k,)
+        At least two.
+    maps : ndarray of float64, shape (k, 3, 3)
+        Ideal pixel to travel along the roll and way down the image, metres, in the pass's frame.
+    along : ndarray of float64, shape (k,)
+        Travel of the camera itself, metres.
+    """
+
+    times_ns: I64
+    maps: F64
+    along: F64
+
+
+class Warp:
+    """Warps events of one camera.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        Depth and width of the view.
+    camera : Camera
+        Calibration.
+    track : PoseTrack
+        Camera in base.
+    """
+
+    def __init__(self, settings: BrailleSettings, camera: Camera, track: PoseTrack) -> None:
+        self._settings = settings
+        self._track = track
+        self._inverse_k = np.linalg.inv(camera.K)
+        self.table = camera.undistortion_table().copy()
+        half_px = settings.view_half_width_m / settings.depth_m * camera.fx
+        self.table[np.abs(self.table[..., 0] - camera.cx) > half_px] = OUTSIDE
+        corners = camera.rays(
+            camera.undistort(
+                np.array([[0.0, 0.0], [camera.width - 1.0, camera.height - 1.0], [camera.cx, 0.0]])
+            )
+        )
+        #: Half height of the view on the surface, metres.
+        self.half_height_m = float(np.abs(corners[:, 1]).max()) * settings.depth_m
+
+    def knots(self, roll: Pass, start_ns: int, end_ns: int) -> Knots:
+        """Maps at evenly spaced times of an interval and at its ends.
+
+        Raises
+        ------
+        PoseError
+            If poses are missing.
+        """
+        count = max(2, -(-(end_ns - start_ns) // _KNOT_NS) + 1)
+        times = start_ns + np.round(np.linspace(0.0, end_ns - start_ns, count)).astype(np.int64)
+        times = np.unique(np.append(times, start_ns + 1))
+        positions, quaternions = self._track.sample(times)
+        centre = (positions - roll.origin) @ roll.rotation
+        rotation = roll.rotation.T @ quaternion_to_matrix(quaternions)
+        depth = self._depths(positions, roll)
+        # Ray (x, y, z) = R K^-1 (u, v, 1) meets the surface at X = C_x + Z x/z, Y = C_y + Z y/z.
+        rays = rotation @ self._inverse_k
+        maps = np.empty_like(rays)
+        maps[:, 0] = depth[:, None] * rays[:, 0] + centre[:, :1] * rays[:, 2]
+        maps[:, 1] = depth[:, None] * rays[:, 1] + centre[:, 1:2] * rays[:, 2]
+        maps[:, 2] = rays[:, 2]
+        maps[:, 0] *= roll.direction
+        return Knots(times, maps, centre[:, 0] * roll.direction)
+
+    def _depths(self, positions: F64, roll: Pass) -> F64:
+        """Depth of the surface along the camera's axis, metres, at places of the camera."""
+        s = self._settings
+        axis = roll.rotation[:, 2]
+        if s.depth_source == "fixed" or abs(axis[2]) < 0.1:
+            return np.full(len(positions), s.depth_m)
+        return np.clip((s.surface_z_m - positions[:, 2]) / axis[2], s.depth_m / 2, s.depth_m * 2)
+
+    def depth_at(self, roll: Pass) -> float:
+        """Depth of the surface where a pass begins, metres."""
+        return float(self._depths(roll.origin[None], roll)[0])
+
+    def surface_points(
+        self, roll: Pass, along: npt.ArrayLike, down: npt.ArrayLike, z: float
+    ) -> F64:
+        """Points of the mosaic in base, metres, shape (n, 3).
+
+        Parameters
+        ----------
+        roll : Pass
+            The pass.
+        along, down : array_like, shape (n,)
+            Travel along the roll and way down the image, metres.
+        z : float
+            Depth of the surface below the origin of the pass, metres.
+        """
+        x = np.atleast_1d(np.asarray(along, np.float64)) * roll.direction
+        y = np.atleast_1d(np.asarray(down, np.float64))
+        local = np.stack([x, y, np.full_like(x, z)], axis=-1)
+        return np.asarray(local @ roll.rotation.T + roll.origin)
+
+
+def vote(events: EventArray, table: F32, knots: Knots, raster: F64, strip: F32, newest: I64) -> int:
+    """Warp events and count them in a strip.
+
+    Parameters
+    ----------
+    events : EventArray
+        In order of time.
+    table : ndarray of float32, shape (height, width, 2)
+        Ideal pixels; those left out have a u of `OUTSIDE`.
+    knots : Knots
+        Maps.
+    raster : ndarray of float64, shape (3, 3)
+        From metres to columns and rows of the strip.
+    strip : ndarray of float32, shape (rows, columns)
+        Counted into.
+    newest : ndarray of int64, shape (columns,)
+        Set to the time of each column's newest event, ns.
+
+    Returns
+    -------
+    int
+        Events counted.
+    """
+    maps = np.ascontiguousarray(raster @ knots.maps)
+    return int(
+        kernels._vote(events.x, events.y, events.t_ns, table, knots.times_ns, maps, strip, newest)
+    )
+
+
+def vote_numpy(
+    events: EventArray, table: F32, knots: Knots, raster: F64, strip: F32, newest: I64
+) -> int:
+    """The same as `vote`, without a compiled kernel."""
+    maps = raster @ knots.maps
+    pixel = table[events.y, events.x].astype(np.float64)
+    inside = pixel[:, 0] > OUTSIDE / 10
+    t, pixel = events.t_ns[inside], pixel[inside]
+    k = np.clip(np.searchsorted(knots.times_ns, t, "right") - 1, 0, len(knots.times_ns) - 2)
+    f = (t - knots.times_ns[k]) / (knots.times_ns[k + 1] - knots.times_ns[k])
+    m = maps[k] * (1 - f)[:, None, None] + maps[k + 1] * f[:, None, None]
+    h = np.einsum("nij,nj->ni", m, np.column_stack([pixel, np.ones(len(pixel))]))
+    place = np.floor(h[:, :2] / h[:, 2:] + 0.5).astype(np.int64)
+    rows, columns = strip.shape
+    ok = ((place >= 0) & (place < [columns, rows])).all(axis=1)
+    np.add.at(strip, (place[ok, 1], place[ok, 0]), 1.0)
+    newest[place[ok, 0]] = t[ok]
+    return int(ok.sum())
