@@ -18,6 +18,9 @@ if [[ "$ROLLER_MODE" == distribution ]]; then
   # shellcheck source=/dev/null
   source "$ROLLER_ROOT/install/setup.bash"
   eval "$roller_nounset"
+elif [[ -n "${AMENT_PREFIX_PATH:-}" ]]; then
+  # A distribution is sourced that this workspace wasn't set up on: keep its packages out.
+  unset AMENT_PREFIX_PATH PYTHONPATH LD_LIBRARY_PATH
 fi
 
 # Nothing leaves this machine unless a cell says so: ROLLER_ROS_NETWORK=SUBNET, or ROS 2's own

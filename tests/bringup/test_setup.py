@@ -215,6 +215,15 @@ def test_a_cell_opts_into_its_network(checkout):
     assert f"ROS_LOG_DIR={checkout}/log/ros" in done.stdout.splitlines()
 
 
+def test_a_sourced_distribution_stays_out_of_wheels(checkout):
+    (checkout / ".venv" / "setup").mkdir()
+    (checkout / ".venv" / "setup" / "mode").write_text("wheels\n")
+    mine = call(checkout, cwd="/", PYTHONPATH="/mine").stdout.splitlines()
+    assert "PYTHONPATH=/mine" in mine
+    lines = call(checkout, cwd="/", PYTHONPATH="/ros", AMENT_PREFIX_PATH="/ros").stdout
+    assert "/ros" not in lines.replace(f"{checkout}", "")
+
+
 def test_the_scripts_are_sound():
     for script in ["roller", ".ci/run", *map(str, (ROOT / "scripts").glob("*.sh"))]:
         path = ROOT / script
