@@ -34,7 +34,7 @@ lint: setup ## style, types and the packages' dependencies
 	$(python) -m ruff check .; \
 	$(python) -m ruff format --check -q . || { echo "lint: run make format"; exit 1; }; \
 	$(python) -m mypy; \
-	"$$ROLLER_VENV/bin/lint-imports" --no-cache | tail -n 5
+	"$$ROLLER_VENV/bin/lint-imports" --no-cache | tail -n 7
 
 unit: setup ## the tests that start no nodes
 	@$(in_workspace) scripts/pytest.sh -n $(JOBS) --dist loadgroup -m "not graph" $(PYTEST)
