@@ -1,7 +1,7 @@
 """Cutting the stream of events into the frames that are warped together.
 
-A frame ends after a number of events or a travel of the sensor, or where a pass ends: all decided by
-events and poses, never by when they arrived.
+A frame ends after a number of events or a travel of the sensor, or where a pass ends: all decided
+by events and poses, never by when they arrived.
 """
 
 from __future__ import annotations

@@ -12,15 +12,15 @@ from .settings import Spacing
 from .warp import F64
 
 #: A dot this far off its node, in dot pitches, has no part in it.
-REACH = 0.17
+REACH = 0.25
 _SCALES = 7
 _STEP_M = 0.0001
 #: Where dots fit several rows or columns alike, the upper row and the left column are taken.
 _PREFERENCE = 0.01
 #: How much the lattice's parameters are taken to differ from those expected, for the fit:
 #: offset along, cell pitch, dot pitch along, offset down, slope, dot pitch down.
-_PRIOR = np.array([4e-4, 0.02, 0.02, 4e-4, 0.02, 0.02])
-_DOT_SIGMA_M = 1e-4
+_PRIOR = np.array([1e-3, 0.01, 0.01, 1e-3, 0.01, 0.03])
+_DOT_SIGMA_M = 1.5e-4
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,12 @@ class Lattice:
     slope: float = 0.0
 
     def nodes(self, n: int) -> F64:
-        """Nodes of cell n, (along, down), shape (6, 2): its first column from the top, then the
-        second.
+        """Nodes of cell n: its first column from the top, then the second.
+
+        Returns
+        -------
+        ndarray of float64, shape (6, 2)
+            Travel along the roll and way down the image, metres.
         """
         column, row = np.repeat([0, 1], 3), np.tile([0, 1, 2], 2)
         along = self.along + n * self.cell + column * self.dot_along
@@ -73,46 +77,41 @@ class Lattice:
         off = np.hypot(inside - column * self.dot_along, down - row * self.dot_down)
         return off <= REACH * self.dot_down, np.stack([n, column, row], axis=-1).astype(np.int64)
 
-    def fitted(self, dots: Dots, expected: Lattice) -> Lattice:
+    def fitted(self, dots: Dots, spacing: Spacing) -> Lattice:
         """The lattice moved and stretched a little to lie best under dots.
 
         Parameters
         ----------
         dots : Dots
             Dots; those off the lattice are passed over.
-        expected : Lattice
-            What the fit is drawn to where the dots leave it open.
+        spacing : Spacing
+            Pitches that the fit is drawn to where the dots leave them open.
         """
         on, index = self.assign(dots)
         if not on.any():
             return self
         n, column, row = index[on].T.astype(np.float64)
-        along, down = dots.along[on], dots.down[on]
-        e = expected
-        zero = np.zeros_like(n)
-        one = np.ones_like(n)
+        along, down = dots.along[on] - self.along, dots.down[on] - self.down
+        zero, one = np.zeros_like(n), np.ones_like(n)
+        cell, dot = spacing.cell_pitch_m, spacing.dot_pitch_m
         # Unknowns: offset, relative change of cell and dot pitch; then offset, slope, dot pitch.
         design = np.concatenate(
             [
-                np.stack([one, n * e.cell, column * e.dot_along, zero, zero, zero], -1),
-                np.stack([zero, zero, zero, one, along - e.along, row * e.dot_down], -1),
+                np.stack([one, n * cell, column * dot, zero, zero, zero], -1),
+                np.stack([zero, zero, zero, one, along, row * dot], -1),
             ]
         )
-        target = np.concatenate(
-            [
-                along - e.along - n * e.cell - column * e.dot_along,
-                down - e.down - row * e.dot_down - e.slope * (along - e.along),
-            ]
-        )
+        target = np.concatenate([along - n * cell - column * dot, down - row * dot])
         a = design / _DOT_SIGMA_M
-        solution = np.linalg.solve(a.T @ a + np.diag(_PRIOR**-2.0), a.T @ (target / _DOT_SIGMA_M))
+        left = a.T @ a + np.diag(_PRIOR**-2.0)
+        x = np.linalg.solve(left, a.T @ (target / _DOT_SIGMA_M))
         return Lattice(
-            e.along + solution[0],
-            e.down + solution[3],
-            e.cell * (1 + solution[1]),
-            e.dot_along * (1 + solution[2]),
-            e.dot_down * (1 + solution[5]),
-            e.slope + solution[4],
+            float(self.along + x[0]),
+            float(self.down + x[3]),
+            float(cell * (1 + x[1])),
+            float(dot * (1 + x[2])),
+            float(dot * (1 + x[5])),
+            float(x[4]),
         )
 
     def moved(self, n: int) -> Lattice:
@@ -159,7 +158,7 @@ def find_lattice(
     if not on.any():
         return None
     rough = rough.moved(int(index[on, 0].min()))
-    return rough.fitted(dots, rough)
+    return rough.fitted(dots, spacing)
 
 
 def _near(distance: F64, width: float) -> F64:

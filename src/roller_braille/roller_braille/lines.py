@@ -18,7 +18,7 @@ from .warp import F64
 _NEAR_CELLS = 4
 _LEAST_DOTS = 4
 #: Cells behind whose dots hold the lattice.
-_FIT_CELLS = 8
+_FIT_CELLS = 12
 #: A tile with less than this, in a dot's events, is blank.
 _BLANK = 0.3
 #: Cells of other relief in a row that end a line.
@@ -151,8 +151,19 @@ class LineReader:
         recent = self._dots.along > self.lattice.along - _FIT_CELLS * self.lattice.cell
         self._dots, self._sides = self._dots.where(recent), self._sides[recent]
         near = self._dots.along < self.lattice.along + 2 * self.lattice.cell
-        self.lattice = self.lattice.fitted(self._dots.where(near), self.lattice).moved(1)
+        self.lattice = self.lattice.fitted(self._dots.where(near), self._spacing).moved(1)
         self._next += 1
+
+    def _shift(self) -> F64:
+        """How far the next cell's own dots lie off their nodes, (along, down), metres."""
+        on, index = self.lattice.assign(self._dots)
+        here = on & (index[:, 0] == 0)
+        if not here.any():
+            return np.zeros(2)
+        nodes = self.lattice.nodes(0)[index[here, 1] * 3 + index[here, 2]]
+        off = np.stack([self._dots.along[here], self._dots.down[here]], -1) - nodes
+        # One more dot that lies on its node, so that a single one is not all.
+        return np.asarray(off.sum(axis=0) / (len(off) + 1))
 
     def _reference(self) -> Reference | None:
         cells = np.abs((self._dots.along - self.lattice.centre(0)[0]) / self.lattice.cell)
@@ -171,12 +182,12 @@ class LineReader:
 
     def _read(self) -> tuple[_Kind, Seen]:
         lattice, strip, s = self.lattice, self._strip, self._spacing
-        nodes = lattice.nodes(0)
+        nodes = lattice.nodes(0) + self._shift()
         image, at = image_around(strip, nodes, self._recogniser.margin)
         middle, down = lattice.centre(0)
         # Tile: half way to the neighbours; its place in the cut out image.
         offset = at[0] - [nodes[0, 0] / strip.px_m, strip.row(nodes[0, 1])]
-        half = s.line_pitch_m / 2
+        half = s.line_pitch_m / 2 * lattice.dot_down / s.dot_pitch_m
         tile = np.round(
             [
                 (middle - lattice.cell / 2) / strip.px_m + offset[0],

@@ -118,7 +118,7 @@ class PassReader:
 
     def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
         """Whether no row of the line can lie outside the view."""
-        above = lattice.down - lattice.dot_down >= self._view[0]
+        above = lattice.down - lattice.dot_down >= -self._warp.half_height_m
         return bool(above or set(rows.tolist()) >= {0, 1, 2})
 
     def _needed(self) -> int:

@@ -70,11 +70,8 @@ class Warp:
         self.table = camera.undistortion_table().copy()
         half_px = settings.view_half_width_m / settings.depth_m * camera.fx
         self.table[np.abs(self.table[..., 0] - camera.cx) > half_px] = OUTSIDE
-        corners = camera.rays(
-            camera.undistort(
-                np.array([[0.0, 0.0], [camera.width - 1.0, camera.height - 1.0], [camera.cx, 0.0]])
-            )
-        )
+        last = [camera.width - 1.0, camera.height - 1.0]
+        corners = camera.rays(camera.undistort(np.array([[0.0, 0.0], last])))
         #: Half height of the view on the surface, metres.
         self.half_height_m = float(np.abs(corners[:, 1]).max()) * settings.depth_m
 
