@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ class VirtualCellParameters(VirtualCellSettings, FrameSettings):
     linger_s: float = Field(
         4.0, ge=0.0, le=600.0, description="time others have to finish before it ends, s"
     )
-    truth_directory: str = Field(
+    truth_output: str = Field(
         "", description="folder to write the scan's truth to when it starts; empty: nowhere"
     )
 
@@ -121,6 +121,7 @@ class VirtualCellNode(Node):
             stream = self._messages()
             if self._p.prepare:
                 stream = iter(list(stream))
+            self._save_truth(self._cell.truth.save_maps)
             self._state = "waiting for subscribers"
             self._wait_for_subscribers()
             if not self._stop.is_set():
@@ -174,7 +175,7 @@ class VirtualCellNode(Node):
         # Time stamps are those of a scan that begins now.
         shift = self.get_clock().now().nanoseconds - start
         begin = time.monotonic()
-        self._write_truth(start + shift)
+        self._save_truth(self._cell.truth.starting_at(start + shift).save_text)
         for arrival, topic, message in stream:
             if self._stop.is_set():
                 return
@@ -192,14 +193,13 @@ class VirtualCellNode(Node):
             self._outputs[topic].publish(message)
             self._packets += topic == EVENTS
 
-    def _write_truth(self, start_ns: int) -> None:
-        if not self._p.truth_directory:
+    def _save_truth(self, save: Callable[[Path], None]) -> None:
+        if not self._p.truth_output:
             return
-        folder = Path(self._p.truth_directory)
-        truth = self._cell.truth.starting_at(start_ns)
+        folder = Path(self._p.truth_output)
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            truth.save(folder)
+            save(folder)
         except OSError as error:
             raise UnwritableOutputError(
                 f"{folder}: can't write the truth there ({error})"

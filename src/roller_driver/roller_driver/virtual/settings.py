@@ -48,7 +48,10 @@ class CameraSettings(Settings):
         -1.0, ge=-1.0, le=4096.0, description="principal point; -1: the middle, px"
     )
     distortion: list[float] = Field(
-        default_factory=list, max_length=5, description="plumb_bob coefficients k1 k2 p1 p2 k3"
+        default_factory=lambda: [0.0] * 5,
+        min_length=5,
+        max_length=5,
+        description="plumb_bob coefficients k1 k2 p1 p2 k3",
     )
     roller_radius_mm: float = Field(47.0, ge=10.0, le=200.0, description="radius of the skin, mm")
     hand_eye_m: list[float] = Field(
