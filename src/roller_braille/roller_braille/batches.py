@@ -130,6 +130,13 @@ class BatchCutter:
     def _skip(self, t_ns: int) -> None:
         """Pass over the events of a sensor that doesn't roll."""
         self.events_without_pose += self._drop_before(min(t_ns, self._track.start_ns))
+        gaps = self._rolls.gaps
+        while gaps and gaps[0][0] < t_ns:
+            self.still_events += self._drop_before(gaps[0][0])
+            self.events_without_pose += self._drop_before(min(gaps[0][1], t_ns))
+            if gaps[0][1] > t_ns:
+                break
+            gaps.popleft()
         self.still_events += self._drop_before(t_ns)
 
     def _cut_span(self, span: Span, flush: bool) -> Batch | None:

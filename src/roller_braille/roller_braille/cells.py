@@ -31,6 +31,8 @@ class Cell:
         How sure the reading is, 0 to 1: that of the least certain dot.
     dot_confidence : tuple of float, length 6
         How sure each dot is (raised or not).
+    dot_positions : ndarray, shape (6, 3)
+        Where its six dots are, raised or not, in base, metres.
     """
 
     stamp_ns: int
@@ -42,6 +44,7 @@ class Cell:
     position: F64
     confidence: float
     dot_confidence: tuple[float, ...]
+    dot_positions: F64
 
     @property
     def pattern(self) -> str:
@@ -63,8 +66,9 @@ class Seen:
         As in `Cell`.
     certain : bool
         Whether every dot is certain.
-    along, down : float
-        Its middle in the pass's mosaic, metres.
+    dots : ndarray, shape (6, 2)
+        Its dots, raised or not, in the pass's mosaic: travel along the roll and way down the
+        image, metres.
     stamp_ns : int
         As in `Cell`.
     """
@@ -73,6 +77,5 @@ class Seen:
     mask: int
     dot_confidence: tuple[float, ...]
     certain: bool
-    along: float
-    down: float
+    dots: F64
     stamp_ns: int

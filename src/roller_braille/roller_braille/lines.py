@@ -204,28 +204,27 @@ class LineReader:
         )
         stamp = strip.newest_ns(a, b)
         if reference is None:
-            return _Kind.FOREIGN, self._seen(0, np.zeros(6), stamp)
+            return _Kind.FOREIGN, self._seen(0, np.zeros(6), nodes, stamp)
         reading = self._recogniser.read(image, at, energies, reference)
         outside = (nodes[:, 1] < self._view[0]) | (nodes[:, 1] > self._view[1])
         confidence = np.where(outside, 0.0, reading.confidence)
         mask = int((reading.raised << np.arange(6)).sum())
         if not reading.raised.any() and reading.filled < _BLANK:
-            return _Kind.BLANK, self._seen(0, confidence, stamp)
+            return _Kind.BLANK, self._seen(0, confidence, nodes, stamp)
         if reading.explained < self._settings.min_explained:
-            return _Kind.FOREIGN, self._seen(mask, confidence, stamp)
-        return _Kind.READ, self._seen(mask, confidence, stamp)
+            return _Kind.FOREIGN, self._seen(mask, confidence, nodes, stamp)
+        return _Kind.READ, self._seen(mask, confidence, nodes, stamp)
 
-    def _seen(self, mask: int, confidence: F64, stamp_ns: int) -> Seen:
+    def _seen(self, mask: int, confidence: F64, nodes: F64, stamp_ns: int) -> Seen:
         if not self._left_first:
             mask = mask >> 3 | (mask & 7) << 3
             confidence = np.roll(confidence, 3)
-        along, down = self.lattice.centre(0)
+            nodes = np.roll(nodes, 3, axis=0)
         return Seen(
             self._next,
             mask,
             tuple(float(c) for c in confidence),
             bool(confidence.min() >= self._settings.min_dot_confidence),
-            along,
-            down,
+            nodes,
             stamp_ns,
         )

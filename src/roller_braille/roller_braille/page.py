@@ -91,7 +91,8 @@ class Page:
 
     def _give(self, seen: Seen, reader: PassReader) -> Iterator[Cell]:
         depth = self._warp.depth_at(reader.roll)
-        position = self._warp.surface_points(reader.roll, seen.along, seen.down, depth)[0]
+        dots = self._warp.surface_points(reader.roll, seen.dots[:, 0], seen.dots[:, 1], depth)
+        position = dots.mean(axis=0)
         place = self._place
         known = self._find(position)
         if known is not None:
@@ -113,6 +114,7 @@ class Page:
             position,
             min(seen.dot_confidence),
             seen.dot_confidence,
+            dots,
         )
         self._columns[place.line][place.column] = self._shown(seen, character, readable)
         self._known = np.concatenate([self._known, position[None]])

@@ -6,6 +6,7 @@ The node, the replay command and the tests all drive this object.
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -19,6 +20,8 @@ from .page import Page
 from .passes import PassReader
 from .settings import BrailleSettings
 from .warp import Warp
+
+_MOST_TIMES = 100_000
 
 
 @dataclass(slots=True)
@@ -75,10 +78,10 @@ class BraillePipeline:
         self._warp = Warp(settings, camera, track)
         self._page = Page(settings, self._warp)
         self._reader: PassReader | None = None
-        #: Why frames were left out, newest last.
-        self.refusals: list[str] = []
-        #: Time that each frame took, ms.
-        self.milliseconds: list[float] = []
+        #: Why the newest frames left out were so.
+        self.refusals: deque[str] = deque(maxlen=100)
+        #: Time that each of the newest frames took, ms.
+        self.milliseconds: deque[float] = deque(maxlen=_MOST_TIMES)
 
     @property
     def counts(self) -> BrailleCounts:

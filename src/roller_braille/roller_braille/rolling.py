@@ -75,6 +75,8 @@ class RollTracker:
         #: Time of the newest pose that was looked at; None before the first two.
         self.known_ns: int | None = None
         self.spans: deque[Span] = deque()
+        #: Times between which poses are missing.
+        self.gaps: deque[tuple[int, int]] = deque()
 
     def update(self) -> None:
         """Look at the poses that came since."""
@@ -103,6 +105,7 @@ class RollTracker:
         seconds = (b - a) * 1e-9
         if seconds > self._track.max_gap_s:
             self._end_pass()
+            self.gaps.append((a, b))
             return
         if self._pass is not None and self._strayed(p1, r1):
             self._end_pass()

@@ -146,6 +146,9 @@ class BrailleSettings(Settings):
     hough_radius_tolerance: float = Field(
         0.35, ge=0.01, le=0.9, description="Hough circles: radius may differ by this share."
     )
+    max_pose_gap_s: float = Field(
+        0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
+    )
     max_backlog_events: int = Field(
         20_000_000,
         ge=10_000,
