@@ -18,7 +18,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 
 from roller_core.codecs import encode
-from roller_core.errors import RollerError, UnwritableOutputError
+from roller_core.errors import UnwritableOutputError
 from roller_core.pose_track import Pose
 from roller_core.settings import Settings
 from roller_core.transforms import matrix_to_quaternion
@@ -92,7 +92,7 @@ class VirtualCellNode(Node):
             "/tf_static": self.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC),
         }
         self._state = "preparing"
-        self._packets = 0
+        self._packets = self._code = 0
         self._late_s = 0.0
         self._stop, self._done = threading.Event(), threading.Event()
         self._diagnostics = diagnostics.Diagnostics(self, "scan", self._status, 0.5)
@@ -126,8 +126,12 @@ class VirtualCellNode(Node):
             self._wait_for_subscribers()
             if not self._stop.is_set():
                 self._scan(stream)
-        except RollerError as error:
+        except Exception as error:  # a thread that dies unseen would leave all others waiting
+            print(f"error: {error}", file=sys.stderr, flush=True)
             self._diagnostics.fault(str(error))
+            self._state, self._code = "failed", 1
+            self._done.set()
+            return
         self._state = "finished"
         if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
             self._done.set()
@@ -207,7 +211,7 @@ class VirtualCellNode(Node):
 
     def _end(self) -> None:
         if self._done.is_set():
-            raise SystemExit(0)
+            raise SystemExit(self._code)
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         level = diagnostics.OK

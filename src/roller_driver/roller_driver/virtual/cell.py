@@ -13,14 +13,14 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 
 from . import _sensor_kernels as kernels
-from .motion import Path, PoseStream, hand_eye
+from .motion import Path, PoseStream, hand_eye, make_camera
 from .optics import SurfaceMaps, light_vector, to_grey
 from .relief import F64, HeightMap, Scene
 from .scenes import build_scene
 from .sensor import EventSensor, unpack, use_threads
 from .settings import MotionSettings, VirtualCellSettings
 from .skin import press_depth_mm, skin_over
-from .truth import Truth, make_camera
+from .truth import Truth
 
 #: Frames simulated at a stretch.
 _CHUNK = 32
@@ -91,7 +91,7 @@ class VirtualCell:
 
     def __init__(self, settings: VirtualCellSettings) -> None:
         self.scene: Scene = build_scene(settings.scene)
-        self.camera: Camera = make_camera(settings)
+        self.camera: Camera = make_camera(settings.camera)
         radius = settings.camera.roller_radius_mm
         press = press_depth_mm(settings.skin, self.scene.press_mm)
         table = self.camera.undistortion_table().reshape(-1, 2)

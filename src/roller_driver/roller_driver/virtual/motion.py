@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from roller_core.camera import Camera
 from roller_core.transforms import (
     matrix_to_quaternion,
     multiply_quaternions,
@@ -133,6 +134,21 @@ class Path:
         n = int(np.searchsorted(grid, self.duration_s))
         last = int(np.ceil(count[min(n, len(count) - 1)]))
         return np.interp(np.arange(last + 1), count, grid)
+
+
+def make_camera(settings: CameraSettings) -> Camera:
+    """The camera of the virtual cell."""
+    cx = (settings.width - 1) / 2 if settings.cx_px < 0 else settings.cx_px
+    cy = (settings.height - 1) / 2 if settings.cy_px < 0 else settings.cy_px
+    return Camera(
+        settings.width,
+        settings.height,
+        settings.focal_px,
+        settings.focal_px,
+        cx,
+        cy,
+        tuple(settings.distortion),
+    )
 
 
 def hand_eye(camera: CameraSettings) -> F64:

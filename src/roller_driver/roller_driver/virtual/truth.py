@@ -13,11 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from roller_core.camera import Camera
-
 from . import _render_kernels as kernels
 from .errors import TruthError
-from .motion import CAMERA_DOWN, Path, hand_eye
+from .motion import CAMERA_DOWN, Path, hand_eye, make_camera
 from .optics import SurfaceMaps
 from .relief import F32, F64, BrailleMark, HeightMap, Region
 from .settings import VirtualCellSettings
@@ -27,14 +25,6 @@ TEXT_FILE = "truth.yaml"
 _VERSION = 1
 #: A skin this far from the relief, m, doesn't touch it.
 _TOUCH_M = 20e-6
-
-
-def make_camera(settings: VirtualCellSettings) -> Camera:
-    """The camera of the virtual cell."""
-    c = settings.camera
-    cx = (c.width - 1) / 2 if c.cx_px < 0 else c.cx_px
-    cy = (c.height - 1) / 2 if c.cy_px < 0 else c.cy_px
-    return Camera(c.width, c.height, c.focal_px, c.focal_px, cx, cy, tuple(c.distortion))
 
 
 class Truth:
@@ -70,7 +60,7 @@ class Truth:
         self.settings, self.press_mm = settings, press_mm
         self.skin, self.relief = skin, relief
         self.regions, self.text, self.marks = regions, text, marks
-        self.camera = make_camera(settings)
+        self.camera = make_camera(settings.camera)
         self.radius_mm = settings.camera.roller_radius_mm
         self.path = Path(settings.motion, (self.radius_mm - press_mm) * 1e-3, settings.seed)
         self.origin_m = np.asarray(settings.motion.plate_origin_m, np.float64)
