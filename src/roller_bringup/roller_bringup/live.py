@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -156,23 +155,3 @@ def _drained(seen: Observation) -> bool:
 
 def _ended(runner: Runner) -> str:
     return ", ".join(f"{name} exited with {code}" for name, code in runner.exit_codes.items())
-
-
-def fresh_folder(folder: Path) -> Path:
-    """Make a folder to run in, without what an earlier run left there.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
-    import shutil
-
-    from .results.writer import make_folder
-
-    make_folder(folder)
-    for name in ("bag", "result", "truth"):
-        shutil.rmtree(folder / name, ignore_errors=True)
-    for name in ("surface.ply", "braille.txt", "braille.json", "report.json", "overview.png"):
-        (folder / name).unlink(missing_ok=True)
-    return folder

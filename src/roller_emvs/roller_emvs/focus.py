@@ -124,6 +124,8 @@ def _score_planes(
         for k in numbers:
             votes[:] = 0
             _vote_plane(rays.u, rays.v, rays.starts, scale[k], shift_u[k], shift_v[k], votes)
+            # A line one pixel wide would shine or fade with its place between pixels.
+            cv2.GaussianBlur(votes, (3, 3), 0, dst=votes)
             _gradient_energy(votes, along_u, along_v, energy)
             cv2.GaussianBlur(energy, (0, 0), sigma_px / GRID_PX, dst=scores[k])
 

@@ -35,7 +35,8 @@ def run(args: argparse.Namespace) -> int:
 
     from roller_bringup.launching import load
     from roller_bringup.launching.locate import package_share
-    from roller_bringup.live import fresh_folder, run_until_done
+    from roller_bringup.live import run_until_done
+    from roller_bringup.results.folders import fresh_folder
     from roller_bringup.results.overview import draw_overview
     from roller_bringup.results.recorded import gather
     from roller_bringup.results.report import Report
@@ -54,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
         "method": args.method,
         "params": str(overrides),
         "record": "true",
+        "braille": __import__("os").environ.get("DEMO_BRAILLE", "true"),
         "output": str(folder / "bag"),
     }
     launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"

@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> int:
     from roller_bringup.inspection import InspectionSettings
     from roller_bringup.recordings import open_recording
     from roller_bringup.replay import replay
+    from roller_bringup.results.folders import make_folder
     from roller_bringup.results.summary import summary
-    from roller_bringup.results.writer import make_folder
 
     settings = InspectionSettings.load(args.params, args.method)
     make_folder(args.output)

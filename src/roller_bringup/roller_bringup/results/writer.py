@@ -9,12 +9,12 @@ from roller_braille.pipeline import Cell
 from roller_braille.report import cells_to_json
 
 from roller_core.camera import Camera
-from roller_core.errors import UnwritableOutputError
 from roller_emvs.ply import PlyWriter
 from roller_emvs.stitcher import Patch
 
 from ..inspection import Mapped
 from .bag import ResultBag
+from .folders import make_folder
 
 
 class ResultWriter:
@@ -74,22 +74,3 @@ class ResultWriter:
         (self.folder / "braille.txt").write_text("".join(f"{line}\n" for line in lines))
         cells = json.dumps(cells_to_json(self._cells, lines), indent=1, ensure_ascii=False)
         (self.folder / "braille.json").write_text(cells + "\n")
-
-
-def make_folder(folder: Path) -> None:
-    """Make an output folder and make sure that files can be written there.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If not.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise UnwritableOutputError(
-            f"{folder}: results can't be written there ({error.strerror}); give another --output"
-        ) from error

@@ -1,0 +1,125 @@
+"""Threshold, masked median, warping and weighted fusion against slow forms."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from roller_emvs.detection import adaptive_threshold, masked_median
+from roller_emvs.fusion import ViewDepth, fuse_views, warp_view
+
+from .scenes import CAMERA
+
+
+def test_threshold_is_opencvs_without_saturation() -> None:
+    votes = np.random.default_rng(0).gamma(2.0, 10.0, (60, 80)).astype(np.float32)
+    gray = ((votes - votes.min()) * (255 / (votes.max() - votes.min()))).astype(np.uint8)
+    expected = cv2.adaptiveThreshold(
+        gray, 1, cv2.ADAPTIVE_THRESH_GAUSSIAN_C, cv2.THRESH_BINARY, 5, -16
+    )
+    mask = adaptive_threshold(votes, 16, 5, 0)
+    agree = (mask == (expected > 0))[2:-2, 2:-2]
+    # OpenCV rounds its mean in fixed point: a few ties fall the other way.
+    assert agree.mean() > 0.995
+    assert not mask[:2].any()
+    assert not mask[:, -2:].any()
+
+
+def test_threshold_does_not_depend_on_the_window() -> None:
+    """With a fixed scale a bright pixel elsewhere changes nothing."""
+    votes = np.random.default_rng(0).gamma(2.0, 3.0, (60, 80)).astype(np.float32)
+    bright = votes.copy()
+    bright[50, 70] = 1e4
+    one, two = (adaptive_threshold(v, 16, 5, 64) for v in (votes, bright))
+    np.testing.assert_array_equal(one[:40, :60], two[:40, :60])
+
+
+def test_no_votes_no_mask() -> None:
+    for scale in (0.0, 64.0):
+        assert not adaptive_threshold(np.zeros((9, 9), np.float32), 0, 3, scale).any()
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 1000),
+    size=st.sampled_from([1, 3, 7, 45, 91]),
+    share=st.sampled_from([0.0, 0.02, 0.3, 1.0]),
+)
+def test_masked_median_equals_its_twin(seed: int, size: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    index = rng.integers(0, 500, (23, 31)).astype(np.uint16)
+    mask = rng.random(index.shape) < share
+    median, spread = masked_median(index, mask, size, 500)
+    half = size // 2
+    for y in range(index.shape[0]):
+        for x in range(index.shape[1]):
+            if not mask[y, x]:
+                assert np.isnan(median[y, x])
+                continue
+            window = np.s_[max(y - half, 0) : y + half + 1, max(x - half, 0) : x + half + 1]
+            near = np.sort(index[window][mask[window]])
+            n = len(near) - 1
+            assert median[y, x] == near[n // 2]
+            assert spread[y, x] == near[3 * n // 4] - near[n // 4]
+
+
+def plane_view(z_m: float, x_m: float, weight: float, variance: float = 1e-10) -> ViewDepth:
+    """A plane that fills the view of a camera at x."""
+    shape = (CAMERA.height, CAMERA.width)
+    pose = np.eye(4)
+    pose[0, 3] = x_m
+    return ViewDepth(
+        np.full(shape, z_m, np.float32), np.full(shape, 0.5, np.float32),
+        np.full(shape, variance, np.float32), pose, weight,
+    )  # fmt: skip
+
+
+def test_warping_a_plane_shifts_it() -> None:
+    """1 mm sideways at 45 mm is F·B/Z = 17.8 px: 18 columns of one side stay empty."""
+    depth, confidence, _ = warp_view(plane_view(0.045, 0.001, 1.0), np.eye(4), CAMERA)
+    seen = np.isfinite(depth)
+    assert not seen[:, :18].any()
+    assert seen[:, 18:].all()
+    np.testing.assert_allclose(depth[seen], 0.045, rtol=1e-6)
+    np.testing.assert_allclose(confidence[seen], 0.5)
+
+
+def test_the_nearer_point_hides_the_farther() -> None:
+    view = plane_view(0.045, 0.0, 1.0)
+    view.depth[:] = np.nan
+    view.depth[60, 80], view.depth[60, 81] = 0.047, 0.043
+    target = np.eye(4)
+    # Moved so that both land on one pixel.
+    target[0, 3] = 1.0 / (CAMERA.fx * (1 / 0.043 - 1 / 0.047)) * 0.6
+    depth, _, _ = warp_view(view, target, CAMERA)
+    assert np.nanmin(depth) == pytest.approx(0.043)
+
+
+def test_weights_are_renormalised_where_a_view_is_missing() -> None:
+    weights = (0.445, 0.333, 0.222)
+    views = [plane_view(0.044 + 0.001 * k, 0.0, w) for k, w in enumerate(weights)]
+    views[0].depth[:, :50] = np.nan
+    views[1].depth[:, :50] = np.nan
+    for v in views:
+        v.depth[:, 100:] = np.nan
+    depth, confidence = fuse_views(views, np.eye(4), CAMERA, "fixed")
+    np.testing.assert_allclose(depth[:, :50], 0.046, rtol=1e-6)
+    expected = 0.445 * 0.044 + 0.333 * 0.045 + 0.222 * 0.046
+    np.testing.assert_allclose(depth[:, 50:100], expected, rtol=1e-6)
+    assert np.isnan(depth[:, 100:]).all()
+    assert np.isnan(confidence[:, 100:]).all()
+
+
+def test_weights_need_not_sum_to_one() -> None:
+    views = [plane_view(0.044, 0.0, 3.0), plane_view(0.046, 0.0, 1.0)]
+    depth, _ = fuse_views(views, np.eye(4), CAMERA, "fixed")
+    np.testing.assert_allclose(depth, 0.0445, rtol=1e-6)
+
+
+def test_inverse_variance_trusts_the_surer_view() -> None:
+    views = [plane_view(0.044, 0.0, 0.5, 1e-12), plane_view(0.046, 0.0, 0.5, 1e-8)]
+    depth, _ = fuse_views(views, np.eye(4), CAMERA, "inverse_variance")
+    np.testing.assert_allclose(depth, 0.044, atol=1e-6)

@@ -1,0 +1,160 @@
+"""Voxels, ICP, patches and the cloud's file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from roller_core.errors import UnwritableOutputError
+from roller_emvs.depth_map import DepthMap
+from roller_emvs.ply import PlyWriter, read_ply
+from roller_emvs.registration import refine
+from roller_emvs.settings import StitcherSettings
+from roller_emvs.stitcher import Stitcher, radius_filter
+from roller_emvs.voxels import VoxelMap
+
+from .scenes import CAMERA
+
+SETTINGS = StitcherSettings.create({})
+
+
+def depth_map(depth: np.ndarray, x_m: float = 0.0, confidence: float = 0.5) -> DepthMap:
+    pose = np.eye(4)
+    pose[0, 3] = x_m
+    sure = np.where(np.isfinite(depth), confidence, np.nan).astype(np.float32)
+    return DepthMap(0, depth.astype(np.float32), sure, pose, 0, 0, 0)
+
+
+def flat(z_m: float = 0.045) -> np.ndarray:
+    return np.full((CAMERA.height, CAMERA.width), z_m)
+
+
+def test_voxels_hold_weighted_means() -> None:
+    voxels = VoxelMap(1e-3)
+    points = np.array([[0.5e-3, 0.5e-3, 0.5e-3], [0.7e-3, 0.5e-3, 0.5e-3], [0.9, 0.0, 0.0]])
+    voxels.add(points[:1], np.array([0.25], np.float32))
+    voxels.add(points[1:], np.array([0.75, 1.0], np.float32))
+    merged, confidence = voxels.points()
+    assert len(merged) == 2
+    near = merged[np.argmin(merged[:, 0])]
+    np.testing.assert_allclose(near, [0.65e-3, 0.5e-3, 0.5e-3], atol=1e-12)
+    np.testing.assert_allclose(np.sort(confidence), [(0.25**2 + 0.75**2), 1.0], rtol=1e-6)
+
+
+def test_voxels_far_from_the_base_keep_micrometres() -> None:
+    base = np.array([5000.0, -3000.0, 200.0])
+    rng = np.random.default_rng(0)
+    points = base + rng.uniform(0, 0.02, (500, 3))
+    voxels = VoxelMap(1e-6)
+    voxels.add(points, np.full(500, 0.5, np.float32))
+    merged, _ = voxels.points()
+    order = np.lexsort(merged.T), np.lexsort(points.T)
+    np.testing.assert_allclose(merged[order[0]], points[order[1]], atol=1e-8)
+
+
+def test_voxels_leave_out_what_is_not_finite_or_out_of_reach() -> None:
+    voxels = VoxelMap(1e-6)
+    points = np.array([[0.0, 0, 0], [np.nan, 0, 0], [1e6, 0, 0]])
+    assert voxels.add(points, np.ones(3, np.float32)) == 2
+    assert len(voxels) == 1
+
+
+def test_every_point_comes_out_once() -> None:
+    """Rolling over a flat plate: patches are disjoint and cover what was seen."""
+    stitcher = Stitcher(StitcherSettings.create({"icp": False, "voxel_m": 2e-4}), CAMERA)
+    patches = [stitcher.add(depth_map(flat(), 0.003 * k)) for k in range(12)]
+    patches.append(stitcher.finish())
+    cells = np.concatenate([np.floor(p.points / 2e-4) for p in patches if len(p)])
+    # The origin of the voxels is the first point, so cells may differ by one: compare extent.
+    x = np.concatenate([p.points[:, 0] for p in patches if len(p)])
+    assert np.ptp(x) == pytest.approx(0.033 + 319 / CAMERA.fx * 0.045, abs=1e-3)
+    assert len(cells) < 1.3 * np.ptp(x) * (119 / CAMERA.fx * 0.045) / 2e-4**2
+    assert len(patches[0]) == 0
+    assert len(patches[6]) > 0
+
+
+def test_memory_is_bounded() -> None:
+    settings = StitcherSettings.create({"icp": False, "voxel_m": 1e-4, "max_voxels": 1000})
+    stitcher = Stitcher(settings, CAMERA)
+    patch = stitcher.add(depth_map(flat()))
+    assert len(stitcher.voxels) == 1000
+    assert len(patch) > 1000
+
+
+def test_height_counts_from_the_nominal_surface() -> None:
+    stitcher = Stitcher(StitcherSettings.create({"surface_z_m": 0.040}), CAMERA)
+    stitcher.add(depth_map(flat()))
+    patch = stitcher.finish()
+    np.testing.assert_allclose(patch.height, 0.005, atol=1e-6)
+    assert patch.columns().shape == (len(patch), 5)
+
+
+def hills(n: int, seed: int) -> np.ndarray:
+    """Points on relief that fixes all six degrees of freedom."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-0.01, 0.01, (2, n))
+    z = 0.0008 * np.sin(x * 900) * np.cos(y * 700) + 0.0006 * np.cos(x * 400 + y * 1100)
+    return np.stack([x, y, z], axis=-1)
+
+
+def test_icp_corrects_a_small_offset_on_relief() -> None:
+    offset = np.array([2e-5, -1.5e-5, 2.5e-5])
+    found = refine(hills(20_000, 1) + offset, hills(60_000, 2), SETTINGS)
+    assert found.accepted, found.reason
+    np.testing.assert_allclose(found.correction[:3, 3], -offset, atol=8e-6)
+
+
+def test_icp_is_refused_on_a_flat_plate() -> None:
+    """Nothing fixes a slide along the plate; the offset across it must not tempt ICP."""
+    rng = np.random.default_rng(0)
+    plate = np.column_stack([rng.uniform(-0.01, 0.01, (40_000, 2)), rng.normal(0, 2e-6, 40_000)])
+    found = refine(plate[:10_000] + [0, 0, 2e-5], plate[10_000:], SETTINGS)
+    assert not found.accepted
+    assert "does not fix" in found.reason
+    np.testing.assert_array_equal(found.correction, np.eye(4))
+
+
+def test_icp_is_refused_when_implausibly_large() -> None:
+    found = refine(hills(20_000, 1) + [1.5e-4, 0, 0], hills(60_000, 2), SETTINGS)
+    assert not found.accepted
+    assert "implausible" in found.reason
+
+
+def test_icp_is_refused_when_no_better() -> None:
+    found = refine(hills(20_000, 1), hills(60_000, 2), SETTINGS)
+    assert not found.accepted
+
+
+def test_icp_needs_overlap() -> None:
+    found = refine(hills(5000, 1), hills(5000, 2) + [1.0, 0, 0], SETTINGS)
+    assert not found.accepted
+    assert "overlap" in found.reason
+
+
+def test_radius_filter_keeps_company() -> None:
+    points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0], [1, 1, 1]])
+    np.testing.assert_array_equal(radius_filter(points, 0.05, 3), [True] * 4 + [False])
+
+
+def test_ply_opens_in_open3d_and_in_ours(tmp_path: Path) -> None:
+    path = tmp_path / "surface.ply"
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(100, 3)) + 1000.0
+    with PlyWriter(path, ("height", "confidence"), "frame base") as writer:
+        for part in np.split(points, [30, 30, 80]):
+            writer.write(part, part[:, 0].astype(np.float32), np.ones(len(part), np.float32))
+            # What is there so far is a whole file.
+            writer._file.flush()
+            assert len(read_ply(path)["x"]) == writer.count
+    cloud = o3d.t.io.read_point_cloud(str(path))
+    np.testing.assert_array_equal(cloud.point.positions.numpy(), points)
+    np.testing.assert_array_equal(cloud.point["confidence"].numpy(), 1)
+    np.testing.assert_array_equal(read_ply(path)["z"], points[:, 2])
+
+
+def test_ply_says_when_it_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(UnwritableOutputError, match="can't be written"):
+        PlyWriter(tmp_path / "no" / "such" / "a.ply", ())

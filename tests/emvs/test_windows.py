@@ -1,0 +1,189 @@
+"""Where windows are cut, and that it doesn't matter how the stream arrives."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+from roller_emvs.settings import DepthSettings
+from roller_emvs.windows import RefusedWindow, Window, WindowCutter
+
+from .scenes import MS, Motion, rolling, track_of
+
+
+def ticking(duration_ms: int, start_ns: int = 0, step_us: int = 100) -> EventArray:
+    t = start_ns + np.arange(0, duration_ms * 1000, step_us) * 1000
+    n = len(t)
+    return EventArray.from_arrays(np.zeros(n), np.zeros(n), t, np.zeros(n))
+
+
+def cut_all(cutter: WindowCutter, flush: bool = True) -> list[Window | RefusedWindow]:
+    out = []
+    while (window := cutter.cut(flush)) is not None:
+        out.append(window)
+    return out
+
+
+def setting(**values: object) -> DepthSettings:
+    return DepthSettings.create(values)
+
+
+def test_time_windows_are_20_ms_and_lose_nothing() -> None:
+    cutter = WindowCutter(setting(method="bma"), track_of(rolling(0.3), 0.2))
+    events = ticking(100)
+    cutter.add(events)
+    windows = cut_all(cutter)
+    assert [w.end_ns - w.start_ns for w in windows[:-1]] == [20 * MS] * 4
+    assert sum(len(w.events) for w in windows if isinstance(w, Window)) == len(events)
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.5])
+def test_travel_windows_have_the_same_travel_at_any_speed(speed: float) -> None:
+    duration = 0.035 / speed
+    track = track_of(rolling(speed), duration)
+    cutter = WindowCutter(setting(window="travel", window_travel_m=0.005), track)
+    cutter.add(ticking(int(duration * 1000), step_us=1000))
+    windows = cut_all(cutter)
+    assert len(windows) >= 6
+    for w in windows[:6]:
+        moved = track.at(w.end_ns).position - track.at(w.start_ns).position
+        assert np.linalg.norm(moved) == pytest.approx(0.005, abs=1e-8)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    cuts=st.lists(st.integers(1, 999), max_size=12),
+    rule=st.sampled_from(["time", "travel"]),
+    overlap=st.sampled_from([0.0, 0.5]),
+)
+def test_arrival_does_not_matter(cuts: list[int], rule: str, overlap: float) -> None:
+    s = setting(window=rule, window_travel_m=0.005, window_overlap=overlap)
+    events = ticking(100)
+    whole = WindowCutter(s, track_of(rolling(0.3), 0.15))
+    whole.add(events)
+    expected = [(w.start_ns, w.end_ns) for w in cut_all(whole)]
+
+    poses = track_of(rolling(0.3), 0.15)
+    track = PoseTrack()
+    live, found, k = WindowCutter(s, track), [], 0
+    bounds = [0, *sorted(set(cuts)), len(events)]
+    for a, b in pairwise(bounds):
+        live.add(events[a:b])
+        # Poses arrive a little later than events.
+        while k < len(poses) and poses.times_ns[k] < events.t_ns[b - 1] - 5 * MS:
+            track.append(int(poses.times_ns[k]), poses.positions[k], poses.quaternions[k])
+            k += 1
+        found += cut_all(live, flush=False)
+        if live.needed_from_ns is not None:
+            track.discard_before(live.needed_from_ns)
+    for j in range(k, len(poses)):
+        track.append(int(poses.times_ns[j]), poses.positions[j], poses.quaternions[j])
+    found += cut_all(live)
+    assert [(w.start_ns, w.end_ns) for w in found] == expected
+
+
+def test_a_window_waits_for_its_poses() -> None:
+    track = track_of(rolling(0.3), 0.008)
+    cutter = WindowCutter(setting(method="bma"), track)
+    cutter.add(ticking(50))
+    end = track.end_ns
+    assert cutter.cut() is None or end >= 20 * MS
+    for k in range(1, 4):
+        track.append(end + k * 8 * MS, [0.0, 0.0, 0.0], [0, 0, 0, 1])
+    assert isinstance(cutter.cut(), Window)
+
+
+def test_standstill_is_refused() -> None:
+    cutter = WindowCutter(setting(max_window_s=0.05), track_of(rolling(0.0), 0.3))
+    cutter.add(ticking(200))
+    windows = cut_all(cutter)
+    assert windows
+    assert all(isinstance(w, RefusedWindow) for w in windows)
+    assert "no parallax" in windows[0].reason  # type: ignore[union-attr]
+
+
+def reversing(t: float) -> tuple[np.ndarray, np.ndarray]:
+    x = 0.3 * t if t < 0.01 else 0.006 - 0.3 * t
+    return np.array([x, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def test_a_reversal_counts_the_distance_from_the_start() -> None:
+    motion: Motion = reversing
+    track = track_of(motion, 0.1)
+    cutter = WindowCutter(setting(window_travel_m=0.005), track)
+    cutter.add(ticking(100))
+    first = cutter.cut(True)
+    assert isinstance(first, Window)
+    moved = track.at(first.end_ns).position - track.at(first.start_ns).position
+    assert np.linalg.norm(moved) == pytest.approx(0.005, abs=1e-7)
+    assert first.end_ns > 20 * MS
+
+
+@pytest.mark.parametrize("rule", ["time", "travel"])
+def test_a_gap_in_the_poses_costs_only_its_windows(rule: str) -> None:
+    track = PoseTrack(max_gap_s=0.05)
+    for k in range(60):
+        if not 15 <= k < 30:
+            track.append(k * 8 * MS, [0.0024 * k, 0, 0], [0, 0, 0, 1])
+    cutter = WindowCutter(setting(window=rule, window_travel_m=0.006), track)
+    cutter.add(ticking(450))
+    windows = cut_all(cutter)
+    refused = [w for w in windows if isinstance(w, RefusedWindow)]
+    assert any("gap" in w.reason for w in refused)
+    good = [w for w in windows if isinstance(w, Window)]
+    assert min(w.start_ns for w in good) < 40 * MS
+    assert max(w.end_ns for w in good) > 400 * MS
+    for w in good:
+        track.check(w.start_ns, w.end_ns)
+
+
+def test_events_without_poses_are_counted() -> None:
+    track = PoseTrack()
+    for k in range(10):
+        track.append((50 + k * 8) * MS, [0.0024 * k, 0, 0], [0, 0, 0, 1])
+    cutter = WindowCutter(setting(method="bma"), track)
+    cutter.add(ticking(200))
+    cut_all(cutter)
+    assert cutter.events_without_pose >= 500
+
+
+def test_quiet_times_are_skipped() -> None:
+    cutter = WindowCutter(setting(method="bma"), track_of(rolling(0.1), 2.1))
+    cutter.add(ticking(20))
+    cutter.add(ticking(40, start_ns=2000 * MS))
+    windows = cut_all(cutter)
+    assert len(windows) <= 4
+    assert windows[-1].start_ns >= 1980 * MS
+
+
+def test_the_backlog_is_bounded_and_counted() -> None:
+    cutter = WindowCutter(setting(max_backlog_events=10_000), PoseTrack())
+    for k in range(30):
+        cutter.add(ticking(100, start_ns=k * 100 * MS))
+    assert cutter.held_events <= 10_000
+    assert cutter.dropped_events == 20_000
+
+
+def test_all_of_a_recording_is_one_window() -> None:
+    cutter = WindowCutter(setting(window="all"), track_of(rolling(0.1), 0.5))
+    cutter.add(ticking(400))
+    assert cutter.cut() is None
+    window = cutter.cut(flush=True)
+    assert isinstance(window, Window)
+    assert len(window.events) == 4000
+    assert cutter.cut(flush=True) is None
+
+
+def test_a_short_tail_is_refused() -> None:
+    cutter = WindowCutter(setting(method="bma"), track_of(rolling(0.3), 0.1))
+    cutter.add(ticking(25))
+    windows = cut_all(cutter)
+    assert isinstance(windows[0], Window)
+    assert isinstance(windows[-1], RefusedWindow)
+    assert "too short" in windows[-1].reason
