@@ -1,0 +1,1 @@
+"""Driver of the DVXplorer Mini event camera over USB; knows nothing of ROS."""
