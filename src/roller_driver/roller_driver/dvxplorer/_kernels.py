@@ -161,7 +161,6 @@ def _decode_words(words, width, height, s, c, x, y, t_ns, p):  # type: ignore[no
     return n
 
 
-
 @numba.njit(cache=True, nogil=True)
 def _accumulate(x, y, p, image):  # type: ignore[no-untyped-def]
     """Add ON events to and subtract OFF events from an image, shape (height, width), int16."""

@@ -60,7 +60,9 @@ class SensorSettings(Settings):
         if self.roi_enabled and (
             self.roi_end_col < self.roi_start_col or self.roi_end_row < self.roi_start_row
         ):
-            raise ValueError("the region of interest ends before it starts (roi_start_*, roi_end_*)")
+            raise ValueError(
+                "the region of interest ends before it starts (roi_start_*, roi_end_*)"
+            )
         if self.polarity_flatten + self.polarity_on_only + self.polarity_off_only > 1:
             raise ValueError(
                 "only one of polarity_flatten, polarity_on_only and polarity_off_only can be true"
