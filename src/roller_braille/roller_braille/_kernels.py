@@ -8,15 +8,17 @@ import numba
 
 
 @numba.njit(cache=True, nogil=True)
-def _vote(x, y, t, table, knots_ns, maps, strip, newest):  # type: ignore[no-untyped-def]
+def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-untyped-def]
     """Warp events onto the surface and count them there.
 
-    x, y: uint16 (n,); t: int64 (n,), growing; table: float32 (h, w, 2), pixels whose u is below
-    -1e8 are left out; knots_ns: int64 (k,), k >= 2; maps: float64 (k, 3, 3), pixel to (column, row)
-    of the strip at the knots, linear in between; strip: float32 (rows, columns), counted into;
+    x, y: uint16 (n,); t: int64 (n,), growing; p: uint8 (n,), 0 or 1; table: float32 (h, w, 2),
+    pixels whose u is below -1e8 are left out; knots_ns: int64 (k,), k >= 2; maps: float64
+    (k, 3, 3), pixel to (column, row)
+    of the strip at the knots, linear in between; strip: float32 (2, rows, columns), counted into
+    by polarity;
     newest: int64 (columns,), time of each column's newest event. Returns the events counted.
     """
-    rows, columns = strip.shape
+    _, rows, columns = strip.shape
     last = len(knots_ns) - 2
     k = 0
     used = 0
@@ -49,7 +51,14 @@ def _vote(x, y, t, table, knots_ns, maps, strip, newest):  # type: ignore[no-unt
         ci = math.floor(c / w + 0.5)
         ri = math.floor(r / w + 0.5)
         if 0 <= ci < columns and 0 <= ri < rows:
-            strip[ri, ci] += 1.0
+            strip[p[i], ri, ci] += 1.0
             newest[ci] = t[i]
             used += 1
     return used
+
+
+@numba.njit(cache=True, nogil=True)
+def _tally(x, y, counts):  # type: ignore[no-untyped-def]
+    """Count events by pixel. x, y: uint16 (n,); counts: float32 (h, w)."""
+    for i in range(len(x)):
+        counts[y[i], x[i]] += 1.0

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .settings import BrailleSettings
-from .strip import Strip
+from .strip import Kind, Strip
 from .warp import F32, F64
 
 #: Pixel in which dots are searched.
@@ -18,6 +18,8 @@ _COARSE_M = 0.00018
 #: Radii, in dots' base radii, of what counts as the dot; beyond lies what should be empty.
 SPOT = 1.25
 _RIM = 1.35
+#: A spot must stand out from what chance gives by so many times the root of what lies around.
+_CHANCE = 6.0
 
 
 @dataclass(frozen=True)
@@ -93,14 +95,14 @@ class DotFinder:
         #: What a search needs to know on either side, columns.
         self.margin = self._factor * (middle + self._apart)
 
-    def find(self, strip: Strip, a: int, b: int) -> Dots:
+    def find(self, strip: Strip, a: int, b: int, kind: Kind) -> Dots:
         """Spots whose middle lies in columns a to b (b excluded)."""
         if b <= a:
             return Dots.none()
         f = self._factor
         # Coarse pixels keep their place on the surface, whatever part is searched.
         lo, hi = (a - self.margin) // f * f, -(-(b + self.margin) // f) * f
-        fine = strip.image(lo, hi)
+        fine = strip.image(lo, hi, kind)
         rows = fine.shape[0] // f
         coarse = cv2.resize(fine[: rows * f], ((hi - lo) // f, rows), interpolation=cv2.INTER_AREA)
         coarse *= np.float32(f * f)
@@ -109,7 +111,9 @@ class DotFinder:
         votes = spots - around
         size = (self._apart, self._apart)
         peak = cv2.dilate(votes, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, size))
-        found = (votes >= peak) & (votes >= self._settings.min_dot_votes)
+        # Chance varies as the root of what is counted.
+        least = self._settings.min_dot_votes + _CHANCE * np.sqrt(np.maximum(around, 0.0))
+        found = (votes >= peak) & (votes >= least)
         r, c = np.nonzero(found)
         inside = (c * f + lo >= a) & (c * f + lo < b)
         r, c = r[inside], c[inside]

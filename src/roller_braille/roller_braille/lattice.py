@@ -14,6 +14,8 @@ from .warp import F64
 #: A dot this far off its node, in dot pitches, has no part in it.
 REACH = 0.25
 _SCALES = 7
+#: Spots weaker than this, against strong ones, have no part in finding a lattice.
+_FAINT = 0.2
 _STEP_M = 0.0001
 #: Where dots fit several rows or columns alike, the upper row and the left column are taken.
 _PREFERENCE = 0.01
@@ -144,6 +146,8 @@ def find_lattice(
     """
     if not len(dots):
         return None
+    # Dust is no dot; left in, it could move the rows.
+    dots = dots.where(dots.votes >= _FAINT * np.quantile(dots.votes, 0.75))
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
     scales = np.linspace(1 - tolerance, 1 + tolerance, _SCALES)
     width = REACH * spacing.dot_pitch_m

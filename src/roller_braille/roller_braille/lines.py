@@ -11,7 +11,7 @@ from .dots import Dots
 from .lattice import Lattice
 from .recognise import Recogniser, Reference, image_around
 from .settings import BrailleSettings
-from .strip import Strip
+from .strip import Kind, Strip
 from .warp import F64
 
 #: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
@@ -44,6 +44,8 @@ class LineReader:
         Reads cells.
     lattice : Lattice
         Of the line's first cells; cell 0 is its first.
+    kind : Kind
+        Events that it is read from.
     direction : int
         +1 when the sensor rolls along the camera's x axis, -1 against it.
     view : tuple of float
@@ -56,11 +58,13 @@ class LineReader:
         strip: Strip,
         recogniser: Recogniser,
         lattice: Lattice,
+        kind: Kind,
         direction: int,
         view: tuple[float, float],
     ) -> None:
         self._settings, self._strip, self._recogniser = settings, strip, recogniser
         self._spacing = settings.spacing
+        self.kind = kind
         #: Lattice whose cell 0 is the next to be read.
         self.lattice = lattice
         self._next = 0
@@ -88,6 +92,12 @@ class LineReader:
         """Travel at which the next cell's tile begins, metres."""
         return self.lattice.centre(0)[0] - self.lattice.cell / 2
 
+    @property
+    def band(self) -> tuple[float, float]:
+        """Way down the image of the line's upper and lower border, metres."""
+        half = (self._spacing.line_pitch_m - 2 * self._spacing.dot_pitch_m) / 2
+        return self.top - half, self.top + 2 * self.lattice.dot_down + half
+
     def holds(self, dots: Dots) -> np.ndarray:
         """Which dots lie in the line's band, shape (n,)."""
         down = (
@@ -103,7 +113,7 @@ class LineReader:
         if not len(dots):
             return
         image, at = image_around(
-            self._strip, np.stack([dots.along, dots.down], -1), self._recogniser.margin
+            self._strip, np.stack([dots.along, dots.down], -1), self._recogniser.margin, self.kind
         )
         sides = self._recogniser.quarters(image, at)
         self._dots = Dots(
@@ -113,17 +123,16 @@ class LineReader:
         )
         self._sides = np.concatenate([self._sides, sides])
 
-    def advance(self, complete: int, final: bool) -> None:
+    def advance(self, complete: int) -> None:
         """Read the cells whose tiles lie before a column."""
         while not self.closed:
             end = self.lattice.centre(0)[0] + self.lattice.cell / 2
             if int(np.ceil(end / self._strip.px_m)) > complete:
                 break
             self._read_next()
-        if final:
-            self._close()
 
-    def _close(self) -> None:
+    def close(self) -> None:
+        """Read no further."""
         self._pending = []
         self.closed = True
 
@@ -135,15 +144,12 @@ class LineReader:
             self._pending = []
             self._unusual = 0
             self.accepted |= self._raised >= self._settings.min_line_dots
-        else:
+        elif self.cells or kind is _Kind.FOREIGN or self._next > self._settings.lookahead_cells:
             self._pending.append(seen)
             self._unusual = self._unusual + 1 if kind is _Kind.FOREIGN else 0
-            if (
-                self._unusual > _FOREIGN
-                or len(self._pending) > self._settings.max_spaces
-                or not self.accepted
-            ):
-                self._close()
+            too_many = len(self._pending) > self._settings.max_spaces
+            if too_many or self._unusual > (_FOREIGN if self.accepted else 0):
+                self.close()
         self._follow()
 
     def _follow(self) -> None:
@@ -183,7 +189,7 @@ class LineReader:
     def _read(self) -> tuple[_Kind, Seen]:
         lattice, strip, s = self.lattice, self._strip, self._spacing
         nodes = lattice.nodes(0) + self._shift()
-        image, at = image_around(strip, nodes, self._recogniser.margin)
+        image, at = image_around(strip, nodes, self._recogniser.margin, self.kind)
         middle, down = lattice.centre(0)
         # Tile: half way to the neighbours; its place in the cut out image.
         offset = at[0] - [nodes[0, 0] / strip.px_m, strip.row(nodes[0, 1])]

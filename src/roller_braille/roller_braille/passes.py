@@ -11,8 +11,8 @@ from .lines import LineReader
 from .recognise import Recogniser
 from .rolling import Pass
 from .settings import BrailleSettings
-from .strip import Strip
-from .warp import Warp
+from .strip import Kind, Strip
+from .warp import F32, Warp
 
 
 class PassReader:
@@ -36,15 +36,18 @@ class PassReader:
         self._finder = DotFinder(settings)
         self._recogniser = Recogniser(settings)
         self._searched: int | None = None
-        self._loose = Dots.none()
+        self._kinds = (
+            (Kind.OFF, Kind.ON) if settings.polarity == "auto" else (Kind(settings.polarity),)
+        )
+        self._loose = {kind: Dots.none() for kind in self._kinds}
         #: Lines in the order they were begun, those given up left out.
         self.lines: list[LineReader] = []
         self.dots = 0
         reach = settings.spacing.dot_diameter_m / 2
         self._view = (-warp.half_height_m + reach, warp.half_height_m - reach)
 
-    def add(self, batch: Batch) -> None:
-        """Take a frame of events.
+    def add(self, batch: Batch, table: F32) -> None:
+        """Take a frame of events; `table` holds the pixels to use, see `vote`.
 
         Raises
         ------
@@ -52,7 +55,7 @@ class PassReader:
             If poses are missing.
         """
         knots = self._warp.knots(self.roll, batch.start_ns, batch.end_ns)
-        self.strip.add(batch.events, self._warp.table, knots)
+        self.strip.add(batch.events, table, knots)
 
     def advance(self, final: bool = False) -> None:
         """Read what has left the view; all that was seen if the pass is over."""
@@ -67,54 +70,95 @@ class PassReader:
         step = int(self._settings.spacing.cell_pitch_m / self.strip.px_m)
         if not final and upto - self._searched < step:
             return
-        found = self._finder.find(self.strip, self._searched, upto)
-        self.dots += len(found)
+        for kind in self._kinds:
+            found = self._finder.find(self.strip, self._searched, upto, kind)
+            self.dots += len(found)
+            self._share(found, kind)
         self._searched = max(self._searched, upto)
-        self._share(found)
-        self._begin_lines(upto, final)
+        reach = min(upto, complete)
         for line in self.lines:
-            line.advance(min(upto, complete), final)
+            self._advance(line, reach)
+        self._begin_lines(reach, final)
+        if final:
+            for line in self.lines:
+                line.close()
+            self._loose = {kind: Dots.none() for kind in self._kinds}
         self.lines = [line for line in self.lines if line.accepted or not line.closed]
         self.strip.forget_before(self._needed())
 
-    def _share(self, dots: Dots) -> None:
-        """Give dots to the lines they belong to; keep those of none."""
+    def _share(self, dots: Dots, kind: Kind) -> None:
+        """Give dots to the lines they belong to; keep those that may be another's."""
         for line in self.lines:
             if not line.closed and len(dots):
                 mine = line.holds(dots)
-                line.take(dots.where(mine))
-                dots = dots.where(~mine)
-        self._loose = self._loose.joined(dots)
+                if line.kind is kind:
+                    line.take(dots.where(mine))
+                if line.accepted:
+                    dots = dots.where(~mine)
+        self._loose[kind] = self._loose[kind].joined(dots)
+
+    def _advance(self, line: LineReader, complete: int) -> None:
+        """Read a line on; its dots are its own once it is accepted, others' if it is given up."""
+        if line.closed:
+            return
+        known = line.accepted
+        line.advance(complete)
+        if known or not (line.accepted or line.closed):
+            return
+        for kind, loose in self._loose.items():
+            gone = line.holds(loose)
+            if not line.accepted:
+                gone &= loose.along < line.begin
+            self._loose[kind] = loose.where(~gone)
 
     def _begin_lines(self, upto: int, final: bool) -> None:
         s = self._settings
         ahead = (s.lookahead_cells + 1) * s.spacing.cell_pitch_m
-        while len(self._loose):
-            start = float(self._loose.along[0])
-            if not final and start + ahead > upto * self.strip.px_m:
+        while True:
+            free = {kind: self._free(loose) for kind, loose in self._loose.items()}
+            starts = [float(dots.along[0]) for dots in free.values() if len(dots)]
+            if not starts or not (final or min(starts) + ahead <= upto * self.strip.px_m):
                 return
-            window = self._loose.where(self._loose.along < start + ahead)
-            line = self._try(window)
-            if line is None:
-                # Nothing begins here; give up what is within a cell and go on.
-                keep = self._loose.along > start + s.spacing.dot_pitch_m / 2
-                self._loose = self._loose.where(keep)
-                continue
-            self.lines.append(line)
-            mine = line.holds(self._loose)
-            line.take(self._loose.where(mine))
-            self._loose = self._loose.where(~mine)
+            start = min(starts)
+            found = [self._try(free[kind], kind, start + ahead) for kind in self._kinds]
+            line = max(found, key=lambda f: f[0])[1]
+            if line is not None:
+                self.lines.append(line)
+                line.take(free[line.kind].where(line.holds(free[line.kind])))
+                self._advance(line, upto)
+                if not line.closed:
+                    continue
+                self.lines.remove(line)
+            for kind, loose in self._loose.items():
+                # Where nothing begins, what is within a dot is given up.
+                gone = loose.along <= start + s.spacing.dot_pitch_m / 2
+                self._loose[kind] = loose.where(~gone)
 
-    def _try(self, dots: Dots) -> LineReader | None:
-        """A line through the first of dots, if it can be one."""
+    def _free(self, dots: Dots) -> Dots:
+        """Those dots that no open line has."""
+        for line in self.lines:
+            if not line.closed:
+                dots = dots.where(~line.holds(dots))
+        return dots
+
+    def _try(self, dots: Dots, kind: Kind, end: float) -> tuple[float, LineReader | None]:
+        """A line that begins with the first of dots, and the share of events that it explains."""
         s = self._settings
+        dots = dots.where(dots.along < end)
         lattice = find_lattice(dots, s.spacing, s.pitch_tolerance, self.roll.direction > 0)
         if lattice is None:
-            return None
+            return 0.0, None
         on, index = lattice.assign(dots)
         if int(on.sum()) < s.min_line_dots or not self._whole(lattice, index[on, 2]):
-            return None
-        return LineReader(s, self.strip, self._recogniser, lattice, self.roll.direction, self._view)
+            return 0.0, None
+        line = LineReader(
+            s, self.strip, self._recogniser, lattice, kind, self.roll.direction, self._view
+        )
+        px = self.strip.px_m
+        band = self.strip.image(int(line.begin / px), int(end / px), kind)
+        top, bottom = (int(self.strip.row(r)) for r in line.band)
+        total = float(band[max(top, 0) : max(bottom, 0)].sum())
+        return float(dots.votes[on].sum()) / max(total, 1.0), line
 
     def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
         """Whether no row of the line can lie outside the view."""
@@ -128,6 +172,5 @@ class PassReader:
         assert self._searched is not None
         needed = [self._searched]
         needed += [int(x.begin / px) for x in self.lines if not x.closed]
-        if len(self._loose):
-            needed.append(int(self._loose.along[0] / px))
+        needed += [int(d.along[0] / px) for d in self._loose.values() if len(d)]
         return min(needed) - margin - 32

@@ -16,6 +16,7 @@ from roller_core.pose_track import PoseError, PoseTrack
 
 from .batches import Batch, BatchCutter, PassEnd
 from .cells import Cell
+from .hot import HotPixels
 from .page import Page
 from .passes import PassReader
 from .settings import BrailleSettings
@@ -41,6 +42,8 @@ class BrailleCounts:
     still_events, events_without_pose, dropped_events : int
         Events while the sensor didn't roll, events that no pose was there for, and events dropped
         because too many waited.
+    hot_pixels : int
+        Pixels that are left out because they fire on their own.
     """
 
     frames: int = 0
@@ -54,6 +57,7 @@ class BrailleCounts:
     still_events: int = 0
     events_without_pose: int = 0
     dropped_events: int = 0
+    hot_pixels: int = 0
 
 
 class BraillePipeline:
@@ -76,6 +80,7 @@ class BraillePipeline:
         self._counts = BrailleCounts()
         self._cutter = BatchCutter(settings, track)
         self._warp = Warp(settings, camera, track)
+        self._hot = HotPixels(self._warp.table)
         self._page = Page(settings, self._warp)
         self._reader: PassReader | None = None
         #: Why the newest frames left out were so.
@@ -90,6 +95,7 @@ class BraillePipeline:
         counts.still_events = cutter.still_events
         counts.events_without_pose = cutter.events_without_pose
         counts.dropped_events = cutter.dropped_events
+        counts.hot_pixels = self._hot.count
         counts.repeated_cells = self._page.repeated
         return counts
 
@@ -140,7 +146,8 @@ class BraillePipeline:
             self._counts.passes += 1
         reader = self._reader
         try:
-            reader.add(batch)
+            self._hot.add(batch.events)
+            reader.add(batch, self._hot.table)
         except PoseError as error:
             self._counts.refused_frames += 1
             self.refusals.append(str(error))

@@ -77,11 +77,16 @@ class BrailleSettings(Settings):
         0.006, ge=0.0005, le=0.1, description="Travel of the sensor that ends a frame too, m."
     )
     view_half_width_m: float = Field(
-        0.008,
+        0.0125,
         ge=0.001,
         le=0.1,
         description="Events this far from the optical axis along the roll are used, m; the skin "
         "outside the contact does not move with the surface.",
+    )
+    polarity: Literal["auto", "off", "on", "both"] = Field(
+        "auto",
+        description="Events that make up the image: both, as in the paper; off or on; or auto, "
+        "line by line the kind that is better confined to dots.",
     )
     strip_px_m: float = Field(
         0.00006, ge=0.00001, le=0.001, description="Pixel of the surface's mosaic, m."
@@ -106,7 +111,7 @@ class BrailleSettings(Settings):
         3, ge=1, le=100, description="Fewer dots than this are not taken for a line."
     )
     min_dot_votes: float = Field(
-        300.0, ge=0.0, le=1e9, description="Events, above the background, that a dot needs."
+        40.0, ge=0.0, le=1e9, description="Events, above the background, that a dot needs."
     )
     max_spaces: int = Field(
         8, ge=1, le=100, description="More blank or foreign cells than this end a line."

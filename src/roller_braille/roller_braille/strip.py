@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from enum import Enum
+
 import numpy as np
 
 from roller_core.events import EventArray
@@ -14,8 +16,18 @@ _LEAST_EXPOSURE = 0.25
 _MARGIN_M = 0.002
 
 
+class Kind(Enum):
+    """Which events an image is made of."""
+
+    OFF = "off"
+    ON = "on"
+    BOTH = "both"
+
+
 class Strip:
     """Counts of warped events on the surface, over the part of a pass that is still needed.
+
+    OFF and ON events are counted apart; an image takes one kind or both.
 
     Columns run along the travel of the sensor, whichever way it rolls, rows down the image. A
     column is numbered by its place: column c is at c times the pixel's size from where the pass
@@ -36,7 +48,7 @@ class Strip:
         #: Way down the image of the first row, metres.
         self.top_m = -self._rows / 2 * self.px_m
         self._first = 0
-        self._counts: F32 = np.zeros((self._rows, 0), np.float32)
+        self._counts: F32 = np.zeros((2, self._rows, 0), np.float32)
         self._newest: I64 = np.zeros(0, np.int64)
         self._begin: float | None = None
         self._end = 0.0
@@ -90,14 +102,14 @@ class Strip:
         """Columns before this one are no longer needed."""
         # Moving what is kept costs; do it once in a while.
         keep = column - self._first
-        if 512 < keep < self._counts.shape[1]:
-            self._counts[:, :-keep] = self._counts[:, keep:].copy()
-            self._counts[:, -keep:] = 0.0
+        if 512 < keep < self._counts.shape[2]:
+            self._counts[..., :-keep] = self._counts[..., keep:].copy()
+            self._counts[..., -keep:] = 0.0
             self._newest[:-keep] = self._newest[keep:].copy()
             self._newest[-keep:] = 0
             self._first = column
 
-    def image(self, a: int, b: int) -> F32:
+    def image(self, a: int, b: int, kind: Kind) -> F32:
         """Counts of columns a to b (b excluded), as if all were seen over the full travel.
 
         Returns
@@ -106,10 +118,11 @@ class Strip:
             Events a pixel; 0 where nothing is kept.
         """
         out = np.zeros((self._rows, b - a), np.float32)
-        lo, hi = max(a, self._first), min(b, self._first + self._counts.shape[1])
+        lo, hi = max(a, self._first), min(b, self._first + self._counts.shape[2])
         if lo < hi:
             gain = self._gain(lo, hi)
-            part = self._counts[:, lo - self._first : hi - self._first]
+            parts = self._counts[..., lo - self._first : hi - self._first]
+            part = parts[0] + parts[1] if kind is Kind.BOTH else parts[int(kind is Kind.ON)]
             np.multiply(part, gain, out=out[:, lo - a : hi - a])
         return out
 
@@ -130,9 +143,10 @@ class Strip:
         )
 
     def _reserve(self, column: int) -> None:
-        have = self._counts.shape[1]
+        have = self._counts.shape[2]
         need = column - self._first
         if need > have:
             more = max(need - have, 1024)
-            self._counts = np.hstack([self._counts, np.zeros((self._rows, more), np.float32)])
+            more_counts = np.zeros((2, self._rows, more), np.float32)
+            self._counts = np.concatenate([self._counts, more_counts], axis=2)
             self._newest = np.append(self._newest, np.zeros(more, np.int64))

@@ -144,8 +144,8 @@ def vote(events: EventArray, table: F32, knots: Knots, raster: F64, strip: F32, 
         Maps.
     raster : ndarray of float64, shape (3, 3)
         From metres to columns and rows of the strip.
-    strip : ndarray of float32, shape (rows, columns)
-        Counted into.
+    strip : ndarray of float32, shape (2, rows, columns)
+        Counted into, OFF events first, then ON events.
     newest : ndarray of int64, shape (columns,)
         Set to the time of each column's newest event, ns.
 
@@ -156,7 +156,9 @@ def vote(events: EventArray, table: F32, knots: Knots, raster: F64, strip: F32, 
     """
     maps = np.ascontiguousarray(raster @ knots.maps)
     return int(
-        kernels._vote(events.x, events.y, events.t_ns, table, knots.times_ns, maps, strip, newest)
+        kernels._vote(
+            events.x, events.y, events.t_ns, events.p, table, knots.times_ns, maps, strip, newest
+        )
     )
 
 
@@ -167,14 +169,14 @@ def vote_numpy(
     maps = raster @ knots.maps
     pixel = table[events.y, events.x].astype(np.float64)
     inside = pixel[:, 0] > OUTSIDE / 10
-    t, pixel = events.t_ns[inside], pixel[inside]
+    t, p, pixel = events.t_ns[inside], events.p[inside], pixel[inside]
     k = np.clip(np.searchsorted(knots.times_ns, t, "right") - 1, 0, len(knots.times_ns) - 2)
     f = (t - knots.times_ns[k]) / (knots.times_ns[k + 1] - knots.times_ns[k])
     m = maps[k] * (1 - f)[:, None, None] + maps[k + 1] * f[:, None, None]
     h = np.einsum("nij,nj->ni", m, np.column_stack([pixel, np.ones(len(pixel))]))
     place = np.floor(h[:, :2] / h[:, 2:] + 0.5).astype(np.int64)
-    rows, columns = strip.shape
+    _, rows, columns = strip.shape
     ok = ((place >= 0) & (place < [columns, rows])).all(axis=1)
-    np.add.at(strip, (place[ok, 1], place[ok, 0]), 1.0)
+    np.add.at(strip, (p[ok], place[ok, 1], place[ok, 0]), 1.0)
     newest[place[ok, 0]] = t[ok]
     return int(ok.sum())
