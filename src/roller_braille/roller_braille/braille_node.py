@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from event_camera_msgs.msg import EventPacket
-from geometry_msgs.msg import Point, Vector3
 from pydantic import Field
 from rclpy.node import Node
 from roller_msgs.msg import BrailleCell
 from sensor_msgs.msg import CameraInfo
-from std_msgs.msg import ColorRGBA, String
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -30,13 +29,12 @@ from roller_ros.tf import take_transforms
 from roller_ros.worker import Worker
 
 from .cells import Cell
+from .messages import cell_markers, cell_message, text_message
 from .pipeline import BraillePipeline
 from .settings import BrailleSettings
-from .table import UNREADABLE
 
 #: Packets kept while the camera's calibration hasn't come.
 _MOST_EARLY = 5000
-_READ, _UNREAD = (0.1, 0.8, 0.3, 1.0), (0.9, 0.2, 0.1, 1.0)
 
 
 class BrailleParameters(BrailleSettings, FrameSettings):
@@ -164,7 +162,7 @@ class BrailleNode(Node):
             self._publish(cell)
         if cells:
             self._text = [*self._earlier, *pipeline.text()]
-            self._texts.publish(String(data="\n".join(self._text)))
+            self._texts.publish(text_message(self._text))
             self._shown.publish(MarkerArray(markers=self._markers))
             now = self.get_clock().now().nanoseconds
             self._latency_s = (now - cells[-1].stamp_ns) * 1e-9
@@ -177,44 +175,10 @@ class BrailleNode(Node):
             self._frames.track.discard_before(needed)
 
     def _publish(self, cell: Cell) -> None:
-        message = BrailleCell(
-            header=messages.header(cell.stamp_ns, self._parameters.base_frame),
-            line=cell.line + len(self._earlier),
-            column=cell.column,
-            mask=cell.mask,
-            pattern=cell.pattern,
-            character=cell.character,
-            readable=cell.readable,
-            position=_point(cell.position),
-            confidence=cell.confidence,
-            dot_confidence=np.array(cell.dot_confidence, np.float32),
-        )
-        self._cells.publish(message)
-        self._mark(cell)
-
-    def _mark(self, cell: Cell) -> None:
-        """Add a cell's markers: its character and its raised dots."""
-        if not cell.mask and cell.readable:
-            return
-        spacing = self._settings.spacing
-        color = ColorRGBA(**dict(zip("rgba", _READ if cell.readable else _UNREAD, strict=True)))
-        letter, dots = Marker(type=Marker.TEXT_VIEW_FACING), Marker(type=Marker.SPHERE_LIST)
-        for marker, part in ((letter, "characters"), (dots, "dots")):
-            marker.header.frame_id = self._parameters.base_frame
-            marker.ns = f"braille_{part}"
-            marker.id = len(self._markers) // 2
-            marker.action = Marker.ADD
-            marker.color = color
-            marker.pose.orientation.w = 1.0
-            self._markers.append(marker)
-        letter.pose.position = _point(cell.position)
-        # Beside the cell: above the text as one reads it.
-        letter.pose.position.z += spacing.dot_pitch_m
-        letter.scale.z = 2 * spacing.dot_pitch_m
-        letter.text = cell.character or (cell.pattern if cell.readable else UNREADABLE)
-        size = spacing.dot_diameter_m
-        dots.scale = Vector3(x=size, y=size, z=size)
-        dots.points = [_point(p) for i, p in enumerate(cell.dot_positions) if cell.mask >> i & 1]
+        frame = self._parameters.base_frame
+        self._cells.publish(cell_message(cell, frame, len(self._earlier)))
+        number = len(self._markers) // 2
+        self._markers += cell_markers(cell, number, frame, self._settings.spacing)
 
     def _fault(self, error: RollerError) -> None:
         self._faults += 1
@@ -263,10 +227,6 @@ class BrailleNode(Node):
                 "faults": self._faults,
             },
         )
-
-
-def _point(position: np.ndarray) -> Point:
-    return Point(x=float(position[0]), y=float(position[1]), z=float(position[2]))
 
 
 def _percentile(values: list[float], share: float) -> float:

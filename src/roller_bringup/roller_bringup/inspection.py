@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from roller_braille.pipeline import BraillePipeline, Cell
-
+from roller_braille.cells import Cell
+from roller_braille.pipeline import BraillePipeline
 from roller_braille.settings import BrailleSettings
 from roller_core.camera import Camera
 from roller_core.events import EventArray

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from roller_braille.pipeline import Cell
-
+from roller_braille.cells import Cell
 from roller_emvs.windows import RefusedWindow
 
 from .inspection import Inspection, InspectionSettings, Mapped
@@ -55,7 +54,13 @@ def replay(
     UnwritableOutputError
         If results can't be written.
     """
-    writer = ResultWriter(output, recording.camera, recording.sensor_frame, recording.base_frame)
+    writer = ResultWriter(
+        output,
+        recording.camera,
+        recording.sensor_frame,
+        recording.base_frame,
+        settings.braille.spacing,
+    )
     report = Report(
         str(source),
         settings.depth.method,

@@ -30,7 +30,7 @@ class DepthSettings(Settings):
     )
     window_s: float = Field(0.02, ge=0.0005, le=10.0, description="Window length in time, s.")
     window_travel_m: float = Field(
-        0.009, ge=0.0005, le=0.1, description="Window length in travel of the sensor, m."
+        0.012, ge=0.0005, le=0.1, description="Window length in travel of the sensor, m."
     )
     max_window_s: float = Field(
         1.0,
@@ -86,7 +86,7 @@ class DepthSettings(Settings):
         45, ge=1, le=255, description="Masked median filter G_f: size, odd, px; 1 is off."
     )
     focus_sigma_px: float = Field(
-        4.0, ge=0.5, le=32.0, description="Neighbourhood over which focus sums evidence, px."
+        5.0, ge=0.5, le=32.0, description="Neighbourhood over which focus sums evidence, px."
     )
     focus_planes_per_px: float = Field(
         2.0, ge=0.25, le=16.0, description="Depth planes of focus per pixel of parallax."
@@ -102,7 +102,7 @@ class DepthSettings(Settings):
         "depth, px.",
     )
     focus_min_confidence: float = Field(
-        0.15, ge=0.0, le=1.0, description="Depths of focus with less confidence are left out."
+        0.3, ge=0.0, le=1.0, description="Depths of focus with less confidence are left out."
     )
     focus_min_votes: float = Field(
         3.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."

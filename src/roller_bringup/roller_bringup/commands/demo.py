@@ -55,7 +55,6 @@ def run(args: argparse.Namespace) -> int:
         "method": args.method,
         "params": str(overrides),
         "record": "true",
-        "braille": __import__("os").environ.get("DEMO_BRAILLE", "true"),
         "output": str(folder / "bag"),
     }
     launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"

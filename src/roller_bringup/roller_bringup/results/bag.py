@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 from rclpy.serialization import serialize_message
-from roller_braille.messages import cell_message, marker_messages, text_message
-from roller_braille.pipeline import Cell
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
+from visualization_msgs.msg import MarkerArray
 
+from roller_braille.cells import Cell
+from roller_braille.messages import cell_markers, cell_message, text_message
+from roller_braille.settings import Spacing
 from roller_core.bags import bag_qos, typestore
 from roller_core.camera import Camera
 from roller_core.errors import UnwritableOutputError
@@ -46,6 +48,8 @@ class ResultBag:
         Of the depth maps.
     sensor_frame, base_frame : str
         Frames of depth images and of the surface.
+    spacing : Spacing
+        Sizes of Braille, for the markers.
 
     Raises
     ------
@@ -53,10 +57,14 @@ class ResultBag:
         If it can't be written, or if what stands there is no bag.
     """
 
-    def __init__(self, path: Path, camera: Camera, sensor_frame: str, base_frame: str) -> None:
+    def __init__(
+        self, path: Path, camera: Camera, sensor_frame: str, base_frame: str, spacing: Spacing
+    ) -> None:
         self._camera = pinhole(camera)
         self._sensor_frame = sensor_frame
         self._base_frame = base_frame
+        self._spacing = spacing
+        self._cells = 0
         try:
             if path.exists():
                 if not (path / "metadata.yaml").is_file() and not list(path.glob("*.mcap")):
@@ -99,7 +107,9 @@ class ResultBag:
         t = cell.stamp_ns
         self._put("/roller/braille/cells", t, cell_message(cell, self._base_frame))
         self._put("/roller/braille/text", t, text_message(lines))
-        self._put("/roller/braille/markers", t, marker_messages([cell], self._base_frame))
+        self._cells += 1
+        markers = cell_markers(cell, self._cells, self._base_frame, self._spacing)
+        self._put("/roller/braille/markers", t, MarkerArray(markers=markers))
 
     def close(self) -> None:
         """Finish the bag."""

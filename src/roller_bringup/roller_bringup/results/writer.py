@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from roller_braille.pipeline import Cell
+from roller_braille.cells import Cell
 from roller_braille.report import cells_to_json
-
+from roller_braille.settings import Spacing
 from roller_core.camera import Camera
 from roller_emvs.ply import PlyWriter
 from roller_emvs.stitcher import Patch
@@ -28,6 +28,8 @@ class ResultWriter:
         Of the depth maps.
     sensor_frame, base_frame : str
         Frames of depth images and of the surface.
+    spacing : Spacing
+        Sizes of Braille, for the markers.
 
     Raises
     ------
@@ -35,14 +37,16 @@ class ResultWriter:
         If something can't be written.
     """
 
-    def __init__(self, folder: Path, camera: Camera, sensor_frame: str, base_frame: str) -> None:
+    def __init__(
+        self, folder: Path, camera: Camera, sensor_frame: str, base_frame: str, spacing: Spacing
+    ) -> None:
         self.folder = folder
         make_folder(folder)
         self.ply_path = folder / "surface.ply"
         self._ply = PlyWriter(
             self.ply_path, ("height", "confidence"), f"frame {base_frame}, metres"
         )
-        self._bag = ResultBag(folder / "result", camera, sensor_frame, base_frame)
+        self._bag = ResultBag(folder / "result", camera, sensor_frame, base_frame, spacing)
         self._cells: list[Cell] = []
         self._last_ns = 0
 
