@@ -16,6 +16,7 @@ REACH = 0.25
 _SCALES = 7
 #: Spots weaker than this, against strong ones, have no part in finding a lattice.
 _FAINT = 0.2
+_STRONG = 3
 _STEP_M = 0.0001
 #: Where dots fit several rows or columns alike, the upper row and the left column are taken.
 _PREFERENCE = 0.01
@@ -147,7 +148,8 @@ def find_lattice(
     if not len(dots):
         return None
     # Dust is no dot; left in, it could move the rows.
-    dots = dots.where(dots.votes >= _FAINT * np.quantile(dots.votes, 0.75))
+    strong = np.sort(dots.votes)[-min(_STRONG, len(dots))]
+    dots = dots.where(dots.votes >= _FAINT * strong)
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
     scales = np.linspace(1 - tolerance, 1 + tolerance, _SCALES)
     width = REACH * spacing.dot_pitch_m

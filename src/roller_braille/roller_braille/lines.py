@@ -8,19 +8,23 @@ import numpy as np
 
 from .cells import Seen
 from .dots import Dots
-from .lattice import Lattice
-from .recognise import Recogniser, Reference, image_around
+from .lattice import REACH, Lattice
+from .recognise import Energies, Recogniser, Reference, image_around
 from .settings import BrailleSettings
 from .strip import Kind, Strip
-from .warp import F64
+from .warp import F32, F64
 
 #: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
 _NEAR_CELLS = 4
 _LEAST_DOTS = 4
+#: A side of a dot is taken to hold at least this share of its events.
+_LEAST_SHARE = 0.2
 #: Cells behind whose dots hold the lattice.
 _FIT_CELLS = 12
 #: A tile with less than this, in a dot's events, is blank.
 _BLANK = 0.3
+#: A dot may lie this far off its node, along and down.
+_MOST_SHIFT_M = 0.00015
 #: Cells of other relief in a row that end a line.
 _FOREIGN = 2
 
@@ -115,7 +119,7 @@ class LineReader:
         image, at = image_around(
             self._strip, np.stack([dots.along, dots.down], -1), self._recogniser.margin, self.kind
         )
-        sides = self._recogniser.quarters(image, at)
+        sides = self._recogniser.halves(image, at)
         self._dots = Dots(
             np.append(self._dots.along, dots.along),
             np.append(self._dots.down, dots.down),
@@ -160,16 +164,26 @@ class LineReader:
         self.lattice = self.lattice.fitted(self._dots.where(near), self._spacing).moved(1)
         self._next += 1
 
-    def _shift(self) -> F64:
-        """How far the next cell's own dots lie off their nodes, (along, down), metres."""
-        on, index = self.lattice.assign(self._dots)
+    def _shift(self, lattice: Lattice) -> F64:
+        """How far the dots of cell 0 lie off their nodes, (along, down), metres."""
+        on, index = lattice.assign(self._dots)
         here = on & (index[:, 0] == 0)
         if not here.any():
             return np.zeros(2)
-        nodes = self.lattice.nodes(0)[index[here, 1] * 3 + index[here, 2]]
+        nodes = lattice.nodes(0)[index[here, 1] * 3 + index[here, 2]]
         off = np.stack([self._dots.along[here], self._dots.down[here]], -1) - nodes
         # One more dot that lies on its node, so that a single one is not all.
         return np.asarray(off.sum(axis=0) / (len(off) + 1))
+
+    def _own_shifts(self, nodes: F64) -> F64:
+        """How far dots found at nodes lie off them, by no more than a little, shape (6, 2)."""
+        out = np.zeros_like(nodes)
+        for i, node in enumerate(nodes):
+            off = np.stack([self._dots.along, self._dots.down], -1) - node
+            away = np.hypot(off[:, 0], off[:, 1])
+            if len(away) and away.min() < REACH * self._spacing.dot_pitch_m:
+                out[i] = off[int(np.argmin(away))]
+        return np.clip(out, -_MOST_SHIFT_M, _MOST_SHIFT_M)
 
     def _reference(self) -> Reference | None:
         cells = np.abs((self._dots.along - self.lattice.centre(0)[0]) / self.lattice.cell)
@@ -180,35 +194,52 @@ class LineReader:
             sides = self._sides[near]
         if not len(sides):
             return None
-        quarters = np.median(sides, axis=0)
-        whole = float(np.median(sides.sum(axis=1)))
+        wholes = sides[:, :2].sum(axis=1)
+        whole = float(np.median(wholes))
         if whole <= 0:
             return None
-        return Reference(whole, np.maximum(quarters, 0.1 * whole))
+        shares = np.median(sides / np.maximum(wholes, 1e-9)[:, None], axis=0)
+        return Reference(whole, np.maximum(shares, _LEAST_SHARE))
 
-    def _read(self) -> tuple[_Kind, Seen]:
-        lattice, strip, s = self.lattice, self._strip, self._spacing
-        nodes = lattice.nodes(0) + self._shift()
+    def explained(self) -> float:
+        """Share of events that its first dots hold, over as many cells as it takes to accept it."""
+        reference = self._reference()
+        if reference is None:
+            return 0.0
+        held = total = 0.0
+        dots = 0
+        for n in range(self._settings.lookahead_cells + 1):
+            found = self._measure(self.lattice.moved(n))[3]
+            filled = found.whole > reference.whole / 2
+            dots += int(filled.sum())
+            held += float(found.whole[filled].sum())
+            total += max(found.total, 0.0)
+            if dots >= self._settings.min_line_dots:
+                return held / max(total, 1e-9)
+        return 0.0
+
+    def _measure(self, lattice: Lattice) -> tuple[F64, F32, F64, Energies]:
+        """Cell 0 of a lattice: its nodes, the image around, their place in it, their events."""
+        strip, s = self._strip, self._spacing
+        nodes = lattice.nodes(0) + self._shift(lattice)
         image, at = image_around(strip, nodes, self._recogniser.margin, self.kind)
-        middle, down = lattice.centre(0)
         # Tile: half way to the neighbours; its place in the cut out image.
         offset = at[0] - [nodes[0, 0] / strip.px_m, strip.row(nodes[0, 1])]
+        middle, down = lattice.centre(0)
         half = s.line_pitch_m / 2 * lattice.dot_down / s.dot_pitch_m
-        tile = np.round(
-            [
-                (middle - lattice.cell / 2) / strip.px_m + offset[0],
-                (middle + lattice.cell / 2) / strip.px_m + offset[0],
-                strip.row(down - half) + offset[1],
-                strip.row(down + half) + offset[1],
-            ]
-        ).astype(int)
-        energies = self._recogniser.measure(image, at, tuple(tile))
-        reference = self._reference()
-        a, b = (
-            int((middle - lattice.cell / 2) / strip.px_m),
-            int((middle + lattice.cell / 2) / strip.px_m),
+        a, b = ((middle + side * lattice.cell / 2) / strip.px_m + offset[0] for side in (-1, 1))
+        top, bottom = (strip.row(down + side * half) + offset[1] for side in (-1, 1))
+        at = at + self._own_shifts(nodes) / strip.px_m
+        tile = (round(a), round(b), round(top), round(bottom))
+        return nodes, image, at, self._recogniser.measure(image, at, tile)
+
+    def _read(self) -> tuple[_Kind, Seen]:
+        nodes, image, at, energies = self._measure(self.lattice)
+        px = self._strip.px_m
+        stamp = self._strip.newest_ns(
+            int(self.begin / px), int((self.begin + self.lattice.cell) / px)
         )
-        stamp = strip.newest_ns(a, b)
+        reference = self._reference()
         if reference is None:
             return _Kind.FOREIGN, self._seen(0, np.zeros(6), nodes, stamp)
         reading = self._recogniser.read(image, at, energies, reference)

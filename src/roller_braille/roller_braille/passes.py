@@ -124,7 +124,9 @@ class PassReader:
             line = max(found, key=lambda f: f[0])[1]
             if line is not None:
                 self.lines.append(line)
-                line.take(free[line.kind].where(line.holds(free[line.kind])))
+                # It has the dots of the window; these come after.
+                loose = free[line.kind]
+                line.take(loose.where(line.holds(loose) & (loose.along >= start + ahead)))
                 self._advance(line, upto)
                 if not line.closed:
                     continue
@@ -154,11 +156,9 @@ class PassReader:
         line = LineReader(
             s, self.strip, self._recogniser, lattice, kind, self.roll.direction, self._view
         )
-        px = self.strip.px_m
-        band = self.strip.image(int(line.begin / px), int(end / px), kind)
-        top, bottom = (int(self.strip.row(r)) for r in line.band)
-        total = float(band[max(top, 0) : max(bottom, 0)].sum())
-        return float(dots.votes[on].sum()) / max(total, 1.0), line
+        line.take(dots)
+        explained = line.explained()
+        return (explained, line) if explained >= s.min_explained else (0.0, None)
 
     def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
         """Whether no row of the line can lie outside the view."""

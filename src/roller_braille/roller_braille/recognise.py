@@ -19,12 +19,10 @@ from .settings import BrailleSettings
 from .strip import Kind, Strip
 from .warp import F32, F64
 
-#: Share of a dot's events below which a place without a circle is certainly empty, and the share
-#: at which it certainly is not.
-_EMPTY, _FILLED = 0.15, 0.5
+#: Share of a dot's events at which a place is certainly empty, and at which it certainly is not.
+_EMPTY, _FILLED = 0.12, 0.4
 #: Evidence at which a dot is as likely raised as not, and that of a sure one.
 _EVEN, _SURE = 0.5, 0.85
-_QUARTERS = 4
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,8 @@ class Energies:
     ----------
     whole : ndarray, shape (6,)
         All of the spot.
-    quarters : ndarray, shape (6, 4)
-        Its right, lower, left and upper quarter.
+    halves : ndarray, shape (6, 4)
+        Its half further along the roll, and that behind; its lower half, and its upper.
     total : float
         All of the cell's tile: from half way to the cell before to half way to the next, and from
         half way to the line above to half way to the one below.
@@ -45,17 +43,17 @@ class Energies:
     """
 
     whole: F64
-    quarters: F64
+    halves: F64
     total: float
     background: float
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What a raised dot of a line has: events of the whole spot and of its quarters, shape (4,)."""
+    """What a raised dot of a line has: its events, and its halves' shares in them, shape (4,)."""
 
     whole: float
-    quarters: F64
+    shares: F64
 
 
 @dataclass(frozen=True)
@@ -99,13 +97,15 @@ class Recogniser:
         n = int(np.ceil(spot))
         y, x = np.mgrid[-n : n + 1, -n : n + 1]
         inside = np.hypot(x, y) <= spot
-        side = np.round(np.arctan2(y, x) / (np.pi / 2)).astype(int) % _QUARTERS
+        halves = np.stack([x > 0, x < 0, y > 0, y < 0]) + 0.5 * np.stack(
+            [x == 0, x == 0, y == 0, y == 0]
+        )
         self._reach = n
         #: Columns and rows to cut out around nodes, so that a cell's tile lies within.
         self.margin = int(
             np.ceil(max(s.cell_pitch_m - s.dot_pitch_m, s.line_pitch_m - 2 * s.dot_pitch_m) / px)
         )
-        self._masks = np.stack([inside & (side == q) for q in range(_QUARTERS)]).astype(np.float32)
+        self._masks = (halves * inside).astype(np.float32)
         self._area = float(inside.sum())
         self._square = round(s.dot_pitch_m / px)
         size = settings.morphology_px
@@ -129,15 +129,15 @@ class Recogniser:
         a, b, top, bottom = tile
         part = image[max(top, 0) : max(bottom, 0), max(a, 0) : max(b, 0)]
         level = _background(part)
-        quarters = self.quarters(image, at) - level * self._masks.sum(axis=(1, 2))
+        halves = self.halves(image, at) - level * self._masks.sum(axis=(1, 2))
         total = float(part.sum()) - level * part.size
-        return Energies(quarters.sum(axis=1), quarters, total, level * self._area)
+        return Energies(halves[:, :2].sum(axis=1), halves, total, level * self._area)
 
-    def quarters(self, image: F32, at: F64) -> F64:
-        """Events in the quarters of spots at columns and rows `at`, (n, 2); shape (n, 4)."""
+    def halves(self, image: F32, at: F64) -> F64:
+        """Events in the halves of spots at columns and rows `at`, (n, 2); shape (n, 4)."""
         n = self._reach
         padded = cv2.copyMakeBorder(image, n, n, n, n, cv2.BORDER_CONSTANT)
-        out = np.zeros((len(at), _QUARTERS))
+        out = np.zeros((len(at), len(self._masks)))
         for i, (c, r) in enumerate(np.floor(at + 0.5).astype(int)):
             if 0 <= c < image.shape[1] and 0 <= r < image.shape[0]:
                 window = padded[r : r + 2 * n + 1, c : c + 2 * n + 1]
@@ -157,14 +157,14 @@ class Recogniser:
             What raised dots of this line have.
         """
         whole = np.clip(energies.whole / reference.whole, 0.0, None)
-        sides = np.clip(energies.quarters / reference.quarters, 0.0, None)
-        shape = np.minimum(np.minimum(sides[:, 0], sides[:, 2]), whole)
+        shares = energies.halves / np.maximum(energies.whole, 1e-9)[:, None]
+        complete = np.clip((shares / reference.shares).min(axis=1), 0.0, 1.0)
+        filled = np.clip((whole - _EMPTY) / (_FILLED - _EMPTY), 0.0, 1.0)
         circles = self._circles(image, at, reference)
         w = self._settings.hough_weight
-        evidence = (1 - w) * (np.minimum(whole, 1.0) + np.minimum(shape, 1.0)) / 2 + w * circles
+        evidence = filled * ((1 - w) * (1 + complete) / 2 + w * circles)
         sure = np.clip((evidence - _EVEN) / (_SURE - _EVEN), 0.0, 1.0)
-        most = np.maximum(whole, np.median(sides, axis=1))
-        empty = np.clip((_FILLED - most) / (_FILLED - _EMPTY), 0.0, 1.0)
+        empty = 1.0 - filled
         raised = sure > empty
         confidence = np.where(raised, sure - empty, empty - sure)
         held = float(np.maximum(energies.whole, 0.0)[raised].sum())
