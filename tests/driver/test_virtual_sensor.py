@@ -19,6 +19,7 @@ class Row:
     def __init__(self, width=8, on=0.25, off=0.25, rate=0.0, timing=(0, 0, 0, 0, 0.5)):
         full = {"dtype": np.float32}
         self.signal, self.level = np.zeros(width, **full), np.zeros(width, **full)
+        self.before = np.zeros(width, **full)
         self.on, self.off = np.full(width, on, **full), np.full(width, off, **full)
         self.rate = np.full(width, rate, **full)
         self.held, self.draws = np.zeros(width, np.int64), np.zeros(width, np.int64)
@@ -26,11 +27,11 @@ class Row:
         self.timing = (*(np.int64(v) for v in timing[:4]), float(timing[4]))
         self.out = np.empty(width * kernels.MAX_PER_STEP, np.uint64)
 
-    def step(self, t0, t1, new, keep=0.0, y=3, width=None):
+    def step(self, t0, t1, new, tau=0.0, y=3):
         n = kernels._sensor_row(
-            np.int64(t0), np.int64(t1), np.float32(keep), np.asarray(new, np.float32).copy(), 0, y,
-            width or len(self.signal), self.signal, self.level, self.held, self.noise, self.draws,
-            self.on, self.off, self.rate, self.timing, SEED, self.out, 0,
+            np.int64(t0), np.int64(t1), tau, np.asarray(new, np.float32).copy(), 0, y,
+            len(self.signal), self.before, self.signal, self.level, self.held, self.noise,
+            self.draws, self.on, self.off, self.rate, self.timing, SEED, self.out, 0,
         )  # fmt: skip
         return self.out[:n].copy()
 
@@ -64,12 +65,16 @@ def test_a_held_pixel_starts_anew_from_the_signal_it_finds():
     assert row.level[0] == pytest.approx(1.6, abs=1e-6)
 
 
-def test_low_pass_reaches_63_percent_after_its_time_constant():
-    row = Row(width=1, on=10.0)
-    keep = np.exp(-0.1)
-    for k in range(10):
-        row.step(k * 1000, (k + 1) * 1000, [1.0], keep)
-    assert row.signal[0] == pytest.approx(1 - np.exp(-1), abs=1e-5)
+def test_low_pass_answers_a_ramp_exactly_however_it_is_cut():
+    tau = 10_000.0
+    for cuts in (1, 2, 5):
+        row = Row(width=1, on=10.0)
+        for k in range(cuts):
+            row.step(k * 20_000 // cuts, (k + 1) * 20_000 // cuts, [(k + 1) / cuts], tau)
+        ramp = 1 - (1 - np.exp(-2)) / 2
+        assert row.signal[0] == pytest.approx(ramp, abs=1e-6)
+        row.step(20_000, 30_000, [1.0], tau)
+        assert 1 - row.signal[0] == pytest.approx((1 - ramp) * np.exp(-1), abs=1e-6)
 
 
 def test_sensor_kernel_equals_its_plain_python_twin():
@@ -93,10 +98,10 @@ def test_sensor_kernel_equals_its_plain_python_twin():
         total = 0
         for k in range(frames):
             t0, t1 = 42_000 * k, 42_000 * (k + 1)
-            x, _, t, p = unpack(row.step(t0, t1, light[k], keep=0.6))
+            x, _, t, p = unpack(row.step(t0, t1, light[k], tau=60_000.0))
             total += len(x)
             for u, pixel in enumerate(pixels):
-                want = pixel.step(t0, t1, 0.6, light[k, u])
+                want = pixel.step(t0, t1, 60_000.0, light[k, u])
                 got = list(zip(t[x == u].tolist(), p[x == u].tolist(), strict=True))
                 assert len(got) == len(want)
                 for (t_got, p_got), (t_want, p_want) in zip(got, want, strict=True):

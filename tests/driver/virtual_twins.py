@@ -115,6 +115,7 @@ class PixelTwin:
     def __init__(self, pixel, on, off, rate, level, signal, noise, timing, seed):
         self.pixel, self.on, self.off, self.rate = pixel, on, off, rate
         self.level, self.signal, self.noise = np.float32(level), np.float32(signal), int(noise)
+        self.before = np.float32(0)
         self.held, self.draws = 0, 0
         self.latency, self.jitter, self.refractory, self.readout, self.on_share = timing
         self.seed = seed
@@ -126,10 +127,15 @@ class PixelTwin:
     def wait(self, t):
         return t + int(min(-np.log(self.draw()) / self.rate * 1e9, 1e18)) + 1
 
-    def step(self, t0, t1, keep, new):
+    def step(self, t0, t1, tau, new):
         """Events (time read out, polarity) between two frames."""
         l0 = self.signal
-        l1 = np.float32(new) + np.float32(keep) * (l0 - np.float32(new))
+        a = (t1 - t0) / tau
+        keep = np.float32(np.exp(-a))
+        of_old = np.float32((1 - np.exp(-a)) / a - np.exp(-a))
+        of_new = np.float32(1) - keep - of_old
+        l1 = of_new * np.float32(new) + of_old * self.before + keep * l0
+        self.before = np.float32(new)
         self.signal = l1
         slope = (float(l1) - float(l0)) / float(t1 - t0)
         events, t = [], t0

@@ -12,8 +12,9 @@ import math
 import numba
 import numpy as np
 
-#: Rays are followed until the depth moves by less than this, mm.
-_TOLERANCE = np.float32(1e-3)
+#: Rays are followed until the depth moves by less than this, mm. Newton's next step would be far
+#: smaller, and slopes and coating are those of a point at most a third of it aside.
+_TOLERANCE = np.float32(4e-3)
 _MAX_STEPS = 12
 #: Newton's divisor 1 - slope·ray is kept above this, which only damps very steep walls.
 _MIN_DIVISOR = np.float32(0.25)

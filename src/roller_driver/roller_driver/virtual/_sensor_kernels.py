@@ -118,8 +118,8 @@ def _pixel_events(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _sensor_row(  # type: ignore[no-untyped-def]
-    t0, t1, keep, new, x0, y, width, signal, level, held, noise, draws, on, off, rate, timing,
-    seed, out, n,
+    t0, t1, tau, new, x0, y, width, before, signal, level, held, noise, draws, on, off, rate,
+    timing, seed, out, n,
 ):  # fmt: skip
     """Advance pixels of one row from `t0` to `t1`, at whose end the log intensity is `new`.
 
@@ -127,12 +127,12 @@ def _sensor_row(  # type: ignore[no-untyped-def]
     ----------
     x0, y, width : int
         First pixel's place and the image's width.
-    keep : float32
-        Share of the old signal the pixel's low pass keeps over the step.
+    tau : float
+        Time constant of the pixels' low pass, ns; 0: none.
     new : ndarray of float32, shape (w,)
-        Log intensity; overwritten.
-    signal, level, on, off, rate : ndarray of float32, shape (w,)
-        Low-passed signal; compared level; thresholds; noise rate in Hz.
+        Log intensity at `t1`; overwritten.
+    before, signal, level, on, off, rate : ndarray of float32, shape (w,)
+        Log intensity at `t0`; low-passed signal; compared level; thresholds; noise rate in Hz.
     held, noise, draws : ndarray of int64, shape (w,)
         Time until which the pixel is held, next noise event, random numbers drawn.
     out, n : ndarray of uint64, int
@@ -144,9 +144,19 @@ def _sensor_row(  # type: ignore[no-untyped-def]
         Number of events in the buffer.
     """
     w = len(new)
+    # The exact answer of the low pass to an input that goes linearly from `before` to `new`.
+    keep = np.float32(0.0)
+    of_old = np.float32(0.0)
+    if tau > 0.0:
+        a = np.float64(t1 - t0) / tau
+        e = math.exp(-a)
+        keep = np.float32(e)
+        of_old = np.float32((1.0 - e) / a - e)
+    of_new = np.float32(1.0) - keep - of_old
     busy = 0
     for u in range(w):
-        l1 = new[u] + keep * (signal[u] - new[u])
+        l1 = of_new * new[u] + of_old * before[u] + keep * signal[u]
+        before[u] = new[u]
         new[u] = l1
         d = l1 - level[u]
         idle = (held[u] == 0) & (d < on[u]) & (-d < off[u]) & (noise[u] >= t1)
@@ -185,8 +195,9 @@ def _is_active(xl, xr, yn, first, last, active, origin):  # type: ignore[no-unty
 
 @numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _simulate_rows(  # type: ignore[no-untyped-def]
-    xn, yn, flat, shape, active, active_origin, cameras, times, keeps, roller, origin, light,
-    depth, signal, level, held, noise, draws, on, off, rate, timing, seed, first, out, counts,
+    xn, yn, flat, shape, active, active_origin, cameras, times, tau, roller, origin, light,
+    depth, before, signal, level, held, noise, draws, on, off, rate, timing, seed, first,
+    out, counts,
 ):  # fmt: skip
     """Render and watch all rows over a chunk of frames.
 
@@ -216,11 +227,7 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
                 ):  # fmt: skip
                     begin = i
                 t0 = times[i]
-                keep = np.float32(1.0)
-                for j in range(i, stop):
-                    keep *= keeps[j]
-                    if j < begin:
-                        continue
+                for j in range(begin, stop):
                     _trace_row(
                         xn[v, a:b], yn[v, a:b], flat, shape, cameras[j], roller, origin,
                         depth[v, a:b], sx[:m], sy[:m], coat[:m],
@@ -230,12 +237,11 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
                         seen[:m],
                     )  # fmt: skip
                     n = _sensor_row(
-                        t0, times[j + 1], keep, seen[:m], a, v, w, signal[v, a:b], level[v, a:b],
-                        held[v, a:b], noise[v, a:b], draws[v, a:b], on[v, a:b], off[v, a:b],
-                        rate[v, a:b], timing, seed, out[v], n,
+                        t0, times[j + 1], tau, seen[:m], a, v, w, before[v, a:b], signal[v, a:b],
+                        level[v, a:b], held[v, a:b], noise[v, a:b], draws[v, a:b], on[v, a:b],
+                        off[v, a:b], rate[v, a:b], timing, seed, out[v], n,
                     )  # fmt: skip
                     t0 = times[j + 1]
-                    keep = np.float32(1.0)
             i = stop
         first[v] = i
         counts[v] = n

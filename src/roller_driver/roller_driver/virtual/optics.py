@@ -14,8 +14,8 @@ from .settings import LightSettings
 #: Depths the light is fitted over, mm.
 _Z_MID, _Z_HALF = 45.0, 2.5
 _R_SQ_UNIT = 200.0
-#: Squares of the coarse map, and the height that counts as flat.
-_COARSE_MM, _FLAT_MM = 0.5, 1e-4
+#: Squares of the coarse map, how far from relief they count as near it, and what counts as level.
+_COARSE_MM, _NEAR_MM, _LEVEL_MM = 0.25, 0.5, 2e-4
 
 
 def ring_field(x: F64, y: F64, z: F64, light: LightSettings) -> tuple[F64, F64, F64]:
@@ -115,12 +115,16 @@ def speckle(shape: tuple[int, int], step_mm: float, light: LightSettings, seed: 
 
 
 def _relief_near(height: F32, n: int) -> npt.NDArray[np.uint8]:
-    """Where squares of n × n points, or their neighbours, hold anything but flat plate."""
+    """Where squares of n × n points, or any close by, are not level."""
     rows = np.arange(0, height.shape[0], n)
     columns = np.arange(0, height.shape[1], n)
-    largest = np.maximum.reduceat(np.maximum.reduceat(np.abs(height), rows, 0), columns, 1)
-    uneven = (largest > _FLAT_MM).astype(np.uint8)
-    return np.asarray(cv2.dilate(uneven, np.ones((3, 3), np.uint8)), np.uint8)
+    high = np.maximum.reduceat(np.maximum.reduceat(height, rows, 0), columns, 1)
+    low = np.minimum.reduceat(np.minimum.reduceat(height, rows, 0), columns, 1)
+    uneven = (high - low > _LEVEL_MM).astype(np.uint8)
+    # A ray that is followed to the plate's face passes raised relief a little aside.
+    reach = int(np.ceil(_NEAR_MM / _COARSE_MM))
+    size = 2 * reach + 1
+    return np.asarray(cv2.dilate(uneven, np.ones((size, size), np.uint8)), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -134,7 +138,7 @@ class SurfaceMaps:
     origin : ndarray of float64, shape (3,)
         x, y of the first point and the step, mm.
     active : ndarray of uint8, shape (my, mx)
-        A coarse map: 1 where there is relief or where it is near.
+        A coarse map: 1 where the surface is not level, or that is near.
     active_origin : ndarray of float64, shape (3,)
         The same for the coarse map.
     """

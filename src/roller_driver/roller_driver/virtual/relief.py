@@ -204,5 +204,7 @@ class Plate:
 
     def scene(self, name: str, press_mm: float, text: str = "") -> Scene:
         """Close the construction."""
-        relief = HeightMap(self.height * np.float32(1e-3), 0.0, float(self.y[0]) * 1e-3, self.step * 1e-3)
+        relief = HeightMap(
+            self.height * np.float32(1e-3), 0.0, float(self.y[0]) * 1e-3, self.step * 1e-3
+        )
         return Scene(name, relief, press_mm, tuple(self.regions), text, tuple(self.marks))

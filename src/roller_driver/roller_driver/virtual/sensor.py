@@ -88,6 +88,7 @@ class EventSensor:
         wait = rng.exponential(1.0, shape) / np.maximum(rate, 1e-12) * 1e9
         self._noise = np.where(rate > 0, np.minimum(wait, 1e18), kernels.NEVER).astype(np.int64)
         self._held = np.zeros(shape, np.int64)
+        self._before = np.zeros(shape, np.float32)
         self._signal = np.zeros(shape, np.float32)
         self._level = np.zeros(shape, np.float32)
         self._depth = np.full(shape, roller[0], np.float32)
@@ -115,6 +116,7 @@ class EventSensor:
             self._xn, self._yn, self._maps.flat, self._maps.shape, camera, self._roller,
             self._maps.origin, self._light, self._depth, sx, sy, self._signal,
         )  # fmt: skip
+        self._before[:] = self._signal
         # Pixels have fired at some time before: what is left lies anywhere within the thresholds.
         rng = np.random.default_rng([int(self._seed) % 2**32, 19])
         phase = rng.uniform(-0.5, 0.5, shape).astype(np.float32)
@@ -136,20 +138,18 @@ class EventSensor:
             Packed events read out up to the last time, in read-out order (see `unpack`).
         """
         times = np.concatenate([[self._time], times_ns]).astype(np.int64)
-        keeps = np.zeros(len(times_ns), np.float32)
-        if self.settings.bandwidth_hz > 0:
-            tau_ns = 1e9 / (2 * np.pi * self.settings.bandwidth_hz)
-            keeps = np.exp(-np.diff(times) / tau_ns).astype(np.float32)
+        hz = self.settings.bandwidth_hz
+        tau_ns = 1e9 / (2 * np.pi * hz) if hz > 0 else 0.0
         first = np.zeros(len(self._xn), np.int64)
         counts = np.zeros(len(self._xn), np.int64)
         parts = [self._pending]
         while int(first.min()) < len(times_ns):
             kernels._simulate_rows(
                 self._xn, self._yn, self._maps.flat, self._maps.shape, self._maps.active,
-                self._maps.active_origin, cameras, times, keeps, self._roller, self._maps.origin,
-                self._light, self._depth, self._signal, self._level, self._held, self._noise,
-                self._draws, self._on, self._off, self._rate, self._timing, self._seed, first,
-                self._out, counts,
+                self._maps.active_origin, cameras, times, tau_ns, self._roller, self._maps.origin,
+                self._light, self._depth, self._before, self._signal, self._level, self._held,
+                self._noise, self._draws, self._on, self._off, self._rate, self._timing,
+                self._seed, first, self._out, counts,
             )  # fmt: skip
             parts += [row[:n] for row, n in zip(self._out, counts, strict=True) if n]
             parts = [np.concatenate(parts)]
