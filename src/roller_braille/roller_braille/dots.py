@@ -103,6 +103,7 @@ class DotFinder:
         # Coarse pixels keep their place on the surface, whatever part is searched.
         lo, hi = (a - self.margin) // f * f, -(-(b + self.margin) // f) * f
         fine = strip.image(lo, hi, kind)
+        strip.learn_background(a, b, kind)
         rows = fine.shape[0] // f
         coarse = cv2.resize(fine[: rows * f], ((hi - lo) // f, rows), interpolation=cv2.INTER_AREA)
         coarse *= np.float32(f * f)

@@ -22,7 +22,7 @@ _LEAST_SHARE = 0.2
 #: Cells behind whose dots hold the lattice.
 _FIT_CELLS = 12
 #: A tile with less than this, in a dot's events, is blank.
-_BLANK = 0.3
+_BLANK = 1.0
 #: A dot may lie this far off its node, along and down.
 _MOST_SHIFT_M = 0.00015
 #: Cells of other relief in a row that end a line.
@@ -78,7 +78,7 @@ class LineReader:
         self._sides: F64 = np.empty((0, 4))
         self._pending: list[Seen] = []
         self._unusual = 0
-        self._raised = 0
+        self._raised = self._circles = 0
         #: Cells read and confirmed, in travel order.
         self.cells: list[Seen] = []
         #: Whether so many of its dots were read that it is a line of Braille.
@@ -119,7 +119,7 @@ class LineReader:
         image, at = image_around(
             self._strip, np.stack([dots.along, dots.down], -1), self._recogniser.margin, self.kind
         )
-        sides = self._recogniser.halves(image, at)
+        sides = self._recogniser.halves(image, at, self._strip.background(self.kind))
         self._dots = Dots(
             np.append(self._dots.along, dots.along),
             np.append(self._dots.down, dots.down),
@@ -143,11 +143,13 @@ class LineReader:
     def _read_next(self) -> None:
         kind, seen = self._read()
         if kind is _Kind.READ:
-            self._raised += int(seen.mask).bit_count()
+            if seen.certain:
+                self._raised += seen.mask.bit_count()
             self.cells += [*self._pending, seen]
             self._pending = []
             self._unusual = 0
-            self.accepted |= self._raised >= self._settings.min_line_dots
+            enough = self._raised >= self._settings.min_line_dots
+            self.accepted |= enough and 2 * self._circles >= self._raised
         elif self.cells or kind is _Kind.FOREIGN or self._next > self._settings.lookahead_cells:
             self._pending.append(seen)
             self._unusual = self._unusual + 1 if kind is _Kind.FOREIGN else 0
@@ -231,7 +233,12 @@ class LineReader:
         top, bottom = (strip.row(down + side * half) + offset[1] for side in (-1, 1))
         at = at + self._own_shifts(nodes) / strip.px_m
         tile = (round(a), round(b), round(top), round(bottom))
-        return nodes, image, at, self._recogniser.measure(image, at, tile)
+        return (
+            nodes,
+            image,
+            at,
+            self._recogniser.measure(image, at, tile, strip.background(self.kind)),
+        )
 
     def _read(self) -> tuple[_Kind, Seen]:
         nodes, image, at, energies = self._measure(self.lattice)
@@ -243,6 +250,7 @@ class LineReader:
         if reference is None:
             return _Kind.FOREIGN, self._seen(0, np.zeros(6), nodes, stamp)
         reading = self._recogniser.read(image, at, energies, reference)
+        self._circles += reading.circles
         outside = (nodes[:, 1] < self._view[0]) | (nodes[:, 1] > self._view[1])
         confidence = np.where(outside, 0.0, reading.confidence)
         mask = int((reading.raised << np.arange(6)).sum())

@@ -20,9 +20,12 @@ from .strip import Kind, Strip
 from .warp import F32, F64
 
 #: Share of a dot's events at which a place is certainly empty, and at which it certainly is not.
-_EMPTY, _FILLED = 0.12, 0.4
+_EMPTY, _FILLED = 0.1, 0.3
+#: Share that a dot's weakest side has of what it should, at which it is broken, and complete.
+_BROKEN, _COMPLETE = 0.1, 0.5
+_TELLING = 0.3
 #: Evidence at which a dot is as likely raised as not, and that of a sure one.
-_EVEN, _SURE = 0.5, 0.85
+_EVEN, _SURE = 0.5, 1.0
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,15 @@ class Reading:
         Share of the tile's events that lie within raised dots.
     filled : float
         Events of the tile, in those of a dot.
+    circles : int
+        Raised dots at which a circle was found.
     """
 
     raised: npt.NDArray[np.bool_]
     confidence: F64
     explained: float
     filled: float
+    circles: int
 
 
 class Recogniser:
@@ -114,7 +120,9 @@ class Recogniser:
             settings.clahe_clip, (settings.clahe_tiles, settings.clahe_tiles)
         )
 
-    def measure(self, image: F32, at: F64, tile: tuple[int, int, int, int]) -> Energies:
+    def measure(
+        self, image: F32, at: F64, tile: tuple[int, int, int, int], level: float
+    ) -> Energies:
         """Count events at the nodes of a cell.
 
         Parameters
@@ -125,16 +133,17 @@ class Recogniser:
             Nodes: column and row in `image`.
         tile : tuple of int
             First and last column, first and last row of the cell's tile (last excluded).
+        level : float
+            Events a pixel of the background.
         """
         a, b, top, bottom = tile
         part = image[max(top, 0) : max(bottom, 0), max(a, 0) : max(b, 0)]
-        level = _background(part)
-        halves = self.halves(image, at) - level * self._masks.sum(axis=(1, 2))
+        halves = self.halves(image, at, level)
         total = float(part.sum()) - level * part.size
         return Energies(halves[:, :2].sum(axis=1), halves, total, level * self._area)
 
-    def halves(self, image: F32, at: F64) -> F64:
-        """Events in the halves of spots at columns and rows `at`, (n, 2); shape (n, 4)."""
+    def halves(self, image: F32, at: F64, level: float) -> F64:
+        """Events above the background in the halves of spots, shape (n, 4); see `measure`."""
         n = self._reach
         padded = cv2.copyMakeBorder(image, n, n, n, n, cv2.BORDER_CONSTANT)
         out = np.zeros((len(at), len(self._masks)))
@@ -142,7 +151,7 @@ class Recogniser:
             if 0 <= c < image.shape[1] and 0 <= r < image.shape[0]:
                 window = padded[r : r + 2 * n + 1, c : c + 2 * n + 1]
                 out[i] = (self._masks * window).sum(axis=(1, 2))
-        return out
+        return out - level * self._masks.sum(axis=(1, 2))
 
     def read(self, image: F32, at: F64, energies: Energies, reference: Reference) -> Reading:
         """Tell which dots are raised.
@@ -158,7 +167,10 @@ class Recogniser:
         """
         whole = np.clip(energies.whole / reference.whole, 0.0, None)
         shares = energies.halves / np.maximum(energies.whole, 1e-9)[:, None]
-        complete = np.clip((shares / reference.shares).min(axis=1), 0.0, 1.0)
+        # A side that dots have few events on tells nothing.
+        telling = reference.shares >= _TELLING
+        weakest = np.where(telling, shares / reference.shares, 1.0).min(axis=1)
+        complete = np.clip((weakest - _BROKEN) / (_COMPLETE - _BROKEN), 0.0, 1.0)
         filled = np.clip((whole - _EMPTY) / (_FILLED - _EMPTY), 0.0, 1.0)
         circles = self._circles(image, at, reference)
         w = self._settings.hough_weight
@@ -167,9 +179,18 @@ class Recogniser:
         empty = 1.0 - filled
         raised = sure > empty
         confidence = np.where(raised, sure - empty, empty - sure)
+        # A cell in which hardly a circle shows is too faint to be sure of its empty places either.
+        shown = 2 * circles[raised].sum() / max(raised.sum(), 1)
+        confidence = confidence * (min(shown, 1.0) if raised.any() else 1.0)
         held = float(np.maximum(energies.whole, 0.0)[raised].sum())
         total = max(energies.total, 1e-9)
-        return Reading(raised, confidence, min(held / total, 1.0), total / reference.whole)
+        return Reading(
+            raised,
+            confidence,
+            min(held / total, 1.0),
+            total / reference.whole,
+            int(circles[raised].sum()),
+        )
 
     def clean(self, image: F32, reference: Reference) -> npt.NDArray[np.uint8]:
         """The paper's preprocessing: uint8 image of 0 and 255, shape as `image`."""
@@ -209,16 +230,6 @@ class Recogniser:
                 x, y, _ = circles[0, 0]
                 found[i] = float(np.hypot(x - half, y - half) <= half / 2)
         return found
-
-
-def _background(part: F32) -> float:
-    """Events a pixel where nothing is, from the emptier half of blocks."""
-    n = 8
-    rows, columns = part.shape[0] // n, part.shape[1] // n
-    if not rows or not columns:
-        return 0.0
-    blocks = part[: rows * n, : columns * n].reshape(rows, n, columns, n).mean(axis=(1, 3))
-    return float(np.quantile(blocks, 0.25))
 
 
 def image_around(strip: Strip, nodes: F64, margin_px: int, kind: Kind) -> tuple[F32, F64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from enum import Enum
 
 import numpy as np
@@ -9,11 +10,13 @@ import numpy as np
 from roller_core.events import EventArray
 
 from .settings import BrailleSettings
-from .warp import F32, I64, Knots, vote
+from .warp import F32, F64, I64, Knots, vote
 
 #: Columns seen over less than this share of the full travel are not made up for.
 _LEAST_EXPOSURE = 0.25
 _MARGIN_M = 0.002
+#: Blocks whose emptier ones are background, px, and parts of the mosaic that it is taken from.
+_BLOCK_PX, _PARTS = 20, 8
 
 
 class Kind(Enum):
@@ -53,6 +56,7 @@ class Strip:
         self._begin: float | None = None
         self._end = 0.0
         self.events = 0
+        self._levels: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
 
     @property
     def rows(self) -> int:
@@ -98,6 +102,23 @@ class Strip:
         )
         self.events += vote(events, table, knots, raster, self._counts, self._newest)
 
+    def background(self, kind: Kind) -> float:
+        """Events a pixel where nothing is, as last estimated."""
+        levels = sorted(self._levels[kind])
+        return levels[len(levels) // 4] if levels else 0.0
+
+    def learn_background(self, a: int, b: int, kind: Kind) -> None:
+        """Take the background from columns a to b (b excluded), where there is least in them."""
+        shown = np.flatnonzero(self._share(a, b) >= 0.5)
+        if not len(shown):
+            return
+        image = self.image(a + int(shown[0]), a + int(shown[-1]) + 1, kind)
+        n = _BLOCK_PX
+        rows, columns = image.shape[0] // n, image.shape[1] // n
+        if rows and columns:
+            blocks = image[: rows * n, : columns * n].reshape(rows, n, columns, n)
+            self._levels[kind].append(float(np.quantile(blocks.mean(axis=(1, 3)), 0.25)))
+
     def forget_before(self, column: int) -> None:
         """Columns before this one are no longer needed."""
         # Moving what is kept costs; do it once in a while.
@@ -131,16 +152,19 @@ class Strip:
         part = self._newest[max(a - self._first, 0) : max(b - self._first, 0)]
         return int(part.max(initial=0))
 
-    def _gain(self, a: int, b: int) -> F32:
-        assert self._begin is not None
+    def _share(self, a: int, b: int) -> F64:
+        """Share of the full travel over which columns were seen, 0 to 1, shape (b - a,)."""
+        if self._begin is None:
+            return np.zeros(b - a)
         place = np.arange(a, b) * self.px_m
-        seen = np.minimum(self._end, place + self._half) - np.maximum(
-            self._begin, place - self._half
-        )
-        share = np.clip(seen / (2 * self._half), 0.0, 1.0)
-        return np.where(share >= _LEAST_EXPOSURE, 1 / np.maximum(share, 1e-3), 1.0).astype(
-            np.float32
-        )
+        last = np.minimum(self._end, place + self._half)
+        seen = last - np.maximum(self._begin, place - self._half)
+        return np.asarray(np.clip(seen / (2 * self._half), 0.0, 1.0))
+
+    def _gain(self, a: int, b: int) -> F32:
+        share = self._share(a, b)
+        gain = np.where(share >= _LEAST_EXPOSURE, 1 / np.maximum(share, 1e-3), 1.0)
+        return gain.astype(np.float32)
 
     def _reserve(self, column: int) -> None:
         have = self._counts.shape[2]
