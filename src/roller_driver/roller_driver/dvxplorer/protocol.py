@@ -135,18 +135,18 @@ class Write:
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """Read a parameter; `exactly` or `at_least` say what it must be, else it may go unanswered."""
+    """Read a parameter.
+
+    The answer, if one comes, must be `exactly` or `at_least` that; only `required` reads must be
+    answered, because some cameras let others run into the time-out.
+    """
 
     module: int
     parameter: int
     what: str
     exactly: int | None = None
     at_least: int | None = None
-
-    @property
-    def required(self) -> bool:
-        """Whether the camera is refused without a right answer."""
-        return self.exactly is not None or self.at_least is not None
+    required: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,20 @@ def identify(firmware: int) -> Sequence[Step]:
             Read(p.MODULE_IMU, p.IMU_TYPE, "IMU type"),
         )
     return (
-        Read(p.MODULE_SYSTEM, p.SYSTEM_LOGIC_VERSION, "logic version", exactly=p.LOGIC_VERSION),
-        Read(p.MODULE_SYSTEM, p.SYSTEM_LOGIC_PATCH, "logic patch", at_least=p.LEAST_LOGIC_PATCH),
+        Read(
+            p.MODULE_SYSTEM,
+            p.SYSTEM_LOGIC_VERSION,
+            "logic version",
+            exactly=p.LOGIC_VERSION,
+            required=True,
+        ),
+        Read(
+            p.MODULE_SYSTEM,
+            p.SYSTEM_LOGIC_PATCH,
+            "logic patch",
+            at_least=p.LEAST_LOGIC_PATCH,
+            required=True,
+        ),
         Read(p.MODULE_SYSTEM, p.SYSTEM_CHIP, "chip id"),
         Read(p.MODULE_DVS, p.DVS_WIDTH, "sensor width", exactly=p.WIDTH),
         Read(p.MODULE_DVS, p.DVS_HEIGHT, "sensor height", exactly=p.HEIGHT),

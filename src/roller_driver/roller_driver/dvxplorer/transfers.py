@@ -1,0 +1,170 @@
+"""A thread that does nothing but read from the camera."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from .device import CameraDevice
+from .errors import CameraControlError, CameraFault, CameraLostError
+
+_TIMEOUT_MS = 100
+_MAX_STALLS = 10
+_RUN_DELAY_S = 0.02
+
+
+@dataclass(slots=True)
+class TransferCounts:
+    """What the USB layer did.
+
+    Parameters
+    ----------
+    transfers, bytes : int
+        Reads that brought data, and how much.
+    empty : int
+        Reads that ran into the time-out without data.
+    stalls : int
+        Halts of the endpoint, cleared.
+    overruns : int
+        Transfers thrown away because all buffers were full.
+    """
+
+    transfers: int = 0
+    bytes: int = 0
+    empty: int = 0
+    stalls: int = 0
+    overruns: int = 0
+
+
+class TransferReader:
+    """Reads transfers into a ring of buffers, so that no other work holds up the USB layer.
+
+    Parameters
+    ----------
+    device : CameraDevice
+        Set up, not yet running.
+    clock_ns : callable
+        The host's time, ns.
+    counts : TransferCounts
+        Counted on.
+    transfer_bytes : int
+        Size of one read.
+    buffers : int
+        Transfers that may wait for the decoder.
+    """
+
+    def __init__(
+        self,
+        device: CameraDevice,
+        clock_ns: Callable[[], int],
+        counts: TransferCounts,
+        transfer_bytes: int,
+        buffers: int,
+    ) -> None:
+        self._device = device
+        self._clock_ns = clock_ns
+        self._counts = counts
+        self._free: queue.SimpleQueue[array[int]] = queue.SimpleQueue()
+        for _ in range(buffers):
+            self._free.put(array("B", bytes(transfer_bytes)))
+        self._spare = array("B", bytes(transfer_bytes))
+        self._full: queue.SimpleQueue[tuple[array[int], int, int]] = queue.SimpleQueue()
+        self._fault: CameraFault | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="usb", daemon=True)
+        self._starter = threading.Timer(_RUN_DELAY_S, self._start_stream)
+        self._starter.daemon = True
+
+    def start(self) -> None:
+        """Begin to read, and then let the camera begin to send."""
+        self._device.prepare()
+        self._thread.start()
+        self._starter.start()
+
+    def next(self, timeout_s: float) -> tuple[array[int], int, int] | None:
+        """The next transfer: buffer, length, arrival; None when none came in time.
+
+        Give the buffer back with `done`.
+
+        Raises
+        ------
+        CameraFault
+            What ended the reading, once all that came before is handed out.
+        """
+        try:
+            return self._full.get(timeout=timeout_s)
+        except queue.Empty:
+            if self._fault is not None:
+                raise self._fault from None
+            return None
+
+    def done(self, buffer: array[int]) -> None:
+        """Give a buffer back."""
+        self._free.put(buffer)
+
+    def stop(self) -> None:
+        """End the thread; the camera is left running."""
+        self._stop.set()
+        self._starter.cancel()
+        self._starter.join(timeout=3.0)
+        self._thread.join(timeout=3.0)
+
+    def _start_stream(self) -> None:
+        try:
+            self._device.run()
+        except CameraFault as error:
+            self._fail(error)
+
+    def _fail(self, error: CameraFault) -> None:
+        self._fault = self._fault or error
+        self._stop.set()
+
+    def _run(self) -> None:
+        stalls = 0
+        while not self._stop.is_set():
+            try:
+                buffer, spare = self._free.get_nowait(), False
+            except queue.Empty:
+                buffer, spare = self._spare, True
+            try:
+                length = self._device.read(buffer, _TIMEOUT_MS)
+            except CameraControlError as error:
+                self._give_back(buffer, spare)
+                stalls += 1
+                self._counts.stalls += 1
+                if not self._recover(stalls, error):
+                    return
+                continue
+            except CameraFault as error:
+                self._fail(error)
+                return
+            stalls = 0
+            if not length:
+                self._counts.empty += 1
+                self._give_back(buffer, spare)
+                continue
+            self._counts.transfers += 1
+            self._counts.bytes += length
+            if spare:
+                self._counts.overruns += 1
+            else:
+                self._full.put((buffer, length, self._clock_ns()))
+
+    def _give_back(self, buffer: array[int], spare: bool) -> None:
+        if not spare:
+            self._free.put(buffer)
+
+    def _recover(self, stalls: int, error: CameraFault) -> bool:
+        """Clear a halt; False when that doesn't help."""
+        if stalls > _MAX_STALLS:
+            self._fail(CameraLostError(f"{error} {stalls} times in a row"))
+            return False
+        try:
+            self._device.clear_halt()
+        except CameraFault as fault:
+            self._fail(fault)
+            return False
+        return True

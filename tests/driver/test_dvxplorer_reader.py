@@ -1,0 +1,242 @@
+"""The reader: packets, faults of the stream, unplugging; against the camera's model."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from driver.emulation.camera_model import CameraModel, Fault
+from driver.emulation.camera_words import encode_words, in_order, is_reference
+from driver.emulation.usb_backend import EmulatedBackend
+from roller_core.codecs import ENCODED_ENCODINGS, PacketDecoder, encode
+from roller_core.events import EventArray
+from roller_driver.dvxplorer.device import open_camera
+from roller_driver.dvxplorer.packets import Packetiser
+from roller_driver.dvxplorer.preview import Preview
+from roller_driver.dvxplorer.reader import (
+    SEARCHING,
+    SILENT,
+    STREAMING,
+    CameraReader,
+    ReaderSettings,
+)
+from roller_driver.dvxplorer.settings import SensorSettings
+
+
+def scan(n=20_000, frames=300, seed=1, start_us=1_000_000):
+    """Events on distinct pixels of read-out frames 200 µs apart."""
+    rng = np.random.default_rng(seed)
+    pixels = np.concatenate([rng.choice(640 * 480, n // frames, replace=False)
+                             for _ in range(frames)])  # fmt: skip
+    t = np.repeat(np.arange(frames) * 200 + start_us, n // frames)
+    events = EventArray.from_arrays(
+        pixels % 640, pixels // 640, t * 1000, rng.integers(0, 2, len(t))
+    )
+    return in_order(events)
+
+
+class Running:
+    """A reader on a model, and what it handed out."""
+
+    def __init__(self, model, **settings):
+        self.backend = EmulatedBackend(model)
+        self.packets, self.changes = [], []
+        self.reader = CameraReader(
+            self._connect, self.packets.append,
+            on_change=lambda state, fault: self.changes.append((state, fault)),
+            settings=ReaderSettings(retry_s=0.05, **settings),
+        )  # fmt: skip
+
+    def _connect(self):
+        camera = open_camera(self.backend)
+        camera.configure(SensorSettings())
+        return camera
+
+    def __enter__(self):
+        self.reader.start()
+        return self
+
+    def __exit__(self, *_):
+        self.reader.stop()
+
+    @property
+    def events(self):
+        return EventArray.concatenate([part.events for part in self.packets])
+
+    def wait(self, condition, timeout_s=10.0):
+        end = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end, (self.reader.status, self.changes)
+            time.sleep(0.01)
+
+    def wait_for(self, n):
+        self.wait(lambda: sum(len(part.events) for part in self.packets) >= n)
+
+
+def same(a, b):
+    a, b = in_order(a), in_order(b)
+    return all(np.array_equal(getattr(a, f), getattr(b, f)) for f in ("x", "y", "t_ns", "p"))
+
+
+@pytest.mark.parametrize("firmware", [8, 10])
+def test_all_events_come_in_packets_of_bounded_time(firmware):
+    events = scan()
+    with Running(CameraModel(encode_words(events).tobytes(), firmware)) as running:
+        running.wait_for(len(events))
+        assert running.reader.status.state == STREAMING
+    assert same(running.events, events)
+    for part in running.packets:
+        assert 0 <= part.events.t_ns[-1] - part.events.t_ns[0] < 1_000_000
+        assert part.time_base_ns == part.events.t_ns[0]
+        assert abs(part.arrival_ns - time.time_ns()) < 20e9
+    status = running.reader.status
+    assert (status.state, status.connects, status.decoder.errors) == ("stopped", 1, 0)
+    assert status.packets == len(running.packets)
+    assert status.usb.bytes == len(encode_words(events)) * 4
+
+
+def test_packets_go_through_every_encoding():
+    events = scan(6000, 100)
+    with Running(CameraModel(encode_words(events).tobytes())) as running:
+        running.wait_for(len(events))
+    for encoding in ENCODED_ENCODINGS:
+        decoder = PacketDecoder(encoding, 640, 480)
+        back = [decoder.decode(encode(encoding, part.events, part.time_base_ns),
+                               part.time_base_ns).events for part in running.packets]  # fmt: skip
+        assert same(EventArray.concatenate(back), events), encoding
+
+
+def test_short_transfers_stalls_and_odd_lengths_lose_nothing():
+    events = scan()
+    raw = encode_words(events).tobytes()
+    faults = [Fault(1001, "short"), Fault(20_000, "stall"), Fault(30_003, "short"),
+              Fault(40_000, "stall")]  # fmt: skip
+    with Running(CameraModel(raw, faults=faults), transfer_bytes=16384) as running:
+        running.wait_for(len(events))
+        assert running.reader.status.usb.stalls == 2
+    assert same(running.events, events)
+    assert running.reader.status.connects == 1
+
+
+def test_an_endpoint_that_stays_halted_is_given_up_and_connected_anew():
+    events = scan(3000, 100)
+    model = CameraModel(encode_words(events).tobytes(), faults=[Fault(4000, "stall")])
+    model.clear_halt = lambda: None
+    with Running(model) as running:
+        running.wait(lambda: running.reader.status.connects >= 2)
+    assert any("stalled 11 times in a row" in fault for _, fault in running.changes)
+
+
+def test_unplugged_and_plugged_in_again():
+    first, second = scan(seed=1), scan(seed=2, start_us=3_000)
+    raw = encode_words(first).tobytes()
+    model = CameraModel(raw, faults=[Fault(len(raw) // 2, "unplug")])
+    with Running(model) as running:
+        running.wait(lambda: not model.plugged)
+        running.wait(lambda: "no DVXplorer Mini" in running.reader.status.fault)
+        assert running.reader.status.state == SEARCHING
+        got = len(running.events)
+        assert 0.4 * len(first) < got < 0.6 * len(first)
+        model.plug(encode_words(second).tobytes())
+        running.wait_for(got + len(second))
+    assert same(running.events[got:], second)
+    assert running.reader.status.connects == 2
+    states = [state for state, _ in running.changes]
+    assert states == [SEARCHING, STREAMING, SEARCHING, SEARCHING, STREAMING, "stopped"]
+
+
+def test_it_waits_for_a_camera():
+    events = scan(3000, 100)
+    model = CameraModel(encode_words(events).tobytes())
+    model.plugged = False
+    with Running(model) as running:
+        running.wait(lambda: running.reader.status.fault.startswith("no DVXplorer Mini"))
+        model.plug()
+        running.wait_for(len(events))
+
+
+def test_lost_references_and_corrupt_words_are_counted():
+    events = scan()
+    words = encode_words(events)
+    lost = np.flatnonzero(is_reference(words))[[7, 30]]
+    words = np.insert(np.delete(words, lost), 500, 0x10000000)
+    keep = ~np.isin(events.t_ns // 1_000_000, (encode_words(events)[lost] & 0x3FFFFF))
+    with Running(CameraModel(words.tobytes())) as running:
+        running.wait_for(int(keep.sum()))
+    assert same(running.events, events[keep])
+    counts = running.reader.status.decoder
+    assert (counts.lost_references, counts.bad_words) == (2, 1)
+
+
+def test_silence_is_told(monkeypatch):
+    monkeypatch.setattr("roller_driver.dvxplorer.reader._SILENT_S", 0.2)
+    events = scan(3000, 100)
+    raw = encode_words(events).tobytes()
+    faults = [Fault(len(raw) // 2, "silence", seconds=0.6)]
+    with Running(CameraModel(raw, faults=faults)) as running:
+        running.wait_for(len(events))
+    states = [state for state, _ in running.changes]
+    assert states == [SEARCHING, STREAMING, SILENT, STREAMING, "stopped"]
+
+
+def test_time_goes_on_over_the_overflow_of_the_reference():
+    events = scan(start_us=(2**22 - 20) * 1000)
+    with Running(CameraModel(encode_words(events).tobytes())) as running:
+        running.wait_for(len(events))
+    assert same(running.events, events)
+
+
+def test_a_packet_holds_no_more_events_than_it_may():
+    parts = []
+    packetiser = Packetiser(1_000_000, 100, parts.append)
+    events = scan(3000, 100)
+    packetiser.add(events, 0)
+    packetiser.flush()
+    assert max(len(part.events) for part in parts) == 100
+    assert same(EventArray.concatenate([part.events for part in parts]), events)
+
+
+def test_a_packet_ends_where_time_steps_back_or_it_gets_old():
+    parts = []
+    packetiser = Packetiser(1_000_000, 10_000, parts.append)
+    early = EventArray.from_arrays([1], [2], [5_000], [1])
+    late = EventArray.from_arrays([1, 1], [2, 2], [9_000_000, 9_100_000], [1, 0])
+    packetiser.add(EventArray.concatenate([late, early]), 10)
+    assert [len(part.events) for part in parts] == [2]
+    packetiser.tick(1_000_000)
+    assert len(parts) == 1
+    packetiser.tick(1_000_010)
+    assert [part.time_base_ns for part in parts] == [9_000_000, 5_000]
+    assert [part.arrival_ns for part in parts] == [10, 10]
+
+
+def test_the_preview_shows_both_polarities():
+    preview = Preview()
+    preview.add(EventArray.from_arrays([3, 3, 5], [4, 4, 6], [0, 0, 0], [1, 1, 0]))
+    picture = preview.take()
+    assert (picture[4, 3], picture[6, 5], picture[0, 0]) == (224, 80, 128)
+    assert np.all(preview.take() == 128)
+
+
+@pytest.mark.slow
+def test_nothing_is_lost_at_thirty_megabytes_a_second():
+    events = scan(1_200_000, 2000)
+    raw = encode_words(events).tobytes()
+    with Running(CameraModel(raw, bytes_per_s=30e6)) as running:
+        running.wait(lambda: running.reader.status.usb.bytes >= len(raw), 30)
+        running.wait_for(len(events))
+    assert same(running.events, events)
+    assert running.reader.status.usb.overruns == 0
+
+
+def test_what_comes_too_fast_is_counted(monkeypatch):
+    events = scan(200_000, 500)
+    raw = encode_words(events).tobytes()
+    running = Running(CameraModel(raw))
+    running.reader._on_packet = lambda part: time.sleep(0.02)
+    monkeypatch.setattr("roller_driver.dvxplorer.reader._BUFFERS", 3)
+    with running:
+        running.wait(lambda: running.reader.status.usb.bytes >= len(raw), 30)
+        assert running.reader.status.usb.overruns > 0
