@@ -19,7 +19,7 @@ _COARSE_M = 0.00018
 SPOT = 1.25
 _RIM = 1.35
 #: A spot must stand out from what chance gives by so many times the root of what lies around.
-_CHANCE = 6.0
+CHANCE = 6.0
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class DotFinder:
         size = (self._apart, self._apart)
         peak = cv2.dilate(votes, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, size))
         # Chance varies as the root of what is counted.
-        least = self._settings.min_dot_votes + _CHANCE * np.sqrt(np.maximum(around, 0.0))
+        least = self._settings.min_dot_votes + CHANCE * np.sqrt(np.maximum(around, 0.0))
         found = (votes >= peak) & (votes >= least)
         r, c = np.nonzero(found)
         inside = (c * f + lo >= a) & (c * f + lo < b)

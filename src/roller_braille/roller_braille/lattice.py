@@ -60,6 +60,11 @@ class Lattice:
         down = self.down + row * self.dot_down + self.slope * (along - self.along)
         return np.stack([along, down], axis=-1)
 
+    @property
+    def begin(self) -> float:
+        """Travel at which the tile of cell 0 begins, half way from the cell before, metres."""
+        return self.along + (self.dot_along - self.cell) / 2
+
     def centre(self, n: int) -> tuple[float, float]:
         """Middle of cell n."""
         along = self.along + n * self.cell + self.dot_along / 2

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
+import numpy.typing as npt
 
 from .cells import Seen
-from .dots import Dots
-from .lattice import REACH, Lattice
-from .recognise import Energies, Recogniser, Reference, image_around
+from .dots import CHANCE, Dots
+from .lattice import Lattice
+from .line_dots import LineDots
+from .recognise import Energies, Recogniser, Reference, image_around, share
 from .settings import BrailleSettings
 from .strip import Kind, Strip
 from .warp import F32, F64
 
-#: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
-_NEAR_CELLS = 4
-_LEAST_DOTS = 4
-#: A side of a dot is taken to hold at least this share of its events.
-_LEAST_SHARE = 0.2
 #: Cells behind whose dots hold the lattice.
 _FIT_CELLS = 12
 #: A tile with less than this, in a dot's events, is blank.
 _BLANK = 1.0
-#: A dot may lie this far off its node, along and down.
-_MOST_SHIFT_M = 0.00015
-#: Cells of other relief in a row that end a line.
+#: Cells of other relief in a row that an accepted line may hold.
 _FOREIGN = 2
+#: Times that a line is begun anew on a lattice a row or a column further.
+_MOST_ANEW = 3
+_UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
 
 
 class _Kind(Enum):
@@ -37,6 +36,9 @@ class _Kind(Enum):
 
 class LineReader:
     """One line: its lattice follows the dots, its cells are read as they leave the view.
+
+    It is on trial until it holds enough certain dots, and cells enough were seen to know that its
+    upper row and left column are where the lattice has them.
 
     Parameters
     ----------
@@ -69,22 +71,26 @@ class LineReader:
         self._settings, self._strip, self._recogniser = settings, strip, recogniser
         self._spacing = settings.spacing
         self.kind = kind
+        self._direction = direction
+        self._view = view
+        self._dots = LineDots()
+        self._anew = 0
+        #: Whether it is known for a line of Braille.
+        self.accepted = False
+        #: Whether nothing more will be read.
+        self.closed = False
+        self._begin(lattice)
+
+    def _begin(self, lattice: Lattice) -> None:
+        self._origin = lattice
         #: Lattice whose cell 0 is the next to be read.
         self.lattice = lattice
         self._next = 0
-        self._left_first = direction > 0
-        self._view = view
-        self._dots = Dots.none()
-        self._sides: F64 = np.empty((0, 4))
         self._pending: list[Seen] = []
         self._unusual = 0
         self._raised = self._circles = 0
         #: Cells read and confirmed, in travel order.
         self.cells: list[Seen] = []
-        #: Whether so many of its dots were read that it is a line of Braille.
-        self.accepted = False
-        #: Whether nothing more will be read.
-        self.closed = False
 
     @property
     def top(self) -> float:
@@ -92,120 +98,47 @@ class LineReader:
         return self.lattice.down
 
     @property
-    def begin(self) -> float:
-        """Travel at which the next cell's tile begins, metres."""
-        return self.lattice.centre(0)[0] - self.lattice.cell / 2
+    def needed_from(self) -> float:
+        """Travel from which on the mosaic is still needed, metres."""
+        return (self.lattice if self.accepted else self._origin).begin
 
     @property
-    def band(self) -> tuple[float, float]:
-        """Way down the image of the line's upper and lower border, metres."""
-        half = (self._spacing.line_pitch_m - 2 * self._spacing.dot_pitch_m) / 2
-        return self.top - half, self.top + 2 * self.lattice.dot_down + half
+    def reached(self) -> float:
+        """Travel up to which cells were read, metres."""
+        return self.lattice.begin
 
-    def holds(self, dots: Dots) -> np.ndarray:
+    def holds(self, dots: Dots) -> npt.NDArray[np.bool_]:
         """Which dots lie in the line's band, shape (n,)."""
-        down = (
-            dots.down - self.lattice.down - self.lattice.slope * (dots.along - self.lattice.along)
-        )
+        rest = dots.along - self.lattice.along
+        down = dots.down - self.lattice.down - self.lattice.slope * rest
         half = (self._spacing.line_pitch_m - 2 * self._spacing.dot_pitch_m) / 2
         return np.asarray((down > -half) & (down < 2 * self.lattice.dot_down + half))
 
     def take(self, dots: Dots) -> None:
         """Take newly found dots of its band."""
-        on, _ = self.lattice.assign(dots)
-        dots = dots.where(on)
-        if not len(dots):
-            return
-        image, at = image_around(
-            self._strip, np.stack([dots.along, dots.down], -1), self._recogniser.margin, self.kind
-        )
-        sides = self._recogniser.halves(image, at, self._strip.background(self.kind))
-        self._dots = Dots(
-            np.append(self._dots.along, dots.along),
-            np.append(self._dots.down, dots.down),
-            np.append(self._dots.votes, dots.votes),
-        )
-        self._sides = np.concatenate([self._sides, sides])
+        if len(dots):
+            at = np.stack([dots.along, dots.down], -1)
+            image, at = image_around(self._strip, at, self._recogniser.margin, self.kind)
+            level = self._background(self.lattice)
+            self._dots.add(dots, self._recogniser.halves(image, at, level))
 
     def advance(self, complete: int) -> None:
         """Read the cells whose tiles lie before a column."""
         while not self.closed:
-            end = self.lattice.centre(0)[0] + self.lattice.cell / 2
-            if int(np.ceil(end / self._strip.px_m)) > complete:
+            if int(np.ceil(self.lattice.moved(1).begin / self._strip.px_m)) > complete:
                 break
             self._read_next()
 
     def close(self) -> None:
         """Read no further."""
+        if not self.accepted:
+            self._judge()
         self._pending = []
         self.closed = True
 
-    def _read_next(self) -> None:
-        kind, seen = self._read()
-        if kind is _Kind.READ:
-            if seen.certain:
-                self._raised += seen.mask.bit_count()
-            self.cells += [*self._pending, seen]
-            self._pending = []
-            self._unusual = 0
-            enough = self._raised >= self._settings.min_line_dots
-            self.accepted |= enough and 2 * self._circles >= self._raised
-        elif self.cells or kind is _Kind.FOREIGN or self._next > self._settings.lookahead_cells:
-            self._pending.append(seen)
-            self._unusual = self._unusual + 1 if kind is _Kind.FOREIGN else 0
-            too_many = len(self._pending) > self._settings.max_spaces
-            if too_many or self._unusual > (_FOREIGN if self.accepted else 0):
-                self.close()
-        self._follow()
-
-    def _follow(self) -> None:
-        """Fit the lattice to the dots up to here and step to the next cell."""
-        recent = self._dots.along > self.lattice.along - _FIT_CELLS * self.lattice.cell
-        self._dots, self._sides = self._dots.where(recent), self._sides[recent]
-        near = self._dots.along < self.lattice.along + 2 * self.lattice.cell
-        self.lattice = self.lattice.fitted(self._dots.where(near), self._spacing).moved(1)
-        self._next += 1
-
-    def _shift(self, lattice: Lattice) -> F64:
-        """How far the dots of cell 0 lie off their nodes, (along, down), metres."""
-        on, index = lattice.assign(self._dots)
-        here = on & (index[:, 0] == 0)
-        if not here.any():
-            return np.zeros(2)
-        nodes = lattice.nodes(0)[index[here, 1] * 3 + index[here, 2]]
-        off = np.stack([self._dots.along[here], self._dots.down[here]], -1) - nodes
-        # One more dot that lies on its node, so that a single one is not all.
-        return np.asarray(off.sum(axis=0) / (len(off) + 1))
-
-    def _own_shifts(self, nodes: F64) -> F64:
-        """How far dots found at nodes lie off them, by no more than a little, shape (6, 2)."""
-        out = np.zeros_like(nodes)
-        for i, node in enumerate(nodes):
-            off = np.stack([self._dots.along, self._dots.down], -1) - node
-            away = np.hypot(off[:, 0], off[:, 1])
-            if len(away) and away.min() < REACH * self._spacing.dot_pitch_m:
-                out[i] = off[int(np.argmin(away))]
-        return np.clip(out, -_MOST_SHIFT_M, _MOST_SHIFT_M)
-
-    def _reference(self) -> Reference | None:
-        cells = np.abs((self._dots.along - self.lattice.centre(0)[0]) / self.lattice.cell)
-        near = cells <= _NEAR_CELLS
-        if near.sum() < _LEAST_DOTS:
-            sides = self._sides[np.argsort(cells, kind="stable")[:_LEAST_DOTS]]
-        else:
-            sides = self._sides[near]
-        if not len(sides):
-            return None
-        wholes = sides[:, :2].sum(axis=1)
-        whole = float(np.median(wholes))
-        if whole <= 0:
-            return None
-        shares = np.median(sides / np.maximum(wholes, 1e-9)[:, None], axis=0)
-        return Reference(whole, np.maximum(shares, _LEAST_SHARE))
-
     def explained(self) -> float:
         """Share of events that its first dots hold, over as many cells as it takes to accept it."""
-        reference = self._reference()
+        reference = self._reference(self.lattice)
         if reference is None:
             return 0.0
         held = total = 0.0
@@ -217,13 +150,83 @@ class LineReader:
             held += float(found.whole[filled].sum())
             total += max(found.total, 0.0)
             if dots >= self._settings.min_line_dots:
-                return held / max(total, 1e-9)
+                return share(held, total)
         return 0.0
+
+    def _read_next(self) -> None:
+        kind, seen = self._read()
+        s = self._settings
+        if kind is _Kind.READ:
+            if seen.certain:
+                self._raised += seen.mask.bit_count()
+            self.cells += [*self._pending, seen]
+            self._pending = []
+            self._unusual = 0
+        elif self.cells or kind is _Kind.FOREIGN or self._next > s.lookahead_cells:
+            self._pending.append(seen)
+            self._unusual = self._unusual + 1 if kind is _Kind.FOREIGN else 0
+        self._follow()
+        if not self.accepted:
+            enough = bool(self.cells) and self._next - self.cells[0].number > s.lookahead_cells
+            if (enough or self._unusual) and self._judge():
+                return
+        most = _FOREIGN if self.accepted else 0
+        if self._unusual > most or len(self._pending) > s.max_spaces:
+            self.close()
+
+    def _judge(self) -> bool:
+        """Accept the line, or begin anew where its rows or columns are not those thought.
+
+        Returns
+        -------
+        bool
+            Whether it was begun anew.
+        """
+        if self._raised < self._settings.min_line_dots or 2 * self._circles < self._raised:
+            return False
+        raised = 0
+        for seen in self.cells:
+            raised |= seen.mask if seen.certain else 0
+        # A lattice is laid so that upper row and left column hold dots; where they turn out to
+        # hold none, something that is no dot had a part in it.
+        o = self._origin
+        if not raised & _UPPER_ROW:
+            o = replace(o, down=o.down + o.dot_down)
+        elif not raised & _LEFT_COLUMN:
+            o = replace(o, along=o.along + self._direction * o.dot_along)
+        else:
+            self.accepted = True
+            return False
+        self._anew += 1
+        if self._anew > _MOST_ANEW or self.closed:
+            self.closed = True
+            return False
+        self._begin(o)
+        return True
+
+    def _follow(self) -> None:
+        """Fit the lattice to the dots up to here and step to the next cell."""
+        if self.accepted:
+            self._dots.forget_before(self.lattice.along - _FIT_CELLS * self.lattice.cell)
+        near = self._dots.before(self.lattice.along + 2 * self.lattice.cell)
+        self.lattice = self.lattice.fitted(near, self._spacing).moved(1)
+        self._next += 1
+
+    def _background(self, lattice: Lattice) -> float:
+        """Events a pixel where nothing is, around cell 0 of a lattice."""
+        px = self._strip.px_m
+        a, b = int(lattice.begin / px), int(lattice.moved(1).begin / px)
+        return self._strip.background(a, b, self.kind)
+
+    def _reference(self, lattice: Lattice) -> Reference | None:
+        noise = self._background(lattice) * self._recogniser.area
+        least = self._settings.min_dot_votes + CHANCE * np.sqrt(max(noise, 0.0))
+        return self._dots.reference(lattice, least)
 
     def _measure(self, lattice: Lattice) -> tuple[F64, F32, F64, Energies]:
         """Cell 0 of a lattice: its nodes, the image around, their place in it, their events."""
         strip, s = self._strip, self._spacing
-        nodes = lattice.nodes(0) + self._shift(lattice)
+        nodes = lattice.nodes(0) + self._dots.shift(lattice)
         image, at = image_around(strip, nodes, self._recogniser.margin, self.kind)
         # Tile: half way to the neighbours; its place in the cut out image.
         offset = at[0] - [nodes[0, 0] / strip.px_m, strip.row(nodes[0, 1])]
@@ -231,26 +234,20 @@ class LineReader:
         half = s.line_pitch_m / 2 * lattice.dot_down / s.dot_pitch_m
         a, b = ((middle + side * lattice.cell / 2) / strip.px_m + offset[0] for side in (-1, 1))
         top, bottom = (strip.row(down + side * half) + offset[1] for side in (-1, 1))
-        at = at + self._own_shifts(nodes) / strip.px_m
+        at = at + self._dots.own_shifts(nodes, s.dot_pitch_m) / strip.px_m
         tile = (round(a), round(b), round(top), round(bottom))
-        return (
-            nodes,
-            image,
-            at,
-            self._recogniser.measure(image, at, tile, strip.background(self.kind)),
-        )
+        level = self._background(lattice)
+        return nodes, image, at, self._recogniser.measure(image, at, tile, level)
 
     def _read(self) -> tuple[_Kind, Seen]:
         nodes, image, at, energies = self._measure(self.lattice)
         px = self._strip.px_m
-        stamp = self._strip.newest_ns(
-            int(self.begin / px), int((self.begin + self.lattice.cell) / px)
-        )
-        reference = self._reference()
+        a, b = int(self.lattice.begin / px), int(self.lattice.moved(1).begin / px)
+        stamp = self._strip.newest_ns(a, b)
+        reference = self._reference(self.lattice)
         if reference is None:
             return _Kind.FOREIGN, self._seen(0, np.zeros(6), nodes, stamp)
         reading = self._recogniser.read(image, at, energies, reference)
-        self._circles += reading.circles
         outside = (nodes[:, 1] < self._view[0]) | (nodes[:, 1] > self._view[1])
         confidence = np.where(outside, 0.0, reading.confidence)
         mask = int((reading.raised << np.arange(6)).sum())
@@ -258,18 +255,14 @@ class LineReader:
             return _Kind.BLANK, self._seen(0, confidence, nodes, stamp)
         if reading.explained < self._settings.min_explained:
             return _Kind.FOREIGN, self._seen(mask, confidence, nodes, stamp)
+        self._circles += reading.circles
         return _Kind.READ, self._seen(mask, confidence, nodes, stamp)
 
     def _seen(self, mask: int, confidence: F64, nodes: F64, stamp_ns: int) -> Seen:
-        if not self._left_first:
+        if self._direction < 0:
             mask = mask >> 3 | (mask & 7) << 3
             confidence = np.roll(confidence, 3)
             nodes = np.roll(nodes, 3, axis=0)
-        return Seen(
-            self._next,
-            mask,
-            tuple(float(c) for c in confidence),
-            bool(confidence.min() >= self._settings.min_dot_confidence),
-            nodes,
-            stamp_ns,
-        )
+        certain = bool(confidence.min() >= self._settings.min_dot_confidence)
+        sure = tuple(float(c) for c in confidence)
+        return Seen(self._next, mask, sure, certain, nodes, stamp_ns)

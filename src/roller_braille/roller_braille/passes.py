@@ -108,7 +108,7 @@ class PassReader:
         for kind, loose in self._loose.items():
             gone = line.holds(loose)
             if not line.accepted:
-                gone &= loose.along < line.begin
+                gone &= loose.along < line.reached
             self._loose[kind] = loose.where(~gone)
 
     def _begin_lines(self, upto: int, final: bool) -> None:
@@ -171,6 +171,6 @@ class PassReader:
         margin = self._finder.margin + self._recogniser.margin
         assert self._searched is not None
         needed = [self._searched]
-        needed += [int(x.begin / px) for x in self.lines if not x.closed]
+        needed += [int(x.needed_from / px) for x in self.lines if not x.closed]
         needed += [int(d.along[0] / px) for d in self._loose.values() if len(d)]
         return min(needed) - margin - 32

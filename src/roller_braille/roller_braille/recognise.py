@@ -112,7 +112,7 @@ class Recogniser:
             np.ceil(max(s.cell_pitch_m - s.dot_pitch_m, s.line_pitch_m - 2 * s.dot_pitch_m) / px)
         )
         self._masks = (halves * inside).astype(np.float32)
-        self._area = float(inside.sum())
+        self.area = float(inside.sum())
         self._square = round(s.dot_pitch_m / px)
         size = settings.morphology_px
         self._element = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
@@ -140,7 +140,7 @@ class Recogniser:
         part = image[max(top, 0) : max(bottom, 0), max(a, 0) : max(b, 0)]
         halves = self.halves(image, at, level)
         total = float(part.sum()) - level * part.size
-        return Energies(halves[:, :2].sum(axis=1), halves, total, level * self._area)
+        return Energies(halves[:, :2].sum(axis=1), halves, total, level * self.area)
 
     def halves(self, image: F32, at: F64, level: float) -> F64:
         """Events above the background in the halves of spots, shape (n, 4); see `measure`."""
@@ -183,19 +183,18 @@ class Recogniser:
         shown = 2 * circles[raised].sum() / max(raised.sum(), 1)
         confidence = confidence * (min(shown, 1.0) if raised.any() else 1.0)
         held = float(np.maximum(energies.whole, 0.0)[raised].sum())
-        total = max(energies.total, 1e-9)
         return Reading(
             raised,
             confidence,
-            min(held / total, 1.0),
-            total / reference.whole,
+            share(held, energies.total),
+            energies.total / reference.whole,
             int(circles[raised].sum()),
         )
 
     def clean(self, image: F32, reference: Reference) -> npt.NDArray[np.uint8]:
         """The paper's preprocessing: uint8 image of 0 and 255, shape as `image`."""
         s = self._settings
-        full = 4.0 * reference.whole / self._area
+        full = 4.0 * reference.whole / self.area
         grey = np.clip(image * (255.0 / max(full, 1e-9)), 0, 255).astype(np.uint8)
         if s.bilateral_px > 1:
             grey = cv2.bilateralFilter(grey, s.bilateral_px, s.bilateral_sigma, s.bilateral_px)
@@ -230,6 +229,15 @@ class Recogniser:
                 x, y, _ = circles[0, 0]
                 found[i] = float(np.hypot(x - half, y - half) <= half / 2)
         return found
+
+
+def share(held: float, total: float) -> float:
+    """What dots hold of all events, 0 to 1.
+
+    Dots that hold far more than there is stand on a background taken for higher than it is: then
+    nothing is known, which counts as 0.
+    """
+    return min(held / total, 1.0) if total > held / 2 and total > 0 else 0.0
 
 
 def image_around(strip: Strip, nodes: F64, margin_px: int, kind: Kind) -> tuple[F32, F64]:

@@ -56,7 +56,10 @@ class Strip:
         self._begin: float | None = None
         self._end = 0.0
         self.events = 0
-        self._levels: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
+        self._rates: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
+        # How long the sensor had rolled when it had come so far.
+        self._way: list[float] = []
+        self._clock: list[float] = []
 
     @property
     def rows(self) -> int:
@@ -92,6 +95,7 @@ class Strip:
             self._first = int(np.floor((self._begin - self._half) / self.px_m))
             self._end = self._begin
         self._end = max(self._end, float(knots.along[-1]))
+        self._log(knots)
         self._reserve(int((float(knots.along.max()) + self._half) / self.px_m) + 16)
         raster = np.array(
             [
@@ -102,22 +106,46 @@ class Strip:
         )
         self.events += vote(events, table, knots, raster, self._counts, self._newest)
 
-    def background(self, kind: Kind) -> float:
-        """Events a pixel where nothing is, as last estimated."""
-        levels = sorted(self._levels[kind])
-        return levels[len(levels) // 4] if levels else 0.0
+    def background(self, a: int, b: int, kind: Kind) -> float:
+        """Events a pixel of columns a to b (b excluded) where nothing is.
+
+        Noise comes at a rate in time, so a part that was rolled over slowly has more of it. The
+        rate is that of the emptier parts seen so far.
+        """
+        rates = sorted(self._rates[kind])
+        if not rates:
+            return 0.0
+        return rates[len(rates) // 4] * self._seconds(a, b)
 
     def learn_background(self, a: int, b: int, kind: Kind) -> None:
-        """Take the background from columns a to b (b excluded), where there is least in them."""
+        """Take the rate of noise from columns a to b (b excluded), where there is least in them."""
         shown = np.flatnonzero(self._share(a, b) >= 0.5)
         if not len(shown):
             return
-        image = self.image(a + int(shown[0]), a + int(shown[-1]) + 1, kind)
-        n = _BLOCK_PX
+        b = a + int(shown[-1]) + 1
+        a += int(shown[0])
+        image, n = self.image(a, b, kind), _BLOCK_PX
         rows, columns = image.shape[0] // n, image.shape[1] // n
         if rows and columns:
             blocks = image[: rows * n, : columns * n].reshape(rows, n, columns, n)
-            self._levels[kind].append(float(np.quantile(blocks.mean(axis=(1, 3)), 0.25)))
+            level = float(np.quantile(blocks.mean(axis=(1, 3)), 0.25))
+            self._rates[kind].append(level / max(self._seconds(a, b), 1e-9))
+
+    def _seconds(self, a: int, b: int) -> float:
+        """Mean time that columns were in view, made up to the full travel, seconds."""
+        place = np.linspace(a, b, 5, dtype=np.float64) * self.px_m
+        way, clock = np.array(self._way), np.array(self._clock)
+        seen = np.interp(place + self._half, way, clock) - np.interp(place - self._half, way, clock)
+        share = np.maximum(self._share_at(place), _LEAST_EXPOSURE)
+        return float((seen / share).mean())
+
+    def _log(self, knots: Knots) -> None:
+        rolled = self._clock[-1] if self._clock else 0.0
+        seconds = rolled + (knots.times_ns[[0, -1]] - knots.times_ns[0]) * 1e-9
+        way = np.maximum(knots.along[[0, -1]], self._way[-1] if self._way else -np.inf)
+        first = 1 if self._way else 0
+        self._way += way[first:].tolist()
+        self._clock += seconds[first:].tolist()
 
     def forget_before(self, column: int) -> None:
         """Columns before this one are no longer needed."""
@@ -129,6 +157,9 @@ class Strip:
             self._newest[:-keep] = self._newest[keep:].copy()
             self._newest[-keep:] = 0
             self._first = column
+            gone = int(np.searchsorted(self._way, column * self.px_m - self._half)) - 1
+            if gone > 0:
+                del self._way[:gone], self._clock[:gone]
 
     def image(self, a: int, b: int, kind: Kind) -> F32:
         """Counts of columns a to b (b excluded), as if all were seen over the full travel.
@@ -154,9 +185,11 @@ class Strip:
 
     def _share(self, a: int, b: int) -> F64:
         """Share of the full travel over which columns were seen, 0 to 1, shape (b - a,)."""
+        return self._share_at(np.arange(a, b, dtype=np.float64) * self.px_m)
+
+    def _share_at(self, place: F64) -> F64:
         if self._begin is None:
-            return np.zeros(b - a)
-        place = np.arange(a, b) * self.px_m
+            return np.zeros(len(place))
         last = np.minimum(self._end, place + self._half)
         seen = last - np.maximum(self._begin, place - self._half)
         return np.asarray(np.clip(seen / (2 * self._half), 0.0, 1.0))

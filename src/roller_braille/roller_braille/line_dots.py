@@ -1,0 +1,82 @@
+"""The dots of one line: where they lie against its lattice, and what one looks like."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .dots import Dots
+from .lattice import REACH, Lattice
+from .recognise import Reference
+from .warp import F64
+
+#: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
+_NEAR_CELLS = 4
+_LEAST_DOTS = 4
+#: A side of a dot is taken to hold at least this share of its events.
+_LEAST_SHARE = 0.2
+#: A dot may lie this far off its node, along and down.
+_MOST_SHIFT_M = 0.00015
+
+
+class LineDots:
+    """Spots found in the band of a line, with the events of their halves."""
+
+    def __init__(self) -> None:
+        self._dots = Dots.none()
+        self._halves: F64 = np.empty((0, 4))
+
+    def add(self, dots: Dots, halves: F64) -> None:
+        """Take spots, with the events in their halves, shape (n, 4), as `Recogniser.halves`."""
+        self._dots = Dots(
+            np.append(self._dots.along, dots.along),
+            np.append(self._dots.down, dots.down),
+            np.append(self._dots.votes, dots.votes),
+        )
+        self._halves = np.concatenate([self._halves, halves])
+
+    def forget_before(self, along: float) -> None:
+        """Leave out those before a place along the roll."""
+        recent = self._dots.along >= along
+        self._dots, self._halves = self._dots.where(recent), self._halves[recent]
+
+    def before(self, along: float) -> Dots:
+        """Those before a place along the roll."""
+        return self._dots.where(self._dots.along < along)
+
+    def shift(self, lattice: Lattice) -> F64:
+        """How far the dots of cell 0 lie off their nodes, (along, down), metres."""
+        on, index = lattice.assign(self._dots)
+        here = on & (index[:, 0] == 0)
+        if not here.any():
+            return np.zeros(2)
+        nodes = lattice.nodes(0)[index[here, 1] * 3 + index[here, 2]]
+        off = np.stack([self._dots.along[here], self._dots.down[here]], -1) - nodes
+        # One more dot that lies on its node, so that a single one is not all.
+        return np.asarray(off.sum(axis=0) / (len(off) + 1))
+
+    def own_shifts(self, nodes: F64, pitch_m: float) -> F64:
+        """How far dots found at nodes lie off them, by no more than a little, shape (6, 2)."""
+        out = np.zeros_like(nodes)
+        for i, node in enumerate(nodes):
+            off = np.stack([self._dots.along, self._dots.down], -1) - node
+            away = np.hypot(off[:, 0], off[:, 1])
+            if len(away) and away.min() < REACH * pitch_m:
+                out[i] = off[int(np.argmin(away))]
+        return np.clip(out, -_MOST_SHIFT_M, _MOST_SHIFT_M)
+
+    def reference(self, lattice: Lattice, least: float) -> Reference | None:
+        """What a dot looks like around cell 0; None when there are none of at least some events."""
+        on, _ = lattice.assign(self._dots)
+        if not on.any():
+            return None
+        halves = self._halves[on]
+        cells = np.abs((self._dots.along[on] - lattice.centre(0)[0]) / lattice.cell)
+        near = cells <= _NEAR_CELLS
+        if near.sum() < _LEAST_DOTS:
+            near = np.isin(np.arange(len(cells)), np.argsort(cells, kind="stable")[:_LEAST_DOTS])
+        wholes = halves[near, :2].sum(axis=1)
+        whole = float(np.median(wholes))
+        if whole < least:
+            return None
+        shares = np.median(halves[near] / np.maximum(wholes, 1e-9)[:, None], axis=0)
+        return Reference(whole, np.maximum(shares, _LEAST_SHARE))
