@@ -5,12 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from roller_core.settings import Settings, parameter_file
+from roller_driver.dvxplorer.node_settings import EventCameraParameters
+from roller_driver.ur10.settings import Ur10Parameters
 from roller_emvs.emvs_node import EmvsParameters
 from roller_emvs.stitcher_node import StitcherParameters
 
 FILES: dict[str, type[Settings]] = {
     "emvs": EmvsParameters,
+    "event_camera": EventCameraParameters,
     "stitcher": StitcherParameters,
+    "ur10": Ur10Parameters,
 }
 
 

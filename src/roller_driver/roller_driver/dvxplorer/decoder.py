@@ -80,6 +80,8 @@ class WordDecoder:
         self._state = np.empty(_kernels.STATE_SIZE, np.int64)
         self._rest = b""
         self.reset()
+        # Compiles the kernel before the first transfer waits for it.
+        self.decode(np.empty(0, np.uint8))
 
     def reset(self) -> None:
         """Forget all state, as after the camera was started anew; the counts stay."""

@@ -1,0 +1,278 @@
+"""Node `event_camera`: the DVXplorer Mini's events as ROS messages; a drop-in for libcaer_driver.
+
+A lifecycle node: configured it has read its parameters and calibration, active it holds the camera
+and streams. A camera that is missing, busy or unplugged is no reason to end: the node says so on
+/diagnostics and goes on when it is there.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from event_camera_msgs.msg import EventPacket
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image
+
+from roller_core.camera import Camera
+from roller_core.clock import SensorClock
+from roller_core.codecs import encode
+from roller_core.errors import RollerError
+from roller_core.events import EventArray
+from roller_ros import diagnostics, messages, qos
+from roller_ros.node_main import run_node
+from roller_ros.parameters import declare_settings
+from roller_ros.worker import Worker
+
+from .dvxplorer import protocol, reader
+from .dvxplorer.backends import load_backend
+from .dvxplorer.camera_info import load_camera_info
+from .dvxplorer.device import CameraDevice, open_camera
+from .dvxplorer.errors import CameraFault
+from .dvxplorer.node_settings import EventCameraParameters
+from .dvxplorer.packets import EventPart
+from .dvxplorer.preview import Preview
+from .dvxplorer.rates import Rates
+
+_OK, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+_NEVER_S = 1e9
+
+
+class EventCameraNode(LifecycleNode):
+    """Publishes what the camera sends."""
+
+    def __init__(self) -> None:
+        super().__init__("event_camera")
+        self._p = declare_settings(self, EventCameraParameters)
+        self._reader: reader.CameraReader | None = None
+        self._worker: Worker[tuple[int, EventPart]] | None = None
+        self._outputs: dict[str, Any] = {}
+        self._camera: Camera | None = None
+        self._backend: Any = None
+        self._preview = Preview()
+        self._watched = False
+        self._clock_map = SensorClock()
+        self._sequence = 0
+        self._sent = 0
+        self._dropped = 0
+        self._rates = Rates()
+        self._log_rates = Rates()
+        self._error: RollerError | None = None
+        self._diagnostics = diagnostics.Diagnostics(self, "camera", self._status)
+        if self._p.statistics_print_interval > 0:
+            self.create_timer(self._p.statistics_print_interval, self._print_statistics)
+        if self._p.image_rate > 0:
+            self.create_timer(1.0 / self._p.image_rate, self._publish_image)
+        if self._p.autostart:
+            self.trigger_configure()
+            if self._error is not None:
+                raise self._error
+            self.trigger_activate()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read the calibration and make the publishers."""
+        p = self._p
+        try:
+            self._backend = load_backend(p.backend)
+            self._camera = load_camera_info(p.camerainfo_url) if p.camerainfo_url else None
+        except RollerError as error:
+            self._error = error
+            self.get_logger().error(str(error))
+            return _FAILURE
+        self._error = None
+        # Compiles the encoder before the first event waits for it.
+        warm = EventArray.from_arrays([0, 1], [0, 0], [0, 1000], [0, 1])
+        encode(p.encoding, warm, 0)
+        self._preview.add(warm)
+        self._preview.take()
+        events = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=p.event_send_queue_size,
+            reliability=ReliabilityPolicy.BEST_EFFORT,
+        )
+        self._outputs = {
+            "events": self.create_lifecycle_publisher(EventPacket, "~/events", events),
+            "info": self.create_lifecycle_publisher(CameraInfo, "~/camera_info", qos.LATCHED),
+            "image": self.create_lifecycle_publisher(Image, "~/image_raw", qos.PREVIEW),
+        }
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start to look for the camera and to stream."""
+        p = self._p
+        result = super().on_activate(state)
+        self._outputs["info"].publish(self._camera_info())
+        self._worker = Worker(self._publish, lambda: None, _NEVER_S, p.event_send_queue_size)
+        self._reader = reader.CameraReader(
+            self._connect,
+            self._take_packet,
+            on_events=self._take_events,
+            on_change=self._on_change,
+            settings=reader.ReaderSettings(
+                span_ns=round(p.event_message_time_threshold * 1e9),
+                max_events=p.max_events,
+                transfer_bytes=p.usb_transfer_size,
+                retry_s=p.retry_interval,
+                time_reset_delay_s=p.time_reset_delay,
+            ),
+            clock_ns=self._now_ns,
+        )
+        self._reader.start()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the stream and let go of the camera."""
+        self._halt()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take the publishers away."""
+        for publisher in self._outputs.values():
+            self.destroy_publisher(publisher)
+        self._outputs = {}
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop, whatever the state."""
+        self._halt()
+        return super().on_shutdown(state)
+
+    def destroy_node(self) -> None:
+        """Let go of the camera first."""
+        self._halt()
+        super().destroy_node()
+
+    def _halt(self) -> None:
+        if self._reader is not None:
+            self._reader.stop()
+            self._reader = None
+        if self._worker is not None:
+            self._worker.drain(1.0)
+            self._worker.stop()
+            self._dropped += self._worker.dropped
+            self._worker = None
+
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _connect(self) -> CameraDevice:
+        camera = open_camera(self._backend, self._p.serial)
+        try:
+            camera.configure(self._p)
+        except CameraFault:
+            camera.close()
+            raise
+        return camera
+
+    def _on_change(self, state: str, fault: str) -> None:
+        if fault:
+            self._diagnostics.fault(fault)
+        else:
+            self.get_logger().info(f"camera: {state}")
+
+    def _take_events(self, events: EventArray) -> None:
+        if self._watched:
+            self._preview.add(events)
+
+    def _take_packet(self, part: EventPart) -> None:
+        self._clock_map.observe(part.time_base_ns, part.arrival_ns)
+        if self._worker is not None and self._outputs["events"].get_subscription_count():
+            # Counted before the queue: what is dropped there leaves a gap that others can see.
+            self._worker.submit((self._sequence, part))
+            self._sequence += 1
+
+    def _publish(self, item: tuple[int, EventPart]) -> None:
+        sequence, part = item
+        base = part.time_base_ns
+        payload = messages.payload(encode(self._p.encoding, part.events, base))
+        self._outputs["events"].publish(
+            EventPacket(
+                header=messages.header(part.arrival_ns, self._p.camera_frame_id),
+                height=protocol.HEIGHT,
+                width=protocol.WIDTH,
+                seq=sequence,
+                time_base=base,
+                encoding=self._p.encoding,
+                is_bigendian=False,
+                events=payload,
+            )
+        )
+        self._sent += 1
+
+    def _publish_image(self) -> None:
+        output = self._outputs.get("image")
+        watched = output is not None and output.get_subscription_count() > 0
+        if output is not None and watched and self._watched and self._reader is not None:
+            picture = self._preview.take()
+            output.publish(messages.image(picture, self._now_ns(), self._p.camera_frame_id))
+        self._watched = watched
+
+    def _camera_info(self) -> CameraInfo:
+        if self._camera is not None:
+            return messages.camera_info(self._camera, self._now_ns(), self._p.camera_frame_id)
+        return CameraInfo(
+            header=messages.header(self._now_ns(), self._p.camera_frame_id),
+            width=protocol.WIDTH,
+            height=protocol.HEIGHT,
+            p=np.zeros(12),
+        )
+
+    def _print_statistics(self) -> None:
+        if self._reader is None:
+            return
+        rates = self._log_rates.since_last(self._reader.status, time.monotonic())
+        self.get_logger().info(
+            f"{rates.events / 1e6:.3f} Mev/s, {rates.bytes / 1e6:.2f} MB/s over USB, "
+            f"{rates.packets:.0f} packets/s, {rates.errors} decode errors"
+        )
+
+    def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
+        if self._reader is None:
+            return diagnostics.OK, "inactive", {}
+        s = self._reader.status
+        rates = self._rates.since_last(s, time.monotonic())
+        queue, dropped = 0, self._dropped
+        if self._worker is not None:
+            queue, dropped = self._worker.waiting, dropped + self._worker.dropped
+        level, text = diagnostics.OK, s.state
+        if s.state == reader.SEARCHING:
+            level, text = diagnostics.ERROR, s.fault or "looking for the camera"
+        elif s.state == reader.SILENT:
+            level, text = diagnostics.WARN, s.fault
+        elif rates.errors or rates.overruns:
+            level, text = diagnostics.WARN, "streaming, with faults of the stream"
+        elif self._camera is None:
+            level, text = diagnostics.WARN, "streaming, not calibrated: set camerainfo_url"
+        return (
+            level,
+            text,
+            {
+                "state": s.state,
+                "camera": s.camera,
+                "firmware": s.firmware,
+                "event_rate_mev_s": f"{rates.events / 1e6:.3f}",
+                "usb_mb_s": f"{rates.bytes / 1e6:.2f}",
+                "packet_rate_hz": f"{rates.packets:.0f}",
+                "packets_sent": self._sent,
+                "queue": queue,
+                "packets_dropped": dropped,
+                "connects": s.connects,
+                "lost_references": s.decoder.lost_references,
+                "dropped_frames": s.decoder.dropped_frames,
+                "decode_errors": s.decoder.errors,
+                "clock_resets": s.decoder.time_steps,
+                "usb_stalls": s.usb.stalls,
+                "usb_overruns": s.usb.overruns,
+                "clock_residual_us": f"{self._clock_map.residual_s * 1e6:.0f}",
+                "clock_skew_ppm": f"{self._clock_map.skew * 1e6:.1f}",
+            },
+        )
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(EventCameraNode))

@@ -1,0 +1,1 @@
+"""Poses of a UR controller over RTDE; knows nothing of ROS."""

@@ -1,0 +1,262 @@
+"""Keeps poses coming from the controller: connects, reads untorn, connects again."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from .errors import MissingLibraryError, ProtocolRefusedError, RobotFault, RobotLostError
+from .rtde import Controller, ask_controller
+
+SEARCHING = "searching"
+RECEIVING = "receiving"
+STOPPED = "stopped"
+
+#: What the controller is asked to send.
+VARIABLES = [
+    "timestamp",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "robot_mode",
+    "safety_mode",
+]
+SAFETY_MODES = {
+    1: "normal",
+    2: "reduced",
+    3: "protective stop",
+    4: "recovery",
+    5: "safeguard stop",
+    6: "system emergency stop",
+    7: "robot emergency stop",
+    8: "violation",
+    9: "fault",
+    10: "validate joint id",
+    11: "undefined",
+    12: "automatic mode safeguard stop",
+    13: "three-position enabling stop",
+}
+_RUNNING_SAFELY = (1, 2)
+_POLL_S = 0.0002
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSample:
+    """One state of the robot.
+
+    Parameters
+    ----------
+    controller_ns : int
+        The controller's clock, ns.
+    arrival_ns : int
+        When the host had it, ns.
+    pose : tuple of float
+        TCP in base: x y z in metres, rotation vector in rad.
+    speed : tuple of float
+        Its velocity in base: m/s and rad/s.
+    """
+
+    controller_ns: int
+    arrival_ns: int
+    pose: tuple[float, ...]
+    speed: tuple[float, ...]
+
+
+@dataclass(slots=True)
+class ReceiverStatus:
+    """How the receiver is.
+
+    Parameters
+    ----------
+    state : str
+        `searching`, `receiving` or `stopped`.
+    fault : str
+        What keeps it from receiving, or ended it last time; empty: nothing.
+    controller : Controller or None
+        Who answered.
+    connects, samples : int
+        Connections made; samples received.
+    missed : int
+        Samples that never came, by the steps of the controller's clock.
+    torn : int
+        Reads repeated because a new sample came in the middle.
+    steps_back : int
+        Times that the controller's clock went back.
+    safety_mode, robot_mode : int
+        As the controller tells; 0 and -1 before it does.
+    """
+
+    state: str = STOPPED
+    fault: str = ""
+    controller: Controller | None = None
+    connects: int = 0
+    samples: int = 0
+    missed: int = 0
+    torn: int = 0
+    steps_back: int = 0
+    safety_mode: int = 0
+    robot_mode: int = -1
+
+    @property
+    def safety(self) -> str:
+        """The safety mode in words."""
+        return SAFETY_MODES.get(self.safety_mode, "not known")
+
+    @property
+    def stopped_for_safety(self) -> bool:
+        """Whether the robot stands for safety's sake."""
+        return self.safety_mode not in (0, *_RUNNING_SAFELY)
+
+
+def open_receiver(host: str) -> Any:
+    """Connect the robot's library.
+
+    Raises
+    ------
+    MissingLibraryError
+        If it is not installed.
+    ProtocolRefusedError
+        If the controller doesn't send what it is asked for.
+    """
+    try:
+        from rtde_receive import RTDEReceiveInterface
+    except ImportError as error:
+        raise MissingLibraryError(
+            "the package ur_rtde is not installed: pip install ur-rtde (it has wheels up to "
+            "Python 3.12), or apt install ros-$ROS_DISTRO-ur and set start_robot:=false"
+        ) from error
+    try:
+        return RTDEReceiveInterface(host, variables=VARIABLES)
+    except Exception as error:  # the library raises what its C++ throws
+        raise ProtocolRefusedError(
+            f"robot {host}: the controller did not start to send ({str(error).strip()})"
+        ) from error
+
+
+class RobotReceiver:
+    """Reads the robot's state in a thread until it is stopped.
+
+    Parameters
+    ----------
+    host : str
+        The controller's address.
+    on_sample : callable
+        Takes each sample, in the receiver's thread.
+    on_change : callable
+        Told of each new state and its fault.
+    clock_ns : callable
+        The host's time, ns.
+    connect_timeout_s, retry_s, silence_s : float
+        See `Ur10Parameters`.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        on_sample: Callable[[RobotSample], None],
+        *,
+        on_change: Callable[[str, str], None] | None = None,
+        clock_ns: Callable[[], int] = time.time_ns,
+        connect_timeout_s: float = 2.0,
+        retry_s: float = 1.0,
+        silence_s: float = 0.5,
+    ) -> None:
+        self._host = host
+        self._on_sample = on_sample
+        self._on_change = on_change
+        self._clock_ns = clock_ns
+        self._connect_timeout_s = connect_timeout_s
+        self._retry_s = retry_s
+        self._silence_s = silence_s
+        self.status = ReceiverStatus()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
+
+    def start(self) -> None:
+        """Start to look for the robot."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close the connection and end."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=10.0)
+
+    def _change(self, state: str, fault: str) -> None:
+        s = self.status
+        if (state, fault) != (s.state, s.fault):
+            s.state, s.fault = state, fault
+            if self._on_change is not None:
+                self._on_change(state, fault)
+
+    def _run(self) -> None:
+        self._change(SEARCHING, "")
+        while not self._stop.is_set():
+            try:
+                controller = ask_controller(self._host, VARIABLES, self._connect_timeout_s)
+                interface = open_receiver(self._host)
+            except RobotFault as error:
+                self._change(SEARCHING, str(error))
+                self._stop.wait(self._retry_s)
+                continue
+            try:
+                self.status.controller = controller
+                self.status.connects += 1
+                self._receive(interface, controller)
+            except RobotFault as error:
+                self._change(SEARCHING, str(error))
+                self._stop.wait(min(self._retry_s, 0.2))
+            finally:
+                interface.disconnect()
+        self._change(STOPPED, "")
+
+    def _receive(self, interface: Any, controller: Controller) -> None:
+        period_ns = controller.period_ns
+        period_s = period_ns * 1e-9
+        s = self.status
+        last_ns, last_seen = -1, time.monotonic()
+        while not self._stop.is_set():
+            stamp = interface.getTimestamp()
+            now = time.monotonic()
+            controller_ns = round(stamp * 1e9)
+            if controller_ns == last_ns or stamp == 0.0:
+                if not interface.isConnected():
+                    raise RobotLostError(f"robot {self._host}: the connection was lost")
+                if now - last_seen > self._silence_s:
+                    raise RobotLostError(
+                        f"robot {self._host}: nothing came for {self._silence_s:g} s"
+                    )
+                time.sleep(_POLL_S)
+                continue
+            sample = self._untorn(interface, stamp)
+            if s.state != RECEIVING:
+                self._change(RECEIVING, "")
+            # A torn read ends with a newer sample than it began with.
+            controller_ns = sample.controller_ns
+            if last_ns >= 0:
+                step = controller_ns - last_ns
+                if step < 0:
+                    s.steps_back += 1
+                elif step > 1.5 * period_ns:
+                    s.missed += round(step / period_ns) - 1
+            last_ns, last_seen = controller_ns, now
+            s.samples += 1
+            self._on_sample(sample)
+            # The next one is most of a period away; then look often.
+            time.sleep(0.7 * period_s)
+
+    def _untorn(self, interface: Any, stamp: float) -> RobotSample:
+        """Read until the time stamp is the same before and after."""
+        while True:
+            arrival_ns = self._clock_ns()
+            pose = tuple(interface.getActualTCPPose())
+            speed = tuple(interface.getActualTCPSpeed())
+            self.status.safety_mode = int(interface.getSafetyMode())
+            self.status.robot_mode = int(interface.getRobotMode())
+            after = interface.getTimestamp()
+            if after == stamp:
+                return RobotSample(round(stamp * 1e9), arrival_ns, pose, speed)
+            self.status.torn += 1
+            stamp = after

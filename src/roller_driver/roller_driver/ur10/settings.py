@@ -1,0 +1,99 @@
+"""Parameters of node `ur10`."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from roller_core.pose_track import Pose
+from roller_core.settings import Settings
+from roller_core.transforms import rotation_vector_to_quaternion, unit_quaternion
+
+_NO_QUATERNION = (0.0, 0.0, 0.0, 1.0)
+_NO_ROTATION = (0.0, 0.0, 0.0)
+
+
+class HandEyeSettings(Settings):
+    """The camera's place on the tool, as `roller calibrate` finds it."""
+
+    hand_eye_m: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="Camera's position in the tool's frame, m."
+    )
+    hand_eye_quaternion: tuple[float, float, float, float] = Field(
+        _NO_QUATERNION, description="Camera's rotation in the tool's frame, x y z w."
+    )
+    hand_eye_rotation_rad: tuple[float, float, float] = Field(
+        _NO_ROTATION,
+        description="The same as a rotation vector, rad; give one of the two.",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> HandEyeSettings:
+        length = float(np.linalg.norm(self.hand_eye_quaternion))
+        if not 0.99 < length < 1.01:
+            raise ValueError(f"hand_eye_quaternion has length {length:.3g}, not 1")
+        if (
+            self.hand_eye_quaternion != _NO_QUATERNION
+            and self.hand_eye_rotation_rad != _NO_ROTATION
+        ):
+            raise ValueError("give hand_eye_quaternion or hand_eye_rotation_rad, not both")
+        return self
+
+    @property
+    def hand_eye_known(self) -> bool:
+        """Whether anything but the default is set."""
+        return (self.hand_eye_m, self.hand_eye_quaternion, self.hand_eye_rotation_rad) != (
+            (0.0, 0.0, 0.0),
+            _NO_QUATERNION,
+            _NO_ROTATION,
+        )
+
+    @property
+    def hand_eye(self) -> Pose:
+        """The camera in the tool's frame."""
+        if self.hand_eye_rotation_rad != _NO_ROTATION:
+            rotation = rotation_vector_to_quaternion(self.hand_eye_rotation_rad)
+        else:
+            rotation = unit_quaternion(self.hand_eye_quaternion)
+        return Pose(np.array(self.hand_eye_m), rotation)
+
+
+class Ur10Parameters(HandEyeSettings):
+    """Where the robot is and what is published of it."""
+
+    robot_ip: str = Field("192.168.56.101", description="Address of the robot's controller.")
+    tf_prefix: str = Field(
+        "",
+        description="Put before the names of the robot's frames, as the robot's own driver does.",
+    )
+    base_frame: str = Field("base", description="The robot's base, in the controller's axes.")
+    moving_frame: str = Field(
+        "tool0_controller", description="The tool (TCP) as the controller reports it."
+    )
+    sensor_frame: str = Field(
+        "event_camera_optical_frame", description="The camera: x right, y down, z forward."
+    )
+    publish_tf: bool = Field(
+        True,
+        description="Publish base -> tool on /tf; false where the robot's own driver does.",
+    )
+    publish_hand_eye: bool = Field(True, description="Publish tool -> camera on /tf_static.")
+    connect_timeout: float = Field(
+        2.0, ge=0.1, le=30.0, description="Longest wait for the controller's answer, s."
+    )
+    retry_interval: float = Field(
+        1.0, ge=0.05, le=60.0, description="Pause between attempts to connect, s."
+    )
+    silence_timeout: float = Field(
+        0.5, ge=0.05, le=10.0, description="The connection is made anew after this silence, s."
+    )
+
+    @property
+    def base(self) -> str:
+        """Name of the base's frame."""
+        return self.tf_prefix + self.base_frame
+
+    @property
+    def tool(self) -> str:
+        """Name of the tool's frame."""
+        return self.tf_prefix + self.moving_frame

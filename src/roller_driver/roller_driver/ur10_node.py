@@ -1,0 +1,186 @@
+"""Node `ur10`: the robot's poses on /tf, the camera's place on /tf_static, the tool's velocity."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+from geometry_msgs.msg import TwistStamped, Vector3
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from tf2_msgs.msg import TFMessage
+
+from roller_core.clock import SensorClock
+from roller_core.pose_track import Pose
+from roller_core.transforms import rotation_vector_to_quaternion
+from roller_ros import diagnostics, messages, qos
+from roller_ros.node_main import run_node
+from roller_ros.parameters import declare_settings
+
+from .ur10.receiver import SEARCHING, RobotReceiver, RobotSample
+from .ur10.settings import Ur10Parameters
+
+_WATCH_S = 1.0
+_WATCH_PAUSE_S = 5.0
+
+
+class OtherPublishers:
+    """Looks for others that publish the robot's transform, now and then: /tf can be busy.
+
+    Parameters
+    ----------
+    node : Node
+        Whose subscription it is.
+    base, tool : str
+        The transform.
+    """
+
+    def __init__(self, node: Node, base: str, tool: str) -> None:
+        self._node = node
+        self._frames = (base, tool)
+        self._subscription: Subscription | None = None
+        self._changes_at = 0.0
+        self._own: deque[int] = deque(maxlen=2000)
+        self._strange = 0
+        self.found = False
+
+    def published(self, stamp_ns: int) -> None:
+        """Take note of a stamp that this node published."""
+        self._own.append(stamp_ns)
+
+    def check(self) -> None:
+        """Call about every second."""
+        now = time.monotonic()
+        if self._subscription is not None:
+            if now < self._changes_at:
+                return
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+            self._changes_at = now + _WATCH_PAUSE_S
+            self.found = self._strange > 0
+        elif self._node.count_publishers("/tf") < 2:
+            self.found = False
+        elif now >= self._changes_at:
+            self._strange = 0
+            self._changes_at = now + _WATCH_S
+            self._subscription = self._node.create_subscription(
+                TFMessage, "/tf", self._take, qos.TF
+            )
+
+    def _take(self, message: TFMessage) -> None:
+        for item in message.transforms:
+            frames = (item.header.frame_id.lstrip("/"), item.child_frame_id.lstrip("/"))
+            # Any parent: a frame can have but one.
+            if frames[1] == self._frames[1] and messages.to_ns(item.header.stamp) not in self._own:
+                self._strange += 1
+
+
+class Ur10Node(Node):
+    """Publishes what the robot's controller says."""
+
+    def __init__(self) -> None:
+        super().__init__("ur10")
+        p = self._p = declare_settings(self, Ur10Parameters)
+        self._clock_map = SensorClock()
+        self._published = 0
+        self._last_ns = 0
+        self._missed_told = 0
+        # Not _publishers: rclpy's own.
+        self._tf = self.create_publisher(TFMessage, "/tf", qos.TF) if p.publish_tf else None
+        self._velocity = self.create_publisher(TwistStamped, "~/tool_velocity", qos.TF)
+        if p.publish_hand_eye:
+            self._static = self.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
+            now = self.get_clock().now().nanoseconds
+            fixed = messages.transform(p.hand_eye, now, p.tool, p.sensor_frame)
+            self._static.publish(TFMessage(transforms=[fixed]))
+        self._others = OtherPublishers(self, p.base, p.tool)
+        self._diagnostics = diagnostics.Diagnostics(self, "robot", self._status)
+        self._receiver = RobotReceiver(
+            p.robot_ip,
+            self._take,
+            on_change=self._on_change,
+            clock_ns=lambda: int(self.get_clock().now().nanoseconds),
+            connect_timeout_s=p.connect_timeout,
+            retry_s=p.retry_interval,
+            silence_s=p.silence_timeout,
+        )
+        self._receiver.start()
+
+    def destroy_node(self) -> None:
+        """Stop the receiver first: it publishes."""
+        self._receiver.stop()
+        super().destroy_node()
+
+    def _on_change(self, state: str, fault: str) -> None:
+        if fault:
+            self._diagnostics.fault(fault)
+        else:
+            self.get_logger().info(f"robot {self._p.robot_ip}: {state}")
+
+    def _take(self, sample: RobotSample) -> None:
+        self._clock_map.observe(sample.controller_ns, sample.arrival_ns)
+        stamp_ns = int(self._clock_map.to_ros_ns(sample.controller_ns))
+        p = self._p
+        if self._tf is not None:
+            rotation = rotation_vector_to_quaternion(sample.pose[3:])
+            pose = Pose(np.array(sample.pose[:3]), rotation)
+            self._others.published(stamp_ns)
+            self._tf.publish(
+                TFMessage(transforms=[messages.transform(pose, stamp_ns, p.base, p.tool)])
+            )
+            self._published += 1
+        if self._velocity.get_subscription_count():
+            twist = TwistStamped(header=messages.header(stamp_ns, p.base))
+            vx, vy, vz, wx, wy, wz = sample.speed
+            twist.twist.linear = Vector3(x=vx, y=vy, z=vz)
+            twist.twist.angular = Vector3(x=wx, y=wy, z=wz)
+            self._velocity.publish(twist)
+
+    def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
+        s, p = self._receiver.status, self._p
+        if self._tf is not None:
+            self._others.check()
+        missed, self._missed_told = s.missed - self._missed_told, s.missed
+        level, text = diagnostics.OK, s.state
+        if s.state == SEARCHING:
+            level, text = diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"
+        elif s.stopped_for_safety:
+            level, text = diagnostics.ERROR, f"the robot stands: {s.safety}"
+        elif self._others.found:
+            level = diagnostics.ERROR
+            text = (
+                f"another node publishes {p.tool} on /tf too: set publish_tf to false here or stop "
+                "the other"
+            )
+        elif missed:
+            level, text = diagnostics.WARN, f"{missed} poses were missed"
+        elif p.publish_hand_eye and not p.hand_eye_known:
+            level, text = diagnostics.WARN, "the camera's place on the tool is not set (hand_eye_m)"
+        return (
+            level,
+            text,
+            {
+                "state": s.state,
+                "robot": p.robot_ip,
+                "controller": s.controller or "",
+                "rate_hz": s.controller.rate_hz if s.controller else "",
+                "safety": s.safety,
+                "samples": s.samples,
+                "published": self._published,
+                "missed": s.missed,
+                "torn_reads": s.torn,
+                "connects": s.connects,
+                "clock_residual_us": f"{self._clock_map.residual_s * 1e6:.0f}",
+                "clock_skew_ppm": f"{self._clock_map.skew * 1e6:.1f}",
+                "clock_steps": self._clock_map.steps,
+                "clock_steps_back": s.steps_back,
+            },
+        )
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(Ur10Node))

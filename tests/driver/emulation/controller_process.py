@@ -1,0 +1,65 @@
+"""Starts the emulated controller in a process of its own and tells it what to do.
+
+The robot's library always uses port 30004, so only one controller can run at a time: tests that
+use it wait for each other at a lock file.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+TESTS = Path(__file__).parents[2]
+
+
+class ControllerProcess:
+    """The emulated controller; use as a context manager."""
+
+    def __init__(self, **settings: Any) -> None:
+        self._settings = settings
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> ControllerProcess:
+        self._lock = open(Path(tempfile.gettempdir()) / "roller_test_rtde.lock", "w")
+        fcntl.flock(self._lock, fcntl.LOCK_EX)
+        self.start(**self._settings)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        self._lock.close()
+
+    def start(self, **settings: Any) -> None:
+        """Start it, perhaps with other settings than before."""
+        paths = [str(TESTS), os.environ.get("PYTHONPATH", "")]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "driver.emulation.rtde_controller", json.dumps(settings)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        )
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline().strip()
+        assert line == "ready", "the emulated controller did not start (is port 30004 in use?)"
+
+    def tell(self, line: str) -> None:
+        """Give it a command."""
+        assert self._process is not None
+        assert self._process.stdin is not None
+        self._process.stdin.write(line + "\n")
+        self._process.stdin.flush()
+
+    def stop(self) -> None:
+        """End it."""
+        if self._process is None:
+            return
+        self._process.terminate()
+        self._process.communicate(timeout=10)
+        self._process = None

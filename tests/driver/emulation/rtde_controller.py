@@ -1,0 +1,243 @@
+"""An emulated UR controller that speaks RTDE on port 30004, as a process of its own.
+
+    python -m driver.emulation.rtde_controller '{"rate_hz": 125, "profile": "line"}'
+
+It prints `ready` and then takes commands on its standard input, one a line: `protective_stop`,
+`normal`, `disconnect`, `late SECONDS`, `silence SECONDS`, `step_back SECONDS`, `quit`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import select
+import socket
+import struct
+import sys
+import time
+from dataclasses import dataclass, field
+
+TYPES = {
+    "timestamp": ("DOUBLE", ">d"),
+    "actual_TCP_pose": ("VECTOR6D", ">6d"),
+    "actual_TCP_speed": ("VECTOR6D", ">6d"),
+    "robot_mode": ("INT32", ">i"),
+    "safety_mode": ("INT32", ">i"),
+}
+NORMAL, PROTECTIVE_STOP = 1, 3
+RUNNING = 7
+
+
+@dataclass
+class Settings:
+    """What the controller is like.
+
+    Parameters
+    ----------
+    rate_hz : float
+        125 (CB3) or 500 (e-series); the version follows.
+    profile : str
+        `still`, `line` (to and fro along x at constant speed) or `circle`.
+    speed_m_s, length_m : float
+        Of the line; the circle has that speed and `length_m` as its diameter.
+    start : tuple of float
+        Pose at the beginning: m, and rotation vector in rad.
+    clock_ppm : float
+        Rate error of its clock.
+    clock_start_s : float
+        What its clock shows when it starts.
+    refuse_protocol : bool
+        Whether it refuses every protocol version.
+    missing : list of str
+        Variables that it says it doesn't have.
+    """
+
+    rate_hz: float = 125.0
+    profile: str = "line"
+    speed_m_s: float = 0.1
+    length_m: float = 0.2
+    start: tuple[float, ...] = (0.4, -0.2, 0.3, 3.1, 0.2, -0.1)
+    clock_ppm: float = 0.0
+    clock_start_s: float = 1234.0
+    refuse_protocol: bool = False
+    missing: list[str] = field(default_factory=list)
+    port: int = 30004
+
+
+def motion(s: Settings, t: float) -> tuple[list[float], list[float]]:
+    """Pose and speed at controller time `t` seconds after the start."""
+    pose, speed = list(s.start), [0.0] * 6
+    if s.profile == "line":
+        # A triangle wave.
+        path = s.speed_m_s * t % (2 * s.length_m)
+        forth = path < s.length_m
+        pose[0] += path if forth else 2 * s.length_m - path
+        speed[0] = s.speed_m_s if forth else -s.speed_m_s
+    elif s.profile == "circle":
+        r = s.length_m / 2
+        a = s.speed_m_s / r * t
+        pose[0] += r * math.cos(a)
+        pose[1] += r * math.sin(a)
+        speed[0], speed[1] = -s.speed_m_s * math.sin(a), s.speed_m_s * math.cos(a)
+    return pose, speed
+
+
+def frame(kind: bytes, payload: bytes = b"") -> bytes:
+    return struct.pack(">HB", len(payload) + 3, kind[0]) + payload
+
+
+class Client:
+    """One connection."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.connection = connection
+        self.data = b""
+        self.names: list[str] = []
+        self.running = False
+
+    def receive(self, settings: Settings) -> bool:
+        """Answer what came; False when the other side is gone."""
+        try:
+            data = self.connection.recv(4096)
+        except OSError:
+            return False
+        self.data += data
+        while len(self.data) >= 3:
+            size, kind = struct.unpack(">HB", self.data[:3])
+            if len(self.data) < size:
+                break
+            payload, self.data = self.data[3:size], self.data[size:]
+            answer = self._answer(bytes([kind]), payload, settings)
+            if answer is not None:
+                self.connection.sendall(answer)
+        return bool(data)
+
+    def _answer(self, kind: bytes, payload: bytes, settings: Settings) -> bytes | None:
+        if kind == b"V":
+            (version,) = struct.unpack(">H", payload)
+            ok = version == 2 and not settings.refuse_protocol
+            return frame(b"V", bytes([ok]))
+        if kind == b"v":
+            version = (3, 15, 8, 0) if settings.rate_hz < 500 else (5, 11, 1, 0)
+            return frame(b"v", struct.pack(">4I", *version))
+        if kind == b"O":
+            # The robot's library ends the list with a comma.
+            self.names = payload[8:].decode().rstrip(",").split(",")
+            types = [
+                TYPES[n][0] if n in TYPES and n not in settings.missing else "NOT_FOUND"
+                for n in self.names
+            ]
+            return frame(b"O", b"\x01" + ",".join(types).encode())
+        if kind == b"I":
+            return frame(b"I", b"\x01" + b"UINT32")
+        if kind in (b"S", b"P"):
+            self.running = kind == b"S"
+            return frame(kind, b"\x01")
+        return None
+
+    def send(self, values: dict[str, object]) -> None:
+        packed = b"\x01"
+        for name in self.names:
+            form, value = TYPES[name][1], values[name]
+            packed += struct.pack(form, *(value if isinstance(value, list) else [value]))
+        self.connection.sendall(frame(b"U", packed))
+
+
+class ControllerModel:
+    """Serves clients and moves."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.server = socket.create_server(("127.0.0.1", settings.port), reuse_port=False)
+        self.clients: list[Client] = []
+        self.safety = NORMAL
+        self.late_s = 0.0
+        self.silent_until = 0.0
+        self.stopped_at: float | None = None
+        self.clock_shift_s = 0.0
+
+    def run(self) -> None:
+        """Serve until told to quit."""
+        period = 1.0 / self.settings.rate_hz
+        begin = time.monotonic()
+        tick = 0
+        print("ready", flush=True)
+        while True:
+            due = begin + tick * period
+            wait = due - time.monotonic()
+            watched = [self.server, sys.stdin, *(c.connection for c in self.clients)]
+            readable, _, _ = select.select(watched, [], [], max(wait, 0))
+            for item in readable:
+                if item is self.server:
+                    connection, _ = self.server.accept()
+                    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    self.clients.append(Client(connection))
+                elif item is sys.stdin:
+                    line = sys.stdin.readline()
+                    if not line or line.strip() == "quit":
+                        return
+                    self.command(*line.split())
+                else:
+                    self._serve(next(c for c in self.clients if c.connection is item))
+            if time.monotonic() < due:
+                continue
+            tick += 1
+            if self.late_s:
+                time.sleep(self.late_s)
+                self.late_s = 0.0
+            if time.monotonic() >= self.silent_until:
+                self._send_all(tick * period)
+
+    def command(self, name: str, value: str = "0") -> None:
+        """Obey a line of the standard input."""
+        if name == "protective_stop":
+            self.safety = PROTECTIVE_STOP
+        elif name == "normal":
+            self.safety = NORMAL
+            self.stopped_at = None
+        elif name == "disconnect":
+            for client in self.clients:
+                client.connection.close()
+            self.clients.clear()
+        elif name == "late":
+            self.late_s = float(value)
+        elif name == "silence":
+            self.silent_until = time.monotonic() + float(value)
+        elif name == "step_back":
+            self.clock_shift_s -= float(value)
+
+    def _serve(self, client: Client) -> None:
+        if not client.receive(self.settings):
+            client.connection.close()
+            self.clients.remove(client)
+
+    def _send_all(self, t: float) -> None:
+        s = self.settings
+        if self.safety == PROTECTIVE_STOP and self.stopped_at is None:
+            self.stopped_at = t
+        pose, speed = motion(s, t if self.stopped_at is None else self.stopped_at)
+        if self.stopped_at is not None:
+            speed = [0.0] * 6
+        stamp = s.clock_start_s + t * (1 + s.clock_ppm * 1e-6) + self.clock_shift_s
+        values: dict[str, object] = {
+            "timestamp": stamp,
+            "actual_TCP_pose": pose,
+            "actual_TCP_speed": speed,
+            "robot_mode": RUNNING,
+            "safety_mode": self.safety,
+        }
+        for client in list(self.clients):
+            if client.running:
+                try:
+                    client.send(values)
+                except OSError:
+                    client.connection.close()
+                    self.clients.remove(client)
+
+
+if __name__ == "__main__":
+    given = json.loads(sys.argv[1]) if len(sys.argv) > 1 else {}
+    try:
+        ControllerModel(Settings(**given)).run()
+    except KeyboardInterrupt:
+        sys.exit(0)
