@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from emvs.scenes import CAMERA
 from roller_emvs.detection import adaptive_threshold, masked_median
 from roller_emvs.fusion import ViewDepth, fuse_views, warp_view
-
-from .scenes import CAMERA
 
 
 def test_threshold_is_opencvs_without_saturation() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
+from emvs.scenes import CAMERA
 from roller_core.errors import UnwritableOutputError
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.ply import PlyWriter, read_ply
@@ -15,8 +16,6 @@ from roller_emvs.registration import refine
 from roller_emvs.settings import StitcherSettings
 from roller_emvs.stitcher import Stitcher, radius_filter
 from roller_emvs.voxels import VoxelMap
-
-from .scenes import CAMERA
 
 SETTINGS = StitcherSettings.create({})
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from emvs.scenes import CAMERA, MS
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, rotation_vector_to_quaternion
 from roller_emvs import rays as r
 from roller_emvs.votes import dense_volume, sweep_maximum
-
-from .scenes import CAMERA, MS
 
 
 def random_track(rng: np.random.Generator, base: np.ndarray | None = None) -> PoseTrack:

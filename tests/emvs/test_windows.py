@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from emvs.scenes import MS, Motion, rolling, track_of
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_emvs.settings import DepthSettings
 from roller_emvs.windows import RefusedWindow, Window, WindowCutter
-
-from .scenes import MS, Motion, rolling, track_of
 
 
 def ticking(duration_ms: int, start_ns: int = 0, step_us: int = 100) -> EventArray:

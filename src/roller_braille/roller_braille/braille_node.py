@@ -128,7 +128,7 @@ class BrailleNode(Node):
             )
         except TimeBackwardsError as error:
             self._restart(error)
-            return
+            events = error.events
         self._pipeline.add_events(events)
 
     def _pose_fault(self, error: RollerError) -> None:

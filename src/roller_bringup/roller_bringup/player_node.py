@@ -79,8 +79,9 @@ class PlayerNode(Node):
 
     def destroy_node(self) -> None:
         """Stop playing first."""
-        self._stop.set()
-        self._thread.join(timeout=5.0)
+        if hasattr(self, "_thread"):  # else the node gave up before it had one
+            self._stop.set()
+            self._thread.join(timeout=5.0)
         super().destroy_node()
 
     def _run(self) -> None:

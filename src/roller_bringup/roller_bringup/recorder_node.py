@@ -72,9 +72,10 @@ class RecorderNode(Node):
 
     def destroy_node(self) -> None:
         """Write what waits and finish the bag."""
-        self._worker.drain(4.0)
-        self._worker.stop()
-        self._writer.close()
+        if hasattr(self, "_worker"):  # else the node gave up before it had one
+            self._worker.drain(4.0)
+            self._worker.stop()
+            self._writer.close()
         super().destroy_node()
 
     def _take(self, name: str, data: bytes) -> None:

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from roller_braille.cells import Cell
+from roller_core.errors import RollerError, UnwritableOutputError
 from roller_emvs.windows import RefusedWindow
 
 from .inspection import Inspection, InspectionSettings, Mapped
@@ -81,10 +82,10 @@ def replay(
             if len(step.events):
                 run.take_span(int(step.events.t_ns[0]), int(step.events.t_ns[-1]))
                 inspection.add_events(step.events)
-                run.collect()
+                run.collect_what_goes()
             if progress is not None:
                 progress(step.progress)
-        run.collect(flush=True)
+        run.collect_what_goes(flush=True)
     finally:
         run.finish(recording, time.perf_counter() - begin)
     return report
@@ -114,10 +115,21 @@ class _Run:
             self._first_ns = first_ns
         self._last_ns = last_ns
 
+    def collect_what_goes(self, flush: bool = False) -> None:
+        """Collect; a part that fails is reported and doesn't stop the others."""
+        try:
+            self.collect(flush)
+        except UnwritableOutputError:
+            raise
+        except RollerError as error:
+            self._report.add_fault(error)
+
     def collect(self, flush: bool = False) -> None:
         for found in self._inspection.results(flush):
             if isinstance(found, RefusedWindow):
                 self._report.add_window(found)
+                if found.fault is not None:
+                    self._report.add_fault(found.fault)
             elif isinstance(found, Mapped):
                 self._report.add_window(found.depth_map)
                 self._writer.write_mapped(found)

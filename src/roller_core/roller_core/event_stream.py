@@ -22,7 +22,14 @@ class ImageSizeError(StreamError):
 
 
 class TimeBackwardsError(StreamError):
-    """Time jumped back: the source started anew, or its clock was set back."""
+    """Time jumped back: the source started anew, or its clock was set back.
+
+    `events` are those of the packet that showed it, the first of the new start.
+    """
+
+    def __init__(self, message: str, events: EventArray) -> None:
+        super().__init__(message)
+        self.events = events
 
 
 #: Events up to this late are the clock map's jitter, ns.
@@ -129,11 +136,11 @@ class EventStream:
         if last is not None and events.t_ns[0] < last:
             behind_ns = last - int(events.t_ns[0])
             if behind_ns > _RESTART_NS:
-                self.counts.late_events += len(events)
-                self._last_ns = None
+                self._last_ns = int(events.t_ns[-1])
                 raise TimeBackwardsError(
                     f"event time runs backwards by {behind_ns * 1e-9:.3f} s, "
-                    f"from {last * 1e-9:.6f} s; was the recording or the driver started anew?"
+                    f"from {last * 1e-9:.6f} s; was the recording or the driver started anew?",
+                    events,
                 )
             if behind_ns < _HOLD_NS:
                 events = events.with_times(np.maximum(events.t_ns, last))

@@ -75,7 +75,8 @@ class EmvsNode(Node):
 
     def destroy_node(self) -> None:
         """Stop the worker first: it publishes."""
-        self._worker.stop()
+        if hasattr(self, "_worker"):  # else the node gave up before it had one
+            self._worker.stop()
         super().destroy_node()
 
     def _handle(self, item: EventPacket | CameraInfo | tuple[str, TFMessage]) -> None:
@@ -118,7 +119,7 @@ class EmvsNode(Node):
             )
         except TimeBackwardsError as error:
             self._restart(error)
-            return
+            events = error.events
         self._pipeline.add_events(events)
 
     def _pose_fault(self, error: RollerError) -> None:

@@ -90,7 +90,8 @@ class StitcherNode(Node):
 
     def destroy_node(self) -> None:
         """Stop the worker first: it publishes."""
-        self._worker.stop()
+        if hasattr(self, "_worker"):  # else the node gave up before it had one
+            self._worker.stop()
         super().destroy_node()
 
     def _handle(self, item: Item) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from roller_core.errors import RollerError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
 
@@ -28,12 +29,17 @@ class Window:
 
 @dataclass(frozen=True)
 class RefusedWindow:
-    """A window that gives no depth, and why."""
+    """A window that gives no depth, and why.
+
+    `fault` is the error where the data are to blame (poses missing); a window that is only too
+    short or without parallax has none.
+    """
 
     start_ns: int
     end_ns: int
     events: int
     reason: str
+    fault: RollerError | None = None
 
 
 class WindowCutter:
@@ -99,13 +105,13 @@ class WindowCutter:
             window = self._take(start, end, following)
             if not len(window.events) and not reason:
                 continue  # nothing happened; go on to the next
-            if not reason:
-                try:
-                    self._track.check(start, end)
-                except PoseError as error:
-                    reason = str(error)
+            fault = None
+            try:
+                self._track.check(start, end)
+            except PoseError as error:
+                reason, fault = str(error), error
             if reason:
-                return RefusedWindow(start, end, len(window.events), reason)
+                return RefusedWindow(start, end, len(window.events), reason, fault)
             return window
         return None
 

@@ -12,6 +12,8 @@ from rclpy.node import Node
 
 from roller_core.errors import RollerError
 
+from .worker import CRASHED
+
 
 def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Spin a node until it is interrupted.
@@ -41,4 +43,4 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-    return code
+    return 1 if CRASHED.is_set() else code

@@ -8,8 +8,10 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 import annotated_types
 from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 
+from roller_core.errors import SettingsError
 from roller_core.settings import Settings
 
 S = TypeVar("S", bound=Settings)
@@ -31,7 +33,12 @@ def declare_settings(node: Node, model: type[S]) -> S:
         default = field.get_default(call_default_factory=True)
         if isinstance(default, tuple):
             default = list(default)
-        node.declare_parameter(name, default, descriptor(name, field), ignore_override=False)
+        try:
+            node.declare_parameter(name, default, descriptor(name, field))
+        except (InvalidParameterValueException, InvalidParameterTypeException) as error:
+            raise SettingsError(
+                f"parameters of node '{node.get_name()}': '{name}': {error}"
+            ) from error
         value = node.get_parameter(name).value
         values[name] = list(value) if hasattr(value, "tolist") else value
     return model.create(values, f"parameters of node '{node.get_name()}'")

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+import rclpy
+
 T = TypeVar("T")
+
+#: Set when a worker of this process ended by an error of the program.
+CRASHED = threading.Event()
 
 
 class Worker(Generic[T]):
@@ -75,6 +81,15 @@ class Worker(Generic[T]):
         self._thread.join(timeout=5.0)
 
     def _run(self) -> None:
+        try:
+            self._work()
+        except Exception:
+            # A fault of ours: a node that stands still without a word would be worse.
+            traceback.print_exc()
+            CRASHED.set()
+            rclpy.try_shutdown()
+
+    def _work(self) -> None:
         last, idle_done = time.monotonic(), True
         while True:
             with self._ready:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
@@ -68,6 +70,7 @@ class BagRecording(Recording):
         self.camera = camera or self._calibration()
         self._stream = EventStream(self.camera.width, self.camera.height)
         self.counts = self._stream.counts
+        self._newest_ns = -(2**63)
         self.duration_s = self._reader.duration_s
 
     def steps(self) -> Iterator[Step]:
@@ -102,6 +105,17 @@ class BagRecording(Recording):
             yield Step(EventArray.empty(), 1.0, (self._no_poses(),))
 
     def _decode(self, message: Any) -> EventArray:
+        """Events of a packet; none from before what was already given out."""
+        events = self._push(message)
+        if len(events) and events.t_ns[0] < self._newest_ns:
+            kept = events[int(np.searchsorted(events.t_ns, self._newest_ns)) :]
+            self.counts.late_events += len(events) - len(kept)
+            events = kept
+        if len(events):
+            self._newest_ns = int(events.t_ns[-1])
+        return events
+
+    def _push(self, message: Any) -> EventArray:
         return self._stream.push(
             message.encoding,
             message.width,

@@ -1,0 +1,128 @@
+"""A graph of separate processes and a node that watches it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from roller_bringup import topics
+from roller_ros import qos
+
+#: Modules of the nodes by name.
+MODULES = {
+    "emvs": "roller_emvs.emvs_node",
+    "stitcher": "roller_emvs.stitcher_node",
+    "braille": "roller_braille.braille_node",
+    "player": "roller_bringup.player_node",
+    "recorder": "roller_bringup.recorder_node",
+    "virtual_cell": "roller_driver.virtual_cell_node",
+}
+
+
+class Watcher:
+    """Collects all messages of some topics and the diagnostics."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.seen: dict[str, list[Any]] = defaultdict(list)
+        self.statuses: dict[str, list[tuple[str, dict[str, str]]]] = defaultdict(list)
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self.node = Node("watcher", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        for topic in topics.ALL:
+            if topic.name in names:
+                keep = self.seen[topic.name].append
+                self.node.create_subscription(topic.type, topic.name, keep, topic.qos)
+        self.node.create_subscription(
+            DiagnosticArray, "/diagnostics", self._diagnose, qos.DIAGNOSTICS
+        )
+
+    def _diagnose(self, message: Any) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            self.statuses[status.name].append((status.message, values))
+
+    def messages_of(self, status: str) -> list[str]:
+        """All messages that a status had."""
+        return [message for message, _ in self.statuses[status]]
+
+    def value(self, status: str, key: str) -> float:
+        """The newest figure of a status; -1 while there is none."""
+        for _, values in reversed(self.statuses[status]):
+            if key in values:
+                return float(values[key])
+        return -1.0
+
+    def spin_until(self, done: Callable[[], bool], timeout_s: float, what: str) -> None:
+        """Take messages until something holds; fail when it takes too long."""
+        end = time.monotonic() + timeout_s
+        while not done():
+            assert time.monotonic() < end, f"{what} did not happen within {timeout_s} s"
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def spin(self, seconds: float) -> None:
+        """Take messages for some time."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+class Processes:
+    """Nodes in processes of their own, ended in order."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.running: dict[str, subprocess.Popen[str]] = {}
+
+    def start(self, name: str, parameters: str = "") -> None:
+        """Start a node with parameters given as the lines of its `ros__parameters`."""
+        code = f"from {MODULES[name]} import main; main()"
+        words = [sys.executable, "-c", code]
+        if parameters:
+            file = self._folder / f"{name}.yaml"
+            file.write_text(f"{name}:\n  ros__parameters: {parameters}\n")
+            words += ["--ros-args", "--params-file", str(file)]
+        log = open(self._folder / f"{name}.log", "w")  # noqa: SIM115 (lives with the process)
+        self.running[name] = subprocess.Popen(words, stdout=log, stderr=log, text=True)
+
+    def log(self, name: str) -> str:
+        """What a node printed."""
+        return (self._folder / f"{name}.log").read_text()
+
+    def stop(self) -> dict[str, int]:
+        """Interrupt all; exit codes by node."""
+        for process in self.running.values():
+            if process.poll() is None:
+                process.send_signal(2)
+        codes = {}
+        for name, process in self.running.items():
+            try:
+                codes[name] = process.wait(timeout=10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                codes[name] = process.wait()
+        return codes
+
+
+def own_domain(offset: int) -> str:
+    """A ROS domain that no other test on this machine uses."""
+    return str(1 + (os.getpid() + offset) % 100)

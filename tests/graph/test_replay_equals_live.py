@@ -1,0 +1,204 @@
+"""One bag through the live graph and through the replay gives the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+
+from bringup.bags import Recipe, write_bag
+from graph.graph_world import Processes, Watcher
+from roller_bringup.cli import main
+from roller_core.bags import typestore
+from roller_emvs.ply import read_ply
+
+pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+
+DEPTH = "{window_travel_m: 0.006, focus_sigma_px: 3.0}"
+TOPICS = (
+    "/roller/depth/image",
+    "/roller/depth/confidence",
+    "/roller/depth/camera_info",
+    "/roller/surface/points",
+    "/event_camera/events",
+)
+
+
+def test_replay_equals_live(
+    processes: Processes, watch: Callable[..., Watcher], tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / "scan")
+    params = tmp_path / "params.yaml"
+    params.write_text(f"emvs:\n  ros__parameters: {DEPTH}\n")
+    words = ["replay", str(bag), "--output", str(tmp_path / "out"), "--no-picture"]
+    assert main([*words, "--params", str(params)]) == 0
+    expected = replayed_depths(tmp_path / "out")
+    assert len(expected) >= 3
+
+    watcher = watch(*TOPICS)
+    processes.start("emvs", DEPTH)
+    processes.start("stitcher")
+    processes.start("recorder", f"{{output: {tmp_path / 'live'}}}")
+    ready = ("emvs: depth", "stitcher: surface", "recorder: recording")
+    watcher.spin_until(lambda: all(watcher.statuses[n] for n in ready), 60, "start of the nodes")
+    processes.start("player", f"{{bag: {bag}, settle_s: 2.0}}")
+    seen = watcher.seen
+    watcher.spin_until(
+        lambda: len(seen["/roller/depth/image"]) >= len(expected), 60, "all depth maps"
+    )
+    watcher.spin_until(lambda: len(seen["/roller/surface/points"]) >= 1, 30, "the surface")
+    watcher.spin(3.0)
+    assert watcher.value("emvs: depth", "lost_packets") == 0
+    assert watcher.value("emvs: depth", "events") > 0
+
+    live = {stamp_of(m): pixels_of(m) for m in seen["/roller/depth/image"]}
+    assert list(live) == list(expected)
+    for stamp, depth in live.items():
+        np.testing.assert_array_equal(depth, expected[stamp])
+    for message in seen["/roller/depth/image"]:
+        assert message.encoding == "32FC1"
+        assert message.header.frame_id == "event_camera_optical_frame"
+    assert [stamp_of(m) for m in seen["/roller/depth/camera_info"]] == list(expected)
+
+    clouds = [np.frombuffer(m.data, np.float32).reshape(-1, 5) for m in seen[TOPICS[3]]]
+    rows = np.concatenate(clouds)
+    surface = read_ply(tmp_path / "out" / "surface.ply")
+    assert len(rows) == len(surface["x"])
+    order_live, order_file = (
+        np.lexsort(rows[:, :3].T),
+        np.lexsort(np.stack([surface[k].astype(np.float32) for k in "xyz"])),
+    )
+    np.testing.assert_allclose(rows[order_live, 2], surface["z"][order_file], atol=1e-6)
+    assert all(m.header.frame_id == "base" for m in seen[TOPICS[3]])
+
+    codes = processes.stop()
+    assert set(codes.values()) == {0}, codes
+    check_recording(tmp_path / "live", bag)
+
+
+def check_recording(recorded: Path, bag: Path) -> None:
+    """The recorder wrote every packet, and its bag replays."""
+    counts = []
+    for path in (bag, recorded):
+        with Reader(path) as reader:
+            names = {c.topic: c.msgcount for c in reader.connections}
+            counts.append((names["/event_camera/events"], names["/tf"], names["/tf_static"]))
+    assert counts[0] == counts[1]
+    words = ["replay", str(recorded), "--output", str(recorded.parent / "again"), "--no-picture"]
+    assert main(words) == 0
+
+
+def stamp_of(message: Any) -> int:
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+
+
+def pixels_of(message: Any) -> np.ndarray:
+    return np.frombuffer(message.data, np.float32).reshape(message.height, message.width)
+
+
+def replayed_depths(output: Path) -> dict[int, np.ndarray]:
+    store, found = typestore(), {}
+    with Reader(output / "result") as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic == "/roller/depth/image":
+                message = store.deserialize_cdr(data, connection.msgtype)
+                found[stamp_of(message)] = pixels_of(message)
+    return found
+
+
+def test_nodes_report_and_go_on(
+    processes: Processes, watch: Callable[..., Watcher], tmp_path: Path
+) -> None:
+    """Broken packets and a gap in the poses: a diagnostic each, and depth before and after."""
+    from dataclasses import replace
+
+    def edit(topic: str, n: int, message: Any) -> Any:
+        if topic == "/event_camera/events" and n == 5:
+            return replace(message, events=message.events[:-1])
+        if topic == "/event_camera/events" and n == 6:
+            return replace(message, encoding="evt9")
+        if topic == "/event_camera/events" and n == 7:
+            return replace(message, width=64)
+        if topic == "/event_camera/events" and n == 8:
+            return None
+        if topic == "/tf" and n == 4:
+            message.transforms[0].transform.rotation.w = 0.0
+            message.transforms[0].transform.rotation.x = 0.0
+            message.transforms[0].transform.rotation.y = 0.0
+            message.transforms[0].transform.rotation.z = 0.0
+        return message
+
+    bag = write_bag(tmp_path / "scan", Recipe(edit=edit))
+    watcher = watch("/roller/depth/image")
+    processes.start("emvs", DEPTH)
+    watcher.spin_until(lambda: bool(watcher.statuses["emvs: depth"]), 60, "start of emvs")
+    assert "waiting for /event_camera/camera_info" in watcher.messages_of("emvs: depth")
+    processes.start("player", f"{{bag: {bag}, settle_s: 1.5}}")
+    status = "emvs: depth"
+    watcher.spin_until(
+        lambda: len(watcher.seen["/roller/depth/image"]) >= 3, 60, "depth in spite of faults"
+    )
+    watcher.spin(1.5)
+    said = " / ".join(watcher.messages_of(status))
+    for part in ("no whole number", "'evt9'", "64×120 px", "quaternion is zero"):
+        assert part in said, said
+    # One packet is missing; the broken ones and the one between decoders count as lost too.
+    assert watcher.value(status, "lost_packets") >= 1
+    assert watcher.value(status, "faults") == 4
+    assert processes.stop()["emvs"] == 0
+
+
+def test_a_source_that_starts_again_is_followed(
+    processes: Processes, watch: Callable[..., Watcher], tmp_path: Path
+) -> None:
+    """The same bag played twice into one graph: time jumps back, depth comes twice."""
+    bag = write_bag(tmp_path / "scan")
+    watcher = watch("/roller/depth/image")
+    processes.start("emvs", DEPTH)
+    watcher.spin_until(lambda: bool(watcher.statuses["emvs: depth"]), 60, "start of emvs")
+    processes.start("player", f"{{bag: {bag}, settle_s: 1.0, exit_when_done: true, linger_s: 1.5}}")
+    player = processes.running["player"]
+    watcher.spin_until(lambda: player.poll() is not None, 60, "end of the first playing")
+    assert player.poll() == 0
+    first = [stamp_of(m) for m in watcher.seen["/roller/depth/image"]]
+    assert len(first) >= 3
+    # A later recording of the same: everything ten seconds earlier.
+    earlier = write_bag(tmp_path / "earlier", Recipe(edit=ten_seconds_earlier))
+    processes.start("player", f"{{bag: {earlier}, settle_s: 1.0}}")
+    watcher.spin_until(
+        lambda: len(watcher.seen["/roller/depth/image"]) >= 2 * len(first), 60, "depth once more"
+    )
+    again = [stamp_of(m) for m in watcher.seen["/roller/depth/image"]][len(first) :]
+    assert [s + 10 * 10**9 for s in again] == first
+
+
+def ten_seconds_earlier(topic: str, n: int, message: Any) -> Any:
+    stamped = message.transforms if hasattr(message, "transforms") else [message]
+    headers = [item.header for item in stamped]
+    for header in headers:
+        header.stamp.sec -= 10
+    return message
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "message"),
+    [
+        ("emvs", "{planes: 1}", "planes"),
+        ("emvs", "{depth_min_m: 0.05}", "depth_min_m"),
+        ("emvs", "{method: magic}", "method"),
+        ("player", "{bag: /nowhere}", "there is no such file or folder"),
+        ("player", "{}", "'bag' is empty"),
+        ("recorder", "{output: /proc/nowhere}", "can't be written"),
+    ],
+)
+def test_bad_parameters_stop_a_node_with_one_line(
+    processes: Processes, watch: Callable[..., Watcher], name: str, parameters: str, message: str
+) -> None:
+    processes.start(name, parameters)
+    assert processes.running[name].wait(timeout=60) == 1
+    assert message in processes.log(name)
+    assert "Traceback" not in processes.log(name)

@@ -1,0 +1,96 @@
+"""The whole chain over DDS: virtual cell to depth, cloud and text, in separate processes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from graph.graph_world import Watcher
+from roller_bringup.launching import load
+from roller_bringup.live import run_until_done
+from roller_bringup.results.recorded import gather
+from roller_bringup.results.report import Report
+from roller_emvs.ply import read_ply
+from roller_ros import qos
+
+pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+
+LAUNCH = Path(__file__).resolve().parents[2] / "launch" / "virtual.launch.xml"
+
+
+def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> None:
+    overrides = tmp_path / "overrides.yaml"
+    overrides.write_text(
+        "virtual_cell:\n"
+        "  ros__parameters:\n"
+        f"    truth_output: {tmp_path / 'truth'}\n"
+        "    scene: {text: 'dfhj', margin_mm: 3.0}\n"
+    )
+    plan = load(
+        LAUNCH,
+        {
+            "scene": "braille",
+            "speed": "0.3",
+            "params": str(overrides),
+            "record": "true",
+            "output": str(tmp_path / "bag"),
+        },
+    )
+    seen = run_until_done(plan, timeout_s=240)
+    report = Report("live", "focus", {})
+    gather(tmp_path / "bag", tmp_path, tmp_path / "truth", report)
+    written = json.loads((tmp_path / "report.json").read_text())
+    assert written["totals"]["braille_text"] == ["dfhj"]
+    assert written["truth"]["text"] == "dfhj"
+    braille = written["truth"]["objects"]["braille"]
+    assert braille["points"] > 2000
+    assert braille["mae_um"] < 300
+    cloud = read_ply(tmp_path / "surface.ply")
+    assert len(cloud["x"]) > 2000
+    assert cloud["height"].max() < 1.5e-3
+    depth = seen.statuses["emvs: depth"][1]
+    assert int(depth["lost_packets"]) == 0
+    assert int(depth["dropped_events"]) == 0
+    assert seen.received["/roller/braille/cells"] == 4
+
+
+def test_publishers_offer_what_the_contract_says(domain: None, tmp_path: Path) -> None:
+    """Reliability and durability of every topic, asked of the graph itself."""
+    from graph.graph_world import Processes
+
+    watcher = Watcher(())
+    processes = Processes(tmp_path)
+    try:
+        for name in ("emvs", "stitcher", "braille"):
+            processes.start(name)
+        processes.start(
+            "virtual_cell", "{scene: {name: flat}, wait_s: 60.0, subscribers: 9, prepare: false}"
+        )
+        expected = {
+            "/event_camera/events": qos.EVENTS,
+            "/event_camera/camera_info": qos.LATCHED,
+            "/tf": qos.TF,
+            "/tf_static": qos.TF_STATIC,
+            "/roller/depth/image": qos.DEPTH,
+            "/roller/depth/confidence": qos.DEPTH,
+            "/roller/depth/camera_info": qos.DEPTH,
+            "/roller/surface/points": qos.SURFACE,
+            "/roller/braille/cells": qos.BRAILLE,
+            "/roller/braille/text": qos.BRAILLE,
+            "/roller/braille/markers": qos.MARKERS,
+        }
+        node = watcher.node
+        watcher.spin_until(
+            lambda: all(node.get_publishers_info_by_topic(t) for t in expected), 90, "publishers"
+        )
+        for topic, profile in expected.items():
+            for info in node.get_publishers_info_by_topic(topic):
+                offered = info.qos_profile
+                assert offered.reliability == profile.reliability, topic
+                assert offered.durability == profile.durability, topic
+    finally:
+        processes.stop()
+        watcher.close()
