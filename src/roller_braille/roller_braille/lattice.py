@@ -15,7 +15,7 @@ from .warp import F64
 REACH = 0.25
 _SCALES = 7
 #: Spots weaker than this, against strong ones, have no part in finding a lattice.
-_FAINT = 0.2
+_FAINT = 0.06
 _STRONG = 3
 _STEP_M = 0.0001
 #: Where dots fit several rows or columns alike, the upper row and the left column are taken.

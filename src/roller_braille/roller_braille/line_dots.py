@@ -12,6 +12,8 @@ from .warp import F64
 #: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
 _NEAR_CELLS = 4
 _LEAST_DOTS = 4
+#: Strength of a typical dot among them: pixels that fire for the first time can make some strong.
+_TYPICAL = 0.35
 #: A side of a dot is taken to hold at least this share of its events.
 _LEAST_SHARE = 0.2
 #: A dot may lie this far off its node, along and down.
@@ -75,7 +77,7 @@ class LineDots:
         if near.sum() < _LEAST_DOTS:
             near = np.isin(np.arange(len(cells)), np.argsort(cells, kind="stable")[:_LEAST_DOTS])
         wholes = halves[near, :2].sum(axis=1)
-        whole = float(np.median(wholes))
+        whole = float(np.quantile(wholes, _TYPICAL))
         if whole < least:
             return None
         shares = np.median(halves[near] / np.maximum(wholes, 1e-9)[:, None], axis=0)

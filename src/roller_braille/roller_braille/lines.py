@@ -12,7 +12,7 @@ from .cells import Seen
 from .dots import CHANCE, Dots
 from .lattice import Lattice
 from .line_dots import LineDots
-from .recognise import Energies, Recogniser, Reference, image_around, share
+from .recognise import FILLED, Energies, Recogniser, Reference, image_around, share
 from .settings import BrailleSettings
 from .strip import Kind, Strip
 from .warp import F32, F64
@@ -145,7 +145,7 @@ class LineReader:
         dots = 0
         for n in range(self._settings.lookahead_cells + 1):
             found = self._measure(self.lattice.moved(n))[3]
-            filled = found.whole > reference.whole / 2
+            filled = found.whole > FILLED * reference.whole
             dots += int(filled.sum())
             held += float(found.whole[filled].sum())
             total += max(found.total, 0.0)

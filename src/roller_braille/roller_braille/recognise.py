@@ -20,7 +20,7 @@ from .strip import Kind, Strip
 from .warp import F32, F64
 
 #: Share of a dot's events at which a place is certainly empty, and at which it certainly is not.
-_EMPTY, _FILLED = 0.1, 0.3
+EMPTY, FILLED = 0.1, 0.3
 #: Share that a dot's weakest side has of what it should, at which it is broken, and complete.
 _BROKEN, _COMPLETE = 0.1, 0.5
 _TELLING = 0.3
@@ -171,7 +171,7 @@ class Recogniser:
         telling = reference.shares >= _TELLING
         weakest = np.where(telling, shares / reference.shares, 1.0).min(axis=1)
         complete = np.clip((weakest - _BROKEN) / (_COMPLETE - _BROKEN), 0.0, 1.0)
-        filled = np.clip((whole - _EMPTY) / (_FILLED - _EMPTY), 0.0, 1.0)
+        filled = np.clip((whole - EMPTY) / (FILLED - EMPTY), 0.0, 1.0)
         circles = self._circles(image, at, reference)
         w = self._settings.hough_weight
         evidence = filled * ((1 - w) * (1 + complete) / 2 + w * circles)
