@@ -7,6 +7,8 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from roller_driver.dvxplorer import protocol as p
 
 MAX_PACKET = 1024
@@ -50,8 +52,8 @@ class CameraModel:
         Alternate setting of the interface that has the event endpoint.
     unanswered : set of (module, parameter)
         Reads that it never answers.
-    repeat : bool
-        Whether the stream begins again when it ends.
+    repeat_ms : int
+        Not 0: the stream begins again when it ends, so many milliseconds later in its own time.
     """
 
     stream: bytes = b""
@@ -63,7 +65,7 @@ class CameraModel:
     endpoint_delay_s: float = 0.0
     alternate: int = 0
     unanswered: set[tuple[int, int]] = field(default_factory=set)
-    repeat: bool = False
+    repeat_ms: int = 0
 
     def __post_init__(self) -> None:
         self.values: dict[tuple[int, int], int] = {
@@ -176,7 +178,8 @@ class CameraModel:
                     data = self.stream[self._position : self._position + length]
                     self._position += length
                     self.sent += length
-                    if self.repeat and self._position >= len(self.stream):
+                    if self.repeat_ms and self._position >= len(self.stream):
+                        self.stream = _later(self.stream, self.repeat_ms)
                         self._position = 0
                     return data
                 wait = end - time.monotonic()
@@ -215,3 +218,11 @@ class CameraModel:
         self.halted = False
         for key in [(p.MODULE_DVS, p.DVS_RUN), (p.MODULE_SENSOR, p.REG_MODE)]:
             self.values.pop(key, None)
+
+
+def _later(stream: bytes, ms: int) -> bytes:
+    """The same words, their references `ms` later."""
+    words = np.frombuffer(stream, "<u4").copy()
+    references = (words >> np.uint32(26)) == 2
+    words[references] = 2 << 26 | (words[references] + np.uint32(ms)) & 0x3FFFFF
+    return words.tobytes()

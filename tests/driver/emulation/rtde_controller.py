@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import select
 import socket
 import struct
@@ -173,10 +174,12 @@ class ControllerModel:
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                     self.clients.append(Client(connection))
                 elif item is sys.stdin:
-                    line = sys.stdin.readline()
-                    if not line or line.strip() == "quit":
+                    # Not readline: what it buffers, select doesn't see.
+                    data = os.read(sys.stdin.fileno(), 4096).decode()
+                    if not data or "quit" in data.split():
                         return
-                    self.command(*line.split())
+                    for line in data.splitlines():
+                        self.command(*line.split())
                 else:
                     self._serve(next(c for c in self.clients if c.connection is item))
             if time.monotonic() < due:

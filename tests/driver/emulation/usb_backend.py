@@ -20,17 +20,19 @@ from .camera_model import MAX_PACKET, CameraModel, Stall
 #: Environment variables that `from_environment` reads.
 EVENTS_VARIABLE = "EMULATED_CAMERA_WORDS"
 RATE_VARIABLE = "EMULATED_CAMERA_BYTES_PER_S"
+REPEAT_VARIABLE = "EMULATED_CAMERA_REPEAT_MS"
 
 
 def from_environment() -> EmulatedBackend:
-    """A backend with one camera that sends the words in a file, over and over.
+    """A backend with one camera that sends the words in a file, over and over where told.
 
     For nodes, which are processes of their own: parameter `backend` =
     `driver.emulation.usb_backend:from_environment`.
     """
     words = np.fromfile(os.environ[EVENTS_VARIABLE], "<u4")
     rate = float(os.environ.get(RATE_VARIABLE, "0"))
-    return EmulatedBackend(CameraModel(words.tobytes(), bytes_per_s=rate, repeat=True))
+    repeat = int(os.environ.get(REPEAT_VARIABLE, "0"))
+    return EmulatedBackend(CameraModel(words.tobytes(), bytes_per_s=rate, repeat_ms=repeat))
 
 
 class EmulatedBackend(usb.backend.IBackend):
