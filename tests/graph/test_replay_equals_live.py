@@ -45,7 +45,7 @@ def test_replay_equals_live(
     processes.start("recorder", f"{{output: {tmp_path / 'live'}}}")
     ready = ("emvs: depth", "stitcher: surface", "recorder: recording")
     watcher.spin_until(lambda: all(watcher.statuses[n] for n in ready), 60, "start of the nodes")
-    processes.start("player", f"{{bag: {bag}, settle_s: 2.0}}")
+    processes.start("player", f"{{bag: {bag}, subscribers: 3, settle_s: 1.5}}")
     seen = watcher.seen
     watcher.spin_until(
         lambda: len(seen["/roller/depth/image"]) >= len(expected), 60, "all depth maps"
@@ -137,7 +137,7 @@ def test_nodes_report_and_go_on(
     processes.start("emvs", DEPTH)
     watcher.spin_until(lambda: bool(watcher.statuses["emvs: depth"]), 60, "start of emvs")
     assert "waiting for /event_camera/camera_info" in watcher.messages_of("emvs: depth")
-    processes.start("player", f"{{bag: {bag}, settle_s: 1.5}}")
+    processes.start("player", f"{{bag: {bag}, settle_s: 1.0}}")
     status = "emvs: depth"
     watcher.spin_until(
         lambda: len(watcher.seen["/roller/depth/image"]) >= 3, 60, "depth in spite of faults"
@@ -160,7 +160,7 @@ def test_a_source_that_starts_again_is_followed(
     watcher = watch("/roller/depth/image")
     processes.start("emvs", DEPTH)
     watcher.spin_until(lambda: bool(watcher.statuses["emvs: depth"]), 60, "start of emvs")
-    processes.start("player", f"{{bag: {bag}, settle_s: 1.0, exit_when_done: true, linger_s: 1.5}}")
+    processes.start("player", f"{{bag: {bag}, settle_s: 1.0, exit_when_done: true, linger_s: 6.0}}")
     player = processes.running["player"]
     watcher.spin_until(lambda: player.poll() is not None, 60, "end of the first playing")
     assert player.poll() == 0

@@ -32,14 +32,14 @@ class PlayerParameters(Settings):
     rate: float = Field(
         1.0, ge=0.001, le=1000.0, description="How fast to play it; 1 is as it was recorded."
     )
+    subscribers: int = Field(
+        1, ge=0, le=100, description="Subscribers to the events to wait for before playing."
+    )
     wait_s: float = Field(
-        10.0,
-        ge=0.0,
-        le=600.0,
-        description="How long to wait for a subscriber to the events before playing, s.",
+        20.0, ge=0.0, le=600.0, description="How long to wait for them at most, s."
     )
     settle_s: float = Field(
-        1.0, ge=0.0, le=60.0, description="Pause between the first subscriber and playing, s."
+        1.0, ge=0.0, le=60.0, description="Pause between the last subscriber and playing, s."
     )
     exit_when_done: bool = Field(False, description="Whether to end after the last message.")
     linger_s: float = Field(
@@ -86,7 +86,7 @@ class PlayerNode(Node):
 
     def _run(self) -> None:
         try:
-            self._wait_for_subscriber()
+            self._wait_for_subscribers()
             self._play()
         except RollerError as error:
             self._diagnostics.fault(str(error))
@@ -94,11 +94,11 @@ class PlayerNode(Node):
         if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
             self.done.set()
 
-    def _wait_for_subscriber(self) -> None:
+    def _wait_for_subscribers(self) -> None:
         events = self._outputs["/event_camera/events"]
         end = time.monotonic() + self._p.wait_s
         while time.monotonic() < end and not self._stop.is_set():
-            if events.get_subscription_count():
+            if events.get_subscription_count() >= self._p.subscribers:
                 break
             time.sleep(0.05)
         self._stop.wait(self._p.settle_s)

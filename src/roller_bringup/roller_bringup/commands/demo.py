@@ -44,11 +44,9 @@ def run(args: argparse.Namespace) -> int:
 
     folder = fresh_folder(args.output.absolute())
     overrides = folder / "parameters.yaml"
-    overrides.write_text(
-        yaml.safe_dump(
-            {"virtual_cell": {"ros__parameters": {"truth_output": str(folder / "truth")}}}
-        )
-    )
+    # The scan starts when depth, Braille and recorder are all listening.
+    cell = {"truth_output": str(folder / "truth"), "subscribers": 3}
+    overrides.write_text(yaml.safe_dump({"virtual_cell": {"ros__parameters": cell}}))
     arguments = {
         "scene": args.scene,
         "speed": str(args.speed),
