@@ -1,0 +1,214 @@
+"""The robot's receiver with the real library against an emulated controller on loopback."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import threading
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from driver.emulation import rtde_controller
+from driver.emulation.controller_process import ControllerProcess
+from roller_core.clock import SensorClock
+from roller_driver.ur10.errors import (
+    MissingLibraryError,
+    ProtocolRefusedError,
+    RobotUnreachableError,
+)
+from roller_driver.ur10.receiver import (
+    RECEIVING,
+    SEARCHING,
+    VARIABLES,
+    RobotReceiver,
+    open_receiver,
+)
+from roller_driver.ur10.rtde import ask_controller
+
+pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
+# One after the other: the library knows port 30004 only.
+pytestmark = pytest.mark.xdist_group("rtde")
+
+HOST = "127.0.0.1"
+
+
+class Running:
+    """A receiver, and what it handed out."""
+
+    def __init__(self, **settings):
+        self.samples, self.changes = [], []
+        self.receiver = RobotReceiver(
+            HOST, self.samples.append, on_change=lambda *c: self.changes.append(c),
+            retry_s=0.1, connect_timeout_s=1.0, **settings,
+        )  # fmt: skip
+
+    def __enter__(self):
+        self.receiver.start()
+        return self
+
+    def __exit__(self, *_):
+        self.receiver.stop()
+
+    def wait(self, condition, timeout_s=10.0):
+        end = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end, (self.receiver.status, self.changes)
+            time.sleep(0.01)
+
+    def wait_for(self, n):
+        self.wait(lambda: len(self.samples) >= n)
+
+
+@pytest.mark.parametrize(("rate", "period_ns"), [(125, 8_000_000), (500, 2_000_000)])
+def test_every_sample_comes_untorn_at_the_controllers_rate(rate, period_ns):
+    settings = {"rate_hz": rate, "speed_m_s": 0.5, "profile": "circle"}
+    with ControllerProcess(**settings), Running() as running:
+        running.wait_for(rate)
+    samples, status = running.samples, running.receiver.status
+    times = np.array([s.controller_ns for s in samples])
+    steps = np.diff(times)
+    # Other processes may take the machine for a while; what is missed must be counted.
+    assert np.all(steps > 0)
+    assert int((np.rint(steps / period_ns) - 1).sum()) == status.missed <= rate // 10
+    model = rtde_controller.Settings(**settings)
+    for sample in samples:
+        t = sample.controller_ns * 1e-9 - model.clock_start_s
+        pose, speed = rtde_controller.motion(model, t)
+        assert sample.pose == pytest.approx(pose, abs=1e-8)
+        assert sample.speed == pytest.approx(speed, abs=1e-7)
+    assert status.controller is not None
+    assert status.controller.rate_hz == rate
+    assert (status.safety, status.stopped_for_safety) == ("normal", False)
+
+
+def test_a_protective_stop_and_its_end():
+    with ControllerProcess() as controller, Running() as running:
+        running.wait_for(20)
+        controller.tell("protective_stop")
+        running.wait(lambda: running.receiver.status.stopped_for_safety)
+        assert running.receiver.status.safety == "protective stop"
+        count = len(running.samples)
+        running.wait_for(count + 20)
+        assert running.samples[-1].speed == (0.0,) * 6
+        controller.tell("normal")
+        running.wait(lambda: not running.receiver.status.stopped_for_safety)
+
+
+def test_disconnected_and_connected_again():
+    with ControllerProcess() as controller, Running() as running:
+        running.wait_for(20)
+        controller.tell("disconnect")
+        running.wait(lambda: running.receiver.status.state == SEARCHING)
+        count = len(running.samples)
+        running.wait_for(count + 50)
+        assert running.receiver.status.connects == 2
+    states = [state for state, _ in running.changes]
+    assert states == [SEARCHING, RECEIVING, SEARCHING, RECEIVING, "stopped"]
+
+
+def test_a_controller_that_restarts():
+    with ControllerProcess() as controller, Running() as running:
+        running.wait_for(20)
+        controller.stop()
+        running.wait(lambda: "can't be reached" in running.receiver.status.fault)
+        controller.start(clock_start_s=5.0)
+        running.wait(lambda: running.samples[-1].controller_ns < 100e9)
+
+
+def test_silence_is_noticed():
+    with ControllerProcess() as controller, Running(silence_s=0.2) as running:
+        running.wait_for(20)
+        controller.tell("silence 1.0")
+        running.wait(lambda: "nothing came for 0.2 s" in str(running.changes))
+        count = len(running.samples)
+        running.wait_for(count + 20)
+
+
+def test_late_packets_do_not_move_the_clock():
+    with ControllerProcess(clock_ppm=50) as controller, Running() as running:
+        for _ in range(4):
+            running.wait_for(len(running.samples) + 60)
+            controller.tell("late 0.05")
+        running.wait_for(len(running.samples) + 60)
+    clock = SensorClock()
+    late = []
+    for sample in running.samples:
+        clock.observe(sample.controller_ns, sample.arrival_ns)
+        late.append(clock.residual_s)
+        stamp = int(clock.to_ros_ns(sample.controller_ns))
+        if len(late) > 30:
+            assert stamp - sample.arrival_ns < 1e6
+    assert max(late) > 0.02
+    assert np.median(late) < 2e-3
+    assert clock.steps == 0
+
+
+def test_a_clock_that_steps_back_is_counted():
+    with ControllerProcess() as controller, Running() as running:
+        running.wait_for(20)
+        controller.tell("step_back 10")
+        running.wait(lambda: running.receiver.status.steps_back == 1)
+        running.wait_for(len(running.samples) + 20)
+
+
+def test_a_refused_protocol_version_is_told():
+    with ControllerProcess(refuse_protocol=True), Running() as running:
+        running.wait(lambda: "refuses RTDE protocol version 2" in running.receiver.status.fault)
+        assert running.receiver.status.state == SEARCHING
+
+
+def test_a_variable_that_the_controller_does_not_have():
+    """The library would end the process; the handshake finds it first."""
+    with (
+        ControllerProcess(missing=["safety_mode"]),
+        pytest.raises(ProtocolRefusedError, match=r"3\.15\.8\.0 \(CB3\) doesn't know safety_mode"),
+    ):
+        ask_controller(HOST, VARIABLES)
+
+
+def test_no_robot():
+    with socket.create_server((HOST, 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(RobotUnreachableError, match=f"robot {HOST}:{port}: it can't be reached"):
+        ask_controller(HOST, VARIABLES, 0.5, port)
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n" + bytes(30000)])
+def test_something_else_answers(answer):
+    with socket.create_server((HOST, 0)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(100)
+                connection.sendall(answer)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        with pytest.raises(ProtocolRefusedError, match="check robot_ip"):
+            ask_controller(HOST, VARIABLES, 1.0, server.getsockname()[1])
+        thread.join()
+
+
+def test_one_that_says_nothing():
+    with (
+        socket.create_server((HOST, 0)) as server,
+        pytest.raises(RobotUnreachableError, match="no answer"),
+    ):
+        ask_controller(HOST, VARIABLES, 0.2, server.getsockname()[1])
+
+
+def test_without_the_library(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rtde_receive", None)
+    with pytest.raises(MissingLibraryError, match="pip install ur-rtde"):
+        open_receiver(HOST)
+
+
+def test_the_line_goes_to_and_fro():
+    s = rtde_controller.Settings(speed_m_s=0.1, length_m=0.2)
+    xs = [rtde_controller.motion(s, t / 10)[0][0] - s.start[0] for t in range(80)]
+    assert (min(xs), max(xs)) == (0.0, pytest.approx(0.2))
+    assert all(abs(b - a) == pytest.approx(0.01) for a, b in pairwise(xs))

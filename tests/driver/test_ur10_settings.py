@@ -1,0 +1,87 @@
+"""Parameters of the drivers' nodes, and the files that hold their defaults."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from roller_core.camera import Camera, CameraError
+from roller_core.errors import SettingsError
+from roller_core.settings import parameter_file
+from roller_driver.dvxplorer.camera_info import load_camera_info
+from roller_driver.dvxplorer.node_settings import EventCameraParameters
+from roller_driver.ur10.settings import Ur10Parameters
+
+CONFIG = Path(__file__).parents[2] / "config"
+
+
+@pytest.mark.parametrize(
+    ("node", "model"), [("event_camera", EventCameraParameters), ("ur10", Ur10Parameters)]
+)
+def test_the_parameter_file_has_every_parameter(node, model):
+    """`scripts/write_config.py` writes it."""
+    path = CONFIG / f"{node}.yaml"
+    assert path.read_text() == parameter_file({node: model})
+    assert model.from_yaml(path, node) == model()
+    assert all(field.description for field in model.model_fields.values())
+
+
+def test_the_cameras_place_as_quaternion_or_rotation_vector(tmp_path):
+    file = tmp_path / "hand_eye.yaml"
+    file.write_text(
+        yaml.safe_dump({"ur10": {"ros__parameters": {
+            "hand_eye_m": [0.01, -0.03, 0.08], "hand_eye_rotation_rad": [0.0, 0.0, np.pi / 2],
+        }}})
+    )  # fmt: skip
+    one = Ur10Parameters.from_yaml(file, "ur10").hand_eye
+    half = float(np.sqrt(0.5))
+    other = Ur10Parameters(
+        hand_eye_m=(0.01, -0.03, 0.08), hand_eye_quaternion=(0.0, 0.0, half, half)
+    ).hand_eye
+    assert np.allclose(one.matrix, other.matrix)
+    assert np.allclose(one.matrix[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert not Ur10Parameters().hand_eye_known
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"hand_eye_quaternion": (0.0, 0.0, 0.0, 2.0)}, "has length 2, not 1"),
+        (
+            {
+                "hand_eye_quaternion": (1.0, 0.0, 0.0, 0.0),
+                "hand_eye_rotation_rad": (1.0, 0.0, 0.0),
+            },
+            "not both",
+        ),
+        ({"hand_eye_m": (0.0, 1.0)}, "hand_eye_m"),
+    ],
+)
+def test_a_place_that_makes_no_sense(values, says):
+    with pytest.raises(SettingsError, match=says):
+        Ur10Parameters.create(values)
+
+
+def test_the_prefix_goes_before_the_robots_frames_only():
+    p = Ur10Parameters(tf_prefix="left_")
+    assert (p.base, p.tool, p.sensor_frame) == (
+        "left_base", "left_tool0_controller", "event_camera_optical_frame",
+    )  # fmt: skip
+
+
+def test_calibration_by_path_and_by_url(tmp_path):
+    path = tmp_path / "a camera.yaml"
+    camera = Camera(640, 480, 1000.0, 1001.0, 320.0, 240.0)
+    camera.to_yaml(path)
+    assert load_camera_info(str(path)) == camera
+    assert load_camera_info("file://" + str(path).replace(" ", "%20")) == camera
+    with pytest.raises(CameraError, match="only paths and file:// URLs"):
+        load_camera_info("package://cell/camera.yaml")
+    with pytest.raises(CameraError, match="can't be read"):
+        load_camera_info(str(tmp_path / "none.yaml"))
+    Camera(346, 260, 300.0, 300.0, 170.0, 130.0).to_yaml(path)
+    with pytest.raises(CameraError, match="346x260 sensor, this one has 640x480"):
+        load_camera_info(str(path))
