@@ -54,3 +54,34 @@ def test_parallax_direction_follows_the_motion() -> None:
         u, v = focus.parallax_direction(t * np.array([axis]) * 0.01)
         planar = np.array(axis[:2]) / np.linalg.norm(axis[:2])
         assert abs(abs(u * planar[0] + v * planar[1]) - 1) < 1e-6
+
+
+def test_events_are_warped_to_the_depth_they_meet() -> None:
+    """Against a slow form: each ray walks to the pixel whose depth it meets."""
+    rng = np.random.default_rng(1)
+    n, height, width = 400, 40, 60
+    u, v = (rng.uniform(0, s, n).astype(np.float32) for s in (width, height))
+    starts = np.array([0, 150, 400])
+    centres = np.array([[0.001, 0.0, 0.0], [-0.002, 0.0005, 0.0003]])
+    depth = (0.045 + 0.0005 * np.sin(np.arange(width) / 9.0))[None, :].repeat(height, axis=0)
+    depth = depth.astype(np.float32)
+    depth[10:14] = np.nan
+    fx = fy = 300.0
+    cx, cy = 29.5, 19.5
+    image = np.zeros((height, width), np.float32)
+    focus._warp_to_depth(u, v, starts, centres, depth, 0.045, fx, fy, cx, cy, image)
+    expected = np.zeros_like(image)
+    for k in range(2):
+        for i in range(starts[k], starts[k + 1]):
+            z, pixel = 0.045, None
+            for _ in range(3):
+                a = 1 - centres[k, 2] / z
+                x = round(np.floor((u[i] - cx) * a + cx + fx * centres[k, 0] / z + 0.5))
+                y = round(np.floor((v[i] - cy) * a + cy + fy * centres[k, 1] / z + 0.5))
+                pixel = (y, x) if 0 <= x < width and 0 <= y < height else None
+                if pixel is None or np.isnan(depth[pixel]):
+                    break
+                z = float(depth[pixel])
+            if pixel is not None:
+                expected[pixel] += 1
+    np.testing.assert_array_equal(image, expected)

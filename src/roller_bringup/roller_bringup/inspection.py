@@ -20,8 +20,9 @@ from roller_emvs.settings import DepthSettings, StitcherSettings
 from roller_emvs.stitcher import Patch, Stitcher
 from roller_emvs.windows import RefusedWindow
 
+_FRAMES = frozenset({"base_frame", "moving_frame", "sensor_frame", "idle_flush_s"})
 #: Parameters of the nodes that only make sense in a graph.
-_GRAPH_ONLY = frozenset({"base_frame", "moving_frame", "sensor_frame", "idle_flush_s"})
+_GRAPH_ONLY = {"emvs": _FRAMES, "stitcher": _FRAMES | {"max_pose_gap_s"}, "braille": _FRAMES}
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class InspectionSettings:
 
         def section(node: str) -> dict[str, Any]:
             values = read_parameters(path, node) if path else {}
-            return {k: v for k, v in values.items() if k not in _GRAPH_ONLY}
+            return {k: v for k, v in values.items() if k not in _GRAPH_ONLY[node]}
 
         source = str(path) if path else "settings"
         depth = section("emvs")

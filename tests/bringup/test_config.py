@@ -1,0 +1,53 @@
+"""The files in config/ say what the settings models say."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import yaml
+
+from roller_bringup.inspection import InspectionSettings
+from roller_core.settings import parameter_file, read_parameters
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def write_config() -> object:
+    """The script that writes the files."""
+    spec = importlib.util.spec_from_file_location("write_config", ROOT / "scripts/write_config.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+FILES = write_config().FILES  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("node", FILES)
+def test_files_are_in_step_with_the_models(node: str) -> None:
+    text = (ROOT / "config" / f"{node}.yaml").read_text()
+    assert text == parameter_file({node: FILES[node]}), "run scripts/write_config.py"
+
+
+@pytest.mark.parametrize("node", FILES)
+def test_every_parameter_is_described_and_valid(node: str) -> None:
+    model = FILES[node]
+    for name, field in model.model_fields.items():
+        assert field.description, f"{node}.{name} has no description"
+    assert model.from_yaml(ROOT / "config" / f"{node}.yaml", node) == model.create({})
+
+
+def test_all_defaults_load_for_a_replay() -> None:
+    for name in ("emvs", "stitcher", "braille", "slider_depth"):
+        InspectionSettings.load(ROOT / "config" / f"{name}.yaml")
+
+
+def test_every_config_file_is_a_parameter_file() -> None:
+    for path in (ROOT / "config").glob("*.yaml"):
+        data = yaml.safe_load(path.read_text()) or {}
+        for node in data:
+            assert isinstance(read_parameters(path, node), dict)
