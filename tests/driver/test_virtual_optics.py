@@ -71,7 +71,7 @@ def test_rendering_equals_its_numpy_twin(scene, contact):
 
 
 def test_light_is_fitted_within_a_percent():
-    light = LightSettings.create({"ambient": 0.0, "specular": 0.0})
+    light = LightSettings.create({"ambient": 0.0, "diffuse": 1.0, "specular": 0.0})
     vector = light_vector(light, 17.0)
     r = np.linspace(0.0, 16.5, 50)
     for depth in (43.0, 45.0, 47.0):

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import hashlib
+from pathlib import Path
+
 import numba
 import numpy as np
 import pytest
 
 from driver import virtual_twins as twins
+from roller_driver.virtual import _render_kernels as render_kernels
 from roller_driver.virtual import _sensor_kernels as kernels
 from roller_driver.virtual.cell import VirtualCell
 from roller_driver.virtual.sensor import EventSensor, unpack
@@ -197,3 +201,9 @@ def test_background_and_hot_pixels_have_the_rates_set():
 def test_sensor_settings_have_ranges():
     with pytest.raises(ValueError, match="threshold"):
         SensorSettings(threshold=0.0)
+
+
+def test_the_cached_kernels_know_which_rendering_they_hold():
+    source = Path(render_kernels.__file__).read_bytes()
+    digest = hashlib.sha256(source).hexdigest()[:16]
+    assert digest == kernels.RENDERING, f'write RENDERING = "{digest}" into _sensor_kernels.py'

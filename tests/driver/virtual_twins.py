@@ -95,7 +95,8 @@ def shade(xn, yn, z, sx, sy, coat, light):
         return np.mean(parts, axis=0)
 
     gloss = lobe(ex, ey) / lobe(np.zeros(1), np.zeros(1))
-    total = light.ambient + light.diffuse * np.maximum(matt, 0) + light.specular * gloss
+    scattered = light.ambient * (1 + 1 / np.sqrt(1 + sx**2 + sy**2)) / 2
+    total = scattered + light.diffuse * np.maximum(matt, 0) + light.specular * gloss
     return np.log(total) + coat
 
 

@@ -173,7 +173,8 @@ def _shade_row(xn, yn, z, sx, sy, coat, light, out):  # type: ignore[no-untyped-
         dz = (zu - z_mid) * inv_z
         side = a0 + rho * (a1 + rho * (a2 + rho * a3)) + dz * (d0 + rho * (d1 + rho * d2))
         front = b0 + rho * (b1 + rho * (b2 + rho * b3)) + dz * (e0 + rho * (e1 + rho * e2))
-        lambert = (front - (p * x + q * y) * side) / np.float32(math.sqrt(_ONE + p * p + q * q))
+        upright = _ONE / np.float32(math.sqrt(_ONE + p * p + q * q))
+        lambert = (front - (p * x + q * y) * side) * upright
         # Ring-averaged lobe about the slope that mirrors the light into the lens.
         facing = _ONE / (zu - half_ring_z)
         ex = p + x * facing
@@ -183,5 +184,7 @@ def _shade_row(xn, yn, z, sx, sy, coat, light, out):  # type: ignore[no-untyped-
         b_sq = np.float32(4.0) * e_sq * alpha2 * inv_m2 * inv_m2
         g = a * a - b_sq
         lobe = a / (g * np.float32(math.sqrt(g)))
-        shade = ambient + diffuse * max(lambert, np.float32(0.0)) + specular * lobe
+        # Scattered light comes from the dome above the skin: half of it reaches an upright wall.
+        scattered = ambient * (_HALF + _HALF * upright)
+        shade = scattered + diffuse * max(lambert, np.float32(0.0)) + specular * lobe
         out[u] = _fast_log(max(shade, floor)) + coat[u]

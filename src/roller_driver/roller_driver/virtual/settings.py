@@ -83,15 +83,15 @@ class SkinSettings(Settings):
 
 
 class LightSettings(Settings):
-    """The LED ring, the coating and the scattered light."""
+    """The LED ring, the coating and the scattered light; strengths count at the plate's middle."""
 
     ambient: float = Field(
-        0.45, ge=0.0, le=10.0, description="scattered light; plate's middle is 1"
+        1.0, ge=0.0, le=10.0, description="light scattered in the roller, from the dome above"
     )
-    diffuse: float = Field(1.0, ge=0.0, le=10.0, description="matt part of the ring's light")
-    specular: float = Field(0.3, ge=0.0, le=10.0, description="semi-specular part of it")
-    lobe_slope: float = Field(0.45, ge=0.02, le=3.0, description="width of the lobe, as a slope")
-    ring_radius_mm: float = Field(14.0, ge=0.0, le=40.0, description="radius of the LED ring, mm")
+    diffuse: float = Field(0.5, ge=0.0, le=10.0, description="matt part of the ring's light")
+    specular: float = Field(0.15, ge=0.0, le=10.0, description="semi-specular part of it")
+    lobe_slope: float = Field(0.6, ge=0.02, le=3.0, description="width of the lobe, as a slope")
+    ring_radius_mm: float = Field(20.0, ge=0.0, le=40.0, description="radius of the LED ring, mm")
     ring_z_mm: float = Field(8.0, ge=-20.0, le=30.0, description="ring before the lens, mm")
     speckle: float = Field(0.03, ge=0.0, le=0.3, description="RMS of the coating's reflectance")
     speckle_mm: float = Field(0.1, ge=0.01, le=2.0, description="correlation length of it, mm")
@@ -100,7 +100,7 @@ class LightSettings(Settings):
 class SensorSettings(Settings):
     """The event sensor."""
 
-    threshold: float = Field(0.3, ge=0.01, le=2.0, description="contrast threshold, log intensity")
+    threshold: float = Field(0.22, ge=0.01, le=2.0, description="contrast threshold, log intensity")
     threshold_spread: float = Field(
         0.03, ge=0.0, le=0.2, description="fixed spread of the threshold from pixel to pixel"
     )
