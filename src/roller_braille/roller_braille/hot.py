@@ -10,8 +10,8 @@ from roller_core.events import EventArray
 from . import _kernels as kernels
 from .warp import F32, OUTSIDE
 
-#: Frames between two looks at the counts.
-_FRAMES = 5
+#: Frames between two looks at the counts, at first and later on.
+_FRAMES, _EARLY, _FRAMES_LATER = 5, 20, 25
 #: Neighbours along the roll that a pixel is compared with, px.
 _NEAR_PX = 41
 #: A hot pixel has so many events more than so many times its neighbours' mean.
@@ -36,6 +36,7 @@ class HotPixels:
         self._all = table[..., 0].copy()
         self._counts = np.zeros(table.shape[:2], np.float32)
         self._frames = 0
+        self._hot = np.zeros(table.shape[:2], np.bool_)
         #: Hot pixels known.
         self.count = 0
 
@@ -43,9 +44,10 @@ class HotPixels:
         """Take a frame of events of a rolling sensor."""
         kernels._tally(events.x, events.y, self._counts)
         self._frames += 1
-        if self._frames % _FRAMES:
+        if self._frames % (_FRAMES if self._frames <= _EARLY else _FRAMES_LATER):
             return
         near = cv2.blur(self._counts, (_NEAR_PX, 1))
         hot = self._counts > _TIMES * near + _LEAST
-        self.count = int(hot.sum())
-        self.table[..., 0] = np.where(hot, np.float32(OUTSIDE), self._all)
+        self.table[self._hot, 0] = self._all[self._hot]
+        self.table[hot, 0] = OUTSIDE
+        self._hot, self.count = hot, int(hot.sum())

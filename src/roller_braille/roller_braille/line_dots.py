@@ -6,7 +6,7 @@ import numpy as np
 
 from .dots import Dots
 from .lattice import REACH, Lattice
-from .recognise import Reference
+from .recognise import Reference, completeness
 from .warp import F64
 
 #: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
@@ -14,10 +14,12 @@ _NEAR_CELLS = 4
 _LEAST_DOTS = 4
 #: Strength of a typical dot among them: pixels that fire for the first time can make some strong.
 _TYPICAL = 0.35
+#: And that of a weak one.
+_WEAK = 0.1
 #: A side of a dot is taken to hold at least this share of its events.
 _LEAST_SHARE = 0.2
 #: A dot may lie this far off its node, along and down.
-_MOST_SHIFT_M = 0.00015
+_MOST_SHIFT_M = 0.0001
 
 
 class LineDots:
@@ -80,5 +82,7 @@ class LineDots:
         whole = float(np.quantile(wholes, _TYPICAL))
         if whole < least:
             return None
-        shares = np.median(halves[near] / np.maximum(wholes, 1e-9)[:, None], axis=0)
-        return Reference(whole, np.maximum(shares, _LEAST_SHARE))
+        weak = float(np.quantile(wholes, _WEAK)) / whole
+        own = halves[near] / np.maximum(wholes, 1e-9)[:, None]
+        shares = np.maximum(np.median(own, axis=0), _LEAST_SHARE)
+        return Reference(whole, weak, shares, float(np.quantile(completeness(own, shares), _WEAK)))

@@ -21,7 +21,7 @@ from .warp import F32, F64
 _FIT_CELLS = 12
 #: A tile with less than this, in a dot's events, is blank.
 _BLANK = 1.0
-#: Cells of other relief in a row that an accepted line may hold.
+#: Cells of other relief between two that are read which an accepted line may hold.
 _FOREIGN = 2
 #: Times that a line is begun anew on a lattice a row or a column further.
 _MOST_ANEW = 3
@@ -75,6 +75,7 @@ class LineReader:
         self._view = view
         self._dots = LineDots()
         self._anew = 0
+        self._confirmed = lattice.begin
         #: Whether it is known for a line of Braille.
         self.accepted = False
         #: Whether nothing more will be read.
@@ -103,9 +104,13 @@ class LineReader:
         return (self.lattice if self.accepted else self._origin).begin
 
     @property
-    def reached(self) -> float:
-        """Travel up to which cells were read, metres."""
-        return self.lattice.begin
+    def confirmed(self) -> float:
+        """Travel up to which what lies in its band is known to be its own or nothing, metres."""
+        if self.closed:
+            return self._confirmed
+        if not self.accepted:
+            return self._origin.begin
+        return self.lattice.begin - len(self._pending) * self.lattice.cell
 
     def holds(self, dots: Dots) -> npt.NDArray[np.bool_]:
         """Which dots lie in the line's band, shape (n,)."""
@@ -132,7 +137,9 @@ class LineReader:
     def close(self) -> None:
         """Read no further."""
         if not self.accepted:
-            self._judge()
+            self._judge(final=True)
+        # What a line on trial went through is no line's beginning.
+        self._confirmed = self.confirmed if self.accepted else self.lattice.begin
         self._pending = []
         self.closed = True
 
@@ -164,18 +171,23 @@ class LineReader:
             self._unusual = 0
         elif self.cells or kind is _Kind.FOREIGN or self._next > s.lookahead_cells:
             self._pending.append(seen)
-            self._unusual = self._unusual + 1 if kind is _Kind.FOREIGN else 0
+            self._unusual += kind is _Kind.FOREIGN
         self._follow()
         if not self.accepted:
             enough = bool(self.cells) and self._next - self.cells[0].number > s.lookahead_cells
-            if (enough or self._unusual) and self._judge():
+            if (enough or self._unusual) and self._judge(final=False):
                 return
         most = _FOREIGN if self.accepted else 0
         if self._unusual > most or len(self._pending) > s.max_spaces:
             self.close()
 
-    def _judge(self) -> bool:
+    def _judge(self, final: bool) -> bool:
         """Accept the line, or begin anew where its rows or columns are not those thought.
+
+        Parameters
+        ----------
+        final : bool
+            Whether no more will be read: then it is not begun anew.
 
         Returns
         -------
@@ -198,8 +210,7 @@ class LineReader:
             self.accepted = True
             return False
         self._anew += 1
-        if self._anew > _MOST_ANEW or self.closed:
-            self.closed = True
+        if self._anew > _MOST_ANEW or final:
             return False
         self._begin(o)
         return True
@@ -254,7 +265,9 @@ class LineReader:
         if not reading.raised.any() and reading.filled < _BLANK:
             return _Kind.BLANK, self._seen(0, confidence, nodes, stamp)
         if reading.explained < self._settings.min_explained:
-            return _Kind.FOREIGN, self._seen(mask, confidence, nodes, stamp)
+            # Its dots, if they are dots, are not to be trusted.
+            doubt = reading.explained * self._settings.min_dot_confidence
+            return _Kind.FOREIGN, self._seen(mask, confidence * doubt, nodes, stamp)
         self._circles += reading.circles
         return _Kind.READ, self._seen(mask, confidence, nodes, stamp)
 

@@ -87,29 +87,20 @@ class PassReader:
         self.strip.forget_before(self._needed())
 
     def _share(self, dots: Dots, kind: Kind) -> None:
-        """Give dots to the lines they belong to; keep those that may be another's."""
+        """Give dots to the lines they may belong to; they stay at hand till that is known."""
         for line in self.lines:
-            if not line.closed and len(dots):
-                mine = line.holds(dots)
-                if line.kind is kind:
-                    line.take(dots.where(mine))
-                if line.accepted:
-                    dots = dots.where(~mine)
+            if not line.closed and line.kind is kind:
+                line.take(dots.where(line.holds(dots)))
         self._loose[kind] = self._loose[kind].joined(dots)
 
     def _advance(self, line: LineReader, complete: int) -> None:
-        """Read a line on; its dots are its own once it is accepted, others' if it is given up."""
+        """Read a line on and forget the dots that are its own, or nobody's."""
         if line.closed:
             return
-        known = line.accepted
         line.advance(complete)
-        if known or not (line.accepted or line.closed):
-            return
         for kind, loose in self._loose.items():
-            gone = line.holds(loose)
-            if not line.accepted:
-                gone &= loose.along < line.reached
-            self._loose[kind] = loose.where(~gone)
+            own = line.holds(loose) & (loose.along < line.confirmed)
+            self._loose[kind] = loose.where(~own)
 
     def _begin_lines(self, upto: int, final: bool) -> None:
         s = self._settings

@@ -19,10 +19,12 @@ from .settings import BrailleSettings
 from .strip import Kind, Strip
 from .warp import F32, F64
 
-#: Share of a dot's events at which a place is certainly empty, and at which it certainly is not.
-EMPTY, FILLED = 0.1, 0.3
-#: Share that a dot's weakest side has of what it should, at which it is broken, and complete.
-_BROKEN, _COMPLETE = 0.1, 0.5
+#: Share of a dot's events at which a place is certainly empty, and at which it certainly is not, at
+#: least; with dots that are alike, it is this share of a weak one.
+EMPTY, FILLED, _OF_WEAK = 0.1, 0.3, 0.75
+#: Completeness at which a dot is certainly complete (within limits, that share of a less complete
+#: one of its line), and the part of it at which it certainly is broken.
+_COMPLETE, _BROKEN = (0.25, 0.6), 0.35
 _TELLING = 0.3
 #: Evidence at which a dot is as likely raised as not, and that of a sure one.
 _EVEN, _SURE = 0.5, 1.0
@@ -53,10 +55,24 @@ class Energies:
 
 @dataclass(frozen=True)
 class Reference:
-    """What a raised dot of a line has: its events, and its halves' shares in them, shape (4,)."""
+    """What a raised dot of a line has.
+
+    Attributes
+    ----------
+    whole : float
+        Events of a typical dot.
+    weak : float
+        Those of a weak one, as a share of that.
+    shares : ndarray, shape (4,)
+        What a dot's halves (see `Energies`) hold of its events.
+    complete : float
+        Completeness of a dot that is less complete than most, see `completeness`.
+    """
 
     whole: float
+    weak: float
     shares: F64
+    complete: float
 
 
 @dataclass(frozen=True)
@@ -167,14 +183,16 @@ class Recogniser:
         """
         whole = np.clip(energies.whole / reference.whole, 0.0, None)
         shares = energies.halves / np.maximum(energies.whole, 1e-9)[:, None]
-        # A side that dots have few events on tells nothing.
-        telling = reference.shares >= _TELLING
-        weakest = np.where(telling, shares / reference.shares, 1.0).min(axis=1)
-        complete = np.clip((weakest - _BROKEN) / (_COMPLETE - _BROKEN), 0.0, 1.0)
-        filled = np.clip((whole - EMPTY) / (FILLED - EMPTY), 0.0, 1.0)
+        enough = float(np.clip(_OF_WEAK * reference.complete, *_COMPLETE))
+        broken = enough * _BROKEN
+        complete = completeness(shares, reference.shares)
+        complete = np.clip((complete - broken) / (enough - broken), 0.0, 1.0)
+        # Where all dots are alike, half of one is none; where they differ, it may be a weak one.
+        full = np.clip(_OF_WEAK * reference.weak, FILLED, _OF_WEAK)
+        filled = np.clip((whole - EMPTY) / (full - EMPTY), 0.0, 1.0)
         circles = self._circles(image, at, reference)
         w = self._settings.hough_weight
-        evidence = filled * ((1 - w) * (1 + complete) / 2 + w * circles)
+        evidence = filled * ((1 - w) * complete + w * circles)
         sure = np.clip((evidence - _EVEN) / (_SURE - _EVEN), 0.0, 1.0)
         empty = 1.0 - filled
         raised = sure > empty
@@ -229,6 +247,20 @@ class Recogniser:
                 x, y, _ = circles[0, 0]
                 found[i] = float(np.hypot(x - half, y - half) <= half / 2)
         return found
+
+
+def completeness(shares: F64, expected: F64) -> F64:
+    """What the weakest side of dots has of what it should, shape (n,).
+
+    Parameters
+    ----------
+    shares : ndarray, shape (n, 4)
+        What the halves of dots hold of their events.
+    expected : ndarray, shape (4,)
+        What they hold of a typical dot's; a side that has few events at all tells nothing.
+    """
+    telling = expected >= _TELLING
+    return np.asarray(np.where(telling, shares / expected, 1.0).min(axis=1))
 
 
 def share(held: float, total: float) -> float:

@@ -101,7 +101,7 @@ def to_masks(text: str) -> list[int]:
     out: list[int] = []
     number = capitals = False
     for i, c in enumerate(text):
-        if number and c not in DIGITS and not (c in ".," and text[i + 1 : i + 2] in DIGITS):
+        if number and c not in DIGITS and c not in ".,":
             number = False
             if c.lower() in LETTERS and c.lower() <= "j":
                 out.append(LETTER_SIGN)

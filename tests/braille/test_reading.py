@@ -1,0 +1,258 @@
+"""The reader over synthetic rings: every letter, every direction, and what it must not read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from braille.synthetic import (
+    CAMERA,
+    DEPTH_M,
+    SETTINGS,
+    SPACING,
+    START_NS,
+    Plate,
+    over,
+    read,
+    roll_track,
+    scan,
+)
+from roller_braille.pipeline import BraillePipeline
+from roller_braille.table import LETTERS, UNREADABLE, to_masks
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+
+ALPHABET = "abcdefghijklmnopqrstuvwxyz"
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_every_letter_both_ways(back: bool) -> None:
+    plate = Plate().text(ALPHABET)
+    track = over(plate, back=back)
+    cells, pipeline = read(scan(plate, track), track)
+    assert pipeline.text() == [ALPHABET]
+    assert [c.mask for c in cells] == [LETTERS[c] for c in ALPHABET]
+    assert [c.column for c in cells] == list(range(26))
+    assert all(c.readable and c.confidence > 0.6 for c in cells)
+    pitch = np.diff([c.position for c in cells], axis=0)
+    np.testing.assert_allclose(pitch.mean(axis=0), [SPACING.cell_pitch_m, 0, 0], atol=5e-5)
+    expected = [SPACING.dot_pitch_m / 2, 0, 0]
+    np.testing.assert_allclose(cells[0].position, expected, atol=2e-4)
+    np.testing.assert_allclose(cells[0].dot_positions[0], [0, SPACING.dot_pitch_m, 0], atol=2e-4)
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.5])
+@pytest.mark.parametrize("p", [0, 1])
+def test_asymmetric_letters_at_any_speed_and_polarity(speed: float, p: int) -> None:
+    plate = Plate().text("dfhj jhfd")
+    track = over(plate, speed)
+    assert read(scan(plate, track, p=p), track)[1].text() == ["dfhj jhfd"]
+
+
+def test_capitals_numbers_and_signs() -> None:
+    plate = Plate().text("No 42, ok?")
+    track = over(plate)
+    cells, pipeline = read(scan(plate, track), track)
+    assert pipeline.text() == ["No 42, ok?"]
+    assert (cells[0].character, cells[0].readable, cells[0].pattern) == ("", True, "⠠")
+    assert cells[3].character == " "
+
+
+def test_two_lines_come_one_after_the_other() -> None:
+    plate = Plate().text("upper", y0=5e-3).text("low", x0=3e-3, y0=-5e-3)
+    track = over(plate)
+    cells, pipeline = read(scan(plate, track), track, batch_events=3000)
+    assert pipeline.text() == ["upper", "low"]
+    assert [(c.line, c.column) for c in cells] == [
+        *((0, n) for n in range(5)),
+        *((1, n) for n in range(3)),
+    ]
+
+
+def test_results_do_not_depend_on_arrival() -> None:
+    plate = Plate().text("same at any pace")
+    track = over(plate)
+    events = scan(plate, track, noise=20_000)
+    whole, _ = read(events, track)
+    split, _ = read(events, track, chunks=97)
+    # Poses that come late, in small portions.
+    late = PoseTrack()
+    pipeline_cells = []
+    pipeline = BraillePipeline(SETTINGS, CAMERA, late)
+    pipeline.add_events(events)
+    for k in range(0, len(track), 7):
+        late.extend(*(a[k : k + 7] for a in (track.times_ns, track.positions, track.quaternions)))
+        pipeline_cells += pipeline.results()
+        needed = pipeline.needed_from_ns
+        assert needed is None or late.start_ns <= needed
+        if needed is not None:
+            late.discard_before(needed)
+    pipeline_cells += pipeline.results(flush=True)
+    for cells in (split, pipeline_cells):
+        assert [c.mask for c in cells] == [c.mask for c in whole]
+        assert [c.stamp_ns for c in cells] == [c.stamp_ns for c in whole]
+        np.testing.assert_array_equal(
+            [c.dot_confidence for c in cells], [c.dot_confidence for c in whole]
+        )
+        np.testing.assert_array_equal([c.position for c in cells], [c.position for c in whole])
+
+
+def test_cells_come_while_the_sensor_rolls() -> None:
+    plate = Plate().text("live reading")
+    track = over(plate)
+    events = scan(plate, track)
+    pipeline = BraillePipeline(SETTINGS, CAMERA, track)
+    pipeline.add_events(events[: int(0.8 * len(events))])
+    early = list(pipeline.results())
+    assert 5 <= len(early) < 12
+    assert "live reading".startswith("".join(c.character for c in early))
+
+
+@pytest.mark.parametrize("side", [0.0, 0.5, 1.0, 1.5])
+def test_half_a_dot_is_not_guessed(side: float) -> None:
+    """A ring of which half is missing: at the right, above, left, below."""
+    plate = Plate().text("abc lmn xyz")
+    n = next(i for i, d in enumerate(plate.dots) if d[0] > 5 * SPACING.cell_pitch_m)
+    x, y, _, _, count = plate.dots[n]
+    plate.dots[n] = (x, y, (side + 0.5) * np.pi, (side + 1.5) * np.pi, count // 2)
+    track = over(plate)
+    cells, pipeline = read(scan(plate, track), track)
+    assert pipeline.text() == [f"abc l{UNREADABLE}n xyz"]
+    cell = cells[5]
+    assert (cell.readable, cell.character) == (False, "")
+    assert cell.confidence == min(cell.dot_confidence) < 0.4
+    assert sum(c < 0.4 for c in cell.dot_confidence) == 1
+    assert all(c.readable for c in cells if c is not cell)
+
+
+def test_dots_without_a_meaning_appear_as_they_are() -> None:
+    masks = to_masks("abc")
+    plate = Plate().write([*masks, 0b111000, *masks])
+    track = over(plate)
+    cells, pipeline = read(scan(plate, track), track)
+    assert pipeline.text() == ["abc⠸abc"]
+    assert not cells[3].readable
+    assert cells[3].confidence > 0.6
+
+
+def test_noise_gives_no_text() -> None:
+    track = over(Plate())
+    for seed in range(3):
+        cells, pipeline = read(scan(Plate(), track, seed, noise=150_000), track)
+        assert (cells, pipeline.text()) == ([], [])
+
+
+def test_text_under_noise() -> None:
+    plate = Plate().text("under noise")
+    track = over(plate)
+    assert read(scan(plate, track, noise=400_000), track)[1].text() == ["under noise"]
+
+
+def test_standstill_gives_no_text() -> None:
+    track = roll_track([0.0, 0.0], [0.0, 2.0])
+    events = scan(Plate(), track, noise=50_000)
+    cells, pipeline = read(events, track)
+    assert cells == []
+    assert pipeline.counts.frames == 0
+    assert pipeline.counts.still_events == len(events)
+
+
+def test_other_relief_gives_no_text() -> None:
+    """Bars across the roll, a large ring, and dots strewn anywhere."""
+    plate = Plate()
+    for k, y in np.ndindex(9, 60):
+        plate.dots.append((0.02 + 0.0031 * k, (y - 30) * 1.6e-4, 0.0, 2 * np.pi, 20))
+    for angle in np.linspace(0, 2 * np.pi, 120):
+        plate.dots.append((0.065 + 4e-3 * np.cos(angle), 4e-3 * np.sin(angle), 0.0, 6.28, 20))
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        plate.dots.append((*rng.uniform([0.08, -5e-3], [0.14, 5e-3]), 0.0, 6.28, 400))
+    track = over(plate)
+    cells, pipeline = read(scan(plate, track), track)
+    assert (cells, pipeline.text()) == ([], [])
+
+
+def test_text_before_and_after_other_relief() -> None:
+    plate = Plate().text("first")
+    for k, y in np.ndindex(6, 60):
+        plate.dots.append((0.036 + 0.0017 * k, (y - 30) * 1.6e-4, 0.0, 6.28, 60))
+    plate.text("second", x0=0.055)
+    track = over(plate)
+    assert read(scan(plate, track), track)[1].text() == ["first", "second"]
+
+
+def test_a_second_pass_repeats_nothing() -> None:
+    plate = Plate().text("there and back")
+    a, b = -0.03, 0.12
+    track = roll_track([a, a, b, b, a, a], [0.0, 0.1, 0.6, 0.65, 1.15, 1.2])
+    cells, pipeline = read(scan(plate, track), track)
+    assert pipeline.text() == ["there and back"]
+    assert pipeline.counts.passes == 2
+    assert pipeline.counts.repeated_cells == len(cells) == 14
+
+
+def test_a_line_that_is_not_all_in_view_is_not_guessed() -> None:
+    """Only the two lower rows of `rolls` are seen: they would make up other letters."""
+    plate = Plate().text("rolls rolls")
+    track = over(plate, y=-0.0085)
+    cells, _ = read(scan(plate, track), track)
+    assert not any(c.readable and c.mask for c in cells)
+
+
+def test_missing_poses_are_counted_and_passed_over() -> None:
+    plate = Plate().text("abc def ghi")
+    full = over(plate)
+    track = PoseTrack()
+    middle = len(full) // 2
+    for k in (*range(middle - 8), *range(middle + 8, len(full))):
+        track.append(int(full.times_ns[k]), full.positions[k], full.quaternions[k])
+    cells, pipeline = read(scan(plate, full), track)
+    assert pipeline.counts.events_without_pose > 0
+    assert pipeline.counts.passes == 2
+    assert all(c.character in "abcdefghi " for c in cells if c.readable)
+
+
+def test_events_before_and_after_all_poses() -> None:
+    plate = Plate().text("abc def")
+    full = over(plate)
+    events = scan(plate, full)
+    early = events[:100].shifted(-(10**9))
+    late = events[-100:].shifted(10**9)
+    cells, pipeline = read(EventArray.concatenate([early, events, late]), full)
+    assert pipeline.text() == ["abc def"]
+    assert pipeline.counts.events_without_pose == 200
+    assert cells[-1].stamp_ns <= int(events.t_ns[-1])
+
+
+def test_ramps_and_changing_speed() -> None:
+    plate = Plate().text("ramp up")
+    x = np.concatenate([[-0.025], np.cumsum([0.004] * 25) - 0.025])
+    seconds = np.concatenate([[0.0], np.cumsum(np.linspace(0.08, 0.008, 25))])
+    track = roll_track(x, seconds)
+    assert read(scan(plate, track), track)[1].text() == ["ramp up"]
+
+
+def test_pitches_that_are_a_little_off() -> None:
+    plate = Plate().text("a few percent more")
+    plate.dots = [(x * 1.025, y * 1.03, a, b, n) for x, y, a, b, n in plate.dots]
+    track = over(plate)
+    assert read(scan(plate, track), track)[1].text() == ["a few percent more"]
+
+
+def test_a_plate_askew() -> None:
+    plate = Plate().text("askew by a degree")
+    c, s = np.cos(0.02), np.sin(0.02)
+    plate.dots = [(c * x - s * y, s * x + c * y, a, b, n) for x, y, a, b, n in plate.dots]
+    track = over(plate)
+    assert read(scan(plate, track), track)[1].text() == ["askew by a degree"]
+
+
+def test_depth_from_the_height_over_the_plate() -> None:
+    plate = Plate().text("height")
+    track = over(plate)
+    settings = {"depth_source": "surface", "surface_z_m": 0.0, "depth_m": 0.0440}
+    cells, pipeline = read(scan(plate, track), track, **settings)
+    assert pipeline.text() == ["height"]
+    assert abs(cells[0].position[2]) < 1e-6
+    assert DEPTH_M == pytest.approx(0.0455)
+    assert cells[0].stamp_ns > START_NS

@@ -1,0 +1,78 @@
+"""Grade 1 table: both directions, signs, doubts."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roller_braille.table import (
+    DIGITS,
+    LETTERS,
+    NUMBER_SIGN,
+    UNREADABLE,
+    Decoder,
+    NoBrailleError,
+    pattern,
+    to_masks,
+    to_text,
+)
+
+words = st.text("abcdefghijklmnopqrstuvwxyzABCXYZ0123456789.,;:!-'", min_size=1, max_size=8)
+texts = st.lists(words, min_size=1, max_size=5).map(" ".join)
+
+
+@given(text=texts)
+def test_what_is_written_is_read(text: str) -> None:
+    assert to_text(to_masks(text)) == text
+
+
+def test_letters_are_the_braille_alphabet() -> None:
+    alphabet = "⠁⠃⠉⠙⠑⠋⠛⠓⠊⠚⠅⠇⠍⠝⠕⠏⠟⠗⠎⠞⠥⠧⠺⠭⠽⠵"
+    assert "".join(pattern(LETTERS[c]) for c in "abcdefghijklmnopqrstuvwxyz") == alphabet
+    assert len(set(LETTERS.values())) == 26
+    assert [DIGITS[c] for c in "1234567890"] == [LETTERS[c] for c in "abcdefghij"]
+
+
+@pytest.mark.parametrize(
+    ("text", "cells"),
+    [
+        ("Hello 123", "⠠⠓⠑⠇⠇⠕⠀⠼⠁⠃⠉"),
+        ("4b 4k", "⠼⠙⠰⠃⠀⠼⠙⠅"),
+        ("NASA a", "⠠⠠⠝⠁⠎⠁⠀⠁"),
+        ("3.14, 2", "⠼⠉⠲⠁⠙⠂⠀⠼⠃"),
+        ('"why?"', "⠦⠺⠓⠽⠦⠴"),
+    ],
+)
+def test_known_lines(text: str, cells: str) -> None:
+    assert "".join(map(pattern, to_masks(text))) == cells
+    assert to_text([ord(c) - 0x2800 for c in cells]) == text
+
+
+def test_no_cell_no_guess() -> None:
+    with pytest.raises(NoBrailleError, match="'ß'"):
+        to_masks("straße")
+    assert to_text([0b111000, LETTERS["b"]]) == pattern(0b111000) + "b"
+    assert UNREADABLE == "\ufffd"
+
+
+def test_after_an_unreadable_cell_that_may_be_a_number_sign_nothing_is_guessed() -> None:
+    decoder = Decoder()
+    decoder.skip(NUMBER_SIGN, 0b111110)
+    assert decoder.read(LETTERS["b"]) is None
+    assert decoder.read(0) == " "
+    assert decoder.read(LETTERS["b"]) == "b"
+
+
+def test_an_unreadable_digit_leaves_the_rest_of_the_number_open() -> None:
+    decoder = Decoder()
+    decoder.read(NUMBER_SIGN)
+    decoder.skip(DIGITS["7"], 0b110111)
+    assert decoder.read(DIGITS["2"]) is None
+    assert decoder.read(LETTERS["k"]) == "k"
+
+
+def test_an_unreadable_letter_that_can_be_no_sign_leaves_the_rest_readable() -> None:
+    decoder = Decoder()
+    decoder.skip(LETTERS["q"], 0b011111)
+    assert decoder.read(LETTERS["b"]) == "b"
