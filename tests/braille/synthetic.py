@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -115,7 +116,7 @@ def read(
     pipeline = BraillePipeline(BrailleSettings.create(settings), CAMERA, track)
     cells: list[Cell] = []
     edges = np.linspace(0, len(events), chunks + 1).astype(int)
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         pipeline.add_events(events[a:b])
         cells += pipeline.results()
     cells += pipeline.results(flush=True)

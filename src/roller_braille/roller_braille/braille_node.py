@@ -22,7 +22,7 @@ from roller_core.event_stream import EventStream, TimeBackwardsError
 from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseOrderError
 from roller_ros import diagnostics, messages, qos
-from roller_ros.frames_settings import FrameSettings
+from roller_ros.frames_settings import FollowedFrames
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.tf import take_transforms
@@ -37,14 +37,14 @@ from .settings import BrailleSettings
 _MOST_EARLY = 5000
 
 
-class BrailleParameters(BrailleSettings, FrameSettings):
+class BrailleParameters(BrailleSettings, FollowedFrames):
     """Parameters of the node: the reader's settings and the graph's frames."""
 
     idle_flush_s: float = Field(
         1.0,
         ge=0.05,
         le=60.0,
-        description="Without messages for this long all that is in view is read, s.",
+        description="Without events for this long all that is in view is read, s.",
     )
 
 
@@ -58,7 +58,9 @@ class BrailleNode(Node):
         self._settings = BrailleSettings.create(
             {name: getattr(p, name) for name in BrailleSettings.model_fields}
         )
-        self._frames = SensorFrames(p.base_frame, p.moving_frame, p.sensor_frame, p.max_pose_gap_s)
+        self._frames = SensorFrames(
+            p.base_frame, p.moving_frame, p.sensor_frame, p.max_pose_gap_s, p.pose_smoothing
+        )
         self._stream: EventStream | None = None
         self._pipeline: BraillePipeline | None = None
         self._early: deque[EventPacket] = deque(maxlen=_MOST_EARLY)
@@ -77,9 +79,9 @@ class BrailleNode(Node):
         submit = self._worker.submit
         self.create_subscription(EventPacket, "/event_camera/events", submit, qos.EVENTS)
         self.create_subscription(CameraInfo, "/event_camera/camera_info", submit, qos.LATCHED)
-        self.create_subscription(TFMessage, "/tf", lambda m: submit(("tf", m)), qos.TF)
+        self.create_subscription(TFMessage, "/tf", lambda m: submit(("tf", m), False), qos.TF)
         self.create_subscription(
-            TFMessage, "/tf_static", lambda m: submit(("static", m)), qos.TF_STATIC
+            TFMessage, "/tf_static", lambda m: submit(("static", m), False), qos.TF_STATIC
         )
 
     def destroy_node(self) -> None:
@@ -141,7 +143,7 @@ class BrailleNode(Node):
         """Finish what there is and begin anew: the source was started again."""
         self._fault(reason)
         self._flush()
-        self._frames.track.clear()
+        self._frames.restart()
         self._earlier = list(self._text)
         if self._pipeline is not None:
             camera = self._pipeline.camera
@@ -149,6 +151,7 @@ class BrailleNode(Node):
 
     def _flush(self) -> None:
         try:
+            self._frames.finish()
             self._publish_results(flush=True)
         except RollerError as error:
             self._fault(error)

@@ -19,7 +19,9 @@ _FAINT = 0.06
 _STRONG = 3
 _STEP_M = 0.0001
 #: Where dots fit several rows or columns alike, the upper row and the left column are taken.
-_PREFERENCE = 0.01
+_PREFERENCE = 0.06
+#: And how much the largest error of the pitches counts against them.
+_UNEVEN = 0.01
 #: How much the lattice's parameters are taken to differ from those expected, for the fit:
 #: offset along, cell pitch, dot pitch along, offset down, slope, dot pitch down.
 _PRIOR = np.array([1e-3, 0.01, 0.01, 1e-3, 0.01, 0.03])
@@ -187,7 +189,7 @@ def _find_rows(
     score = (fit * weight).sum(axis=-1)
     # Straighter pitches and upper rows win where the dots leave it open.
     middle = (len(pitches) - 1) / 2
-    even = 1 - _PREFERENCE * np.abs(np.arange(len(pitches)) - middle) / max(middle, 1)
+    even = 1 - _UNEVEN * np.abs(np.arange(len(pitches)) - middle) / max(middle, 1)
     total = (score * (1 - _PREFERENCE * np.arange(3))).sum(axis=-1) * even
     k, s = np.unravel_index(int(np.argmax(total)), total.shape)
     return float(top[k]), float(pitches[s]), fit[k, s].max(axis=0) > 0
@@ -211,7 +213,7 @@ def _find_cells(
         favour = 1.0 if column == favoured else 1.0 - _PREFERENCE
         score = np.maximum(score, _near(d, width) * favour)
     middle = (len(cells) - 1) / 2
-    even = 1 - _PREFERENCE * np.abs(np.arange(len(cells)) - middle) / max(middle, 1)
+    even = 1 - _UNEVEN * np.abs(np.arange(len(cells)) - middle) / max(middle, 1)
     total = (score * weight).sum(axis=-1) * even
     k, s = np.unravel_index(int(np.argmax(total)), total.shape)
     return float(first + start[k]), float(cells[s])

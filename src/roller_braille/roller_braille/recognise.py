@@ -26,6 +26,10 @@ EMPTY, FILLED, _OF_WEAK = 0.1, 0.3, 0.75
 #: one of its line), and the part of it at which it certainly is broken.
 _COMPLETE, _BROKEN = (0.25, 0.6), 0.35
 _TELLING = 0.3
+#: Strength of a line's weak dots, against typical ones, at which dots differ much, and are alike.
+_UNLIKE, _ALIKE = 0.4, 0.7
+#: Events over the background, in units of their chance variation, that are noise and something.
+_NOISE, _SOMETHING = 3.0, 8.0
 #: Evidence at which a dot is as likely raised as not, and that of a sure one.
 _EVEN, _SURE = 0.5, 1.0
 
@@ -194,7 +198,11 @@ class Recogniser:
         w = self._settings.hough_weight
         evidence = filled * ((1 - w) * complete + w * circles)
         sure = np.clip((evidence - _EVEN) / (_SURE - _EVEN), 0.0, 1.0)
-        empty = 1.0 - filled
+        # Where dots differ much, one may be hardly there: a place is empty that holds but noise.
+        odds = energies.whole / np.sqrt(energies.background + 1.0)
+        noise = np.clip((_SOMETHING - odds) / (_SOMETHING - _NOISE), 0.0, 1.0)
+        alike = np.clip((reference.weak - _UNLIKE) / (_ALIKE - _UNLIKE), 0.0, 1.0)
+        empty = np.minimum(1.0 - filled, np.maximum(noise, alike))
         raised = sure > empty
         confidence = np.where(raised, sure - empty, empty - sure)
         # A cell in which hardly a circle shows is too faint to be sure of its empty places either.

@@ -1,0 +1,65 @@
+"""Parameter file and report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from braille.synthetic import Plate, over, read, scan
+from roller_braille.braille_node import BrailleParameters
+from roller_braille.report import cells_to_json
+from roller_braille.settings import PROFILES, BrailleSettings
+from roller_core.errors import RollerError
+from roller_core.settings import parameter_file
+
+CONFIG = Path(__file__).resolve().parents[2] / "config" / "braille.yaml"
+
+
+def test_parameter_file_is_in_step_with_the_settings() -> None:
+    assert CONFIG.read_text() == parameter_file({"braille": BrailleParameters})
+    values = yaml.safe_load(CONFIG.read_text())["braille"]["ros__parameters"]
+    assert BrailleParameters.create(values) == BrailleParameters.create({})
+
+
+def test_every_setting_is_described_and_bounded() -> None:
+    for name, field in BrailleSettings.model_fields.items():
+        assert field.description, name
+        if field.annotation in (int, float):
+            assert len(field.metadata) >= 2, f"{name} has no range"
+
+
+def test_own_spacing_goes_before_the_profile() -> None:
+    assert BrailleSettings.create({}).spacing == PROFILES["nls"]
+    s = BrailleSettings.create({"profile": "wide", "dot_pitch_m": 0.00254}).spacing
+    assert (s.dot_pitch_m, s.cell_pitch_m) == (0.00254, 0.0068)
+
+
+def test_wrong_settings_are_named() -> None:
+    with pytest.raises(RollerError, match="strip_px_m"):
+        BrailleSettings.create({"strip_px_m": -1.0})
+
+
+def test_cells_as_json() -> None:
+    plate = Plate().text("ab c")
+    track = over(plate)
+    cells, pipeline = read(scan(plate, track), track)
+    data = json.loads(json.dumps(cells_to_json(cells, pipeline.text())))
+    assert data["text"] == ["ab c"]
+    assert [c["character"] for c in data["cells"]] == ["a", "b", " ", "c"]
+    first = data["cells"][0]
+    assert set(first) == {
+        "stamp_s",
+        "line",
+        "column",
+        "mask",
+        "pattern",
+        "character",
+        "readable",
+        "position_m",
+        "confidence",
+        "dot_confidence",
+    }
+    assert (first["mask"], first["pattern"], len(first["dot_confidence"])) == (1, "⠁", 6)

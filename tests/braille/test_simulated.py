@@ -1,0 +1,96 @@
+"""The reader over plates of the virtual cell, with its noise, light and clocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roller_braille.cells import Cell
+from roller_braille.pipeline import BraillePipeline
+from roller_braille.settings import BrailleSettings
+from roller_core.codecs import encode
+from roller_core.event_stream import EventStream
+from roller_core.frames import SensorFrames
+from roller_core.transforms import matrix_to_quaternion
+from roller_driver.virtual.cell import Packet, PoseSample, VirtualCell
+from roller_driver.virtual.settings import VirtualCellSettings
+
+#: Small enough to be quick, large enough for a line.
+CAMERA = {"width": 420, "height": 250}
+#: Where the light falls at a slant, contrast is strongest: faint dots need all of the view.
+WIDE = {"width": 600, "height": 230}
+TEXT = "dfhj 42"
+
+
+def scan(
+    settings: dict[str, object], **motion: object
+) -> tuple[list[Cell], BraillePipeline, VirtualCell]:
+    """Cells read from a simulated scan, driven as the node would."""
+    values = {"camera": CAMERA, **settings, "motion": motion}
+    cell = VirtualCell(VirtualCellSettings.create(values))
+    frames = SensorFrames()
+    fixed = cell.hand_eye
+    frames.add_static(
+        frames.moving, frames.sensor, fixed[:3, 3], matrix_to_quaternion(fixed[:3, :3])
+    )
+    stream = EventStream(cell.camera.width, cell.camera.height)
+    pipeline = BraillePipeline(BrailleSettings.create({}), cell.camera, frames.track)
+    cells: list[Cell] = []
+    for item in cell.run():
+        if isinstance(item, Packet):
+            payload = encode("mono", item.events, item.time_base_ns)
+            size = cell.camera.width, cell.camera.height
+            pipeline.add_events(
+                stream.push("mono", *size, item.seq, item.stamp_ns, item.time_base_ns, payload)
+            )
+        elif isinstance(item, PoseSample):
+            frames.add(frames.base, frames.moving, item.stamp_ns, item.position, item.quaternion)
+        cells += pipeline.results()
+    cells += pipeline.results(flush=True)
+    return cells, pipeline, cell
+
+
+def plate(text: str = TEXT, **more: object) -> dict[str, object]:
+    """Settings of a Braille plate."""
+    return {"scene": {"name": "braille", "text": text, "step_mm": 0.03, **more}}
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.5])
+def test_a_plate_is_read(speed: float) -> None:
+    cells, pipeline, cell = scan(plate(), speed=speed)
+    assert pipeline.text() == [TEXT]
+    marks = cell.truth.marks
+    assert [c.mask for c in cells] == [m.mask for m in marks]
+    assert min(c.confidence for c in cells) > 0.6
+    # Latency and low pass of the pixels carry the events a little along the roll.
+    off = np.array([c.position for c in cells]) - [(m.x, m.y, 0.0) for m in marks]
+    assert np.abs(off[:, :2]).max() < 0.5e-3
+    assert np.abs(off[:, 2]).max() < 0.5e-3
+
+
+def test_a_plate_is_read_against_the_reading_direction() -> None:
+    cells, pipeline, cell = scan(plate(), start_mm=75.0, end_mm=-12.0, speed=0.3)
+    assert pipeline.text() == [TEXT]
+    assert [c.mask for c in cells] == [m.mask for m in cell.truth.marks]
+
+
+def test_weak_contrast_and_much_noise() -> None:
+    sensor = {"threshold": 0.35, "background_hz": 3.0, "hot_share": 1e-3}
+    _, pipeline, _ = scan({**plate(), "sensor": sensor, "camera": WIDE}, speed=0.3)
+    assert pipeline.text() == [TEXT]
+    assert pipeline.counts.hot_pixels > 0
+
+
+def test_at_half_contrast_nothing_is_misread() -> None:
+    half = {"sensor": {"threshold": 0.5}, "camera": WIDE}
+    cells, _, cell = scan({**plate("lazy dog"), **half}, speed=0.3)
+    truth = [m.mask for m in cell.truth.marks]
+    read = [(c.mask, truth[c.column]) for c in cells if c.readable]
+    assert len(read) >= len(truth) / 2
+    assert all(mask == true for mask, true in read)
+
+
+@pytest.mark.parametrize("name", ["bumps", "sparse_sphere"])
+def test_relief_gives_no_text(name: str) -> None:
+    cells, pipeline, _ = scan({"scene": {"name": name, "step_mm": 0.04}}, speed=0.5)
+    assert (cells, pipeline.text()) == ([], [])
