@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from roller_braille.braille_node import BrailleParameters
 from roller_core.settings import Settings, parameter_file
 from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.ur10.settings import Ur10Parameters
@@ -11,6 +12,7 @@ from roller_emvs.emvs_node import EmvsParameters
 from roller_emvs.stitcher_node import StitcherParameters
 
 FILES: dict[str, type[Settings]] = {
+    "braille": BrailleParameters,
     "emvs": EmvsParameters,
     "event_camera": EventCameraParameters,
     "stitcher": StitcherParameters,

@@ -20,7 +20,9 @@ from roller_emvs.settings import DepthSettings, StitcherSettings
 from roller_emvs.stitcher import Patch, Stitcher
 from roller_emvs.windows import RefusedWindow
 
-_FRAMES = frozenset({"base_frame", "moving_frame", "sensor_frame", "idle_flush_s"})
+_FRAMES = frozenset(
+    {"base_frame", "moving_frame", "sensor_frame", "pose_smoothing", "idle_flush_s"}
+)
 #: Parameters of the nodes that only make sense in a graph.
 _GRAPH_ONLY = {"emvs": _FRAMES, "stitcher": _FRAMES | {"max_pose_gap_s"}, "braille": _FRAMES}
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .pose_track import PoseTrack
+from .pose_smoothing import StampSmoother
+from .pose_track import PoseTrack, unit_pose
 from .transforms import (
     F64,
     inverse_pose,
@@ -14,6 +15,9 @@ from .transforms import (
     pose_matrix,
     unit_quaternion,
 )
+
+#: Poses on either side of one over which its stamp is smoothed.
+DEFAULT_SMOOTHING = 4
 
 
 class SensorFrames:
@@ -28,6 +32,9 @@ class SensorFrames:
         Frame names.
     max_gap_s : float
         See `PoseTrack`.
+    smoothing : int
+        Neighbours on either side over which the stamps of the robot's poses are smoothed; a pose
+        is in the track when that many have followed it. See `StampSmoother`.
     """
 
     def __init__(
@@ -36,6 +43,7 @@ class SensorFrames:
         moving: str = "tool0_controller",
         sensor: str = "event_camera_optical_frame",
         max_gap_s: float = 0.1,
+        smoothing: int = DEFAULT_SMOOTHING,
     ) -> None:
         self.base = base
         self.moving = moving
@@ -43,7 +51,8 @@ class SensorFrames:
         self.track = PoseTrack(max_gap_s)
         self._static: dict[str, dict[str, F64]] = {}
         self._hand_eye: F64 | None = np.eye(4) if moving == sensor else None
-        self._waiting: list[tuple[int, F64, F64]] = []
+        self._waiting: list[tuple[int, tuple[F64, F64]]] = []
+        self._smoother: StampSmoother[tuple[F64, F64]] = StampSmoother(smoothing)
 
     @property
     def hand_eye(self) -> F64 | None:
@@ -66,8 +75,8 @@ class SensorFrames:
             self._hand_eye = self._find(self.moving, self.sensor)
             if self._hand_eye is not None:
                 waiting, self._waiting = self._waiting, []
-                for item in waiting:
-                    self._append(*item)
+                for t_ns, (p, q) in waiting:
+                    self._append(t_ns, p, q)
 
     def add(
         self,
@@ -92,22 +101,31 @@ class SensorFrames:
         if (parent, child) != (self.base, self.moving):
             return False
         p, q = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)
-        if self._hand_eye is None:
-            self._waiting.append((t_ns, p, q))
-        else:
-            self._append(t_ns, p, q)
+        self._take(self._smoother.push(t_ns, (p, unit_pose(t_ns, p, q))))
         return True
+
+    def finish(self) -> None:
+        """No more poses will come for now: let out those that wait for neighbours."""
+        self._take(self._smoother.finish())
+
+    def restart(self) -> None:
+        """Forget all poses; fixed transforms stay."""
+        self._smoother.finish()
+        self._waiting.clear()
+        self.track.clear()
+
+    def _take(self, poses: list[tuple[int, tuple[F64, F64]]]) -> None:
+        if self._hand_eye is None:
+            self._waiting += poses
+            return
+        for t_ns, (p, q) in poses:
+            self._append(t_ns, p, q)
 
     def _append(self, t_ns: int, position: F64, quaternion: F64) -> None:
         fixed = self._hand_eye
         assert fixed is not None
-        length = np.linalg.norm(quaternion)
-        if not np.isfinite(length) or length < 1e-9:
-            self.track.append(t_ns, position, quaternion)  # refused there, with the reason
-            return
-        q = quaternion / length
-        moved = pose_matrix(position, q) @ fixed
-        rotation = multiply_quaternions(q, matrix_to_quaternion(fixed[:3, :3]))
+        moved = pose_matrix(position, quaternion) @ fixed
+        rotation = multiply_quaternions(quaternion, matrix_to_quaternion(fixed[:3, :3]))
         self.track.append(t_ns, moved[:3, 3], rotation)
 
     def _find(self, start: str, goal: str) -> F64 | None:

@@ -35,6 +35,17 @@ class PoseOrderError(PoseError):
 
     behind_s: float = 0.0
 
+    @classmethod
+    def between(cls, t_ns: int, newest_ns: int) -> PoseOrderError:
+        """The error for a pose at `t_ns` after one at `newest_ns`."""
+        behind = (newest_ns - t_ns) * 1e-9
+        error = cls(
+            f"pose at {t_ns * 1e-9:.6f} s is {behind:.6f} s older than the one before it; "
+            "time runs backwards, check the clock of the pose source"
+        )
+        error.behind_s = behind
+        return error
+
 
 class PoseValueError(PoseError):
     """A pose that is not finite or has no valid rotation."""
@@ -110,20 +121,9 @@ class PoseTrack:
             If it is not finite or its quaternion is zero.
         """
         p = np.asarray(position, dtype=np.float64)
-        if not np.all(np.isfinite(p)):
-            raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s is not finite; it is left out")
-        try:
-            q = unit_quaternion(quaternion)
-        except RotationError as fault:
-            raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s: {fault}; it is left out") from fault
+        q = unit_pose(t_ns, p, quaternion)
         if self._n and t_ns < self._t[self._n - 1]:
-            behind = (self._t[self._n - 1] - t_ns) * 1e-9
-            error = PoseOrderError(
-                f"pose at {t_ns * 1e-9:.6f} s is {behind:.6f} s older than the one before it; "
-                "time runs backwards, check the clock of the pose source"
-            )
-            error.behind_s = behind
-            raise error
+            raise PoseOrderError.between(t_ns, int(self._t[self._n - 1]))
         if self._n and t_ns == self._t[self._n - 1]:
             self._n -= 1
         elif self._n == len(self._t):
@@ -301,6 +301,22 @@ class PoseTrack:
     def _need_poses(self) -> None:
         if not self._n:
             raise NoPosesError("no poses yet; is the robot's pose (base -> tool) published?")
+
+
+def unit_pose(t_ns: int, position: F64, quaternion: npt.ArrayLike) -> F64:
+    """The unit quaternion of a pose that can be used.
+
+    Raises
+    ------
+    PoseValueError
+        If the pose is not finite or its quaternion is zero.
+    """
+    if not np.all(np.isfinite(position)):
+        raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s is not finite; it is left out")
+    try:
+        return unit_quaternion(quaternion)
+    except RotationError as fault:
+        raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s: {fault}; it is left out") from fault
 
 
 def seconds_to_ns(text: str) -> int:

@@ -19,7 +19,7 @@ from roller_core.event_stream import EventStream, TimeBackwardsError
 from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseOrderError
 from roller_ros import diagnostics, messages, qos
-from roller_ros.frames_settings import FrameSettings
+from roller_ros.frames_settings import FollowedFrames
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.tf import take_transforms
@@ -31,7 +31,7 @@ from .settings import DepthSettings
 from .windows import RefusedWindow
 
 
-class EmvsParameters(DepthSettings, FrameSettings):
+class EmvsParameters(DepthSettings, FollowedFrames):
     """Parameters of the node: the depth engine's settings and the graph's frames."""
 
     idle_flush_s: float = Field(
@@ -52,7 +52,9 @@ class EmvsNode(Node):
         self._settings = DepthSettings.create(
             {name: getattr(p, name) for name in DepthSettings.model_fields}
         )
-        self._frames = SensorFrames(p.base_frame, p.moving_frame, p.sensor_frame, p.max_pose_gap_s)
+        self._frames = SensorFrames(
+            p.base_frame, p.moving_frame, p.sensor_frame, p.max_pose_gap_s, p.pose_smoothing
+        )
         self._stream: EventStream | None = None
         self._pipeline: DepthPipeline | None = None
         self._early: list[EventPacket] = []
@@ -68,9 +70,9 @@ class EmvsNode(Node):
         submit = self._worker.submit
         self.create_subscription(EventPacket, "/event_camera/events", submit, qos.EVENTS)
         self.create_subscription(CameraInfo, "/event_camera/camera_info", submit, qos.LATCHED)
-        self.create_subscription(TFMessage, "/tf", lambda m: submit(("tf", m)), qos.TF)
+        self.create_subscription(TFMessage, "/tf", lambda m: submit(("tf", m), False), qos.TF)
         self.create_subscription(
-            TFMessage, "/tf_static", lambda m: submit(("static", m)), qos.TF_STATIC
+            TFMessage, "/tf_static", lambda m: submit(("static", m), False), qos.TF_STATIC
         )
 
     def destroy_node(self) -> None:
@@ -132,12 +134,13 @@ class EmvsNode(Node):
         """Finish what there is and begin anew: the source was started again."""
         self._fault(reason)
         self._flush()
-        self._frames.track.clear()
+        self._frames.restart()
         if self._pipeline is not None:
             camera = self._pipeline.camera
             self._pipeline = DepthPipeline(self._settings, camera, self._frames.track)
 
     def _flush(self) -> None:
+        self._frames.finish()
         self._publish_results(flush=True)
 
     def _publish_results(self, flush: bool = False) -> None:

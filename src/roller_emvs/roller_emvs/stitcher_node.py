@@ -16,7 +16,7 @@ from roller_core.errors import RollerError
 from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseError, PoseExtrapolationError, PoseOrderError
 from roller_ros import diagnostics, messages, qos
-from roller_ros.frames_settings import FrameSettings
+from roller_ros.frames_settings import FollowedFrames
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.tf import take_transforms
@@ -30,7 +30,7 @@ SURFACE_FIELDS = ("x", "y", "z", "height", "confidence")
 _MOST_PENDING = 100
 
 
-class StitcherParameters(StitcherSettings, FrameSettings):
+class StitcherParameters(StitcherSettings, FollowedFrames):
     """Parameters of the node: the stitcher's settings and the graph's frames."""
 
     max_pose_gap_s: float = Field(
@@ -69,7 +69,9 @@ class StitcherNode(Node):
         self._settings = StitcherSettings.create(
             {name: getattr(p, name) for name in StitcherSettings.model_fields}
         )
-        self._frames = SensorFrames(p.base_frame, p.moving_frame, p.sensor_frame, p.max_pose_gap_s)
+        self._frames = SensorFrames(
+            p.base_frame, p.moving_frame, p.sensor_frame, p.max_pose_gap_s, p.pose_smoothing
+        )
         self._stitcher: Stitcher | None = None
         self._pending: dict[int, _Parts] = {}
         self._last_ns = 0
@@ -84,8 +86,12 @@ class StitcherNode(Node):
             ("tf", TFMessage, "/tf", qos.TF),
             ("static", TFMessage, "/tf_static", qos.TF_STATIC),
         ):
+            awake = kind is not TFMessage
             self.create_subscription(
-                kind, topic, lambda m, name=name: self._worker.submit((name, m)), quality
+                kind,
+                topic,
+                lambda m, name=name, awake=awake: self._worker.submit((name, m), awake),
+                quality,
             )
 
     def destroy_node(self) -> None:
@@ -116,7 +122,7 @@ class StitcherNode(Node):
         self._diagnostics.fault(str(error))
         if isinstance(error, PoseOrderError) and error.behind_s > 1.0:
             self._flush()
-            self._frames.track.clear()
+            self._frames.restart()
             self._pending.clear()
 
     def _stitch(self) -> None:
@@ -158,6 +164,8 @@ class StitcherNode(Node):
         self._publish(stitcher.add(DepthMap(stamp, depth, sure, pose, stamp, stamp, 0)))
 
     def _flush(self) -> None:
+        self._frames.finish()
+        self._stitch()
         if self._stitcher is not None:
             self._publish(self._stitcher.finish())
 

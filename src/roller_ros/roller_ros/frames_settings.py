@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from roller_core.frames import DEFAULT_SMOOTHING
 from roller_core.settings import Settings
 
 
@@ -16,4 +17,16 @@ class FrameSettings(Settings):
     )
     sensor_frame: str = Field(
         "event_camera_optical_frame", description="The camera: x right, y down, z forward."
+    )
+
+
+class FollowedFrames(FrameSettings):
+    """Frames of a node that follows the robot's poses."""
+
+    pose_smoothing: int = Field(
+        DEFAULT_SMOOTHING,
+        ge=0,
+        le=100,
+        description="Poses on either side over which the time stamps of the robot's poses are "
+        "smoothed where their rate is steady; 0 takes stamps as they come.",
     )

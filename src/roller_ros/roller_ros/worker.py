@@ -42,7 +42,7 @@ class Worker(Generic[T]):
         self._handle = handle
         self._on_idle = on_idle
         self._idle_s = idle_s
-        self._items: deque[T] = deque()
+        self._items: deque[tuple[T, bool]] = deque()
         self._limit = limit
         self._ready = threading.Condition()
         self._stop = False
@@ -50,13 +50,21 @@ class Worker(Generic[T]):
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def submit(self, item: T) -> None:
-        """Queue an item."""
+    def submit(self, item: T, keeps_awake: bool = True) -> None:
+        """Queue an item.
+
+        Parameters
+        ----------
+        item : T
+            What to handle.
+        keeps_awake : bool
+            Whether it counts for `idle_s`: a robot's poses go on when nothing happens.
+        """
         with self._ready:
             if len(self._items) >= self._limit:
                 self._items.popleft()
                 self.dropped += 1
-            self._items.append(item)
+            self._items.append((item, keeps_awake))
             self._ready.notify()
 
     @property
@@ -97,10 +105,11 @@ class Worker(Generic[T]):
                     self._ready.wait(0.1)
                 if self._stop:
                     return
-                item = self._items.popleft() if self._items else None
-            if item is not None:
-                self._handle(item)
-                last, idle_done = time.monotonic(), False
-            elif not idle_done and time.monotonic() - last > self._idle_s:
+                entry = self._items.popleft() if self._items else None
+            if entry is not None:
+                self._handle(entry[0])
+                if entry[1]:
+                    last, idle_done = time.monotonic(), False
+            if not idle_done and time.monotonic() - last > self._idle_s:
                 self._on_idle()
                 idle_done = True

@@ -101,6 +101,9 @@ class BagRecording(Recording):
             except RollerError as error:
                 faults.append(error)
             yield Step(events, self._reader.progress(item.log_ns), tuple(faults))
+        self._frames.finish()
+        # The last poses let the last events through.
+        yield Step(EventArray.empty(), 1.0)
         if self._has_tf and not len(self.track):
             yield Step(EventArray.empty(), 1.0, (self._no_poses(),))
 

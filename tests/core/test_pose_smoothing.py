@@ -1,0 +1,82 @@
+"""Smoothed pose stamps: less jitter at a steady rate, nothing changed elsewhere."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roller_core.frames import SensorFrames
+from roller_core.pose_smoothing import StampSmoother
+from roller_core.pose_track import PoseOrderError
+
+EPOCH_NS = 1_790_000_000_000_000_000
+
+
+def smoothed(stamps: list[int], neighbours: int) -> list[int]:
+    smoother: StampSmoother[int] = StampSmoother(neighbours)
+    out = [pair for k, t in enumerate(stamps) for pair in smoother.push(t, k)]
+    out += smoother.finish()
+    assert [item for _, item in out] == list(range(len(stamps)))
+    return [t for t, _ in out]
+
+
+def test_jitter_falls_to_a_third() -> None:
+    rng = np.random.default_rng(0)
+    true = EPOCH_NS + np.arange(500) * 8_000_000
+    noisy = true + np.rint(rng.normal(0, 30_000, 500)).astype(np.int64)
+    left = np.array(smoothed(noisy.tolist(), 4)) - true
+    assert left[4:-4].std() < 1.2 * 30_000 / 3
+
+
+@given(steps=st.lists(st.integers(1, 10**9), max_size=40), neighbours=st.integers(0, 6))
+def test_order_stays_and_no_item_is_lost(steps: list[int], neighbours: int) -> None:
+    stamps = (EPOCH_NS + np.cumsum(steps)).tolist() if steps else []
+    out = smoothed(stamps, neighbours)
+    assert all(b > a for a, b in pairwise(out))
+
+
+def test_a_steady_rate_and_an_uneven_one_are_left_alone() -> None:
+    steady = [EPOCH_NS + k * 8_000_000 for k in range(30)]
+    assert smoothed(steady, 4) == steady
+    uneven = (EPOCH_NS + np.cumsum(np.tile([2_000_000, 20_000_000], 15))).tolist()
+    assert smoothed(uneven, 4) == uneven
+
+
+def test_a_gap_is_not_smeared() -> None:
+    stamps = [EPOCH_NS + k * 8_000_000 + (300_000_000 if k >= 10 else 0) for k in range(20)]
+    assert smoothed(stamps, 4) == stamps
+
+
+def test_time_running_backwards_is_refused() -> None:
+    smoother: StampSmoother[int] = StampSmoother(2)
+    smoother.push(EPOCH_NS, 0)
+    with pytest.raises(PoseOrderError) as caught:
+        smoother.push(EPOCH_NS - 2_000_000_000, 1)
+    assert caught.value.behind_s == pytest.approx(2.0)
+
+
+def test_frames_wait_for_neighbours_and_let_go_at_the_end() -> None:
+    frames = SensorFrames(moving="tool", sensor="camera", smoothing=3)
+    for k in range(10):
+        frames.add("base", "tool", k * 8_000_000, (0.001 * k, 0, 0), (0, 0, 0, 1))
+    assert len(frames.track) == 0
+    # The way to the camera may come late.
+    frames.add_static("mount", "tool", (0, 0, -0.1), (0, 0, 0, 1))
+    frames.add_static("mount", "camera", (0, 0, 0.2), (0, 0, 0, 1))
+    assert len(frames.track) == 7
+    frames.finish()
+    assert len(frames.track) == 10
+    np.testing.assert_allclose(frames.track.positions[5], [0.005, 0, 0.3])
+    frames.restart()
+    assert len(frames.track) == 0
+    assert frames.hand_eye is not None
+
+
+def test_other_transforms_are_passed_over() -> None:
+    frames = SensorFrames()
+    assert not frames.add("base", "elbow", 0, (0, 0, 0), (0, 0, 0, 1))
+    assert not frames.has_robot_poses
