@@ -49,13 +49,15 @@ def encode_words(events: EventArray, pairs: bool = True, padding: int = 0) -> Wo
     words = GROUP | (group << 18 | off << 17 | off << 16 | masks).astype(np.uint32)
     keep = np.ones(len(words), bool)
     if pairs:
-        # The second of two neighbours in a column goes into the first one's upper half.
-        place = np.arange(len(words)) - np.maximum.accumulate(
-            np.where(new_column, np.arange(len(words)), 0)
-        )
+        # The second of two neighbours in a column goes into the first one's upper half. Both
+        # polarities of one group must share a word: the vendor's library takes a group that comes
+        # again for the sign of a loss.
+        twice = np.append(~new_column[1:] & (group[1:] == group[:-1]), False)
+        new_block = new_column | twice | np.append([False, False], twice[:-2])[: len(twice)]
+        i = np.arange(len(words))
+        place = i - np.maximum.accumulate(np.where(new_block, i, 0))
         step = np.diff(group, append=group[-1:])
-        can = (place % 2 == 0) & ~np.append(new_column[1:], True) & (step < 32)
-        a = np.flatnonzero(can)
+        a = np.flatnonzero((place % 2 == 0) & ~np.append(new_block[1:], True) & (step < 32))
         b = a + 1
         words[a] &= ~np.uint32(1 << 17)
         words[a] |= (

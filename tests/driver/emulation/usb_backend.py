@@ -162,7 +162,7 @@ class EmulatedBackend(usb.backend.IBackend):
     ) -> int:
         self._present(dev_handle)
         if bmRequestType == 0x80 and bRequest == 6:
-            answer: bytes | None = _string(wValue & 0xFF, dev_handle)
+            answer: bytes | None = string_descriptor(wValue & 0xFF, dev_handle)
         else:
             try:
                 if not bmRequestType & 0x80:
@@ -187,7 +187,8 @@ def _gone() -> USBError:
     return USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
 
 
-def _string(index: int, model: CameraModel) -> bytes:
+def string_descriptor(index: int, model: CameraModel) -> bytes:
+    """String descriptor of the camera."""
     if index == 0:
         return b"\x04\x03\x09\x04"
     text = ["", "iniVation AG", "DVXplorer Mini", model.serial][index].encode("utf-16-le")
