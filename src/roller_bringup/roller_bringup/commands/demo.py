@@ -15,7 +15,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "graph (separate processes, DDS), record it, and compare with the known truth.",
     )
     parser.add_argument(
-        "--output", type=Path, default=Path("demo"), metavar="DIR", help="results go here (demo/)"
+        "--output",
+        type=Path,
+        default=Path("output/demo"),
+        metavar="DIR",
+        help="results go here (output/demo)",
     )
     parser.add_argument("--scene", default="demo", help="what to roll over (demo)")
     parser.add_argument("--speed", type=float, default=0.3, metavar="V", help="m/s (0.3)")
