@@ -12,7 +12,7 @@ from roller_core.errors import SettingsError
 from roller_driver.dvxplorer import protocol as p
 from roller_driver.dvxplorer import sequences
 from roller_driver.dvxplorer.backends import load_backend
-from roller_driver.dvxplorer.device import UDEV_RULE, open_camera
+from roller_driver.dvxplorer.discovery import UDEV_RULE, open_camera
 from roller_driver.dvxplorer.errors import (
     BackendError,
     CameraBusyError,
@@ -210,7 +210,7 @@ def test_an_endpoint_that_comes_late_or_elsewhere(monkeypatch):
     model = CameraModel(alternate=1)
     open_camera(EmulatedBackend(model))
     assert ("alternate", 0, 1, 0) in model.log
-    monkeypatch.setattr("roller_driver.dvxplorer.device._ENDPOINT_WAIT_S", 0.2)
+    monkeypatch.setattr("roller_driver.dvxplorer.discovery._ENDPOINT_WAIT_S", 0.2)
     with pytest.raises(EndpointMissingError, match="no endpoint 0x82"):
         open_camera(EmulatedBackend(CameraModel(endpoint_delay_s=1e9)))
 

@@ -12,7 +12,7 @@ from driver.emulation.camera_words import encode_words, in_order, is_reference
 from driver.emulation.usb_backend import EmulatedBackend
 from roller_core.codecs import ENCODED_ENCODINGS, PacketDecoder, encode
 from roller_core.events import EventArray
-from roller_driver.dvxplorer.device import open_camera
+from roller_driver.dvxplorer.discovery import open_camera
 from roller_driver.dvxplorer.packets import Packetiser
 from roller_driver.dvxplorer.preview import Preview
 from roller_driver.dvxplorer.reader import (

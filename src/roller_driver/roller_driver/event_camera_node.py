@@ -31,7 +31,8 @@ from roller_ros.worker import Worker
 from .dvxplorer import protocol, reader
 from .dvxplorer.backends import load_backend
 from .dvxplorer.camera_info import load_camera_info
-from .dvxplorer.device import CameraDevice, open_camera
+from .dvxplorer.device import CameraDevice
+from .dvxplorer.discovery import open_camera
 from .dvxplorer.errors import CameraFault
 from .dvxplorer.node_settings import EventCameraParameters
 from .dvxplorer.packets import EventPart

@@ -1,4 +1,4 @@
-"""One camera: found, opened, set up, started, read and stopped."""
+"""One open camera: set up, started, read and stopped."""
 
 from __future__ import annotations
 
@@ -15,27 +15,20 @@ import usb.util
 from . import protocol as p
 from . import sequences
 from .errors import (
-    CameraBusyError,
     CameraControlError,
     CameraFault,
     CameraLostError,
-    CameraNotFoundError,
-    CameraPermissionError,
-    EndpointMissingError,
     UnknownFirmwareError,
-    WrongDeviceError,
 )
 from .protocol import ClearHalt, Read, Step, Vendor, Wait, Write
 from .settings import SensorSettings
 
-UDEV_RULE = "99-roller-event-camera.rules"
 _CONTROL_TIMEOUT_MS = 1000
 _OPTIONAL_TIMEOUT_MS = 250
-_ENDPOINT_WAIT_S = 2.0
 
 
 class CameraDevice:
-    """An open camera; made by `open_camera`.
+    """An open camera; made by `discovery.open_camera`.
 
     Parameters
     ----------
@@ -194,118 +187,3 @@ def _unless_gone() -> Iterator[None]:
     except usb.core.USBError as error:
         if error.errno == errno.ENODEV:
             raise
-
-
-def open_camera(backend: Any, serial: str = "") -> CameraDevice:
-    """Find a camera and take hold of it.
-
-    Parameters
-    ----------
-    backend : usb.backend.IBackend
-        The USB library.
-    serial : str
-        Serial number; empty: the first camera found.
-
-    Raises
-    ------
-    CameraNotFoundError, WrongDeviceError, UnknownFirmwareError, CameraPermissionError
-        As their names say.
-    CameraBusyError, EndpointMissingError, CameraLostError
-        As their names say.
-    """
-    device, found = _find(backend, serial)
-    name = f"DVXplorer Mini {found}".strip()
-    model, firmware = device.bcdDevice >> 8, device.bcdDevice & 0xFF
-    if model != p.MODEL_MINI:
-        raise WrongDeviceError(
-            f"the device {p.VENDOR_ID:04x}:{p.PRODUCT_ID:04x} {found} is not a DVXplorer Mini "
-            f"(model {model}, not {p.MODEL_MINI}); this driver knows no other"
-        )
-    if firmware < p.OLDEST_FIRMWARE:
-        raise UnknownFirmwareError(
-            f"{name}: firmware {firmware} is not known, {p.OLDEST_FIRMWARE} is the oldest that is; "
-            "update it with the vendor's tool"
-        )
-    try:
-        _claim(device, name)
-    except usb.core.USBError as error:
-        usb.util.dispose_resources(device)
-        raise _fault(error, name) from error
-    except CameraFault:
-        usb.util.dispose_resources(device)
-        raise
-    return CameraDevice(device, firmware, found)
-
-
-def _find(backend: Any, serial: str) -> tuple[Any, str]:
-    devices = usb.core.find(
-        find_all=True, backend=backend, idVendor=p.VENDOR_ID, idProduct=p.PRODUCT_ID
-    )
-    others = []
-    for device in devices:
-        try:
-            found = device.serial_number or ""
-        except (usb.core.USBError, ValueError) as error:
-            _raise_if_not_permitted(device, error)
-            found = ""
-        if serial in ("", found):
-            return device, found
-        others.append(found or "(none)")
-        usb.util.dispose_resources(device)
-    if others:
-        raise CameraNotFoundError(
-            f"no DVXplorer Mini with serial number '{serial}'; plugged in: {', '.join(others)}"
-        )
-    raise CameraNotFoundError(
-        f"no DVXplorer Mini is plugged in (no USB device {p.VENDOR_ID:04x}:{p.PRODUCT_ID:04x})"
-    )
-
-
-def _raise_if_not_permitted(device: Any, error: Exception) -> None:
-    """Tell a device that may not be opened from one without a serial number."""
-    try:
-        device.get_active_configuration()
-    except usb.core.USBError as reason:
-        if reason.errno in (errno.EACCES, errno.EPERM, errno.EBUSY, errno.ENODEV):
-            raise _fault(reason, "the DVXplorer Mini") from error
-
-
-def _claim(device: Any, name: str) -> None:
-    """Set the configuration, claim the interface and find the endpoint, which may come late."""
-    try:
-        active = device.get_active_configuration().bConfigurationValue
-    except usb.core.USBError as error:
-        if error.errno is not None:
-            raise
-        active = 0
-    if active != p.CONFIGURATION:
-        device.set_configuration(p.CONFIGURATION)
-    usb.util.claim_interface(device, p.INTERFACE)
-    end = time.monotonic() + _ENDPOINT_WAIT_S
-    while True:
-        for interface in device.get_active_configuration():
-            if interface.bInterfaceNumber != p.INTERFACE:
-                continue
-            if any(e.bEndpointAddress == p.DATA_ENDPOINT for e in interface):
-                if interface.bAlternateSetting != 0:
-                    interface.set_altsetting()
-                return
-        if time.monotonic() > end:
-            raise EndpointMissingError(
-                f"{name}: it has no endpoint 0x{p.DATA_ENDPOINT:02x} for events; unplug it and "
-                "plug it in again"
-            )
-        time.sleep(0.1)
-
-
-def _fault(error: Any, name: str) -> CameraFault:
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return CameraPermissionError(
-            f"{name}: no permission to open it; install the rule with 'sudo cp config/{UDEV_RULE} "
-            "/etc/udev/rules.d/ && sudo udevadm control --reload' and plug the camera in again"
-        )
-    if error.errno == errno.EBUSY:
-        return CameraBusyError(f"{name}: another program holds it; stop that program first")
-    if error.errno in (errno.ENODEV, errno.EIO):
-        return CameraLostError(f"{name}: it went away while it was opened")
-    return CameraControlError(f"{name}: it can't be opened ({error.strerror or error})")
