@@ -170,9 +170,10 @@ class BatchCutter:
         times = self._track.times_ns
         a = int(np.searchsorted(times, self._start_ns, side="right"))
         b = int(np.searchsorted(times, span.end_ns, side="right"))
-        away = (self._track.positions[a:b] - self._track.at(self._start_ns).position) @ (
-            span.roll.rotation[:, 0]
-        )
+        before = max(a - 1, 0)
+        along = self._track.positions[before:b] @ span.roll.rotation[:, 0]
+        clock = (times[before:b] - self._start_ns).astype(np.float64)
+        away = along[a - before :] - np.interp(0.0, clock, along)
         reached = np.flatnonzero(np.abs(away) >= self._settings.batch_travel_m)
         if len(reached):
             return int(times[a + reached[0]])

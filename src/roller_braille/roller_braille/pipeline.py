@@ -20,7 +20,7 @@ from .hot import HotPixels
 from .page import Page
 from .passes import PassReader
 from .settings import BrailleSettings
-from .warp import Warp
+from .warp import Warp, warm_up
 
 _MOST_TIMES = 100_000
 
@@ -83,6 +83,7 @@ class BraillePipeline:
         self._hot = HotPixels(self._warp.table)
         self._page = Page(settings, self._warp)
         self._reader: PassReader | None = None
+        warm_up()
         #: Why the newest frames left out were so.
         self.refusals: deque[str] = deque(maxlen=100)
         #: Time that each of the newest frames took, ms.

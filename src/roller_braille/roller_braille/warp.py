@@ -162,6 +162,14 @@ def vote(events: EventArray, table: F32, knots: Knots, raster: F64, strip: F32, 
     )
 
 
+def warm_up() -> None:
+    """Compile the kernels, or load them, before there is anything to be late for."""
+    knots = Knots(np.array([0, 1], np.int64), np.tile(np.eye(3), (2, 1, 1)), np.zeros(2))
+    strip, newest = np.zeros((2, 1, 1), np.float32), np.zeros(1, np.int64)
+    vote(EventArray.empty(), np.zeros((1, 1, 2), np.float32), knots, np.eye(3), strip, newest)
+    kernels._tally(np.zeros(0, np.uint16), np.zeros(0, np.uint16), np.zeros((1, 1), np.float32))
+
+
 def vote_numpy(
     events: EventArray, table: F32, knots: Knots, raster: F64, strip: F32, newest: I64
 ) -> int:
