@@ -100,6 +100,9 @@ def focus_depth(
         keep = (support >= s.focus_min_votes) & (support > mean)
         keep &= (confidence >= s.focus_min_confidence) & np.isfinite(depth)
         keep &= (depth >= s.depth_min_m) & (depth <= s.depth_max_m)
+        # A pixel alone is noise, or a hot pixel's trail: edges come in company.
+        company = cv2.boxFilter(keep.astype(np.float32), -1, (9, 9), normalize=False)
+        keep &= company > s.focus_min_neighbours
         depth[~keep] = np.nan
         confidence[~keep] = np.nan
     return depth, confidence

@@ -107,6 +107,12 @@ class DepthSettings(Settings):
     focus_min_votes: float = Field(
         3.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."
     )
+    focus_min_neighbours: int = Field(
+        2,
+        ge=0,
+        le=80,
+        description="Measured pixels that a pixel of focus needs within 9×9 px around it.",
+    )
     max_pose_gap_s: float = Field(
         0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
     )

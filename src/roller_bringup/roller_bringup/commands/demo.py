@@ -62,9 +62,10 @@ def run(args: argparse.Namespace) -> int:
     launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
     seen = run_until_done(load(launch_file, arguments), tell=print)
     report = Report(
-        f"virtual cell, scene {args.scene} at {args.speed:g} m/s, live",
+        "virtual cell, live",
         args.method,
         {"launch": arguments},
+        f"scene {args.scene} at {args.speed:g} m/s, live",
     )
     report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
     gather(folder / "bag", folder, folder / "truth", report)

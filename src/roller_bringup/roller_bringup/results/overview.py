@@ -66,7 +66,7 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     totals = report["totals"]
     maps = f"{totals['depth_windows']} depth map{'s' if totals['depth_windows'] != 1 else ''}"
     figure.suptitle(
-        f"{Path(report['source']).name}: {maps} by {report['method']}, "
+        f"{report['title']}: {maps} by {report['method']}, "
         f"{totals['surface_points']} surface points"
     )
     path = folder / "overview.png"

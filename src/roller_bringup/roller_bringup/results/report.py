@@ -30,11 +30,14 @@ class Report:
         Depth method.
     settings : dict
         All settings in force.
+    title : str
+        For pictures; the name of the source's file by default.
     """
 
     source: str
     method: str
     settings: dict[str, Any]
+    title: str = ""
     windows: list[dict[str, Any]] = field(default_factory=list)
     totals: dict[str, Any] = field(default_factory=dict)
     truth: dict[str, Any] | None = None
@@ -86,6 +89,7 @@ class Report:
         """Write the report."""
         data = {
             "source": self.source,
+            "title": self.title or Path(self.source).name,
             "method": self.method,
             "totals": {**self.totals, "window_milliseconds": self.window_milliseconds()},
             "truth": self.truth,
