@@ -26,6 +26,7 @@ from roller_core.events import EventArray
 from roller_ros import diagnostics, messages, qos
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
+from roller_ros.shutdown import until_shutdown
 from roller_ros.worker import Worker
 
 from .dvxplorer import protocol, reader
@@ -170,10 +171,11 @@ class EventCameraNode(LifecycleNode):
         return camera
 
     def _on_change(self, state: str, fault: str) -> None:
-        if fault:
-            self._diagnostics.fault(fault)
-        else:
-            self.get_logger().info(f"camera: {state}")
+        with until_shutdown(self):
+            if fault:
+                self._diagnostics.fault(fault)
+            elif self.context.ok():
+                self.get_logger().info(f"camera: {state}")
 
     def _take_events(self, events: EventArray) -> None:
         if self._watched:
@@ -181,28 +183,29 @@ class EventCameraNode(LifecycleNode):
 
     def _take_packet(self, part: EventPart) -> None:
         self._clock_map.observe(part.time_base_ns, part.arrival_ns)
-        if self._worker is not None and self._outputs["events"].get_subscription_count():
-            # Counted before the queue: what is dropped there leaves a gap that others can see.
-            self._worker.submit((self._sequence, part))
-            self._sequence += 1
+        with until_shutdown(self):
+            if self._worker is not None and self._outputs["events"].get_subscription_count():
+                # Counted before the queue: what is dropped there leaves a gap that others can see.
+                self._worker.submit((self._sequence, part))
+                self._sequence += 1
 
     def _publish(self, item: tuple[int, EventPart]) -> None:
         sequence, part = item
         base = part.time_base_ns
         payload = messages.payload(encode(self._p.encoding, part.events, base))
-        self._outputs["events"].publish(
-            EventPacket(
-                header=messages.header(part.arrival_ns, self._p.camera_frame_id),
-                height=protocol.HEIGHT,
-                width=protocol.WIDTH,
-                seq=sequence,
-                time_base=base,
-                encoding=self._p.encoding,
-                is_bigendian=False,
-                events=payload,
-            )
+        packet = EventPacket(
+            header=messages.header(part.arrival_ns, self._p.camera_frame_id),
+            height=protocol.HEIGHT,
+            width=protocol.WIDTH,
+            seq=sequence,
+            time_base=base,
+            encoding=self._p.encoding,
+            is_bigendian=False,
+            events=payload,
         )
-        self._sent += 1
+        with until_shutdown(self):
+            self._outputs["events"].publish(packet)
+            self._sent += 1
 
     def _publish_image(self) -> None:
         output = self._outputs.get("image")

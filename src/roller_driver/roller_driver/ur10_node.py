@@ -19,6 +19,7 @@ from roller_core.transforms import rotation_vector_to_quaternion
 from roller_ros import diagnostics, messages, qos
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
+from roller_ros.shutdown import until_shutdown
 
 from .ur10.receiver import SEARCHING, RobotReceiver, RobotSample
 from .ur10.settings import Ur10Parameters
@@ -115,14 +116,19 @@ class Ur10Node(Node):
         super().destroy_node()
 
     def _on_change(self, state: str, fault: str) -> None:
-        if fault:
-            self._diagnostics.fault(fault)
-        else:
-            self.get_logger().info(f"robot {self._p.robot_ip}: {state}")
+        with until_shutdown(self):
+            if fault:
+                self._diagnostics.fault(fault)
+            elif self.context.ok():
+                self.get_logger().info(f"robot {self._p.robot_ip}: {state}")
 
     def _take(self, sample: RobotSample) -> None:
         self._clock_map.observe(sample.controller_ns, sample.arrival_ns)
         stamp_ns = int(self._clock_map.to_ros_ns(sample.controller_ns))
+        with until_shutdown(self):
+            self._publish(sample, stamp_ns)
+
+    def _publish(self, sample: RobotSample, stamp_ns: int) -> None:
         p = self._p
         if self._tf is not None:
             rotation = rotation_vector_to_quaternion(sample.pose[3:])

@@ -177,8 +177,8 @@ class CameraReader:
                 self._change(SEARCHING, str(error))
                 self._stop.wait(min(self._settings.retry_s, 0.2))
             finally:
-                self._packetiser.flush()
                 device.close()
+                self._packetiser.flush()
         self._change(STOPPED)
 
     def _stream(self, device: CameraDevice) -> None:
