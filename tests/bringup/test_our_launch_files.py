@@ -81,13 +81,28 @@ def test_arguments_reach_their_nodes():
         assert given["motion.speed"] == 0.5
 
 
+#: What launch files give whether or not an argument is given: nothing that a file in config/ says.
+ALWAYS = (("not_given", ""), ("base_frame", "base"), ("moving_frame", "tool0_controller"))
+
+
 def test_an_argument_not_given_leaves_the_parameter_alone():
     with load(ROOT / "launch" / "virtual.launch.xml") as plan:
         for process in plan.processes:
             for i, word in enumerate(process.command):
                 if word == "--params-file" and "roller_launch_" in process.command[i + 1]:
                     content = yaml.safe_load(Path(process.command[i + 1]).read_text())
-                    assert content == {f"/{process.name}": {"ros__parameters": {"not_given": ""}}}
+                    (given,) = content[f"/{process.name}"]["ros__parameters"].items()
+                    assert given in ALWAYS
+
+
+def test_the_prefix_of_frames_reaches_all_nodes():
+    with load(ROOT / "launch" / "cell.launch.xml", tf_prefix="left_") as plan:
+        for process in plan.processes:
+            if process.name in ("emvs", "stitcher", "braille"):
+                assert parameters(process)["base_frame"] == "left_base"
+                assert parameters(process)["moving_frame"] == "left_tool0_controller"
+            elif process.name == "ur10":
+                assert parameters(process)["tf_prefix"] == "left_"
 
 
 def test_a_parameter_file_of_ones_own_has_the_last_word(tmp_path):
