@@ -113,7 +113,9 @@ class DotFinder:
         size = (self._apart, self._apart)
         peak = cv2.dilate(votes, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, size))
         # Chance varies as the root of what is counted.
+        gain = strip.gain(lo, hi).reshape(-1, f).mean(axis=1)
         least = self._settings.min_dot_votes + CHANCE * np.sqrt(np.maximum(around, 0.0))
+        least *= gain  # what was seen shortly is made up, and its chance variation with it
         found = (votes >= peak) & (votes >= least)
         r, c = np.nonzero(found)
         inside = (c * f + lo >= a) & (c * f + lo < b)

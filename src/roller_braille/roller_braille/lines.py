@@ -138,8 +138,8 @@ class LineReader:
         """Read no further."""
         if not self.accepted:
             self._judge(final=True)
-        # What a line on trial went through is no line's beginning.
-        self._confirmed = self.confirmed if self.accepted else self.lattice.begin
+        # A line on trial that is given up was at least none from its first cell on.
+        self._confirmed = self.confirmed if self.accepted else self._origin.moved(1).begin
         self._pending = []
         self.closed = True
 

@@ -14,6 +14,12 @@ from .settings import BrailleSettings
 from .strip import Kind, Strip
 from .warp import F32, Warp
 
+_STRONGER = 3.0
+
+
+def _at(dots: Dots, start: float) -> bool:
+    return bool(len(dots)) and float(dots.along[0]) == start
+
 
 class PassReader:
     """Reads one pass.
@@ -111,21 +117,27 @@ class PassReader:
             if not starts or not (final or min(starts) + ahead <= upto * self.strip.px_m):
                 return
             start = min(starts)
-            found = [self._try(free[kind], kind, start + ahead) for kind in self._kinds]
-            line = max(found, key=lambda f: f[0])[1]
+            end = start + ahead
+            line = self._best(free, start, end)
+            if line is None:
+                # Other relief may come soon after a short text.
+                end = start + ahead / 2
+                line = self._best(free, start, end)
             if line is not None:
                 self.lines.append(line)
                 # It has the dots of the window; these come after.
                 loose = free[line.kind]
-                line.take(loose.where(line.holds(loose) & (loose.along >= start + ahead)))
+                line.take(loose.where(line.holds(loose) & (loose.along >= end)))
                 self._advance(line, upto)
                 if not line.closed:
                     continue
                 self.lines.remove(line)
+            # Where nothing begins, what is within a dot is given up, but for what is far stronger:
+            # dust may lie beside a line's first dots.
+            strong = _STRONGER * max(float(d.votes[0]) for d in free.values() if _at(d, start))
             for kind, loose in self._loose.items():
-                # Where nothing begins, what is within a dot is given up.
-                gone = loose.along <= start + s.spacing.dot_pitch_m / 2
-                self._loose[kind] = loose.where(~gone)
+                near = loose.along <= start + s.spacing.dot_pitch_m / 2
+                self._loose[kind] = loose.where(~near | (loose.votes > strong))
 
     def _free(self, dots: Dots) -> Dots:
         """Those dots that no open line has."""
@@ -134,7 +146,14 @@ class PassReader:
                 dots = dots.where(~line.holds(dots))
         return dots
 
-    def _try(self, dots: Dots, kind: Kind, end: float) -> tuple[float, LineReader | None]:
+    def _best(self, free: dict[Kind, Dots], start: float, end: float) -> LineReader | None:
+        """The line from a place to another that explains its events best, of either kind."""
+        found = [self._try(dots, kind, start, end) for kind, dots in free.items()]
+        return max(found, key=lambda f: f[0])[1]
+
+    def _try(
+        self, dots: Dots, kind: Kind, start: float, end: float
+    ) -> tuple[float, LineReader | None]:
         """A line that begins with the first of dots, and the share of events that it explains."""
         s = self._settings
         dots = dots.where(dots.along < end)
@@ -142,6 +161,8 @@ class PassReader:
         if lattice is None:
             return 0.0, None
         on, index = lattice.assign(dots)
+        if not on.any() or dots.along[on].min() > start + s.spacing.dot_pitch_m / 2:
+            return 0.0, None  # what the window begins with is dust
         if int(on.sum()) < s.min_line_dots or not self._whole(lattice, index[on, 2]):
             return 0.0, None
         line = LineReader(

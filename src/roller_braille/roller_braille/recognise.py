@@ -30,6 +30,8 @@ _TELLING = 0.3
 _UNLIKE, _ALIKE = 0.4, 0.7
 #: Events over the background, in units of their chance variation, that are noise and something.
 _NOISE, _SOMETHING = 3.0, 8.0
+#: Share of a typical dot's events that is next to nothing, and that may be a very faint dot.
+_TRACE, _SLIGHT = 0.04, 0.12
 #: Evidence at which a dot is as likely raised as not, and that of a sure one.
 _EVEN, _SURE = 0.5, 1.0
 
@@ -198,11 +200,13 @@ class Recogniser:
         w = self._settings.hough_weight
         evidence = filled * ((1 - w) * complete + w * circles)
         sure = np.clip((evidence - _EVEN) / (_SURE - _EVEN), 0.0, 1.0)
-        # Where dots differ much, one may be hardly there: a place is empty that holds but noise.
+        # Where dots differ much, one may be hardly there: a place is empty that holds but noise, or
+        # next to nothing.
         odds = energies.whole / np.sqrt(energies.background + 1.0)
         noise = np.clip((_SOMETHING - odds) / (_SOMETHING - _NOISE), 0.0, 1.0)
         alike = np.clip((reference.weak - _UNLIKE) / (_ALIKE - _UNLIKE), 0.0, 1.0)
-        empty = np.minimum(1.0 - filled, np.maximum(noise, alike))
+        trace = np.clip((_SLIGHT - whole) / (_SLIGHT - _TRACE), 0.0, 1.0)
+        empty = np.minimum(1.0 - filled, np.maximum(np.maximum(noise, trace), alike))
         raised = sure > empty
         confidence = np.where(raised, sure - empty, empty - sure)
         # A cell in which hardly a circle shows is too faint to be sure of its empty places either.

@@ -176,7 +176,7 @@ class Strip:
         out = np.zeros((self._rows, b - a), np.float32)
         lo, hi = max(a, self._first), min(b, self._first + self._counts.shape[2])
         if lo < hi:
-            gain = self._gain(lo, hi)
+            gain = self.gain(lo, hi)
             parts = self._counts[..., lo - self._first : hi - self._first]
             part = parts[0] + parts[1] if kind is Kind.BOTH else parts[int(kind is Kind.ON)]
             np.multiply(part, gain, out=out[:, lo - a : hi - a])
@@ -198,7 +198,8 @@ class Strip:
         seen = last - np.maximum(self._begin, place - self._half)
         return np.asarray(np.clip(seen / (2 * self._half), 0.0, 1.0))
 
-    def _gain(self, a: int, b: int) -> F32:
+    def gain(self, a: int, b: int) -> F32:
+        """What counts of columns a to b (b excluded) are multiplied by, shape (b - a,)."""
         share = self._share(a, b)
         gain = np.where(share >= _LEAST_EXPOSURE, 1 / np.maximum(share, 1e-3), 1.0)
         return gain.astype(np.float32)
