@@ -1,0 +1,102 @@
+"""The stream of packets: times, order, and an account of what was lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roller_core.codecs import PacketLengthError, encode
+from roller_core.event_stream import EventStream, ImageSizeError, TimeBackwardsError
+from roller_core.events import EventArray, EventArrayError
+
+START_NS = 1_700_000_000_000_000_000
+MS = 1_000_000
+
+
+def push(
+    stream: EventStream, seq: int, sensor_ns: int, arrival_ns: int, n: int = 10, **more: object
+) -> EventArray:
+    """A packet of events, 10 µs apart."""
+    events = EventArray.from_arrays(
+        np.arange(n), np.arange(n), sensor_ns + 10_000 * np.arange(n), np.ones(n)
+    )
+    fields = {"encoding": "libcaer_cmp", "width": 64, "height": 48, **more}
+    payload = encode("libcaer_cmp", events, sensor_ns)
+    return stream.push(
+        fields["encoding"], fields["width"], fields["height"], seq, arrival_ns, sensor_ns, payload
+    )  # type: ignore[arg-type]
+
+
+def test_events_get_ros_time_from_the_first_arrival() -> None:
+    stream = EventStream(64, 48)
+    events = push(stream, 0, 5 * MS, START_NS)
+    assert events.t_ns[0] == START_NS
+    # A later arrival doesn't move the map, an earlier one does.
+    late = push(stream, 1, 6 * MS, START_NS + MS + 300_000)
+    assert late.t_ns[0] == START_NS + MS
+    early = push(stream, 2, 7 * MS, START_NS + 2 * MS - 100_000)
+    assert early.t_ns[0] == START_NS + 2 * MS - 100_000
+
+
+def test_missing_numbers_are_lost_packets_but_a_new_start_is_not() -> None:
+    stream = EventStream(64, 48)
+    for seq in (0, 1, 4, 5, 0, 1):
+        push(stream, seq, (1 + stream.counts.packets) * MS, START_NS + stream.counts.packets * MS)
+    assert stream.counts.lost_packets == 2
+    assert stream.counts.packets == 6
+    assert stream.counts.events == 60
+
+
+def test_times_never_run_backwards() -> None:
+    """The clock's map may move back by its jitter: such events are held, none is lost."""
+    rng = np.random.default_rng(0)
+    stream, last, total = EventStream(64, 48), 0, 0
+    for k in range(500):
+        jitter = int(rng.exponential(200_000))
+        events = push(stream, k, (k + 1) * MS, START_NS + k * MS + jitter)
+        assert events.t_ns[0] >= last
+        last, total = int(events.t_ns[-1]), total + len(events)
+    assert total == 5000
+    assert stream.counts.late_events == 0
+
+
+def test_late_packets_are_left_out_and_counted() -> None:
+    stream = EventStream(64, 48)
+    push(stream, 0, 100 * MS, START_NS)
+    push(stream, 1, 150 * MS, START_NS + 50 * MS)
+    assert len(push(stream, 2, 120 * MS, START_NS + 20 * MS)) == 0
+    assert stream.counts.late_events == 10
+
+
+def test_a_jump_back_starts_anew_and_keeps_its_events() -> None:
+    stream = EventStream(64, 48)
+    push(stream, 0, 100 * MS, START_NS)
+    with pytest.raises(TimeBackwardsError, match="runs backwards by 20") as caught:
+        push(stream, 1, 5 * MS, START_NS - 20_000 * MS)
+    assert len(caught.value.events) == 10
+    after = push(stream, 2, 6 * MS, START_NS - 19_999 * MS)
+    assert after.t_ns[0] == START_NS - 19_999 * MS
+    assert stream.counts.clock_steps == 1
+
+
+def test_another_image_size_is_refused() -> None:
+    stream = EventStream(64, 48)
+    with pytest.raises(ImageSizeError, match="640×480 px but the camera is calibrated for 64×48"):
+        push(stream, 0, MS, START_NS, width=640, height=480)
+
+
+def test_a_broken_packet_costs_only_itself() -> None:
+    stream = EventStream(64, 48)
+    push(stream, 0, MS, START_NS)
+    with pytest.raises(PacketLengthError):
+        stream.push("libcaer_cmp", 64, 48, 1, START_NS, MS, b"123")
+    assert len(push(stream, 2, 3 * MS, START_NS + 2 * MS)) == 10
+    assert stream.counts.lost_packets == 1
+
+
+def test_arrays_must_fit_together() -> None:
+    with pytest.raises(EventArrayError, match="field 'y'"):
+        EventArray(
+            np.zeros(3, np.uint16), np.zeros(2, np.uint16), np.zeros(3, np.int64),
+            np.zeros(3, np.uint8),
+        )  # fmt: skip
