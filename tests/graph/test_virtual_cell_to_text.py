@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from graph.graph_world import Watcher
@@ -50,7 +51,8 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
     assert braille["mae_um"] < 300
     cloud = read_ply(tmp_path / "surface.ply")
     assert len(cloud["x"]) > 2000
-    assert cloud["height"].max() < 1.5e-3
+    # Dots are 0.48 mm high.
+    assert np.percentile(cloud["height"], 98) < 0.8e-3
     depth = seen.statuses["emvs: depth"][1]
     assert int(depth["lost_packets"]) == 0
     assert int(depth["dropped_events"]) == 0
