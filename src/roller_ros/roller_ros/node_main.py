@@ -37,6 +37,10 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
     except RollerError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         code = 1
+    except Exception:
+        # An interrupt shuts the context down at once; what was being published then raises.
+        if rclpy.ok():
+            raise
     finally:
         # A second SIGINT in the middle of teardown would turn a clean end into a failure.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -92,6 +92,8 @@ class Worker(Generic[T]):
         try:
             self._work()
         except Exception:
+            if not rclpy.ok():
+                return  # the graph is gone, what was being published could not be
             # A fault of ours: a node that stands still without a word would be worse.
             traceback.print_exc()
             CRASHED.set()
