@@ -180,6 +180,27 @@ def test_text_before_and_after_other_relief() -> None:
     assert read(scan(plate, track), track)[1].text() == ["first", "second"]
 
 
+def test_short_text_close_to_other_relief() -> None:
+    plate = Plate().text("ab")
+    for k, y in np.ndindex(6, 60):
+        plate.dots.append((0.014 + 0.0031 * k, (y - 30) * 1.6e-4, 0.0, 6.28, 60))
+    track = over(plate)
+    assert read(scan(plate, track), track)[1].text() == ["ab"]
+
+
+def test_dust_around_the_text_changes_nothing() -> None:
+    """Faint spots before, in and after a line, on its lattice and off it."""
+    plate = Plate().text("dust dog")
+    rng = np.random.default_rng(2)
+    pitch, dot = SPACING.cell_pitch_m, SPACING.dot_pitch_m
+    for n in (-3, -1, 4, 8, 9, 10, 11):
+        plate.dots.append((n * pitch, dot * (n % 3 - 1), 0.0, 6.28, 20))
+    for _ in range(40):
+        plate.dots.append((*rng.uniform([-0.02, -0.008], [0.075, 0.008]), 0.0, 6.28, 15))
+    track = over(plate)
+    assert read(scan(plate, track), track)[1].text() == ["dust dog"]
+
+
 def test_a_second_pass_repeats_nothing() -> None:
     plate = Plate().text("there and back")
     a, b = -0.03, 0.12

@@ -14,7 +14,7 @@ from .warp import F64
 #: A dot this far off its node, in dot pitches, has no part in it.
 REACH = 0.25
 _SCALES = 7
-#: Spots weaker than this, against strong ones, have no part in finding a lattice.
+#: Spots weaker than this, against the strong ones (the third strongest), are dust.
 _FAINT = 0.06
 _STRONG = 3
 _STEP_M = 0.0001
@@ -131,6 +131,11 @@ class Lattice:
         return Lattice(along, down, self.cell, self.dot_along, self.dot_down, self.slope)
 
 
+def no_dust(votes: F64) -> npt.NDArray[np.bool_]:
+    """Which spots are not far weaker than the strong ones among them, shape (n,)."""
+    return np.asarray(votes >= _FAINT * np.sort(votes)[-min(_STRONG, len(votes))])
+
+
 def find_lattice(
     dots: Dots, spacing: Spacing, tolerance: float, left_first: bool
 ) -> Lattice | None:
@@ -155,8 +160,7 @@ def find_lattice(
     if not len(dots):
         return None
     # Dust is no dot; left in, it could move the rows.
-    strong = np.sort(dots.votes)[-min(_STRONG, len(dots))]
-    dots = dots.where(dots.votes >= _FAINT * strong)
+    dots = dots.where(no_dust(dots.votes))
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
     scales = np.linspace(1 - tolerance, 1 + tolerance, _SCALES)
     width = REACH * spacing.dot_pitch_m

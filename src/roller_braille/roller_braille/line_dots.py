@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .dots import Dots
-from .lattice import REACH, Lattice
+from .lattice import REACH, Lattice, no_dust
 from .recognise import Reference, completeness
 from .warp import F64
 
@@ -14,6 +14,8 @@ _NEAR_CELLS = 4
 _LEAST_DOTS = 4
 #: Strength of a typical dot among them: pixels that fire for the first time can make some strong.
 _TYPICAL = 0.35
+#: Share of a spot's events that what lies around it must leave it, or it is no dot.
+_ALONE = 0.5
 #: And that of a weak one.
 _WEAK = 0.1
 #: A side of a dot is taken to hold at least this share of its events.
@@ -71,6 +73,7 @@ class LineDots:
     def reference(self, lattice: Lattice, least: float) -> Reference | None:
         """What a dot looks like around cell 0; None when there are none of at least some events."""
         on, _ = lattice.assign(self._dots)
+        on &= self._dots.votes >= _ALONE * self._halves[:, :2].sum(axis=1)
         if not on.any():
             return None
         halves = self._halves[on]
@@ -79,10 +82,12 @@ class LineDots:
         if near.sum() < _LEAST_DOTS:
             near = np.isin(np.arange(len(cells)), np.argsort(cells, kind="stable")[:_LEAST_DOTS])
         wholes = halves[near, :2].sum(axis=1)
+        dots = no_dust(wholes)
+        at, wholes = np.flatnonzero(near)[dots], wholes[dots]
         whole = float(np.quantile(wholes, _TYPICAL))
         if whole < least:
             return None
         weak = float(np.quantile(wholes, _WEAK)) / whole
-        own = halves[near] / np.maximum(wholes, 1e-9)[:, None]
+        own = halves[at] / np.maximum(wholes, 1e-9)[:, None]
         shares = np.maximum(np.median(own, axis=0), _LEAST_SHARE)
         return Reference(whole, weak, shares, float(np.quantile(completeness(own, shares), _WEAK)))

@@ -129,7 +129,7 @@ class PassReader:
                 loose = free[line.kind]
                 line.take(loose.where(line.holds(loose) & (loose.along >= end)))
                 self._advance(line, upto)
-                if not line.closed:
+                if line.accepted or not line.closed:
                     continue
                 self.lines.remove(line)
             # Where nothing begins, what is within a dot is given up, but for what is far stronger:

@@ -22,6 +22,8 @@ from .warp import F32, F64
 #: Share of a dot's events at which a place is certainly empty, and at which it certainly is not, at
 #: least; with dots that are alike, it is this share of a weak one.
 EMPTY, FILLED, _OF_WEAK = 0.1, 0.3, 0.75
+#: How much more that has to be, for the share of events that lies between dots.
+_OF_SMEAR = 1.5
 #: Completeness at which a dot is certainly complete (within limits, that share of a less complete
 #: one of its line), and the part of it at which it certainly is broken.
 _COMPLETE, _BROKEN = (0.25, 0.6), 0.35
@@ -194,7 +196,11 @@ class Recogniser:
         complete = completeness(shares, reference.shares)
         complete = np.clip((complete - broken) / (enough - broken), 0.0, 1.0)
         # Where all dots are alike, half of one is none; where they differ, it may be a weak one.
-        full = np.clip(_OF_WEAK * reference.weak, FILLED, _OF_WEAK)
+        # And what lies about between dots may lie on an empty place as well.
+        found = energies.whole[whole > EMPTY].sum()
+        smear = 1.0 - share(float(found), energies.total)
+        least = min(FILLED + _OF_SMEAR * smear, _OF_WEAK)
+        full = np.clip(_OF_WEAK * reference.weak, least, _OF_WEAK)
         filled = np.clip((whole - EMPTY) / (full - EMPTY), 0.0, 1.0)
         circles = self._circles(image, at, reference)
         w = self._settings.hough_weight
