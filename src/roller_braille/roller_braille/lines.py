@@ -12,9 +12,9 @@ from .cells import Seen
 from .dots import CHANCE, Dots
 from .lattice import Lattice
 from .line_dots import LineDots
-from .recognise import FILLED, Energies, Recogniser, Reference, image_around, share
+from .recognise import FILLED, Energies, Recogniser, Reference, share
 from .settings import BrailleSettings
-from .strip import Kind, Strip
+from .strip import Kind, Strip, image_around
 from .warp import F32, F64
 
 #: Cells behind whose dots hold the lattice.

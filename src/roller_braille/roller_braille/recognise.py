@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from .dots import SPOT
 from .settings import BrailleSettings
-from .strip import Kind, Strip
 from .warp import F32, F64
 
 #: Share of a dot's events at which a place is certainly empty, and at which it certainly is not, at
@@ -288,13 +287,3 @@ def share(held: float, total: float) -> float:
     nothing is known, which counts as 0.
     """
     return min(held / total, 1.0) if total > held / 2 and total > 0 else 0.0
-
-
-def image_around(strip: Strip, nodes: F64, margin_px: int, kind: Kind) -> tuple[F32, F64]:
-    """Part of the mosaic around nodes, and the nodes' columns and rows in it."""
-    columns = nodes[:, 0] / strip.px_m
-    a, b = int(columns.min()) - margin_px, int(columns.max()) + margin_px + 1
-    rows = (nodes[:, 1] - strip.top_m) / strip.px_m
-    top, bottom = max(int(rows.min()) - margin_px, 0), int(rows.max()) + margin_px + 1
-    image = np.ascontiguousarray(strip.image(a, b, kind)[top:bottom])
-    return image, np.stack([columns - a, rows - top], axis=-1)

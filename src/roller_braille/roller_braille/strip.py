@@ -212,3 +212,13 @@ class Strip:
             more_counts = np.zeros((2, self._rows, more), np.float32)
             self._counts = np.concatenate([self._counts, more_counts], axis=2)
             self._newest = np.append(self._newest, np.zeros(more, np.int64))
+
+
+def image_around(strip: Strip, nodes: F64, margin_px: int, kind: Kind) -> tuple[F32, F64]:
+    """Part of the mosaic around nodes, and the nodes' columns and rows in it."""
+    columns = nodes[:, 0] / strip.px_m
+    a, b = int(columns.min()) - margin_px, int(columns.max()) + margin_px + 1
+    rows = (nodes[:, 1] - strip.top_m) / strip.px_m
+    top, bottom = max(int(rows.min()) - margin_px, 0), int(rows.max()) + margin_px + 1
+    image = np.ascontiguousarray(strip.image(a, b, kind)[top:bottom])
+    return image, np.stack([columns - a, rows - top], axis=-1)
