@@ -84,6 +84,8 @@ class LineDots:
         wholes = halves[near, :2].sum(axis=1)
         dots = no_dust(wholes)
         at, wholes = np.flatnonzero(near)[dots], wholes[dots]
+        if not len(wholes):
+            return None
         whole = float(np.quantile(wholes, _TYPICAL))
         if whole < least:
             return None

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from roller_core.errors import RollerError
 from roller_core.frames import SensorFrames
 
-from . import qos
 from .messages import to_ns
 
 
@@ -51,34 +49,3 @@ def take_transforms(
         except RollerError as error:
             on_fault(error)
     return moved
-
-
-def follow_frames(
-    node: Node,
-    frames: SensorFrames,
-    on_pose: Callable[[], None],
-    on_fault: Callable[[RollerError], None],
-) -> None:
-    """Subscribe to /tf and /tf_static and feed `frames` in the node's callbacks.
-
-    Parameters
-    ----------
-    node : Node
-        Whose subscriptions they are.
-    frames : SensorFrames
-        Takes the transforms.
-    on_pose : callable
-        Called after each message that moved the sensor.
-    on_fault : callable
-        Called with the reason when a transform is refused.
-    """
-
-    def dynamic(message: TFMessage) -> None:
-        if take_transforms(frames, message, False, on_fault):
-            on_pose()
-
-    def static(message: TFMessage) -> None:
-        take_transforms(frames, message, True, on_fault)
-
-    node.create_subscription(TFMessage, "/tf", dynamic, qos.TF)
-    node.create_subscription(TFMessage, "/tf_static", static, qos.TF_STATIC)
