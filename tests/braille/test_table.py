@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from roller_braille.table import (
@@ -22,7 +22,10 @@ words = st.text("abcdefghijklmnopqrstuvwxyzABCXYZ0123456789.,;:!-'", min_size=1,
 texts = st.lists(words, min_size=1, max_size=5).map(" ".join)
 
 
+@settings(max_examples=1000, deadline=None)
 @given(text=texts)
+@example(text="AA0a")
+@example(text="AB1AB 2ab Ab1")
 def test_what_is_written_is_read(text: str) -> None:
     assert to_text(to_masks(text)) == text
 

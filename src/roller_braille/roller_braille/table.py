@@ -169,6 +169,9 @@ class Decoder:
             if mask == CAPITAL_SIGN:
                 self._capitals = self._capital
                 self._capital = True
+            elif mask == NUMBER_SIGN:
+                # Capitals reach to the end of the letters.
+                self._capital = self._capitals = False
             return ""
         if mask in _DIGIT_OF_MASK and self._doubtful:
             return None
