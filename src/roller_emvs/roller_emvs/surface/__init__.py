@@ -1,0 +1,6 @@
+"""Heights from events voted into a strip fixed to the surface."""
+
+from .surface_settings import SurfaceSettings
+from .sweep import SurfacePatch, SurfaceSweep
+
+__all__ = ["SurfacePatch", "SurfaceSettings", "SurfaceSweep"]

@@ -1,0 +1,217 @@
+"""The sweep in the surface's frame on analytic scenes: right heights, or none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from emvs.scenes import CAMERA, MS, Motion, events_of, lines, rolling, tilted, track_of, turning
+from roller_core.errors import SettingsError
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+from roller_core.transforms import matrix_to_quaternion
+from roller_driver.virtual.cell import VirtualCell
+from roller_driver.virtual.settings import VirtualCellSettings
+from roller_emvs.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.windows import RefusedWindow
+
+DURATION_S = 0.12
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+VALUES = {"min_votes": 2.0, "min_aperture_m": 0.013, "threads": 1}
+
+
+def settings(**values: object) -> SurfaceSettings:
+    return SurfaceSettings.create({**VALUES, **values})
+
+
+def sweep(
+    events: EventArray, track: PoseTrack, **values: object
+) -> tuple[list[SurfacePatch], list[RefusedWindow], SurfaceSweep]:
+    engine = SurfaceSweep(settings(**values), CAMERA, track)
+    engine.add_events(events)
+    found = list(engine.results(flush=True))
+    patches = [f for f in found if isinstance(f, SurfacePatch)]
+    return patches, [f for f in found if isinstance(f, RefusedWindow)], engine
+
+
+def points_of(patches: list[SurfacePatch]) -> np.ndarray:
+    return np.concatenate([p.points for p in patches]) if patches else np.empty((0, 3))
+
+
+@pytest.fixture(scope="module")
+def scan() -> EventArray:
+    return events_of(lines(tilted), rolling(0.3), DURATION_S)
+
+
+def test_a_tilted_plane_is_found(scan: EventArray) -> None:
+    patches, _, engine = sweep(scan, track_of(rolling(0.3), DURATION_S))
+    points = points_of(patches)
+    assert len(points) > 2000
+    errors = points[:, 2] - tilted(points[:, 0])
+    # One pixel of parallax is 0.14 mm with this camera and view.
+    assert np.median(np.abs(errors)) < 70e-6
+    assert abs(np.median(errors)) < 70e-6
+    assert np.abs(errors).max() < 300e-6
+    assert engine.counts.points == len(points)
+    assert engine.held_events == 0
+    for patch in patches:
+        assert len(patch.confidence) == len(patch.height) == len(patch)
+        assert 0 <= patch.confidence.min() <= patch.confidence.max() <= 1
+        assert patch.start_ns < patch.end_ns
+    # Each row once: blocks don't overlap along the roll.
+    starts = [p.points[:, 0].min() for p in patches]
+    ends = [p.points[:, 0].max() for p in patches]
+    assert all(a <= b + 1e-9 for a, b in zip(ends, starts[1:], strict=False))
+
+
+@pytest.mark.parametrize("batch_ms", [1, 17])
+def test_results_depend_on_the_data_alone(scan: EventArray, batch_ms: int) -> None:
+    whole = points_of(sweep(scan, track_of(rolling(0.3), DURATION_S))[0])
+    track = PoseTrack()
+    engine = SurfaceSweep(settings(), CAMERA, track)
+    full = track_of(rolling(0.3), DURATION_S)
+    parts: list[SurfacePatch] = []
+    early = 0
+    for start in range(0, int(DURATION_S * 1e3) + 40, batch_ms):
+        end_ns = (start + batch_ms) * MS
+        for t, p, q in zip(full.times_ns, full.positions, full.quaternions, strict=True):
+            # Poses come late.
+            if start * MS <= t + 20 * MS < end_ns:
+                track.append(int(t), p, q)
+        a, b = np.searchsorted(scan.t_ns, [start * MS, end_ns])
+        engine.add_events(scan[a:b])
+        parts += [f for f in engine.results() if isinstance(f, SurfacePatch)]
+        if len(track) and engine.needed_from_ns is not None:
+            track.discard_before(engine.needed_from_ns)
+        early = len(parts)
+    parts += [f for f in engine.results(flush=True) if isinstance(f, SurfacePatch)]
+    assert 0 < early < len(parts)
+    np.testing.assert_array_equal(points_of(parts), whole)
+
+
+def test_threads_change_nothing(scan: EventArray) -> None:
+    track = track_of(rolling(0.3), DURATION_S)
+    one, two = (points_of(sweep(scan, track, threads=n)[0]) for n in (1, 2))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_epoch_time_and_a_far_base_change_nothing(scan: EventArray) -> None:
+    epoch, offset = 1_790_000_000_123_456_789, np.array([4000.0, -2500.0, 300.0])
+    near = points_of(sweep(scan, track_of(rolling(0.3), DURATION_S))[0])
+    there = track_of(rolling(0.3, tuple(offset)), DURATION_S, epoch)
+    far = points_of(sweep(scan.shifted(epoch), there)[0]) - offset
+    assert abs(len(near) - len(far)) < 0.02 * len(near)
+    assert abs(np.median(near[:, 2] - tilted(near[:, 0]))) < 70e-6
+    assert abs(np.median(far[:, 2] - tilted(far[:, 0]))) < 70e-6
+
+
+def test_the_way_back_is_a_pass_of_its_own() -> None:
+    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([0.3 * (t if t < 0.08 else 0.16 - t), 0, 0]), UPRIGHT
+
+    events = events_of(lines(tilted), motion, 0.16)
+    patches, _, engine = sweep(events, track_of(motion, 0.16))
+    points = points_of(patches)
+    assert np.median(np.abs(points[:, 2] - tilted(points[:, 0]))) < 70e-6
+    middle = [p for p in patches if p.stamp_ns < 80 * MS]
+    assert middle
+    assert len(middle) < len(patches)
+    assert engine.held_events == 0
+
+
+def along_axis(t: float) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([0.0, 0.0, 0.02 * t]), UPRIGHT
+
+
+@pytest.mark.parametrize("motion", [rolling(0.0), turning(1.0), along_axis])
+def test_without_parallax_there_is_no_depth(motion: Motion) -> None:
+    events = events_of(lines(tilted), motion, 0.2, step_s=1e-3)
+    patches, refused, engine = sweep(events, track_of(motion, 0.2), max_start_s=0.1)
+    assert not len(points_of(patches))
+    assert refused
+    assert "parallax" in refused[0].reason
+    assert engine.held_events == 0
+
+
+def test_a_gap_in_poses_ends_the_pass(scan: EventArray) -> None:
+    full = track_of(rolling(0.3), DURATION_S)
+    track = PoseTrack(max_gap_s=0.01)
+    for t, p, q in zip(full.times_ns, full.positions, full.quaternions, strict=True):
+        if not 50 * MS < t < 75 * MS:
+            track.append(int(t), p, q)
+    patches, refused, engine = sweep(scan, track)
+    faults = [r for r in refused if r.fault is not None]
+    assert len(faults) == 1
+    assert "gap" in faults[0].reason
+    assert engine.counts.events_without_pose == faults[0].events
+    points = points_of(patches)
+    assert np.median(np.abs(points[:, 2] - tilted(points[:, 0]))) < 70e-6
+
+
+def test_a_stop_on_the_way_adds_nothing(scan: EventArray) -> None:
+    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([0.3 * (t if t < 0.064 else max(0.064, t - 0.5)), 0, 0]), UPRIGHT
+
+    later = np.where(scan.t_ns < 64 * MS, scan.t_ns, scan.t_ns + 500 * MS)
+    hot = np.arange(80, 540) * MS
+    noise = EventArray.from_arrays(hot * 0 + 160, hot * 0 + 60, hot, hot * 0)
+    events = EventArray.concatenate([scan.with_times(later), noise]).sorted_by_time()
+    patches, _, engine = sweep(events, track_of(motion, DURATION_S + 0.5))
+    assert engine.counts.still_events >= len(noise)
+    points = points_of(patches)
+    assert np.median(np.abs(points[:, 2] - tilted(points[:, 0]))) < 70e-6
+
+
+def test_a_backlog_is_dropped_and_counted(scan: EventArray) -> None:
+    engine = SurfaceSweep(settings(max_backlog_events=10_000), CAMERA, PoseTrack())
+    for k in range(0, len(scan), 2000):
+        engine.add_events(scan[k : k + 2000])
+        assert not list(engine.results())
+    assert engine.held_events <= 10_000
+    assert engine.counts.dropped_events + engine.held_events == len(scan)
+
+
+def test_rays_held_are_bounded_too(scan: EventArray) -> None:
+    track = track_of(rolling(0.3), DURATION_S)
+    _, _, engine = sweep(scan, track, max_backlog_events=10_000)
+    assert engine.counts.dropped_events > 0
+
+
+def test_a_single_event_and_none() -> None:
+    track = track_of(rolling(0.3), DURATION_S)
+    one = EventArray.from_arrays([100], [50], [60 * MS], [1])
+    patches, refused, _ = sweep(one, track)
+    assert not len(points_of(patches))
+    assert len(refused) >= 1
+    assert sweep(EventArray.empty(), track)[:2] == ([], [])
+
+
+def test_stairs_of_the_virtual_cell() -> None:
+    speed = 0.3
+    cell = VirtualCell(
+        VirtualCellSettings.create({"scene": {"name": "stairs"}, "motion": {"speed": speed}})
+    )
+    truth, track = cell.truth, PoseTrack()
+    start = truth.start_ros_ns
+    events = EventArray.concatenate([e for _, e in cell.raw_events()]).sorted_by_time()
+    for t in range(start, start + truth.duration_ns, 4 * MS):
+        pose = truth.camera_pose(t)
+        track.append(t, pose[:3, 3], matrix_to_quaternion(pose[:3, :3]))
+    engine = SurfaceSweep(SurfaceSettings(), truth.camera, track)
+    engine.add_events(events.shifted(start))
+    points = points_of([f for f in engine.results(flush=True) if isinstance(f, SurfacePatch)])
+    region = truth.objects["stairs"]
+    # Events are later than what caused them, and not by the packets' delay.
+    delay_s = (truth.event_delay_ns - truth.settings.clock.latency_us * 1e3) * 1e-9
+    x, y = points[:, 0] - speed * delay_s, points[:, 1]
+    on = (x > region.x0) & (x < region.x1) & (y > region.y0) & (y < region.y1)
+    errors = np.abs(points[:, 2] - truth.height_at(x, y))[on]
+    assert on.sum() > 8000
+    assert np.mean(errors) < 70e-6
+    assert np.median(errors) < 65e-6
+    assert np.quantile(errors, 0.99) < 300e-6
+
+
+def test_settings_are_checked() -> None:
+    with pytest.raises(SettingsError, match="depth_min_m"):
+        settings(depth_min_m=0.05)
