@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from roller_emvs.depth_map import DepthMap
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.settings import DepthSettings, StitcherSettings
 from roller_emvs.stitcher import Patch, Stitcher
+from roller_emvs.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.windows import RefusedWindow
 
 _FRAMES = frozenset(
@@ -26,18 +27,25 @@ _FRAMES = frozenset(
 #: Parameters of the nodes that only make sense in a graph.
 _GRAPH_ONLY = {"emvs": _FRAMES, "stitcher": _FRAMES | {"max_pose_gap_s"}, "braille": _FRAMES}
 
+#: Settings of the sweep in the surface's frame that the other parts have too.
+_SHARED = frozenset({"depth_min_m", "depth_max_m", "threads", "max_backlog_events", "surface_z_m"})
+
 
 @dataclass(frozen=True)
 class InspectionSettings:
-    """Settings of the three parts, as their nodes take them."""
+    """Settings of the parts, as their nodes take them; `surface` has no node."""
 
     depth: DepthSettings
     stitcher: StitcherSettings
     braille: BrailleSettings
+    surface: SurfaceSettings = field(default_factory=lambda: SurfaceSettings.create({}))
 
     @classmethod
     def load(cls, path: Path | None = None, method: str | None = None) -> InspectionSettings:
-        """Read a ROS 2 parameter file with sections `emvs`, `stitcher` and `braille`.
+        """Read a ROS 2 parameter file with sections `emvs`, `stitcher`, `braille` and `surface`.
+
+        What `surface` doesn't say of depth range, threads and nominal surface, `emvs` and
+        `stitcher` say for it.
 
         Parameters
         ----------
@@ -54,16 +62,19 @@ class InspectionSettings:
 
         def section(node: str) -> dict[str, Any]:
             values = read_parameters(path, node) if path else {}
-            return {k: v for k, v in values.items() if k not in _GRAPH_ONLY[node]}
+            return {k: v for k, v in values.items() if k not in _GRAPH_ONLY.get(node, _FRAMES)}
 
         source = str(path) if path else "settings"
         depth = section("emvs")
         if method:
             depth["method"] = method
+        stitcher = section("stitcher")
+        shared = {k: v for k, v in {**depth, **stitcher}.items() if k in _SHARED}
         return cls(
             DepthSettings.create(depth, source),
-            StitcherSettings.create(section("stitcher"), source),
+            StitcherSettings.create(stitcher, source),
             BrailleSettings.create(section("braille"), source),
+            SurfaceSettings.create({**shared, **section("surface")}, source),
         )
 
 
@@ -98,7 +109,11 @@ class Inspection:
         braille: bool = True,
     ) -> None:
         self.settings = settings
-        self.depth = DepthPipeline(settings.depth, camera, track)
+        self.depth: DepthPipeline | SurfaceSweep
+        if settings.depth.method == "surface":
+            self.depth = SurfaceSweep(settings.surface, camera, track)
+        else:
+            self.depth = DepthPipeline(settings.depth, camera, track)
         self.stitcher = Stitcher(settings.stitcher, camera)
         self.braille = BraillePipeline(settings.braille, camera, track) if braille else None
         self._track = track
@@ -109,10 +124,12 @@ class Inspection:
         if self.braille is not None:
             self.braille.add_events(events)
 
-    def results(self, flush: bool = False) -> Iterator[Mapped | RefusedWindow | Cell]:
+    def results(
+        self, flush: bool = False
+    ) -> Iterator[Mapped | SurfacePatch | RefusedWindow | Cell]:
         """What is complete by now; with `flush` all that is left."""
         for found in self.depth.results(flush):
-            if isinstance(found, RefusedWindow):
+            if isinstance(found, RefusedWindow | SurfacePatch):
                 yield found
             else:
                 yield Mapped(found, self.stitcher.add(found))

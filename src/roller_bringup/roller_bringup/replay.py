@@ -9,6 +9,7 @@ from pathlib import Path
 
 from roller_braille.cells import Cell
 from roller_core.errors import RollerError, UnwritableOutputError
+from roller_emvs.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
 
 from .inspection import Inspection, InspectionSettings, Mapped
@@ -69,10 +70,12 @@ def replay(
             "emvs": settings.depth.model_dump(),
             "stitcher": settings.stitcher.model_dump(),
             "braille": settings.braille.model_dump(),
+            "surface": settings.surface.model_dump(),
         },
     )
     inspection = Inspection(settings, recording.camera, recording.track, braille)
-    tally = TruthTally.beside(source)
+    # The tally compares depth maps, of which `surface` makes none.
+    tally = TruthTally.beside(source) if settings.depth.method != "surface" else None
     run = _Run(inspection, writer, report, tally)
     begin = time.perf_counter()
     try:
@@ -130,6 +133,9 @@ class _Run:
                 self._report.add_window(found)
                 if found.fault is not None:
                     self._report.add_fault(found.fault)
+            elif isinstance(found, SurfacePatch):
+                self._report.add_window(found)
+                self._writer.write_rows(found)
             elif isinstance(found, Mapped):
                 self._report.add_window(found.depth_map)
                 self._writer.write_mapped(found)

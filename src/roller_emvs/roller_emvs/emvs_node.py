@@ -15,7 +15,7 @@ from roller_ros.node_main import run_node
 from roller_ros.stream_node import StreamNode, StreamParameters, percentile
 
 from .depth_map import DepthMap, pinhole
-from .pipeline import DepthPipeline
+from .pipeline import DepthPipeline, refuse_surface
 from .settings import DepthSettings
 from .windows import RefusedWindow
 
@@ -32,6 +32,7 @@ class EmvsNode(StreamNode[DepthPipeline]):
         self._settings = DepthSettings.create(
             {name: getattr(self.parameters, name) for name in DepthSettings.model_fields}
         )
+        refuse_surface(self._settings)
         self._latency_s = 0.0
         self._window_ms: deque[float] = deque(maxlen=1000)
         self._image = self.create_publisher(Image, "/roller/depth/image", qos.DEPTH)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roller_core.camera import Camera
-from roller_core.errors import RollerError
+from roller_core.errors import RollerError, SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 
@@ -47,9 +47,15 @@ class DepthPipeline:
         Calibration of the camera that the events are from.
     track : PoseTrack
         Camera optical frame in base; the caller goes on adding poses to it.
+
+    Raises
+    ------
+    SettingsError
+        For a method that makes no depth maps.
     """
 
     def __init__(self, settings: DepthSettings, camera: Camera, track: PoseTrack) -> None:
+        refuse_surface(settings)
         self.settings = settings
         self.camera = camera
         self.track = track
@@ -129,4 +135,18 @@ class DepthPipeline:
             window.end_ns,
             len(events),
             {k: float(np.round(v, 3)) for k, v in watch.milliseconds.items()},
+        )
+
+
+def refuse_surface(settings: DepthSettings) -> None:
+    """Refuse the method that makes no depth maps.
+
+    Raises
+    ------
+    SettingsError
+        If it is chosen.
+    """
+    if settings.method == "surface":
+        raise SettingsError(
+            "'method' = 'surface' makes no depth maps: it is for `roller replay`, not for a node"
         )

@@ -11,8 +11,11 @@ from pydantic import Field, model_validator
 
 from roller_core.settings import Settings
 
-Method = Literal["focus", "bma", "left_right", "emvs"]
+Method = Literal["focus", "bma", "left_right", "emvs", "surface"]
+#: Methods that make depth maps, as the live graph does.
 METHODS: tuple[Method, ...] = ("focus", "bma", "left_right", "emvs")
+#: Methods of a replay.
+REPLAY_METHODS: tuple[Method, ...] = (*METHODS, "surface")
 
 
 class DepthSettings(Settings):
@@ -21,7 +24,8 @@ class DepthSettings(Settings):
     method: Method = Field(
         "focus",
         description="focus: neighbourhood evidence (default); emvs: one volume, middle reference; "
-        "left_right: start and end views; bma: start, middle and end views, weighted (paper).",
+        "left_right: start and end views; bma: start, middle and end views, weighted (paper); "
+        "surface: a strip fixed to the surface, no depth maps (only in a replay).",
     )
     window: Literal["auto", "time", "travel", "all"] = Field(
         "auto",

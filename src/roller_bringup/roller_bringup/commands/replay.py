@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from roller_bringup.progress import progress_bar
-from roller_emvs.settings import METHODS
+from roller_emvs.settings import REPLAY_METHODS
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -20,7 +20,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
-    parser.add_argument("--method", choices=METHODS, help="depth method (default: focus)")
+    parser.add_argument("--method", choices=REPLAY_METHODS, help="depth method (default: focus)")
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="ROS 2 parameter file (emvs, stitcher, braille)"
     )

@@ -15,6 +15,7 @@ import numpy as np
 
 from roller_core.errors import RollerError
 from roller_emvs.depth_map import DepthMap
+from roller_emvs.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
 
 
@@ -44,8 +45,8 @@ class Report:
     _faults: Counter[str] = field(default_factory=Counter)
     _first_fault: dict[str, str] = field(default_factory=dict)
 
-    def add_window(self, found: DepthMap | RefusedWindow) -> None:
-        """Note a depth map or a window that was refused."""
+    def add_window(self, found: DepthMap | SurfacePatch | RefusedWindow) -> None:
+        """Note a depth map, rows of the surface, or a window that was refused."""
         entry: dict[str, Any] = {
             "start_s": found.start_ns * 1e-9,
             "end_s": found.end_ns * 1e-9,
@@ -56,8 +57,12 @@ class Report:
             entry["lost"] = [found.reason]
         else:
             stamp_ns = found.stamp_ns
-            entry |= {"events": found.events, "points": found.points}
-            entry |= {"milliseconds": found.milliseconds, "lost": list(found.notes)}
+            if isinstance(found, SurfacePatch):
+                points, lost = len(found), []
+            else:
+                points, lost = found.points, list(found.notes)
+            entry |= {"events": found.events, "points": points}
+            entry |= {"milliseconds": found.milliseconds, "lost": lost}
         self.windows.append({"stamp_s": stamp_ns * 1e-9, "stamp_ns": stamp_ns, **entry})
 
     def add_fault(self, fault: RollerError) -> None:

@@ -11,6 +11,7 @@ from roller_braille.settings import Spacing
 from roller_core.camera import Camera
 from roller_emvs.ply import PlyWriter
 from roller_emvs.stitcher import Patch
+from roller_emvs.surface import SurfacePatch
 
 from ..inspection import Mapped
 from .bag import ResultBag
@@ -60,6 +61,11 @@ class ResultWriter:
         self._last_ns = found.depth_map.stamp_ns
         self._bag.write_depth(found.depth_map)
         self.write_patch(found.patch)
+
+    def write_rows(self, rows: SurfacePatch) -> None:
+        """Rows of the surface that came without a depth map."""
+        self._last_ns = rows.stamp_ns
+        self.write_patch(rows)
 
     def write_patch(self, patch: Patch) -> None:
         """Surface points."""
