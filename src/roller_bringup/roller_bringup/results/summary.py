@@ -12,8 +12,9 @@ def summary(report: Report, output: Path) -> str:
     """Table of points, errors by object where the truth is known, text, time and files."""
     t = report.totals
     ms = report.window_milliseconds()
+    pieces = "blocks of the surface" if report.method == "surface" else "depth maps"
     lines = [
-        f"{t['depth_windows']} depth maps ({report.method}), {t['depth_refused_windows']} windows "
+        f"{t['depth_windows']} {pieces} ({report.method}), {t['depth_refused_windows']} windows "
         f"refused, {t['events']} events, {t['surface_points']} surface points",
     ]
     if ms:
