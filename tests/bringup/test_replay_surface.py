@@ -34,10 +34,11 @@ def test_a_surface_is_written(tmp_path: Path) -> None:
     code = main(
         [
             "replay", str(write_bag(tmp_path / "scan")), "--output", str(output),
-            "--params", str(params), "--method", "surface", "--no-picture",
+            "--params", str(params), "--method", "surface",
         ]
     )  # fmt: skip
     assert code == 0
+    assert (output / "overview.png").stat().st_size > 20_000
     ply = read_ply(output / "surface.ply")
     assert len(ply["x"]) > 200
     assert np.median(np.abs(ply["z"] - tilted(ply["x"]))) < 150e-6

@@ -52,19 +52,23 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     figure = plt.figure(figsize=(15, 11), dpi=100, layout="constrained")
     grid = figure.add_gridspec(4, 6, height_ratios=[1.25, 0.9, 0.8, 0.18])
     stamps = _chosen_stamps(report)
-    if len(stamps) > 1:
+    if not stamps:  # the method makes no depth maps
+        above = figure.add_subplot(grid[:2, :])
+    elif len(stamps) > 1:
         depth_axes = [figure.add_subplot(grid[0, 2 * k : 2 * k + 2]) for k in range(len(stamps))]
         above = figure.add_subplot(grid[1, :])
     else:
         depth_axes = [figure.add_subplot(grid[:2, :3])]
         above = figure.add_subplot(grid[:2, 3:])
-    _draw_depths(figure, depth_axes, bag or folder / "result", stamps, truth)
+    if stamps:
+        _draw_depths(figure, depth_axes, bag or folder / "result", stamps, truth)
     _draw_above(figure, above, cloud)
     _draw_profile(figure.add_subplot(grid[2, :4]), cloud, truth)
     _draw_errors(figure.add_subplot(grid[2, 4:]), report)
     _draw_text(figure.add_subplot(grid[3, :]), report)
     totals = report["totals"]
-    maps = f"{totals['depth_windows']} depth map{'s' if totals['depth_windows'] != 1 else ''}"
+    kind = "block" if report["method"] == "surface" else "depth map"
+    maps = f"{totals['depth_windows']} {kind}{'s' if totals['depth_windows'] != 1 else ''}"
     figure.suptitle(
         f"{report['title']}: {maps} by {report['method']}, "
         f"{totals['surface_points']} surface points"
@@ -85,6 +89,8 @@ def _thinned(cloud: dict[str, F64]) -> dict[str, F64]:
 
 def _chosen_stamps(report: dict[str, Any]) -> list[int]:
     """The depth maps with most points of up to three stretches of the run."""
+    if report["method"] == "surface":
+        return []
     windows = [w for w in report["windows"] if w["points"]]
     most = max((w["points"] for w in windows), default=0)
     windows = [w for w in windows if w["points"] > 0.1 * most]
@@ -114,7 +120,6 @@ def _draw_depths(
         axis.set_title(title, fontsize=10)
         axis.set_xlabel("u, px")
     if picture is None:
-        axes[0].text(0.5, 0.5, "no depth", ha="center", transform=axes[0].transAxes)
         return
     axes[0].set_ylabel("v, px")
     figure.colorbar(picture, ax=axes, label="depth, mm", shrink=0.85)
