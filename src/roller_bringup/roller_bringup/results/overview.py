@@ -206,7 +206,7 @@ def _draw_errors(axis: Axes, report: dict[str, Any]) -> None:
     truth = report["truth"]
     if not truth:
         spent = [w["milliseconds"]["total"] for w in report["windows"] if w["milliseconds"]]
-        axis.set_title("time by window (no truth known)", fontsize=10)
+        axis.set_title("time by window", fontsize=10)
         axis.plot(spent, ".-")
         axis.set_xlabel("window")
         axis.set_ylabel("ms")
