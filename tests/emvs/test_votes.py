@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from emvs.scenes import CAMERA, MS
 from roller_core.camera import Camera
@@ -11,7 +13,9 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, rotation_vector_to_quaternion
 from roller_emvs import rays as r
-from roller_emvs.votes import dense_volume, sweep_maximum
+from roller_emvs.votes import dense_volume, sweep_maximum, sweep_views
+
+PLANES = r.depth_planes(0.043, 0.047, 7, "depth")
 
 
 def random_track(rng: np.random.Generator, base: np.ndarray | None = None) -> PoseTrack:
@@ -27,16 +31,19 @@ def random_events(rng: np.random.Generator, n: int = 500) -> EventArray:
     return EventArray.from_arrays(rng.integers(0, 160, n), rng.integers(0, 120, n), t, np.ones(n))
 
 
-def twin_volume(rays: r.RayBundle, camera: Camera, planes: np.ndarray) -> np.ndarray:
+def twin_volume(
+    packets: r.Packets, view: np.ndarray, camera: Camera, planes: np.ndarray
+) -> np.ndarray:
     """Bilinear votes, event by event, by intersecting each ray with each plane."""
     volume = np.zeros((len(planes), camera.height, camera.width))
     k_inverse = np.linalg.inv(camera.K)
-    for packet in range(len(rays.starts) - 1):
-        for i in range(rays.starts[packet], rays.starts[packet + 1]):
-            direction = k_inverse @ [rays.u[i], rays.v[i], 1.0]
+    for packet in range(len(packets.starts) - 1):
+        relative = inverse_pose(view) @ packets.poses[packet]
+        centre = relative[:3, 3]
+        for i in range(packets.starts[packet], packets.starts[packet + 1]):
+            direction = relative[:3, :3] @ k_inverse @ [packets.u[i], packets.v[i], 1.0]
             for n, z in enumerate(planes):
-                centre = rays.centres[packet]
-                point = centre + direction * (z - centre[2])
+                point = centre + direction * (z - centre[2]) / direction[2]
                 u, v, _ = camera.K @ (point / z)
                 x, y = int(np.floor(u)), int(np.floor(v))
                 if 0 <= u < camera.width - 1 and 0 <= v < camera.height - 1:
@@ -48,15 +55,23 @@ def twin_volume(rays: r.RayBundle, camera: Camera, planes: np.ndarray) -> np.nda
     return volume
 
 
+VIEW_NS = 20 * MS
+
+
 @pytest.fixture
-def bundle() -> r.RayBundle:
-    rng = np.random.default_rng(3)
-    track, events = random_track(rng), random_events(rng)
-    packets = r.make_packets(events, CAMERA.undistortion_table(), track, 64)
-    return r.rays_in_view(packets, CAMERA, track.at(20 * MS).matrix)
+def track() -> PoseTrack:
+    return random_track(np.random.default_rng(3))
 
 
-PLANES = r.depth_planes(0.043, 0.047, 7, "depth")
+@pytest.fixture
+def packets(track: PoseTrack) -> r.Packets:
+    events = random_events(np.random.default_rng(4))
+    return r.make_packets(events, CAMERA.undistortion_table(), track, 64)
+
+
+@pytest.fixture
+def bundle(track: PoseTrack, packets: r.Packets) -> r.RayBundle:
+    return r.rays_in_view(packets, CAMERA, track.at(VIEW_NS).matrix)
 
 
 def test_packets_take_all_events_and_the_median_pose() -> None:
@@ -78,11 +93,11 @@ def test_a_point_meets_itself_on_its_plane() -> None:
     for t in (0, 7 * MS, 33 * MS):
         local = inverse_pose(track.at(t).matrix) @ point
         ideal = camera.undistort(camera.project(local[None, :3]))[0].astype(np.float32)
-        packets = r.Packets(ideal[:1], ideal[1:], np.array([0, 1]), track.matrices([t]))
-        rays = r.rays_in_view(packets, camera, reference)
-        scale, shift_u, shift_v = r.plane_coefficients(rays, camera, np.array([0.0446]))
-        u = rays.u[0] * scale[0, 0] + shift_u[0, 0]
-        v = rays.v[0] * scale[0, 0] + shift_v[0, 0]
+        packets = r.Packets(
+            ideal[:1], ideal[1:], np.array([0, 1]), track.matrices([t]), np.ones(1, np.uint8)
+        )
+        ray = r.rays_in_view(packets, camera, reference).rays[0]
+        u, v = ray[:2] + ray[2:] / 0.0446
         expected = camera.K @ (np.array([0.001, -0.002, 0.0446]) / 0.0446)
         np.testing.assert_allclose([u, v], expected[:2], atol=2e-3)
 
@@ -96,47 +111,87 @@ def test_a_base_kilometres_away_costs_nothing() -> None:
         track = random_track(np.random.default_rng(5), base)
         packets = r.make_packets(events, CAMERA.undistortion_table(), track, 64)
         bundles.append(r.rays_in_view(packets, CAMERA, track.at(20 * MS).matrix))
-    np.testing.assert_allclose(bundles[0].centres, bundles[1].centres, atol=2e-12)
-    np.testing.assert_allclose(bundles[0].u, bundles[1].u, atol=1e-4)
+    np.testing.assert_allclose(bundles[0].rays, bundles[1].rays, atol=1e-4)
+    np.testing.assert_allclose(bundles[0].limits, bundles[1].limits, rtol=1e-6)
 
 
-def test_dense_volume_equals_its_twin(bundle: r.RayBundle) -> None:
-    np.testing.assert_allclose(
-        dense_volume(bundle, CAMERA, PLANES), twin_volume(bundle, CAMERA, PLANES), atol=5e-3
-    )
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_dense_volume_equals_its_twin(packets: r.Packets, track: PoseTrack, precision: str) -> None:
+    view = track.at(VIEW_NS).matrix
+    volume = dense_volume(r.rays_in_view(packets, CAMERA, view, precision), CAMERA, PLANES)
+    assert volume.dtype == precision
+    # A vote that falls on a pixel's edge may fall to either side in float32.
+    atol = 5e-3 if precision == "float32" else 1e-3
+    np.testing.assert_allclose(volume, twin_volume(packets, view, CAMERA, PLANES), atol=atol)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 16])
-def test_sweep_equals_the_dense_maximum(bundle: r.RayBundle, threads: int) -> None:
+@pytest.mark.parametrize("tiles", [True, False])
+def test_sweep_equals_the_dense_maximum(bundle: r.RayBundle, threads: int, tiles: bool) -> None:
     volume = dense_volume(bundle, CAMERA, PLANES)
-    votes, index = sweep_maximum(bundle, CAMERA, PLANES, threads)
+    votes, index = sweep_maximum(bundle, CAMERA, PLANES, threads, tiles)
     np.testing.assert_array_equal(votes, volume.max(axis=0))
     np.testing.assert_array_equal(index, volume.argmax(axis=0))
 
 
-def test_every_vote_counts_once(bundle: r.RayBundle) -> None:
+@given(shifts=st.lists(st.integers(-40, 40), min_size=len(PLANES), max_size=len(PLANES)))
+@settings(max_examples=30, deadline=None)
+def test_shifted_views_see_bilinear_votes_exactly(shifts: list[int]) -> None:
+    """Hats of half a pixel add up to hats of one, at whole and at half positions."""
+    rng = np.random.default_rng(5)
+    events = random_events(rng, 300)
+    track = random_track(np.random.default_rng(3))
+    packets = r.make_packets(events, CAMERA.undistortion_table(), track, 64)
+    rays = r.rays_in_view(packets, CAMERA, track.at(VIEW_NS).matrix, "float64")
+    halves = np.stack([np.array(shifts), np.zeros(len(PLANES), int)])
+    votes, index = sweep_views(rays, CAMERA, PLANES, halves, 2)
+    for view in range(2):
+        volume = np.empty((len(PLANES), CAMERA.height, CAMERA.width))
+        for k, z in enumerate(PLANES):
+            moved = rays.rays.copy()
+            moved[:, 0] -= halves[view, k] / 2
+            # Events may come from beside the image here, by the views' shift.
+            one = dense_volume(r.RayBundle(moved, rays.limits), CAMERA, np.array([z]))
+            volume[k] = one[0]
+        inner = np.s_[:, 1:-1]
+        np.testing.assert_allclose(votes[view][inner], volume.max(axis=0)[inner], atol=1e-5)
+        picked = np.take_along_axis(volume, index[view][None].astype(int), 0)[0]
+        np.testing.assert_allclose(picked[inner], volume.max(axis=0)[inner], atol=1e-5)
+
+
+def still(u: float, v: float, n: int = 1, limit: float = np.inf) -> r.RayBundle:
+    """Rays of a camera that doesn't move."""
+    rays = np.tile(np.array([[u, v, 0.0, 0.0]], np.float32), (n, 1))
+    return r.RayBundle(rays, np.full(n, limit, np.float32))
+
+
+def test_every_vote_counts_once() -> None:
     """Rays that stay inside spread one vote a plane over four pixels."""
-    inside = r.RayBundle(
-        np.full(10, 80.2, np.float32), np.full(10, 60.7, np.float32),
-        np.array([0, 10]), np.zeros((1, 3)),
-    )  # fmt: skip
-    np.testing.assert_allclose(dense_volume(inside, CAMERA, PLANES).sum(axis=(1, 2)), 10, rtol=1e-5)
+    votes = dense_volume(still(80.2, 60.7, 10), CAMERA, PLANES).sum(axis=(1, 2))
+    np.testing.assert_allclose(votes, 10, rtol=1e-5)
 
 
-def test_planes_behind_a_packet_get_no_votes() -> None:
-    rays = r.RayBundle(
-        np.array([80], np.float32), np.array([60], np.float32), np.array([0, 1]),
-        np.array([[0.0, 0.0, 0.05]]),
+def test_planes_behind_a_packet_get_no_votes(track: PoseTrack) -> None:
+    # A camera that stood 45.5 mm ahead of the reference sees no plane nearer than that.
+    ahead = np.eye(4)
+    ahead[2, 3] = 0.0455
+    packets = r.Packets(
+        np.array([80], np.float32), np.array([60], np.float32), np.array([0, 1]), ahead[None],
+        np.ones(1, np.uint8),
     )  # fmt: skip
-    assert dense_volume(rays, CAMERA, PLANES).sum() == 0
+    rays = r.rays_in_view(packets, CAMERA, np.eye(4))
+    planes = np.array([0.0454, 0.0456, 0.6])
+    votes = dense_volume(rays, CAMERA, planes).sum(axis=(1, 2))
+    assert votes[0] == 0
+    assert votes[2] == pytest.approx(1)
+    near = sweep_maximum(rays, CAMERA, planes[:1])[0]
+    assert near.sum() == 0
 
 
 def test_nan_rays_get_no_votes() -> None:
-    rays = r.RayBundle(
-        np.array([np.nan, r.OUTSIDE], np.float32), np.array([60, 60], np.float32),
-        np.array([0, 2]), np.zeros((1, 3)),
-    )  # fmt: skip
-    assert dense_volume(rays, CAMERA, PLANES).sum() == 0
+    for u in (np.nan, r.OUTSIDE):
+        assert dense_volume(still(u, 60.0), CAMERA, PLANES).sum() == 0
+        assert sweep_maximum(still(u, 60.0), CAMERA, PLANES)[0].sum() == 0
 
 
 def test_planes_reach_both_ends() -> None:

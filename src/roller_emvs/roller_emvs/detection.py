@@ -49,8 +49,13 @@ def adaptive_threshold(votes: F32, c: float, kernel_px: int, full_scale_votes: f
     return inner
 
 
-def masked_median(index: U16, mask: Mask, size_px: int, levels: int) -> tuple[F32, F32]:
+def masked_median(
+    index: U16, mask: Mask, size_px: int, levels: int, with_spread: bool = True
+) -> tuple[F32, F32]:
     """Median of the masked neighbours of each masked pixel.
+
+    Values are taken as evenly spread over their plane's step, so the median lies between planes
+    and few planes serve as well as many.
 
     Parameters
     ----------
@@ -62,37 +67,58 @@ def masked_median(index: U16, mask: Mask, size_px: int, levels: int) -> tuple[F3
         Size of the square neighbourhood, odd, px.
     levels : int
         Number of planes.
+    with_spread : bool
+        Whether the spread is wanted; else it is 0.
 
     Returns
     -------
     median : ndarray of float32, shape (height, width)
-        Lower median plane; NaN outside the mask.
+        Median plane number; NaN outside the mask.
     spread : ndarray of float32, shape (height, width)
         Interquartile range of the neighbours' planes; NaN outside the mask.
     """
     median = np.full(index.shape, np.nan, np.float32)
     spread = np.full(index.shape, np.nan, np.float32)
-    columns, rows = np.nonzero(mask.T)
-    starts = np.searchsorted(columns, np.arange(index.shape[1] + 1)).astype(np.int64)
-    values = index[rows, columns]
+    starts = np.zeros(index.shape[1] + 1, np.int64)
+    np.cumsum(np.count_nonzero(mask, axis=0), out=starts[1:])
+    rows, values = np.empty(starts[-1], np.int64), np.empty(starts[-1], np.uint16)
+    first = starts[:-1].copy()
+    _gather_columns(index, mask, first, rows, values)
     histogram = np.zeros(levels, np.int32)
     coarse = np.zeros(levels // 16 + 1, np.int32)
-    first = np.empty(index.shape[1], np.int64)
     last = np.empty(index.shape[1], np.int64)
     _masked_median(
-        rows.astype(np.int64),
-        values,
-        starts,
-        mask,
-        size_px // 2,
-        histogram,
-        coarse,
-        first,
-        last,
-        median,
-        spread,
-    )
+        rows, values, starts, mask, size_px // 2, with_spread, histogram, coarse, first, last,
+        median, spread,
+    )  # fmt: skip
     return median, spread
+
+
+@njit(cache=True, nogil=True)
+def _gather_columns(index, mask, place, rows, values):  # type: ignore[no-untyped-def]
+    """Masked pixels, column by column from the top."""
+    for y in range(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            if mask[y, x]:
+                rows[place[x]] = y
+                values[place[x]] = index[y, x]
+                place[x] += 1
+
+
+@njit(cache=True, nogil=True)
+def _grouped_median(histogram, coarse, count):  # type: ignore[no-untyped-def]
+    """Median of grouped data: items lie evenly over the step of their level."""
+    half = 0.5 * count
+    below = 0
+    block = 0
+    while below + coarse[block] < half:
+        below += coarse[block]
+        block += 1
+    level = block * 16
+    while below + histogram[level] < half:
+        below += histogram[level]
+        level += 1
+    return level - 0.5 + (half - below) / histogram[level]
 
 
 @njit(cache=True, nogil=True)
@@ -112,7 +138,7 @@ def _quantile(histogram, coarse, rank):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _masked_median(  # type: ignore[no-untyped-def]
-    rows, values, starts, mask, radius, histogram, coarse, first, last, median, spread
+    rows, values, starts, mask, radius, with_spread, histogram, coarse, first, last, median, spread
 ):
     height, width = mask.shape
     for x in range(width):
@@ -144,10 +170,12 @@ def _masked_median(  # type: ignore[no-untyped-def]
                     coarse[values[i] >> 4] -= 1
                 count -= last[old] - first[old]
             if x >= 0 and mask[y, x]:
-                median[y, x] = _quantile(histogram, coarse, (count - 1) // 2)
-                low = _quantile(histogram, coarse, (count - 1) // 4)
-                high = _quantile(histogram, coarse, 3 * (count - 1) // 4)
-                spread[y, x] = high - low
+                median[y, x] = _grouped_median(histogram, coarse, count)
+                spread[y, x] = 0
+                if with_spread:
+                    low = _quantile(histogram, coarse, (count - 1) // 4)
+                    high = _quantile(histogram, coarse, 3 * (count - 1) // 4)
+                    spread[y, x] = high - low
         # Leave the histogram empty for the next row.
         for x in range(max(width - radius - 1, 0), width):
             for i in range(first[x], last[x]):

@@ -98,19 +98,27 @@ def fuse_views(
     depth, confidence : ndarray of float32, shape (height, width)
         NaN where no view has a depth.
     """
-    shape = (camera.height, camera.width)
-    total, weighted, sure = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    sums = np.zeros((3, camera.height, camera.width), np.float32)
     for view in views:
         depth, confidence, variance = warp_view(view, target, camera)
-        seen = np.isfinite(depth)
-        weight = np.where(seen, view.weight, 0.0)
-        if rule == "inverse_variance":
-            weight = np.where(seen, weight / np.where(seen, variance, 1.0), 0.0)
-        total += weight
-        weighted += np.where(seen, weight * depth, 0.0)
-        sure += np.where(seen, weight * confidence, 0.0)
+        _add(depth, confidence, variance, view.weight, rule == "inverse_variance", sums)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return (weighted / total).astype(np.float32), (sure / total).astype(np.float32)
+        return sums[1] / sums[0], sums[2] / sums[0]
+
+
+@njit(cache=True, nogil=True)
+def _add(depth, confidence, variance, weight, by_variance, sums):  # type: ignore[no-untyped-def]
+    """Add a view's weights, weighted depths and weighted confidences."""
+    height, width = depth.shape
+    for y in range(height):
+        for x in range(width):
+            z = depth[y, x]
+            if np.isnan(z):
+                continue
+            w = weight / variance[y, x] if by_variance else weight
+            sums[0, y, x] += w
+            sums[1, y, x] += w * z
+            sums[2, y, x] += w * confidence[y, x]
 
 
 @njit(cache=True, nogil=True)

@@ -15,13 +15,19 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError, SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_core.transforms import F64
 
 from . import focus, paper
 from .depth_map import DepthMap
-from .rays import make_packets
+from .prior import DepthPrior
+from .rays import F32, make_packets, parallax_px
 from .settings import DepthSettings
 from .stopwatch import Stopwatch
 from .windows import RefusedWindow, Window, WindowCutter
+
+
+class ParallaxError(RollerError):
+    """A window in which depth can't be told from the motion."""
 
 
 @dataclass(slots=True)
@@ -62,6 +68,10 @@ class DepthPipeline:
         self._counts = PipelineCounts()
         self._table = camera.undistortion_table()
         self._cutter = WindowCutter(settings, track)
+        self._evidence = settings.evidence()
+        self._prior = DepthPrior(
+            (settings.depth_min_m, settings.depth_max_m), settings.prior_margin_m
+        )
 
     @property
     def counts(self) -> PipelineCounts:
@@ -105,26 +115,14 @@ class DepthPipeline:
             yield result
 
     def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
-        s, camera, events = self.settings, self.camera, window.events
         watch, begin = Stopwatch(), time.perf_counter()
+        events = self._in_patch(window.events)
         span = window.end_ns - window.start_ns
         middle_ns = window.start_ns + span // 2
         try:
-            with watch("packets"):
-                packets = make_packets(events, self._table, self.track, s.packet_events)
-                times = [window.start_ns + round(f * span) for f, _ in s.views()]
-                poses = self.track.matrices([*times, middle_ns])
-                target = poses[-1]
-            if s.method == "focus":
-                depth, confidence = focus.focus_depth(packets, camera, target, s, watch)
-            else:
-                views = [
-                    paper.view_depth(packets, camera, pose, weight, s, watch)
-                    for pose, (_, weight) in zip(poses[:-1], s.views(), strict=True)
-                ]
-                depth, confidence = paper.fuse(views, target, camera, s, watch)
+            depth, confidence, target = self._depth(window, events, middle_ns, watch)
         except RollerError as error:
-            return RefusedWindow(window.start_ns, window.end_ns, len(events), str(error))
+            return RefusedWindow(window.start_ns, window.end_ns, len(window.events), str(error))
         watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
         return DepthMap(
             middle_ns,
@@ -133,9 +131,50 @@ class DepthPipeline:
             target,
             window.start_ns,
             window.end_ns,
-            len(events),
+            len(window.events),
             {k: float(np.round(v, 3)) for k, v in watch.milliseconds.items()},
         )
+
+    def _depth(
+        self, window: Window, events: EventArray, middle_ns: int, watch: Stopwatch
+    ) -> tuple[F32, F32, F64]:
+        """Depth, confidence and the pose they are seen from."""
+        s, camera = self.settings, self.camera
+        span = window.end_ns - window.start_ns
+        if not len(events):
+            raise ParallaxError("no event lies in the contact patch")
+        with watch("packets"):
+            packets = make_packets(events, self._table, self.track, s.packet_events)
+            times = [window.start_ns + round(f * span) for f, _ in s.views()]
+            poses = self.track.matrices([*times, middle_ns])
+            target = poses[-1]
+        parallax = parallax_px(packets, camera, target, s.depth_min_m, s.depth_max_m)
+        if parallax < s.min_parallax_px:
+            raise ParallaxError(
+                f"parallax of {parallax:.2f} px over the depth range is below "
+                f"{s.min_parallax_px:g} px: too little motion across the view for a depth"
+            )
+        for bounds in self._prior.tries():
+            if s.method == "focus":
+                depth, confidence = focus.focus_depth(
+                    packets, camera, target, bounds, self._evidence, watch
+                )
+            else:
+                depth, confidence = paper.window_depth(
+                    packets, camera, poses[:-1], target, bounds, s, watch
+                )
+            if self._prior.accepts(depth, bounds):
+                break
+        return depth, confidence, target
+
+    def _in_patch(self, events: EventArray) -> EventArray:
+        """Events where the skin sticks to the surface."""
+        s, camera = self.settings, self.camera
+        if not s.patch_half_length_m:
+            return events
+        middle = 0.5 * (s.depth_min_m + s.depth_max_m)
+        lean = (self._table[events.y, events.x, 0] - camera.cx) / camera.fx
+        return events[np.abs(lean) * middle <= s.patch_half_length_m]
 
 
 def refuse_surface(settings: DepthSettings) -> None:

@@ -1,13 +1,13 @@
 """Events as rays seen from a reference view.
 
 An event of packet k at pixel (u, v) is the ray C + s·d, C the packet's camera centre and d its
-direction, both in the reference view. It meets the plane Z at
+direction, both in the reference view. With w = 1 / Z it meets the plane Z at the pixel
 
-    X / Z = (d_x / d_z)·(1 - C_z / Z) + C_x / Z
+    u + w·(fx·C_x - (u - cx)·C_z),   v + w·(fy·C_y - (v - cy)·C_z)
 
-so one rotated pixel per event and one scale and shift per packet and plane give its position on
-every plane: the two-step homography of Rebecq et al. (EMVS, IJCV 2018, section 7.1) in the form
-that needs no canonical plane.
+(u, v) being where d pierces the plane at infinity. The position is linear in inverse depth, so a
+ray is four numbers and a plane one, whatever the motion: the two-step homography of Rebecq et al.
+(EMVS, IJCV 2018, section 7.1) in the form that needs no canonical plane.
 """
 
 from __future__ import annotations
@@ -42,12 +42,15 @@ class Packets:
         Where packets begin; the last entry is n.
     poses : ndarray of float64, shape (k, 4, 4)
         Camera in base at each packet's median event.
+    polarity : ndarray of uint8, shape (n,)
+        Of the events.
     """
 
     u: F32
     v: F32
     starts: I64
     poses: F64
+    polarity: npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -56,18 +59,17 @@ class RayBundle:
 
     Attributes
     ----------
-    u, v : ndarray of float32, shape (n,)
-        Pixels of the rotated rays: where they pierce a plane at infinity.
-    starts : ndarray of int64, shape (k + 1,)
-        Where packets begin.
-    centres : ndarray of float64, shape (k, 3)
-        Camera centres of the packets in the reference view, metres.
+    rays : ndarray of float32 or float64, shape (n, 4)
+        Pixel (u, v) at infinity and its change with inverse depth (px·m).
+    limits : ndarray, shape (n,)
+        Inverse depth from which planes lie behind the event's camera, 1/m; inf where none do.
     """
 
-    u: F32
-    v: F32
-    starts: I64
-    centres: F64
+    rays: npt.NDArray[np.floating]
+    limits: npt.NDArray[np.floating]
+
+    def __len__(self) -> int:
+        return len(self.rays)
 
 
 def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events: int) -> Packets:
@@ -97,10 +99,12 @@ def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events
     poses = track.matrices(events.t_ns[medians])
     u, v = np.empty(n, np.float32), np.empty(n, np.float32)
     _look_up(events.x, events.y, table, u, v)
-    return Packets(u, v, starts, poses)
+    return Packets(u, v, starts, poses, events.p)
 
 
-def rays_in_view(packets: Packets, camera: Camera, view: F64) -> RayBundle:
+def rays_in_view(
+    packets: Packets, camera: Camera, view: F64, precision: str = "float32"
+) -> RayBundle:
     """Rays of packets in a reference view.
 
     Absolute poses stay float64 until they are relative to the view, so a robot base kilometres
@@ -114,13 +118,18 @@ def rays_in_view(packets: Packets, camera: Camera, view: F64) -> RayBundle:
         Intrinsics.
     view : ndarray of float64, shape (4, 4)
         Reference camera in base.
+    precision : str
+        Type of the rays, `float32` or `float64`.
     """
     relative = inverse_pose(view) @ packets.poses
-    u, v = np.empty_like(packets.u), np.empty_like(packets.v)
     # Homography at infinity K·R·K^-1 of each packet.
     h = camera.K @ relative[:, :3, :3] @ np.linalg.inv(camera.K)
-    _rotate(packets.u, packets.v, packets.starts, h, u, v)
-    return RayBundle(u, v, packets.starts, np.ascontiguousarray(relative[:, :3, 3]))
+    centres = np.ascontiguousarray(relative[:, :3, 3])
+    dtype = np.dtype(precision)
+    rays, limits = np.empty((len(packets.u), 4), dtype), np.empty(len(packets.u), dtype)
+    intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    _make_rays(packets.u, packets.v, packets.starts, h, centres, intrinsics, rays, limits)
+    return RayBundle(rays, limits)
 
 
 def depth_planes(near_m: float, far_m: float, count: int, spacing: str) -> F64:
@@ -130,24 +139,14 @@ def depth_planes(near_m: float, far_m: float, count: int, spacing: str) -> F64:
     return np.linspace(near_m, far_m, count)
 
 
-def plane_coefficients(rays: RayBundle, camera: Camera, planes: F64) -> tuple[F32, F32, F32]:
-    """Scale and shifts that take rotated pixels onto planes.
+def parallax_px(packets: Packets, camera: Camera, view: F64, near_m: float, far_m: float) -> float:
+    """Most pixels by which nearest and farthest plane part over the window's camera centres.
 
-    Returns
-    -------
-    scale, shift_u, shift_v : ndarray of float32, shape (planes, packets)
-        Pixel on the plane = scale · rotated pixel + shift.
+    F·B·(1/near - 1/far) for a baseline B across the optical axis.
     """
-    c = rays.centres
-    z = planes[:, None]
-    scale = 1.0 - c[None, :, 2] / z
-    shift_u = camera.fx * c[None, :, 0] / z + camera.cx * (1.0 - scale)
-    shift_v = camera.fy * c[None, :, 1] / z + camera.cy * (1.0 - scale)
-    # A plane behind a packet's camera can't be what that camera saw.
-    behind = scale <= 0
-    scale = np.where(behind, 0.0, scale)
-    shift_u = np.where(behind, OUTSIDE, shift_u)
-    return scale.astype(np.float32), shift_u.astype(np.float32), shift_v.astype(np.float32)
+    centres = (inverse_pose(view) @ packets.poses)[:, :3, 3]
+    baseline = np.linalg.norm(np.ptp(centres[:, :2], axis=0))
+    return float(max(camera.fx, camera.fy) * baseline * (1.0 / near_m - 1.0 / far_m))
 
 
 @njit(cache=True, nogil=True)
@@ -158,16 +157,28 @@ def _look_up(x, y, table, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _rotate(u, v, starts, h, out_u, out_v):  # type: ignore[no-untyped-def]
+def _make_rays(u, v, starts, h, centres, intrinsics, rays, limits):  # type: ignore[no-untyped-def]
+    fx, fy, cx, cy = intrinsics
     for k in range(len(starts) - 1):
         m = h[k]
+        x, y, z = centres[k]
+        # A plane behind a packet's camera can't be what that camera saw.
+        limit = 1.0 / z if z > 0.0 else np.inf
         for i in range(starts[k], starts[k + 1]):
             a = np.float64(u[i])
             b = np.float64(v[i])
             w = m[2, 0] * a + m[2, 1] * b + m[2, 2]
             if w > 1e-6:
-                out_u[i] = (m[0, 0] * a + m[0, 1] * b + m[0, 2]) / w
-                out_v[i] = (m[1, 0] * a + m[1, 1] * b + m[1, 2]) / w
+                p = (m[0, 0] * a + m[0, 1] * b + m[0, 2]) / w
+                q = (m[1, 0] * a + m[1, 1] * b + m[1, 2]) / w
+                rays[i, 0] = p
+                rays[i, 1] = q
+                rays[i, 2] = fx * x - (p - cx) * z
+                rays[i, 3] = fy * y - (q - cy) * z
+                limits[i] = limit
             else:
-                out_u[i] = OUTSIDE
-                out_v[i] = OUTSIDE
+                rays[i, 0] = OUTSIDE
+                rays[i, 1] = OUTSIDE
+                rays[i, 2] = 0.0
+                rays[i, 3] = 0.0
+                limits[i] = 0.0

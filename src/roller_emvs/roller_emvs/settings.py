@@ -11,6 +11,8 @@ from pydantic import Field, model_validator
 
 from roller_core.settings import Settings
 
+from .evidence import EvidenceSettings
+
 Method = Literal["focus", "bma", "left_right", "emvs", "surface"]
 #: Methods that make depth maps, as the live graph does.
 METHODS: tuple[Method, ...] = ("focus", "bma", "left_right", "emvs")
@@ -47,11 +49,61 @@ class DepthSettings(Settings):
     )
     depth_min_m: float = Field(0.043, gt=0.0, le=100.0, description="Nearest depth plane, m.")
     depth_max_m: float = Field(0.047, gt=0.0, le=100.0, description="Farthest depth plane, m.")
+    prior_margin_m: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="Search only this far beyond the depths of the window before, as long as few "
+        "depths lie at the ends; 0 searches the whole range, m.",
+    )
+    patch_half_length_m: float = Field(
+        0.0,
+        ge=0.0,
+        le=10.0,
+        description="Events further than this from the camera's axis along the roll are left out, "
+        "as the skin doesn't stick to the surface there; 0 takes the whole image, m.",
+    )
+    plane_rule: Literal["parallax", "fixed"] = Field(
+        "parallax",
+        description="How many depth planes: as many as the window's parallax tells apart, or "
+        "always `planes` (the paper's N_z).",
+    )
+    planes_per_px: float = Field(
+        1.0,
+        ge=0.25,
+        le=16.0,
+        description="Depth planes per pixel of parallax, evenly in inverse depth.",
+    )
     planes: int = Field(
-        500, ge=2, le=65535, description="Depth planes of the paper's methods (N_z)."
+        500, ge=5, le=65535, description="Depth planes, at most or always (N_z of the paper)."
     )
     plane_spacing: Literal["depth", "inverse_depth"] = Field(
-        "depth", description="Planes evenly spaced in depth (paper) or in inverse depth."
+        "depth",
+        description="A fixed number of planes is evenly spaced in depth (paper) or in inverse "
+        "depth.",
+    )
+    min_parallax_px: float = Field(
+        2.0,
+        ge=0.0,
+        le=1000.0,
+        description="Parallax between nearest and farthest plane below which a window gives no "
+        "depth, px.",
+    )
+    precision: Literal["float32", "float64"] = Field(
+        "float32", description="Type of the paper's votes."
+    )
+    tiles: bool = Field(True, description="Skip parts of the image without events.")
+    fast_path: bool = Field(
+        True,
+        description="Vote once for all reference views where they differ by a shift along the "
+        "image's rows alone.",
+    )
+    fast_path_max_px: float = Field(
+        0.25,
+        ge=0.0,
+        le=10.0,
+        description="Most error of that, anywhere in the volume; beyond it every view is voted "
+        "for itself, px.",
     )
     packet_events: int = Field(
         256, ge=1, le=65536, description="Events that share the pose of their median event."
@@ -89,33 +141,33 @@ class DepthSettings(Settings):
     median_px: int = Field(
         45, ge=1, le=255, description="Masked median filter G_f: size, odd, px; 1 is off."
     )
+    focus_sub_apertures: int = Field(
+        1,
+        ge=1,
+        le=16,
+        description="Parts of a window's travel that a coarse depth is the sum of; 1 does without.",
+    )
     focus_sigma_px: float = Field(
         5.0, ge=0.5, le=32.0, description="Neighbourhood over which focus sums evidence, px."
     )
-    focus_planes_per_px: float = Field(
-        2.0, ge=0.25, le=16.0, description="Depth planes of focus per pixel of parallax."
-    )
-    focus_max_planes: int = Field(
-        96, ge=5, le=1024, description="Most depth planes that focus sweeps."
-    )
-    focus_min_parallax_px: float = Field(
-        2.0,
-        ge=0.1,
-        le=1000.0,
-        description="Parallax between nearest and farthest plane below which focus gives no "
-        "depth, px.",
+    focus_slope_sigma_px: float = Field(
+        4.0,
+        ge=0.0,
+        le=32.0,
+        description="Neighbourhood from which focus takes the surface's slope, px; 0 is off.",
     )
     focus_min_confidence: float = Field(
         0.3, ge=0.0, le=1.0, description="Depths of focus with less confidence are left out."
     )
     focus_min_votes: float = Field(
-        3.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."
+        4.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."
     )
-    focus_min_neighbours: int = Field(
-        2,
-        ge=0,
-        le=80,
-        description="Measured pixels that a pixel of focus needs within 9×9 px around it.",
+    focus_creep_m: float = Field(
+        3e-4,
+        ge=0.0,
+        le=0.01,
+        description="Way that edges creep along the surface as their contrast doubles under the "
+        "light that travels with the camera; focus corrects depth for it; 0 is off, m.",
     )
     max_pose_gap_s: float = Field(
         0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
@@ -155,6 +207,24 @@ class DepthSettings(Settings):
         if self.window == "auto":
             return "travel" if self.method == "focus" else "time"
         return self.window
+
+    def evidence(self) -> EvidenceSettings:
+        """Settings of the evidence that focus sums."""
+        return EvidenceSettings.create(
+            {
+                "sub_apertures": self.focus_sub_apertures,
+                "sigma_px": self.focus_sigma_px,
+                "slope_sigma_px": self.focus_slope_sigma_px,
+                "planes_per_px": self.planes_per_px,
+                "max_planes": self.planes,
+                "min_confidence": self.focus_min_confidence,
+                "min_votes": self.focus_min_votes,
+                "min_parallax_px": self.min_parallax_px,
+                "creep_m": self.focus_creep_m,
+                "tiles": self.tiles,
+                "threads": self.threads,
+            }
+        )
 
     def views(self) -> tuple[tuple[float, float], ...]:
         """(fraction of the window, weight) of the reference views that the method fuses."""

@@ -1,28 +1,32 @@
-"""Votes of rays in a disparity space image.
+"""Votes of rays in a disparity space image, and the best plane along each pixel's ray.
 
 The dense volume is the plain form, written as the paper describes it. The sweep gives the same
-maxima without storing the volume: planes in the outer loop, one slice that stays in the cache,
-a running maximum.
+maxima without storing the volume: bands of rows, planes in the loop, a running maximum; what it
+touches stays in the cache, and bands that no ray reaches are skipped.
 """
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
-
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from roller_core.camera import Camera
 from roller_core.transforms import F64
 
-from .rays import F32, RayBundle, plane_coefficients
+from . import _vote_kernels as kernels
+from .bands import I64, Bands, sort_into_bands
+from .rays import F32, RayBundle
+from .threads import share
 
 U16 = npt.NDArray[np.uint16]
 
+#: Rows of a band: with its planes' votes and running maxima it fits a core's cache.
+BAND_ROWS = 16
+#: Rows that a bilinear vote reaches, with a margin for rounding.
+_REACH = (0.01, 1.01)
 
-def dense_volume(rays: RayBundle, camera: Camera, planes: F64) -> F32:
+
+def dense_volume(rays: RayBundle, camera: Camera, planes: F64) -> npt.NDArray[np.floating]:
     """Disparity space image of all planes.
 
     Parameters
@@ -36,29 +40,32 @@ def dense_volume(rays: RayBundle, camera: Camera, planes: F64) -> F32:
 
     Returns
     -------
-    ndarray of float32, shape (n, height, width)
+    ndarray of the rays' type, shape (n, height, width)
         Bilinear votes.
     """
-    volume = np.zeros((len(planes), camera.height, camera.width), np.float32)
-    scale, shift_u, shift_v = plane_coefficients(rays, camera, planes)
+    volume = np.zeros((len(planes), camera.height, camera.width), rays.rays.dtype)
+    inverse = (1.0 / planes).astype(rays.rays.dtype)
     for k in range(len(planes)):
-        _vote_plane(rays.u, rays.v, rays.starts, scale[k], shift_u[k], shift_v[k], volume[k])
+        kernels._vote_plane(rays.rays, rays.limits, inverse[k], volume[k])
     return volume
 
 
 def sweep_maximum(
-    rays: RayBundle, camera: Camera, planes: F64, threads: int = 1
+    rays: RayBundle, camera: Camera, planes: F64, threads: int = 1, tiles: bool = True
 ) -> tuple[F32, U16]:
     """Most votes along each pixel's ray and the plane that has them.
 
-    Of planes with equal votes the nearest counts. The result doesn't depend on `threads`.
+    Of planes with equal votes the nearest counts. The result doesn't depend on `threads` or
+    `tiles`, and equals the maximum of the dense volume to the bit.
 
     Parameters
     ----------
     rays, camera, planes
         As for `dense_volume`; at most 65535 planes.
     threads : int
-        Threads that share the planes.
+        Threads that share the bands.
+    tiles : bool
+        Whether bands without events are skipped.
 
     Returns
     -------
@@ -67,66 +74,92 @@ def sweep_maximum(
     index : ndarray of uint16, shape (height, width)
         Plane of the maximum; 0 where no ray passes.
     """
-    scale, shift_u, shift_v = plane_coefficients(rays, camera, planes)
-    bounds = np.linspace(0, len(planes), threads + 1).astype(int)
+    shape = (camera.height, camera.width)
+    inverse = 1.0 / np.asarray(planes)
+    bands = _bands(rays, inverse, shape, 0)
+    limits, values = rays.limits[bands.source], inverse.astype(rays.rays.dtype)
+    votes, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
 
-    def run(first: int, last: int) -> tuple[F32, U16]:
-        shape = (camera.height, camera.width)
-        best, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
-        plane = np.empty(shape, np.float32)
-        _sweep(
-            rays.u, rays.v, rays.starts, scale, shift_u, shift_v, first, last, plane, best, index
+    def run(b: int) -> None:
+        own = slice(int(bands.starts[0, b]), int(bands.starts[0, b + 1]))
+        if tiles and own.start == own.stop:
+            return
+        plane = np.empty((BAND_ROWS + 2, shape[1]), rays.rays.dtype)
+        best = np.zeros((BAND_ROWS, shape[1]), rays.rays.dtype)
+        number = np.zeros(best.shape, np.int32)
+        top = b * BAND_ROWS
+        kernels._sweep_band(
+            bands.rays[own], limits[own], values, top, shape[0], plane, best, number
         )
-        return best, index
+        rows = slice(top, min(top + BAND_ROWS, shape[0]))
+        votes[rows] = best[: rows.stop - top]
+        index[rows] = number[: rows.stop - top]
 
-    parts = [(int(a), int(b)) for a, b in pairwise(bounds) if b > a]
-    if len(parts) == 1:
-        return run(*parts[0])
-    with ThreadPoolExecutor(len(parts)) as pool:
-        results = list(pool.map(lambda part: run(*part), parts))
-    best, index = results[0]
-    for votes, planes_of in results[1:]:
-        better = votes > best
-        best[better] = votes[better]
-        index[better] = planes_of[better]
-    return best, index
+    share(threads, bands.starts.shape[1] - 1, run)
+    return votes, index
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _vote_plane(u, v, starts, scale, shift_u, shift_v, plane):  # type: ignore[no-untyped-def]
-    height, width = plane.shape
-    right = np.float32(width - 1)
-    bottom = np.float32(height - 1)
-    for k in range(len(starts) - 1):
-        a, bu, bv = scale[k], shift_u[k], shift_v[k]
-        for i in range(starts[k], starts[k + 1]):
-            x = u[i] * a + bu
-            y = v[i] * a + bv
-            # Written so that NaN fails it.
-            if x >= 0 and x < right and y >= 0 and y < bottom:
-                xi = int(x)
-                yi = int(y)
-                fx = x - np.float32(xi)
-                fy = y - np.float32(yi)
-                gx = np.float32(1) - fx
-                gy = np.float32(1) - fy
-                plane[yi, xi] += gx * gy
-                plane[yi, xi + 1] += fx * gy
-                plane[yi + 1, xi] += gx * fy
-                plane[yi + 1, xi + 1] += fx * fy
+def sweep_views(
+    rays: RayBundle,
+    camera: Camera,
+    planes: F64,
+    half_shifts: I64,
+    threads: int = 1,
+    tiles: bool = True,
+) -> tuple[F32, U16]:
+    """Maxima in several views from the votes of one, for views shifted along the image's rows.
+
+    Views with parallel axes and centres on a line along u share their planes: what one sees at
+    pixel x on plane k, the other sees at x + shift. Votes are exactly those of each view's own
+    sweep where the shifts are whole or half pixels.
+
+    Parameters
+    ----------
+    rays, camera, planes, threads, tiles
+        As for `sweep_maximum`.
+    half_shifts : ndarray of int64, shape (views, planes)
+        Pixel x of a view is pixel x + half_shifts / 2 of the view that the rays are in.
+
+    Returns
+    -------
+    votes, index : ndarray, shape (views, height, width)
+        As of `sweep_maximum`.
+    """
+    shape = (camera.height, camera.width)
+    inverse = 1.0 / np.asarray(planes)
+    pad = int(np.abs(half_shifts).max()) // 2 + 2
+    bands = _bands(rays, inverse, shape, pad)
+    limits, values = rays.limits[bands.source], inverse.astype(rays.rays.dtype)
+    count = len(half_shifts)
+    votes = np.zeros((count, *shape), np.float32)
+    index = np.zeros((count, *shape), np.uint16)
+
+    def run(b: int) -> None:
+        own = slice(int(bands.starts[0, b]), int(bands.starts[0, b + 1]))
+        if tiles and own.start == own.stop:
+            return
+        even, odd = np.empty((2, BAND_ROWS + 2, shape[1] + 2 * pad), rays.rays.dtype)
+        best = np.zeros((count, BAND_ROWS, shape[1]), rays.rays.dtype)
+        number = np.zeros(best.shape, np.int32)
+        top = b * BAND_ROWS
+        kernels._sweep_band_views(
+            bands.rays[own], limits[own], values, half_shifts, top, shape[0], pad, even, odd,
+            best, number,
+        )  # fmt: skip
+        rows = slice(top, min(top + BAND_ROWS, shape[0]))
+        votes[:, rows] = best[:, : rows.stop - top]
+        index[:, rows] = number[:, : rows.stop - top]
+
+    share(threads, bands.starts.shape[1] - 1, run)
+    return votes, index
 
 
-@njit(cache=True, nogil=True)
-def _sweep(u, v, starts, scale, shift_u, shift_v, first, last, plane, best, index):  # type: ignore[no-untyped-def]
-    flat = plane.reshape(-1)
-    flat_best = best.reshape(-1)
-    flat_index = index.reshape(-1)
-    for k in range(first, last):
-        plane[:] = 0
-        _vote_plane(u, v, starts, scale[k], shift_u[k], shift_v[k], plane)
-        number = np.uint16(k)
-        for i in range(flat.size):
-            votes = flat[i]
-            better = votes > flat_best[i]
-            flat_best[i] = votes if better else flat_best[i]
-            flat_index[i] = number if better else flat_index[i]
+def _bands(rays: RayBundle, inverse: F64, shape: tuple[int, int], pad: int) -> Bands:
+    """Rays by band, moved by `pad` columns."""
+    moved = rays.rays
+    if pad:
+        moved = moved.copy()
+        moved[:, 0] += pad
+    groups = np.array([0, len(rays)], np.int64)
+    ends = (float(inverse.min()), float(inverse.max()))
+    return sort_into_bands(moved, groups, ends, (shape[0], shape[1] + 2 * pad), BAND_ROWS, _REACH)

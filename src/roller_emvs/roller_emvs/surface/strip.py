@@ -17,6 +17,8 @@ from roller_core.errors import RollerError
 from roller_core.events import EventArray
 from roller_core.transforms import F64
 
+from ..evidence import RayField, order_by_polarity
+from ..evidence._kernels import CELL_PX
 from ..rays import F32
 from . import _kernels
 from .surface_settings import SurfaceSettings
@@ -95,6 +97,8 @@ class Strip:
         self._pixel_rays = rays
         #: Way of the camera's centre: least and most x, for what each row was seen from.
         self.seen_m = (0.0, 0.0)
+        self._slopes = (np.inf, -np.inf)
+        self.focal_px = float(max(camera.fx, camera.fy))
         self.blocks: dict[int, Block] = {}
         self._done = -(2**62)
         border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
@@ -179,6 +183,20 @@ class Strip:
         """The camera came to a pose, given in the strip."""
         low, high = self.seen_m
         self.seen_m = (min(low, float(pose[0, 3])), max(high, float(pose[0, 3])))
+        least, most, _ = self.view(pose)
+        if self.settings.patch_half_length_m:
+            edge = self.settings.patch_half_length_m / self.middle_m
+            least, most = max(least, -edge), min(most, edge)
+        self._slopes = (min(self._slopes[0], least), max(self._slopes[1], most))
+
+    def slopes_seen(self, x: npt.NDArray[np.floating]) -> tuple[F64, F64]:
+        """Least and most slope from which points at x were in view so far."""
+        low, high = self.seen_m
+        least, most = self._slopes
+        return (
+            np.maximum((x - high) / self.middle_m, least),
+            np.minimum((x - low) / self.middle_m, most),
+        )
 
     def take(self, before_m: float) -> list[Block]:
         """Blocks that no ray reaches any more as all rows before `before_m` are out of view."""
@@ -192,3 +210,37 @@ class Strip:
         k = min(self.blocks)
         self._done = max(self._done, k)
         return self.blocks.pop(k).events
+
+
+def block_field(strip: Strip, block: Block) -> tuple[RayField, float, float]:
+    """Rays of a block on a grid of its own.
+
+    Parameters
+    ----------
+    strip : Strip
+        The pass.
+    block : Block
+        With at least one event.
+
+    Returns
+    -------
+    field : RayField
+        Shift is metres from the strip's middle plane.
+    left, top : float
+        Strip coordinates of the first pixel, metres.
+    """
+    rays, polarity = np.concatenate(block.rays), np.concatenate(block.polarity)
+    pixel = strip.pixel_m
+    top, bottom = float(rays[:, 1].min()), float(rays[:, 1].max())
+    size = CELL_PX * pixel
+    shape = (
+        max(int(np.ceil((bottom - top) / size)), 2) * CELL_PX,
+        max(int(np.ceil((block.end_m - block.start_m + 2 * MARGIN_M) / size)), 2) * CELL_PX,
+    )
+    ordered, bounds = order_by_polarity(rays, polarity)
+    ordered -= np.array([-MARGIN_M, top, 0, 0], np.float32)
+    ordered /= np.float32(pixel)
+    left = block.start_m - MARGIN_M
+    columns = left + (np.arange(shape[1] // CELL_PX) + 0.5) * size
+    slopes = np.stack(strip.slopes_seen(columns)) / pixel
+    return RayField(ordered, bounds, shape, slopes, pixel, 1.0, strip.focal_px), left, top

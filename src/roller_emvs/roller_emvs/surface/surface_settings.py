@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from roller_core.settings import Settings
+from ..evidence import EvidenceSettings
 
 
-class SurfaceSettings(Settings):
+class SurfaceSettings(EvidenceSettings):
     """From events to points of the surface, without depth maps."""
 
     depth_min_m: float = Field(0.043, gt=0.0, le=100.0, description="Nearest depth, m.")
@@ -32,34 +32,8 @@ class SurfaceSettings(Settings):
         4,
         ge=1,
         le=16,
-        description="Parts of the image along the roll that the coarse depth is the sum of.",
-    )
-    coarse_sigma_px: float = Field(
-        6.0, ge=0.5, le=32.0, description="Neighbourhood of the coarse depth, px."
-    )
-    sigma_px: float = Field(
-        3.0, ge=0.5, le=32.0, description="Neighbourhood of the fine depth, px."
-    )
-    planes_per_px: float = Field(
-        2.0, ge=0.25, le=16.0, description="Planes per pixel of parallax, coarse and fine."
-    )
-    search_m: float = Field(
-        0.0005,
-        gt=0.0,
-        le=1.0,
-        description="The fine depth is searched this far to either side of the coarse one, m.",
-    )
-    slope_sigma_px: float = Field(
-        4.0,
-        ge=0.0,
-        le=32.0,
-        description="Neighbourhood from which the surface's slope is taken, px; 0 is off.",
-    )
-    min_confidence: float = Field(
-        0.3, ge=0.0, le=1.0, description="Evidence of less confidence is left out."
-    )
-    min_votes: float = Field(
-        4.0, ge=0.0, le=1e6, description="Warped events that a pixel needs to become a point."
+        description="Parts of the image along the roll that the coarse depth is the sum of; 1 "
+        "does without.",
     )
     min_speed_m_s: float = Field(
         0.002,
@@ -85,7 +59,6 @@ class SurfaceSettings(Settings):
         le=2_000_000_000,
         description="Events that may wait; beyond it the oldest are dropped, counted.",
     )
-    threads: int = Field(2, ge=1, le=64, description="Threads that share the planes.")
 
     @model_validator(mode="after")
     def _consistent(self) -> SurfaceSettings:

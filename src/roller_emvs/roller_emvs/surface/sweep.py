@@ -13,13 +13,12 @@ from roller_core.errors import RollerError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 
+from ..evidence import find_depths, measured_pixels
 from ..stitcher import Patch
 from ..stopwatch import Stopwatch
 from ..windows import RefusedWindow
-from .evidence import arrange, find_depths
 from .passes import PassCutter
-from .relief import measured_pixels
-from .strip import MARGIN_M, Block, Strip
+from .strip import Block, Strip, block_field
 from .surface_settings import SurfaceSettings
 
 
@@ -132,37 +131,27 @@ class SurfaceSweep:
 
     def _measure(self, strip: Strip, block: Block) -> SurfacePatch | RefusedWindow:
         s, watch, begin = self.settings, Stopwatch(), time.perf_counter()
-        middle, pixel = strip.middle_m, strip.pixel_m
-        # Slopes that a row was seen with end where the camera's way does.
-        rays = np.concatenate(block.rays)
-        polarity = np.concatenate(block.polarity)
+        middle = strip.middle_m
         with watch("arrange"):
-            length = block.end_m - block.start_m + 2 * MARGIN_M
-            grid, top = arrange(rays, polarity, -MARGIN_M, length, pixel, s)
-        aperture = grid.aperture * middle
-        if aperture < s.min_aperture_m:
+            field, left, top = block_field(strip, block)
+        aperture_m = field.aperture * strip.pixel_m * middle
+        if aperture_m < s.min_aperture_m:
             return RefusedWindow(
                 block.first_ns,
                 block.last_ns,
                 block.events,
-                f"rows seen over {aperture * 1e3:.1f} mm of travel, "
+                f"rows seen over {aperture_m * 1e3:.1f} mm of travel, "
                 f"less than {s.min_aperture_m * 1e3:g} mm: too little parallax",
             )
         half = 0.5 * (s.depth_max_m - s.depth_min_m)
         with watch("votes"):
-            depths = find_depths(grid, -half, half, s)
+            depths = find_depths(field, -half, half, s)
         with watch("points"):
-            found = measured_pixels(grid, depths, s)
-            local = np.stack(
-                [
-                    found.column * pixel - MARGIN_M + block.start_m,
-                    found.row * pixel + top,
-                    found.shift + middle,
-                ],
-                axis=-1,
-            )
-            keep = (local[:, 0] >= block.start_m) & (local[:, 0] < block.end_m)
-            keep &= (np.abs(found.shift) <= half) & self._seen(strip, local[:, 0], grid.aperture)
+            found = measured_pixels(field, depths, s)
+            x = found.column * strip.pixel_m + left
+            local = np.stack([x, found.row * strip.pixel_m + top, found.shift + middle], axis=-1)
+            keep = (x >= block.start_m) & (x < block.end_m) & (np.abs(found.shift) <= half)
+            keep &= self._seen(strip, x)
             points = strip.to_base(local[keep])
         watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
         for stage, spent in watch.milliseconds.items():
@@ -177,9 +166,7 @@ class SurfaceSweep:
             {k: round(v, 3) for k, v in watch.milliseconds.items()},
         )
 
-    def _seen(self, strip: Strip, x: np.ndarray, aperture: float) -> np.ndarray:
+    def _seen(self, strip: Strip, x: np.ndarray) -> np.ndarray:
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""
-        low, high = strip.seen_m
-        reach = 0.5 * aperture * strip.middle_m
-        seen = np.minimum(x + reach, high) - np.maximum(x - reach, low)
-        return np.asarray(seen >= self.settings.min_aperture_m)
+        low, high = strip.slopes_seen(x)
+        return np.asarray((high - low) * strip.middle_m >= self.settings.min_aperture_m)

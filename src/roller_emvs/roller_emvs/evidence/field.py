@@ -1,0 +1,74 @@
+"""Rays on a grid of pixels, in the form that evidence is summed from.
+
+A ray meets the plane of parameter `shift` at pixel (x, y) + shift · (slope_x, slope_y). In a
+reference view the parameter is inverse depth, in a strip on the surface it is height; both are
+linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.transforms import F64
+
+from ..rays import F32
+from ._kernels import CELL_PX
+
+
+@dataclass(frozen=True)
+class RayField:
+    """Rays in pixels of a grid, x along the parallax.
+
+    Attributes
+    ----------
+    rays : ndarray of float32, shape (n, 4)
+        x, y on the plane of shift 0, px, and slopes, px by unit of shift; OFF events first.
+    bounds : ndarray of int64, shape (3,)
+        Where OFF and ON events begin, and the end.
+    shape : tuple of int
+        Rows and columns of the grid, px; multiples of `CELL_PX`.
+    slopes : ndarray of float64, shape (2, columns of cells)
+        Least and most slope along x from which each column was in view.
+    lean_per_slope : float
+        From a slope to the ray's lean dx/dz at the surface.
+    shift_per_m : float
+        From metres of depth, away from the camera, to shift.
+    focal_px : float
+        Focal length, px.
+    """
+
+    rays: F32
+    bounds: npt.NDArray[np.int64]
+    shape: tuple[int, int]
+    slopes: F64
+    lean_per_slope: float
+    shift_per_m: float
+    focal_px: float
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Rows and columns of cells."""
+        return self.shape[0] // CELL_PX, self.shape[1] // CELL_PX
+
+    @property
+    def aperture(self) -> float:
+        """Most spread of slopes of any column: pixels of parallax by unit of shift."""
+        return float(max((self.slopes[1] - self.slopes[0]).max(), 0.0))
+
+    @property
+    def apertures(self) -> F32:
+        """Spread of slopes of each column of cells, float32."""
+        return np.maximum(self.slopes[1] - self.slopes[0], 0.0).astype(np.float32)
+
+
+def order_by_polarity(
+    rays: F32, polarity: npt.NDArray[np.uint8]
+) -> tuple[F32, npt.NDArray[np.int64]]:
+    """Rays with OFF before ON, each in the order they came, and where the two begin and end."""
+    on = polarity > 0
+    off_count = len(on) - int(np.count_nonzero(on))
+    ordered = np.concatenate([rays[~on], rays[on]])
+    return ordered, np.array([0, off_count, len(on)], np.int64)

@@ -1,0 +1,237 @@
+"""Kernels of the evidence against slow forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roller_emvs.bands import sort_into_bands
+from roller_emvs.evidence import _kernels
+from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
+from roller_emvs.evidence.relief import enlarge
+
+HEIGHT, WIDTH = 32, 48
+
+
+def some_rays(n: int, rng: np.random.Generator, slope: float = 4000) -> np.ndarray:
+    return np.column_stack(
+        [
+            rng.uniform(-3, WIDTH + 3, n),
+            rng.uniform(-3, HEIGHT + 3, n),
+            rng.normal(0, slope, (n, 2)),
+        ]
+    ).astype(np.float32)
+
+
+def twin_energy(rays: np.ndarray, shift: float, top: float, rows: int) -> np.ndarray:
+    """Squared five-tap slopes of votes that are linear along x and whole along y."""
+    votes = np.zeros((rows, WIDTH), np.float64)
+    for x, y, sx, sy in rays:
+        a = np.float32(x + sx * np.float32(shift))
+        b = np.float32((y + sy * np.float32(shift) - np.float32(top)) * np.float32(1 / ROW_PX))
+        if 0 <= a < WIDTH - 1 and 0 <= b < rows:
+            j = int(a)
+            votes[int(b), j] += 1 - (a - j)
+            votes[int(b), j + 1] += a - j
+    slope = np.zeros_like(votes)
+    slope[:, 2:-2] = 0.4 * (votes[:, 4:] - votes[:, :-4]) + (votes[:, 3:-1] - votes[:, 1:-3])
+    per_cell = CELL_PX // ROW_PX
+    shape = (rows // per_cell, per_cell, WIDTH // CELL_PX, CELL_PX)
+    return (slope**2).reshape(shape).sum(axis=(1, 3))
+
+
+def energy(
+    rays: np.ndarray, starts: np.ndarray, reach: int, shifts: np.ndarray, tiles: np.ndarray
+) -> np.ndarray:
+    rows = HEIGHT // ROW_PX
+    out = np.zeros((len(shifts), HEIGHT // CELL_PX, WIDTH // CELL_PX), np.float32)
+    _kernels._energy_band(
+        rays, starts, reach, shifts, np.float32(-0.5), tiles,
+        np.empty((rows, WIDTH), np.float32), np.empty(TILE_CELLS * CELL_PX, np.float32), out,
+    )  # fmt: skip
+    return out
+
+
+def test_energy_is_that_of_the_votes_slopes() -> None:
+    rays = some_rays(400, np.random.default_rng(1))
+    rays[7, 0] = np.nan
+    shifts = np.array([-5e-4, 0.0, 7e-4], np.float32)
+    starts = np.array([0, 400, 400, 400])
+    tiles = np.array([[0, 2]])
+    found = energy(rays, starts, 9, shifts, tiles)
+    for k, shift in enumerate(shifts):
+        np.testing.assert_allclose(
+            found[k], twin_energy(rays, float(shift), -0.5, HEIGHT // ROW_PX), rtol=2e-3, atol=2e-3
+        )
+
+
+def test_rays_vote_near_their_plane_alone_and_skipped_tiles_stay_empty() -> None:
+    rays = some_rays(300, np.random.default_rng(2))
+    shifts = np.linspace(-5e-4, 5e-4, 5).astype(np.float32)
+    starts = np.array([0, 60, 120, 180, 240, 300])
+    found = energy(rays, starts, 1, shifts, np.array([[0, 4]]))
+    for k in range(5):
+        own = rays[starts[max(k - 1, 0)] : starts[min(k + 1, 4) + 1]]
+        expected = twin_energy(own, float(shifts[k]), -0.5, HEIGHT // ROW_PX)
+        np.testing.assert_allclose(found[k], expected, rtol=2e-3, atol=2e-3)
+    skipped = energy(rays, starts, 1, shifts, np.array([[2, 3]]))
+    assert not skipped[[0, 1, 4]].any()
+    np.testing.assert_array_equal(skipped[2:4], found[2:4])
+
+
+def test_peak_is_searched_between_limits_and_refused_at_them() -> None:
+    k = np.arange(20, dtype=np.float32)[:, None, None]
+    scores = np.exp(-((k - 5.3) ** 2) / 4) + 2 * np.exp(-((k - 14.6) ** 2) / 4)
+    scores = np.repeat(scores, 4, axis=2).astype(np.float32)
+    first, last = np.array([[0, 2, 7, 1]]), np.array([[19, 9, 11, 0]])
+    peak, contrast, top = (np.empty((1, 4), np.float32) for _ in range(3))
+    _kernels._find_peak(scores, first, last, peak, contrast, top)
+    # The highest of all; the prior's; none, as the scores rise at the limit; none to search.
+    np.testing.assert_allclose(peak[0, :2], [14.6, 5.3], atol=0.05)
+    assert np.isnan(peak[0, 2:]).all()
+    for j in range(2):
+        searched = scores[first[0, j] : last[0, j] + 1, 0, j]
+        expected = 1 - searched.mean() / searched.max()
+        assert contrast[0, j] == pytest.approx(expected, rel=1e-4)
+        assert top[0, j] == searched.max()
+
+
+def test_peak_between_planes_is_the_parabolas() -> None:
+    k = np.arange(12, dtype=np.float32)
+    true = np.array([[3.2, 7.75], [5.0, 0.0]])
+    scores = np.maximum(20 - (k[:, None, None] - true) ** 2, 0).astype(np.float32)
+    first, last = np.zeros((2, 2), np.int64), np.full((2, 2), 11)
+    peak, contrast, top = (np.empty((2, 2), np.float32) for _ in range(3))
+    _kernels._find_peak(scores, first, last, peak, contrast, top)
+    np.testing.assert_allclose(peak[0], true[0], atol=1e-3)
+    assert peak[1, 0] == 5.0
+    # A peak on the first plane may lie outside the range: none.
+    assert np.isnan(peak[1, 1])
+    assert contrast[1, 1] == 0
+    flat = np.ones_like(scores)
+    flat[5:] = 0.5
+    _kernels._find_peak(flat, first, last, peak, contrast, top)
+    assert np.isfinite(peak).all()
+
+
+def test_centroids_are_weighted_means() -> None:
+    rng = np.random.default_rng(4)
+    values = rng.gamma(1.0, 1.0, (3, 9, 11)).astype(np.float32)
+    plane = rng.integers(-1, 3, (9, 11))
+    weights = np.array([0.2, 0.6, 0.2], np.float32)
+    total, x, y = (np.empty((9, 11), np.float32) for _ in range(3))
+    _kernels._centroids(values, plane, weights, total, x, y)
+    for i in range(9):
+        for j in range(11):
+            if plane[i, j] < 0:
+                assert total[i, j] == 0
+                continue
+            e = ex = ey = 0.0
+            for a in range(max(i - 1, 0), min(i + 2, 9)):
+                for b in range(max(j - 1, 0), min(j + 2, 11)):
+                    w = weights[a - i + 1] * weights[b - j + 1] * values[plane[i, j], a, b]
+                    e, ex, ey = e + w, ex + w * b, ey + w * a
+            np.testing.assert_allclose(
+                [total[i, j], x[i, j], y[i, j]], [e, ex / e, ey / e], rtol=1e-4
+            )
+
+
+def surface_of_cells() -> np.ndarray:
+    cells = np.tile((1e-5 * np.arange(WIDTH // CELL_PX)).astype(np.float32), (HEIGHT // CELL_PX, 1))
+    cells[:, -2:] = np.nan
+    return cells
+
+
+def rays_on(
+    surface: np.ndarray, x: np.ndarray, y: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Rays that meet a surface, given by pixel, at pixels."""
+    slopes = rng.normal(0, 4000, (len(x), 2))
+    shift = surface[y, x][:, None]
+    return np.column_stack([np.column_stack([x, y]) - slopes * shift, slopes]).astype(np.float32)
+
+
+def test_events_meet_the_cells_they_are_of() -> None:
+    rng = np.random.default_rng(3)
+    cells = surface_of_cells()
+    # In the middle of cells, so that rounding can't move them to the next.
+    x = rng.integers(0, WIDTH // CELL_PX - 2, 400) * CELL_PX + 1
+    y = rng.integers(0, HEIGHT // CELL_PX, 400) * CELL_PX + 1
+    pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
+    rays = rays_on(pixels, x, y, rng)
+    count, slope = np.zeros_like(cells), np.zeros_like(cells)
+    _kernels._meet(rays, 10, 390, cells, np.float32(0), count, slope)
+    expected, leaning = np.zeros_like(cells), np.zeros_like(cells)
+    np.add.at(expected, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), 1)
+    np.add.at(leaning, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2])
+    np.testing.assert_array_equal(count, expected)
+    np.testing.assert_allclose(slope, leaning, rtol=1e-4, atol=1)
+
+
+def test_the_plane_to_search_around_is_that_of_the_cell() -> None:
+    rng = np.random.default_rng(5)
+    cells = surface_of_cells()
+    x = rng.integers(0, WIDTH // CELL_PX - 2, 300) * CELL_PX + 1
+    y = rng.integers(0, HEIGHT // CELL_PX, 300) * CELL_PX + 1
+    pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
+    rays = rays_on(pixels, x, y, rng)
+    plane = np.empty(300, np.int64)
+    step = np.float32(1e-5)
+    _kernels._plane_near(rays, cells, np.float32(0), step, 12, plane)
+    np.testing.assert_array_equal(plane, np.rint(cells[y // CELL_PX, x // CELL_PX] / step))
+    # A ray over unknown cells is searched nowhere.
+    lost = np.array([[WIDTH - 2, 5, 0, 0]], np.float32)
+    _kernels._plane_near(lost, cells, np.float32(0), step, 12, plane[:1])
+    assert plane[0] == -1
+
+
+def test_events_gather_on_the_surface_that_they_meet() -> None:
+    rng = np.random.default_rng(3)
+    depth = np.tile((1e-5 * np.arange(WIDTH) - 2e-4).astype(np.float32), (HEIGHT, 1))
+    depth[:, 38:] = np.nan
+    x, y = rng.integers(5, 36, 500), rng.integers(5, 28, 500)
+    support, expected = np.zeros((HEIGHT, WIDTH), np.float32), np.zeros((HEIGHT, WIDTH))
+    _kernels._warp(rays_on(depth, x, y, rng), 0, 500, depth, np.float32(0), support)
+    np.add.at(expected, (y, x), 1)
+    np.testing.assert_array_equal(support, expected)
+
+
+def test_rays_are_ordered_by_plane_within_their_band() -> None:
+    rng = np.random.default_rng(6)
+    rays, plane = some_rays(200, rng), rng.integers(-1, 5, 200)
+    edges = np.array([0, 80, 80, 200])
+    starts, out = np.empty((3, 6), np.int64), np.empty_like(rays)
+    _kernels._order_planes(rays, plane, edges, starts, out)
+    for b in range(3):
+        for k in range(5):
+            own = slice(edges[b], edges[b + 1])
+            expected = rays[own][plane[own] == k]
+            np.testing.assert_array_equal(out[starts[b, k] : starts[b, k + 1]], expected)
+
+
+@pytest.mark.parametrize("slope", [0.0, 3000.0])
+def test_bands_hold_every_ray_that_can_reach_them(slope: float) -> None:
+    rng = np.random.default_rng(7)
+    rays = some_rays(300, rng, slope)
+    rays[3, 1] = np.nan
+    groups, ends, rows = np.array([0, 100, 300]), (-5e-4, 5e-4), 8
+    bands = sort_into_bands(rays, groups, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01))
+    for g in range(2):
+        for b in range(HEIGHT // rows):
+            held = set(bands.source[bands.starts[g, b] : bands.starts[g, b + 1]].tolist())
+            assert all(groups[g] <= i < groups[g + 1] for i in held)
+            for i in range(groups[g], groups[g + 1]):
+                for shift in np.linspace(*ends, 9):
+                    x, y = rays[i, :2] + rays[i, 2:] * shift
+                    touched = {np.floor(y) // rows, (np.floor(y) + 1) // rows}
+                    if 0 <= x < WIDTH - 1 and 0 <= y < HEIGHT - 1 and b in touched:
+                        assert i in held
+    np.testing.assert_array_equal(bands.rays, rays[bands.source])
+
+
+def test_enlarging_keeps_a_linear_surface() -> None:
+    cells = (np.arange(12)[None, :] * 4.0 + np.arange(8)[:, None] * 2.0).astype(np.float32)
+    pixels = enlarge(cells)
+    x, y = np.arange(48)[None, :], np.arange(32)[:, None]
+    expected = (x - 1.5) / CELL_PX * 4 + (y - 1.5) / CELL_PX * 2
+    np.testing.assert_allclose(pixels[2:-2, 2:-2], expected[2:-2, 2:-2], atol=1e-4)
