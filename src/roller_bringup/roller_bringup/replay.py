@@ -9,13 +9,14 @@ from pathlib import Path
 
 from roller_braille.cells import Cell
 from roller_core.errors import RollerError, UnwritableOutputError
+from roller_emvs.depth_map import DepthMap
 from roller_emvs.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
 
 from .inspection import Inspection, InspectionSettings, Mapped
 from .recordings import Recording
 from .results.report import Report
-from .results.truth import TruthTally
+from .results.truth import SurfaceTally, TruthTally
 from .results.writer import ResultWriter
 
 
@@ -74,8 +75,8 @@ def replay(
         },
     )
     inspection = Inspection(settings, recording.camera, recording.track, braille)
-    # The tally compares depth maps, of which `surface` makes none.
-    tally = TruthTally.beside(source) if settings.depth.method != "surface" else None
+    surface = settings.depth.method == "surface"
+    tally = SurfaceTally.beside(source) if surface else TruthTally.beside(source)
     run = _Run(inspection, writer, report, tally)
     begin = time.perf_counter()
     try:
@@ -102,7 +103,7 @@ class _Run:
         inspection: Inspection,
         writer: ResultWriter,
         report: Report,
-        tally: TruthTally | None,
+        tally: TruthTally | SurfaceTally | None,
     ) -> None:
         self._inspection = inspection
         self._writer = writer
@@ -136,10 +137,11 @@ class _Run:
             elif isinstance(found, SurfacePatch):
                 self._report.add_window(found)
                 self._writer.write_rows(found)
+                self._compare(found)
             elif isinstance(found, Mapped):
                 self._report.add_window(found.depth_map)
                 self._writer.write_mapped(found)
-                self._compare(found)
+                self._compare(found.depth_map)
             else:
                 assert isinstance(found, Cell)
                 self._cells += 1
@@ -172,10 +174,10 @@ class _Run:
         braille = self._inspection.braille
         return braille.text() if braille is not None else []
 
-    def _compare(self, found: Mapped) -> None:
+    def _compare(self, found: DepthMap | SurfacePatch) -> None:
         if self._tally is None:
             return
         begin = time.perf_counter()
-        self._tally.add(found.depth_map)
+        self._tally.add(found)  # type: ignore[arg-type]  # the tally fits the method
         # The comparison is no part of the processing that is timed.
         self._truth_s += time.perf_counter() - begin
