@@ -111,7 +111,9 @@ def window_field(
             np.minimum(x / middle, focal * centres[:, along].max()),
         ]
     )
-    field = RayField(placed, bounds, padded, slopes, -middle / focal, -(middle**2), focal)
+    seconds = max((packets.end_ns - packets.start_ns) * 1e-9, 1e-9)
+    speed = float(way.max()) * middle / seconds
+    field = RayField(placed, bounds, padded, slopes, -middle / focal, -(middle**2), focal, speed)
     return field, turned
 
 

@@ -44,6 +44,8 @@ class Packets:
         Camera in base at each packet's median event.
     polarity : ndarray of uint8, shape (n,)
         Of the events.
+    start_ns, end_ns : int
+        Times of the first and last packet's median event.
     """
 
     u: F32
@@ -51,6 +53,8 @@ class Packets:
     starts: I64
     poses: F64
     polarity: npt.NDArray[np.uint8]
+    start_ns: int = 0
+    end_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -96,10 +100,11 @@ def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events
     n = len(events)
     starts = np.append(np.arange(0, n, packet_events, dtype=np.int64), n)
     medians = (starts[:-1] + starts[1:] - 1) // 2
-    poses = track.matrices(events.t_ns[medians])
+    times = events.t_ns[medians]
+    poses = track.matrices(times)
     u, v = np.empty(n, np.float32), np.empty(n, np.float32)
     _look_up(events.x, events.y, table, u, v)
-    return Packets(u, v, starts, poses, events.p)
+    return Packets(u, v, starts, poses, events.p, int(times[0]), int(times[-1]))
 
 
 def rays_in_view(

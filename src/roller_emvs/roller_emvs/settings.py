@@ -163,7 +163,7 @@ class DepthSettings(Settings):
         4.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."
     )
     focus_creep_m: float = Field(
-        3e-4,
+        2.5e-4,
         ge=0.0,
         le=0.01,
         description="Way that edges creep along the surface as their contrast doubles under the "

@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 #: Relative change of contrast, per unit of lean, beyond which edges are seen from one side alone
 #: and density no longer tells the rate of change.
 _STEEP = 2.0
+#: Width over which an edge's events lie, px.
+_EDGE_PX = 1.0
+#: Largest share of time that a pixel is taken to be blind.
+_MOST_BLIND = 0.7
 
 
 def without_creep(
@@ -54,13 +58,14 @@ def without_creep(
         return depths
     polarity = settings.creep_polarity
     out = list(depths)
-    depth_m = creep_depth_m(field, depths[polarity].shift, polarity) * settings.creep_m
-    shift = depths[polarity].shift + (depth_m * field.shift_per_m).astype(np.float32)
+    depth_m = creep_depth_m(field, depths[polarity].shift, polarity, settings.dead_time_s)
+    depth_m *= settings.creep_m * field.shift_per_m
+    shift = depths[polarity].shift + depth_m.astype(np.float32)
     out[polarity] = replace(depths[polarity], shift=shift)
     return out
 
 
-def creep_depth_m(field: RayField, shift: F32, polarity: int) -> F32:
+def creep_depth_m(field: RayField, shift: F32, polarity: int, dead_time_s: float) -> F32:
     """Depth to add for each metre of creep, by cell."""
     first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
     count, slope = np.zeros(field.cells, np.float32), np.zeros(field.cells, np.float32)
@@ -78,6 +83,9 @@ def creep_depth_m(field: RayField, shift: F32, polarity: int) -> F32:
     change /= 1.0 + (change / _STEEP) ** 2
     # Thresholds crossed at an edge: events by row and by image column that saw it.
     crossed = count / (CELL_PX * field.focal_px * spread)
+    # A pixel that waits for its read-out is blind: the denser the events, the more are lost.
+    blind = np.minimum(crossed / _EDGE_PX * field.speed_px_s * dead_time_s, _MOST_BLIND)
+    change, crossed = change / (1.0 - blind), crossed / (1.0 - blind)
     return np.asarray(-np.sqrt(crossed) * change, np.float32)
 
 

@@ -38,6 +38,8 @@ class RayField:
         From metres of depth, away from the camera, to shift.
     focal_px : float
         Focal length, px.
+    speed_px_s : float
+        Speed of the surface through the image, px/s.
     """
 
     rays: F32
@@ -47,6 +49,7 @@ class RayField:
     lean_per_slope: float
     shift_per_m: float
     focal_px: float
+    speed_px_s: float
 
     @property
     def cells(self) -> tuple[int, int]:

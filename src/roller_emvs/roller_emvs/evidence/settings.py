@@ -46,11 +46,17 @@ class EvidenceSettings(Settings):
         4.0, ge=0.0, le=1e6, description="Warped events that a pixel needs to become a point."
     )
     creep_m: float = Field(
-        3e-4,
+        2.5e-4,
         ge=0.0,
         le=0.01,
         description="Way that edges creep along the surface as their contrast doubles under the "
         "light that travels with the camera; corrects depth where contrast changes; 0 is off, m.",
+    )
+    dead_time_s: float = Field(
+        2e-4,
+        ge=0.0,
+        le=0.1,
+        description="Time that a pixel is blind after an event, as it waits for its read-out, s.",
     )
     creep_polarity: int = Field(
         0,

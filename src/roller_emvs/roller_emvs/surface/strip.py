@@ -98,6 +98,7 @@ class Strip:
         #: Way of the camera's centre: least and most x, for what each row was seen from.
         self.seen_m = (0.0, 0.0)
         self._slopes = (np.inf, -np.inf)
+        self._way_m, self._way_ns = 0.0, 0
         self.focal_px = float(max(camera.fx, camera.fy))
         self.blocks: dict[int, Block] = {}
         self._done = -(2**62)
@@ -108,6 +109,11 @@ class Strip:
     def held_rays(self) -> int:
         """Rays that wait; one that reaches two blocks counts twice."""
         return sum(b.events for b in self.blocks.values())
+
+    @property
+    def speed_m_s(self) -> float:
+        """Mean speed of the camera while there were events."""
+        return self._way_m / self._way_ns * 1e9 if self._way_ns else 0.0
 
     def to_strip(self, pose: F64) -> F64:
         """A pose in base as one in the strip, shape (4, 4)."""
@@ -134,6 +140,8 @@ class Strip:
     def add(self, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64) -> None:
         """Take the events between two poses, given in the strip."""
         s = self.settings
+        self._way_m += float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
+        self._way_ns += t1 - t0
         rays = np.empty((4, len(events)))
         _kernels._place(
             events.x,
@@ -243,4 +251,6 @@ def block_field(strip: Strip, block: Block) -> tuple[RayField, float, float]:
     left = block.start_m - MARGIN_M
     columns = left + (np.arange(shape[1] // CELL_PX) + 0.5) * size
     slopes = np.stack(strip.slopes_seen(columns)) / pixel
-    return RayField(ordered, bounds, shape, slopes, pixel, 1.0, strip.focal_px), left, top
+    speed = strip.speed_m_s / pixel
+    field = RayField(ordered, bounds, shape, slopes, pixel, 1.0, strip.focal_px, speed)
+    return field, left, top
