@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from roller_core.events import EventArray
+from roller_emvs.settings import DepthSettings
 
 from .cases import depth_settings
-from .measure import window_times
+from .measure import time_figures, window_ms
 from .options import BenchOptions
 from .resampling import Piece, densest_piece, resample, scaled
 from .scans import Scan
@@ -38,7 +39,6 @@ def run_growth(
     """
     piece = densest_piece(scan, options.fixed_window_s, options.fixed_events)
     full = densest_piece(scan, options.fixed_window_s, max(options.growth_events))
-    repeats = max(options.repeats, 1)
     out: dict[str, Any] = {
         "base": {
             "object": scan.name,
@@ -53,13 +53,13 @@ def run_growth(
         "threads": [],
     }
 
+    jobs: list[_Job] = []
+
     def add(
         rows: str, value: Any, method: str, events: EventArray, where: Scan, **changes: Any
     ) -> None:
-        tell(f"growth: {method}, {rows} {value}")
         settings = depth_settings(method, window="all", **changes)
-        times = window_times(settings, [(events, where)], repeats)
-        out[rows].append({"method": method, rows: value, **times})
+        jobs.append(_Job(rows, value, method, settings, events, where))
 
     for method in METHODS:
         for count in options.growth_events:
@@ -73,7 +73,28 @@ def run_growth(
     for planes in options.growth_planes:
         # `focus` takes as many planes as the parallax asks for.
         add("planes", planes, "bma", piece.events, scan, plane_rule="fixed", planes=planes)
+    # Round by round, as the cases are; the first round compiles and doesn't count.
+    for number in range(max(options.repeats, 1) + 1):
+        for job in jobs:
+            tell(f"growth: {job.method}, {job.rows} {job.value}")
+            spent = window_ms(job.settings, job.events, job.scan)
+            if number and spent is not None:
+                job.runs.append([spent])
+    for job in jobs:
+        row = {"method": job.method, job.rows: job.value, **time_figures(job.runs)}
+        out[job.rows].append(row)
     return out
+
+
+@dataclass(frozen=True)
+class _Job:
+    rows: str
+    value: Any
+    method: str
+    settings: DepthSettings
+    events: EventArray
+    scan: Scan
+    runs: list[list[float]] = field(default_factory=list)
 
 
 def _drawn(piece: Piece, count: int) -> EventArray:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,8 +40,8 @@ def can_measure(method: str) -> bool:
     return method != "surface" or _SURFACE_TALLY is not None
 
 
-def measure(case: Case, scans: Sequence[Scan], repeats: int, budget_s: float) -> dict[str, Any]:
-    """Run a configuration over scans: once for the errors, several times for the times.
+class CaseRun:
+    """One configuration over scans, run again and again.
 
     Parameters
     ----------
@@ -50,48 +49,70 @@ def measure(case: Case, scans: Sequence[Scan], repeats: int, budget_s: float) ->
         The configuration.
     scans : sequence of Scan
         At the case's speed, one an object.
-    repeats : int
-        Runs at most.
-    budget_s : float
-        No more runs after this time.
-
-    Returns
-    -------
-    dict
-        `time` (see `time_figures`), `error` (mean over the objects), `objects` (each one's).
     """
-    settings = case.settings
-    _warm_up(settings, scans[0])
-    begin = time.perf_counter()
-    runs: list[list[float]] = []
-    objects: dict[str, Any] = {}
-    counts = {"events": 0, "refused": 0}
-    spent_on_truth = 0.0
-    while len(runs) < max(repeats, 1):
-        spent = time.perf_counter() - begin - spent_on_truth
-        if runs and spent > budget_s:
-            break
-        first, run = not runs, []
-        for scan in scans:
+
+    def __init__(self, case: Case, scans: Sequence[Scan]) -> None:
+        self.case = case
+        self.spent_s = 0.0
+        self._scans = scans
+        self._runs: list[list[float]] = []
+        self._objects: dict[str, Any] = {}
+        self._events = self._refused = 0
+
+    def go(self) -> None:
+        """Run once over all scans; the first time errors are taken too."""
+        settings, run = self.case.settings, []
+        first = not self._runs
+        if first:
+            _warm_up(settings, self._scans[0])
+        for scan in self._scans:
             tally = _tally(settings, scan) if first else None
             for found in _results(settings, scan):
                 if isinstance(found, RefusedWindow):
-                    counts["refused"] += first
+                    self._refused += first
                     continue
                 run.append(found.milliseconds["total"])
-                counts["events"] += found.events if first else 0
                 if tally is not None:
-                    before = time.perf_counter()
+                    self._events += found.events
                     tally.add(found)
-                    spent_on_truth += time.perf_counter() - before
             if tally is not None:
-                objects[scan.name] = of_object(tally.summary(), scan.name)
-        runs.append(run)
-    total_s = sum(runs[0]) * 1e-3
-    times = time_figures(runs)
-    times["mev_s"] = round(counts["events"] * 1e-6 / total_s, 3) if total_s else None
-    times["refused"] = counts["refused"]
-    return {"time": times, "error": mean_error(objects.values()), "objects": objects}
+                self._objects[scan.name] = of_object(tally.summary(), scan.name)
+        self._runs.append(run)
+        self.spent_s += sum(run) * 1e-3
+
+    def figures(self) -> dict[str, Any]:
+        """`time` (see `time_figures`), `error` (mean over the objects), `objects` (each one's)."""
+        times = time_figures(self._runs)
+        seconds = float(np.median([sum(run) for run in self._runs])) * 1e-3
+        times["mev_s"] = round(self._events * 1e-6 / seconds, 3) if seconds else None
+        times["refused"] = self._refused
+        error = mean_error(self._objects.values())
+        return {"time": times, "error": error, "objects": self._objects}
+
+
+def run_rounds(
+    runs: Sequence[CaseRun], repeats: int, budget_s: float, tell: Callable[[CaseRun], None]
+) -> None:
+    """Run all cases once, then all of them again, and so on.
+
+    What else the machine does meanwhile falls on all cases alike, and shows as their spread.
+
+    Parameters
+    ----------
+    runs : sequence of CaseRun
+        The cases.
+    repeats : int
+        Rounds.
+    budget_s : float
+        A case that has taken longer stays out of further rounds.
+    tell : callable
+        Told the case at hand.
+    """
+    for number in range(max(repeats, 1)):
+        for run in runs:
+            if number == 0 or run.spent_s <= budget_s:
+                tell(run)
+                run.go()
 
 
 def time_figures(runs: Sequence[Sequence[float]]) -> dict[str, Any]:
@@ -114,7 +135,7 @@ def mean_error(objects: Iterable[dict[str, Any]]) -> dict[str, Any]:
     found = [figures for figures in objects if figures["points"]]
     out: dict[str, Any] = {"objects": len(found)}
     for name in ERRORS:
-        values = [f[name] for f in found if f.get(name) is not None and np.isfinite(f[name])]
+        values = [f[name] for f in found if f.get(name) is not None]
         if name == "points":
             out[name] = int(sum(values))
         else:
@@ -140,31 +161,24 @@ def depth_maps(settings: DepthSettings, pieces: Sequence[Piece]) -> list[DepthMa
     return [result for result in found if isinstance(result, DepthMap)]
 
 
-def window_times(
-    settings: DepthSettings, windows: Sequence[tuple[EventArray, Scan]], repeats: int
-) -> dict[str, Any]:
-    """Times of windows that have nothing to do with each other; the first run is not counted.
+def window_ms(settings: DepthSettings, events: EventArray, scan: Scan) -> float | None:
+    """Time for one window; None where it gives no depth.
 
     Parameters
     ----------
     settings : DepthSettings
         With one window for all events.
-    windows : sequence of (EventArray, Scan)
-        Events of each window, with the scan whose camera and poses they belong to.
-    repeats : int
-        Runs that count.
+    events : EventArray
+        Of the window.
+    scan : Scan
+        Whose camera and poses they belong to.
     """
-    runs: list[list[float]] = []
-    for _ in range(repeats + 1):
-        run = []
-        for events, scan in windows:
-            pipeline = DepthPipeline(settings, scan.camera, scan.track)
-            pipeline.add_events(events)
-            for found in pipeline.results(flush=True):
-                if isinstance(found, DepthMap):
-                    run.append(found.milliseconds["total"])
-        runs.append(run)
-    return time_figures(runs[1:])
+    pipeline = DepthPipeline(settings, scan.camera, scan.track)
+    pipeline.add_events(events)
+    for found in pipeline.results(flush=True):
+        if isinstance(found, DepthMap):
+            return found.milliseconds["total"]
+    return None
 
 
 def _results(settings: DepthSettings | SurfaceSettings, scan: Scan) -> Iterable[Any]:
@@ -196,4 +210,5 @@ def of_object(summary: dict[str, Any], name: str) -> dict[str, Any]:
     figures = dict(summary["objects"].get(name, summary["all"]))
     # TODO(merge): every tally gives the error near edges then.
     figures.setdefault("near_edge_mae_um", figures.get("mae_um"))
-    return {key: figures.get(key) for key in ERRORS}
+    # An object without relief edges has no share of them.
+    return {k: v if (v := figures.get(k)) is None or np.isfinite(v) else None for k in ERRORS}

@@ -22,14 +22,16 @@ _COLOURS = {
 }
 _MARKERS = {
     "base": "o",
+    "savings": "X",
     "planes": "^",
     "window": "s",
     "packet": "D",
     "precision": "P",
     "tiles": "v",
 }
+#: Width of a name in the figure, about.
+_NAME_PX = 200.0
 _FACTOR_NAMES = {"base": "base configuration", "savings": "without the savings"}
-_OTHER = "X"
 
 
 def draw_speed_vs_error(result: dict[str, Any], path: Path) -> None:
@@ -50,7 +52,7 @@ def draw_speed_vs_error(result: dict[str, Any], path: Path) -> None:
 
 def speed_vs_error(result: dict[str, Any]) -> tuple[Any, Axes]:
     """The figure of `draw_speed_vs_error`, not yet saved."""
-    figure, axis = plt.subplots(figsize=(10, 7), dpi=110, layout="constrained")
+    figure, axis = plt.subplots(figsize=(12, 7), dpi=110, layout="constrained")
     speed = result["options"]["speeds"][0]
     rows = [
         r
@@ -63,7 +65,7 @@ def speed_vs_error(result: dict[str, Any]) -> tuple[Any, Axes]:
         base = r["factor"] == "base"
         axis.errorbar(
             t["ms"], error, xerr=[[t["ms"] - t["ms_low"]], [t["ms_high"] - t["ms"]]],
-            fmt=_MARKERS.get(r["factor"], _OTHER), ms=11 if base else 6, color=colour,
+            fmt=_MARKERS[r["factor"]], ms=11 if base else 6, color=colour,
             mec="black", mew=1.2 if base else 0.4, elinewidth=0.8, alpha=1.0 if base else 0.75,
             zorder=4 if base else 3,
         )  # fmt: skip
@@ -90,9 +92,9 @@ def speed_vs_error(result: dict[str, Any]) -> tuple[Any, Axes]:
 
 
 def _make_room(axis: Axes) -> None:
-    """Room for the names, which stand to the right of their points."""
+    """Room for the names, which stand beside their points."""
     low, high = axis.get_xlim()
-    axis.set_xlim(low / 1.1, high * (high / low) ** 0.25)
+    axis.set_xlim(low / 1.1, high * (high / low) ** 0.1)
     low, high = axis.get_ylim()
     axis.set_ylim(low / 1.15, high * 1.1)
 
@@ -110,20 +112,24 @@ def _name_points(axis: Axes, rows: list[dict[str, Any]], front: set[str]) -> Non
     """Names of base configurations and of the front; the others are told by their markers."""
     named = [r for r in rows if r["factor"] in _FACTOR_NAMES or r["label"] in front]
     placed: list[tuple[float, float]] = []
-    to_display = axis.transData.transform
+    pixels = axis.figure.dpi / 72
     for r in sorted(named, key=lambda r: float(r["error"]["near_edge_mae_um"])):
         point = (float(r["time"]["ms"]), float(r["error"]["near_edge_mae_um"]))
-        x, y = to_display(point)
-        shift = 6.0
+        x, y = (float(v) for v in axis.transData.transform(point))
+        # Names of points on the right stand to their left.
+        left = axis.transAxes.inverted().transform((x, y))[0] > 0.7
+        end = x - _NAME_PX if left else x
+        shift = 5.0
         # A name that would lie on another one goes further up.
-        while any(abs(x - a) < 150 and abs(y + shift - b) < 16 for a, b in placed):
-            shift += 16.0
-        placed.append((x, y + shift))
+        while any(abs(end - a) < _NAME_PX and abs(y + shift - b) < 17 for a, b in placed):
+            shift += 17.0
+        placed.append((end, y + shift))
         edges = r["error"]["edges_measured"]
         share = f" ({edges:.0%} of edges)" if edges is not None else ""
         axis.annotate(
-            f"{r['label']}{share}", point, xytext=(9, shift * 72 / 110),
-            textcoords="offset points", fontsize=8, zorder=6,
+            f"{r['label']}{share}", point, xytext=(-9 if left else 9, shift / pixels),
+            textcoords="offset points", ha="right" if left else "left", fontsize=8, zorder=6,
+            bbox={"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 0.5},
         )  # fmt: skip
 
 
@@ -142,7 +148,7 @@ def _legends(axis: Axes, rows: list[dict[str, Any]]) -> None:
         Line2D([], [], marker="o", ms=12, mfc="none", mec="black", ls="--", color="black",
                label="Pareto front")
     )  # fmt: skip
-    axis.legend(handles=handles, fontsize=8, loc="best")
+    axis.figure.legend(handles=handles, fontsize=8, loc="outside right upper")
 
 
 def draw_growth(result: dict[str, Any], path: Path) -> None:

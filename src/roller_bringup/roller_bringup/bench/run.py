@@ -14,7 +14,7 @@ from roller_bringup.results.folders import make_folder
 from .cases import SAVINGS, Case, offered, plan
 from .fixed import fixed_pieces, run_fixed
 from .growth import run_growth
-from .measure import can_measure, measure
+from .measure import CaseRun, can_measure, run_rounds
 from .options import DENSE_OBJECTS, BenchOptions
 from .pareto import pareto_front
 from .plots import draw_growth, draw_speed_vs_error
@@ -60,7 +60,7 @@ def run_bench(
     make_folder(output)
     bench = _Bench(options, output / "scans", tell)
     cases = [case for case in plan(options) if can_measure(case.method)]
-    rows = bench.measure_all(cases)
+    rows = bench.measure(cases)
     result: dict[str, Any] = {
         "version": 1,
         "machine": machine(),
@@ -114,59 +114,45 @@ def machine() -> dict[str, Any]:
 
 
 class _Bench:
-    """Scans in memory and cases that are measured already."""
+    """The parts of a run, over scans that are held in memory."""
 
     def __init__(self, options: BenchOptions, folder: Path, tell: Tell) -> None:
         self._options = options
         self._folder = folder
         self._tell = tell
         self._scans: dict[tuple[str, float], Scan] = {}
-        self._found: dict[str, dict[str, Any]] = {}
 
     def scan(self, name: str, speed: float) -> Scan:
         """A scan, simulated or read once."""
         if (name, speed) not in self._scans:
+            self._tell(f"scan of {name} at {speed:g} m/s", 0.0)
             scan = get_scan(self._folder, name, speed, self._options.cell)
             self._scans[name, speed] = scan
         return self._scans[name, speed]
 
-    def measure_all(self, cases: list[Case]) -> list[dict[str, Any]]:
+    def measure(self, cases: list[Case]) -> list[dict[str, Any]]:
         """Measure cases, one row each."""
-        rows = []
-        for k, case in enumerate(cases):
-            self._tell(case.label, 0.05 + 0.5 * k / len(cases))
-            rows.append(self.row(case))
-        return rows
-
-    def row(self, case: Case) -> dict[str, Any]:
-        """One case's row."""
-        o = self._options
-        if case.key not in self._found:
-            scans = [self.scan(name, case.speed) for name in o.objects]
-            self._found[case.key] = measure(case, scans, o.repeats, o.case_budget_s)
-        return {
-            "label": case.label,
-            "method": case.method,
-            "factor": case.factor,
-            "value": case.value,
-            "speed": case.speed,
-            "changes": dict(case.changes),
-            **self._found[case.key],
-        }
+        runs = [self._prepare(case) for case in cases]
+        self._rounds(runs, 0.1, 0.5)
+        return [_row(run) for run in runs]
 
     def savings(self) -> list[dict[str, Any]]:
-        """Each saving of the depth engine, with it and without it."""
+        """Each saving of the depth engine, with it and without it, in turns."""
         o, rows = self._options, []
         speed = o.speeds[0]
         for number, (title, on, off, methods) in enumerate(SAVINGS):
             for method in (m for m in methods if m in o.methods):
-                self._tell(f"saving: {title}, {method}", 0.55 + 0.2 * number / len(SAVINGS))
                 row: dict[str, Any] = {"saving": title, "method": method}
                 # TODO(merge): every saving is offered then.
                 row["offered"] = offered(method, on)
                 if row["offered"]:
-                    with_it = self.row(Case(method, title, "on", speed, on))
-                    without = self.row(Case(method, title, "off", speed, off))
+                    pair = [
+                        self._prepare(Case(method, title, "on", speed, on)),
+                        self._prepare(Case(method, title, "off", speed, off)),
+                    ]
+                    start = 0.6 + 0.15 * number / len(SAVINGS)
+                    self._rounds(pair, start, 0.15 / len(SAVINGS))
+                    with_it, without = (_row(run) for run in pair)
                     row |= {
                         "on": _brief(with_it),
                         "off": _brief(without),
@@ -174,6 +160,24 @@ class _Bench:
                     }
                 rows.append(row)
         return rows
+
+    def _prepare(self, case: Case) -> CaseRun:
+        return CaseRun(case, [self.scan(name, case.speed) for name in self._options.objects])
+
+    def _rounds(self, runs: list[CaseRun], start: float, length: float) -> None:
+        o, done = self._options, 0
+
+        def tell(run: CaseRun) -> None:
+            nonlocal done
+            text = (
+                run.case.label
+                if run.case.value not in ("on", "off")
+                else (f"{run.case.method}: {run.case.factor}, {run.case.value}")
+            )
+            self._tell(text, start + length * done / (len(runs) * o.repeats))
+            done += 1
+
+        run_rounds(runs, o.repeats, o.case_budget_s, tell)
 
     def growth(self) -> dict[str, Any]:
         """Cost as the work grows."""
@@ -191,6 +195,19 @@ class _Bench:
     def _dense(self) -> list[str]:
         dense = [name for name in DENSE_OBJECTS if name in self._options.objects]
         return dense or [self._options.objects[0]]
+
+
+def _row(run: CaseRun) -> dict[str, Any]:
+    case = run.case
+    return {
+        "label": case.label,
+        "method": case.method,
+        "factor": case.factor,
+        "value": case.value,
+        "speed": case.speed,
+        "changes": dict(case.changes),
+        **run.figures(),
+    }
 
 
 def _brief(row: dict[str, Any]) -> dict[str, Any]:
