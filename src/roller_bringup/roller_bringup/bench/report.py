@@ -126,6 +126,8 @@ def _cases(result: dict[str, Any]) -> Table:
         "★ is on the Pareto front of time and error near edges. Errors are means over the objects; "
         "spread is between the medians of the repeats."
     )
+    if result["left_out"]:
+        note += f" Not measured, as nothing compares it: {', '.join(result['left_out'])}."
     return Table("Cases", head, rows, note)
 
 
@@ -176,7 +178,7 @@ def _fixed(result: dict[str, Any]) -> Table | None:
         rows.append(
             (
                 r.get("what", name), str(r["windows"]), _number(r["ms"], 1),
-                _number(r["ms_p95"], 1), ratio, _number(r["error"]["mae_um"], 1),
+                _number(r.get("ms_p95"), 1), ratio, _number(r["error"]["mae_um"], 1),
                 _number(r["error"]["near_edge_mae_um"], 1), _share(r["error"]["edges_measured"]),
             )
         )  # fmt: skip

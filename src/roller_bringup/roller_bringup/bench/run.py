@@ -169,11 +169,7 @@ class _Bench:
 
         def tell(run: CaseRun) -> None:
             nonlocal done
-            text = (
-                run.case.label
-                if run.case.value not in ("on", "off")
-                else (f"{run.case.method}: {run.case.factor}, {run.case.value}")
-            )
+            text = f"{run.case.method}: {run.case.factor}, {run.case.value}"
             self._tell(text, start + length * done / (len(runs) * o.repeats))
             done += 1
 
