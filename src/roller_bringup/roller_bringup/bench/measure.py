@@ -80,6 +80,11 @@ class CaseRun:
         self._runs.append(run)
         self.spent_s += sum(run) * 1e-3
 
+    @property
+    def medians(self) -> list[float]:
+        """Median ms a window of each run."""
+        return [float(np.median(run)) for run in self._runs if run]
+
     def figures(self) -> dict[str, Any]:
         """`time` (see `time_figures`), `error` (mean over the objects), `objects` (each one's)."""
         times = time_figures(self._runs)

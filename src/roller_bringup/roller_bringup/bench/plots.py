@@ -128,7 +128,7 @@ def _name_points(axis: Axes, rows: list[dict[str, Any]], front: set[str]) -> Non
         share = f" ({edges:.0%} of edges)" if edges is not None else ""
         axis.annotate(
             f"{r['label']}{share}", point, xytext=(-9 if left else 9, shift / pixels),
-            textcoords="offset points", ha="right" if left else "left", fontsize=8, zorder=6,
+            textcoords="offset points", ha="right" if left else "left", fontsize=8, zorder=2.5,
             bbox={"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 0.5},
         )  # fmt: skip
 
