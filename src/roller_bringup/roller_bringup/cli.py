@@ -16,6 +16,7 @@ _COMMANDS = {
     "up": ("roller_bringup.commands.up", "run a launch file"),
     "demo": ("roller_bringup.commands.demo", "roll the virtual cell over a plate, live"),
     "info": ("roller_bringup.commands.info", "tell what a recording holds"),
+    "bench": ("roller_bringup.commands.bench", "measure speed against error"),
 }
 
 

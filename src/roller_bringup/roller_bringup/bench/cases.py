@@ -1,0 +1,171 @@
+"""The cases of a benchmark: a base configuration for each method, one factor varied at a time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from roller_core.settings import Settings
+from roller_emvs.settings import DepthSettings
+from roller_emvs.surface import SurfaceSettings
+
+from .options import BenchOptions
+
+#: Methods whose every factor is varied. The others go through the same code as `bma`, with fewer
+#: views, and are measured as they are and at every speed.
+VARIED = ("focus", "bma", "surface")
+
+_FIXED = {"plane_rule": "fixed"}
+_ALL_OFF = {"plane_rule": "fixed", "planes": 500, "fast_path": False, "tiles": False}
+#: Values of a factor: name and the settings that it changes.
+Values = list[tuple[str, dict[str, Any]]]
+
+_COUNTS: Values = [
+    ("100 planes", {**_FIXED, "planes": 100}),
+    ("250 planes", {**_FIXED, "planes": 250}),
+    ("500 planes", {**_FIXED, "planes": 500}),
+]
+_DENSITIES: Values = [
+    ("2 planes a px", {"planes_per_px": 2.0}),
+    ("0.5 planes a px", {"planes_per_px": 0.5}),
+    ("4 planes a px", {"planes_per_px": 4.0}),
+]
+_PACKETS: Values = [
+    ("packets of 64", {"packet_events": 64}),
+    ("packets of 1024", {"packet_events": 1024}),
+]
+_PRECISION: Values = [("float64", {"precision": "float64"})]
+_TILES: Values = [("no tiles", {"tiles": False})]
+
+
+def _travel(mm: int) -> tuple[str, dict[str, Any]]:
+    return f"{mm} mm", {"window": "travel", "window_travel_m": mm * 1e-3}
+
+
+_FACTORS: dict[str, dict[str, Values]] = {
+    "focus": {
+        "planes": _DENSITIES,
+        "window": [_travel(6), _travel(20), ("20 ms", {"window": "time", "window_s": 0.02})],
+        "packet": _PACKETS,
+        "tiles": _TILES,
+    },
+    "bma": {
+        "savings": [("500 planes, no savings", _ALL_OFF)],
+        "planes": [*_COUNTS, _DENSITIES[0]],
+        "window": [("10 ms", {"window": "time", "window_s": 0.01}), _travel(12)],
+        "packet": _PACKETS,
+        # `focus` has no choice of it.
+        "precision": _PRECISION,
+        "tiles": _TILES,
+    },
+    "surface": {"planes": _DENSITIES[:1]},
+}
+#: Factors of a quick run, and how many values of each.
+_QUICK_FACTORS = {"savings": 1, "planes": 1, "window": 1}
+
+_BOTH = ("focus", "bma")
+#: Savings of the depth engine: title, settings with it, settings without it, methods that have it.
+SAVINGS: tuple[tuple[str, dict[str, Any], dict[str, Any], tuple[str, ...]], ...] = (
+    # `focus` always takes as many planes as the parallax asks for, and votes in one view.
+    ("plane count from parallax", {"plane_rule": "parallax"}, {**_FIXED, "planes": 500}, ("bma",)),
+    ("translation-only fast path", {"fast_path": True}, {"fast_path": False}, ("bma",)),
+    ("tiles without events skipped", {"tiles": True}, {"tiles": False}, _BOTH),
+    ("prior bounds of 0.5 mm", {"prior_margin_m": 0.0005}, {"prior_margin_m": 0.0}, _BOTH),
+    ("patch of ±8 mm", {"patch_half_length_m": 0.008}, {"patch_half_length_m": 0.0}, _BOTH),
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One configuration.
+
+    Attributes
+    ----------
+    method : str
+        The method.
+    factor, value : str
+        What differs from the method's base configuration, and what it is; `base` for itself.
+    speed : float
+        Of the scan, m/s.
+    changes : mapping
+        Settings that differ from the defaults.
+    """
+
+    method: str
+    factor: str
+    value: str
+    speed: float
+    changes: Mapping[str, Any]
+
+    @property
+    def label(self) -> str:
+        """Name for tables and figures."""
+        return self.method if self.factor == "base" else f"{self.method}, {self.value}"
+
+    @property
+    def settings(self) -> DepthSettings | SurfaceSettings:
+        """Settings in full."""
+        if self.method == "surface":
+            return SurfaceSettings.create(known(SurfaceSettings, self.changes), self.label)
+        return depth_settings(self.method, **self.changes)
+
+    @property
+    def key(self) -> str:
+        """The same for cases that come to the same work."""
+        values = json.dumps(self.settings.model_dump(), sort_keys=True, default=str)
+        return f"{self.method} {self.speed:g} {values}"
+
+
+# TODO(merge): every name will be known then; drop this and create the settings from the values.
+def known(model: type[Settings], values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that a settings model has a field for."""
+    return {name: value for name, value in values.items() if name in model.model_fields}
+
+
+def depth_settings(method: str, **changes: Any) -> DepthSettings:
+    """Settings of a method that makes depth maps."""
+    return DepthSettings.create(known(DepthSettings, {"method": method, **changes}), method)
+
+
+def offered(method: str, changes: Mapping[str, Any]) -> bool:
+    """Whether the engine has all settings that a case changes."""
+    model: type[Settings] = SurfaceSettings if method == "surface" else DepthSettings
+    return len(known(model, changes)) == len(changes)
+
+
+def plan(options: BenchOptions) -> list[Case]:
+    """All cases of a run, each of them once.
+
+    Parameters
+    ----------
+    options : BenchOptions
+        Methods and speeds; the first speed is that of the base configurations.
+    """
+    base_speed = options.speeds[0]
+    cases = [Case(m, "base", "base", base_speed, {}) for m in options.methods]
+    for method in options.methods:
+        for speed in options.speeds[1:]:
+            cases.append(Case(method, "speed", f"{speed:g} m/s", speed, {}))
+        if method in VARIED:
+            cases += _variations(method, base_speed, options.quick)
+    return _distinct(cases)
+
+
+def _variations(method: str, speed: float, quick: bool) -> list[Case]:
+    out = []
+    for factor, values in _FACTORS[method].items():
+        kept = values[: _QUICK_FACTORS.get(factor, 0)] if quick else values
+        for value, changes in kept:
+            if offered(method, changes):
+                out.append(Case(method, factor, value, speed, changes))
+    return out
+
+
+def _distinct(cases: Iterable[Case]) -> list[Case]:
+    """Without the values that are the base configuration's own."""
+    found: dict[str, Case] = {}
+    for case in cases:
+        found.setdefault(case.key, case)
+    return list(found.values())

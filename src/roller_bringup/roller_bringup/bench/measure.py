@@ -1,0 +1,219 @@
+"""Times and errors of one configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from roller_bringup.results import truth as results_truth
+from roller_bringup.results.truth import TruthTally
+from roller_core.events import EventArray
+from roller_emvs.depth_map import DepthMap
+from roller_emvs.pipeline import DepthPipeline
+from roller_emvs.settings import DepthSettings
+from roller_emvs.surface import SurfaceSettings, SurfaceSweep
+from roller_emvs.windows import RefusedWindow
+
+from .cases import Case
+from .resampling import Piece
+from .scans import Scan
+
+# TODO(merge): import SurfaceTally beside TruthTally, and drop `can_measure`.
+_SURFACE_TALLY: Any = getattr(results_truth, "SurfaceTally", None)
+
+#: Error figures of an object, in the order they are shown.
+ERRORS = (
+    "near_edge_mae_um",
+    "mae_um",
+    "median_um",
+    "bias_um",
+    "within_100_um",
+    "edges_measured",
+    "points",
+)
+
+
+def can_measure(method: str) -> bool:
+    """Whether a method's results can be compared with the truth."""
+    return method != "surface" or _SURFACE_TALLY is not None
+
+
+class CaseRun:
+    """One configuration over scans, run again and again.
+
+    Parameters
+    ----------
+    case : Case
+        The configuration.
+    scans : sequence of Scan
+        At the case's speed, one an object.
+    """
+
+    def __init__(self, case: Case, scans: Sequence[Scan]) -> None:
+        self.case = case
+        self.spent_s = 0.0
+        self._scans = scans
+        self._runs: list[list[float]] = []
+        self._objects: dict[str, Any] = {}
+        self._events = self._refused = 0
+
+    def go(self) -> None:
+        """Run once over all scans; the first time errors are taken too."""
+        settings, run = self.case.settings, []
+        first = not self._runs
+        if first:
+            _warm_up(settings, self._scans[0])
+        for scan in self._scans:
+            tally = _tally(settings, scan) if first else None
+            for found in _results(settings, scan):
+                if isinstance(found, RefusedWindow):
+                    self._refused += first
+                    continue
+                run.append(found.milliseconds["total"])
+                if tally is not None:
+                    self._events += found.events
+                    tally.add(found)
+            if tally is not None:
+                self._objects[scan.name] = of_object(tally.summary(), scan.name)
+        self._runs.append(run)
+        self.spent_s += sum(run) * 1e-3
+
+    @property
+    def medians(self) -> list[float]:
+        """Median ms a window of each run."""
+        return [float(np.median(run)) for run in self._runs if run]
+
+    def figures(self) -> dict[str, Any]:
+        """`time` (see `time_figures`), `error` (mean over the objects), `objects` (each one's)."""
+        times = time_figures(self._runs)
+        seconds = float(np.median([sum(run) for run in self._runs])) * 1e-3
+        times["mev_s"] = round(self._events * 1e-6 / seconds, 3) if seconds else None
+        times["refused"] = self._refused
+        error = mean_error(self._objects.values())
+        return {"time": times, "error": error, "objects": self._objects}
+
+
+def run_rounds(
+    runs: Sequence[CaseRun], repeats: int, budget_s: float, tell: Callable[[CaseRun], None]
+) -> None:
+    """Run all cases once, then all of them again, and so on.
+
+    What else the machine does meanwhile falls on all cases alike, and shows as their spread.
+
+    Parameters
+    ----------
+    runs : sequence of CaseRun
+        The cases.
+    repeats : int
+        Rounds.
+    budget_s : float
+        A case that has taken longer stays out of further rounds.
+    tell : callable
+        Told the case at hand.
+    """
+    for number in range(max(repeats, 1)):
+        for run in runs:
+            if number == 0 or run.spent_s <= budget_s:
+                tell(run)
+                run.go()
+
+
+def time_figures(runs: Sequence[Sequence[float]]) -> dict[str, Any]:
+    """Median of the runs' medians, their extremes, and the 95th percentile of all windows, ms."""
+    medians = [float(np.median(run)) for run in runs if len(run)]
+    if not medians:
+        return {"ms": None, "windows": 0, "repeats": len(runs)}
+    return {
+        "ms": round(float(np.median(medians)), 3),
+        "ms_low": round(min(medians), 3),
+        "ms_high": round(max(medians), 3),
+        "ms_p95": round(float(np.percentile(np.concatenate(runs), 95)), 3),
+        "windows": len(runs[0]),
+        "repeats": len(runs),
+    }
+
+
+def mean_error(objects: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """Mean over objects of their figures; each counts the same, however many points it has."""
+    found = [figures for figures in objects if figures["points"]]
+    out: dict[str, Any] = {"objects": len(found)}
+    for name in ERRORS:
+        values = [f[name] for f in found if f.get(name) is not None]
+        if name == "points":
+            out[name] = int(sum(values))
+        else:
+            out[name] = round(float(np.mean(values)), 4) if values else None
+    return out
+
+
+def depth_maps(settings: DepthSettings, pieces: Sequence[Piece]) -> list[DepthMap]:
+    """Depth maps of windows that follow each other, by one pipeline.
+
+    Parameters
+    ----------
+    settings : DepthSettings
+        With windows by time that are as long as the pieces, or with one for all.
+    pieces : sequence of Piece
+        Of one scan.
+    """
+    scan = pieces[0].scan
+    pipeline = DepthPipeline(settings, scan.camera, scan.track)
+    for piece in pieces:
+        pipeline.add_events(piece.events)
+    found = pipeline.results(flush=True)
+    return [result for result in found if isinstance(result, DepthMap)]
+
+
+def window_ms(settings: DepthSettings, events: EventArray, scan: Scan) -> float | None:
+    """Time for one window; None where it gives no depth.
+
+    Parameters
+    ----------
+    settings : DepthSettings
+        With one window for all events.
+    events : EventArray
+        Of the window.
+    scan : Scan
+        Whose camera and poses they belong to.
+    """
+    pipeline = DepthPipeline(settings, scan.camera, scan.track)
+    pipeline.add_events(events)
+    for found in pipeline.results(flush=True):
+        if isinstance(found, DepthMap):
+            return found.milliseconds["total"]
+    return None
+
+
+def _results(settings: DepthSettings | SurfaceSettings, scan: Scan) -> Iterable[Any]:
+    if isinstance(settings, SurfaceSettings):
+        # Rows of the surface are measured over their whole crossing of the image.
+        sweep = SurfaceSweep(settings, scan.camera, scan.track)
+        sweep.add_events(scan.events)
+        return sweep.results(flush=True)
+    pipeline = DepthPipeline(settings, scan.camera, scan.track)
+    pipeline.add_events(scan.crossing())
+    return pipeline.results(flush=True)
+
+
+def _warm_up(settings: DepthSettings | SurfaceSettings, scan: Scan) -> None:
+    """Compile what the case needs: the first window isn't timed."""
+    next(iter(_results(settings, scan)), None)
+
+
+def _tally(settings: DepthSettings | SurfaceSettings, scan: Scan) -> Any:
+    return (
+        _SURFACE_TALLY(scan.truth)
+        if isinstance(settings, SurfaceSettings)
+        else TruthTally(scan.truth)
+    )
+
+
+def of_object(summary: dict[str, Any], name: str) -> dict[str, Any]:
+    """One object's figures in a tally's summary; all there is for a plate without objects."""
+    figures = dict(summary["objects"].get(name, summary["all"]))
+    # TODO(merge): every tally gives the error near edges then.
+    figures.setdefault("near_edge_mae_um", figures.get("mae_um"))
+    # An object without relief edges has no share of them.
+    return {k: v if (v := figures.get(k)) is None or np.isfinite(v) else None for k in ERRORS}
