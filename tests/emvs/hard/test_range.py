@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from emvs.hard import world
-from emvs.hard.world import ALL, PAPER
+from emvs.hard.world import ALL, PAPER, not_yet
 from roller_core.events import EventArray
 
 NEAR_M, FAR_M = 0.043, 0.047
@@ -44,7 +44,7 @@ def beyond() -> list[Any]:
     wrong = {(m, place): END for m in PAPER for place in ("before", "behind")}
     wrong["focus", "before"] = "side lobes of what is out of range pass for depth"
     return [
-        pytest.param(m, place, marks=[pytest.mark.xfail(strict=True, reason=wrong[m, place])])
+        pytest.param(m, place, marks=not_yet(wrong[m, place]))
         if (m, place) in wrong
         else (m, place)
         for m in ALL
@@ -64,6 +64,6 @@ def test_depth_beyond_the_range_is_refused(usual: dict[str, int], method: str, p
 
 @pytest.mark.parametrize("method", PAPER)
 def test_more_planes_than_a_byte_counts(method: str) -> None:
-    """1000 planes: a plane's number that was cut to 8 bits would be wrong by 1 mm and more."""
-    found = world.run(method, world.scan(), world.poses(), planes=1000)
+    """600 planes: a plane's number that was cut to 8 bits would be wrong by 1 mm and more."""
+    found = world.run(method, world.scan(), world.poses(), planes=600)
     world.assert_right(world.points_of(found))
