@@ -17,6 +17,8 @@ from .errors import RollerError
 F64 = npt.NDArray[np.float64]
 
 _COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+#: A direction that leads further than this from its pixel is not that pixel's, px.
+_MAX_MISS_PX = 0.1
 _ITERATE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
@@ -113,9 +115,26 @@ class Camera:
         return self.project(self.rays(pixels))
 
     def undistortion_table(self) -> npt.NDArray[np.float32]:
-        """Ideal pinhole pixel of every sensor pixel, float32, shape (height, width, 2), (u, v)."""
+        """Ideal pinhole pixel of every sensor pixel, float32, shape (height, width, 2), (u, v).
+
+        Raises
+        ------
+        CameraError
+            If the distortion folds the image: a pixel that no direction, or a wrong one, leads to.
+        """
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        table = self.undistort(np.stack([u, v], axis=-1).reshape(-1, 2))
+        pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
+        table = self.undistort(pixels)
+        if self.is_distorted:
+            apart = np.linalg.norm(self.distort(table) - pixels, axis=1)
+            # Written so that NaN fails it.
+            bad = np.flatnonzero(~(apart < _MAX_MISS_PX))
+            if len(bad):
+                where = pixels[bad[len(bad) // 2]]
+                raise CameraError(
+                    f"the distortion can't be undone at {len(bad)} of {len(pixels)} pixels, such "
+                    f"as ({where[0]}, {where[1]}); calibrate with targets up to the corners"
+                )
         return table.reshape(self.height, self.width, 2).astype(np.float32)
 
     def rays(self, pixels: npt.ArrayLike) -> F64:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -63,13 +64,14 @@ class EventArray:
         Raises
         ------
         EventArrayError
-            If the arrays differ in length or have more than one dimension.
+            If the arrays differ in length or have more than one dimension, or a value is no number
+            or doesn't fit its field.
         """
         return cls(
-            np.ascontiguousarray(x, dtype=np.uint16),
-            np.ascontiguousarray(y, dtype=np.uint16),
-            np.ascontiguousarray(t_ns, dtype=np.int64),
-            np.ascontiguousarray(p, dtype=np.uint8),
+            _whole("x", x, np.uint16),
+            _whole("y", y, np.uint16),
+            _whole("t_ns", t_ns, np.int64),
+            _whole("p", p, np.uint8),
         )
 
     @classmethod
@@ -105,6 +107,22 @@ class EventArray:
         if len(self) < 2 or bool(np.all(self.t_ns[1:] >= self.t_ns[:-1])):
             return self
         return self[np.argsort(self.t_ns, kind="stable")]
+
+
+def _whole(name: str, values: npt.ArrayLike, dtype: type[np.integer]) -> npt.NDArray[Any]:
+    """Values as a field's type; numpy would make some pixel or time of NaN, -1 or 70,000."""
+    array = np.asarray(values)
+    if array.size and array.dtype != dtype and not np.can_cast(array.dtype, dtype):
+        limits = np.iinfo(dtype)
+        low, high = array.min(), array.max()
+        # Written so that NaN fails it; the upper limit of int64 is none that a float64 can hold.
+        fits = low >= limits.min and high <= limits.max
+        if not fits or (array.dtype.kind == "f" and high >= 2.0**63):
+            raise EventArrayError(
+                f"event field '{name}' holds values from {low} to {high}; "
+                f"expected whole numbers from {limits.min} to {limits.max}"
+            )
+    return np.ascontiguousarray(array, dtype=dtype)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .pose_smoothing import StampSmoother
-from .pose_track import PoseTrack, unit_pose
+from .pose_track import PoseTrack, PoseValueError, unit_pose
 from .transforms import (
     F64,
     inverse_pose,
@@ -67,7 +67,18 @@ class SensorFrames:
     def add_static(
         self, parent: str, child: str, position: npt.ArrayLike, quaternion: npt.ArrayLike
     ) -> None:
-        """Take a fixed transform parent -> child."""
+        """Take a fixed transform parent -> child.
+
+        Raises
+        ------
+        PoseValueError
+            If its position is not finite.
+        RotationError
+            If its quaternion is zero or not finite.
+        """
+        if not np.all(np.isfinite(position)):
+            # Here, as every pose after it would be refused without a word of the mounting.
+            raise PoseValueError(f"fixed transform {parent} -> {child} is not finite; left out")
         matrix = pose_matrix(position, unit_quaternion(quaternion))
         self._static.setdefault(parent, {})[child] = matrix
         self._static.setdefault(child, {})[parent] = inverse_pose(matrix)

@@ -244,8 +244,16 @@ class PoseTrack:
         return (self._p[k + 1] - self._p[k]) / ((self._t[k + 1] - self._t[k]) * 1e-9)
 
     def transformed(self, tool_to_sensor: npt.ArrayLike) -> PoseTrack:
-        """The track of a frame fixed to this one: each pose times a 4×4 matrix on the right."""
+        """The track of a frame fixed to this one: each pose times a 4×4 matrix on the right.
+
+        Raises
+        ------
+        PoseValueError
+            If the matrix is not finite.
+        """
         fixed = np.asarray(tool_to_sensor, dtype=np.float64)
+        if not np.all(np.isfinite(fixed)):
+            raise PoseValueError("the fixed transform from tool to sensor is not finite")
         from .transforms import matrix_to_quaternion, multiply_quaternions
 
         out = PoseTrack(self.max_gap_s)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from roller_core.camera import Camera
+from roller_core.pose_track import PoseValueError
 from roller_core.transforms import F64, inverse_pose
 
 from .depth_map import DepthMap, back_project
@@ -71,7 +72,17 @@ class Stitcher:
         -------
         Patch
             Points that this view no longer reaches; often empty.
+
+        Raises
+        ------
+        PoseValueError
+            If its pose is not finite; the cloud is unchanged.
         """
+        if not np.all(np.isfinite(depth_map.pose)):
+            raise PoseValueError(
+                f"pose of the depth map at {depth_map.stamp_ns * 1e-9:.6f} s is not finite; "
+                "it is left out"
+            )
         points, confidence = self._points(depth_map)
         if self.settings.icp and len(points) and len(self.voxels):
             margin = self.settings.icp_max_distance_m
