@@ -85,7 +85,7 @@ def test_peak_is_searched_between_limits_and_refused_at_them() -> None:
     scores = np.repeat(scores, 4, axis=2).astype(np.float32)
     first, last = np.array([[0, 2, 7, 1]]), np.array([[19, 9, 11, 0]])
     peak, contrast, top = (np.empty((1, 4), np.float32) for _ in range(3))
-    _kernels._find_peak(scores, first, last, peak, contrast, top)
+    _kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
     # The highest of all; the prior's; none, as the scores rise at the limit; none to search.
     np.testing.assert_allclose(peak[0, :2], [14.6, 5.3], atol=0.05)
     assert np.isnan(peak[0, 2:]).all()
@@ -102,7 +102,7 @@ def test_peak_between_planes_is_the_parabolas() -> None:
     scores = np.maximum(20 - (k[:, None, None] - true) ** 2, 0).astype(np.float32)
     first, last = np.zeros((2, 2), np.int64), np.full((2, 2), 11)
     peak, contrast, top = (np.empty((2, 2), np.float32) for _ in range(3))
-    _kernels._find_peak(scores, first, last, peak, contrast, top)
+    _kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
     np.testing.assert_allclose(peak[0], true[0], atol=1e-3)
     assert peak[1, 0] == 5.0
     # A peak on the first plane may lie outside the range: none.
@@ -110,8 +110,22 @@ def test_peak_between_planes_is_the_parabolas() -> None:
     assert contrast[1, 1] == 0
     flat = np.ones_like(scores)
     flat[5:] = 0.5
-    _kernels._find_peak(flat, first, last, peak, contrast, top)
+    _kernels._find_peak(flat, first, last, 2.0, peak, contrast, top)
     assert np.isfinite(peak).all()
+
+
+def test_a_second_peak_as_high_leaves_no_depth() -> None:
+    k = np.arange(30, dtype=np.float32)[:, None, None]
+    first, last = np.zeros((1, 1), np.int64), np.full((1, 1), 29)
+    peak, contrast, top = (np.empty((1, 1), np.float32) for _ in range(3))
+    for height, known in ((0.8, True), (0.95, False)):
+        scores = np.exp(-((k - 8) ** 2) / 4) + height * np.exp(-((k - 21) ** 2) / 4)
+        _kernels._find_peak(scores.astype(np.float32), first, last, 0.9, peak, contrast, top)
+        assert np.isfinite(peak[0, 0]) == known
+    # A broad top with a dent is one peak.
+    dented = np.exp(-((k - 15) ** 2) / 40) * (1 - 0.05 * (k == 16))
+    _kernels._find_peak(dented.astype(np.float32), first, last, 0.9, peak, contrast, top)
+    assert np.isfinite(peak[0, 0])
 
 
 def test_centroids_are_weighted_means() -> None:
@@ -159,13 +173,15 @@ def test_events_meet_the_cells_they_are_of() -> None:
     y = rng.integers(0, HEIGHT // CELL_PX, 400) * CELL_PX + 1
     pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
     rays = rays_on(pixels, x, y, rng)
-    count, slope = np.zeros_like(cells), np.zeros_like(cells)
-    _kernels._meet(rays, 10, 390, cells, np.float32(0), count, slope)
-    expected, leaning = np.zeros_like(cells), np.zeros_like(cells)
+    count, slope, square = (np.zeros_like(cells) for _ in range(3))
+    _kernels._meet(rays, 10, 390, cells, np.float32(0), count, slope, square)
+    expected, leaning, squared = (np.zeros_like(cells) for _ in range(3))
     np.add.at(expected, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), 1)
     np.add.at(leaning, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2])
     np.testing.assert_array_equal(count, expected)
+    np.add.at(squared, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2] ** 2)
     np.testing.assert_allclose(slope, leaning, rtol=1e-4, atol=1)
+    np.testing.assert_allclose(square, squared, rtol=1e-4)
 
 
 def test_the_plane_to_search_around_is_that_of_the_cell() -> None:

@@ -25,7 +25,8 @@ def reconstruct(
     settings = DepthSettings.create(
         {
             "planes": 80, "threshold_c": 6.0, "median_px": 9, "focus_sigma_px": 3.0,
-            "window_s": 0.03, "full_scale_votes": 0.0, **values,
+            "window_s": 0.03, "window_travel_m": 0.012,
+            "full_scale_votes": 0.0, **values,
         }
     )  # fmt: skip
     pipeline = DepthPipeline(settings, CAMERA, track_of(motion, duration_s, start_ns))
@@ -89,7 +90,8 @@ def test_results_do_not_depend_on_how_events_arrive(scan: EventArray, method: st
     settings = DepthSettings.create(
         {
             "planes": 80, "threshold_c": 6.0, "median_px": 9, "focus_sigma_px": 3.0,
-            "window_s": 0.03, "full_scale_votes": 0.0, "method": method, "threads": 1,
+            "window_s": 0.03, "window_travel_m": 0.012, "full_scale_votes": 0.0,
+            "method": method, "threads": 1,
         }
     )  # fmt: skip
     pipeline = DepthPipeline(settings, CAMERA, track_of(rolling(0.3), DURATION_S))

@@ -94,6 +94,21 @@ class EventArray:
     def __getitem__(self, index: slice | npt.NDArray[np.generic]) -> EventArray:
         return EventArray(self.x[index], self.y[index], self.t_ns[index], self.p[index])
 
+    def check_inside(self, width: int, height: int) -> None:
+        """Refuse events outside an image.
+
+        Raises
+        ------
+        EventArrayError
+            Naming the first such pixel.
+        """
+        if len(self) and (self.x.max() >= width or self.y.max() >= height):
+            k = int(np.argmax((self.x >= width) | (self.y >= height)))
+            raise EventArrayError(
+                f"event at pixel ({self.x[k]}, {self.y[k]}) lies outside the image of "
+                f"{width}×{height}: is this the camera's calibration?"
+            )
+
     def shifted(self, offset_ns: int) -> EventArray:
         """The same events, `offset_ns` later."""
         return EventArray(self.x, self.y, self.t_ns + np.int64(offset_ns), self.p)

@@ -194,6 +194,8 @@ def view_depth(
     """
     s = settings
     mask = adaptive_threshold(votes, s.threshold_c, s.threshold_kernel_px, s.full_scale_votes)
+    # The top of a ray that peaks on an end plane was not seen: it may lie beyond the range.
+    mask &= (index > 0) & (index < len(planes) - 1)
     median, spread = masked_median(
         index, mask, s.median_px, len(planes), s.weight_rule == "inverse_variance"
     )

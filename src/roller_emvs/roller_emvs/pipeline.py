@@ -19,6 +19,7 @@ from roller_core.transforms import F64
 
 from . import focus, paper
 from .depth_map import DepthMap
+from .hot_pixels import hot_pixels
 from .prior import DepthPrior
 from .rays import F32, make_packets, parallax_px
 from .settings import DepthSettings
@@ -91,7 +92,14 @@ class DepthPipeline:
         return self._cutter.needed_from_ns
 
     def add_events(self, events: EventArray) -> None:
-        """Take events in order of time, ROS time."""
+        """Take events in order of time, ROS time.
+
+        Raises
+        ------
+        EventArrayError
+            If one lies outside the camera's image.
+        """
+        events.check_inside(self.camera.width, self.camera.height)
         self._cutter.add(events)
 
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
@@ -116,7 +124,7 @@ class DepthPipeline:
 
     def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
         watch, begin = Stopwatch(), time.perf_counter()
-        events = self._in_patch(window.events)
+        events, notes = self._usable(window.events)
         span = window.end_ns - window.start_ns
         middle_ns = window.start_ns + span // 2
         try:
@@ -133,6 +141,7 @@ class DepthPipeline:
             window.end_ns,
             len(window.events),
             {k: float(np.round(v, 3)) for k, v in watch.milliseconds.items()},
+            notes,
         )
 
     def _depth(
@@ -142,7 +151,7 @@ class DepthPipeline:
         s, camera = self.settings, self.camera
         span = window.end_ns - window.start_ns
         if not len(events):
-            raise ParallaxError("no event lies in the contact patch")
+            raise ParallaxError("no event of a good pixel lies in the contact patch")
         with watch("packets"):
             packets = make_packets(events, self._table, self.track, s.packet_events)
             times = [window.start_ns + round(f * span) for f, _ in s.views()]
@@ -167,14 +176,20 @@ class DepthPipeline:
                 break
         return depth, confidence, target
 
-    def _in_patch(self, events: EventArray) -> EventArray:
-        """Events where the skin sticks to the surface."""
+    def _usable(self, events: EventArray) -> tuple[EventArray, tuple[str, ...]]:
+        """Events of pixels that see something, where the skin sticks to the surface."""
         s, camera = self.settings, self.camera
-        if not s.patch_half_length_m:
-            return events
-        middle = 0.5 * (s.depth_min_m + s.depth_max_m)
-        lean = (self._table[events.y, events.x, 0] - camera.cx) / camera.fx
-        return events[np.abs(lean) * middle <= s.patch_half_length_m]
+        notes: tuple[str, ...] = ()
+        hot = hot_pixels(events, (camera.height, camera.width))
+        if hot is not None:
+            keep = ~hot[events.y, events.x]
+            notes = (f"{len(keep) - int(keep.sum())} events of {int(hot.sum())} hot pixels",)
+            events = events[keep]
+        if s.patch_half_length_m and len(events):
+            middle = 0.5 * (s.depth_min_m + s.depth_max_m)
+            lean = (self._table[events.y, events.x, 0] - camera.cx) / camera.fx
+            events = events[np.abs(lean) * middle <= s.patch_half_length_m]
+        return events, notes
 
 
 def refuse_surface(settings: DepthSettings) -> None:

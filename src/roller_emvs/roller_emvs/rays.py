@@ -145,13 +145,17 @@ def depth_planes(near_m: float, far_m: float, count: int, spacing: str) -> F64:
 
 
 def parallax_px(packets: Packets, camera: Camera, view: F64, near_m: float, far_m: float) -> float:
-    """Most pixels by which nearest and farthest plane part over the window's camera centres.
+    """Pixels by which nearest and farthest plane part over the places that events come from.
 
-    F·B·(1/near - 1/far) for a baseline B across the optical axis.
+    F·B·(1/near - 1/far) for a baseline B across the optical axis: the spread of the packets'
+    camera centres, weighted by their events, so that a stray event doesn't stand for a way.
     """
-    centres = (inverse_pose(view) @ packets.poses)[:, :3, 3]
-    baseline = np.linalg.norm(np.ptp(centres[:, :2], axis=0))
-    return float(max(camera.fx, camera.fy) * baseline * (1.0 / near_m - 1.0 / far_m))
+    centres = (inverse_pose(view) @ packets.poses)[:, :2, 3]
+    weight = np.diff(packets.starts) / packets.starts[-1]
+    variance = weight @ (centres - weight @ centres) ** 2
+    # An even spread over B has the variance B²/12.
+    baseline = float(np.sqrt(12.0 * variance.sum()))
+    return max(camera.fx, camera.fy) * baseline * (1.0 / near_m - 1.0 / far_m)
 
 
 @njit(cache=True, nogil=True)

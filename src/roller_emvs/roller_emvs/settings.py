@@ -36,10 +36,10 @@ class DepthSettings(Settings):
     )
     window_s: float = Field(0.02, ge=0.0005, le=10.0, description="Window length in time, s.")
     window_travel_m: float = Field(
-        0.012, ge=0.0005, le=0.1, description="Window length in travel of the sensor, m."
+        0.020, ge=0.0005, le=0.1, description="Window length in travel of the sensor, m."
     )
     max_window_s: float = Field(
-        1.0,
+        2.0,
         ge=0.01,
         le=60.0,
         description="A window by travel that takes longer than this (standstill) is given up, s.",
@@ -157,7 +157,7 @@ class DepthSettings(Settings):
         description="Neighbourhood from which focus takes the surface's slope, px; 0 is off.",
     )
     focus_min_confidence: float = Field(
-        0.3, ge=0.0, le=1.0, description="Depths of focus with less confidence are left out."
+        0.4, ge=0.0, le=1.0, description="Depths of focus with less confidence are left out."
     )
     focus_min_votes: float = Field(
         4.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."

@@ -41,22 +41,19 @@ def test_a_single_event_has_no_depth(method: str) -> None:
         assert not len(world.points_of(world.run(method, events, world.poses())))
 
 
-TRAIL = "a hot pixel's trail passes for an edge"
-
-
-@pytest.mark.parametrize("method", pending(ALL, PAPER, TRAIL))
+@pytest.mark.parametrize("method", ALL)
 def test_a_hot_pixel_has_no_depth(method: str) -> None:
     """Its ray sweeps every plane alike, and its trail ends where the window does."""
     assert not len(world.points_of(world.run(method, hot_pixel(10_000), world.poses())))
 
 
-@pytest.mark.parametrize("method", pending(ALL, (*PAPER, "focus"), TRAIL))
+@pytest.mark.parametrize("method", ALL)
 def test_a_very_hot_pixel_has_no_depth(method: str) -> None:
     """200,000 events, more in a window than 16 bits count."""
     assert not len(world.points_of(world.run(method, hot_pixel(210_000), world.poses())))
 
 
-@pytest.mark.parametrize("method", pending(ALL, PAPER, TRAIL))
+@pytest.mark.parametrize("method", ALL)
 def test_a_hot_pixel_leaves_the_others_depth_alone(events: EventArray, method: str) -> None:
     found = world.run(method, together(events, hot_pixel(10_000)), world.poses())
     world.assert_right(world.points_of(found))
@@ -105,7 +102,7 @@ def test_everything_in_one_column(method: str) -> None:
     assert not len(world.points_of(world.run(method, column, world.poses())))
 
 
-@pytest.mark.parametrize("method", pending(ALL, ALL, "pixels are not checked against the image"))
+@pytest.mark.parametrize("method", ALL)
 def test_events_outside_the_image_are_refused(events: EventArray, method: str) -> None:
     """Not wrapped into the next row, or read from beyond the table of rays."""
     stray = EventArray.from_arrays([WIDTH], [3], [50 * MS], [1])

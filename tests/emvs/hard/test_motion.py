@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from emvs.hard import world
-from emvs.hard.world import ALL, PAPER, SPEED_M_S, UPRIGHT, pending
+from emvs.hard.world import ALL, SPEED_M_S, UPRIGHT
 from emvs.scenes import MS, Motion, rolling, turning
 from roller_core.events import EventArray
 from roller_core.transforms import F64
 from roller_emvs.settings import METHODS
-
-NO_GUARD = "the paper's methods don't ask for parallax"
 
 
 def along_axis(t: float) -> tuple[F64, F64]:
@@ -58,7 +56,7 @@ def seen() -> dict[str, EventArray]:
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-@pytest.mark.parametrize("method", pending(METHODS, PAPER, NO_GUARD))
+@pytest.mark.parametrize("method", METHODS)
 def test_no_parallax_no_depth_in_windows_by_time(
     seen: dict[str, EventArray], method: str, name: str
 ) -> None:
@@ -112,7 +110,7 @@ def test_crawling_is_measured_by_the_surface_where_it_may_be(crawl: EventArray) 
     world.assert_right(world.points_of(found))
 
 
-@pytest.mark.parametrize("method", pending(METHODS, PAPER, NO_GUARD))
+@pytest.mark.parametrize("method", METHODS)
 def test_crawling_has_no_parallax_in_a_window_of_33_ms(crawl: EventArray, method: str) -> None:
     """33 µm of travel are 0.05 px over the range."""
     some = dense(crawl[crawl.t_ns < 700 * MS], 100)
@@ -163,9 +161,7 @@ def stop_and_go(t: float) -> tuple[F64, F64]:
     return np.array([SPEED_M_S * max(t - 0.02, 0.0), 0.0, 0.0]), UPRIGHT
 
 
-@pytest.mark.parametrize(
-    "method", pending(ALL, PAPER, "edges seen from one place alone pass for depth")
-)
+@pytest.mark.parametrize("method", ALL)
 def test_a_window_that_stands_and_then_moves_gives_no_wrong_depth(method: str) -> None:
     """Edges that flickered at rest vote alike on all planes; only those that moved tell."""
     moving = world.scan(stop_and_go)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from emvs.hard import world
-from emvs.hard.world import ALL, PAPER, SPEED_M_S, pending
+from emvs.hard.world import ALL, SPEED_M_S
 from emvs.scenes import MS
 from roller_core.codecs import encode
 from roller_core.event_stream import EventStream
@@ -174,17 +174,13 @@ def depths_of_frozen(method: str, strays: int) -> int:
     return len(world.points_of(world.run(method, frozen(strays), world.poses())))
 
 
-@pytest.mark.parametrize(
-    "method", pending(METHODS, PAPER, "the parallax of events is not asked for")
-)
+@pytest.mark.parametrize("method", METHODS)
 def test_events_of_one_time_have_no_parallax(method: str) -> None:
     """The camera moved, but what it saw is from one place: no depth, however far poses reach."""
     assert depths_of_frozen(method, 0) == 0
 
 
-@pytest.mark.parametrize(
-    "method", pending(ALL, (*PAPER, "surface"), "one stray event stands for the way of all")
-)
+@pytest.mark.parametrize("method", ALL)
 def test_a_few_strays_give_the_others_no_parallax(method: str) -> None:
     """One event in a thousand is from elsewhere: parallax is what most events have."""
     assert depths_of_frozen(method, 20) == 0

@@ -19,7 +19,10 @@ def events() -> EventArray:
 
 
 def first_map(events: EventArray, views: tuple[float, ...], weights: tuple[float, ...]) -> DepthMap:
-    found = world.run("bma", events, world.poses(), reference_views=views, weights=weights)
+    # Views that share their votes take planes of their own; here each view has the same.
+    found = world.run(
+        "bma", events, world.poses(), reference_views=views, weights=weights, plane_rule="fixed"
+    )
     return world.maps_of(found)[0]
 
 

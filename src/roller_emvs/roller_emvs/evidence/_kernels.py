@@ -77,11 +77,29 @@ def _add_slopes(votes, line):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _find_peak(scores, first, last, peak, contrast, top):  # type: ignore[no-untyped-def]
+def _rivalled(scores, first, last, best, rival):  # type: ignore[no-untyped-def]
+    """Whether beyond a valley beside the best plane another reaches a share of its score."""
+    limit = rival * scores[best]
+    for step in (-1, 1):
+        k = best
+        lowest = scores[best]
+        while first <= k + step <= last:
+            k += step
+            lowest = min(lowest, scores[k])
+            # A dent on the flank is no valley.
+            if scores[k] >= limit and lowest < 0.8 * scores[k]:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _find_peak(scores, first, last, rival, peak, contrast, top):  # type: ignore[no-untyped-def]
     """Highest score among planes first..last of each cell, between planes.
 
     NaN where it lies at an end of the search or of the range: the top was not seen. `contrast`
-    tells how it stands out of the planes searched; `top` is its score.
+    tells how it stands out of the planes searched; `top` is its score. NaN also where another
+    peak, beyond a valley, reaches the share `rival` of the score: which of the two is the
+    surface can't be told.
     """
     n, height, width = scores.shape
     total = np.empty(width, np.float32)
@@ -108,6 +126,8 @@ def _find_peak(scores, first, last, peak, contrast, top):  # type: ignore[no-unt
             left = scores[k - 1, i, j]
             right = scores[k + 1, i, j]
             if not (top[i, j] >= left and top[i, j] >= right):
+                continue
+            if _rivalled(scores[:, i, j], max(first[i, j], 0), min(last[i, j], n - 1), k, rival):
                 continue
             bend = left - 2 * top[i, j] + right
             peak[i, j] = k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
@@ -151,8 +171,8 @@ def _centroids(energy, plane, weights, total, x, y):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True)
-def _meet(rays, first, last, shift, start, count, slope):  # type: ignore[no-untyped-def]
-    """Count events, and add up their slopes along x, at the cells where they meet the surface.
+def _meet(rays, first, last, shift, start, count, slope, square):  # type: ignore[no-untyped-def]
+    """Count events, and add up their slopes along x and squares, where they meet the surface.
 
     `shift` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere.
     """
@@ -180,6 +200,7 @@ def _meet(rays, first, last, shift, start, count, slope):  # type: ignore[no-unt
         if row >= 0:
             count[row, column] += 1
             slope[row, column] += rays[i, 2]
+            square[row, column] += rays[i, 2] * rays[i, 2]
 
 
 @njit(cache=True, nogil=True)
@@ -290,3 +311,18 @@ def _choose(support, around, surface, confidence, least, best, shift, sure):  # 
                 best[y, x] = votes
                 shift[y, x] = surface[y, x]
                 sure[y, x] = confidence[y, x]
+
+
+@njit(cache=True, nogil=True)
+def _shear(energy, offsets, out):  # type: ignore[no-untyped-def]
+    """Energy of each plane's columns `offsets` further on, between columns; 0 beyond the grid."""
+    planes, height, width = energy.shape
+    for k in range(planes):
+        for j in range(width):
+            at = j + offsets[k, j]
+            a = int(np.floor(at))
+            share = np.float32(at - a)
+            for i in range(height):
+                left = energy[k, i, a] if 0 <= a < width else np.float32(0)
+                right = energy[k, i, a + 1] if 0 <= a + 1 < width else np.float32(0)
+                out[k, i, j] = left + share * (right - left)

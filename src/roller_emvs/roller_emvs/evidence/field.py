@@ -62,6 +62,12 @@ class RayField:
         return float(max((self.slopes[1] - self.slopes[0]).max(), 0.0))
 
     @property
+    def middles(self) -> F64:
+        """Middle of the slopes that each column of cells was seen with; 0 where it never was."""
+        low, high = self.slopes
+        return np.where(high > low, 0.5 * (low + high), 0.0)
+
+    @property
     def apertures(self) -> F32:
         """Spread of slopes of each column of cells, float32."""
         return np.maximum(self.slopes[1] - self.slopes[0], 0.0).astype(np.float32)

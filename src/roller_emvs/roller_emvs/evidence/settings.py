@@ -42,6 +42,13 @@ class EvidenceSettings(Settings):
     min_confidence: float = Field(
         0.3, ge=0.0, le=1.0, description="Evidence of less confidence is left out."
     )
+    max_rival: float = Field(
+        0.9,
+        ge=0.0,
+        le=2.0,
+        description="Depths are left out where another peak of evidence reaches this share of "
+        "the highest.",
+    )
     min_votes: float = Field(
         4.0, ge=0.0, le=1e6, description="Warped events that a pixel needs to become a point."
     )

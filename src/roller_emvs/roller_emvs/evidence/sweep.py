@@ -9,7 +9,7 @@ Edges of the two polarities lie at different heights of a wall, so each has a de
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import cv2
@@ -23,14 +23,17 @@ from ..rays import F32
 from ..threads import share
 from . import _kernels as kernels
 from ._kernels import CELL_PX, ROW_PX, TILE_CELLS
-from .creep import without_creep
+from .creep import creep_depth_m
 from .field import RayField
 from .settings import EvidenceSettings
+from .viewing import viewing
 
 #: Rows of a band, px: its votes fit a core's nearest cache.
 BAND_ROWS = 16
 #: Energy of a single vote, in half of which its squared slopes end for a spot between pixels.
 _SPOT = 1.0
+#: Columns that move by less than this, in cells, stay where they are.
+_STILL = 0.05
 I64 = npt.NDArray[np.int64]
 
 
@@ -84,16 +87,32 @@ def find_depths(
         number = np.nan_to_num((near - at[0]) / step, nan=-1e6).round().astype(np.int64)
         first, last = number - reach, number + reach
     energies = [
-        _energy(field.rays[a:b], field, at, s, near, reach, (first, last))
+        _follow(_energy(field.rays[a:b], field, at, s, near, reach, (first, last)), field, at)
         for a, b in pairwise(field.bounds)
     ]
     found: list[Depths | None] = [None, None]
 
     def look(k: int) -> None:
-        found[k] = _peaks(energies[k], at, first, last, field, s)
+        depths = _peaks(energies[k], at, first, last, field, s)
+        found[k] = _checked(field, depths, k, high - low, s)
 
     share(s.threads, 2, look)
-    return without_creep(field, [f for f in found if f is not None], s)
+    return [f for f in found if f is not None]
+
+
+def _checked(
+    field: RayField, depths: Depths, polarity: int, span: float, s: EvidenceSettings
+) -> Depths:
+    """Depths whose own events have parallax, with their creep taken out.
+
+    Events that saw a place from one side alone, as those of a hot pixel do, have none.
+    """
+    seen = viewing(field, depths.shift, polarity)
+    shift = np.where(seen.spread * span < s.min_parallax_px, np.float32(np.nan), depths.shift)
+    if s.creep_m and polarity == s.creep_polarity:
+        depth_m = creep_depth_m(field, seen, s.dead_time_s) * s.creep_m
+        shift += (depth_m * field.shift_per_m).astype(np.float32)
+    return replace(depths, shift=shift)
 
 
 def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings) -> F32:
@@ -113,7 +132,7 @@ def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings)
             if len(rays):
                 total += _energy(rays, field, at, s, None, len(at), everywhere)
     peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
-    kernels._find_peak(_blur(total, s.coarse_sigma_px), *everywhere, peak, contrast, top)
+    kernels._find_peak(_blur(total, s.coarse_sigma_px), *everywhere, 2.0, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)
 
 
@@ -150,6 +169,20 @@ def _energy(
 
     share(s.threads, len(edges) - 1, run)
     return energy
+
+
+def _follow(energy: F32, field: RayField, at: F64) -> F32:
+    """Energy of each column along the middle of the rays it was seen by.
+
+    A column at the image's border was seen from one side alone. From plane to plane its edges
+    move as well as blur, and the sharpest plane at a fixed place would not be that of an edge.
+    """
+    offsets = field.middles[None, :] * at[:, None] / CELL_PX
+    if np.abs(offsets).max() < _STILL:
+        return energy
+    out = np.empty_like(energy)
+    kernels._shear(energy, offsets, out)
+    return out
 
 
 def _order_by_plane(rays: F32, edges: I64, at: F64, near: F32 | None) -> tuple[F32, I64]:
@@ -209,7 +242,7 @@ def _peaks(
     """Sharpest plane of each cell and where its evidence lies."""
     scores = _blur(energy, s.sigma_px)
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
-    kernels._find_peak(scores, first, last, peak, contrast, top)
+    kernels._find_peak(scores, first, last, s.max_rival, peak, contrast, top)
     step = at[1] - at[0]
     shift = (at[0] + peak * step).astype(np.float32)
     # Less energy than a spot of as many events as a pixel needs is noise.
@@ -224,6 +257,7 @@ def _peaks(
     weights = np.exp(-0.5 * (offsets / sigma) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
     kernels._centroids(energy, nearest, weights, total, x, y)
+    x += np.nan_to_num(shift) * field.middles[None, :].astype(np.float32) / CELL_PX
     return Depths(shift, contrast, total, x, y)
 
 

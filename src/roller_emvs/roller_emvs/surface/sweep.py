@@ -100,7 +100,14 @@ class SurfaceSweep:
         return self._cutter.needed_from_ns
 
     def add_events(self, events: EventArray) -> None:
-        """Take events in order of time, ROS time."""
+        """Take events in order of time, ROS time.
+
+        Raises
+        ------
+        EventArrayError
+            If one lies outside the camera's image.
+        """
+        events.check_inside(self.camera.width, self.camera.height)
         self._cutter.add(events)
 
     def results(self, flush: bool = False) -> Iterator[SurfacePatch | RefusedWindow]:

@@ -1,0 +1,64 @@
+"""From where the events of each cell were seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..rays import F32
+from . import _kernels as kernels
+from .field import RayField
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """Slopes from which the events of a polarity saw the cells, float32, shape (rows, columns).
+
+    Attributes
+    ----------
+    count : ndarray
+        Events a cell, over a small neighbourhood.
+    mean, spread : ndarray
+        Mean of their slopes, and the width of an even spread of the same variance; 0 without
+        events.
+    """
+
+    count: F32
+    mean: F32
+    spread: F32
+
+
+def viewing(field: RayField, shift: F32, polarity: int) -> Viewing:
+    """Slopes of the events that meet the surface.
+
+    Parameters
+    ----------
+    field : RayField
+        Rays.
+    shift : ndarray of float32, shape (rows, columns)
+        Surface on cells, NaN where there is none.
+    polarity : int
+        0 for OFF, 1 for ON events.
+    """
+    known = np.isfinite(shift)
+    sums = np.zeros((3, *field.cells), np.float32)
+    if known.any():
+        first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
+        start = np.float32(np.median(shift[known]))
+        kernels._meet(field.rays, first, last, _grown(shift), start, *sums)
+    count, slope, square = (cv2.GaussianBlur(a, (0, 0), 1.0) for a in sums)
+    each = np.where(count > 0, 1.0 / np.maximum(count, 1e-9), 0.0).astype(np.float32)
+    mean = slope * each
+    variance = np.maximum(square * each - mean * mean, 0.0)
+    return Viewing(count, mean, np.sqrt(12.0 * variance))
+
+
+def _grown(shift: F32) -> F32:
+    """Shifts of cells, and next to them the mean of their neighbours."""
+    known = np.isfinite(shift)
+    weight = cv2.blur(known.astype(np.float32), (3, 3))
+    mean = cv2.blur(np.where(known, shift, 0).astype(np.float32), (3, 3))
+    grown = np.where(weight > 0, mean / np.maximum(weight, 1e-9), np.nan)
+    return np.where(known, shift, grown).astype(np.float32)
