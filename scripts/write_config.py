@@ -10,12 +10,14 @@ from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.ur10.settings import Ur10Parameters
 from roller_emvs.emvs_node import EmvsParameters
 from roller_emvs.stitcher_node import StitcherParameters
+from roller_emvs.surface_node import SurfaceParameters
 
 FILES: dict[str, type[Settings]] = {
     "braille": BrailleParameters,
     "emvs": EmvsParameters,
     "event_camera": EventCameraParameters,
     "stitcher": StitcherParameters,
+    "surface": SurfaceParameters,
     "ur10": Ur10Parameters,
 }
 

@@ -21,6 +21,7 @@ setup(
         "console_scripts": [
             "emvs_node = roller_emvs.emvs_node:main",
             "stitcher_node = roller_emvs.stitcher_node:main",
+            "surface_node = roller_emvs.surface_node:main",
         ],
     },
 )

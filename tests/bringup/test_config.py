@@ -42,7 +42,7 @@ def test_every_parameter_is_described_and_valid(node: str) -> None:
 
 
 def test_all_defaults_load_for_a_replay() -> None:
-    for name in ("emvs", "stitcher", "braille", "slider_depth"):
+    for name in ("emvs", "stitcher", "surface", "braille", "slider_depth"):
         InspectionSettings.load(ROOT / "config" / f"{name}.yaml")
 
 

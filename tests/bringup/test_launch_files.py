@@ -150,6 +150,18 @@ def test_groups_scope_and_conditions_choose(world):
     assert "PLACE" not in b.env
 
 
+def test_a_condition_compares_an_argument(world):
+    body = """
+        <arg name="method" default=""/>
+        <node pkg="demo" exec="talker" name="a" if="$(equals $(var method) surface)"/>
+        <node pkg="demo" exec="talker" name="b" unless="$(equals $(var method) surface)"/>
+        <node pkg="demo" exec="talker" name="c" args="$(equals 1 true)"/>
+        """
+    assert [process.name for process in load(world, body).processes] == ["b", "c"]
+    a, c = load(world, body, method="surface").processes
+    assert (a.name, c.command[1]) == ("a", "true")
+
+
 def test_includes_and_arguments(world):
     world.launch(
         """

@@ -81,6 +81,25 @@ def test_arguments_reach_their_nodes():
         assert given["motion.speed"] == 0.5
 
 
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_the_method_surface_has_a_node_of_its_own(path):
+    with load(path, method="surface") as plan:
+        names = [process.name for process in plan.processes]
+        source = [name for name in NODES[name_of(path)] if name not in PROCESSING]
+        assert names == [*source, "surface", "braille"]
+        node = next(process for process in plan.processes if process.name == "surface")
+        assert node.required
+        assert parameters(node)["block_m"] == 0.008
+
+
+def test_a_section_surface_reaches_its_node(tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("surface:\n  ros__parameters: {threads: 1}\n")
+    path = ROOT / "launch" / "virtual.launch.xml"
+    with load(path, params=str(mine), method="surface") as plan:
+        assert parameters(plan.processes[1])["threads"] == 1
+
+
 #: What launch files give whether or not an argument is given: nothing that a file in config/ says.
 ALWAYS = (("not_given", ""), ("base_frame", "base"), ("moving_frame", "tool0_controller"))
 
@@ -95,10 +114,11 @@ def test_an_argument_not_given_leaves_the_parameter_alone():
                     assert given in ALWAYS
 
 
-def test_the_prefix_of_frames_reaches_all_nodes():
-    with load(ROOT / "launch" / "cell.launch.xml", tf_prefix="left_") as plan:
+@pytest.mark.parametrize("method", ["", "surface"])
+def test_the_prefix_of_frames_reaches_all_nodes(method):
+    with load(ROOT / "launch" / "cell.launch.xml", tf_prefix="left_", method=method) as plan:
         for process in plan.processes:
-            if process.name in ("emvs", "stitcher", "braille"):
+            if process.name in (*PROCESSING, "surface"):
                 assert parameters(process)["base_frame"] == "left_base"
                 assert parameters(process)["moving_frame"] == "left_tool0_controller"
             elif process.name == "ur10":
@@ -135,13 +155,14 @@ def test_replay_needs_its_bag():
         launching.load(ROOT / "launch" / "replay.launch.xml", {})
 
 
+@pytest.mark.parametrize("method", ["", "surface"])
 @pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_ros2_launch_starts_the_same(path, monkeypatch):
+def test_ros2_launch_starts_the_same(path, method, monkeypatch):
     """Where launch is installed: its commands are ours, but for temporary files' names."""
     pytest.importorskip("launch.frontend")
     pytest.importorskip("launch_ros.actions")
-    commands = _commands_of_launch(path)
-    with load(path) as plan:
+    commands = _commands_of_launch(path, method)
+    with load(path, method=method) as plan:
         ours = [[_plain(word) for word in process.command] for process in plan.processes]
     assert commands == ours
 
@@ -150,7 +171,7 @@ def _plain(word):
     return "PARAMETERS" if "/launch_params_" in word or "/roller_launch_" in word else word
 
 
-def _commands_of_launch(path):
+def _commands_of_launch(path, method):
     """Let launch start the file with programs that end at once, and listen."""
     from launch.event_handlers import OnProcessStart
     from launch.launch_description_sources import AnyLaunchDescriptionSource
@@ -168,7 +189,7 @@ def _commands_of_launch(path):
             ),
             launch.actions.IncludeLaunchDescription(
                 AnyLaunchDescriptionSource(str(path)),
-                launch_arguments=list(NEEDED.get(name_of(path), {}).items()),
+                launch_arguments=[*NEEDED.get(name_of(path), {}).items(), ("method", method)],
             ),
             launch.actions.TimerAction(period=1.0, actions=[launch.actions.Shutdown()]),
         ]

@@ -59,8 +59,15 @@ def test_other_sections_say_what_is_shared(tmp_path: Path) -> None:
     assert (settings.depth_max_m, settings.threads, settings.min_votes) == (0.0475, 1, 2.0)
 
 
+def test_its_gap_between_poses_counts_where_it_is_the_method(tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text("surface:\n  ros__parameters: {max_pose_gap_s: 0.02, idle_flush_s: 2.0}\n")
+    assert InspectionSettings.load(file, "surface").depth.max_pose_gap_s == 0.02
+    assert InspectionSettings.load(file).depth.max_pose_gap_s == 0.1
+
+
 def test_it_makes_no_depth_maps() -> None:
-    with pytest.raises(SettingsError, match="replay"):
+    with pytest.raises(SettingsError, match="a node of its own, 'surface'"):
         DepthPipeline(
             DepthSettings(method="surface"), Camera(8, 8, 8.0, 8.0, 3.5, 3.5), PoseTrack()
         )

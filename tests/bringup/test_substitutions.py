@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from roller_bringup.launching.substitutions import Call, SubstitutionError, expand, parse
+from roller_bringup.launching.substitutions import Call, SubstitutionError, equal, expand, parse
 
 
 def echo(name, arguments):
@@ -17,6 +17,7 @@ def echo(name, arguments):
         ("$(var a)", "<var:a>"),
         ("x$(var a)y$(dirname)", "x<var:a>y<dirname:>"),
         ("$(var a b)", "<var:a|b>"),
+        ("$(equals $(var a) b)", "<equals:<var:a>|b>"),
         ("$(env A $(find-pkg-share p)/x.xml)", "<env:A|<find-pkg-share:p>/x.xml>"),
         ("$(var when_$(var method) method)", "<var:when_<var:method>|method>"),
         ("$(env A 'two words')", "<env:A|two words>"),
@@ -40,6 +41,8 @@ def test_texts(text, expected):
         ("$(var)", "takes 1 or 2 arguments, not 0"),
         ("$(dirname a)", "takes 0 arguments"),
         ("$(find-pkg-share a b)", "takes 1 arguments, not 2"),
+        ("$(equals a)", "takes 2 arguments, not 1"),
+        ("$(equals a b c)", "takes 2 arguments, not 3"),
         ("$(env A 'open)", "quote"),
         ("$(var  a)", "empty"),
     ],
@@ -51,3 +54,25 @@ def test_refuses(text, reason):
 
 def test_pieces():
     assert parse("a$(var b)") == ("a", Call("var", (("b",),)))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "same"),
+    [
+        ("surface", "surface", True),
+        ("surface", "Surface", False),
+        ("", "surface", False),
+        ("", "", True),
+        ("two words", "two words", True),
+        # Truth values and numbers count by their values, as in launch's EqualsSubstitution.
+        ("True", "1", True),
+        ("false", "true", False),
+        ("2", "2.0", True),
+        ("1", "1.0", True),
+        ("2", "2.1", False),
+        ("1", "one", False),
+    ],
+)
+def test_equal(left, right, same):
+    assert equal(left, right) is same
+    assert equal(right, left) is same

@@ -24,6 +24,7 @@ from roller_ros import qos
 MODULES = {
     "emvs": "roller_emvs.emvs_node",
     "stitcher": "roller_emvs.stitcher_node",
+    "surface": "roller_emvs.surface_node",
     "braille": "roller_braille.braille_node",
     "player": "roller_bringup.player_node",
     "recorder": "roller_bringup.recorder_node",

@@ -190,6 +190,8 @@ def ten_seconds_earlier(topic: str, n: int, message: Any) -> Any:
         ("emvs", "{planes: 1}", "planes"),
         ("emvs", "{depth_min_m: 0.05}", "depth_min_m"),
         ("emvs", "{method: magic}", "method"),
+        ("emvs", "{method: surface}", "it has a node of its own, 'surface'"),
+        ("surface", "{depth_min_m: 0.05}", "depth_min_m"),
         ("player", "{bag: /nowhere}", "there is no such file or folder"),
         ("player", "{}", "'bag' is empty"),
         ("recorder", "{output: /proc/nowhere}", "can't be written"),

@@ -66,7 +66,7 @@ def test_publishers_offer_what_the_contract_says(domain: None, tmp_path: Path) -
     watcher = Watcher(())
     processes = Processes(tmp_path)
     try:
-        for name in ("emvs", "stitcher", "braille"):
+        for name in ("emvs", "stitcher", "surface", "braille"):
             processes.start(name)
         processes.start(
             "virtual_cell", "{scene: {name: flat}, wait_s: 60.0, subscribers: 9, prepare: false}"

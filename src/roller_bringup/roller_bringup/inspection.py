@@ -25,7 +25,12 @@ _FRAMES = frozenset(
     {"base_frame", "moving_frame", "sensor_frame", "pose_smoothing", "idle_flush_s"}
 )
 #: Parameters of the nodes that only make sense in a graph.
-_GRAPH_ONLY = {"emvs": _FRAMES, "stitcher": _FRAMES | {"max_pose_gap_s"}, "braille": _FRAMES}
+_GRAPH_ONLY = {
+    "emvs": _FRAMES,
+    "stitcher": _FRAMES | {"max_pose_gap_s"},
+    "braille": _FRAMES,
+    "surface": _FRAMES | {"max_pose_gap_s"},
+}
 
 #: Settings of the sweep in the surface's frame that the other parts have too.
 _SHARED = frozenset({"depth_min_m", "depth_max_m", "threads", "max_backlog_events", "surface_z_m"})
@@ -33,7 +38,7 @@ _SHARED = frozenset({"depth_min_m", "depth_max_m", "threads", "max_backlog_event
 
 @dataclass(frozen=True)
 class InspectionSettings:
-    """Settings of the parts, as their nodes take them; `surface` has no node."""
+    """Settings of the parts, as their nodes take them."""
 
     depth: DepthSettings
     stitcher: StitcherSettings
@@ -45,7 +50,8 @@ class InspectionSettings:
         """Read a ROS 2 parameter file with sections `emvs`, `stitcher`, `braille` and `surface`.
 
         What `surface` doesn't say of depth range, threads and nominal surface, `emvs` and
-        `stitcher` say for it.
+        `stitcher` say for it; the node `surface` of the live graph has its own section alone. The
+        longest gap between poses is that of `emvs`, or of `surface` where that is the method.
 
         Parameters
         ----------
@@ -68,6 +74,9 @@ class InspectionSettings:
         depth = section("emvs")
         if method:
             depth["method"] = method
+        gap_s = read_parameters(path, "surface").get("max_pose_gap_s") if path else None
+        if depth.get("method") == "surface" and gap_s is not None:
+            depth["max_pose_gap_s"] = gap_s
         stitcher = section("stitcher")
         shared = {k: v for k, v in {**depth, **stitcher}.items() if k in _SHARED}
         return cls(

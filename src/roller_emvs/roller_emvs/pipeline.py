@@ -202,5 +202,6 @@ def refuse_surface(settings: DepthSettings) -> None:
     """
     if settings.method == "surface":
         raise SettingsError(
-            "'method' = 'surface' makes no depth maps: it is for `roller replay`, not for a node"
+            "'method' = 'surface' makes no depth maps: it has a node of its own, 'surface' "
+            "(launch files: method:=surface)"
         )

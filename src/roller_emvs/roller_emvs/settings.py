@@ -27,7 +27,7 @@ class DepthSettings(Settings):
         "focus",
         description="focus: neighbourhood evidence (default); emvs: one volume, middle reference; "
         "left_right: start and end views; bma: start, middle and end views, weighted (paper); "
-        "surface: a strip fixed to the surface, no depth maps (only in a replay).",
+        "surface: a strip fixed to the surface, no depth maps (live it has a node of its own).",
     )
     window: Literal["auto", "time", "travel", "all"] = Field(
         "auto",

@@ -23,10 +23,10 @@ from roller_ros.tf import take_transforms
 from roller_ros.worker import Worker
 
 from .depth_map import DepthMap
+from .messages import surface_message
 from .settings import StitcherSettings
 from .stitcher import Patch, Stitcher
 
-SURFACE_FIELDS = ("x", "y", "z", "height", "confidence")
 _MOST_PENDING = 100
 
 
@@ -173,11 +173,7 @@ class StitcherNode(Node):
         if not len(patch):
             return
         self._points += len(patch)
-        self._publisher.publish(
-            messages.point_cloud(
-                patch.columns(), SURFACE_FIELDS, self._last_ns, self._parameters.base_frame
-            )
-        )
+        self._publisher.publish(surface_message(patch, self._last_ns, self._parameters.base_frame))
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         if self._stitcher is None:

@@ -46,6 +46,7 @@ class Worker(Generic[T]):
         self._limit = limit
         self._ready = threading.Condition()
         self._stop = False
+        self._busy = False
         self.dropped = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -69,8 +70,8 @@ class Worker(Generic[T]):
 
     @property
     def waiting(self) -> int:
-        """Items in the queue."""
-        return len(self._items)
+        """Items in the queue, and one more while one is being handled or idle work is done."""
+        return len(self._items) + self._busy
 
     def drain(self, timeout_s: float) -> bool:
         """Wait until nothing waits; False if that took too long."""
@@ -108,10 +109,13 @@ class Worker(Generic[T]):
                 if self._stop:
                     return
                 entry = self._items.popleft() if self._items else None
+                self._busy = entry is not None
             if entry is not None:
                 self._handle(entry[0])
                 if entry[1]:
                     last, idle_done = time.monotonic(), False
             if not idle_done and time.monotonic() - last > self._idle_s:
+                self._busy = True
                 self._on_idle()
                 idle_done = True
+            self._busy = False

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from roller_emvs.settings import REPLAY_METHODS
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `demo` to the command's parser."""
@@ -23,7 +25,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--scene", default="demo", help="what to roll over (demo)")
     parser.add_argument("--speed", type=float, default=0.3, metavar="V", help="m/s (0.3)")
-    parser.add_argument("--method", default="focus", help="depth method (focus)")
+    parser.add_argument(
+        "--method", choices=REPLAY_METHODS, default="focus", help="depth method (focus)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -48,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
     folder = fresh_folder(args.output.absolute())
     overrides = folder / "parameters.yaml"
-    # The scan starts when depth, Braille and recorder are all listening.
+    # The scan starts when depth or surface, Braille and recorder are all listening.
     cell = {"truth_output": str(folder / "truth"), "subscribers": 3}
     overrides.write_text(yaml.safe_dump({"virtual_cell": {"ros__parameters": cell}}))
     arguments = {

@@ -76,6 +76,8 @@ class Interpreter:
             return str(locate.package_share(arguments[0]))
         if name == "dirname":
             return str(self._files[-1].parent)
+        if name == "equals":
+            return str(substitutions.equal(*arguments)).lower()
         values = self.configurations if name == "var" else self.environment
         if arguments[0] in values:
             return values[arguments[0]]

@@ -1,4 +1,4 @@
-"""Substitutions in attributes: $(var …), $(find-pkg-share …), $(env …), $(dirname).
+"""Substitutions in attributes: $(var …), $(find-pkg-share …), $(env …), $(dirname), $(equals …).
 
 They nest, as in `$(env PROFILE $(find-pkg-share roller_bringup)/config/profile.xml)`. The grammar
 is launch's: a backslash takes the next character as it is, arguments are separated by one space,
@@ -7,12 +7,21 @@ and an argument may be quoted as a whole.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 #: Known substitutions and how many arguments they take.
-KNOWN = {"var": (1, 2), "find-pkg-share": (1, 1), "env": (1, 2), "dirname": (0, 0)}
+KNOWN = {
+    "var": (1, 2),
+    "find-pkg-share": (1, 1),
+    "env": (1, 2),
+    "dirname": (0, 0),
+    "equals": (2, 2),
+}
+
+_TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 
 Resolve: TypeAlias = Callable[[str, Sequence[str]], str]
 
@@ -60,6 +69,21 @@ def expand(template: Template, resolve: Resolve) -> str:
         else resolve(piece.name, [expand(argument, resolve) for argument in piece.arguments])
         for piece in template
     )
+
+
+def equal(left: str, right: str) -> bool:
+    """Compare the arguments of $(equals …).
+
+    They are compared as texts, but two that both are truth values (true, false, 1, 0 in any case)
+    or both are numbers by their values, as launch does it.
+    """
+    truths = [_TRUTHS.get(text.lower()) for text in (left, right)]
+    if None not in truths:
+        return truths[0] == truths[1]
+    try:
+        return math.isclose(float(left), float(right))
+    except ValueError:
+        return left == right
 
 
 class _Reader:

@@ -20,10 +20,9 @@ from roller_core.bags import bag_qos, typestore
 from roller_core.camera import Camera
 from roller_core.errors import UnwritableOutputError
 from roller_emvs.depth_map import DepthMap, pinhole
+from roller_emvs.messages import surface_message
 from roller_emvs.stitcher import Patch
 from roller_ros import messages
-
-SURFACE_FIELDS = ("x", "y", "z", "height", "confidence")
 
 _TYPES = {
     "/roller/depth/image": "sensor_msgs/msg/Image",
@@ -99,7 +98,7 @@ class ResultBag:
     def write_patch(self, patch: Patch, t_ns: int) -> None:
         """Points of the surface; an empty patch is passed over."""
         if len(patch):
-            cloud = messages.point_cloud(patch.columns(), SURFACE_FIELDS, t_ns, self._base_frame)
+            cloud = surface_message(patch, t_ns, self._base_frame)
             self._put("/roller/surface/points", t_ns, cloud)
 
     def write_cell(self, cell: Cell, lines: list[str]) -> None:

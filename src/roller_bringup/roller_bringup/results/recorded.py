@@ -14,9 +14,10 @@ from roller_core.bags import typestore
 from roller_core.errors import RollerError
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.ply import PlyWriter
+from roller_emvs.surface import SurfacePatch
 
 from .report import Report
-from .truth import TruthTally
+from .truth import SurfaceTally, TruthTally
 
 _SURFACE = "/roller/surface/points"
 
@@ -37,14 +38,17 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     truth_folder : path, optional
         Where the scan's truth lies.
     report : Report
-        Completed with windows, truth and totals, and written.
+        Completed with windows, truth and totals, and written; its method says whether the windows
+        are depth maps or, with `surface`, clouds.
 
     Raises
     ------
     RecordedResultsError
-        If the bag holds no depth map.
+        If the bag holds no depth map, or with `surface` no points.
     """
-    tally = TruthTally.beside(truth_folder) if truth_folder else None
+    surface = report.method == "surface"
+    kind = SurfaceTally if surface else TruthTally
+    tally: Any = kind.beside(truth_folder) if truth_folder else None
     store, lines, cells, points = typestore(), "", [], 0
     confidence: dict[int, npt.NDArray[np.float32]] = {}
     with (
@@ -58,7 +62,7 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
             message: Any = store.deserialize_cdr(data, connection.msgtype)
             if topic == "/roller/depth/confidence":
                 confidence[_stamp_ns(message)] = _pixels(message)
-            elif topic == "/roller/depth/image":
+            elif topic == "/roller/depth/image" and not surface:
                 stamp = _stamp_ns(message)
                 found = DepthMap(
                     stamp, _pixels(message), confidence.pop(stamp, _pixels(message)),
@@ -68,15 +72,20 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
                 if tally is not None:
                     tally.add(found)
             elif topic == _SURFACE:
-                rows = np.frombuffer(message.data, np.float32).reshape(-1, 5)
-                ply.write(rows[:, :3].astype(np.float64), rows[:, 3], rows[:, 4])
-                points += len(rows)
+                patch = _patch(message)
+                ply.write(patch.points, patch.height, patch.confidence)
+                points += len(patch)
+                if surface:
+                    report.add_window(patch)
+                    if tally is not None:
+                        tally.add(patch)
             elif topic == "/roller/braille/text":
                 lines = message.data
             elif topic == "/roller/braille/cells":
                 cells.append(_cell(message))
     if not report.windows:
-        raise RecordedResultsError(f"bag {bag}: the graph published no depth map")
+        missing = "no points of the surface" if surface else "no depth map"
+        raise RecordedResultsError(f"bag {bag}: the graph published {missing}")
     text = [line for line in lines.split("\n") if line]
     (output / "braille.txt").write_text("".join(f"{line}\n" for line in text))
     (output / "braille.json").write_text(
@@ -99,6 +108,12 @@ def _stamp_ns(message: Any) -> int:
 
 def _pixels(message: Any) -> npt.NDArray[np.float32]:
     return np.frombuffer(message.data, np.float32).reshape(message.height, message.width)
+
+
+def _patch(message: Any) -> SurfacePatch:
+    """Points of one cloud; its stamp is all that it says of their time."""
+    rows, stamp = np.frombuffer(message.data, np.float32).reshape(-1, 5), _stamp_ns(message)
+    return SurfacePatch(rows[:, :3].astype(np.float64), rows[:, 3], rows[:, 4], stamp, stamp)
 
 
 def _cell(message: Any) -> dict[str, Any]:

@@ -12,10 +12,10 @@ def summary(report: Report, output: Path) -> str:
     """Table of points, errors by object where the truth is known, text, time and files."""
     t = report.totals
     ms = report.window_milliseconds()
-    pieces = "blocks of the surface" if report.method == "surface" else "depth maps"
     lines = [
-        f"{t['depth_windows']} {pieces} ({report.method}), {t['depth_refused_windows']} windows "
-        f"refused, {t['events']} events, {t['surface_points']} surface points",
+        f"{t['depth_windows']} {_pieces(report)} ({report.method}), "
+        f"{t['depth_refused_windows']} windows refused, {t['events']} events, "
+        f"{t['surface_points']} surface points",
     ]
     if ms:
         lines.append(
@@ -40,20 +40,28 @@ def summary(report: Report, output: Path) -> str:
 def demo_table(report: Report, folder: Path) -> str:
     """What the demonstration prints: points, errors, text, milliseconds, files."""
     t = report.totals
-    depth = t["live"].get("emvs: depth", {})
-    lines = ["", f"{t['surface_points']} surface points from {t['depth_windows']} depth maps"]
+    surface = report.method == "surface"
+    status, piece = ("surface: points", "block") if surface else ("emvs: depth", "window")
+    figures = t["live"].get(status, {})
+    pieces = _pieces(report)
+    lines = ["", f"{t['surface_points']} surface points from {t['depth_windows']} {pieces}"]
     if report.truth:
         lines += error_table(report.truth)
         lines.append("text given: " + str(report.truth["text"]).replace("\n", " / "))
     lines.append("text read:  " + (" / ".join(t["braille_text"]) or "-"))
-    if depth:
+    if figures:
+        median, p95 = figures[f"{piece}_ms_median"], figures[f"{piece}_ms_p95"]
         lines.append(
-            f"{depth['window_ms_median']} ms a window (95 %: {depth['window_ms_p95']} ms), "
-            f"{depth['lost_packets']} packets lost, {depth['dropped_events']} events dropped"
+            f"{median} ms a {piece} (95 %: {p95} ms), "
+            f"{figures['lost_packets']} packets lost, {figures['dropped_events']} events dropped"
         )
     names = ("overview.png", "surface.ply", "braille.txt", "report.json", "bag/", "truth/")
     lines.append("files: " + ", ".join(f"{folder}/{name}" for name in names))
     return "\n".join(lines)
+
+
+def _pieces(report: Report) -> str:
+    return "blocks of the surface" if report.method == "surface" else "depth maps"
 
 
 def error_table(truth: dict[str, Any]) -> list[str]:
