@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from roller_core.settings import Settings
 from roller_emvs.settings import DepthSettings
 from roller_emvs.surface import SurfaceSettings
 
@@ -108,7 +107,7 @@ class Case:
     def settings(self) -> DepthSettings | SurfaceSettings:
         """Settings in full."""
         if self.method == "surface":
-            return SurfaceSettings.create(known(SurfaceSettings, self.changes), self.label)
+            return SurfaceSettings.create(dict(self.changes), self.label)
         return depth_settings(self.method, **self.changes)
 
     @property
@@ -118,21 +117,9 @@ class Case:
         return f"{self.method} {self.speed:g} {values}"
 
 
-# TODO(merge): every name will be known then; drop this and create the settings from the values.
-def known(model: type[Settings], values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that a settings model has a field for."""
-    return {name: value for name, value in values.items() if name in model.model_fields}
-
-
 def depth_settings(method: str, **changes: Any) -> DepthSettings:
     """Settings of a method that makes depth maps."""
-    return DepthSettings.create(known(DepthSettings, {"method": method, **changes}), method)
-
-
-def offered(method: str, changes: Mapping[str, Any]) -> bool:
-    """Whether the engine has all settings that a case changes."""
-    model: type[Settings] = SurfaceSettings if method == "surface" else DepthSettings
-    return len(known(model, changes)) == len(changes)
+    return DepthSettings.create({"method": method, **changes}, method)
 
 
 def plan(options: BenchOptions) -> list[Case]:
@@ -157,9 +144,7 @@ def _variations(method: str, speed: float, quick: bool) -> list[Case]:
     out = []
     for factor, values in _FACTORS[method].items():
         kept = values[: _QUICK_FACTORS.get(factor, 0)] if quick else values
-        for value, changes in kept:
-            if offered(method, changes):
-                out.append(Case(method, factor, value, speed, changes))
+        out += [Case(method, factor, value, speed, changes) for value, changes in kept]
     return out
 
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from roller_bringup.results import truth as results_truth
-from roller_bringup.results.truth import TruthTally
+from roller_bringup.results.truth import SurfaceTally, TruthTally
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.pipeline import DepthPipeline
@@ -20,9 +19,6 @@ from .cases import Case
 from .resampling import Piece
 from .scans import Scan
 
-# TODO(merge): import SurfaceTally beside TruthTally, and drop `can_measure`.
-_SURFACE_TALLY: Any = getattr(results_truth, "SurfaceTally", None)
-
 #: Error figures of an object, in the order they are shown.
 ERRORS = (
     "near_edge_mae_um",
@@ -33,11 +29,6 @@ ERRORS = (
     "edges_measured",
     "points",
 )
-
-
-def can_measure(method: str) -> bool:
-    """Whether a method's results can be compared with the truth."""
-    return method != "surface" or _SURFACE_TALLY is not None
 
 
 class CaseRun:
@@ -203,17 +194,12 @@ def _warm_up(settings: DepthSettings | SurfaceSettings, scan: Scan) -> None:
 
 
 def _tally(settings: DepthSettings | SurfaceSettings, scan: Scan) -> Any:
-    return (
-        _SURFACE_TALLY(scan.truth)
-        if isinstance(settings, SurfaceSettings)
-        else TruthTally(scan.truth)
-    )
+    surface = isinstance(settings, SurfaceSettings)
+    return SurfaceTally(scan.truth) if surface else TruthTally(scan.truth)
 
 
 def of_object(summary: dict[str, Any], name: str) -> dict[str, Any]:
     """One object's figures in a tally's summary; all there is for a plate without objects."""
     figures = dict(summary["objects"].get(name, summary["all"]))
-    # TODO(merge): every tally gives the error near edges then.
-    figures.setdefault("near_edge_mae_um", figures.get("mae_um"))
     # An object without relief edges has no share of them.
     return {k: v if (v := figures.get(k)) is None or np.isfinite(v) else None for k in ERRORS}

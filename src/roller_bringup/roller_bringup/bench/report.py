@@ -126,8 +126,6 @@ def _cases(result: dict[str, Any]) -> Table:
         "★ is on the Pareto front of time and error near edges. Errors are means over the objects; "
         "spread is between the medians of the repeats."
     )
-    if result["left_out"]:
-        note += f" Not measured, as nothing compares it: {', '.join(result['left_out'])}."
     return Table("Cases", head, rows, note)
 
 
@@ -151,9 +149,6 @@ def _savings(result: dict[str, Any]) -> Table | None:
         return None
     rows = []
     for r in result["savings"]:
-        if not r["offered"]:
-            rows.append((r["saving"], r["method"], *("-",) * 6, "not offered"))
-            continue
         on, off = r["on"], r["off"]
         rows.append(
             (

@@ -13,10 +13,10 @@ import numpy as np
 
 from roller_bringup.results.folders import make_folder
 
-from .cases import SAVINGS, Case, offered, plan
+from .cases import SAVINGS, Case, plan
 from .fixed import fixed_pieces, run_fixed
 from .growth import run_growth
-from .measure import CaseRun, can_measure, run_rounds
+from .measure import CaseRun, run_rounds
 from .options import DENSE_OBJECTS, BenchOptions
 from .pareto import pareto_front
 from .plots import draw_growth, draw_speed_vs_error
@@ -61,13 +61,11 @@ def run_bench(
     """
     make_folder(output)
     bench = _Bench(options, output / "scans", tell)
-    cases = [case for case in plan(options) if can_measure(case.method)]
-    rows = bench.measure(cases)
+    rows = bench.measure(plan(options))
     result: dict[str, Any] = {
         "version": 1,
         "machine": machine(),
         "options": {k: v for k, v in asdict(options).items() if k != "slider"},
-        "left_out": [m for m in options.methods if not can_measure(m)],
         "paper": PAPER,
         "cases": rows,
         "pareto": front_of(rows, options.speeds[0]),
@@ -144,23 +142,22 @@ class _Bench:
         speed = o.speeds[0]
         for number, (title, on, off, methods) in enumerate(SAVINGS):
             for method in (m for m in methods if m in o.methods):
-                row: dict[str, Any] = {"saving": title, "method": method}
-                # TODO(merge): every saving is offered then.
-                row["offered"] = offered(method, on)
-                if row["offered"]:
-                    pair = [
-                        self._prepare(Case(method, title, "on", speed, on)),
-                        self._prepare(Case(method, title, "off", speed, off)),
-                    ]
-                    start = 0.6 + 0.15 * number / len(SAVINGS)
-                    self._rounds(pair, start, 0.15 / len(SAVINGS))
-                    with_it, without = (_row(run) for run in pair)
-                    row |= {
+                pair = [
+                    self._prepare(Case(method, title, "on", speed, on)),
+                    self._prepare(Case(method, title, "off", speed, off)),
+                ]
+                start = 0.6 + 0.15 * number / len(SAVINGS)
+                self._rounds(pair, start, 0.15 / len(SAVINGS))
+                with_it, without = (_row(run) for run in pair)
+                rows.append(
+                    {
+                        "saving": title,
+                        "method": method,
                         "on": _brief(with_it),
                         "off": _brief(without),
                         "times_faster": _gain(*pair),
                     }
-                rows.append(row)
+                )
         return rows
 
     def _prepare(self, case: Case) -> CaseRun:
