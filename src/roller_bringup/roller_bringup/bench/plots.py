@@ -91,7 +91,6 @@ def speed_vs_error(result: dict[str, Any]) -> tuple[Any, Axes, Axes]:
         axis.set_yscale("log")
         axis.grid(True, which="both", alpha=0.25)
     _make_room(left, right)
-    # Names need the final places of the points.
     _legends(left, rows)
     left.set_xlabel("ms a window")
     right.set_xlabel("ms for a million events")
@@ -103,6 +102,7 @@ def speed_vs_error(result: dict[str, Any]) -> tuple[Any, Axes, Axes]:
     )
     for axis in (left, right):
         _plain_ticks(axis)
+    # Names need the final places of the points.
     figure.canvas.draw()
     _name_points(left, maps, set(result["pareto"]["ms"]), "ms")
     _name_points(right, rows, set(result["pareto"]["ms_per_mev"]), "ms_per_mev")
@@ -142,7 +142,8 @@ def _draw_front(axis: Axes, rows: list[dict[str, Any]], labels: list[str], time:
 def _name_points(axis: Axes, rows: list[dict[str, Any]], front: set[str], time: str) -> None:
     """Names of base configurations and of the front; the others are told by their markers."""
     named = [r for r in rows if r["factor"] in _NAMED or r["label"] in front]
-    renderer = axis.figure.canvas.get_renderer()
+    canvas: Any = axis.figure.canvas
+    renderer = canvas.get_renderer()
     markers = [axis.transData.transform((r["time"][time], _error(r))) for r in rows]
     taken = [Bbox.from_bounds(x - 8, y - 8, 16, 16) for x, y in markers]
     taken += [text.get_window_extent(renderer) for text in axis.texts]
@@ -159,7 +160,7 @@ def _name_points(axis: Axes, rows: list[dict[str, Any]], front: set[str], time: 
         best = None
         # Near its point, right or left, above or below, where it lies on nothing else.
         for distance, ha in itertools.product(_SHIFTS, ("left", "right")):
-            text.set_ha(ha)
+            text.set_horizontalalignment(ha)
             text.set_position((12 if ha == "left" else -12, distance))
             box = _text_box(text, renderer)
             hidden = sum(box.overlaps(other) for other in taken)
@@ -171,7 +172,7 @@ def _name_points(axis: Axes, rows: list[dict[str, Any]], front: set[str], time: 
             if cost == 0:
                 break
         if best is not None:
-            text.set_ha(best[1])
+            text.set_horizontalalignment(best[1])
             text.set_position(best[2])
             taken.append(best[3])
 
@@ -240,7 +241,8 @@ def draw_growth(result: dict[str, Any], path: Path) -> None:
             texts = {_size(r[quantity]): _text(r[quantity]) for r in rows}
             axis.set_xticks(sorted(texts), [texts[size] for size in sorted(texts)], fontsize=8)
             axis.xaxis.set_minor_locator(NullLocator())
-        axis.legend(fontsize=8)
+        # Cost grows to the right, so this corner is free.
+        axis.legend(fontsize=8, loc="lower left" if quantity == "threads" else "upper left")
     axes[0].set_ylabel("ms a window")
     base = growth["base"]
     figure.suptitle(
