@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib
 
@@ -35,6 +35,7 @@ _MARKERS = {
 }
 #: How far above or below its point a name may stand.
 _SHIFTS = (0, 13, -13, 26, -26, 39, -39, 52, -52, 65, -65, 78, -78)
+_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 #: Factors whose points are named, and what the legend says of factors.
 _NAMED = ("base", "savings")
 _FACTOR_NAMES = {
@@ -159,7 +160,7 @@ def _name_points(axis: Axes, rows: list[dict[str, Any]], front: set[str], time: 
         )  # fmt: skip
         best = None
         # Near its point, right or left, above or below, where it lies on nothing else.
-        for distance, ha in itertools.product(_SHIFTS, ("left", "right")):
+        for distance, ha in itertools.product(_SHIFTS, _SIDES):
             text.set_horizontalalignment(ha)
             text.set_position((12 if ha == "left" else -12, distance))
             box = _text_box(text, renderer)
