@@ -9,8 +9,10 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from roller_bringup.bench.cases import Case, depth_settings, plan
+from roller_bringup.bench.measure import CaseRun
 from roller_bringup.bench.options import BenchOptions
 from roller_bringup.bench.pareto import pareto_front
 from roller_bringup.bench.plots import speed_vs_error
@@ -60,15 +62,24 @@ def test_a_quick_run_writes_its_files(bench: tuple[Path, dict[str, Any]]) -> Non
     result = json.loads((folder / "bench.json").read_text(), parse_constant=pytest.fail)
     assert {"machine", "cases", "pareto", "savings", "growth", "fixed", "paper"} <= set(result)
     labels = [c["label"] for c in result["cases"]]
-    assert {"focus", "bma"} < set(labels)
+    assert {"focus", "bma", "surface", "focus, no creep correction"} < set(labels)
+    assert "surface, no creep correction" in labels
+    assert "bma, weights by variance" in labels
     for case in result["cases"]:
         assert case["time"]["windows"] > 0
-        assert case["time"]["ms_low"] <= case["time"]["ms"] <= case["time"]["ms_high"]
+        for time in ("ms", "ms_per_mev"):
+            low, middle, high = (case["time"][time + end] for end in ("_low", "", "_high"))
+            assert 0 < low <= middle <= high
         assert 0 < case["error"]["mae_um"] < 2000
         assert 0 < case["error"]["edges_measured"] <= 1
         assert set(case["objects"]) == {"stairs"}
-    assert result["pareto"]
-    assert set(result["pareto"]) <= set(labels)
+    assert set(result["pareto"]) == {"ms", "ms_per_mev"}
+    for front in result["pareto"].values():
+        assert front
+        assert set(front) <= set(labels)
+    assert not any(name.startswith("surface") for name in result["pareto"]["ms"])
+    for row in result["savings"]:
+        assert row["times_faster"] > 0
     events = [(r["method"], r["events"]) for r in result["growth"]["events"]]
     assert events == [("focus", 1000), ("focus", 3000), ("bma", 1000), ("bma", 3000)]
     assert [r["image"] for r in result["growth"]["image"][:2]] == [[320, 240], [640, 480]]
@@ -172,11 +183,36 @@ def test_the_front_leaves_out_what_measures_little() -> None:
         return {"label": label, "speed": 0.3, "time": {"ms": ms}, "error": figures}
 
     rows = [row("few", 1.0, 10.0, 0.1), row("good", 2.0, 50.0, 0.8), row("slow", 3.0, 60.0, 0.9)]
-    assert front_of(rows, 0.3) == ["good"]
+    assert front_of(rows, 0.3, "ms") == ["good"]
+
+
+def test_blocks_of_the_bare_plate_are_not_timed(scan: Scan) -> None:
+    run = CaseRun(Case("surface", "base", "base", 0.3, {}), [scan])
+    run.go()
+    run.go()
+    times = run.figures()["time"]
+    assert times["windows"] in (3, 4)
+    assert times["repeats"] == 2
+    # All of the pass is in the time of a million events, so it is more than these blocks took.
+    of_blocks = times["ms_low"] * times["windows"] / len(scan.events) * 1e6
+    assert times["ms_per_mev"] > 0.3 * of_blocks
+
+
+def test_names_in_the_figure_lie_beside_each_other(bench: tuple[Path, dict[str, Any]]) -> None:
+    figure, *axes = speed_vs_error(bench[1])
+    figure.canvas.draw()
+    for axis in axes:
+        inside = axis.get_window_extent()
+        boxes = [Text.get_window_extent(text) for text in axis.texts]
+        assert len(boxes) >= 3
+        for k, box in enumerate(boxes):
+            assert inside.x0 <= box.x0 < box.x1 <= inside.x1
+            assert not any(box.overlaps(other) for other in boxes[:k])
+    plt.close(figure)
 
 
 def test_the_paper_is_in_the_figure(bench: tuple[Path, dict[str, Any]]) -> None:
-    figure, axis = speed_vs_error(bench[1])
+    figure, axis, _ = speed_vs_error(bench[1])
     drawn = [
         tuple(float(v[0]) for v in line.get_data())
         for line in axis.lines

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from roller_bringup.results import truth as results_truth
-from roller_bringup.results.truth import TruthTally
+from roller_bringup.results.truth import SurfaceTally, TruthTally
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.settings import DepthSettings
-from roller_emvs.surface import SurfaceSettings, SurfaceSweep
+from roller_emvs.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.windows import RefusedWindow
 
 from .cases import Case
 from .resampling import Piece
-from .scans import Scan
-
-# TODO(merge): import SurfaceTally beside TruthTally, and drop `can_measure`.
-_SURFACE_TALLY: Any = getattr(results_truth, "SurfaceTally", None)
+from .scans import CROSSING_M, Scan
 
 #: Error figures of an object, in the order they are shown.
 ERRORS = (
@@ -33,11 +30,6 @@ ERRORS = (
     "edges_measured",
     "points",
 )
-
-
-def can_measure(method: str) -> bool:
-    """Whether a method's results can be compared with the truth."""
-    return method != "surface" or _SURFACE_TALLY is not None
 
 
 class CaseRun:
@@ -56,29 +48,35 @@ class CaseRun:
         self.spent_s = 0.0
         self._scans = scans
         self._runs: list[list[float]] = []
+        self._whole_ms: list[float] = []
         self._objects: dict[str, Any] = {}
         self._events = self._refused = 0
 
     def go(self) -> None:
         """Run once over all scans; the first time errors are taken too."""
-        settings, run = self.case.settings, []
+        settings, run, whole_ms = self.case.settings, [], 0.0
         first = not self._runs
         if first:
             _warm_up(settings, self._scans[0])
         for scan in self._scans:
             tally = _tally(settings, scan) if first else None
-            for found in _results(settings, scan):
+            events = _events(settings, scan)
+            for found, spent in _timed(_results(settings, scan, events)):
+                whole_ms += spent
                 if isinstance(found, RefusedWindow):
                     self._refused += first
+                    self._events -= first * found.events
                     continue
-                run.append(found.milliseconds["total"])
+                if not isinstance(found, SurfacePatch) or _over_object(found, scan):
+                    run.append(spent)
                 if tally is not None:
-                    self._events += found.events
                     tally.add(found)
             if tally is not None:
+                self._events += len(events)
                 self._objects[scan.name] = of_object(tally.summary(), scan.name)
         self._runs.append(run)
-        self.spent_s += sum(run) * 1e-3
+        self._whole_ms.append(whole_ms)
+        self.spent_s += whole_ms * 1e-3
 
     @property
     def medians(self) -> list[float]:
@@ -88,8 +86,10 @@ class CaseRun:
     def figures(self) -> dict[str, Any]:
         """`time` (see `time_figures`), `error` (mean over the objects), `objects` (each one's)."""
         times = time_figures(self._runs)
-        seconds = float(np.median([sum(run) for run in self._runs])) * 1e-3
-        times["mev_s"] = round(self._events * 1e-6 / seconds, 3) if seconds else None
+        each = np.array(self._whole_ms) / (self._events * 1e-6)
+        times["ms_per_mev"] = round(float(np.median(each)), 3)
+        times["ms_per_mev_low"] = round(float(each.min()), 3)
+        times["ms_per_mev_high"] = round(float(each.max()), 3)
         times["refused"] = self._refused
         error = mean_error(self._objects.values())
         return {"time": times, "error": error, "objects": self._objects}
@@ -186,34 +186,57 @@ def window_ms(settings: DepthSettings, events: EventArray, scan: Scan) -> float 
     return None
 
 
-def _results(settings: DepthSettings | SurfaceSettings, scan: Scan) -> Iterable[Any]:
+def _events(settings: DepthSettings | SurfaceSettings, scan: Scan) -> EventArray:
+    # Rows of the surface are measured over their whole crossing of the image.
+    return scan.events if isinstance(settings, SurfaceSettings) else scan.crossing()
+
+
+def _results(
+    settings: DepthSettings | SurfaceSettings, scan: Scan, events: EventArray
+) -> Iterator[Any]:
+    engine: SurfaceSweep | DepthPipeline
     if isinstance(settings, SurfaceSettings):
-        # Rows of the surface are measured over their whole crossing of the image.
-        sweep = SurfaceSweep(settings, scan.camera, scan.track)
-        sweep.add_events(scan.events)
-        return sweep.results(flush=True)
-    pipeline = DepthPipeline(settings, scan.camera, scan.track)
-    pipeline.add_events(scan.crossing())
-    return pipeline.results(flush=True)
+        engine = SurfaceSweep(settings, scan.camera, scan.track)
+    else:
+        engine = DepthPipeline(settings, scan.camera, scan.track)
+    engine.add_events(events)
+    return iter(engine.results(flush=True))
+
+
+def _timed(results: Iterator[Any]) -> Iterator[tuple[Any, float]]:
+    """Results and the ms that each took, from events that wait; so cutting them counts too."""
+    while True:
+        begin = time.perf_counter()
+        found = next(results, None)
+        spent = (time.perf_counter() - begin) * 1e3
+        if found is None:
+            return
+        yield found, spent
+
+
+def _over_object(found: SurfacePatch, scan: Scan) -> bool:
+    """Whether a block lies where depth maps are made too, not on the bare plate around it."""
+    region = scan.truth.objects.get(scan.name)
+    if region is None or not len(found):
+        return region is None
+    middle = 0.5 * (region.x0 + region.x1)
+    return bool(abs(np.median(found.points[:, 0]) - middle) <= 0.5 * CROSSING_M)
 
 
 def _warm_up(settings: DepthSettings | SurfaceSettings, scan: Scan) -> None:
-    """Compile what the case needs: the first window isn't timed."""
-    next(iter(_results(settings, scan)), None)
+    """Compile what the case needs: the first window that gives depth isn't timed."""
+    for found in _results(settings, scan, _events(settings, scan)):
+        if not isinstance(found, RefusedWindow):
+            return
 
 
 def _tally(settings: DepthSettings | SurfaceSettings, scan: Scan) -> Any:
-    return (
-        _SURFACE_TALLY(scan.truth)
-        if isinstance(settings, SurfaceSettings)
-        else TruthTally(scan.truth)
-    )
+    surface = isinstance(settings, SurfaceSettings)
+    return SurfaceTally(scan.truth) if surface else TruthTally(scan.truth)
 
 
 def of_object(summary: dict[str, Any], name: str) -> dict[str, Any]:
     """One object's figures in a tally's summary; all there is for a plate without objects."""
     figures = dict(summary["objects"].get(name, summary["all"]))
-    # TODO(merge): every tally gives the error near edges then.
-    figures.setdefault("near_edge_mae_um", figures.get("mae_um"))
     # An object without relief edges has no share of them.
     return {k: v if (v := figures.get(k)) is None or np.isfinite(v) else None for k in ERRORS}

@@ -49,7 +49,7 @@ class BenchOptions:
     objects: tuple[str, ...] = ALL_OBJECTS
     methods: tuple[str, ...] = ("focus", "bma", "left_right", "emvs", "surface")
     speeds: tuple[float, ...] = (0.3, 0.5)
-    case_budget_s: float = 5.0
+    case_budget_s: float = 6.0
     fixed_events: int = 100_000
     fixed_window_s: float = 0.02
     fixed_speed: float = 0.5
@@ -70,9 +70,8 @@ class BenchOptions:
                 "quick": True,
                 "repeats": 1,
                 "objects": QUICK_OBJECTS,
-                "methods": ("focus", "bma"),
+                "methods": ("focus", "bma", "surface"),
                 "speeds": (0.3,),
-                "case_budget_s": 5.0,
                 "fixed_windows": 6,
                 "reference_windows": 1,
                 "growth_events": (10_000, 100_000),

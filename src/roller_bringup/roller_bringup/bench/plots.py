@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib
 
@@ -11,7 +12,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.transforms import Bbox
 
 _COLOURS = {
     "focus": "tab:blue",
@@ -27,15 +30,25 @@ _MARKERS = {
     "window": "s",
     "packet": "D",
     "precision": "P",
-    "tiles": "v",
+    "weights": "*",
+    "creep": "v",
 }
-#: Width of a name in the figure, about.
-_NAME_PX = 200.0
-_FACTOR_NAMES = {"base": "base configuration", "savings": "without the savings"}
+#: How far above or below its point a name may stand.
+_SHIFTS = (0, 13, -13, 26, -26, 39, -39, 52, -52, 65, -65, 78, -78)
+_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
+#: Factors whose points are named, and what the legend says of factors.
+_NAMED = ("base", "savings")
+_FACTOR_NAMES = {
+    "base": "base configuration",
+    "savings": "without the savings",
+    "precision": "float64",
+    "weights": "weights by variance",
+    "creep": "no creep correction",
+}
 
 
 def draw_speed_vs_error(result: dict[str, Any], path: Path) -> None:
-    """Draw error against milliseconds a window, with the Pareto front and the paper's point.
+    """Draw error against time, with the Pareto fronts and the paper's point.
 
     Parameters
     ----------
@@ -44,93 +57,135 @@ def draw_speed_vs_error(result: dict[str, Any], path: Path) -> None:
     path : path
         PNG file.
     """
-    figure, axis = speed_vs_error(result)
-    del axis
+    figure, _, _ = speed_vs_error(result)
     figure.savefig(path)
     plt.close(figure)
 
 
-def speed_vs_error(result: dict[str, Any]) -> tuple[Any, Axes]:
-    """The figure of `draw_speed_vs_error`, not yet saved."""
-    figure, axis = plt.subplots(figsize=(12, 7), dpi=110, layout="constrained")
+def speed_vs_error(result: dict[str, Any]) -> tuple[Any, Axes, Axes]:
+    """The figure of `draw_speed_vs_error`, not yet saved, and its two parts.
+
+    The first is by time a window, for what makes depth maps; the second by time for a million
+    events, which also tells where windows are of different lengths or there are none.
+    """
+    figure, (left, right) = plt.subplots(
+        1, 2, sharey=True, figsize=(16, 8.5), dpi=110, layout="constrained"
+    )
     speed = result["options"]["speeds"][0]
     rows = [
         r
         for r in result["cases"]
         if r["speed"] == speed and r["time"]["ms"] and r["error"]["near_edge_mae_um"]
     ]
+    maps = [r for r in rows if r["method"] != "surface"]
+    _draw_points(left, maps, "ms")
+    _draw_points(right, rows, "ms_per_mev")
+    paper = result["paper"]
+    left.plot(paper["ms"], paper["error_um"], "*", ms=17, color="gold", mec="black", zorder=5)
+    left.annotate(
+        f"{paper['label']}\n(its laptop, real scans)", (paper["ms"], paper["error_um"]),
+        xytext=(0, -11), textcoords="offset points", va="top", ha="center", fontsize=9, zorder=6,
+    )  # fmt: skip
+    for axis, shown, time in ((left, maps, "ms"), (right, rows, "ms_per_mev")):
+        _draw_front(axis, shown, result["pareto"][time], time)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.grid(True, which="both", alpha=0.25)
+    _make_room(left, right)
+    _legends(left, rows)
+    left.set_xlabel("ms a window")
+    right.set_xlabel("ms for a million events")
+    left.set_ylabel("mean absolute error near relief edges, µm (mean of the objects)")
+    objects = len(result["options"]["objects"])
+    figure.suptitle(
+        f"Speed against error: {objects} object{'s' if objects != 1 else ''} at {speed:g} m/s "
+        "(medians; bars: spread of the repeats)"
+    )
+    for axis in (left, right):
+        _plain_ticks(axis)
+    # Names need the final places of the points.
+    figure.canvas.draw()
+    _name_points(left, maps, set(result["pareto"]["ms"]), "ms")
+    _name_points(right, rows, set(result["pareto"]["ms_per_mev"]), "ms_per_mev")
+    return figure, left, right
+
+
+def _draw_points(axis: Axes, rows: list[dict[str, Any]], time: str) -> None:
     for r in rows:
         t, error = r["time"], r["error"]["near_edge_mae_um"]
-        colour = _COLOURS.get(r["method"], "tab:gray")
         base = r["factor"] == "base"
         axis.errorbar(
-            t["ms"], error, xerr=[[t["ms"] - t["ms_low"]], [t["ms_high"] - t["ms"]]],
-            fmt=_MARKERS[r["factor"]], ms=11 if base else 6, color=colour,
+            t[time], error, xerr=[[t[time] - t[f"{time}_low"]], [t[f"{time}_high"] - t[time]]],
+            fmt=_MARKERS[r["factor"]], ms=11 if base else 7, color=_COLOURS[r["method"]],
             mec="black", mew=1.2 if base else 0.4, elinewidth=0.8, alpha=1.0 if base else 0.75,
             zorder=4 if base else 3,
         )  # fmt: skip
-    _draw_front(axis, rows, result["pareto"])
-    paper = result["paper"]
-    axis.plot(paper["ms"], paper["error_um"], "*", ms=17, color="gold", mec="black", zorder=5)
-    axis.annotate(
-        f"{paper['label']}\n(its laptop, real scans)", (paper["ms"], paper["error_um"]),
-        xytext=(10, -4), textcoords="offset points", va="top", fontsize=9, zorder=6,
-    )  # fmt: skip
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    _make_room(axis)
-    _plain_ticks(axis)
-    _name_points(axis, rows, set(result["pareto"]))
-    axis.set_xlabel("ms a window (median; bars: spread of the repeats)")
-    axis.set_ylabel("mean absolute error near relief edges, µm (mean of the objects)")
-    objects = len(result["options"]["objects"])
-    title = f"Speed against error: {objects} object{'s' if objects != 1 else ''} at {speed:g} m/s"
-    axis.set_title(title)
-    axis.grid(True, which="both", alpha=0.25)
-    _legends(axis, rows)
-    return figure, axis
 
 
-def _make_room(axis: Axes) -> None:
+def _make_room(*axes: Axes) -> None:
     """Room for the names, which stand beside their points."""
-    low, high = axis.get_xlim()
-    axis.set_xlim(low / 1.1, high * (high / low) ** 0.1)
-    low, high = axis.get_ylim()
-    axis.set_ylim(low / 1.15, high * 1.1)
+    for axis in axes:
+        low, high = axis.get_xlim()
+        axis.set_xlim(low / (high / low) ** 0.05, high * (high / low) ** 0.15)
+    low, high = axes[0].get_ylim()
+    axes[0].set_ylim(low / (high / low) ** 0.08, high * (high / low) ** 0.08)
 
 
-def _draw_front(axis: Axes, rows: list[dict[str, Any]], labels: list[str]) -> None:
+def _draw_front(axis: Axes, rows: list[dict[str, Any]], labels: list[str], time: str) -> None:
     by_label = {r["label"]: r for r in rows}
     front = [by_label[name] for name in labels if name in by_label]
-    x = [r["time"]["ms"] for r in front]
+    x = [r["time"][time] for r in front]
     y = [r["error"]["near_edge_mae_um"] for r in front]
     axis.step(x, y, where="post", color="black", lw=1.2, ls="--", zorder=2, label="_front")
-    axis.plot(x, y, "o", ms=15, mfc="none", mec="black", mew=1.0, zorder=2)
+    axis.plot(x, y, "o", ms=16, mfc="none", mec="black", mew=1.0, zorder=2)
 
 
-def _name_points(axis: Axes, rows: list[dict[str, Any]], front: set[str]) -> None:
+def _name_points(axis: Axes, rows: list[dict[str, Any]], front: set[str], time: str) -> None:
     """Names of base configurations and of the front; the others are told by their markers."""
-    named = [r for r in rows if r["factor"] in _FACTOR_NAMES or r["label"] in front]
-    placed: list[tuple[float, float]] = []
-    pixels = axis.figure.dpi / 72
-    for r in sorted(named, key=lambda r: float(r["error"]["near_edge_mae_um"])):
-        point = (float(r["time"]["ms"]), float(r["error"]["near_edge_mae_um"]))
-        x, y = (float(v) for v in axis.transData.transform(point))
-        # Names of points on the right stand to their left.
-        left = axis.transAxes.inverted().transform((x, y))[0] > 0.7
-        end = x - _NAME_PX if left else x
-        shift = 5.0
-        # A name that would lie on another one goes further up.
-        while any(abs(end - a) < _NAME_PX and abs(y + shift - b) < 17 for a, b in placed):
-            shift += 17.0
-        placed.append((end, y + shift))
+    named = [r for r in rows if r["factor"] in _NAMED or r["label"] in front]
+    canvas: Any = axis.figure.canvas
+    renderer = canvas.get_renderer()
+    markers = [axis.transData.transform((r["time"][time], _error(r))) for r in rows]
+    taken = [Bbox.from_bounds(x - 8, y - 8, 16, 16) for x, y in markers]
+    taken += [text.get_window_extent(renderer) for text in axis.texts]
+    inside = axis.get_window_extent(renderer)
+    for r in sorted(named, key=_error):
         edges = r["error"]["edges_measured"]
         share = f" ({edges:.0%} of edges)" if edges is not None else ""
-        axis.annotate(
-            f"{r['label']}{share}", point, xytext=(-9 if left else 9, shift / pixels),
-            textcoords="offset points", ha="right" if left else "left", fontsize=8, zorder=2.5,
+        text = axis.annotate(
+            f"{r['label']}{share}", (r["time"][time], _error(r)), xytext=(0, 0),
+            textcoords="offset points", fontsize=8, zorder=6, va="center",
+            arrowprops={"arrowstyle": "-", "lw": 0.5, "color": "gray", "shrinkA": 0},
             bbox={"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 0.5},
         )  # fmt: skip
+        best = None
+        # Near its point, right or left, above or below, where it lies on nothing else.
+        for distance, ha in itertools.product(_SHIFTS, _SIDES):
+            text.set_horizontalalignment(ha)
+            text.set_position((12 if ha == "left" else -12, distance))
+            box = _text_box(text, renderer)
+            hidden = sum(box.overlaps(other) for other in taken)
+            out = not (inside.x0 < box.x0 and box.x1 < inside.x1)
+            out |= not (inside.y0 < box.y0 and box.y1 < inside.y1)
+            cost = hidden + 100 * out
+            if best is None or cost < best[0]:
+                best = (cost, ha, text.get_position(), box)
+            if cost == 0:
+                break
+        if best is not None:
+            text.set_horizontalalignment(best[1])
+            text.set_position(best[2])
+            taken.append(best[3])
+
+
+def _text_box(text: Any, renderer: Any) -> Bbox:
+    """Where an annotation's text lies, without its line."""
+    text.update_positions(renderer)
+    return Text.get_window_extent(text, renderer)
+
+
+def _error(row: dict[str, Any]) -> float:
+    return float(row["error"]["near_edge_mae_um"])
 
 
 def _legends(axis: Axes, rows: list[dict[str, Any]]) -> None:
@@ -148,7 +203,7 @@ def _legends(axis: Axes, rows: list[dict[str, Any]]) -> None:
         Line2D([], [], marker="o", ms=12, mfc="none", mec="black", ls="--", color="black",
                label="Pareto front")
     )  # fmt: skip
-    axis.figure.legend(handles=handles, fontsize=8, loc="outside right upper")
+    axis.figure.legend(handles=handles, fontsize=9, loc="outside lower center", ncols=7)
 
 
 def draw_growth(result: dict[str, Any], path: Path) -> None:
@@ -187,7 +242,8 @@ def draw_growth(result: dict[str, Any], path: Path) -> None:
             texts = {_size(r[quantity]): _text(r[quantity]) for r in rows}
             axis.set_xticks(sorted(texts), [texts[size] for size in sorted(texts)], fontsize=8)
             axis.xaxis.set_minor_locator(NullLocator())
-        axis.legend(fontsize=8)
+        # Cost grows to the right, so this corner is free.
+        axis.legend(fontsize=8, loc="lower left" if quantity == "threads" else "upper left")
     axes[0].set_ylabel("ms a window")
     base = growth["base"]
     figure.suptitle(
