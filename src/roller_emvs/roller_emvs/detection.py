@@ -41,12 +41,19 @@ def adaptive_threshold(votes: F32, c: float, kernel_px: int, full_scale_votes: f
     # OpenCV's adaptiveThreshold in whole levels, but without its saturation at 255.
     gray = np.floor(gray)
     mean = cv2.GaussianBlur(gray, (kernel_px, kernel_px), 0, borderType=cv2.BORDER_REPLICATE)
-    mask = np.asarray((gray > np.rint(mean) + np.float32(c)) & (votes > 0))
+    mask = np.zeros(votes.shape, np.bool_)
     # At the border the neighbourhood is cut off and every stray event stands out.
-    border = max(kernel_px // 2, 1)
-    inner = np.zeros_like(mask)
-    inner[border:-border, border:-border] = mask[border:-border, border:-border]
-    return inner
+    _stand_out(gray, mean, votes, np.float32(c), max(kernel_px // 2, 1), mask)
+    return mask
+
+
+@njit(cache=True, nogil=True)
+def _stand_out(gray, mean, votes, c, border, mask):  # type: ignore[no-untyped-def]
+    height, width = mask.shape
+    for y in range(border, height - border):
+        for x in range(border, width - border):
+            above = gray[y, x] > np.rint(mean[y, x]) + c
+            mask[y, x] = above & (votes[y, x] > 0)
 
 
 def masked_median(
@@ -80,7 +87,7 @@ def masked_median(
     median = np.full(index.shape, np.nan, np.float32)
     spread = np.full(index.shape, np.nan, np.float32)
     starts = np.zeros(index.shape[1] + 1, np.int64)
-    np.cumsum(np.count_nonzero(mask, axis=0), out=starts[1:])
+    _count_columns(mask, starts)
     rows, values = np.empty(starts[-1], np.int64), np.empty(starts[-1], np.uint16)
     first = starts[:-1].copy()
     _gather_columns(index, mask, first, rows, values)
@@ -92,6 +99,16 @@ def masked_median(
         median, spread,
     )  # fmt: skip
     return median, spread
+
+
+@njit(cache=True, nogil=True)
+def _count_columns(mask, starts):  # type: ignore[no-untyped-def]
+    """Where each column's masked pixels begin, one after the other."""
+    for y in range(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            starts[x + 1] += mask[y, x]
+    for x in range(mask.shape[1]):
+        starts[x + 1] += starts[x]
 
 
 @njit(cache=True, nogil=True)

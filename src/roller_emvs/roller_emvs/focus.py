@@ -24,6 +24,7 @@ def focus_depth(
     camera: Camera,
     view: F64,
     bounds_m: tuple[float, float],
+    patch_half_length_m: float,
     settings: EvidenceSettings,
     watch: Stopwatch,
 ) -> tuple[F32, F32]:
@@ -39,6 +40,8 @@ def focus_depth(
         Reference camera in base.
     bounds_m : tuple of float
         Nearest and farthest depth, metres.
+    patch_half_length_m : float
+        How far from the axis events were taken along the roll, metres; 0 for the whole image.
     settings : EvidenceSettings
         Planes, neighbourhoods, thresholds.
     watch : Stopwatch
@@ -52,7 +55,7 @@ def focus_depth(
     near, far = 1.0 / bounds_m[0], 1.0 / bounds_m[1]
     middle, half = 0.5 * (near + far), 0.5 * (near - far)
     with watch("rays"):
-        field, turned = window_field(packets, camera, view, middle)
+        field, turned = window_field(packets, camera, view, middle, patch_half_length_m)
     with watch("votes"):
         depths = find_depths(field, -half, half, settings)
     depth = np.full((camera.height, camera.width), np.nan, np.float32)
@@ -68,7 +71,7 @@ def focus_depth(
 
 
 def window_field(
-    packets: Packets, camera: Camera, view: F64, middle: float
+    packets: Packets, camera: Camera, view: F64, middle: float, patch_half_length_m: float = 0.0
 ) -> tuple[RayField, bool]:
     """Rays of a window, their shift being inverse depth from a middle one.
 
@@ -82,6 +85,8 @@ def window_field(
         Reference camera in base.
     middle : float
         Inverse depth of shift 0, 1/m.
+    patch_half_length_m : float
+        How far from the axis events were taken along the roll, metres; 0 for the whole image.
 
     Returns
     -------
@@ -103,12 +108,16 @@ def window_field(
     bounds = np.array([0, off_count, len(rays)], np.int64)
     _place(rays, packets.polarity, turned, np.float32(middle), off_count, placed)
     padded = (-(-shape[0] // CELL_PX) * CELL_PX, -(-shape[1] // CELL_PX) * CELL_PX)
-    # A column's point was in the image from where the camera saw it at a pixel.
+    # A column's point was in view from where the camera saw it at a pixel.
+    left, right = 0.0, shape[1] - 1.0
+    if patch_half_length_m:
+        axis, reach = (camera.cy if turned else camera.cx), patch_half_length_m * middle * focal
+        left, right = max(axis - reach, left), min(axis + reach, right)
     x = (np.arange(padded[1] // CELL_PX) + 0.5) * CELL_PX - 0.5
     slopes = np.stack(
         [
-            np.maximum((x - shape[1] + 1) / middle, focal * centres[:, along].min()),
-            np.minimum(x / middle, focal * centres[:, along].max()),
+            np.maximum((x - right) / middle, focal * centres[:, along].min()),
+            np.minimum((x - left) / middle, focal * centres[:, along].max()),
         ]
     )
     seconds = max((packets.end_ns - packets.start_ns) * 1e-9, 1e-9)

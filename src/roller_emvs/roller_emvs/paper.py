@@ -59,7 +59,8 @@ def window_depth(
     shifted = shifted_planes(camera, relative, bounds_m, s) if s.fast_path else None
     with watch("votes"):
         if shifted is not None:
-            planes, half_shifts = shifted
+            planes, half_shifts, poses = shifted
+            poses = target @ poses
             rays = rays_in_view(packets, camera, target, s.precision)
             votes, index = sweep_views(rays, camera, planes, half_shifts, s.threads, s.tiles)
         else:
@@ -76,7 +77,7 @@ def window_depth(
     weights = [weight for _, weight in s.views()]
 
     def look(k: int) -> None:
-        views[k] = view_depth(votes[k], index[k], planes, poses[k], weights[k], s)
+        views[k] = view_depth(votes[k], index[k], planes, bounds_m, poses[k], weights[k], s)
 
     with watch("detection"):
         share(s.threads, len(poses), look)
@@ -92,17 +93,21 @@ def choose_planes(
     if s.plane_rule == "fixed":
         return depth_planes(near, far, s.planes, s.plane_spacing)
     parallax = parallax_px(packets, camera, view, near, far)
-    count = int(np.clip(np.ceil(parallax * s.planes_per_px) + 1, 5, s.planes))
-    return depth_planes(near, far, count, "inverse_depth")
+    count = int(np.clip(np.ceil(parallax * s.planes_per_px) + 1, 3, s.planes - 2))
+    # One plane beyond either end, so that a peak on the first or last plane is a peak.
+    step = (1.0 / near - 1.0 / far) / (count - 1)
+    return np.asarray(1.0 / (1.0 / near + step * (1.0 - np.arange(count + 2))), np.float64)
 
 
 def shifted_planes(
     camera: Camera, relative: F64, bounds_m: tuple[float, float], s: DepthSettings
-) -> tuple[F64, I64] | None:
+) -> tuple[F64, I64, F64] | None:
     """Planes on which the reference views differ by whole or half pixels, if there are.
 
     Two views B apart along u see a plane of inverse depth w shifted by F·B·w; planes F·B apart
-    in steps of half a pixel are one pixel of the window's parallax apart.
+    in steps of half a pixel are one pixel of the window's parallax apart. The views are put
+    where the shifts are exact: as far along u on either side, axes parallel. A reference view
+    may be anywhere, so depth stays exact; only the place it is seen from is another.
 
     Parameters
     ----------
@@ -121,6 +126,8 @@ def shifted_planes(
         Depths, metres, near to far.
     half_shifts : ndarray of int64, shape (views, n)
         In halves of a pixel.
+    views : ndarray of float64, shape (views, 4, 4)
+        The cameras put there, in the camera that is voted in.
     """
     if s.plane_rule == "fixed" or s.planes_per_px > 1.0 or len(relative) < 2:
         return None
@@ -129,35 +136,43 @@ def shifted_planes(
     low, high = 1.0 / bounds_m[1], 1.0 / bounds_m[0]
     if camera.fx * baseline * (high - low) < 2.0:
         return None
-    # Halves of a pixel by which the farthest view is shifted, from far to near.
-    first, last = np.ceil(2 * camera.fx * baseline * low), 2 * camera.fx * baseline * high
-    planes = 2 * camera.fx * baseline / np.arange(first, last + 1e-9)[::-1]
-    if not 3 <= len(planes) <= s.planes:
+    ends = np.abs(x) > 0.5 * baseline
+    baseline = float(np.abs(x[ends]).mean())
+    sign = np.where(ends, np.sign(x), 0.0).astype(np.int64)
+    # Halves of a pixel by which the end views are shifted, from near to far and one beyond.
+    halves = np.arange(
+        int(np.floor(2 * camera.fx * baseline * low)) - 1,
+        int(np.ceil(2 * camera.fx * baseline * high)) + 2,
+    )[::-1]
+    if not 5 <= len(halves) <= s.planes or halves[-1] <= 0:
         return None
-    exact = 2 * camera.fx * x[:, None] / planes
-    half_shifts = np.rint(exact).astype(np.int64)
-    error = float(np.abs(exact - half_shifts).max()) / 2
-    error += max(shift_error_px(camera, r, bounds_m) for r in relative)
-    return (planes, half_shifts) if error <= s.fast_path_max_px else None
+    views = np.tile(np.eye(4), (len(x), 1, 1))
+    views[:, 0, 3] = sign * baseline
+    moved = [
+        view_distance_px(camera, np.linalg.inv(put) @ was, bounds_m)
+        for put, was in zip(views, relative, strict=True)
+    ]
+    if max(moved) > s.fast_path_max_px:
+        return None
+    return 2 * camera.fx * baseline / halves, sign[:, None] * halves[None, :], views
 
 
-def shift_error_px(camera: Camera, relative: F64, bounds_m: tuple[float, float]) -> float:
-    """Error of taking a view for one shifted along the image's rows, anywhere in the volume.
+def view_distance_px(camera: Camera, relative: F64, bounds_m: tuple[float, float]) -> float:
+    """How far apart two views see a point of the volume, at most.
 
     Parameters
     ----------
     camera : Camera
         Intrinsics.
     relative : ndarray of float64, shape (4, 4)
-        The view's camera in the camera that is voted in.
+        One camera in the other.
     bounds_m : tuple of float
         Nearest and farthest depth, metres.
 
     Returns
     -------
     float
-        Most distance, at the volume's corners, between where a point is seen and where the shift
-        puts it, and of the parallax by which its plane differs, px.
+        Most distance at the volume's corners, px.
     """
     u, v = np.meshgrid([0.0, camera.width - 1.0], [0.0, camera.height - 1.0])
     corners = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, u * 0 + 1], -1)
@@ -165,17 +180,18 @@ def shift_error_px(camera: Camera, relative: F64, bounds_m: tuple[float, float])
     seen = (points - relative[:3, 3]) @ relative[:3, :3]
     if (seen[:, 2] <= 0).any():
         return float("inf")
-    focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-    place = seen[:, :2] / seen[:, 2:] * focal + centre
-    told = points[:, :2] / points[:, 2:] * focal + centre
-    told[:, 0] -= camera.fx * relative[0, 3] / points[:, 2]
-    baseline = float(np.linalg.norm(relative[:3, 3]))
-    plane = np.abs(1.0 / seen[:, 2] - 1.0 / points[:, 2]) * focal.max() * baseline
-    return float(max(np.linalg.norm(place - told, axis=1).max(), plane.max()))
+    apart = points[:, :2] / points[:, 2:] - seen[:, :2] / seen[:, 2:]
+    return float(np.linalg.norm(apart * [camera.fx, camera.fy], axis=1).max())
 
 
 def view_depth(
-    votes: F32, index: U16, planes: F64, view: F64, weight: float, settings: DepthSettings
+    votes: F32,
+    index: U16,
+    planes: F64,
+    bounds_m: tuple[float, float],
+    view: F64,
+    weight: float,
+    settings: DepthSettings,
 ) -> ViewDepth:
     """Depth from one reference view's maxima: threshold and median.
 
@@ -184,7 +200,9 @@ def view_depth(
     votes, index : ndarray, shape (height, width)
         Maximum along each ray and its plane.
     planes : ndarray of float64, shape (n,)
-        Depths, metres.
+        Depths, metres, near to far; they may reach beyond the bounds.
+    bounds_m : tuple of float
+        Nearest and farthest depth; what lies beyond is refused, metres.
     view : ndarray of float64, shape (4, 4)
         Reference camera in base.
     weight : float
@@ -194,26 +212,26 @@ def view_depth(
     """
     s = settings
     mask = adaptive_threshold(votes, s.threshold_c, s.threshold_kernel_px, s.full_scale_votes)
-    # The top of a ray that peaks on an end plane was not seen: it may lie beyond the range.
-    mask &= (index > 0) & (index < len(planes) - 1)
+    # What peaks on an end plane may lie beyond it.
+    steps = np.gradient(planes)
+    usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
+    usable[[0, -1]] = False
+    mask &= usable[index]
     median, spread = masked_median(
         index, mask, s.median_px, len(planes), s.weight_rule == "inverse_variance"
     )
-    scale = s.full_scale_votes or float(votes.max()) or 1.0
-    depth, variance = _to_metres(median, spread, mask, planes)
-    confidence = np.where(mask, np.clip(votes / np.float32(scale), 0, 1), np.float32(np.nan))
-    return ViewDepth(depth, confidence, variance, view, weight)
-
-
-def _to_metres(median: F32, spread: F32, mask: np.ndarray, planes: F64) -> tuple[F32, F32]:
-    """Depth in metres and its variance in m² from plane numbers."""
-    depth = np.full(median.shape, np.nan, np.float32)
-    variance = np.full(median.shape, np.nan, np.float32)
+    at = np.flatnonzero(mask)
+    depth, confidence, variance = (np.full(mask.shape, np.nan, np.float32) for _ in range(3))
     number = np.arange(len(planes))
-    at = median[mask].astype(np.float64)
-    depth[mask] = np.interp(at, number, planes)
+    level = median.ravel()[at].astype(np.float64)
+    found = np.interp(level, number, planes)
+    inside = (found >= bounds_m[0]) & (found <= bounds_m[1])
+    at, level = at[inside], level[inside]
+    depth.ravel()[at] = found[inside]
     # 1.349 standard deviations lie between the quartiles of a normal distribution; half a
     # plane is the least that can be told.
-    step = np.interp(at, number, np.gradient(planes))
-    variance[mask] = (step * np.maximum(spread[mask] / 1.349, 0.5)) ** 2
-    return depth, variance
+    deviation = np.maximum(spread.ravel()[at] / 1.349, 0.5)
+    variance.ravel()[at] = (np.interp(level, number, steps) * deviation) ** 2
+    scale = s.full_scale_votes or float(votes.max()) or 1.0
+    confidence.ravel()[at] = np.clip(votes.ravel()[at] / np.float32(scale), 0, 1)
+    return ViewDepth(depth, confidence, variance, view, weight)

@@ -166,7 +166,7 @@ class DepthPipeline:
         for bounds in self._prior.tries():
             if s.method == "focus":
                 depth, confidence = focus.focus_depth(
-                    packets, camera, target, bounds, self._evidence, watch
+                    packets, camera, target, bounds, s.patch_half_length_m, self._evidence, watch
                 )
             else:
                 depth, confidence = paper.window_depth(

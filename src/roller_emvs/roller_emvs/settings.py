@@ -72,7 +72,8 @@ class DepthSettings(Settings):
         1.0,
         ge=0.25,
         le=16.0,
-        description="Depth planes per pixel of parallax, evenly in inverse depth.",
+        description="Depth planes of the paper's methods per pixel of parallax, evenly in inverse "
+        "depth.",
     )
     planes: int = Field(
         500, ge=5, le=65535, description="Depth planes, at most or always (N_z of the paper)."
@@ -99,11 +100,11 @@ class DepthSettings(Settings):
         "image's rows alone.",
     )
     fast_path_max_px: float = Field(
-        0.25,
+        1.0,
         ge=0.0,
         le=10.0,
-        description="Most error of that, anywhere in the volume; beyond it every view is voted "
-        "for itself, px.",
+        description="The reference views are put where that is exact if they move by no more "
+        "than this; else every view is voted for itself, px.",
     )
     packet_events: int = Field(
         256, ge=1, le=65536, description="Events that share the pose of their median event."
@@ -140,6 +141,12 @@ class DepthSettings(Settings):
     )
     median_px: int = Field(
         45, ge=1, le=255, description="Masked median filter G_f: size, odd, px; 1 is off."
+    )
+    focus_planes_per_px: float = Field(
+        0.5,
+        ge=0.25,
+        le=16.0,
+        description="Depth planes of focus per pixel of parallax; the peak lies between planes.",
     )
     focus_sub_apertures: int = Field(
         1,
@@ -215,7 +222,7 @@ class DepthSettings(Settings):
                 "sub_apertures": self.focus_sub_apertures,
                 "sigma_px": self.focus_sigma_px,
                 "slope_sigma_px": self.focus_slope_sigma_px,
-                "planes_per_px": self.planes_per_px,
+                "planes_per_px": self.focus_planes_per_px,
                 "max_planes": self.planes,
                 "min_confidence": self.focus_min_confidence,
                 "min_votes": self.focus_min_votes,

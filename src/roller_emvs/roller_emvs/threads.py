@@ -7,12 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
 
-@lru_cache(maxsize=8)
-def _pool(threads: int) -> ThreadPoolExecutor:
+@lru_cache(maxsize=16)
+def _pool(threads: int, inner: bool) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="roller")
 
 
-def share(threads: int, count: int, run: Callable[[int], object]) -> None:
+def share(threads: int, count: int, run: Callable[[int], object], inner: bool = False) -> None:
     """Call `run` with 0 … count - 1 on some threads; each call writes to a place of its own.
 
     Parameters
@@ -23,10 +23,12 @@ def share(threads: int, count: int, run: Callable[[int], object]) -> None:
         Number of calls.
     run : callable
         Releases the GIL where it counts.
+    inner : bool
+        Whether the caller may itself be shared: work that waits for work needs other threads.
     """
     if threads == 1 or count < 2:
         for k in range(count):
             run(k)
         return
-    for _ in _pool(threads).map(run, range(count)):
+    for _ in _pool(threads, inner).map(run, range(count)):
         pass

@@ -77,25 +77,18 @@ def sweep_maximum(
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
     bands = _bands(rays, inverse, shape, 0)
-    limits, values = rays.limits[bands.source], inverse.astype(rays.rays.dtype)
+    dtype = rays.rays.dtype
     votes, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
 
-    def run(b: int) -> None:
-        own = slice(int(bands.starts[0, b]), int(bands.starts[0, b + 1]))
-        if tiles and own.start == own.stop:
-            return
-        plane = np.empty((BAND_ROWS + 2, shape[1]), rays.rays.dtype)
-        best = np.zeros((BAND_ROWS, shape[1]), rays.rays.dtype)
-        number = np.zeros(best.shape, np.int32)
-        top = b * BAND_ROWS
-        kernels._sweep_band(
-            bands.rays[own], limits[own], values, top, shape[0], plane, best, number
-        )
-        rows = slice(top, min(top + BAND_ROWS, shape[0]))
-        votes[rows] = best[: rows.stop - top]
-        index[rows] = number[: rows.stop - top]
+    def run(first: int) -> None:
+        best = np.empty((BAND_ROWS, shape[1]), dtype)
+        kernels._sweep_bands(
+            bands.rays, rays.limits, bands.source, bands.starts[0], first, threads, tiles,
+            inverse.astype(dtype), np.empty((BAND_ROWS + 2, shape[1]), dtype), best,
+            np.empty(best.shape, np.int32), votes, index,
+        )  # fmt: skip
 
-    share(threads, bands.starts.shape[1] - 1, run)
+    share(threads, threads, run)
     return votes, index
 
 
@@ -129,28 +122,20 @@ def sweep_views(
     inverse = 1.0 / np.asarray(planes)
     pad = int(np.abs(half_shifts).max()) // 2 + 2
     bands = _bands(rays, inverse, shape, pad)
-    limits, values = rays.limits[bands.source], inverse.astype(rays.rays.dtype)
-    count = len(half_shifts)
+    dtype, count = rays.rays.dtype, len(half_shifts)
     votes = np.zeros((count, *shape), np.float32)
     index = np.zeros((count, *shape), np.uint16)
 
-    def run(b: int) -> None:
-        own = slice(int(bands.starts[0, b]), int(bands.starts[0, b + 1]))
-        if tiles and own.start == own.stop:
-            return
-        even, odd = np.empty((2, BAND_ROWS + 2, shape[1] + 2 * pad), rays.rays.dtype)
-        best = np.zeros((count, BAND_ROWS, shape[1]), rays.rays.dtype)
-        number = np.zeros(best.shape, np.int32)
-        top = b * BAND_ROWS
-        kernels._sweep_band_views(
-            bands.rays[own], limits[own], values, half_shifts, top, shape[0], pad, even, odd,
-            best, number,
+    def run(first: int) -> None:
+        hats = np.empty((BAND_ROWS + 2, 2, shape[1] + 2 * pad), dtype)
+        best = np.empty((count, BAND_ROWS, shape[1]), dtype)
+        kernels._sweep_bands_views(
+            bands.rays, rays.limits, bands.source, bands.starts[0], first, threads, tiles,
+            inverse.astype(dtype), half_shifts, pad, hats, best,
+            np.empty(best.shape, np.int32), votes, index,
         )  # fmt: skip
-        rows = slice(top, min(top + BAND_ROWS, shape[0]))
-        votes[:, rows] = best[:, : rows.stop - top]
-        index[:, rows] = number[:, : rows.stop - top]
 
-    share(threads, bands.starts.shape[1] - 1, run)
+    share(threads, threads, run)
     return votes, index
 
 

@@ -49,6 +49,8 @@ def dense_reference(piece: Piece, settings: DepthSettings) -> DepthMap:
         index = np.empty(volume.shape[1:], np.uint16)
         _maximum(volume, votes, index)
         mask = adaptive_threshold(votes, s.threshold_c, s.threshold_kernel_px, s.full_scale_votes)
+        # What peaks on an end plane may lie beyond it.
+        mask &= (index > 0) & (index < PLANES - 1)
         median, _ = masked_median(index, mask, s.median_px, PLANES)
         depth = np.full(votes.shape, np.nan, np.float32)
         depth[mask] = np.interp(median[mask], np.arange(PLANES), planes)

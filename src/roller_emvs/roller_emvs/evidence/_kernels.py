@@ -19,6 +19,18 @@ _FAR, _NEAR = np.float32(0.4), np.float32(1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _energy_bands(rays, starts, first, step, reach, shifts, tiles, votes, line, energy):  # type: ignore[no-untyped-def]
+    """Sharpness of every `step`-th band from `first` on; see `_energy_band`."""
+    rows = len(votes) * ROW_PX
+    cells = rows // CELL_PX
+    for b in range(first, len(starts), step):
+        if starts[b, 0] < starts[b, -1]:
+            top = np.float32(b * rows - 0.5)
+            own = energy[:, b * cells : (b + 1) * cells]
+            _energy_band(rays, starts[b], reach, shifts, top, tiles[b], votes, line, own)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _energy_band(rays, starts, reach, shifts, top, tiles, votes, line, energy):  # type: ignore[no-untyped-def]
     """Sharpness of a band's votes on all planes, by cell.
 

@@ -79,7 +79,7 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
     for images in gathered:
         if images is not None:
             kernels._choose(*images, np.float32(max(s.min_votes, 0.5)), best, shift, sure)
-    row, column = np.nonzero(best)
+    row, column = np.divmod(np.flatnonzero(best), best.shape[1])
     return Relief(row, column, shift[row, column].astype(np.float64), sure[row, column])
 
 

@@ -23,7 +23,7 @@ class EvidenceSettings(Settings):
         4.0, ge=0.5, le=32.0, description="Neighbourhood of the fine depth, px."
     )
     planes_per_px: float = Field(
-        1.0, ge=0.25, le=16.0, description="Planes per pixel of parallax, coarse and fine."
+        0.5, ge=0.25, le=16.0, description="Planes per pixel of parallax, coarse and fine."
     )
     max_planes: int = Field(500, ge=5, le=65535, description="Most planes.")
     search_px: float = Field(

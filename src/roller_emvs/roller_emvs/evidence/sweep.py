@@ -10,7 +10,6 @@ Edges of the two polarities lie at different heights of a wall, so each has a de
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -86,14 +85,12 @@ def find_depths(
         reach = int(np.ceil(s.search_px * s.planes_per_px))
         number = np.nan_to_num((near - at[0]) / step, nan=-1e6).round().astype(np.int64)
         first, last = number - reach, number + reach
-    energies = [
-        _follow(_energy(field.rays[a:b], field, at, s, near, reach, (first, last)), field, at)
-        for a, b in pairwise(field.bounds)
-    ]
     found: list[Depths | None] = [None, None]
 
     def look(k: int) -> None:
-        depths = _peaks(energies[k], at, first, last, field, s)
+        rays = field.rays[field.bounds[k] : field.bounds[k + 1]]
+        energy = _energy(rays, field, at, s, near, reach, (first, last))
+        depths = _peaks(_follow(energy, field, at), at, first, last, field, s)
         found[k] = _checked(field, depths, k, high - low, s)
 
     share(s.threads, 2, look)
@@ -155,19 +152,18 @@ def _energy(
     edges = bands.starts[0]
     ordered, starts = _order_by_plane(bands.rays, edges, at, near)
     tiles = _searched_tiles(ordered, starts, field, at, s, searched, near is not None)
-    shifts = at.astype(np.float32)
-    rows = BAND_ROWS // CELL_PX
+    # Polarities are shared already.
+    threads = max(s.threads // 2, 1)
 
-    def run(b: int) -> None:
-        if starts[b, 0] == starts[b, -1]:
-            return
-        own = energy[:, b * rows : (b + 1) * rows]
+    def run(first: int) -> None:
         votes = np.empty((BAND_ROWS // ROW_PX, field.shape[1]), np.float32)
         line = np.empty(TILE_CELLS * CELL_PX, np.float32)
-        top = np.float32(b * BAND_ROWS - 0.5)
-        kernels._energy_band(ordered, starts[b], reach, shifts, top, tiles[b], votes, line, own)
+        kernels._energy_bands(
+            ordered, starts, first, threads, reach, at.astype(np.float32), tiles, votes, line,
+            energy,
+        )  # fmt: skip
 
-    share(s.threads, len(edges) - 1, run)
+    share(threads, threads, run, inner=True)
     return energy
 
 
