@@ -109,6 +109,10 @@ def _sweep_band(  # type: ignore[no-untyped-def]
     rows, width = plane.shape
     one = plane.dtype.type(1)
     flat = plane.reshape(-1)
+    # Within the image and the rows at hand; written below so that NaN fails it.
+    above = plane.dtype.type(max(top - 1, 0))
+    below = plane.dtype.type(min(height, top + rows - 1) - 1)
+    right = plane.dtype.type(width - 1)
     low, high = _columns(rays, inverse, width)
     limited = _any_limited(limits, source, inverse)
     for k in range(len(inverse)):
@@ -117,14 +121,12 @@ def _sweep_band(  # type: ignore[no-untyped-def]
         for i in range(len(rays)):
             x = rays[i, 0] + rays[i, 2] * w
             y = rays[i, 1] + rays[i, 3] * w
-            if not (x >= 0 and x < width - 1 and y >= 0 and y < height - 1):
+            if not (x >= 0 and x < right and y >= above and y < below):
                 continue
             if limited and w >= limits[source[i]]:
                 continue
             row = np.int32(y)
             yi = row - (top - 1)
-            if yi < 0 or yi > rows - 2:
-                continue
             xi = np.int32(x)
             fx = x - plane.dtype.type(xi)
             fy = y - plane.dtype.type(row)
@@ -167,6 +169,10 @@ def _sweep_band_views(  # type: ignore[no-untyped-def]
     one = votes.dtype.type(1)
     two = votes.dtype.type(2)
     flat = votes.reshape(-1)
+    # Within the image and the rows at hand; written below so that NaN fails it.
+    above = votes.dtype.type(max(top - 1, 0))
+    below = votes.dtype.type(min(height, top + rows - 1) - 1)
+    right = votes.dtype.type(wide - 1)
     low, high = _columns(rays, inverse, wide)
     limited = _any_limited(limits, source, inverse)
     for k in range(len(inverse)):
@@ -175,14 +181,12 @@ def _sweep_band_views(  # type: ignore[no-untyped-def]
         for i in range(len(rays)):
             x = rays[i, 0] + rays[i, 2] * w
             y = rays[i, 1] + rays[i, 3] * w
-            if not (x >= 0 and x < wide - 1 and y >= 0 and y < height - 1):
+            if not (x >= 0 and x < right and y >= above and y < below):
                 continue
             if limited and w >= limits[source[i]]:
                 continue
             row = np.int32(y)
             yi = row - (top - 1)
-            if yi < 0 or yi > rows - 2:
-                continue
             h = x * two
             hi = np.int32(h)
             fx = h - votes.dtype.type(hi)

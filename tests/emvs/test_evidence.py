@@ -1,0 +1,171 @@
+"""What focus and surface share, on fields of rays made for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roller_emvs.evidence import EvidenceSettings, RayField, find_depths, order_by_polarity
+from roller_emvs.evidence import _kernels as kernels
+from roller_emvs.evidence.creep import creep_depth_m
+from roller_emvs.evidence.sweep import plane_shifts
+from roller_emvs.evidence.viewing import viewing
+
+SHAPE = (64, 96)
+HALF_APERTURE = 10.0
+#: Lines uneven enough that no other shift aligns them.
+LINES = np.array([11.0, 27.0, 49.0, 78.0])
+
+
+def field_of(
+    x: np.ndarray, y: np.ndarray, slope: np.ndarray, polarity: np.ndarray, speed: float = 0.0
+) -> RayField:
+    """Rays by their place on the plane 0 and slope along x."""
+    rays = np.column_stack([x, y, slope, np.zeros_like(slope)]).astype(np.float32)
+    ordered, bounds = order_by_polarity(rays, polarity.astype(np.uint8))
+    columns = SHAPE[1] // kernels.CELL_PX
+    slopes = np.tile([[-HALF_APERTURE], [HALF_APERTURE]], (1, columns))
+    # The lean grows with the slope and a metre of depth is a unit of shift.
+    return RayField(ordered, bounds, SHAPE, slopes, 0.03, 1.0, 1000.0, speed)
+
+
+def lines_at(
+    shift: float, rng: np.random.Generator, n: int = 6000, drift: float = 0.0
+) -> tuple[np.ndarray, ...]:
+    """Rays of lines that lie at a shift; `drift` of them crowd at one end of the aperture."""
+    u = rng.uniform(-1, 1, n)
+    keep = rng.random(n) < 0.5 * (1 + drift * u)
+    slope = u[keep] * HALF_APERTURE
+    x = rng.choice(LINES, len(slope)) - slope * shift
+    y = rng.uniform(0, SHAPE[0], len(slope))
+    return x, y, slope, rng.random(len(slope)) < 0.5
+
+
+def settings(**values: object) -> EvidenceSettings:
+    return EvidenceSettings.create({"creep_m": 0.0, "min_parallax_px": 2.0, **values})
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+@pytest.mark.parametrize("shift", [-0.61, 0.0, 0.37])
+def test_lines_are_found_at_their_shift(shift: float, parts: int) -> None:
+    field = field_of(*lines_at(shift, np.random.default_rng(1)))
+    for found in find_depths(field, -1.0, 1.0, settings(sub_apertures=parts)):
+        known = np.isfinite(found.shift)
+        # Noise of a few tens of votes a cell; a pixel of parallax is 1/20.
+        assert known.sum() > 60
+        assert abs(np.median(found.shift[known]) - shift) < 0.02
+        assert np.mean(np.abs(found.shift[known] - shift) < 0.05) > 0.85
+
+
+def test_savings_change_nothing() -> None:
+    field = field_of(*lines_at(0.2, np.random.default_rng(2)))
+    plain = find_depths(field, -1.0, 1.0, settings(tiles=False, threads=1))
+    for values in ({"tiles": True, "threads": 1}, {"tiles": True, "threads": 2}, {"threads": 5}):
+        for a, b in zip(plain, find_depths(field, -1.0, 1.0, settings(**values)), strict=True):
+            np.testing.assert_array_equal(a.shift, b.shift)
+
+
+def test_polarities_have_depths_of_their_own() -> None:
+    rng = np.random.default_rng(3)
+    parts = [lines_at(shift, rng) for shift in (-0.4, 0.4)]
+    x, y, slope = (np.concatenate([p[k] for p in parts]) for k in range(3))
+    polarity = np.repeat([0, 1], [len(p[0]) for p in parts])
+    off, on = find_depths(field_of(x, y, slope, polarity), -1.0, 1.0, settings())
+    assert np.nanmedian(off.shift) == pytest.approx(-0.4, abs=0.01)
+    assert np.nanmedian(on.shift) == pytest.approx(0.4, abs=0.01)
+
+
+def test_events_from_one_direction_have_no_depth() -> None:
+    """A hot pixel's: a trail over the surface, all of one slope."""
+    rng = np.random.default_rng(4)
+    x, y = rng.uniform(0, SHAPE[1], 4000), np.full(4000, 30.0)
+    field = field_of(x, y, np.full(4000, 3.0), rng.random(4000) < 0.5)
+    for found in find_depths(field, -1.0, 1.0, settings()):
+        assert not np.isfinite(found.shift).any()
+
+
+def test_a_column_seen_from_one_side_has_its_edges_depth() -> None:
+    """As at the image's border: edges move from plane to plane, and are followed."""
+    rng = np.random.default_rng(5)
+    x, y, slope, polarity = lines_at(0.3, rng, 12000)
+    near = slope > 0
+    field = field_of(x[near], y[near], slope[near], polarity[near])
+    one_sided = np.array([np.zeros(24), np.full(24, HALF_APERTURE)])
+    field = RayField(
+        field.rays, field.bounds, SHAPE, one_sided, field.lean_per_slope, 1.0, 1000.0, 0.0
+    )
+    for found in find_depths(field, -1.0, 1.0, settings()):
+        known = np.isfinite(found.shift)
+        assert abs(np.median(found.shift[known]) - 0.3) < 0.02
+        # Evidence lies on the lines.
+        distance = np.abs(found.x[known][:, None] * 4 + 1.5 - LINES).min(axis=1)
+        assert np.median(distance) < 2.5
+
+
+@pytest.mark.parametrize("drift", [-0.6, 0.0, 0.6])
+def test_creep_follows_the_change_of_density(drift: float) -> None:
+    """With density 1 + d·u over the aperture the mean lean moves by d/3 of its half."""
+    rng = np.random.default_rng(6)
+    field = field_of(*lines_at(0.0, rng, 40000, drift))
+    off = find_depths(field, -1.0, 1.0, settings())[0]
+    seen = viewing(field, off.shift, 0)
+    known = np.isfinite(off.shift) & (seen.count > 20)
+    half_lean = HALF_APERTURE * field.lean_per_slope
+    mean = np.average(seen.mean[known] * field.lean_per_slope, weights=seen.count[known])
+    assert mean == pytest.approx(drift * half_lean / 3, abs=0.03 * half_lean)
+    depth = creep_depth_m(field, seen, 0.0)[known]
+    if drift == 0.0:
+        assert abs(np.median(depth)) < 0.1
+    else:
+        # Contrast that grows with the lean makes depth look larger than it is.
+        assert np.mean(np.sign(depth) == -np.sign(drift)) > 0.95
+    # The correction is taken from the polarity that creeps alone.
+    corrected = find_depths(field, -1.0, 1.0, settings(creep_m=0.01))
+    np.testing.assert_array_equal(
+        corrected[1].shift, find_depths(field, -1.0, 1.0, settings())[1].shift
+    )
+    moved = (corrected[0].shift - off.shift)[known]
+    np.testing.assert_allclose(moved, 0.01 * depth, atol=1e-5)
+
+
+def test_blind_pixels_hide_a_part_of_the_change() -> None:
+    field = field_of(*lines_at(0.0, np.random.default_rng(7), 40000, 0.6), speed=3000.0)
+    off = find_depths(field, -1.0, 1.0, settings())[0]
+    seen = viewing(field, off.shift, 0)
+    known = seen.count > 20
+    awake, blind = (creep_depth_m(field, seen, t)[known] for t in (0.0, 2e-4))
+    assert np.all(np.abs(blind) >= np.abs(awake))
+    assert np.median(np.abs(blind) / np.maximum(np.abs(awake), 1e-9)) > 1.01
+
+
+def test_shear_moves_columns_between_cells() -> None:
+    rng = np.random.default_rng(8)
+    energy = rng.random((3, 5, 12)).astype(np.float32)
+    offsets = rng.uniform(-3, 3, (3, 12))
+    out = np.empty_like(energy)
+    kernels._shear(energy, offsets, out)
+    for k in range(3):
+        for i in range(5):
+            padded = np.concatenate([[0, 0, 0, 0], energy[k, i], [0, 0, 0, 0, 0]])
+            expected = np.interp(np.arange(12) + offsets[k] + 4, np.arange(21), padded)
+            np.testing.assert_allclose(out[k, i], expected, atol=1e-6)
+
+
+def test_pixels_that_gather_more_than_around_are_taken_once() -> None:
+    rng = np.random.default_rng(9)
+    support, around, surface, sure = rng.random((4, 20, 30)).astype(np.float32)
+    best = rng.random((20, 30)).astype(np.float32)
+    shift, confidence, before = np.zeros_like(best), np.zeros_like(best), best.copy()
+    kernels._choose(support, around, surface, sure, np.float32(0.3), best, shift, confidence)
+    taken = (support >= np.float32(0.3)) & (support > around) & (support > before)
+    np.testing.assert_array_equal(best, np.where(taken, support, before))
+    np.testing.assert_array_equal(shift, np.where(taken, surface, 0))
+    np.testing.assert_array_equal(confidence, np.where(taken, sure, 0))
+
+
+def test_planes_are_as_many_as_parallax_and_reach_beyond_the_ends() -> None:
+    at = plane_shifts(-1.0, 1.0, 20.0, 0.5, 500)
+    assert len(at) == 13
+    assert (at[1], at[-2]) == pytest.approx((-1.0, 1.0))
+    assert len(plane_shifts(-1.0, 1.0, 0.5, 0.5, 500)) == 7
+    assert len(plane_shifts(-1.0, 1.0, 1e6, 0.5, 500)) == 502

@@ -1,0 +1,184 @@
+"""Each saving of the depth engine gives what the plain form gives, or says by how much not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of, turning
+from roller_core.camera import Camera
+from roller_core.events import EventArray
+from roller_core.transforms import quaternion_to_matrix, rotation_vector_to_quaternion
+from roller_emvs import paper
+from roller_emvs.depth_map import DepthMap
+from roller_emvs.hot_pixels import hot_pixels
+from roller_emvs.pipeline import DepthPipeline
+from roller_emvs.prior import DepthPrior
+from roller_emvs.settings import DepthSettings
+
+DURATION_S = 0.12
+BOUNDS = (0.043, 0.047)
+VALUES = {
+    "method": "bma", "threshold_c": 6.0, "median_px": 45, "window_s": 0.03,
+    "full_scale_votes": 0.0, "planes": 200,
+}  # fmt: skip
+#: Depth of one pixel of parallax of these windows, m.
+PIXEL_M = 0.045**2 / (CAMERA.fx * 0.3 * 0.03)
+
+
+@pytest.fixture(scope="module")
+def scan() -> EventArray:
+    return events_of(lines(tilted), rolling(0.3), DURATION_S)
+
+
+def maps(scan: EventArray, **values: object) -> list[DepthMap]:
+    track = track_of(rolling(0.3), DURATION_S)
+    pipeline = DepthPipeline(DepthSettings.create({**VALUES, **values}), CAMERA, track)
+    pipeline.add_events(scan)
+    return [m for m in pipeline.results(flush=True) if isinstance(m, DepthMap)]
+
+
+@pytest.mark.parametrize("method", ["bma", "left_right", "emvs"])
+def test_fewer_planes_and_shared_votes_give_the_same_depth(scan: EventArray, method: str) -> None:
+    """To a quarter of a pixel of parallax at the median, a pixel at 95 % (the stated tolerance)."""
+    plain = maps(scan, method=method, plane_rule="fixed", fast_path=False, tiles=False)
+    fast = maps(scan, method=method)
+    assert len(plain) == len(fast) >= 3
+    apart = []
+    for a, b in zip(plain, fast, strict=True):
+        assert (a.pose == b.pose).all()
+        both = np.isfinite(a.depth) & np.isfinite(b.depth)
+        assert both.sum() > 0.6 * np.isfinite(a.depth).sum()
+        apart.append(np.abs(a.depth - b.depth)[both])
+    assert np.median(np.concatenate(apart)) < PIXEL_M / 4
+    assert np.quantile(np.concatenate(apart), 0.95) < PIXEL_M
+
+
+@pytest.mark.parametrize("method", ["bma", "focus"])
+@pytest.mark.parametrize("values", [{"tiles": False}, {"threads": 1}, {"threads": 3}])
+def test_tiles_and_threads_change_nothing(
+    scan: EventArray, method: str, values: dict[str, object]
+) -> None:
+    plain, other = maps(scan, method=method), maps(scan, method=method, **values)
+    for a, b in zip(plain, other, strict=True):
+        np.testing.assert_array_equal(a.depth, b.depth)
+        np.testing.assert_array_equal(a.confidence, b.confidence)
+
+
+def test_float64_votes_give_the_same_depth(scan: EventArray) -> None:
+    for a, b in zip(maps(scan), maps(scan, precision="float64"), strict=True):
+        same = np.isfinite(a.depth) == np.isfinite(b.depth)
+        assert same.mean() > 0.999
+        both = np.isfinite(a.depth) & np.isfinite(b.depth)
+        assert np.quantile(np.abs(a.depth - b.depth)[both], 0.99) < PIXEL_M / 20
+
+
+@pytest.mark.parametrize("method", ["bma", "focus"])
+def test_bounds_from_the_window_before_keep_the_depth(scan: EventArray, method: str) -> None:
+    wide, narrow = maps(scan, method=method), maps(scan, method=method, prior_margin_m=6e-4)
+    np.testing.assert_array_equal(wide[0].depth, narrow[0].depth)
+    for a, b in zip(wide[1:], narrow[1:], strict=True):
+        both = np.isfinite(a.depth) & np.isfinite(b.depth)
+        assert both.sum() > 0.6 * np.isfinite(a.depth).sum()
+        assert np.median(np.abs(a.depth - b.depth)[both]) < PIXEL_M / 2
+
+
+def test_bounds_are_given_up_where_depths_lie_at_them() -> None:
+    prior = DepthPrior(BOUNDS, 3e-4)
+    assert list(prior.tries()) == [BOUNDS]
+    depth = np.full((20, 20), 0.045, np.float32)
+    assert prior.accepts(depth, BOUNDS)
+    narrow = next(prior.tries())
+    assert narrow == pytest.approx((0.0447, 0.0453), abs=1e-6)
+    depth[:, :2] = narrow[0] + 1e-5
+    assert not prior.accepts(depth, narrow)
+    assert list(prior.tries()) == [BOUNDS]
+    # Too few depths tell nothing, and narrow bounds may be why.
+    assert prior.accepts(np.full((20, 20), 0.045, np.float32), BOUNDS)
+    assert not prior.accepts(np.full((3, 3), 0.045, np.float32), next(prior.tries()))
+
+
+def test_views_are_shared_where_they_are_parallel() -> None:
+    settings = DepthSettings.create(VALUES)
+    views = np.tile(np.eye(4), (3, 1, 1))
+    views[:, 0, 3] = (-0.00452, 0.00003, 0.00448)
+    found = paper.shifted_planes(CAMERA, views, BOUNDS, settings)
+    assert found is not None
+    planes, halves, put = found
+    # A plane beyond either end, and one for each pixel of the window's parallax between.
+    assert planes[0] < BOUNDS[0] < BOUNDS[1] < planes[-1]
+    baseline = put[2, 0, 3] - put[0, 0, 3]
+    step = CAMERA.fx * baseline * np.diff(1 / planes)
+    np.testing.assert_allclose(step, -1.0, rtol=1e-9)
+    for view, shift in zip(put, halves, strict=True):
+        np.testing.assert_allclose(shift / 2, CAMERA.fx * view[0, 3] / planes, atol=1e-9)
+    np.testing.assert_allclose(put[:, 0, 3], views[:, 0, 3], atol=5e-5)
+
+
+def test_views_that_turn_or_lie_elsewhere_are_not_shared() -> None:
+    settings = DepthSettings.create(VALUES)
+    views = np.tile(np.eye(4), (3, 1, 1))
+    views[:, 0, 3] = (-0.0045, 0.0, 0.0045)
+    assert paper.shifted_planes(CAMERA, views, BOUNDS, settings) is not None
+    tilted_view = views.copy()
+    turn = rotation_vector_to_quaternion([0.0, 0.01, 0.0])
+    tilted_view[2, :3, :3] = quaternion_to_matrix(turn)
+    assert paper.shifted_planes(CAMERA, tilted_view, BOUNDS, settings) is None
+    quarter = views.copy()
+    quarter[1, 0, 3] = 0.002
+    assert paper.shifted_planes(CAMERA, quarter, BOUNDS, settings) is None
+    upwards = views[:, [1, 0, 2, 3]].copy()
+    assert paper.shifted_planes(CAMERA, upwards, BOUNDS, settings) is None
+    dense = DepthSettings.create({**VALUES, "planes_per_px": 2.0})
+    assert paper.shifted_planes(CAMERA, views, BOUNDS, dense) is None
+
+
+def test_rolling_along_v_is_found_by_focus() -> None:
+    """A camera mounted a quarter turn round: planes part along the image's columns."""
+    upright = Camera(120, 320, 800.0, 800.0, 59.5, 159.5)
+    quarter = rotation_vector_to_quaternion([0.0, 0.0, -np.pi / 2])
+
+    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([0.3 * t, 0.0, 0.0]), quarter
+
+    events = events_of(lines(tilted), motion, DURATION_S, camera=upright)
+    settings = DepthSettings.create({"window_travel_m": 0.012})
+    pipeline = DepthPipeline(settings, upright, track_of(motion, DURATION_S))
+    pipeline.add_events(events)
+    errors = []
+    for found in pipeline.results(flush=True):
+        if isinstance(found, DepthMap):
+            y, x = np.nonzero(np.isfinite(found.depth))
+            z = found.depth[y, x].astype(float)
+            local = np.stack([(x - 59.5) / 800 * z, (y - 159.5) / 800 * z, z])
+            base_x = (found.pose[:3, :3] @ local)[0] + found.pose[0, 3]
+            errors.append(z - tilted(base_x))
+    assert len(np.concatenate(errors)) > 2000
+    assert np.median(np.abs(np.concatenate(errors))) < 80e-6
+
+
+def test_a_pixel_that_fires_on_its_own_is_hot() -> None:
+    rng = np.random.default_rng(0)
+    n = 20_000
+    x, y = rng.integers(0, 320, n), rng.integers(0, 120, n)
+    t = np.arange(n)
+    events = EventArray.from_arrays(x, y, t, t % 2)
+    assert hot_pixels(events, (120, 320)) is None
+    fires = EventArray.from_arrays(np.full(300, 7), np.full(300, 5), np.arange(300), [0] * 300)
+    hot = hot_pixels(EventArray.concatenate([events, fires]), (120, 320))
+    assert hot is not None
+    np.testing.assert_array_equal(np.argwhere(hot), [[5, 7]])
+    # A row or a column of many events sees something.
+    row = EventArray.from_arrays(t % 320, np.full(n, 60), t, t % 2)
+    column = EventArray.from_arrays(np.full(n, 60), t % 120, t, t % 2)
+    for seen in (row, column):
+        assert hot_pixels(seen, (120, 320)) is None
+
+
+def test_a_turning_camera_is_voted_view_by_view() -> None:
+    """Rotation on the spot has no parallax; with a baseline the general path takes over."""
+    track = track_of(turning(0.5), DURATION_S)
+    poses = track.matrices([0, 50_000_000, 100_000_000])
+    relative = np.linalg.inv(poses[1]) @ poses
+    settings = DepthSettings.create(VALUES)
+    assert paper.shifted_planes(CAMERA, relative, BOUNDS, settings) is None
