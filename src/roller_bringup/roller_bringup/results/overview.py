@@ -153,8 +153,10 @@ def _depth_images(bag: Path, stamps: set[int]) -> dict[int, npt.NDArray[np.float
 def _error_um(depth: npt.NDArray[np.float32], stamp: int, truth: Truth) -> F64:
     v, u = np.nonzero(np.isfinite(depth))
     pixels = np.stack([u, v], axis=-1)
-    contact = truth.contact_at(stamp, pixels)
-    return np.asarray((depth[v, u] - truth.depth_at(stamp, pixels))[contact] * 1e6)
+    # Stamps are later than what caused the events by a known delay, as in `truth.py`.
+    seen_ns = stamp - truth.event_delay_ns
+    contact = truth.contact_at(seen_ns, pixels)
+    return np.asarray((depth[v, u] - truth.depth_at(seen_ns, pixels))[contact] * 1e6)
 
 
 def _limits(values: F64) -> tuple[float, float]:
@@ -196,7 +198,9 @@ def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None) -> Non
     axis.plot(cloud["x"][band] * 1e3, cloud["height"][band] * 1e3, ".", ms=1.2, label="measured")
     if truth is not None:
         x = np.linspace(cloud["x"].min(), cloud["x"].max(), 4000)
-        height = truth.height_at(x, np.full_like(x, middle)) - truth.origin_m[2]
+        # The way made during that delay is behind the sensor.
+        delay_m = truth.settings.motion.speed * truth.event_delay_ns * 1e-9
+        height = truth.height_at(x - delay_m, np.full_like(x, middle)) - truth.origin_m[2]
         axis.plot(x * 1e3, height * 1e3, "k-", lw=0.8, label="truth (skin)")
         axis.set_ylim(height.min() * 1e3 - 0.4, height.max() * 1e3 + 0.4)
     axis.legend(loc="upper right", fontsize=8, markerscale=6)
