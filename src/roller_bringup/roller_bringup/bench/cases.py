@@ -25,10 +25,13 @@ _COUNTS: Values = [
     # 500 are measured without the savings, and as one of them.
     ("100 planes", {**_FIXED, "planes": 100}),
 ]
-_DENSITIES: Values = [
-    ("2 planes a px", {"planes_per_px": 2.0}),
-    ("0.5 planes a px", {"planes_per_px": 0.5}),
-]
+
+
+def _densities(name: str, *densities: float) -> Values:
+    """Planes per pixel of parallax, by the setting that a method has for it."""
+    return [(f"{d:g} planes a px", {name: d}) for d in densities]
+
+
 _PACKETS: Values = [
     ("packets of 64", {"packet_events": 64}),
     ("packets of 1024", {"packet_events": 1024}),
@@ -42,14 +45,15 @@ def _travel(mm: int) -> tuple[str, dict[str, Any]]:
 
 _FACTORS: dict[str, dict[str, Values]] = {
     "focus": {
-        "planes": _DENSITIES,
-        "window": [_travel(6), _travel(20), ("20 ms", {"window": "time", "window_s": 0.02})],
+        "planes": _densities("focus_planes_per_px", 2.0, 0.25),
+        "window": [_travel(6), _travel(12), ("20 ms", {"window": "time", "window_s": 0.02})],
         "packet": _PACKETS,
         "creep": [(_NO_CREEP, {"focus_creep_m": 0.0})],
     },
     "bma": {
         "savings": [("500 planes, no savings", _ALL_OFF)],
-        "planes": [*_DENSITIES, *_COUNTS],
+        # Views that share their votes have one plane a pixel; more are voted view by view.
+        "planes": [*_densities("planes_per_px", 2.0, 4.0), *_COUNTS],
         "window": [("10 ms", {"window": "time", "window_s": 0.01}), _travel(12)],
         "packet": _PACKETS,
         # `focus` has no choice of it, and one view only.
@@ -57,7 +61,7 @@ _FACTORS: dict[str, dict[str, Values]] = {
         "weights": [("weights by variance", {"weight_rule": "inverse_variance"})],
     },
     "surface": {
-        "planes": _DENSITIES,
+        "planes": _densities("planes_per_px", 2.0, 0.25),
         "creep": [(_NO_CREEP, {"creep_m": 0.0})],
     },
 }

@@ -106,10 +106,12 @@ def _checked(
     """
     seen = viewing(field, depths.shift, polarity)
     shift = np.where(seen.spread * span < s.min_parallax_px, np.float32(np.nan), depths.shift)
+    # A depth errs by the inverse of its parallax.
+    share = np.sqrt(np.minimum(seen.spread / max(field.aperture, 1e-12), 1.0))
     if s.creep_m and polarity == s.creep_polarity:
         depth_m = creep_depth_m(field, seen, s.dead_time_s) * s.creep_m
         shift += (depth_m * field.shift_per_m).astype(np.float32)
-    return replace(depths, shift=shift)
+    return replace(depths, shift=shift, confidence=depths.confidence * share)
 
 
 def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings) -> F32:
