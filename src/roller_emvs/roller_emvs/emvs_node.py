@@ -17,6 +17,7 @@ from roller_ros.stream_node import StreamNode, StreamParameters, percentile
 from .depth_map import DepthMap, pinhole
 from .pipeline import DepthPipeline, refuse_surface
 from .settings import DepthSettings
+from .warm_up import warm_up
 from .windows import RefusedWindow
 
 
@@ -38,6 +39,7 @@ class EmvsNode(StreamNode[DepthPipeline]):
         self._image = self.create_publisher(Image, "/roller/depth/image", qos.DEPTH)
         self._confidence = self.create_publisher(Image, "/roller/depth/confidence", qos.DEPTH)
         self._info = self.create_publisher(CameraInfo, "/roller/depth/camera_info", qos.DEPTH)
+        warm_up(self._settings)
         self.listen()
 
     def make_pipeline(self, camera: Camera, track: PoseTrack) -> DepthPipeline:

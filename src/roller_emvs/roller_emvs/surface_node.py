@@ -17,6 +17,7 @@ from roller_ros.stream_node import StreamNode, StreamParameters, percentile
 
 from .messages import surface_message
 from .surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from .warm_up import warm_up
 from .windows import RefusedWindow
 
 
@@ -39,6 +40,7 @@ class SurfaceNode(StreamNode[SurfaceSweep]):
         self._latency_s = 0.0
         self._block_ms: deque[float] = deque(maxlen=1000)
         self._points = self.create_publisher(PointCloud2, "/roller/surface/points", qos.SURFACE)
+        warm_up(self._settings)
         self.listen()
 
     def make_pipeline(self, camera: Camera, track: PoseTrack) -> SurfaceSweep:

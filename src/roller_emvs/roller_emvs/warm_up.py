@@ -1,0 +1,54 @@
+"""Loading the kernels before the first events come: compiling takes seconds, once a machine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roller_core.camera import Camera
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+
+from .pipeline import DepthPipeline
+from .settings import DepthSettings
+from .surface import SurfaceSettings, SurfaceSweep
+
+_CAMERA = Camera(128, 48, 300.0, 300.0, 63.5, 23.5)
+_END_NS = 100_000_000
+_SPEED_M_NS = 3e-10
+_DEPTH_M = 0.045
+
+
+def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
+    """Run a small made-up scan through a method, whatever comes of it.
+
+    Parameters
+    ----------
+    settings : DepthSettings or SurfaceSettings
+        Of the method that will run.
+    """
+    rng = np.random.default_rng(0)
+    n = 8000
+    times = np.sort(rng.integers(0, _END_NS, n))
+    # Lines across the roll, 3 mm apart, at a depth in the middle of the usual range.
+    pixels = rng.integers(0, _CAMERA.width, n)
+    place = _SPEED_M_NS * times + (pixels - _CAMERA.cx) / _CAMERA.fx * _DEPTH_M
+    line = np.rint(place / 3e-3) * 3e-3
+    pixels = np.rint((line - _SPEED_M_NS * times) * _CAMERA.fx / _DEPTH_M + _CAMERA.cx)
+    pixels = pixels.clip(0, _CAMERA.width - 1)
+    rows, polarity = rng.integers(0, _CAMERA.height, n), rng.integers(0, 2, n)
+    events = EventArray.from_arrays(pixels, rows, times, polarity)
+    track = PoseTrack()
+    for t_ns in range(0, _END_NS + 1, 4_000_000):
+        track.append(t_ns, [_SPEED_M_NS * t_ns, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+    engines: list[DepthPipeline | SurfaceSweep]
+    if isinstance(settings, SurfaceSettings):
+        small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.008})
+        engines = [SurfaceSweep(small, _CAMERA, track)]
+    else:
+        # Votes of every view for itself are kernels of their own.
+        changes = ({"window": "all"}, {"window": "all", "fast_path": False})
+        engines = [DepthPipeline(settings.model_copy(update=c), _CAMERA, track) for c in changes]
+    for engine in engines:
+        engine.add_events(events)
+        for _ in engine.results(flush=True):
+            pass

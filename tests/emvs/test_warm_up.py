@@ -1,0 +1,28 @@
+"""Warming up runs the kernels that a method will need."""
+
+from __future__ import annotations
+
+import pytest
+
+from roller_emvs import _vote_kernels
+from roller_emvs.evidence import _kernels
+from roller_emvs.settings import METHODS, DepthSettings
+from roller_emvs.surface import SurfaceSettings
+from roller_emvs.warm_up import warm_up
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_warms_up(method: str) -> None:
+    warm_up(DepthSettings.create({"method": method}))
+    if method == "focus":
+        assert _kernels._choose.signatures
+    else:
+        assert _vote_kernels._sweep_bands.signatures
+    if method in ("bma", "left_right"):
+        assert _vote_kernels._sweep_bands_views.signatures
+
+
+def test_surface_warms_up() -> None:
+    warm_up(SurfaceSettings.create({}))
+    assert _kernels._plane_near.signatures
+    assert _kernels._choose.signatures
