@@ -24,6 +24,8 @@ class ControllerProcess:
     def __init__(self, **settings: Any) -> None:
         self._settings = settings
         self._process: subprocess.Popen[str] | None = None
+        #: When its clock showed `clock_start_s`, s of CLOCK_MONOTONIC.
+        self.begin_s = 0.0
 
     def __enter__(self) -> ControllerProcess:
         self._lock = open(Path(tempfile.gettempdir()) / "roller_test_rtde.lock", "w")
@@ -47,7 +49,10 @@ class ControllerProcess:
         )
         assert self._process.stdout is not None
         line = self._process.stdout.readline().strip()
-        assert line == "ready", "the emulated controller did not start (is port 30004 in use?)"
+        assert line.startswith("ready "), (
+            "the emulated controller did not start (is port 30004 in use?)"
+        )
+        self.begin_s = float(line.split()[1])
 
     def tell(self, line: str) -> None:
         """Give it a command."""

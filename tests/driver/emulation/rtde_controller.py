@@ -2,8 +2,10 @@
 
     python -m driver.emulation.rtde_controller '{"rate_hz": 125, "profile": "line"}'
 
-It prints `ready` and then takes commands on its standard input, one a line: `protective_stop`,
-`normal`, `disconnect`, `late SECONDS`, `silence SECONDS`, `step_back SECONDS`, `quit`.
+It prints `ready` with the time of its first tick (CLOCK_MONOTONIC, s) and then takes commands on
+its standard input, one a line: `protective_stop`, `normal`, `disconnect`, `late SECONDS`,
+`silence SECONDS`, `step_back SECONDS`, `start SECONDS` (CLOCK_MONOTONIC: when the trajectory
+begins), `quit`.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ import struct
 import sys
 import time
 from dataclasses import dataclass, field
+
+import numpy as np
 
 TYPES = {
     "timestamp": ("DOUBLE", ">d"),
@@ -39,6 +43,9 @@ class Settings:
         125 (CB3) or 500 (e-series); the version follows.
     profile : str
         `still`, `line` (to and fro along x at constant speed) or `circle`.
+    trajectory : str
+        In place of a profile, a file (.npz): times `t_s` and poses `pose`, shape (n, 6); linear
+        between them, at rest before `start` was told and after the end.
     speed_m_s, length_m : float
         Of the line; the circle has that speed and `length_m` as its diameter.
     start : tuple of float
@@ -58,6 +65,7 @@ class Settings:
     speed_m_s: float = 0.1
     length_m: float = 0.2
     start: tuple[float, ...] = (0.4, -0.2, 0.3, 3.1, 0.2, -0.1)
+    trajectory: str = ""
     clock_ppm: float = 0.0
     clock_start_s: float = 1234.0
     refuse_protocol: bool = False
@@ -85,6 +93,24 @@ def motion(s: Settings, t: float) -> tuple[list[float], list[float]]:
 
 def frame(kind: bytes, payload: bytes = b"") -> bytes:
     return struct.pack(">HB", len(payload) + 3, kind[0]) + payload
+
+
+class Trajectory:
+    """Poses read from a file, from a moment on."""
+
+    def __init__(self, path: str) -> None:
+        with np.load(path) as data:
+            self._t, self._columns = data["t_s"], data["pose"].T.copy()
+        self.start_s = math.inf
+
+    def at(self, now_s: float) -> tuple[list[float], list[float]]:
+        """Pose and speed at a time, s of CLOCK_MONOTONIC."""
+        t = max(now_s - self.start_s, 0.0)
+        pose, before = self._pose_at(t), self._pose_at(t - 1e-3)
+        return pose.tolist(), ((pose - before) * 1e3).tolist()
+
+    def _pose_at(self, t: float) -> np.ndarray:
+        return np.array([np.interp(t, self._t, column) for column in self._columns])
 
 
 class Client:
@@ -156,15 +182,21 @@ class ControllerModel:
         self.silent_until = 0.0
         self.stopped_at: float | None = None
         self.clock_shift_s = 0.0
+        self.begin_s = 0.0
+        self.trajectory = Trajectory(settings.trajectory) if settings.trajectory else None
 
     def run(self) -> None:
         """Serve until told to quit."""
         period = 1.0 / self.settings.rate_hz
-        begin = time.monotonic()
+        begin = self.begin_s = time.monotonic()
         tick = 0
-        print("ready", flush=True)
+        print(f"ready {begin!r}", flush=True)
+        ready = -1
         while True:
             due = begin + tick * period
+            if ready != tick:
+                # Worked out before it is due, so that it leaves on time.
+                pose, ready = self._pose(tick * period), tick
             wait = due - time.monotonic()
             watched = [self.server, sys.stdin, *(c.connection for c in self.clients)]
             readable, _, _ = select.select(watched, [], [], max(wait, 0))
@@ -184,12 +216,12 @@ class ControllerModel:
                     self._serve(next(c for c in self.clients if c.connection is item))
             if time.monotonic() < due:
                 continue
-            tick += 1
             if self.late_s:
                 time.sleep(self.late_s)
                 self.late_s = 0.0
             if time.monotonic() >= self.silent_until:
-                self._send_all(tick * period)
+                self._send_all(tick * period, *pose)
+            tick += 1
 
     def command(self, name: str, value: str = "0") -> None:
         """Obey a line of the standard input."""
@@ -206,6 +238,8 @@ class ControllerModel:
             self.late_s = float(value)
         elif name == "silence":
             self.silent_until = time.monotonic() + float(value)
+        elif name == "start" and self.trajectory is not None:
+            self.trajectory.start_s = float(value)
         elif name == "step_back":
             self.clock_shift_s -= float(value)
 
@@ -214,13 +248,21 @@ class ControllerModel:
             client.connection.close()
             self.clients.remove(client)
 
-    def _send_all(self, t: float) -> None:
+    def _pose(self, t: float) -> tuple[list[float], list[float]]:
         s = self.settings
         if self.safety == PROTECTIVE_STOP and self.stopped_at is None:
             self.stopped_at = t
-        pose, speed = motion(s, t if self.stopped_at is None else self.stopped_at)
+        t_path = t if self.stopped_at is None else self.stopped_at
+        if self.trajectory is not None:
+            pose, speed = self.trajectory.at(self.begin_s + t_path)
+        else:
+            pose, speed = motion(s, t_path)
         if self.stopped_at is not None:
             speed = [0.0] * 6
+        return pose, speed
+
+    def _send_all(self, t: float, pose: list[float], speed: list[float]) -> None:
+        s = self.settings
         stamp = s.clock_start_s + t * (1 + s.clock_ppm * 1e-6) + self.clock_shift_s
         values: dict[str, object] = {
             "timestamp": stamp,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import time
 from array import array
@@ -16,20 +17,26 @@ from usb.core import USBError, USBTimeoutError
 from roller_driver.dvxplorer import protocol as p
 
 from .camera_model import MAX_PACKET, CameraModel, Stall
+from .paced_camera import PacedCamera
 
 #: Environment variables that `from_environment` reads.
 EVENTS_VARIABLE = "EMULATED_CAMERA_WORDS"
 RATE_VARIABLE = "EMULATED_CAMERA_BYTES_PER_S"
 REPEAT_VARIABLE = "EMULATED_CAMERA_REPEAT_MS"
+PACE_VARIABLE = "EMULATED_CAMERA_PACE"
 
 
 def from_environment() -> EmulatedBackend:
     """A backend with one camera that sends the words in a file, over and over where told.
 
     For nodes, which are processes of their own: parameter `backend` =
-    `driver.emulation.usb_backend:from_environment`.
+    `driver.emulation.usb_backend:from_environment`. EMULATED_CAMERA_PACE has the settings of a
+    `PacedCamera` as JSON.
     """
     words = np.fromfile(os.environ[EVENTS_VARIABLE], "<u4")
+    if PACE_VARIABLE in os.environ:
+        pace = json.loads(os.environ[PACE_VARIABLE])
+        return EmulatedBackend(PacedCamera(words.tobytes(), **pace))
     rate = float(os.environ.get(RATE_VARIABLE, "0"))
     repeat = int(os.environ.get(REPEAT_VARIABLE, "0"))
     return EmulatedBackend(CameraModel(words.tobytes(), bytes_per_s=rate, repeat_ms=repeat))
