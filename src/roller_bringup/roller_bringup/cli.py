@@ -16,6 +16,10 @@ _COMMANDS = {
     "up": ("roller_bringup.commands.up", "run a launch file"),
     "demo": ("roller_bringup.commands.demo", "roll the virtual cell over a plate, live"),
     "info": ("roller_bringup.commands.info", "tell what a recording holds"),
+    "doctor": (
+        "roller_bringup.commands.doctor",
+        "check libraries, ROS, camera, robot, clock, disk",
+    ),
     "bench": ("roller_bringup.commands.bench", "measure speed against error"),
 }
 

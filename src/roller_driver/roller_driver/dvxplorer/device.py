@@ -51,6 +51,18 @@ class CameraDevice:
         """Name for messages."""
         return f"DVXplorer Mini {self.serial or '(no serial number)'}"
 
+    def identify(self) -> None:
+        """Check who it is.
+
+        Raises
+        ------
+        UnknownFirmwareError
+            If it answers as no known camera does.
+        CameraControlError
+            If it doesn't answer.
+        """
+        self._send(sequences.identify(self.firmware))
+
     def configure(self, settings: SensorSettings) -> None:
         """Check who it is and set the sensor up.
 
@@ -61,7 +73,7 @@ class CameraDevice:
         CameraControlError
             If it refuses a setting or doesn't answer.
         """
-        self._send(sequences.identify(self.firmware))
+        self.identify()
         self._send(sequences.configure(self.firmware, settings, self.orientation))
 
     def prepare(self) -> None:
@@ -117,6 +129,10 @@ class CameraDevice:
         """Stop the stream, as far as the camera still listens, and let go of it."""
         with contextlib.suppress(CameraFault):
             self._send(sequences.stop(self.firmware))
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Let go of it as it is."""
         with contextlib.suppress(usb.core.USBError):
             usb.util.dispose_resources(self._device)
 

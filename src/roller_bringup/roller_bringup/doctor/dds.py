@@ -1,0 +1,231 @@
+"""DDS: does a message make it from one process to another, a large one too."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .dds_peer import LARGE, MESSAGES, SMALL
+from .result import Result
+
+PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
+_TIMEOUT_S = 20.0
+#: Each participant takes 34 MB of shared memory (config/fastdds.xml); a graph has up to ten.
+_SHARED_MEMORY = 400e6
+
+
+@dataclass(frozen=True)
+class TransportFacts:
+    """What decides how messages travel.
+
+    Parameters
+    ----------
+    profile : str
+        Fast DDS profile file that is set; empty: none.
+    profile_text : str or None
+        What it holds; None: it can't be read.
+    discovery : str
+        Discovery range in force.
+    domain : str
+        ROS domain.
+    shared_memory_bytes : float
+        Free shared memory; 0: not known.
+    """
+
+    profile: str
+    profile_text: str | None
+    discovery: str
+    domain: str
+    shared_memory_bytes: float
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """What made it from one process to another.
+
+    Parameters
+    ----------
+    small, large : int
+        Messages received, of `dds_peer.MESSAGES` each.
+    milliseconds : float
+        Median of the large ones' time on the way; 0 where none came.
+    fault : str
+        Why nothing could be tried.
+    """
+
+    small: int = 0
+    large: int = 0
+    milliseconds: float = 0.0
+    fault: str = ""
+
+
+def find_transport(
+    environment: Mapping[str, str] | None = None, shared_memory: str = "/dev/shm"
+) -> TransportFacts:
+    """Look at the environment and at the shared memory."""
+    environment = os.environ if environment is None else environment
+    profile, text = environment.get(PROFILE, ""), None
+    if profile:
+        try:
+            text = Path(profile.removeprefix("file://")).read_text()
+        except (OSError, UnicodeDecodeError):
+            text = None
+    discovery = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
+    if not discovery:
+        local = environment.get("ROS_LOCALHOST_ONLY") == "1"
+        discovery = "LOCALHOST" if local else "SUBNET (the default)"
+    try:
+        free = float(shutil.disk_usage(shared_memory).free)
+    except OSError:
+        free = 0.0
+    return TransportFacts(profile, text, discovery, environment.get("ROS_DOMAIN_ID", "0"), free)
+
+
+def judge_transport(facts: TransportFacts) -> Result:
+    """Whether large messages can travel."""
+    name = "DDS set-up"
+    found = f"discovery {facts.discovery}, domain {facts.domain}"
+    if not facts.profile:
+        return Result(
+            name=name,
+            level="warning",
+            found=f"{found}; no Fast DDS profile is set",
+            advice=f"launch files set one; for nodes started by hand: export {PROFILE}="
+            "…/config/fastdds.xml, or depth images are lost",
+        )
+    if facts.profile_text is None:
+        return Result(
+            name=name,
+            level="fault",
+            found=f"{found}; the Fast DDS profile {facts.profile} can't be read",
+            advice=f"export {PROFILE}=…/config/fastdds.xml",
+        )
+    if "segment_size" not in facts.profile_text:
+        return Result(
+            name=name,
+            level="warning",
+            found=f"{found}; the profile {facts.profile} doesn't enlarge the shared memory",
+            advice="take config/fastdds.xml, or its transport: messages above 0.5 MB are lost",
+        )
+    if 0 < facts.shared_memory_bytes < _SHARED_MEMORY:
+        return Result(
+            name=name,
+            level="warning",
+            found=f"{found}; {facts.shared_memory_bytes / 1e6:.0f} MB of shared memory are free",
+            advice="give /dev/shm 512 MB (docker: --shm-size=512m), and remove /dev/shm/fastrtps_* "
+            "that dead nodes left",
+        )
+    return Result(name=name, level="OK", found=f"{found}, profile {facts.profile}")
+
+
+def exchange_messages(
+    default_profile: Path | None = None, timeout_s: float = _TIMEOUT_S
+) -> Exchange:
+    """Start a process that publishes and receive what it sends.
+
+    Parameters
+    ----------
+    default_profile : path, optional
+        Fast DDS profile where none is set, as the launch files have it.
+    timeout_s : float
+        Longest wait, s.
+    """
+    unset = PROFILE not in os.environ
+    if unset and default_profile is not None:
+        os.environ[PROFILE] = str(default_profile)
+    try:
+        return _exchange(timeout_s)
+    finally:
+        if unset:
+            os.environ.pop(PROFILE, None)
+
+
+def _exchange(timeout_s: float) -> Exchange:
+    try:
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.node import Node
+        from std_msgs.msg import UInt8MultiArray
+
+        from roller_ros import qos
+    except Exception as error:  # a broken installation fails in many ways
+        return Exchange(fault=f"rclpy can't be used ({error})")
+    topic = f"/roller/doctor_{os.getpid()}"
+    context = Context()
+    rclpy.init(context=context)
+    node = Node(f"doctor_{os.getpid()}", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    arrivals: dict[int, list[float]] = {SMALL: [], LARGE: []}
+
+    def take(message: UInt8MultiArray) -> None:
+        sent = int(np.frombuffer(message.data, np.uint8)[:8].view(np.int64)[0])
+        arrivals[len(message.data)].append((time.monotonic_ns() - sent) * 1e-6)
+
+    node.create_subscription(UInt8MultiArray, f"{topic}_small", take, qos.DEPTH)
+    # The depth images' size, with nothing sent again.
+    node.create_subscription(UInt8MultiArray, f"{topic}_large", take, qos.EVENTS)
+    peer = subprocess.Popen(
+        [sys.executable, "-m", "roller_bringup.doctor.dds_peer", topic, str(timeout_s)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        end = time.monotonic() + timeout_s
+        while time.monotonic() < end and min(map(len, arrivals.values())) < MESSAGES:
+            executor.spin_once(timeout_sec=0.05)
+            if peer.poll() is not None:
+                end = min(end, time.monotonic() + 0.5)  # what is on the way may still come
+    finally:
+        peer.kill()
+        peer.wait()
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+    late = float(np.median(arrivals[LARGE])) if arrivals[LARGE] else 0.0
+    return Exchange(len(arrivals[SMALL]), len(arrivals[LARGE]), late)
+
+
+def judge_exchange(found: Exchange) -> Result:
+    """Whether the nodes will hear each other."""
+    name = "DDS messages"
+    if found.fault:
+        return Result(name=name, level="fault", found=found.fault, advice="see ROS 2, above")
+    if not found.small and not found.large:
+        return Result(
+            name=name,
+            level="fault",
+            found="two processes on this machine don't hear each other",
+            advice="look at ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE and the firewall (UDP on "
+            "the loopback); remove /dev/shm/fastrtps_* that dead nodes left",
+        )
+    text = (
+        f"{found.small} of {MESSAGES} small messages came, {found.large} of {MESSAGES} of "
+        f"{LARGE / 1e6:.1f} MB, these in {found.milliseconds:.1f} ms"
+    )
+    # The small ones are sent again until they come; behind lost large ones they don't.
+    if found.small < MESSAGES or found.large < MESSAGES // 2:
+        return Result(
+            name=name,
+            level="fault",
+            found=text,
+            advice="depth images and poses will be lost: set "
+            f"{PROFILE} to config/fastdds.xml and give /dev/shm room",
+        )
+    if found.large < MESSAGES:
+        return Result(
+            name=name,
+            level="warning",
+            found=text,
+            advice="the machine was busy, or its shared memory is short; try again",
+        )
+    return Result(name=name, level="OK", found=text)

@@ -1,0 +1,135 @@
+"""All checks in their order."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from roller_bringup.launching.locate import NotFoundError, package_share
+
+from .result import Result
+
+#: How long the host's clock is watched.
+_WATCH_S = 1.0
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked for.
+
+    Parameters
+    ----------
+    camera : str or None
+        Serial number of the camera that must be there, empty for any; None: none need be.
+    robot_ip : str
+        The robot that must be there; empty: none need be.
+    output : path
+        Where recordings are to go.
+    backend : str
+        USB library, see `roller_driver.dvxplorer.backends.load_backend`.
+    """
+
+    camera: str | None = None
+    robot_ip: str = ""
+    output: Path = Path("recording")
+    backend: str = ""
+
+
+def examine(request: Request, tell: Callable[[str], None] = lambda what: None) -> Iterator[Result]:
+    """Run all checks.
+
+    Parameters
+    ----------
+    request : Request
+        What is asked for.
+    tell : callable
+        Told what is being looked at.
+    """
+    share = _share()
+    for name, check in _CHECKS.items():
+        tell(name)
+        try:
+            yield from check(request, share)
+        except ImportError as error:
+            yield Result(name, "fault", f"can't be looked at ({error})", "see libraries, above")
+
+
+def _libraries(request: Request, share: Path | None) -> Iterator[Result]:
+    from . import libraries
+
+    yield libraries.judge_libraries(libraries.find_libraries())
+
+
+def _ros(request: Request, share: Path | None) -> Iterator[Result]:
+    from . import ros
+
+    yield ros.judge_ros(ros.find_ros())
+    yield ros.judge_rviz(ros.find_rviz())
+
+
+def _dds(request: Request, share: Path | None) -> Iterator[Result]:
+    from . import dds
+
+    yield dds.judge_transport(dds.find_transport())
+    profile = share / "config" / "fastdds.xml" if share is not None else None
+    yield dds.judge_exchange(dds.exchange_messages(profile))
+
+
+def _camera(request: Request, share: Path | None) -> Iterator[Result]:
+    from . import camera, usb
+
+    asked = request.camera is not None
+    yield usb.judge_usb(usb.find_usb(), asked)
+    yield camera.judge_camera(camera.find_camera(request.camera or "", request.backend), asked)
+
+
+def _robot(request: Request, share: Path | None) -> Iterator[Result]:
+    from . import robot
+
+    host = request.robot_ip
+    if not host and share is not None:
+        host = robot.configured_address(share / "config" / "ur10.yaml")
+    answer = robot.find_robot(host) if host else None
+    yield robot.judge_robot(answer, host, bool(request.robot_ip))
+
+
+def _disk(request: Request, share: Path | None) -> Iterator[Result]:
+    from . import disk
+
+    yield disk.judge_disk(disk.find_disk(request.output))
+
+
+def _machine(request: Request, share: Path | None) -> Iterator[Result]:
+    from . import machine
+
+    yield machine.judge_machine(machine.find_machine())
+
+
+def _clock(request: Request, share: Path | None) -> Iterator[Result]:
+    from . import clock
+
+    before = clock.Reading.take()
+    time.sleep(_WATCH_S)
+    yield clock.judge_clock(clock.find_clock(before, clock.Reading.take()))
+
+
+#: Each imports what it needs when it runs: a library that is missing spoils its own check alone.
+_CHECKS: dict[str, Callable[[Request, Path | None], Iterator[Result]]] = {
+    "libraries": _libraries,
+    "ROS 2": _ros,
+    "DDS": _dds,
+    "camera": _camera,
+    "robot": _robot,
+    "disk": _disk,
+    "machine": _machine,
+    "clock": _clock,
+}
+
+
+def _share() -> Path | None:
+    try:
+        return package_share("roller_bringup")
+    except NotFoundError:
+        return None

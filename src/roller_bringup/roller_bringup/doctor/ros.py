@@ -1,0 +1,124 @@
+"""ROS 2: which one, its middleware and the messages; RViz."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+
+from .result import Result
+
+MESSAGES = (
+    "diagnostic_msgs", "event_camera_msgs", "geometry_msgs", "roller_msgs", "sensor_msgs",
+    "std_msgs", "tf2_msgs", "visualization_msgs",
+)  # fmt: skip
+KNOWN_DISTRIBUTIONS = ("jazzy", "kilted")
+_FAST_DDS = "rmw_fastrtps_cpp"
+
+
+@dataclass(frozen=True)
+class RosFacts:
+    """What was found of ROS 2.
+
+    Parameters
+    ----------
+    distribution : str
+        Name of the distribution that is sourced; empty: none.
+    wheels : str
+        Version of rclpy's wheel; empty: not from wheels.
+    rmw : str
+        The middleware in use; empty: rclpy can't be imported.
+    fault : str
+        Why rclpy can't be imported.
+    missing : tuple of str
+        Message packages that can't be imported.
+    """
+
+    distribution: str = ""
+    wheels: str = ""
+    rmw: str = ""
+    fault: str = ""
+    missing: tuple[str, ...] = ()
+
+
+def find_ros(environment: Mapping[str, str] | None = None) -> RosFacts:
+    """Look at rclpy, its middleware and the messages."""
+    environment = os.environ if environment is None else environment
+    distribution = environment.get("ROS_DISTRO", "")
+    try:
+        wheels = metadata.version("ros-kilted-rclpy")
+    except metadata.PackageNotFoundError:
+        wheels = ""
+    try:
+        import rclpy
+
+        rmw = str(rclpy.get_rmw_implementation_identifier())
+    except Exception as error:  # a broken installation fails in many ways
+        return RosFacts(distribution, wheels, fault=f"{type(error).__name__}: {error}")
+    missing = []
+    for package in MESSAGES:
+        try:
+            importlib.import_module(f"{package}.msg")
+        except ImportError:
+            missing.append(package)
+    return RosFacts(distribution, wheels, rmw, missing=tuple(missing))
+
+
+def judge_ros(facts: RosFacts) -> Result:
+    """Whether nodes can run."""
+    name = "ROS 2"
+    if not facts.rmw:
+        return Result(
+            name=name,
+            level="fault",
+            found=f"rclpy can't be imported ({facts.fault})",
+            advice="source a ROS 2 distribution or leave it, then run `make setup` again",
+        )
+    source = f"wheels (Kilted, rclpy {facts.wheels})" if facts.wheels else facts.distribution
+    found = f"{source or 'a distribution that is not named'}, {facts.rmw}"
+    if facts.missing:
+        return Result(
+            name=name,
+            level="fault",
+            found=f"{found}; no messages of {', '.join(facts.missing)}",
+            advice="run `make setup`; on a distribution: apt install "
+            + " ".join(f"ros-$ROS_DISTRO-{m.replace('_', '-')}" for m in facts.missing),
+        )
+    if facts.rmw != _FAST_DDS:
+        return Result(
+            name=name,
+            level="warning",
+            found=found,
+            advice=f"set RMW_IMPLEMENTATION={_FAST_DDS}: no other is tried, and config/fastdds.xml "
+            "holds for it alone",
+        )
+    if not facts.wheels and facts.distribution not in KNOWN_DISTRIBUTIONS:
+        return Result(
+            name=name,
+            level="warning",
+            found=found,
+            advice=f"known to work: {', '.join(KNOWN_DISTRIBUTIONS)}",
+        )
+    note = "; for development and demonstration, not for a cell" if facts.wheels else ""
+    return Result(name=name, level="OK", found=found + note)
+
+
+def find_rviz() -> str:
+    """Path of RViz 2; empty: not installed."""
+    return shutil.which("rviz2") or ""
+
+
+def judge_rviz(path: str) -> Result:
+    """Whether the surface can be watched."""
+    if path:
+        return Result(name="RViz", level="OK", found=path)
+    return Result(
+        name="RViz",
+        level="warning",
+        found="rviz2 is not installed",
+        advice="apt install ros-$ROS_DISTRO-rviz2 to watch a scan; replay and demo draw "
+        "overview.png without it",
+    )

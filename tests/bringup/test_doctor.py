@@ -1,0 +1,417 @@
+"""The doctor's checks, each with faults put in."""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+import threading
+from pathlib import Path
+
+import pytest
+
+from driver.emulation.camera_model import CameraModel
+from driver.emulation.usb_backend import EmulatedBackend
+from roller_bringup.cli import main
+from roller_bringup.doctor import (
+    camera,
+    clock,
+    disk,
+    examination,
+    libraries,
+    machine,
+    robot,
+    ros,
+    usb,
+)
+from roller_bringup.doctor.result import Result, worst
+from roller_bringup.doctor.table import as_json
+from roller_driver.dvxplorer.errors import CameraNotFoundError
+from roller_driver.ur10.rtde import Controller
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_worst_counts():
+    assert worst([]) == "OK"
+    assert worst(["OK", "fault", "warning"]) == "fault"
+
+
+# Libraries.
+
+
+def test_libraries_of_this_environment_are_fine():
+    result = libraries.judge_libraries(libraries.find_libraries())
+    assert result.level in ("OK", "warning")  # ur-rtde has no wheels for every Python
+    assert "numpy can't" not in result.found
+
+
+@pytest.mark.parametrize(
+    ("missing", "level", "says"),
+    [
+        ("numpy", "fault", "numpy can't be loaded (No module named 'numpy')"),
+        ("ur-rtde", "warning", "poses of the robot need it"),
+    ],
+)
+def test_a_missing_library(missing, level, says):
+    def find(library):
+        if library.package == missing:
+            raise ImportError(f"No module named '{library.module}'")
+        return "1.0"
+
+    result = libraries.judge_libraries(libraries.find_libraries(find), "3.11.2")
+    assert result.level == level
+    assert says in result.found
+    assert missing in result.advice
+
+
+@pytest.mark.parametrize(
+    ("version", "level"), [("2.4.9", "OK"), ("2.5.0", "warning"), ("3.0rc1", "warning")]
+)
+def test_a_library_that_is_too_new(version, level):
+    numpy = next(lib for lib in libraries.LIBRARIES if lib.package == "numpy")
+    result = libraries.judge_libraries({numpy: version}, "3.11.2")
+    assert result.level == level
+    assert ("numpy<2.5" in result.advice) == (level == "warning")
+
+
+@pytest.mark.parametrize("python", ["3.9.18", "3.14.0"])
+def test_a_python_that_is_too_old_or_new(python):
+    assert libraries.judge_libraries({}, python).level == "fault"
+
+
+def test_bounds_are_those_of_the_requirements():
+    lines = (ROOT / "requirements.in").read_text().splitlines()
+    wanted = {line.split("#")[0].split(";")[0].strip() for line in lines}
+    for library in libraries.LIBRARIES:
+        if "<" in library.versions:
+            assert library.package + library.versions in wanted
+        else:
+            assert library.package in wanted
+
+
+# ROS.
+
+
+def test_ros_by_its_facts():
+    good = ros.RosFacts("jazzy", "", "rmw_fastrtps_cpp")
+    assert ros.judge_ros(good) == Result("ROS 2", "OK", "jazzy, rmw_fastrtps_cpp")
+    wheels = ros.judge_ros(ros.RosFacts("", "9.1.2", "rmw_fastrtps_cpp"))
+    assert (wheels.level, "not for a cell" in wheels.found) == ("OK", True)
+    for facts, level, says in (
+        (ros.RosFacts(fault="ImportError: no rclpy"), "fault", "no rclpy"),
+        (ros.RosFacts("jazzy", "", "rmw_cyclonedds_cpp"), "warning", "rmw_cyclonedds_cpp"),
+        (ros.RosFacts("humble", "", "rmw_fastrtps_cpp"), "warning", "humble"),
+        (ros.RosFacts("jazzy", "", "rmw_fastrtps_cpp", missing=("tf2_msgs",)), "fault", "tf2_msgs"),
+    ):
+        result = ros.judge_ros(facts)
+        assert result.level == level, facts
+        assert says in result.found
+        assert result.advice
+
+
+def test_ros_of_this_environment():
+    pytest.importorskip("rclpy")
+    assert ros.judge_ros(ros.find_ros()).level != "fault"
+
+
+def test_rviz():
+    assert ros.judge_rviz("/opt/ros/jazzy/bin/rviz2").level == "OK"
+    assert ros.judge_rviz("").level == "warning"
+
+
+# USB and camera.
+
+
+def a_bus(folder: Path, speed: str = "5000") -> tuple[str, str]:
+    """sysfs and device nodes of a bus with a hub and the camera."""
+    for name, ids in {"usb1": ("1d6b", "0003"), "1-1": ("152a", "8419")}.items():
+        device = folder / "devices" / name
+        device.mkdir(parents=True)
+        values = {"idVendor": ids[0], "idProduct": ids[1], "busnum": "1", "devnum": "7"}
+        for key, value in (values | {"speed": speed}).items():
+            (device / key).write_text(value + "\n")
+    (folder / "nodes" / "001").mkdir(parents=True)
+    (folder / "nodes" / "001" / "007").touch()
+    return str(folder / "devices"), str(folder / "nodes")
+
+
+def test_a_camera_on_the_bus_and_the_rule(tmp_path):
+    devices, nodes = a_bus(tmp_path)
+    facts = usb.find_usb([str(ROOT / "config"), str(tmp_path)], devices, nodes)
+    assert facts.rules == (str(ROOT / "config" / "99-roller-event-camera.rules"),)
+    assert facts.nodes == (usb.UsbNode(f"{nodes}/001/007", True, 5000.0),)
+    assert usb.judge_usb(facts, asked=True).level == "OK"
+
+
+def test_rules_of_others_do_not_count(tmp_path):
+    (tmp_path / "a.rules").write_text('ATTR{idVendor}=="152a", ATTR{idProduct}=="840d"\n')
+    (tmp_path / "b.rules").write_text('# "152a" "8419"\n')
+    assert usb.find_usb([str(tmp_path)], str(tmp_path), str(tmp_path)).rules == ()
+    (tmp_path / "c.rules").write_text('SUBSYSTEM=="usb", ATTRS{idVendor}=="152A", MODE="666"\n')
+    assert len(usb.find_usb([str(tmp_path)], str(tmp_path), str(tmp_path)).rules) == 1
+
+
+@pytest.mark.parametrize(
+    ("facts", "asked", "level", "says"),
+    [
+        (usb.UsbFacts(), False, "warning", "no udev rule"),
+        (usb.UsbFacts(), True, "fault", "no udev rule"),
+        (usb.UsbFacts(root=True), True, "warning", "only root"),
+        (usb.UsbFacts(("/etc/a.rules",)), True, "OK", "rule /etc/a.rules"),
+        (usb.UsbFacts(nodes=(usb.UsbNode("/dev/x", False, 5000),)), False, "fault", "no rule"),
+        (
+            usb.UsbFacts(("/etc/a.rules",), (usb.UsbNode("/dev/x", False, 5000),)),
+            False, "fault", "although the rule is there",
+        ),
+        (usb.UsbFacts(nodes=(usb.UsbNode("/dev/x", True, 480),)), True, "warning", "480 Mbit/s"),
+    ],
+)  # fmt: skip
+def test_usb_by_its_facts(facts, asked, level, says):
+    result = usb.judge_usb(facts, asked)
+    assert result.level == level
+    assert says in result.found
+    assert bool(result.advice) == (level != "OK")
+
+
+@pytest.fixture
+def bus(monkeypatch):
+    """An emulated bus in place of libusb's."""
+    backend = EmulatedBackend(CameraModel(firmware=10))
+    monkeypatch.setattr(camera, "load_backend", lambda name: backend)
+    return backend
+
+
+def test_a_camera_that_is_fine(bus):
+    found = camera.find_camera()
+    assert found == camera.CameraFacts("DVXplorer Mini DVX00042", 10)
+    assert camera.judge_camera(found).level == "OK"
+    # It was asked, not set.
+    assert {kind for kind, *_ in bus.models[0].log} <= {"read", "vendor"}
+
+
+def test_a_camera_of_another_number(bus):
+    result = camera.judge_camera(camera.find_camera("A7"), asked=True)
+    assert (result.level, "plugged in: DVX00042" in result.found) == ("fault", True)
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_no_camera_or_a_busy_one(bus, asked):
+    bus.held = True
+    busy = camera.judge_camera(camera.find_camera(), asked)
+    assert "another program holds it" in busy.found
+    assert "event_camera" in busy.advice
+    bus.models.clear()
+    gone = camera.judge_camera(camera.find_camera(), asked)
+    assert "no DVXplorer Mini is plugged in" in gone.found
+    assert busy.level == gone.level == ("fault" if asked else "warning")
+
+
+def test_a_camera_that_cannot_be_used_is_a_fault_even_unasked(bus):
+    bus.forbidden = True
+    result = camera.judge_camera(camera.find_camera())
+    assert (result.level, "install the rule" in result.advice) == ("fault", True)
+    bus.forbidden = False
+    bus.models[:] = [CameraModel(firmware=7)]
+    result = camera.judge_camera(camera.find_camera())
+    assert (result.level, "firmware 7 is not known" in result.found) == ("fault", True)
+    bus.models[:] = [CameraModel(model=0)]
+    assert camera.judge_camera(camera.find_camera()).level == "fault"
+    bus.models[:] = [CameraModel(firmware=9)]
+    bus.models[0].values[6, 0] = 17
+    result = camera.judge_camera(camera.find_camera())
+    assert "logic version is 17" in result.found
+    assert "update the camera's firmware" in result.advice
+
+
+def test_a_backend_that_cannot_be_loaded():
+    result = camera.judge_camera(camera.find_camera(backend="nowhere:x"))
+    assert (result.level, "nowhere:x" in result.found) == ("warning", True)
+
+
+# Robot.
+
+
+def answering(*answers: bytes) -> int:
+    """A controller that gives these answers to one client; its port."""
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        connection, _ = server.accept()
+        with connection, server:
+            for answer in answers:
+                connection.recv(4096)
+                connection.sendall(answer)
+            connection.recv(4096)
+
+    threading.Thread(target=serve, daemon=True).start()
+    return int(server.getsockname()[1])
+
+
+def frame(kind: str, payload: bytes) -> bytes:
+    return struct.pack(">HB", len(payload) + 3, ord(kind)) + payload
+
+
+def test_a_robot_that_answers():
+    types = b"\x01DOUBLE,VECTOR6D,VECTOR6D,INT32,INT32"
+    port = answering(
+        frame("V", b"\x01"), frame("v", struct.pack(">4I", 5, 11, 1, 0)), frame("O", types)
+    )
+    result = robot.judge_robot(robot.find_robot("127.0.0.1", port), "127.0.0.1", asked=True)
+    assert result == Result("robot", "OK", "127.0.0.1: controller 5.11.1.0 (e-series)")
+
+
+def test_a_robot_that_refuses():
+    result = robot.judge_robot(
+        robot.find_robot("127.0.0.1", answering(frame("V", b"\x00"))), asked=True
+    )
+    assert (result.level, "refuses RTDE protocol version 2" in result.found) == ("fault", True)
+    assert "must be 3.3 or newer" in result.advice
+
+
+@pytest.mark.parametrize(("asked", "level"), [(False, "warning"), (True, "fault")])
+def test_no_robot(asked, level):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    result = robot.judge_robot(robot.find_robot("127.0.0.1", port, 0.5), asked=asked)
+    assert result.level == level
+    assert "can't be reached" in result.found
+    assert "the cable" in result.advice
+
+
+def test_a_robot_is_looked_for_where_the_parameters_say(tmp_path):
+    file = tmp_path / "ur10.yaml"
+    file.write_text("ur10: {ros__parameters: {robot_ip: 10.0.0.9}}\n")
+    assert robot.configured_address(file) == "10.0.0.9"
+    assert robot.configured_address(ROOT / "config" / "ur10.yaml") == ""
+    assert robot.configured_address(tmp_path / "none.yaml") == ""
+    assert robot.judge_robot(None).level == "warning"
+    assert robot.judge_robot(Controller((3, 15, 8, 0)), "10.0.0.9").level == "OK"
+
+
+# Disk, machine, clock.
+
+
+def test_the_disk_is_written_and_left_as_it_was(tmp_path):
+    facts = disk.find_disk(tmp_path / "not" / "yet", probe_bytes=2 << 20)
+    assert facts.path == str(tmp_path)
+    assert facts.bytes_s > 0
+    assert facts.free_bytes > 0
+    assert not list(tmp_path.iterdir())
+    assert disk.find_disk(Path("/proc/nowhere")).fault
+
+
+@pytest.mark.parametrize(
+    ("facts", "level"),
+    [
+        (disk.DiskFacts("/d", 500e9, 400e6), "OK"),
+        (disk.DiskFacts("/d", 500e9, 20e6), "warning"),
+        (disk.DiskFacts("/d", 10e9, 400e6), "warning"),
+        (disk.DiskFacts("/d", 0.5e9, 400e6), "fault"),
+        (disk.DiskFacts("/d", fault="Permission denied"), "fault"),
+    ],
+)
+def test_disk_by_its_facts(facts, level):
+    result = disk.judge_disk(facts)
+    assert result.level == level
+    assert bool(result.advice) == (level != "OK")
+
+
+@pytest.mark.parametrize(
+    ("cores", "memory", "level"),
+    [(8, 16e9, "OK"), (2, 16e9, "warning"), (8, 3e9, "warning"), (8, 1e9, "fault"), (8, 0, "OK")],
+)
+def test_machine_by_its_facts(cores, memory, level):
+    assert machine.judge_machine(machine.MachineFacts(cores, memory)).level == level
+
+
+def test_machine_of_this_test(tmp_path):
+    facts = machine.find_machine()
+    assert facts.cores >= 1
+    assert facts.memory_bytes > 1e8
+    (tmp_path / "meminfo").write_text("MemTotal: x\n")
+    assert machine.find_machine(str(tmp_path / "meminfo")).memory_bytes == 0
+
+
+@pytest.mark.parametrize(
+    ("facts", "level", "says"),
+    [
+        (clock.ClockFacts(True, 0.002, 3.0, 0.0), "OK", "error below 2.0 ms"),
+        (clock.ClockFacts(False, 16.0, 3.0, 0.0), "warning", "not set by NTP or PTP"),
+        (clock.ClockFacts(None, 0.0, 3.0, 0.0), "OK", "+3.0 ppm"),
+        (clock.ClockFacts(True, 0.002, -480.0, 0.0), "warning", "it is being pulled: -480"),
+        (clock.ClockFacts(True, 0.002, 3.0, -0.5), "fault", "jumped by -0.500 s"),
+    ],
+)
+def test_clock_by_its_facts(facts, level, says):
+    result = clock.judge_clock(facts)
+    assert result.level == level
+    assert says in result.found
+
+
+def test_clock_from_two_readings():
+    before = clock.Reading(1_700_000_000_000_000_000, 5_000_000_000, 4_000_000_000)
+    # Two seconds later: NTP pulls by 100 ppm, and somebody set the clock back by an hour.
+    after = clock.Reading(1_700_000_002_000_200_000 - 3600 * 10**9, 7_000_200_000, 6_000_000_000)
+    facts = clock.find_clock(before, after)
+    assert facts.rate_ppm == pytest.approx(100.0)
+    assert facts.step_s == pytest.approx(-3600.0)
+
+
+# All of it.
+
+
+def test_what_cannot_be_imported_spoils_its_own_check_alone(monkeypatch, tmp_path):
+    def broken(request, share):
+        raise ImportError("No module named 'usb'")
+        yield
+
+    kept = {"machine": examination._CHECKS["machine"], "disk": examination._CHECKS["disk"]}
+    monkeypatch.setattr(examination, "_CHECKS", {"camera": broken, **kept})
+    results = list(examination.examine(examination.Request(output=tmp_path)))
+    assert [r.name for r in results] == ["camera", "machine", "disk"]
+    assert (results[0].level, "No module named 'usb'" in results[0].found) == ("fault", True)
+
+
+def test_json_and_the_exit_code(monkeypatch, capsys, tmp_path):
+    def say(*results):
+        checks = {r.name: (lambda request, share, r=r: iter([r])) for r in results}
+        monkeypatch.setattr(examination, "_CHECKS", checks)
+
+    say(Result("disk", "OK", "room"), Result("camera", "warning", "none", "plug it in"))
+    assert main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["faults"], found["warnings"]) == (0, 1)
+    assert found["checks"][1] == {
+        "name": "camera", "level": "warning", "found": "none", "advice": "plug it in",
+    }  # fmt: skip
+    say(Result("disk", "fault", "[full]", "make room"))
+    assert main(["doctor"]) == 1
+    out = capsys.readouterr().out
+    for word in ("disk", "fault", "[full]", "make room"):
+        assert word in out
+
+
+def test_what_is_asked_for_reaches_the_checks(monkeypatch):
+    seen = []
+
+    def take(request, share):
+        seen.append(request)
+        return iter(())
+
+    monkeypatch.setattr(examination, "_CHECKS", {"x": take})
+    assert main(["doctor"]) == 0
+    assert main(["doctor", "--camera", "--robot-ip", "10.0.0.9", "--output", "/data"]) == 0
+    assert main(["doctor", "--camera", "A7"]) == 0
+    assert [r.camera for r in seen] == [None, "", "A7"]
+    assert [r.robot_ip for r in seen] == ["", "10.0.0.9", ""]
+    assert seen[1].output == Path("/data")
+
+
+def test_as_json_keeps_characters():
+    assert "µm" in as_json([Result("x", "OK", "5 µm")])
+
+
+def test_camera_fault_without_advice():
+    result = camera.judge_camera(CameraNotFoundError("no camera"))
+    assert result.level == "warning"
