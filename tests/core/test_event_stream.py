@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from roller_core.codecs import PacketLengthError, encode
+from roller_core.codecs import CodecError, PacketLengthError, encode
 from roller_core.event_stream import EventStream, ImageSizeError, TimeBackwardsError
 from roller_core.events import EventArray, EventArrayError
 
@@ -100,3 +100,22 @@ def test_arrays_must_fit_together() -> None:
             np.zeros(3, np.uint16), np.zeros(2, np.uint16), np.zeros(3, np.int64),
             np.zeros(3, np.uint8),
         )  # fmt: skip
+
+
+def test_what_can_not_be_decoded_is_counted() -> None:
+    stream = EventStream(64, 48)
+    for encoding, width in (("libcaer_cmp", 64), ("evt9", 64), ("libcaer_cmp", 640)):
+        with pytest.raises((CodecError, ImageSizeError)):
+            stream.push(encoding, width, 48, 0, START_NS, MS, b"123")
+    assert stream.counts.decode_errors == 3
+
+
+def test_a_camera_whose_clock_goes_back_is_followed() -> None:
+    """The host's clock goes on: events do, too, and nothing is lost but the map is made anew."""
+    stream = EventStream(64, 48)
+    for k in range(50):
+        push(stream, k, 90_000 * MS + k * MS, START_NS + k * MS)
+    got = [push(stream, 50 + k, k * MS, START_NS + (50 + k) * MS) for k in range(50)]
+    starts = np.array([int(events.t_ns[0]) for events in got])
+    np.testing.assert_array_equal(starts, START_NS + (50 + np.arange(50)) * MS)
+    assert (stream.counts.clock_steps, stream.counts.late_events) == (1, 0)

@@ -80,3 +80,14 @@ def test_other_transforms_are_passed_over() -> None:
     frames = SensorFrames()
     assert not frames.add("base", "elbow", 0, (0, 0, 0), (0, 0, 0, 1))
     assert not frames.has_robot_poses
+
+
+@pytest.mark.parametrize("neighbours", [0, 1, 4])
+def test_an_older_one_is_refused_and_changes_nothing(neighbours: int) -> None:
+    smoother: StampSmoother[int] = StampSmoother(neighbours)
+    out = [p for k in range(20) for p in smoother.push(8 * k, k)]
+    with pytest.raises(PoseOrderError):
+        smoother.push(150, 99)
+    out += smoother.push(160, 20)
+    out += smoother.finish()
+    assert [item for _, item in out] == list(range(21))

@@ -240,3 +240,60 @@ def test_what_comes_too_fast_is_counted(monkeypatch):
     with running:
         running.wait(lambda: running.reader.status.usb.bytes >= len(raw), 30)
         assert running.reader.status.usb.overruns > 0
+
+
+def make_wrong(backend, what):
+    """Something that keeps the camera from streaming; returns what undoes it."""
+    model = backend.models[0]
+    if what == "forbidden" or what == "held":
+        setattr(backend, what, True)
+        return lambda: setattr(backend, what, False)
+    values = {
+        "another model": ("model", 0), "firmware too old": ("firmware", 7),
+        "no endpoint": ("endpoint_delay_s", 1e9),
+    }  # fmt: skip
+    name, wrong = values[what]
+    right = getattr(model, name)
+    setattr(model, name, wrong)
+    return lambda: setattr(model, name, right)
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("another model", "is not a DVXplorer Mini"),
+        ("held", "another program holds it; stop that program first"),
+        ("forbidden", "no permission to open it; install the rule"),
+        ("firmware too old", "firmware 7 is not known"),
+        ("no endpoint", "it has no endpoint 0x82 for events"),
+    ],
+)
+def test_what_keeps_it_from_streaming_is_told_until_it_is_gone(what, says, monkeypatch):
+    monkeypatch.setattr("roller_driver.dvxplorer.discovery._ENDPOINT_WAIT_S", 0.1)
+    events = scan(3000, 100)
+    running = Running(CameraModel(encode_words(events).tobytes()))
+    undo = make_wrong(running.backend, what)
+    with running:
+        running.wait(lambda: says in running.reader.status.fault)
+        assert running.reader.status.state == SEARCHING
+        assert running.reader.status.connects == 0
+        assert not running.packets
+        undo()
+        running.wait_for(len(events))
+        assert (running.reader.status.state, running.reader.status.fault) == (STREAMING, "")
+    assert same(running.events, events)
+
+
+def test_a_clock_that_goes_back_is_counted_and_followed():
+    """The words of a later scan of lower time, as when another program sets the clock."""
+    first, second = scan(3000, 100, start_us=90_000_000), scan(3000, 100, start_us=1_000_000)
+    words = np.concatenate([encode_words(first), encode_words(second)])
+    with Running(CameraModel(words.tobytes())) as running:
+        # The frames before the second reference of the new clock have a time nobody knows.
+        running.wait(lambda: running.reader.status.decoder.time_steps == 1)
+        running.wait_for(len(first) + len(second) * 9 // 10)
+    bases = np.array([part.time_base_ns for part in running.packets])
+    assert np.sum(np.diff(bases) < 0) == 1
+    assert running.reader.status.connects == 1
+    for part in running.packets:
+        assert np.all(np.diff(part.events.t_ns) >= 0)

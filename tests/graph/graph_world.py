@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -67,6 +68,11 @@ class Watcher:
                 return float(values[key])
         return -1.0
 
+    def check_keys(self, *statuses: str) -> None:
+        """Hold the newest values of statuses to the page that describes them."""
+        for status in statuses:
+            check_keys(status, next(v for _, v in reversed(self.statuses[status]) if v))
+
     def spin_until(self, done: Callable[[], bool], timeout_s: float, what: str) -> None:
         """Take messages until something holds; fail when it takes too long."""
         end = time.monotonic() + timeout_s
@@ -127,3 +133,24 @@ class Processes:
 def own_domain(offset: int) -> str:
     """A ROS domain that no other test on this machine uses."""
     return str(1 + (os.getpid() + offset) % 100)
+
+
+def check_keys(status: str, values: dict[str, str]) -> None:
+    """Hold a status to the page that describes it."""
+    expected = documented_keys(status)
+    assert set(values) == expected, (
+        f"{status}: not described {sorted(set(values) - expected)}, "
+        f"not there {sorted(expected - set(values))}"
+    )
+
+
+def documented_keys(status: str) -> set[str]:
+    """Keys of a status, with those of the sections that it names after `With`."""
+    page = (Path(__file__).parents[2] / "docs" / "diagnostics.md").read_text()
+    sections = {part.split("\n")[0].strip(" `"): part for part in page.split("\n## ")}
+    own = sections[status]
+    keys = set(re.findall(r"^\| `(\w+)` \|", own, re.MULTILINE))
+    shared = re.search(r"^With (.*?)\.", own, re.MULTILINE)
+    for name in re.findall(r"Stream|Poses|Clock", shared.group(1) if shared else ""):
+        keys |= set(re.findall(r"^\| `(\w+)` \|", sections[name], re.MULTILINE))
+    return keys

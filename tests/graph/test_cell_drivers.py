@@ -104,6 +104,7 @@ def test_events_and_poses_come(emulated_camera, processes, watch, tmp_path):
     )  # fmt: skip
     assert seen[IMAGE][-1].encoding == "mono8"
     assert len(np.unique(messages.image_to_array(seen[IMAGE][-1]))) >= 3
+    watcher.check_keys(CAMERA, ROBOT)
     assert watcher.value(CAMERA, "decode_errors") == 0
     assert watcher.value(CAMERA, "packets_dropped") == 0
     assert watcher.messages_of(CAMERA)[-1] == "streaming"
@@ -218,6 +219,53 @@ def _identity():
     from roller_core.pose_track import Pose
 
     return Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+
+
+def test_a_controller_whose_clock_is_set_back_and_one_that_refuses(processes, watch):
+    watcher = watch("/tf")
+    with ControllerProcess() as controller:
+        processes.start("ur10", "{robot_ip: 127.0.0.1, retry_interval: 0.1}")
+        watcher.spin_until(lambda: len(watcher.seen["/tf"]) > 200, 30, "poses")
+        controller.tell("step_back 100")
+        watcher.spin_until(
+            lambda: any(
+                "the controller's clock has jumped" in m for m in watcher.messages_of(ROBOT)
+            ),
+            10,
+            "the warning",
+        )
+        count = len(watcher.seen["/tf"])
+        watcher.spin_until(lambda: len(watcher.seen["/tf"]) > count + 100, 10, "more poses")
+        # Stamps are ROS time and go on.
+        stamps = [messages.to_ns(t.header.stamp) for m in watcher.seen["/tf"] for t in m.transforms]
+        assert np.diff(stamps).min() > -20e6
+        assert np.diff(stamps).max() < 1e9
+        assert watcher.value(ROBOT, "clock_steps_back") == 1
+        controller.stop()
+        controller.start(refuse_protocol=True)
+        watcher.spin_until(
+            lambda: any(
+                "refuses RTDE protocol version 2; its software must be 3.3 or newer" in m
+                for m in watcher.messages_of(ROBOT)
+            ),
+            10,
+            "the refusal",
+        )
+    assert processes.stop() == {"ur10": 0}
+
+
+def test_a_camera_that_is_held_by_another_program(emulated_camera, processes, watch, monkeypatch):
+    monkeypatch.setenv(usb_backend.HELD_VARIABLE, "1")
+    watcher = watch()
+    processes.start("event_camera", f"{{{BACKEND}, retry_interval: 0.1}}")
+    watcher.spin_until(
+        lambda: any("another program holds it" in m for m in watcher.messages_of(CAMERA)),
+        30,
+        "the fault",
+    )
+    watcher.spin_until(lambda: watcher.statuses[CAMERA][-1][1], 5, "a regular status")
+    assert watcher.statuses[CAMERA][-1][1]["state"] == "searching"
+    assert processes.stop() == {"event_camera": 0}
 
 
 @pytest.mark.parametrize(

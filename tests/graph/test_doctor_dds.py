@@ -39,12 +39,12 @@ def test_messages_come_with_our_profile(domain):
     assert found.large >= dds.MESSAGES // 2
 
 
-def test_large_messages_are_lost_without_it(domain, tmp_path):
+def test_without_it_messages_are_lost(domain, tmp_path):
     (tmp_path / "bare.xml").write_text(BARE)
     found = exchange(FASTDDS_DEFAULT_PROFILES_FILE=str(tmp_path / "bare.xml"))
     result = dds.judge_exchange(found)
-    assert result.level == "fault"
-    assert "depth images" in result.advice or "don't hear each other" in result.found
+    assert found.large < dds.MESSAGES
+    assert result.level != "OK"
 
 
 def test_exchange_by_what_came():

@@ -155,7 +155,7 @@ def take_scan(
                 or (
                     len(seen["/tf"]) > 250
                     and seen["/tf_static"]
-                    and watcher.value(DEPTH, "waiting_messages") >= 0
+                    and watcher.value(DEPTH, "waiting_events") >= 0
                     and watcher.messages_of(STITCHED)
                     and watcher.value(CAMERA, "connects") > 0
                 )

@@ -12,7 +12,7 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from bringup.bags import write_bag
-from graph.graph_world import Processes, Watcher
+from graph.graph_world import Processes, Watcher, check_keys
 from roller_bringup.cli import main
 from roller_bringup.launching import load
 from roller_bringup.live import run_until_done
@@ -51,6 +51,7 @@ def test_virtual_cell_to_surface(domain: None, tmp_path: Path) -> None:
     assert stairs["near_edge_mae_um"] < 60
     assert stairs["edges_measured"] > 0.8
 
+    check_keys(STATUS, seen.statuses[STATUS][1])
     figures = {name: int(v) for name, v in seen.statuses[STATUS][1].items() if v.isdigit()}
     for name in (
         "lost_packets", "late_events", "dropped_events", "dropped_messages", "faults",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
+from tf2_msgs.msg import TFMessage
 
 from bringup.bags import Recipe, write_bag
 from graph.graph_world import Processes, Watcher
 from roller_bringup.cli import main
 from roller_core.bags import typestore
 from roller_emvs.ply import read_ply
+from roller_ros import qos
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 
@@ -52,6 +55,7 @@ def test_replay_equals_live(
     )
     watcher.spin_until(lambda: len(seen["/roller/surface/points"]) >= 1, 30, "the surface")
     watcher.spin(3.0)
+    watcher.check_keys("emvs: depth", "stitcher: surface", "player: playback")
     assert watcher.value("emvs: depth", "lost_packets") == 0
     assert watcher.value("emvs: depth", "events") > 0
 
@@ -149,7 +153,58 @@ def test_nodes_report_and_go_on(
     # One packet is missing; the broken ones and the one between decoders count as lost too.
     assert watcher.value(status, "lost_packets") >= 1
     assert watcher.value(status, "faults") == 4
+    assert watcher.value(status, "decode_errors") == 3
     assert processes.stop()["emvs"] == 0
+
+
+def test_two_that_publish_the_robots_poses_are_told_and_one_is_followed(
+    processes: Processes, watch: Callable[..., Watcher], tmp_path: Path
+) -> None:
+    """Poses of a second node, elsewhere and in between, leave the depth as it is."""
+    bag = write_bag(tmp_path / "scan")
+    words = ["replay", str(bag), "--output", str(tmp_path / "out"), "--no-picture"]
+    params = tmp_path / "params.yaml"
+    params.write_text(f"emvs:\n  ros__parameters: {DEPTH}\n")
+    assert main([*words, "--params", str(params)]) == 0
+    expected = replayed_depths(tmp_path / "out")
+    watcher = watch("/roller/depth/image", "/tf")
+    other = watcher.node.create_publisher(TFMessage, "/tf", qos.TF)
+    processes.start("emvs", DEPTH)
+    processes.start("stitcher")
+    watcher.spin_until(
+        lambda: bool(watcher.statuses["emvs: depth"] and watcher.statuses["stitcher: surface"]),
+        60, "start of the nodes",
+    )  # fmt: skip
+    processes.start("player", f"{{bag: {bag}, settle_s: 1.0}}")
+    # A second robot begins to talk as soon as the first has, and goes on.
+    watcher.spin_until(lambda: bool(watcher.seen["/tf"]), 30, "poses")
+    answered = 0
+    status = "emvs: depth"
+
+    def disturb() -> bool:
+        nonlocal answered
+        for message in watcher.seen["/tf"][answered:]:
+            if message.transforms[0].transform.translation.z < 5.0:
+                strange = copy.deepcopy(message)
+                strange.transforms[0].transform.translation.z += 10.0
+                other.publish(strange)
+        answered = len(watcher.seen["/tf"])
+        return len(watcher.seen["/roller/depth/image"]) >= len(expected)
+
+    watcher.spin_until(disturb, 60, "depth in spite of the other")
+    for name in (status, "stitcher: surface"):
+        watcher.spin_until(
+            lambda name=name: any("publish base -> tool0" in m for m in watcher.messages_of(name)),
+            10, "the fault",
+        )  # fmt: skip
+        told = next(m for m in watcher.messages_of(name) if "publish base -> tool0" in m)
+        assert "/player and /watcher publish" in told
+        assert "/player is followed" in told
+        assert watcher.value(name, "foreign_poses") > 0
+    live = {stamp_of(m): pixels_of(m) for m in watcher.seen["/roller/depth/image"]}
+    assert list(live) == list(expected)
+    for stamp, depth in live.items():
+        np.testing.assert_array_equal(depth, expected[stamp])
 
 
 def test_a_source_that_starts_again_is_followed(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from graph.graph_world import Watcher
+from graph.graph_world import Watcher, check_keys
 from roller_bringup.launching import load
 from roller_bringup.live import run_until_done
 from roller_bringup.results.recorded import gather
@@ -57,6 +57,8 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
     assert int(depth["lost_packets"]) == 0
     assert int(depth["dropped_events"]) == 0
     assert seen.received["/roller/braille/cells"] == 4
+    for status in ("virtual_cell: scan", "braille: text"):
+        check_keys(status, seen.statuses[status][1])
 
 
 def test_publishers_offer_what_the_contract_says(domain: None, tmp_path: Path) -> None:

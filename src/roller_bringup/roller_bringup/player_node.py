@@ -58,6 +58,8 @@ class PlayerNode(Node):
         self._reader = BagReader(Path(self._p.bag))
         self._state = "waiting"
         self._played = 0
+        self._late_s = 0.0
+        self._meter = diagnostics.Meter()
         self.done = threading.Event()
         found = {}
         for topic in topics.INPUTS:
@@ -117,6 +119,8 @@ class PlayerNode(Node):
             wait = due - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
+            else:
+                self._late_s = max(self._late_s, -wait)
             self._outputs[item.topic].publish(item.data)
             self._played += 1
 
@@ -125,7 +129,15 @@ class PlayerNode(Node):
             raise SystemExit(0)
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
-        return diagnostics.OK, self._state, {"messages": self._played}
+        return (
+            diagnostics.OK,
+            self._state,
+            {
+                "message_rate_hz": self._meter.rates(messages=self._played)["messages"],
+                "messages": self._played,
+                "behind_real_time_s": round(self._late_s, 3),
+            },
+        )
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .clock import SensorClock
-from .codecs import PacketDecoder
+from .codecs import CodecError, PacketDecoder
 from .codecs.decoder import Payload
 from .errors import RollerError
 from .events import EventArray
@@ -47,6 +47,7 @@ class StreamCounts:
     lost_packets: int = 0
     outside_events: int = 0
     late_events: int = 0
+    decode_errors: int = 0
     clock_steps: int = 0
 
 
@@ -106,13 +107,18 @@ class EventStream:
             If time jumped back by more than a second; the stream then starts anew.
         """
         if (width, height) != (self.width, self.height):
+            self.counts.decode_errors += 1
             raise ImageSizeError(
                 f"event packet {seq} is for {width}×{height} px but the camera is calibrated for "
                 f"{self.width}×{self.height} px; use the calibration of this camera"
             )
-        if self._decoder is None or self._decoder.encoding != encoding:
-            self._decoder = PacketDecoder(encoding, width, height)
-        packet = self._decoder.decode(payload, time_base_ns)
+        try:
+            if self._decoder is None or self._decoder.encoding != encoding:
+                self._decoder = PacketDecoder(encoding, width, height)
+            packet = self._decoder.decode(payload, time_base_ns)
+        except CodecError:
+            self.counts.decode_errors += 1
+            raise
         self._count_gap(seq)
         events = packet.events.sorted_by_time()
         self.counts.packets += 1

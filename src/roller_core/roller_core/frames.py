@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
 from .pose_smoothing import StampSmoother
-from .pose_track import PoseTrack, PoseValueError, unit_pose
+from .pose_track import PoseJumpError, PoseTrack, PoseValueError, unit_pose
 from .transforms import (
     F64,
     inverse_pose,
@@ -18,6 +20,34 @@ from .transforms import (
 
 #: Poses on either side of one over which its stamp is smoothed.
 DEFAULT_SMOOTHING = 4
+#: No arm moves its tool faster; what does comes from somewhere else.
+_FASTEST_M_S = 5.0
+_SLACK_M = 1e-3
+#: A pose this much later is believed wherever it is, ns.
+_BELIEVED_AFTER_NS = 500_000_000
+_TOLD_AGAIN_NS = 1_000_000_000
+
+
+@dataclass(slots=True)
+class PoseCounts:
+    """What came of the robot's poses.
+
+    Parameters
+    ----------
+    poses : int
+        Poses taken.
+    gaps : int
+        Times that two of them lay further apart than may be interpolated over.
+    longest_gap_s : float
+        Longest time between two of them.
+    jumps : int
+        Poses left out because no arm gets there in the time.
+    """
+
+    poses: int = 0
+    gaps: int = 0
+    longest_gap_s: float = 0.0
+    jumps: int = 0
 
 
 class SensorFrames:
@@ -49,6 +79,9 @@ class SensorFrames:
         self.moving = moving
         self.sensor = sensor
         self.track = PoseTrack(max_gap_s)
+        self.counts = PoseCounts()
+        self._newest: tuple[int, F64] | None = None
+        self._jump_told_ns = -(2**62)
         self._static: dict[str, dict[str, F64]] = {}
         self._hand_eye: F64 | None = np.eye(4) if moving == sensor else None
         self._waiting: list[tuple[int, tuple[F64, F64]]] = []
@@ -107,12 +140,17 @@ class SensorFrames:
         Raises
         ------
         PoseError
-            If it is not finite or time runs backwards; the track is unchanged.
+            If it is not finite, time runs backwards or no arm gets there in the time (told once a
+            second); the track is unchanged.
         """
         if (parent, child) != (self.base, self.moving):
             return False
         p, q = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)
-        self._take(self._smoother.push(t_ns, (p, unit_pose(t_ns, p, q))))
+        q = unit_pose(t_ns, p, q)
+        if self._jumps(t_ns, p):
+            return False
+        self._take(self._smoother.push(t_ns, (p, q)))
+        self._count(t_ns, p)
         return True
 
     def finish(self) -> None:
@@ -124,6 +162,42 @@ class SensorFrames:
         self._smoother.finish()
         self._waiting.clear()
         self.track.clear()
+        self._newest = None
+
+    def _jumps(self, t_ns: int, position: F64) -> bool:
+        """Whether a pose is too far from the one before it.
+
+        Raises
+        ------
+        PoseJumpError
+            If so, and that was not told within the last second.
+        """
+        if self._newest is None:
+            return False
+        elapsed_ns = t_ns - self._newest[0]
+        away = float(np.linalg.norm(position - self._newest[1]))
+        if not 0 <= elapsed_ns < _BELIEVED_AFTER_NS:
+            return False
+        if away <= _SLACK_M + _FASTEST_M_S * elapsed_ns * 1e-9:
+            return False
+        self.counts.jumps += 1
+        if abs(t_ns - self._jump_told_ns) >= _TOLD_AGAIN_NS:
+            self._jump_told_ns = t_ns
+            raise PoseJumpError(
+                f"pose at {t_ns * 1e-9:.6f} s is {away * 1e3:.1f} mm from the one "
+                f"{elapsed_ns * 1e-6:.1f} ms before it, and left out; do two nodes publish "
+                f"{self.base} -> {self.moving}?"
+            )
+        return True
+
+    def _count(self, t_ns: int, position: F64) -> None:
+        counts = self.counts
+        counts.poses += 1
+        if self._newest is not None:
+            gap_s = (t_ns - self._newest[0]) * 1e-9
+            counts.gaps += gap_s > self.track.max_gap_s
+            counts.longest_gap_s = max(counts.longest_gap_s, gap_s)
+        self._newest = (t_ns, position)
 
     def _take(self, poses: list[tuple[int, tuple[F64, F64]]]) -> None:
         if self._hand_eye is None:

@@ -36,6 +36,7 @@ class StampSmoother(Generic[T]):
         self.neighbours = neighbours
         self._items: deque[tuple[int, T]] = deque()
         self._done = 0  # items at the front that were handed out and serve as neighbours
+        self._newest_ns: int | None = None
         self._last_out: int | None = None
 
     def push(self, t_ns: int, item: T) -> list[tuple[int, T]]:
@@ -46,8 +47,9 @@ class StampSmoother(Generic[T]):
         PoseOrderError
             If it is older than the newest one; it is left out.
         """
-        if self._items and t_ns < self._items[-1][0]:
-            raise PoseOrderError.between(t_ns, self._items[-1][0])
+        if self._newest_ns is not None and t_ns < self._newest_ns:
+            raise PoseOrderError.between(t_ns, self._newest_ns)
+        self._newest_ns = t_ns
         self._items.append((t_ns, item))
         waiting = len(self._items) - self._done
         return [self._hand_out()] if waiting > self.neighbours else []
@@ -59,7 +61,7 @@ class StampSmoother(Generic[T]):
             out.append(self._hand_out())
         self._items.clear()
         self._done = 0
-        self._last_out = None
+        self._newest_ns = self._last_out = None
         return out
 
     def _hand_out(self) -> tuple[int, T]:

@@ -47,6 +47,10 @@ class PoseOrderError(PoseError):
         return error
 
 
+class PoseJumpError(PoseError):
+    """A pose further from the one before it than any arm moves in the time."""
+
+
 class PoseValueError(PoseError):
     """A pose that is not finite or has no valid rotation."""
 

@@ -58,6 +58,7 @@ class EventCameraNode(LifecycleNode):
         self._preview = Preview()
         self._watched = False
         self._clock_map = SensorClock()
+        self._steps_told = self._connects_told = 0
         self._sequence = 0
         self._sent = 0
         self._dropped = 0
@@ -239,6 +240,10 @@ class EventCameraNode(LifecycleNode):
             return diagnostics.OK, "inactive", {}
         s = self._reader.status
         rates = self._rates.since_last(s, time.monotonic())
+        steps = self._clock_map.steps
+        # A camera that was plugged in again begins at zero: that is no fault.
+        jumped = steps > self._steps_told and s.connects == self._connects_told
+        self._steps_told, self._connects_told = steps, s.connects
         queue, dropped = 0, self._dropped
         if self._worker is not None:
             queue, dropped = self._worker.waiting, dropped + self._worker.dropped
@@ -247,6 +252,8 @@ class EventCameraNode(LifecycleNode):
             level, text = diagnostics.ERROR, s.fault or "looking for the camera"
         elif s.state == reader.SILENT:
             level, text = diagnostics.WARN, s.fault
+        elif jumped:
+            level, text = diagnostics.WARN, "streaming; the camera's clock has jumped"
         elif rates.errors or rates.overruns:
             level, text = diagnostics.WARN, "streaming, with faults of the stream"
         elif self._camera is None:
@@ -271,8 +278,7 @@ class EventCameraNode(LifecycleNode):
                 "clock_resets": s.decoder.time_steps,
                 "usb_stalls": s.usb.stalls,
                 "usb_overruns": s.usb.overruns,
-                "clock_residual_us": f"{self._clock_map.residual_s * 1e6:.0f}",
-                "clock_skew_ppm": f"{self._clock_map.skew * 1e6:.1f}",
+                **diagnostics.clock_figures(self._clock_map),
             },
         )
 

@@ -89,7 +89,8 @@ class Ur10Node(Node):
         self._delay_ns = round(p.stamp_delay * 1e9)
         self._published = 0
         self._last_ns = 0
-        self._missed_told = 0
+        self._missed_told = self._steps_told = 0
+        self._meter = diagnostics.Meter()
         # Not _publishers: rclpy's own.
         self._tf = self.create_publisher(TFMessage, "/tf", qos.TF) if p.publish_tf else None
         self._velocity = self.create_publisher(TwistStamped, "~/tool_velocity", qos.TF)
@@ -151,6 +152,8 @@ class Ur10Node(Node):
         if self._tf is not None:
             self._others.check()
         missed, self._missed_told = s.missed - self._missed_told, s.missed
+        steps = self._clock_map.steps
+        jumped, self._steps_told = steps > self._steps_told, steps
         level, text = diagnostics.OK, s.state
         if s.state == SEARCHING:
             level, text = diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"
@@ -162,6 +165,9 @@ class Ur10Node(Node):
                 f"another node publishes {p.tool} on /tf too: set publish_tf to false here or stop "
                 "the other"
             )
+        elif jumped:
+            level = diagnostics.WARN
+            text = "the controller's clock has jumped against the host's; its map is started anew"
         elif missed:
             level, text = diagnostics.WARN, f"{missed} poses were missed"
         elif p.publish_hand_eye and not p.hand_eye_known:
@@ -175,14 +181,15 @@ class Ur10Node(Node):
                 "controller": s.controller or "",
                 "rate_hz": s.controller.rate_hz if s.controller else "",
                 "safety": s.safety,
+                "pose_rate_hz": self._meter.rates(samples=s.samples)["samples"],
                 "samples": s.samples,
                 "published": self._published,
                 "missed": s.missed,
+                "pose_gaps": s.gaps,
+                "longest_pose_gap_s": round(s.longest_gap_s, 3),
                 "torn_reads": s.torn,
                 "connects": s.connects,
-                "clock_residual_us": f"{self._clock_map.residual_s * 1e6:.0f}",
-                "clock_skew_ppm": f"{self._clock_map.skew * 1e6:.1f}",
-                "clock_steps": self._clock_map.steps,
+                **diagnostics.clock_figures(self._clock_map),
                 "clock_steps_back": s.steps_back,
             },
         )

@@ -92,7 +92,8 @@ class VirtualCellNode(Node):
             "/tf_static": self.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC),
         }
         self._state = "preparing"
-        self._packets = self._code = 0
+        self._packets = self._sent = self._poses = self._code = 0
+        self._meter = diagnostics.Meter()
         self._late_s = 0.0
         self._stop, self._done = threading.Event(), threading.Event()
         self._diagnostics = diagnostics.Diagnostics(self, "scan", self._status, 0.5)
@@ -136,12 +137,13 @@ class VirtualCellNode(Node):
         if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
             self._done.set()
 
-    def _messages(self) -> Iterator[tuple[int, str, Any]]:
-        """Arrival, topic and message of everything the cell sends, in the simulation's time."""
+    def _messages(self) -> Iterator[tuple[int, str, Any, int]]:
+        """Arrival, topic, message and number of events of all that the cell sends."""
         for item in self._cell.run():
             if self._stop.is_set():
                 return
-            yield (item.arrival_ns, *self._message(item))
+            events = len(item.events) if isinstance(item, Packet) else 0
+            yield (item.arrival_ns, *self._message(item), events)
 
     def _message(self, item: Item) -> tuple[str, Any]:
         if isinstance(item, Packet):
@@ -173,14 +175,14 @@ class VirtualCellNode(Node):
             time.sleep(0.05)
         self._stop.wait(self._p.settle_s)
 
-    def _scan(self, stream: Iterator[tuple[int, str, Any]]) -> None:
+    def _scan(self, stream: Iterator[tuple[int, str, Any, int]]) -> None:
         self._state = "scanning"
         start = self._cell.truth.start_ros_ns
         # Time stamps are those of a scan that begins now.
         shift = self.get_clock().now().nanoseconds - start
         begin = time.monotonic()
         self._save_truth(self._cell.truth.starting_at(start + shift).save_text)
-        for arrival, topic, message in stream:
+        for arrival, topic, message, events in stream:
             if self._stop.is_set():
                 return
             due = begin + (arrival - start) * 1e-9 / self._p.rate
@@ -196,6 +198,8 @@ class VirtualCellNode(Node):
             holder.header.stamp = messages.to_time(stamp)
             self._outputs[topic].publish(message)
             self._packets += topic == EVENTS
+            self._poses += topic == "/tf"
+            self._sent += events
 
     def _save_truth(self, save: Callable[[Path], None]) -> None:
         if not self._p.truth_output:
@@ -215,6 +219,7 @@ class VirtualCellNode(Node):
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         level = diagnostics.OK
+        rates = self._meter.rates(packets=self._packets, events=self._sent, poses=self._poses)
         if self._cell.dropped_count:
             level = diagnostics.WARN
         return (
@@ -223,6 +228,9 @@ class VirtualCellNode(Node):
             {
                 "scene": self._cell.settings.scene.name,
                 "simulated": f"{100 * self._cell.progress:.0f} %",
+                "packet_rate_hz": rates["packets"],
+                "event_rate_mev_s": round(rates["events"] * 1e-6, 3),
+                "pose_rate_hz": rates["poses"],
                 "packets": self._packets,
                 "events": self._cell.event_count,
                 "events_over_rate_cap": self._cell.dropped_count,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -19,7 +20,7 @@ from roller_ros import diagnostics, messages, qos
 from roller_ros.frames_settings import FollowedFrames
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
-from roller_ros.tf import take_transforms
+from roller_ros.tf import PoseSources, take_transforms
 from roller_ros.worker import Worker
 
 from .depth_map import DepthMap
@@ -76,6 +77,8 @@ class StitcherNode(Node):
         self._pending: dict[int, _Parts] = {}
         self._last_ns = 0
         self._maps = self._points = self._faults = self._left_out = 0
+        self._sources = PoseSources(p.base_frame, p.moving_frame)
+        self._meter = diagnostics.Meter()
         self._publisher = self.create_publisher(PointCloud2, "/roller/surface/points", qos.SURFACE)
         self._diagnostics = diagnostics.Diagnostics(self, "surface", self._status)
         self._worker: Worker[Item] = Worker(self._handle, self._flush, p.idle_flush_s, 5000)
@@ -83,7 +86,6 @@ class StitcherNode(Node):
             ("info", CameraInfo, "/roller/depth/camera_info", qos.DEPTH),
             ("confidence", Image, "/roller/depth/confidence", qos.DEPTH),
             ("image", Image, "/roller/depth/image", qos.DEPTH),
-            ("tf", TFMessage, "/tf", qos.TF),
             ("static", TFMessage, "/tf_static", qos.TF_STATIC),
         ):
             awake = kind is not TFMessage
@@ -93,6 +95,12 @@ class StitcherNode(Node):
                 lambda m, name=name, awake=awake: self._worker.submit((name, m), awake),
                 quality,
             )
+
+        self.create_subscription(TFMessage, "/tf", self._take_tf, qos.TF)
+
+    def _take_tf(self, message: TFMessage, info: Mapping[str, Any]) -> None:
+        if self._sources.accepts(message, info):
+            self._worker.submit(("tf", message), False)
 
     def destroy_node(self) -> None:
         """Stop the worker first: it publishes."""
@@ -176,24 +184,34 @@ class StitcherNode(Node):
         self._publisher.publish(surface_message(patch, self._last_ns, self._parameters.base_frame))
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
-        if self._stitcher is None:
-            return diagnostics.OK, "waiting for depth maps", {}
-        found = self._stitcher.last_refinement
+        stitcher, frames = self._stitcher, self._frames.counts
+        found = stitcher.last_refinement if stitcher is not None else None
+        rates = self._meter.rates(maps=self._maps, poses=frames.poses)
         level, message = diagnostics.OK, "running"
-        if self._worker.dropped or self._left_out:
+        conflict = self._sources.conflict(self)
+        if conflict:
+            level, message = diagnostics.ERROR, conflict
+        elif stitcher is None:
+            message = "waiting for depth maps"
+        elif self._worker.dropped or self._left_out:
             level, message = diagnostics.WARN, "depth maps were left out"
         return (
             level,
             message,
             {
+                "depth_map_rate_hz": rates["maps"],
+                "pose_rate_hz": rates["poses"],
                 "depth_maps": self._maps,
                 "left_out": self._left_out,
                 "points": self._points,
-                "voxels_in_view": len(self._stitcher.voxels),
+                "voxels_in_view": len(stitcher.voxels) if stitcher is not None else 0,
+                "waiting_maps": len(self._pending),
                 "waiting_messages": self._worker.waiting,
                 "dropped_messages": self._worker.dropped,
-                "icp_tried": self._stitcher.icp_tried,
-                "icp_accepted": self._stitcher.icp_accepted,
+                **diagnostics.pose_figures(frames),
+                "foreign_poses": self._sources.foreign,
+                "icp_tried": stitcher.icp_tried if stitcher is not None else 0,
+                "icp_accepted": stitcher.icp_accepted if stitcher is not None else 0,
                 "icp_last": (found.reason or "accepted") if found else "",
                 "faults": self._faults,
             },

@@ -2,16 +2,63 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+
+from roller_core.clock import SensorClock
+from roller_core.frames import PoseCounts
 
 from . import qos
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
+
+#: More than this only the newest is told, with the regular status.
+_MOST_FAULTS_A_SECOND = 10
+
+
+class Meter:
+    """Rates from counts that only grow."""
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._clock_s = clock_s
+        self._at = clock_s()
+        self._last: dict[str, float] = {}
+
+    def rates(self, **counts: float) -> dict[str, float]:
+        """How much each count grew a second since the last call, under the same names.
+
+        What counts from zero again, and what is new, is taken as grown from zero.
+        """
+        now = self._clock_s()
+        seconds = max(now - self._at, 1e-6)
+        before = {k: v if v <= counts.get(k, v) else 0.0 for k, v in self._last.items()}
+        self._at, self._last = now, dict(counts)
+        return {k: round((v - before.get(k, 0.0)) / seconds, 1) for k, v in counts.items()}
+
+
+def clock_figures(clock: SensorClock) -> dict[str, object]:
+    """What all statuses say of a map from a device's clock to ROS time."""
+    return {
+        "clock_residual_us": round(clock.residual_s * 1e6),
+        "clock_scatter_us": round(clock.scatter_s * 1e6),
+        "clock_skew_ppm": round(clock.skew * 1e6, 1),
+        "clock_steps": clock.steps,
+    }
+
+
+def pose_figures(counts: PoseCounts) -> dict[str, object]:
+    """What all statuses say of the robot's poses."""
+    return {
+        "poses": counts.poses,
+        "pose_gaps": counts.gaps,
+        "longest_pose_gap_s": round(counts.longest_gap_s, 3),
+        "pose_jumps": counts.jumps,
+    }
 
 
 class Diagnostics:
@@ -38,14 +85,23 @@ class Diagnostics:
         self._name = f"{node.get_name()}: {part}"
         self._values = values
         self._fault = ""
+        self._told: list[float] = []
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
         node.create_timer(period_s, self.publish)
 
     def fault(self, message: str) -> None:
-        """Report a fault now; it stays in the next regular status too."""
-        if message != self._fault:
+        """Report a fault now; it stays in the next regular status too.
+
+        A flood of faults is told ten times a second.
+        """
+        if message == self._fault:
+            return
+        self._fault = message
+        now = time.monotonic()
+        self._told = [at for at in self._told if now - at < 1.0]
+        if len(self._told) < _MOST_FAULTS_A_SECOND:
+            self._told.append(now)
             self._node.get_logger().warning(message)
-            self._fault = message
             self._send(ERROR, message, {})
 
     def publish(self) -> None:

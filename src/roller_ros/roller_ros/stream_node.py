@@ -15,8 +15,9 @@ from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
 from roller_core.camera import Camera
+from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
-from roller_core.event_stream import EventStream, TimeBackwardsError
+from roller_core.event_stream import EventStream, StreamCounts, TimeBackwardsError
 from roller_core.events import EventArray
 from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseOrderError, PoseTrack
@@ -24,7 +25,7 @@ from roller_core.pose_track import PoseOrderError, PoseTrack
 from . import diagnostics, messages, qos
 from .frames_settings import FollowedFrames
 from .parameters import declare_settings
-from .tf import take_transforms
+from .tf import PoseSources, take_transforms
 from .worker import Worker
 
 #: Packets kept while the camera's calibration hasn't come.
@@ -101,7 +102,9 @@ class StreamNode(Node, Generic[P]):
         self.pipeline: P | None = None
         self.faults = 0
         self._early: deque[EventPacket] = deque(maxlen=_MOST_EARLY)
-        self._events_before = 0
+        self._sources = PoseSources(p.base_frame, p.moving_frame)
+        self._meter = diagnostics.Meter()
+        self._steps_told = 0
         self.diagnostics = diagnostics.Diagnostics(self, part, self._status)
         self._worker: Worker[Any] = Worker(self._handle, self._flush, p.idle_flush_s, 20_000)
 
@@ -110,10 +113,14 @@ class StreamNode(Node, Generic[P]):
         submit = self._worker.submit
         self.create_subscription(EventPacket, "/event_camera/events", submit, qos.EVENTS)
         self.create_subscription(CameraInfo, "/event_camera/camera_info", submit, qos.LATCHED)
-        self.create_subscription(TFMessage, "/tf", lambda m: submit(("tf", m), False), qos.TF)
+        self.create_subscription(TFMessage, "/tf", self._take_tf, qos.TF)
         self.create_subscription(
             TFMessage, "/tf_static", lambda m: submit(("static", m), False), qos.TF_STATIC
         )
+
+    def _take_tf(self, message: TFMessage, info: Mapping[str, Any]) -> None:
+        if self._sources.accepts(message, info):
+            self._worker.submit(("tf", message), False)
 
     def destroy_node(self) -> None:
         """Stop the worker first: it publishes."""
@@ -211,42 +218,64 @@ class StreamNode(Node, Generic[P]):
             self.frames.track.discard_before(needed)
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
-        if self.pipeline is None or self.stream is None:
-            return diagnostics.WARN, "waiting for /event_camera/camera_info", {}
-        counts, stream, clock = self.pipeline.counts, self.stream.counts, self.stream.clock
-        rate = stream.events - self._events_before
-        self._events_before = stream.events
-        level, message = diagnostics.OK, "running"
-        frames = self.frames
-        if not frames.has_robot_poses:
-            level = diagnostics.WARN
-            message = f"no poses {frames.base} -> {frames.moving} on /tf"
-        elif frames.hand_eye is None:
-            level = diagnostics.WARN
-            message = f"no way {frames.moving} -> {frames.sensor} on /tf_static"
-        elif stream.lost_packets or counts.dropped_events or self._worker.dropped:
-            level, message = diagnostics.WARN, "data were lost"
-        return (
-            level,
-            message,
-            {
-                "event_rate_per_s": rate,
-                "events": stream.events,
-                "lost_packets": stream.lost_packets,
-                "late_events": stream.late_events,
-                "events_outside_image": stream.outside_events,
+        level, message = self._health()
+        stream = self.stream.counts if self.stream is not None else StreamCounts()
+        clock = self.stream.clock if self.stream is not None else SensorClock()
+        frames = self.frames.counts
+        rates = self._meter.rates(events=stream.events, packets=stream.packets, poses=frames.poses)
+        figures: dict[str, object] = {
+            "event_rate_per_s": rates["events"],
+            "packet_rate_hz": rates["packets"],
+            "pose_rate_hz": rates["poses"],
+            "events": stream.events,
+            "lost_packets": stream.lost_packets,
+            "decode_errors": stream.decode_errors,
+            "late_events": stream.late_events,
+            "events_outside_image": stream.outside_events,
+            "waiting_messages": self._worker.waiting,
+            "dropped_messages": self._worker.dropped,
+            **diagnostics.pose_figures(frames),
+            "foreign_poses": self._sources.foreign,
+            **diagnostics.clock_figures(clock),
+            "faults": self.faults,
+        }
+        if self.pipeline is not None:
+            counts = self.pipeline.counts
+            figures |= {
                 "dropped_events": counts.dropped_events,
-                "dropped_messages": self._worker.dropped,
                 "events_without_pose": counts.events_without_pose,
-                "waiting_messages": self._worker.waiting,
                 "waiting_events": self.pipeline.held_events,
-                "clock_residual_s": clock.residual_s,
-                "clock_skew_ppm": clock.skew * 1e6,
-                "clock_steps": stream.clock_steps,
-                "faults": self.faults,
                 **self.figures(self.pipeline),
-            },
-        )
+            }
+        return level, message, figures
+
+    def _health(self) -> tuple[bytes, str]:
+        """The worst that is the matter."""
+        if self.pipeline is None or self.stream is None:
+            return diagnostics.WARN, "waiting for /event_camera/camera_info"
+        frames, stream, steps = self.frames, self.stream.counts, self.stream.clock.steps
+        jumped, self._steps_told = steps > self._steps_told, steps
+        conflict = self._sources.conflict(self)
+        if conflict:
+            return diagnostics.ERROR, conflict
+        if not frames.has_robot_poses:
+            return diagnostics.WARN, f"no poses {frames.base} -> {frames.moving} on /tf"
+        if frames.hand_eye is None:
+            return diagnostics.WARN, f"no way {frames.moving} -> {frames.sensor} on /tf_static"
+        cameras = self.count_publishers("/event_camera/events")
+        if cameras > 1:
+            return (
+                diagnostics.ERROR,
+                f"{cameras} nodes publish /event_camera/events: stop all but one",
+            )
+        if jumped:
+            return (
+                diagnostics.WARN,
+                "the camera's clock has jumped against the host's; its map is started anew",
+            )
+        if stream.lost_packets or self.pipeline.counts.dropped_events or self._worker.dropped:
+            return diagnostics.WARN, "data were lost"
+        return diagnostics.OK, "running"
 
 
 def percentile(values: Iterable[float], share: float) -> float:

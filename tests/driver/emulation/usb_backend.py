@@ -24,6 +24,7 @@ EVENTS_VARIABLE = "EMULATED_CAMERA_WORDS"
 RATE_VARIABLE = "EMULATED_CAMERA_BYTES_PER_S"
 REPEAT_VARIABLE = "EMULATED_CAMERA_REPEAT_MS"
 PACE_VARIABLE = "EMULATED_CAMERA_PACE"
+HELD_VARIABLE = "EMULATED_CAMERA_HELD"
 
 
 def from_environment() -> EmulatedBackend:
@@ -31,7 +32,7 @@ def from_environment() -> EmulatedBackend:
 
     For nodes, which are processes of their own: parameter `backend` =
     `driver.emulation.usb_backend:from_environment`. EMULATED_CAMERA_PACE has the settings of a
-    `PacedCamera` as JSON.
+    `PacedCamera` as JSON; with EMULATED_CAMERA_HELD another program holds the camera.
     """
     words = np.fromfile(os.environ[EVENTS_VARIABLE], "<u4")
     if PACE_VARIABLE in os.environ:
@@ -39,7 +40,9 @@ def from_environment() -> EmulatedBackend:
         return EmulatedBackend(PacedCamera(words.tobytes(), **pace))
     rate = float(os.environ.get(RATE_VARIABLE, "0"))
     repeat = int(os.environ.get(REPEAT_VARIABLE, "0"))
-    return EmulatedBackend(CameraModel(words.tobytes(), bytes_per_s=rate, repeat_ms=repeat))
+    backend = EmulatedBackend(CameraModel(words.tobytes(), bytes_per_s=rate, repeat_ms=repeat))
+    backend.held = HELD_VARIABLE in os.environ
+    return backend
 
 
 class EmulatedBackend(usb.backend.IBackend):

@@ -80,6 +80,10 @@ class ReceiverStatus:
         Connections made; samples received.
     missed : int
         Samples that never came, by the steps of the controller's clock.
+    gaps : int
+        Times that samples were missed in a row, or one was.
+    longest_gap_s : float
+        Longest step of the controller's clock from sample to sample, s.
     torn : int
         Reads repeated because a new sample came in the middle.
     steps_back : int
@@ -94,6 +98,8 @@ class ReceiverStatus:
     connects: int = 0
     samples: int = 0
     missed: int = 0
+    gaps: int = 0
+    longest_gap_s: float = 0.0
     torn: int = 0
     steps_back: int = 0
     safety_mode: int = 0
@@ -241,6 +247,8 @@ class RobotReceiver:
                     s.steps_back += 1
                 elif step > 1.5 * period_ns:
                     s.missed += round(step / period_ns) - 1
+                    s.gaps += 1
+                s.longest_gap_s = max(s.longest_gap_s, step * 1e-9)
             last_ns, last_seen = controller_ns, now
             s.samples += 1
             self._on_sample(sample)

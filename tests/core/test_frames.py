@@ -1,0 +1,76 @@
+"""What the robot's transforms are taken for, and what is left out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roller_core.frames import SensorFrames
+from roller_core.pose_track import PoseJumpError, PoseOrderError
+
+UP = (0.0, 0.0, 0.0, 1.0)
+MS = 1_000_000
+
+
+@pytest.fixture
+def frames() -> SensorFrames:
+    made = SensorFrames("base", "tool0_controller", "event_camera_optical_frame", 0.1, 0)
+    made.add_static("tool0_controller", "event_camera_optical_frame", (0.0, 0.0, 0.1), UP)
+    return made
+
+
+def put(frames: SensorFrames, t_ms: float, x_m: float) -> bool:
+    return frames.add("base", "tool0_controller", round(t_ms * MS), (x_m, 0.0, 0.0), UP)
+
+
+def test_gaps_are_counted(frames: SensorFrames) -> None:
+    for t_ms in (0, 8, 16, 150, 158, 1000):
+        put(frames, t_ms, 0.0)
+    assert (frames.counts.poses, frames.counts.gaps) == (6, 2)
+    assert frames.counts.longest_gap_s == pytest.approx(0.842)
+
+
+def test_poses_of_two_sources_do_not_mix(frames: SensorFrames) -> None:
+    """The second publisher's poses lie half a metre away, between those of the first."""
+    told = []
+    for k in range(1000):
+        put(frames, 8 * k, 1e-3 * k)
+        try:
+            assert not put(frames, 8 * k + 4, 1e-3 * k + 0.5)
+        except PoseJumpError as error:
+            told.append(str(error))
+    np.testing.assert_allclose(frames.track.positions[:, 0], 1e-3 * np.arange(1000))
+    assert frames.counts.jumps == 1000
+    assert len(told) == 8  # once a second
+    assert "500.0 mm from the one 4.0 ms before it, and left out; do two nodes publish" in told[0]
+
+
+def test_the_robot_may_be_elsewhere_after_a_pause(frames: SensorFrames) -> None:
+    put(frames, 0, 0.0)
+    assert put(frames, 600, 1.0)
+    assert frames.counts.jumps == 0
+
+
+def test_a_jump_that_stays_is_believed_once_an_arm_could_be_there(frames: SensorFrames) -> None:
+    """As when another TCP is set in the controller."""
+    put(frames, 0, 0.0)
+    taken = []
+    for k in range(1, 100):
+        try:
+            taken.append(put(frames, 8 * k, 0.2))
+        except PoseJumpError:
+            taken.append(False)
+    assert taken == [False] * 4 + [True] * 95  # 0.2 m at 5 m/s
+
+
+def test_a_fast_robot_is_none_that_jumps(frames: SensorFrames) -> None:
+    for k in range(500):
+        assert put(frames, 2 * k, 4.0 * 2e-3 * k)
+
+
+def test_time_that_runs_backwards_is_told_as_such(frames: SensorFrames) -> None:
+    put(frames, 100, 0.0)
+    with pytest.raises(PoseOrderError):
+        put(frames, 50, 0.5)
+    frames.restart()
+    assert put(frames, 50, 0.5)

@@ -1,0 +1,97 @@
+"""Rates, and floods of faults."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from roller_core.clock import SensorClock
+from roller_core.frames import PoseCounts
+from roller_ros import diagnostics
+from roller_ros.diagnostics import Diagnostics, Meter
+
+
+class FakeNode:
+    """As much of a node as diagnostics need."""
+
+    def __init__(self):
+        self.sent, self.logged = [], []
+
+    def get_name(self):
+        return "emvs"
+
+    def create_publisher(self, kind, topic, quality):
+        return self
+
+    def create_timer(self, period_s, callback):
+        return None
+
+    def get_logger(self):
+        return self
+
+    def get_clock(self):
+        return self
+
+    def now(self):
+        return self
+
+    def to_msg(self):
+        from builtin_interfaces.msg import Time
+
+        return Time()
+
+    def warning(self, text):
+        self.logged.append(text)
+
+    def publish(self, message):
+        (status,) = message.status
+        self.sent.append((status.level, status.message, {v.key: v.value for v in status.values}))
+
+
+def test_rates_are_those_since_the_last_look():
+    now = [10.0]
+    meter = Meter(lambda: now[0])
+    now[0] = 12.0
+    assert meter.rates(events=100, poses=50) == {"events": 50.0, "poses": 25.0}
+    now[0] = 12.5
+    assert meter.rates(events=100, poses=75) == {"events": 0.0, "poses": 50.0}
+    # Made anew, it counts from zero.
+    now[0] = 13.5
+    assert meter.rates(events=7, poses=75) == {"events": 7.0, "poses": 0.0}
+
+
+def test_a_fault_is_told_at_once_and_once_more():
+    node = FakeNode()
+    found = Diagnostics(node, "depth", lambda: (diagnostics.OK, "running", {"a": 1}))
+    found.fault("it broke")
+    found.fault("it broke")
+    assert [m for _, m, _ in node.sent] == node.logged == ["it broke"]
+    found.publish()
+    found.publish()
+    assert node.sent[1:] == [
+        (diagnostics.ERROR, "it broke", {"a": "1"}), (diagnostics.OK, "running", {"a": "1"}),
+    ]  # fmt: skip
+
+
+def test_a_flood_of_faults_does_not_flood_the_graph():
+    node = FakeNode()
+    found = Diagnostics(node, "depth", lambda: (diagnostics.OK, "running", {}))
+    for k in range(500):
+        found.fault(f"pose {k} is wrong")
+    assert 10 <= len(node.sent) < 100  # ten a second, and this takes no ten seconds
+    found.publish()
+    assert node.sent[-1][1] == "pose 499 is wrong"
+
+
+def test_figures_of_a_clock_and_of_poses():
+    clock = SensorClock()
+    for k in range(3000):
+        clock.observe(k * 10_000_000, 10**18 + k * 10_000_500 + (k % 7) * 100_000)
+    figures = diagnostics.clock_figures(clock)
+    assert figures["clock_skew_ppm"] == pytest.approx(50, abs=1)
+    assert figures["clock_steps"] == 0
+    assert 0 <= figures["clock_scatter_us"] < 100
+    assert diagnostics.pose_figures(PoseCounts(5, 1, 0.25, 2)) == {
+        "poses": 5, "pose_gaps": 1, "longest_pose_gap_s": 0.25, "pose_jumps": 2,
+    }  # fmt: skip

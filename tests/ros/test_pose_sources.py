@@ -1,0 +1,99 @@
+"""Two publishers of the robot's poses: one is followed, the other is told."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import TransformStamped
+from tf2_msgs.msg import TFMessage
+
+from roller_ros.tf import PoseSources
+
+OURS, THEIRS = b"\x01" * 16, b"\x02" * 16
+
+
+def message(parent="base", child="tool0_controller"):
+    item = TransformStamped(child_frame_id=child)
+    item.header.frame_id = parent
+    return TFMessage(transforms=[item])
+
+
+def sent_by(gid):
+    return {"publisher_gid": {"implementation_identifier": "x", "data": gid}}
+
+
+class Graph:
+    """What the node knows of /tf's publishers; its ids are longer than the messages'."""
+
+    def get_publishers_info_by_topic(self, topic):
+        assert topic == "/tf"
+        return [
+            SimpleNamespace(node_name=name, endpoint_gid=list(gid + bytes(8)))
+            for name, gid in (("ur10", OURS), ("ur_driver", THEIRS))
+        ]
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def sources(clock):
+    return PoseSources("base", "tool0_controller", clock)
+
+
+def test_one_publisher(sources):
+    assert all(sources.accepts(message(), sent_by(OURS)) for _ in range(3))
+    assert sources.conflict(Graph()) == ""
+
+
+def test_the_second_is_left_out_and_told_until_it_is_gone(sources, clock):
+    assert sources.accepts(message(), sent_by(OURS))
+    assert not sources.accepts(message(), sent_by(THEIRS))
+    clock.now += 0.1
+    assert sources.accepts(message(), sent_by(OURS))
+    told = sources.conflict(Graph())
+    assert told.startswith("/ur10 and /ur_driver publish base -> tool0_controller on /tf; /ur10 is")
+    assert "publish_tf of ur10 to false" in told
+    assert sources.foreign == 1
+    clock.now += 3.1
+    assert sources.conflict(Graph()) == ""
+
+
+def test_another_is_followed_when_the_first_is_silent(sources, clock):
+    assert sources.accepts(message(), sent_by(OURS))
+    clock.now += 0.6
+    assert sources.accepts(message(), sent_by(THEIRS))
+    assert not sources.accepts(message(), sent_by(OURS))
+    assert "/ur_driver is followed" in sources.conflict(Graph())
+
+
+def test_other_frames_are_nobodys_business(sources):
+    assert sources.accepts(message(), sent_by(OURS))
+    assert sources.accepts(message("map", "base"), sent_by(THEIRS))
+    assert sources.accepts(message("/base", "/tool0_controller"), sent_by(OURS))
+    assert sources.conflict(Graph()) == ""
+
+
+def test_where_publishers_are_not_told_apart_all_are_taken(sources):
+    for info in ({}, {"publisher_gid": None}):
+        assert sources.accepts(message(), info)
+    assert sources.conflict(Graph()) == ""
+
+
+def test_a_publisher_that_has_left(sources):
+    assert sources.accepts(message(), sent_by(OURS))
+    assert not sources.accepts(message(), sent_by(b"\x03" * 16))
+    assert "/ur10 and a node that is gone publish" in sources.conflict(Graph())
