@@ -231,12 +231,33 @@ def test_nothing_is_lost_at_thirty_megabytes_a_second():
     assert running.reader.status.usb.overruns == 0
 
 
+def test_many_short_transfers_wait_as_well_as_few_long_ones():
+    """A decoder that is held up for a while loses nothing, however little a transfer holds."""
+    events = scan(60_000, 600)
+    raw = encode_words(events).tobytes()
+    held = []
+
+    def hold(part):
+        if not held:
+            held.append(time.sleep(0.5))
+        running.packets.append(part)
+
+    # A kilobyte a transfer, all of them while the decoder stands.
+    running = Running(CameraModel(raw, bytes_per_s=4 * len(raw)))
+    running.reader._on_packet = hold
+    with running:
+        running.wait_for(len(events))
+        assert running.reader.status.usb.transfers > 100
+        assert running.reader.status.usb.overruns == 0
+    assert same(running.events, events)
+
+
 def test_what_comes_too_fast_is_counted(monkeypatch):
     events = scan(200_000, 500)
     raw = encode_words(events).tobytes()
     running = Running(CameraModel(raw))
     running.reader._on_packet = lambda part: time.sleep(0.02)
-    monkeypatch.setattr("roller_driver.dvxplorer.reader._BUFFERS", 3)
+    monkeypatch.setattr("roller_driver.dvxplorer.reader._MOST_BYTES", 200_000)
     with running:
         running.wait(lambda: running.reader.status.usb.bytes >= len(raw), 30)
         assert running.reader.status.usb.overruns > 0

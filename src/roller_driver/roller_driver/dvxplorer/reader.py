@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from roller_core.events import EventArray
 
 from .decoder import DecoderCounts, WordDecoder
@@ -24,7 +22,8 @@ STOPPED = "stopped"
 
 _SILENT_S = 2.0
 _POLL_S = 0.05
-_BUFFERS = 256
+#: What may wait for the decoder: a second of a busy scan.
+_MOST_BYTES = 32 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +185,7 @@ class CameraReader:
         self._camera, self._firmware = device.name, device.firmware
         # A camera that starts anew counts its time from zero again.
         self._decoder.reset()
-        reader = TransferReader(device, self._clock_ns, self._usb, s.transfer_bytes, _BUFFERS)
+        reader = TransferReader(device, self._clock_ns, self._usb, s.transfer_bytes, _MOST_BYTES)
         reader.start()
         self._connects += 1
         self._change(STREAMING, "")
@@ -207,9 +206,8 @@ class CameraReader:
                 last = now
                 if self._state != STREAMING:
                     self._change(STREAMING, "")
-                buffer, length, arrival_ns = transfer
-                events = self._decoder.decode(np.frombuffer(buffer, np.uint8)[:length])
-                reader.done(buffer)
+                data, arrival_ns = transfer
+                events = self._decoder.decode(data)
                 if len(events):
                     if self._on_events is not None:
                         self._on_events(events)

@@ -29,7 +29,7 @@ class TransferCounts:
     stalls : int
         Halts of the endpoint, cleared.
     overruns : int
-        Transfers thrown away because all buffers were full.
+        Transfers thrown away because too much waited for the decoder.
     """
 
     transfers: int = 0
@@ -40,7 +40,10 @@ class TransferCounts:
 
 
 class TransferReader:
-    """Reads transfers into a ring of buffers, so that no other work holds up the USB layer.
+    """Reads transfers into a queue, so that no other work holds up the USB layer.
+
+    The queue is bounded by bytes, not by transfers: a camera may end one with every read-out frame,
+    and then thousands a second hold little.
 
     Parameters
     ----------
@@ -52,8 +55,8 @@ class TransferReader:
         Counted on.
     transfer_bytes : int
         Size of one read.
-    buffers : int
-        Transfers that may wait for the decoder.
+    most_bytes : int
+        Bytes that may wait for the decoder.
     """
 
     def __init__(
@@ -62,16 +65,16 @@ class TransferReader:
         clock_ns: Callable[[], int],
         counts: TransferCounts,
         transfer_bytes: int,
-        buffers: int,
+        most_bytes: int,
     ) -> None:
         self._device = device
         self._clock_ns = clock_ns
         self._counts = counts
-        self._free: queue.SimpleQueue[array[int]] = queue.SimpleQueue()
-        for _ in range(buffers):
-            self._free.put(array("B", bytes(transfer_bytes)))
-        self._spare = array("B", bytes(transfer_bytes))
-        self._full: queue.SimpleQueue[tuple[array[int], int, int]] = queue.SimpleQueue()
+        self._buffer = array("B", bytes(transfer_bytes))
+        self._most_bytes = most_bytes
+        self._waiting: queue.SimpleQueue[tuple[bytes, int]] = queue.SimpleQueue()
+        # Each is written by one thread alone.
+        self._put_bytes = self._got_bytes = 0
         self._fault: CameraFault | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="usb", daemon=True)
@@ -84,10 +87,8 @@ class TransferReader:
         self._thread.start()
         self._starter.start()
 
-    def next(self, timeout_s: float) -> tuple[array[int], int, int] | None:
-        """The next transfer: buffer, length, arrival; None when none came in time.
-
-        Give the buffer back with `done`.
+    def next(self, timeout_s: float) -> tuple[bytes, int] | None:
+        """The next transfer and its arrival; None when none came in time.
 
         Raises
         ------
@@ -95,15 +96,13 @@ class TransferReader:
             What ended the reading, once all that came before is handed out.
         """
         try:
-            return self._full.get(timeout=timeout_s)
+            data, arrival_ns = self._waiting.get(timeout=timeout_s)
         except queue.Empty:
             if self._fault is not None:
                 raise self._fault from None
             return None
-
-    def done(self, buffer: array[int]) -> None:
-        """Give a buffer back."""
-        self._free.put(buffer)
+        self._got_bytes += len(data)
+        return data, arrival_ns
 
     def stop(self) -> None:
         """End the thread; the camera is left running."""
@@ -124,15 +123,11 @@ class TransferReader:
 
     def _run(self) -> None:
         stalls = 0
+        view = memoryview(self._buffer)
         while not self._stop.is_set():
             try:
-                buffer, spare = self._free.get_nowait(), False
-            except queue.Empty:
-                buffer, spare = self._spare, True
-            try:
-                length = self._device.read(buffer, _TIMEOUT_MS)
+                length = self._device.read(self._buffer, _TIMEOUT_MS)
             except CameraControlError as error:
-                self._give_back(buffer, spare)
                 stalls += 1
                 self._counts.stalls += 1
                 if not self._recover(stalls, error):
@@ -141,21 +136,18 @@ class TransferReader:
             except CameraFault as error:
                 self._fail(error)
                 return
+            arrival_ns = self._clock_ns()
             stalls = 0
             if not length:
                 self._counts.empty += 1
-                self._give_back(buffer, spare)
                 continue
             self._counts.transfers += 1
             self._counts.bytes += length
-            if spare:
+            if self._put_bytes - self._got_bytes + length > self._most_bytes:
                 self._counts.overruns += 1
             else:
-                self._full.put((buffer, length, self._clock_ns()))
-
-    def _give_back(self, buffer: array[int], spare: bool) -> None:
-        if not spare:
-            self._free.put(buffer)
+                self._put_bytes += length
+                self._waiting.put((bytes(view[:length]), arrival_ns))
 
     def _recover(self, stalls: int, error: CameraFault) -> bool:
         """Clear a halt; False when that doesn't help."""
