@@ -104,7 +104,8 @@ class DepthSettings(Settings):
         ge=0.0,
         le=10.0,
         description="The reference views are put where that is exact if they move by no more "
-        "than this; else every view is voted for itself, px.",
+        "than this across the way from start to end, or by turning; else every view is voted "
+        "for itself, px.",
     )
     packet_events: int = Field(
         256, ge=1, le=65536, description="Events that share the pose of their median event."

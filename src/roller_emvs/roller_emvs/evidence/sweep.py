@@ -149,20 +149,18 @@ def _energy(
     if not len(rays):
         return energy
     ends = (float(at[0]), float(at[-1]))
-    groups = np.array([0, len(rays)], np.int64)
-    bands = sort_into_bands(rays, groups, ends, field.shape, BAND_ROWS, (0.5, 0.5))
-    edges = bands.starts[0]
-    ordered, starts = _order_by_plane(bands.rays, edges, at, near)
+    bands = sort_into_bands(rays, ends, field.shape, BAND_ROWS, (0.5, 0.5))
+    ordered, starts = _order_by_plane(bands.rays, bands.starts, at, near)
     tiles = _searched_tiles(ordered, starts, field, at, s, searched, near is not None)
     # Polarities are shared already.
     threads = max(s.threads // 2, 1)
 
     def run(first: int) -> None:
-        votes = np.empty((BAND_ROWS // ROW_PX, field.shape[1]), np.float32)
+        votes = np.zeros((BAND_ROWS // ROW_PX + 1, field.shape[1]), np.float32)
         line = np.empty(TILE_CELLS * CELL_PX, np.float32)
         kernels._energy_bands(
-            ordered, starts, first, threads, reach, at.astype(np.float32), tiles, votes, line,
-            energy,
+            ordered, starts, first, threads, reach, at.astype(np.float32), tiles, votes,
+            kernels.chunk(), line, energy,
         )  # fmt: skip
 
     share(threads, threads, run, inner=True)
@@ -194,7 +192,7 @@ def _order_by_plane(rays: F32, edges: I64, at: F64, near: F32 | None) -> tuple[F
         starts[:] = edges[1:, None]
         starts[:, 0] = edges[:-1]
         return rays, starts
-    plane = np.empty(len(rays), np.int64)
+    plane = np.empty(rays.shape[1], np.int64)
     kernels._plane_near(rays, near, np.float32(at[0]), np.float32(at[1] - at[0]), len(at), plane)
     out = np.empty_like(rays)
     kernels._order_planes(rays, plane, edges, starts, out)
