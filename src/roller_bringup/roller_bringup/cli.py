@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from roller_core.errors import RollerError
+from roller_core.memory import keep_freed_memory
 
 #: Name of a subcommand's module and its line of help; modules are loaded when they are used.
 _COMMANDS = {
@@ -41,6 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         else:
             subparsers.add_parser(name, help=line)
     args = parser.parse_args(words)
+    keep_freed_memory()
     try:
         return int(args.run(args))
     except RollerError as error:

@@ -238,7 +238,8 @@ def view_depth(
     steps = np.gradient(planes)
     usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
     usable[[0, -1]] = False
-    mask &= usable[index]
+    at = np.flatnonzero(mask)
+    mask.ravel()[at] = usable[index.ravel()[at]]
     median, spread = masked_median(
         index, mask, s.median_px, len(planes), s.weight_rule == "inverse_variance"
     )

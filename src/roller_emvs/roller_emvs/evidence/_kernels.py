@@ -137,6 +137,19 @@ def _rivalled(scores, first, last, best, rival):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def _keep_best(scores, k, inner, first, last, total, top, best):  # type: ignore[no-untyped-def]
+    """Take plane `k` of a row of cells into the sums, and where it is best; see `_find_peak`."""
+    plane = np.int32(k)
+    for j in range(len(scores)):
+        inside = (plane >= first[j]) & (plane <= last[j])
+        value = scores[j] if inside else np.float32(0)
+        total[j] += value
+        better = inner & inside & (value > top[j])
+        top[j] = value if better else top[j]
+        best[j] = plane if better else best[j]
+
+
+@njit(cache=True, nogil=True)
 def _find_peak(scores, first, last, rival, peak, contrast, top):  # type: ignore[no-untyped-def]
     """Highest score among planes first..last of each cell, between planes.
 
@@ -153,14 +166,7 @@ def _find_peak(scores, first, last, rival, peak, contrast, top):  # type: ignore
         total[:] = 0
         best[:] = 0
         for k in range(n):
-            row = scores[k, i]
-            for j in range(width):
-                inside = (k >= first[i, j]) & (k <= last[i, j])
-                value = row[j] if inside else np.float32(0)
-                total[j] += value
-                better = inside & (k >= 1) & (k <= n - 2) & (value > top[i, j])
-                top[i, j] = value if better else top[i, j]
-                best[j] = k if better else best[j]
+            _keep_best(scores[k, i], k, 1 <= k <= n - 2, first[i], last[i], total, top[i], best)
         for j in range(width):
             k = best[j]
             peak[i, j] = np.nan
@@ -341,6 +347,34 @@ def _tiles_reached(rays, first, last, low, high, seen):  # type: ignore[no-untyp
             right = min(int(max(x0, x1) + 3) // size, count - 1)
             for t in range(left, right + 1):
                 seen[b, t] = True
+
+
+@njit(cache=True, nogil=True)
+def _add_moments(shift, x, y, energy, moments):  # type: ignore[no-untyped-def]
+    """Sums of 1, x, y, z, x², xy, y², xz and yz, by the cell that the evidence lies in.
+
+    Weights are the root of `energy`; `shift` is z, NaN where there is none.
+    """
+    _, height, width = moments.shape
+    for i in range(height):
+        for j in range(width):
+            z = np.float64(shift[i, j])
+            if np.isnan(z) or not energy[i, j] > 0:
+                continue
+            a = np.float64(x[i, j])
+            b = np.float64(y[i, j])
+            w = np.sqrt(np.float64(energy[i, j]))
+            r = min(max(int(np.rint(b)), 0), height - 1)
+            c = min(max(int(np.rint(a)), 0), width - 1)
+            moments[0, r, c] += w
+            moments[1, r, c] += w * a
+            moments[2, r, c] += w * b
+            moments[3, r, c] += w * z
+            moments[4, r, c] += w * a * a
+            moments[5, r, c] += w * a * b
+            moments[6, r, c] += w * b * b
+            moments[7, r, c] += w * a * z
+            moments[8, r, c] += w * b * z
 
 
 @njit(cache=True, nogil=True)

@@ -56,7 +56,7 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
         `slope_sigma_px` and `min_votes`.
     """
     s = settings
-    fitted = fit_planes(depths, s.slope_sigma_px / CELL_PX) if s.slope_sigma_px else None
+    fitted = fit_planes(depths, s.slope_sigma_px / CELL_PX, s.threads) if s.slope_sigma_px else None
     gathered: list[tuple[F32, F32, F32, F32] | None] = [None, None]
 
     def gather(polarity: int) -> None:
@@ -64,8 +64,9 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
         known = np.isfinite(found.shift)
         if not known.any():
             return
-        own = enlarge(found.shift)
-        surface = own if fitted is None else own * np.float32(0) + fitted
+        surface = enlarge(found.shift)
+        if fitted is not None:
+            np.copyto(surface, fitted, where=np.isfinite(surface))
         support = np.zeros(field.shape, np.float32)
         first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
         start = np.float32(np.median(found.shift[known]))
@@ -79,11 +80,11 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
     for images in gathered:
         if images is not None:
             kernels._choose(*images, np.float32(max(s.min_votes, 0.5)), best, shift, sure)
-    row, column = np.divmod(np.flatnonzero(best), best.shape[1])
+    row, column = np.divmod(np.flatnonzero(best > 0), best.shape[1])
     return Relief(row, column, shift[row, column].astype(np.float64), sure[row, column])
 
 
-def fit_planes(depths: list[Depths], sigma: float) -> F32:
+def fit_planes(depths: list[Depths], sigma: float, threads: int = 1) -> F32:
     """Surface at every pixel by planes through the depths around it, float32.
 
     A depth belongs to where its evidence lies, which on a wall is not the cell that it was
@@ -96,20 +97,19 @@ def fit_planes(depths: list[Depths], sigma: float) -> F32:
         On the grid's cells.
     sigma : float
         Neighbourhood, in cells.
+    threads : int
+        Threads that share the work.
     """
     shape = depths[0].shift.shape
-    moments = np.zeros((9, shape[0] * shape[1]))
+    moments = np.zeros((9, *shape))
     for found in depths:
-        ok = np.isfinite(found.shift) & (found.energy > 0)
-        z, x, y = (v[ok].astype(np.float64) for v in (found.shift, found.x, found.y))
-        w = np.sqrt(found.energy[ok].astype(np.float64))
-        i = np.clip(np.rint(y).astype(np.int64), 0, shape[0] - 1)
-        j = np.clip(np.rint(x).astype(np.int64), 0, shape[1] - 1)
-        at = i * shape[1] + j
-        terms = (np.ones_like(z), x, y, z, x * x, x * y, y * y, x * z, y * z)
-        for moment, term in zip(moments, terms, strict=True):
-            moment += np.bincount(at, w * term, len(moment))
-    summed = [cv2.GaussianBlur(m.reshape(shape), (0, 0), sigma) for m in moments]
+        kernels._add_moments(found.shift, found.x, found.y, found.energy, moments)
+    summed = np.empty_like(moments)
+
+    def blur(k: int) -> None:
+        cv2.GaussianBlur(moments[k], (0, 0), sigma, dst=summed[k])
+
+    share(threads, len(moments), blur)
     w = summed[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         mx, my, mz, xx, xy, yy, xz, yz = (m / w for m in summed[1:])

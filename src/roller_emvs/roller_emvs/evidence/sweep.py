@@ -76,14 +76,14 @@ def find_depths(
     parallax = field.aperture * (high - low)
     at = plane_shifts(low, high, parallax, s.planes_per_px, s.max_planes)
     step = at[1] - at[0]
-    everywhere = np.zeros(field.cells, np.int64), np.full(field.cells, len(at) - 1)
+    everywhere = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
     near: F32 | None = None
     first, last = everywhere
     reach = len(at)
     if s.sub_apertures > 1:
         near = _coarse_shift(field, low, high, s)
         reach = int(np.ceil(s.search_px * s.planes_per_px))
-        number = np.nan_to_num((near - at[0]) / step, nan=-1e6).round().astype(np.int64)
+        number = np.nan_to_num((near - at[0]) / step, nan=-1e6).round().astype(np.int32)
         first, last = number - reach, number + reach
     found: list[Depths | None] = [None, None]
 
@@ -122,7 +122,7 @@ def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings)
     least, most = float(field.slopes[0].min()), float(field.slopes[1].max())
     width = max(most - least, 1e-12) / s.sub_apertures
     part = np.clip((slope - least) / width, 0, s.sub_apertures - 1).astype(np.int64)
-    everywhere = np.zeros(field.cells, np.int64), np.full(field.cells, len(at) - 1)
+    everywhere = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
     total = np.zeros((len(at), *field.cells), np.float32)
     for polarity in (0, 1):
         own = slice(field.bounds[polarity], field.bounds[polarity + 1])
