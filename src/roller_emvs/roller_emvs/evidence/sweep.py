@@ -34,6 +34,7 @@ _SPOT = 1.0
 #: Columns that move by less than this, in cells, stay where they are.
 _STILL = 0.05
 I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def _energy(
     s: EvidenceSettings,
     near: F32 | None,
     reach: int,
-    searched: tuple[I64, I64],
+    searched: tuple[I32, I32],
 ) -> F32:
     """Sharpness of the votes by plane and cell, not yet summed over neighbourhoods."""
     energy = np.zeros((len(at), *field.cells), np.float32)
@@ -205,7 +206,7 @@ def _searched_tiles(
     field: RayField,
     at: F64,
     s: EvidenceSettings,
-    searched: tuple[I64, I64],
+    searched: tuple[I32, I32],
     local: bool,
 ) -> npt.NDArray[np.int64]:
     """First and last plane of each band's tiles, shape (bands, tiles, 2); last < first: none."""
@@ -233,7 +234,7 @@ def _searched_tiles(
 
 
 def _peaks(
-    energy: F32, at: F64, first: I64, last: I64, field: RayField, s: EvidenceSettings
+    energy: F32, at: F64, first: I32, last: I32, field: RayField, s: EvidenceSettings
 ) -> Depths:
     """Sharpest plane of each cell and where its evidence lies."""
     scores = _blur(energy, s.sigma_px)
