@@ -350,34 +350,6 @@ def _tiles_reached(rays, first, last, low, high, seen):  # type: ignore[no-untyp
 
 
 @njit(cache=True, nogil=True)
-def _add_moments(shift, x, y, energy, moments):  # type: ignore[no-untyped-def]
-    """Sums of 1, x, y, z, x², xy, y², xz and yz, by the cell that the evidence lies in.
-
-    Weights are the root of `energy`; `shift` is z, NaN where there is none.
-    """
-    _, height, width = moments.shape
-    for i in range(height):
-        for j in range(width):
-            z = np.float64(shift[i, j])
-            if np.isnan(z) or not energy[i, j] > 0:
-                continue
-            a = np.float64(x[i, j])
-            b = np.float64(y[i, j])
-            w = np.sqrt(np.float64(energy[i, j]))
-            r = min(max(int(np.rint(b)), 0), height - 1)
-            c = min(max(int(np.rint(a)), 0), width - 1)
-            moments[0, r, c] += w
-            moments[1, r, c] += w * a
-            moments[2, r, c] += w * b
-            moments[3, r, c] += w * z
-            moments[4, r, c] += w * a * a
-            moments[5, r, c] += w * a * b
-            moments[6, r, c] += w * b * b
-            moments[7, r, c] += w * a * z
-            moments[8, r, c] += w * b * z
-
-
-@njit(cache=True, nogil=True)
 def _choose(support, around, surface, confidence, least, best, shift, sure):  # type: ignore[no-untyped-def]
     """Take the pixels on which more events gather than around, and than any taken before."""
     height, width = support.shape
