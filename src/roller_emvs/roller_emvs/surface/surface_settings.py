@@ -20,7 +20,7 @@ class SurfaceSettings(EvidenceSettings):
         "as the skin doesn't stick to the surface there; 0 takes the whole image, m.",
     )
     block_m: float = Field(
-        0.008, ge=0.001, le=1.0, description="Length along the roll of what is computed at once, m."
+        0.004, ge=0.001, le=1.0, description="Length along the roll of what is computed at once, m."
     )
     min_aperture_m: float = Field(
         0.008,
