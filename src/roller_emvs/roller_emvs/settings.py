@@ -177,6 +177,13 @@ class DepthSettings(Settings):
         description="Way that edges creep along the surface as their contrast doubles under the "
         "light that travels with the camera; focus corrects depth for it; 0 is off, m.",
     )
+    event_delay_s: float = Field(
+        0.0,
+        ge=-0.1,
+        le=0.1,
+        description="Event stamps less the time, in the clock of the poses, of what they show: "
+        "what `roller calibrate --time-offset` finds, s.",
+    )
     max_pose_gap_s: float = Field(
         0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
     )

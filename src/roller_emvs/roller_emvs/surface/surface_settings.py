@@ -53,6 +53,13 @@ class SurfaceSettings(EvidenceSettings):
         le=1e4,
         description="Height of the nominal surface in base; `height` of a point counts from it, m.",
     )
+    event_delay_s: float = Field(
+        0.0,
+        ge=-0.1,
+        le=0.1,
+        description="Event stamps less the time, in the clock of the poses, of what they show: "
+        "what `roller calibrate --time-offset` finds, s.",
+    )
     max_backlog_events: int = Field(
         40_000_000,
         ge=10_000,
