@@ -59,6 +59,11 @@ class BrailleSettings(Settings):
         le=0.1,
         description="Largest error of the pitches that is measured and put right, as a share.",
     )
+    code: Literal["grade1", "ueb1", "ueb2"] = Field(
+        "grade1",
+        description="How cells are read as print: grade1 by our own table; ueb1 and ueb2 as "
+        "Unified English Braille, uncontracted or contracted, by liblouis (python3-louis).",
+    )
     depth_source: Literal["fixed", "surface"] = Field(
         "fixed",
         description="Depth of the surface: fixed (depth_m), or from the camera's height in base "

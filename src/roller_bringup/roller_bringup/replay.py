@@ -150,8 +150,10 @@ class _Run:
 
     def finish(self, recording: Recording, spent_s: float) -> None:
         self._writer.write_patch(self._inspection.finish())
+        braille = self._inspection.braille
+        code = self._inspection.settings.braille.code
+        self._writer.close(braille.lines() if braille is not None else [], code)
         lines = self._lines()
-        self._writer.close(lines)
         duration_s = (self._last_ns - (self._first_ns or 0)) * 1e-9
         spent_s -= self._truth_s
         stitcher = self._inspection.stitcher
