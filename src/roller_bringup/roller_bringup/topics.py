@@ -52,3 +52,41 @@ OUTPUTS = (
     Topic("/diagnostics", DiagnosticArray, qos.DIAGNOSTICS),
 )
 ALL = INPUTS + OUTPUTS
+EVENTS_TOPIC = INPUTS[0].name
+EVENT_TYPE = INPUTS[0].type_name
+
+
+def recorded(raw: bool = False, events_topic: str = EVENTS_TOPIC) -> list[Topic]:
+    """Topics that go into a bag, small ones with a longer queue: a recorder can be held up.
+
+    Parameters
+    ----------
+    raw : bool
+        Only what a replay needs: events, calibration and transforms.
+    events_topic : str
+        Where the event packets are; the camera's other topics lie beside it.
+    """
+    return [
+        Topic(beside(t.name, events_topic), t.type, _patient(t))
+        for t in (INPUTS if raw else ALL)
+        if not (raw and t.type is Image)
+    ]
+
+
+def beside(name: str, events_topic: str) -> str:
+    """What a topic of the graph is called where the event packets are on `events_topic`."""
+    if name == EVENTS_TOPIC:
+        return events_topic
+    ours, theirs = (topic.rsplit("/", 1)[0] for topic in (EVENTS_TOPIC, events_topic))
+    return theirs + name.removeprefix(ours) if name.startswith(f"{ours}/") else name
+
+
+def _patient(topic: Topic) -> QoSProfile:
+    if topic.type in (EventPacket, PointCloud2, CameraInfo):
+        return topic.qos
+    depth = 50 if topic.type is Image else 2000
+    return QoSProfile(
+        depth=max(depth, topic.qos.depth),
+        reliability=topic.qos.reliability,
+        durability=topic.qos.durability,
+    )
