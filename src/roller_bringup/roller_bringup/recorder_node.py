@@ -9,11 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rosbags.interfaces import Qos
 from sensor_msgs.msg import Image
 
-from roller_core.bags import bag_qos
 from roller_ros import diagnostics
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
@@ -49,7 +46,7 @@ class RecorderNode(Node):
         self._needed = [t.name for t in chosen if t.name not in outputs and t.type is not Image]
         writer = BagWriter(
             self.path,
-            {t.name: (t.type_name, _offered(t)) for t in chosen},
+            {t.name: (t.type_name, topics.offered(t)) for t in chosen},
             p.compress,
             int(p.keep_free_mb * 1e6),
         )
@@ -114,14 +111,6 @@ class RecorderNode(Node):
             "waiting_mb": round(p.waiting_bytes / 1e6, 1),
             "written_mb": round(p.bytes_written / 1e6, 1),
         }  # fmt: skip
-
-
-def _offered(topic: topics.Topic) -> list[Qos]:
-    return bag_qos(
-        topic.qos.depth,
-        topic.qos.reliability == ReliabilityPolicy.RELIABLE,
-        topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL,
-    )
 
 
 def main() -> None:

@@ -7,13 +7,15 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from event_camera_msgs.msg import EventPacket
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from roller_msgs.msg import BrailleCell
+from rosbags.interfaces import Qos
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
+from roller_core.bags import bag_qos
 from roller_ros import qos
 
 
@@ -71,6 +73,15 @@ def recorded(raw: bool = False, events_topic: str = EVENTS_TOPIC) -> list[Topic]
         for t in (INPUTS if raw else ALL)
         if not (raw and t.type is Image)
     ]
+
+
+def offered(topic: Topic) -> list[Qos]:
+    """A topic's quality of service as a bag holds it, for those who play it."""
+    return bag_qos(
+        topic.qos.depth,
+        topic.qos.reliability == ReliabilityPolicy.RELIABLE,
+        topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+    )
 
 
 def beside(name: str, events_topic: str) -> str:

@@ -29,6 +29,8 @@ class BagFolder:
         a whole; it is unpacked.
     message_count : int or None
         Messages that the metadata speak of.
+    custom : dict
+        What the recorder noted in the metadata.
     notes : list of str
         What is odd and costs no data.
     faults : list of RecordingError
@@ -37,6 +39,7 @@ class BagFolder:
 
     files: list[tuple[Path, Path]] = field(default_factory=list)
     message_count: int | None = None
+    custom: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     faults: list[RecordingError] = field(default_factory=list)
     _unpacked: Any = None
@@ -71,7 +74,7 @@ class BagFolder:
 
     def _as_listed(self, path: Path, found: list[Path]) -> list[Path]:
         """The files that metadata.yaml names, as far as it can be trusted."""
-        names, self.message_count = _metadata(path / "metadata.yaml", self.notes)
+        names = self._read_metadata(path / "metadata.yaml")
         if not names:
             return found
         there = {file.name: file for file in found}
@@ -86,13 +89,42 @@ class BagFolder:
             for name in missing
         ]
         # A recording that was ended before it could write its metadata anew.
-        series = {_order(file)[0] for file in listed}
-        later = [f for f in found if f not in listed and _order(f)[0] in series]
+        newest, kind = _order(listed[-1]), _kind(listed[-1])
+        later = [
+            f
+            for f in found
+            if _kind(f) == kind and _order(f)[0] == newest[0] and _order(f) > newest
+        ]
         if later:
             self.notes.append(
                 f"metadata.yaml doesn't name {', '.join(f.name for f in later)}; read as well"
             )
-        return sorted({*listed, *later}, key=_order) if later else listed
+        return listed + later
+
+    def _read_metadata(self, path: Path) -> list[str]:
+        """Names of files as metadata.yaml has them; none if it is no help."""
+        if not path.is_file():
+            self.notes.append("there is no metadata.yaml; was the recording ended early?")
+            return []
+        try:
+            data = yaml.safe_load(path.read_text())["rosbag2_bagfile_information"]
+            names = [PurePath(name).name for name in data["relative_file_paths"]]
+            count = int(data["message_count"])
+            custom = {str(k): str(v) for k, v in (data.get("custom_data") or {}).items()}
+        except (
+            OSError,
+            yaml.YAMLError,
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+        ) as error:
+            self.notes.append(
+                f"metadata.yaml can't be read ({type(error).__name__}); done without it"
+            )
+            return []
+        self.message_count, self.custom = count, custom
+        return names
 
     def _plain(self, file: Path) -> Path:
         """The file itself, or what it is when unpacked."""
@@ -116,20 +148,6 @@ class BagFolder:
                 "set TMPDIR to a folder with room"
             ) from error
         return out
-
-
-def _metadata(path: Path, notes: list[str]) -> tuple[list[str], int | None]:
-    """Names of files and number of messages as metadata.yaml has them."""
-    if not path.is_file():
-        notes.append("there is no metadata.yaml; was the recording ended early?")
-        return [], None
-    try:
-        data = yaml.safe_load(path.read_text())["rosbag2_bagfile_information"]
-        names = [PurePath(name).name for name in data["relative_file_paths"]]
-        return names, int(data["message_count"])
-    except (OSError, yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
-        notes.append(f"metadata.yaml can't be read ({type(error).__name__}); done without it")
-        return [], None
 
 
 def _kind(file: Path) -> str:

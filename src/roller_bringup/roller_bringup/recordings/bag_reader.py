@@ -40,6 +40,8 @@ class BagReader:
         Log time of the first message, ns.
     duration_s : float
         From it to that of the last, s.
+    custom : dict
+        What the recorder noted in the metadata.
     notes : list of str
         What is odd and costs no data.
     faults : list of RecordingError
@@ -55,6 +57,7 @@ class BagReader:
         self.path = path
         self._folder = BagFolder.open(path)
         self.notes = self._folder.notes
+        self.custom = self._folder.custom
         self._lost = list(self._folder.faults)
         self._storages: list[Storage] = []
         for file, shown in self._folder.files:

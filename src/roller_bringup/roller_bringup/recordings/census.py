@@ -136,6 +136,11 @@ def _count_bag(path: Path, census: Census, topic: str | None) -> None:
     if topic is not None:
         event_topic(reader.topics, path, topic)
     census.notes = reader.notes
+    census.notes += [
+        f"the recorder says: {name.replace('_', ' ')}: {value}"
+        for name, value in reader.custom.items()
+        if value != "0"
+    ]
     census.start_ns = reader.start_ns
     decoders: dict[tuple[str, str], PacketDecoder] = {}
     for item in reader.messages(set(reader.topics)):
