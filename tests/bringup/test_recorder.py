@@ -70,7 +70,7 @@ def test_everything_is_in_the_bag(compress: bool, tmp_path: Path) -> None:
         assert reader.message_count == len(messages)
     assert sorted(found) == sorted(messages)
     assert offered[EVENTS].reliability.name == "BEST_EFFORT"
-    assert offered[EVENTS].depth == 1000
+    assert offered[EVENTS].depth == 1000  # the graph's, not the recorder's
     assert offered["/tf_static"].durability.name == "TRANSIENT_LOCAL"
     assert progress.bytes_written == (tmp_path / "bag" / "bag.mcap").stat().st_size
 

@@ -83,9 +83,7 @@ class RecorderNode(Node):
         return [name for name in self._needed if not seen.get(name)]
 
     def _overflow(self, topic: str, t_ns: int) -> None:
-        # Of event packets their numbers tell more.
-        if topic not in self.recorder.event_topics:
-            self.recorder.losses.overflows[topic] += 1
+        self.recorder.losses.overflows[topic] += 1
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         recorder = self.recorder

@@ -59,7 +59,7 @@ EVENT_TYPE = INPUTS[0].type_name
 
 
 def recorded(raw: bool = False, events_topic: str = EVENTS_TOPIC) -> list[Topic]:
-    """Topics that go into a bag, small ones with a longer queue: a recorder can be held up.
+    """Topics that go into a bag.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def recorded(raw: bool = False, events_topic: str = EVENTS_TOPIC) -> list[Topic]
         Where the event packets are; the camera's other topics lie beside it.
     """
     return [
-        Topic(beside(t.name, events_topic), t.type, _patient(t))
+        Topic(beside(t.name, events_topic), t.type, t.qos)
         for t in (INPUTS if raw else ALL)
         if not (raw and t.type is Image)
     ]
@@ -90,14 +90,3 @@ def beside(name: str, events_topic: str) -> str:
         return events_topic
     ours, theirs = (topic.rsplit("/", 1)[0] for topic in (EVENTS_TOPIC, events_topic))
     return theirs + name.removeprefix(ours) if name.startswith(f"{ours}/") else name
-
-
-def _patient(topic: Topic) -> QoSProfile:
-    if topic.type in (EventPacket, PointCloud2, CameraInfo):
-        return topic.qos
-    depth = 50 if topic.type is Image else 2000
-    return QoSProfile(
-        depth=max(depth, topic.qos.depth),
-        reliability=topic.qos.reliability,
-        durability=topic.qos.durability,
-    )

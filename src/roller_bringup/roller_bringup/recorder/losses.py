@@ -44,7 +44,7 @@ class Losses:
         Event packets that never came here: lost by the driver or on the way.
     overflows : Counter
         How often the middleware's queue of a topic was full when messages were taken: some may
-        have been lost there. Event packets are counted in `before`.
+        have been lost there. Event packets between others are counted in `before` too.
     dropped : dict
         Messages for which the queue had no room, by topic.
     unwritten : dict

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from event_camera_msgs.msg import EventPacket
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -23,12 +24,15 @@ from rclpy.qos import (
     ReliabilityPolicy,
     qos_check_compatible,
 )
+from sensor_msgs.msg import Image, PointCloud2
 
 from roller_bringup.topics import Topic
 
 from .taken import Taken
 
 _PERIOD_S = 0.005
+#: Most that is taken of a topic at once: what comes faster than it can be taken must not pile up.
+_MOST_BYTES = 50_000_000
 
 
 class _Polled(CallbackGroup):
@@ -73,7 +77,8 @@ class Tap:
         self._group = _Polled()
         self._held: list[Taken] = []
         self._stop = threading.Event()
-        self._subscriptions = [(t, t.qos, self._subscribe(t, t.qos)) for t in topics]
+        asked = [(t, _patient(t)) for t in topics]
+        self._subscriptions = [(t, qos, self._subscribe(t, qos)) for t, qos in asked]
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -135,18 +140,30 @@ class Tap:
 
 
 def _take_all(name: str, subscription: Any) -> list[Taken]:
-    found = []
+    found: list[Taken] = []
+    size = 0
     handle, kind = subscription.handle, subscription.msg_type
     try:
         with handle:
-            while (item := handle.take_message(kind, True)) is not None:
+            while size < _MOST_BYTES and (item := handle.take_message(kind, True)) is not None:
                 data, info = item
+                size += len(data)
                 # Not every middleware says when a message arrived.
                 t_ns = info.get("received_timestamp") or time.time_ns()
                 found.append(Taken(t_ns, name, data))
     except (_rclpy.RCLError, _rclpy.InvalidHandle):
         pass  # the subscription was replaced, or the graph is gone
     return found
+
+
+def _patient(topic: Topic) -> QoSProfile:
+    """A topic's quality of service with a longer queue, for a process that can be held up."""
+    depth = {EventPacket: 1000, Image: 50, PointCloud2: 50}.get(topic.type, 2000)
+    return QoSProfile(
+        depth=max(depth, topic.qos.depth),
+        durability=topic.qos.durability,
+        reliability=topic.qos.reliability,
+    )
 
 
 def _lesser(qos: QoSProfile, offered: QoSProfile) -> QoSProfile:
