@@ -28,6 +28,7 @@ from emvs.scenes import CAMERA
 from roller_bringup.cli import main
 from roller_bringup.recordings import RecordingError, open_recording
 from roller_bringup.recordings.bag_reader import BagReader, RawMessage
+from roller_core.camera import Camera
 
 MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 Capture = pytest.CaptureFixture[str]
@@ -262,3 +263,20 @@ def test_the_type_of_packets_is_what_counts(tmp_path: Path) -> None:
     )
     with pytest.raises(RecordingError, match="no topic of type event_camera_msgs/msg/EventPacket"):
         open_recording(bag)
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize(
+    ("name", "stamp_s", "events"),
+    [("test_events_1", 1_675_956_550, 343_474), ("test_data_mono_cd", 1_639_872_000, 100)],
+)
+def test_real_bags_of_both_types(
+    name: str, stamp_s: int, events: int, shared_data: Path, tmp_path: Path
+) -> None:
+    """Of metavision_driver (evt3), and of the older type (mono)."""
+    Camera(640, 480, 500.0, 500.0, 320.0, 240.0).to_yaml(tmp_path / "camera.yaml")
+    times = [stamp_s - 1 + k * 0.008 for k in range(700)]
+    poses = "".join(f"{t:.3f} {t - stamp_s:.4f} 0 0 0 0 0 1\n" for t in times)
+    (tmp_path / "poses.txt").write_text(poses)
+    given = {"poses": tmp_path / "poses.txt", "camera_file": tmp_path / "camera.yaml"}
+    assert events_in(shared_data / "ros_event_packets" / name, **given) == events

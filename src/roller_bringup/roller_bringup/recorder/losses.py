@@ -84,9 +84,7 @@ class Losses:
                 f"(driver or DDS): {self.before.told(start_ns)}"
             )
         if self.overflows:
-            listed = ", ".join(
-                f"{topic} ({n} times)" for topic, n in sorted(self.overflows.items())
-            )
+            listed = ", ".join(f"{topic} ({n}×)" for topic, n in sorted(self.overflows.items()))
             out.append(f"DDS's queue was full, messages may be missing: {listed}")
         if self.dropped:
             out.append(

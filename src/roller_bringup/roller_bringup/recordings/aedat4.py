@@ -94,7 +94,7 @@ def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:
     """
     found = {
         str(number): (number, int(stream["width"]), int(stream["height"]))
-        for number, stream in _decoder(path).id_to_stream().items()
+        for number, stream in sorted(_decoder(path).id_to_stream().items())
         if stream["type"] == "events"
     }
     if not found:
