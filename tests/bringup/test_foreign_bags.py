@@ -120,7 +120,7 @@ def messages_of_two_cameras() -> Iterable[tuple[int, str, str, bytes]]:
 def test_several_cameras_need_a_choice(tmp_path: Path, capsys: Capture) -> None:
     bag = tmp_path / "bag"
     write_messages(Writer(bag, version=9, storage_plugin=MCAP), messages_of_two_cameras())
-    with pytest.raises(RecordingError, match="on /left/events and /right/events; choose with"):
+    with pytest.raises(RecordingError, match="on /left/events and /right/events; choose one with"):
         open_recording(bag)
     with pytest.raises(RecordingError, match="/middle/events is no topic of event packets; those"):
         open_recording(bag, topic="/middle/events")

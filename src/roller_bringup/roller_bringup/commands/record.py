@@ -201,7 +201,9 @@ def _interrupts() -> Iterator[_Interrupts]:
     def note(number: int, frame: object) -> None:
         seen.count += 1
 
-    wanted = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    wanted = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # else nohup keeps us alive
+        wanted.append(signal.SIGHUP)
     before = {s: signal.signal(s, note) for s in wanted}
     try:
         yield seen

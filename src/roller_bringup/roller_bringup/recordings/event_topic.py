@@ -46,7 +46,8 @@ def event_topic(topics: Mapping[str, str], path: Path, wanted: str | None = None
         )
     if wanted is None and USUAL not in found and len(found) > 1:
         raise RecordingError(
-            f"bag {path}: there are events on {' and '.join(found)}; choose with --topic"
+            f"bag {path}: there are events on {' and '.join(found)}; choose one with --topic "
+            "(topic:= for replay.launch.xml)"
         )
     return wanted or (USUAL if USUAL in found else found[0])
 
