@@ -46,8 +46,9 @@ def energy(
     rows = HEIGHT // ROW_PX
     out = np.zeros((len(shifts), HEIGHT // CELL_PX, WIDTH // CELL_PX), np.float32)
     _kernels._energy_band(
-        rays, starts, reach, shifts, np.float32(-0.5), tiles,
-        np.empty((rows, WIDTH), np.float32), np.empty(TILE_CELLS * CELL_PX, np.float32), out,
+        np.ascontiguousarray(rays.T), starts, reach, shifts, np.float32(-0.5), tiles,
+        np.empty((rows + 1, WIDTH), np.float32), _kernels.chunk(),
+        np.empty(TILE_CELLS * CELL_PX, np.float32), out,
     )  # fmt: skip
     return out
 
@@ -193,11 +194,11 @@ def test_the_plane_to_search_around_is_that_of_the_cell() -> None:
     rays = rays_on(pixels, x, y, rng)
     plane = np.empty(300, np.int64)
     step = np.float32(1e-5)
-    _kernels._plane_near(rays, cells, np.float32(0), step, 12, plane)
+    _kernels._plane_near(rays.T.copy(), cells, np.float32(0), step, 12, plane)
     np.testing.assert_array_equal(plane, np.rint(cells[y // CELL_PX, x // CELL_PX] / step))
     # A ray over unknown cells is searched nowhere.
     lost = np.array([[WIDTH - 2, 5, 0, 0]], np.float32)
-    _kernels._plane_near(lost, cells, np.float32(0), step, 12, plane[:1])
+    _kernels._plane_near(lost.T.copy(), cells, np.float32(0), step, 12, plane[:1])
     assert plane[0] == -1
 
 
@@ -216,13 +217,13 @@ def test_rays_are_ordered_by_plane_within_their_band() -> None:
     rng = np.random.default_rng(6)
     rays, plane = some_rays(200, rng), rng.integers(-1, 5, 200)
     edges = np.array([0, 80, 80, 200])
-    starts, out = np.empty((3, 6), np.int64), np.empty_like(rays)
-    _kernels._order_planes(rays, plane, edges, starts, out)
+    starts, out = np.empty((3, 6), np.int64), np.empty((4, 200), np.float32)
+    _kernels._order_planes(rays.T.copy(), plane, edges, starts, out)
     for b in range(3):
         for k in range(5):
             own = slice(edges[b], edges[b + 1])
             expected = rays[own][plane[own] == k]
-            np.testing.assert_array_equal(out[starts[b, k] : starts[b, k + 1]], expected)
+            np.testing.assert_array_equal(out.T[starts[b, k] : starts[b, k + 1]], expected)
 
 
 @pytest.mark.parametrize("slope", [0.0, 3000.0])
@@ -230,19 +231,20 @@ def test_bands_hold_every_ray_that_can_reach_them(slope: float) -> None:
     rng = np.random.default_rng(7)
     rays = some_rays(300, rng, slope)
     rays[3, 1] = np.nan
-    groups, ends, rows = np.array([0, 100, 300]), (-5e-4, 5e-4), 8
-    bands = sort_into_bands(rays, groups, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01))
-    for g in range(2):
-        for b in range(HEIGHT // rows):
-            held = set(bands.source[bands.starts[g, b] : bands.starts[g, b + 1]].tolist())
-            assert all(groups[g] <= i < groups[g + 1] for i in held)
-            for i in range(groups[g], groups[g + 1]):
-                for shift in np.linspace(*ends, 9):
-                    x, y = rays[i, :2] + rays[i, 2:] * shift
-                    touched = {np.floor(y) // rows, (np.floor(y) + 1) // rows}
-                    if 0 <= x < WIDTH - 1 and 0 <= y < HEIGHT - 1 and b in touched:
-                        assert i in held
-    np.testing.assert_array_equal(bands.rays, rays[bands.source])
+    ends, rows, offset = (-5e-4, 5e-4), 8, 2
+    bands = sort_into_bands(rays, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01), offset)
+    for b in range(HEIGHT // rows):
+        held = set(bands.source[bands.starts[b] : bands.starts[b + 1]].tolist())
+        assert 3 not in held
+        for i in range(len(rays)):
+            for shift in np.linspace(*ends, 9):
+                x, y = rays[i, :2] + rays[i, 2:] * shift
+                x += offset
+                touched = {np.floor(y) // rows, (np.floor(y) + 1) // rows}
+                if 0 <= x < WIDTH - 1 and 0 <= y < HEIGHT - 1 and b in touched:
+                    assert i in held
+    moved = rays[bands.source] + np.array([offset, 0, 0, 0], np.float32)
+    np.testing.assert_array_equal(bands.rays.T, moved)
 
 
 def test_enlarging_keeps_a_linear_surface() -> None:

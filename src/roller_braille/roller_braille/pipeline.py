@@ -112,7 +112,7 @@ class BraillePipeline:
 
     def add_events(self, events: EventArray) -> None:
         """Take events in order of time, ROS time."""
-        self._cutter.add(events)
+        self._cutter.add(events.shown(self.settings.event_delay_s))
 
     def text(self) -> list[str]:
         """Lines of text read so far.

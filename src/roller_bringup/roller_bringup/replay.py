@@ -76,7 +76,8 @@ def replay(
     )
     inspection = Inspection(settings, recording.camera, recording.track, braille)
     surface = settings.depth.method == "surface"
-    tally = SurfaceTally.beside(source) if surface else TruthTally.beside(source)
+    delay_s = (settings.surface if surface else settings.depth).event_delay_s
+    tally = (SurfaceTally if surface else TruthTally).beside(source, delay_s)
     run = _Run(inspection, writer, report, tally)
     begin = time.perf_counter()
     try:
