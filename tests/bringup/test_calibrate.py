@@ -72,4 +72,5 @@ def test_faults_are_one_line(
     assert main(["calibrate", *given, "--camera", str(camera)]) == 1
     told = capsys.readouterr().err.strip().splitlines()
     assert len(told) == 1
-    assert told[0].startswith("error: ") and says in told[0]
+    assert told[0].startswith("error: ")
+    assert says in told[0]

@@ -56,7 +56,8 @@ def test_a_tilted_plane_is_found(scan: EventArray) -> None:
     assert engine.held_events == 0
     for patch in patches:
         assert len(patch.confidence) == len(patch.height) == len(patch)
-        assert (patch.confidence >= 0).all() and (patch.confidence <= 1).all()
+        assert (patch.confidence >= 0).all()
+        assert (patch.confidence <= 1).all()
         assert patch.start_ns < patch.end_ns
     # Each row once: blocks don't overlap along the roll.
     starts = [p.points[:, 0].min() for p in patches if len(p)]
