@@ -16,6 +16,7 @@ _COMMANDS = {
     "replay": ("roller_bringup.commands.replay", "process a recording offline"),
     "up": ("roller_bringup.commands.up", "run a launch file"),
     "demo": ("roller_bringup.commands.demo", "roll the virtual cell over a plate, live"),
+    "record": ("roller_bringup.commands.record", "record the running graph"),
     "calibrate": ("roller_bringup.commands.calibrate", "calibrate the cell from recordings"),
     "info": ("roller_bringup.commands.info", "tell what a recording holds"),
     "bench": ("roller_bringup.commands.bench", "measure speed against error"),
