@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from roller_emvs.bands import sort_into_bands
-from roller_emvs.evidence import _kernels
+from roller_emvs.evidence import _kernels, _peak_kernels
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from roller_emvs.evidence.relief import enlarge
 
@@ -86,7 +86,7 @@ def test_peak_is_searched_between_limits_and_refused_at_them() -> None:
     scores = np.repeat(scores, 4, axis=2).astype(np.float32)
     first, last = np.array([[0, 2, 7, 1]]), np.array([[19, 9, 11, 0]])
     peak, contrast, top = (np.empty((1, 4), np.float32) for _ in range(3))
-    _kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
+    _peak_kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
     # The highest of all; the prior's; none, as the scores rise at the limit; none to search.
     np.testing.assert_allclose(peak[0, :2], [14.6, 5.3], atol=0.05)
     assert np.isnan(peak[0, 2:]).all()
@@ -103,7 +103,7 @@ def test_peak_between_planes_is_the_parabolas() -> None:
     scores = np.maximum(20 - (k[:, None, None] - true) ** 2, 0).astype(np.float32)
     first, last = np.zeros((2, 2), np.int64), np.full((2, 2), 11)
     peak, contrast, top = (np.empty((2, 2), np.float32) for _ in range(3))
-    _kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
+    _peak_kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
     np.testing.assert_allclose(peak[0], true[0], atol=1e-3)
     assert peak[1, 0] == 5.0
     # A peak on the first plane may lie outside the range: none.
@@ -111,7 +111,7 @@ def test_peak_between_planes_is_the_parabolas() -> None:
     assert contrast[1, 1] == 0
     flat = np.ones_like(scores)
     flat[5:] = 0.5
-    _kernels._find_peak(flat, first, last, 2.0, peak, contrast, top)
+    _peak_kernels._find_peak(flat, first, last, 2.0, peak, contrast, top)
     assert np.isfinite(peak).all()
 
 
@@ -121,11 +121,11 @@ def test_a_second_peak_as_high_leaves_no_depth() -> None:
     peak, contrast, top = (np.empty((1, 1), np.float32) for _ in range(3))
     for height, known in ((0.8, True), (0.95, False)):
         scores = np.exp(-((k - 8) ** 2) / 4) + height * np.exp(-((k - 21) ** 2) / 4)
-        _kernels._find_peak(scores.astype(np.float32), first, last, 0.9, peak, contrast, top)
+        _peak_kernels._find_peak(scores.astype(np.float32), first, last, 0.9, peak, contrast, top)
         assert np.isfinite(peak[0, 0]) == known
     # A broad top with a dent is one peak.
     dented = np.exp(-((k - 15) ** 2) / 40) * (1 - 0.05 * (k == 16))
-    _kernels._find_peak(dented.astype(np.float32), first, last, 0.9, peak, contrast, top)
+    _peak_kernels._find_peak(dented.astype(np.float32), first, last, 0.9, peak, contrast, top)
     assert np.isfinite(peak[0, 0])
 
 
@@ -135,7 +135,7 @@ def test_centroids_are_weighted_means() -> None:
     plane = rng.integers(-1, 3, (9, 11))
     weights = np.array([0.2, 0.6, 0.2], np.float32)
     total, x, y = (np.empty((9, 11), np.float32) for _ in range(3))
-    _kernels._centroids(values, plane, weights, total, x, y)
+    _peak_kernels._centroids(values, plane, weights, total, x, y)
     for i in range(9):
         for j in range(11):
             if plane[i, j] < 0:

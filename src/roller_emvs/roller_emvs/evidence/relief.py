@@ -12,6 +12,7 @@ from roller_core.transforms import F64
 from ..rays import F32
 from ..threads import share
 from . import _kernels as kernels
+from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .field import RayField
 from .fit import fit_planes
@@ -87,7 +88,7 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
     shift, sure = np.empty_like(best), np.empty_like(best)
     for images in gathered:
         if images is not None:
-            kernels._choose(*images, np.float32(max(s.min_votes, 0.5)), best, shift, sure)
+            peaks._choose(*images, np.float32(max(s.min_votes, 0.5)), best, shift, sure)
     row, column = np.divmod(np.flatnonzero(best > 0), best.shape[1])
     if fitted is not None:
         scatter_px = enlarge((fit.scatter * px_per_shift).astype(np.float32))[row, column]

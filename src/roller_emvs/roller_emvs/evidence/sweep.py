@@ -21,6 +21,7 @@ from ..bands import sort_into_bands
 from ..rays import F32
 from ..threads import share
 from . import _kernels as kernels
+from . import _peak_kernels as peaks
 from ._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from .creep import creep_depth_m
 from .field import RayField
@@ -132,7 +133,7 @@ def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings)
             if len(rays):
                 total += _energy(rays, field, at, s, None, len(at), everywhere)
     peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
-    kernels._find_peak(_blur(total, s.coarse_sigma_px), *everywhere, 2.0, peak, contrast, top)
+    peaks._find_peak(_blur(total, s.coarse_sigma_px), *everywhere, 2.0, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)
 
 
@@ -178,7 +179,7 @@ def _follow(energy: F32, field: RayField, at: F64) -> F32:
     if np.abs(offsets).max() < _STILL:
         return energy
     out = np.empty_like(energy)
-    kernels._shear(energy, offsets, out)
+    peaks._shear(energy, offsets, out)
     return out
 
 
@@ -239,7 +240,7 @@ def _peaks(
     """Sharpest plane of each cell and where its evidence lies."""
     scores = _blur(energy, s.sigma_px)
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
-    kernels._find_peak(scores, first, last, s.max_rival, peak, contrast, top)
+    peaks._find_peak(scores, first, last, s.max_rival, peak, contrast, top)
     step = at[1] - at[0]
     shift = (at[0] + peak * step).astype(np.float32)
     # Less energy than a spot of as many events as a pixel needs is noise.
@@ -253,7 +254,7 @@ def _peaks(
     offsets = np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (offsets / sigma) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
-    kernels._centroids(energy, nearest, weights, total, x, y)
+    peaks._centroids(energy, nearest, weights, total, x, y)
     x += np.nan_to_num(shift) * field.middles[None, :].astype(np.float32) / CELL_PX
     return Depths(shift, contrast, total, x, y)
 
