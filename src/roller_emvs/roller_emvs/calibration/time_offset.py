@@ -22,22 +22,22 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from roller_core.camera import Camera
-from roller_core.errors import RollerError
-from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
+
+from .to_and_fro import (
+    LEAST_EVENTS,
+    LEAST_WAY_M,
+    Course,
+    Pass,
+    Scan,
+    TimeOffsetError,
+    closing_speed,
+    course_of,
+    passes_of,
+)
 
 I64 = npt.NDArray[np.int64]
 
-#: Rays that lean further along the way are left out: relief moves them, dx/dz.
-MOST_LEAN = 0.1
-#: Poses are interpolated between grid points this far apart, ns.
-_GRID_NS = 1_000_000
-#: A pass is where the speed is above this share of its highest.
-_MOVING = 0.2
-#: Least way that both passes have been over, metres, and events in each.
-_LEAST_WAY_M, _LEAST_EVENTS = 0.004, 2000
 #: Rows of the maps are this many pixels, and strips of rows are judged each for itself.
 _ROW_PX, _STRIPS = 4, 8
 #: Structures wider than this don't count, px.
@@ -50,29 +50,6 @@ _ALIKE, _APART = 1.25, 1.5
 _ROUNDS = 6
 #: A lag is no better than this share of a pixel, however well strips agree.
 _FINEST_PX = 0.1
-
-
-class TimeOffsetError(RollerError):
-    """A recording from which the offset can't be told."""
-
-
-@dataclass(frozen=True)
-class Scan:
-    """A scan that goes to and fro.
-
-    Attributes
-    ----------
-    events : EventArray
-        In order of time; see `central_events`.
-    camera : Camera
-        Calibration.
-    track : PoseTrack
-        Camera in base over the whole scan.
-    """
-
-    events: EventArray
-    camera: Camera
-    track: PoseTrack
 
 
 @dataclass(frozen=True)
@@ -101,13 +78,6 @@ class TimeOffset:
     events: int
 
 
-def central_events(events: EventArray, camera: Camera) -> EventArray:
-    """Events near the image's middle row or column: all that can count, whichever the way."""
-    reach_u, reach_v = MOST_LEAN * camera.fx, MOST_LEAN * camera.fy
-    u, v = events.x.astype(np.float64), events.y.astype(np.float64)
-    return events[(np.abs(u - camera.cx) <= reach_u) | (np.abs(v - camera.cy) <= reach_v)]
-
-
 def estimate_time_offset(scans: Sequence[Scan], depth_m: float, most_s: float = 0.02) -> TimeOffset:
     """Delay of event stamps against poses from scans that reverse.
 
@@ -125,7 +95,7 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float, most_s: float = 
     TimeOffsetError
         If a scan doesn't go to and fro over the same place, or there is too little to compare.
     """
-    courses = [_course(scan) for scan in scans]
+    courses = [course_of(scan) for scan in scans]
     delay_s = 0.0
     for _ in range(_ROUNDS):
         lags = [
@@ -159,16 +129,6 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float, most_s: float = 
 
 
 @dataclass(frozen=True)
-class _Course:
-    """The way of a scan: its direction in base, and place and speed along it on a grid of times."""
-
-    along: F64
-    grid_ns: I64
-    way_m: F64
-    speed_m_s: F64
-
-
-@dataclass(frozen=True)
 class _Lag:
     """How far the forward pass's map lies ahead over a stretch of alike speeds."""
 
@@ -178,89 +138,16 @@ class _Lag:
     events: int
 
 
-@dataclass(frozen=True)
-class _Pass:
-    """Places of one pass: along and across the way, metres; which events are ON."""
-
-    along_m: F64
-    across_m: F64
-    on: npt.NDArray[np.bool_]
-
-
-def _course(scan: Scan) -> _Course:
-    track = scan.track
-    if not len(scan.events) or len(track) < 2:
-        raise TimeOffsetError("there are no events or no poses to compare")
-    centred = track.positions - track.positions.mean(axis=0)
-    along = np.linalg.svd(centred, full_matrices=False)[2][0]
-    grid = np.arange(track.start_ns, track.end_ns, _GRID_NS, dtype=np.int64)
-    if len(grid) < 50 or np.ptp(centred @ along) < _LEAST_WAY_M:
-        raise TimeOffsetError(
-            f"the sensor moves by less than {_LEAST_WAY_M * 1e3:g} mm: roll it to and fro"
-        )
-    way = track.sample(grid)[0] @ along
-    # Poses carry noise of micrometres: the slope over 20 ms.
-    smooth = np.convolve(np.pad(way, 10, mode="edge"), np.full(21, 1 / 21), mode="valid")
-    speed = np.gradient(smooth, _GRID_NS * 1e-9)
-    for sign in (1.0, -1.0):
-        moving = sign * speed > _MOVING * np.abs(speed).max()
-        if not moving.any() or np.ptp(way[moving]) < _LEAST_WAY_M:
-            raise TimeOffsetError(
-                "the scan rolls one way only: roll to and fro over the same place"
-            )
-    return _Course(along, grid, way, speed)
-
-
-def _passes(scan: Scan, course: _Course, depth_m: float, delay_s: float) -> tuple[_Pass, _Pass]:
-    """Where the events of both passes lie on the surface, for a delay of their stamps."""
-    events, camera, track = scan.events, scan.camera, scan.track
-    along, grid, speed = course.along, course.grid_ns, course.speed_m_s
-    times = events.t_ns - round(delay_s * 1e9)
-    at = np.clip((times - grid[0]) // _GRID_NS, 0, len(grid) - 1)
-    inside = (times >= grid[0]) & (times <= grid[-1])
-    rotations = track.matrices(grid)[:, :3, :3]
-    positions = track.sample(grid)[0]
-    axis = rotations[:, :, 2].mean(axis=0)
-    across = np.cross(axis, along)
-    table = camera.undistortion_table()
-    rays = table[events.y, events.x].astype(np.float64)
-    local = np.column_stack(
-        [(rays[:, 0] - camera.cx) / camera.fx, (rays[:, 1] - camera.cy) / camera.fy]
-    )
-
-    def component(direction: F64) -> F64:
-        """Of the rays, at unit depth."""
-        turned = direction @ rotations
-        return np.asarray(turned[at, 0] * local[:, 0] + turned[at, 1] * local[:, 1] + turned[at, 2])
-
-    lean = component(along)
-    # The middle ray's own lean is the camera's, not the pixel's.
-    inside &= np.abs(lean - np.median(along @ rotations[:, :, 2].T)) <= MOST_LEAN
-    s = np.interp(times, grid, course.way_m) + depth_m * lean
-    r = np.interp(times, grid, positions @ across) + depth_m * component(across)
-    v = np.interp(times, grid, speed)
-    found = []
-    for sign, name in ((1.0, "forward"), (-1.0, "back")):
-        own = inside & (sign * v > _MOVING * np.abs(speed).max())
-        if np.count_nonzero(own) < _LEAST_EVENTS:
-            raise TimeOffsetError(
-                f"the pass {name} has {np.count_nonzero(own)} events of use, fewer than "
-                f"{_LEAST_EVENTS}: roll to and fro over a surface with relief"
-            )
-        found.append(_Pass(s[own], r[own], events.p[own] > 0))
-    return found[0], found[1]
-
-
-def _lags(scan: Scan, course: _Course, depth_m: float, delay_s: float, most_s: float) -> list[_Lag]:
+def _lags(scan: Scan, course: Course, depth_m: float, delay_s: float, most_s: float) -> list[_Lag]:
     """Lags of a scan's stretches."""
-    forward, back = _passes(scan, course, depth_m, delay_s)
+    forward, back = passes_of(scan, course, depth_m, delay_s)
     pixel_m = depth_m / scan.camera.fx
     low = max(forward.along_m.min(), back.along_m.min())
     high = min(forward.along_m.max(), back.along_m.max())
-    if high - low < _LEAST_WAY_M:
+    if high - low < LEAST_WAY_M:
         raise TimeOffsetError(
             f"the two passes share {max(high - low, 0) * 1e3:.1f} mm of the way, less than "
-            f"{_LEAST_WAY_M * 1e3:g} mm: roll back over the same place"
+            f"{LEAST_WAY_M * 1e3:g} mm: roll back over the same place"
         )
     top = min(forward.across_m.min(), back.across_m.min())
     bottom = max(forward.across_m.max(), back.across_m.max())
@@ -272,7 +159,7 @@ def _lags(scan: Scan, course: _Course, depth_m: float, delay_s: float, most_s: f
         )
         for on in (True, False)
     ]
-    closing = _closing_speed(course, low + (np.arange(shape[1]) + 0.5) * pixel_m)
+    closing = closing_speed(course, low + (np.arange(shape[1]) + 0.5) * pixel_m)
     counts = np.histogram(
         np.concatenate([forward.along_m, back.along_m]), shape[1], (low, low + shape[1] * pixel_m)
     )[0]
@@ -281,7 +168,7 @@ def _lags(scan: Scan, course: _Course, depth_m: float, delay_s: float, most_s: f
     for k in np.unique(level[closing > 0]):
         own = level == k
         events = int(counts[own].sum())
-        if own.sum() * pixel_m < _LEAST_WAY_M / 2 or events < 2 * _LEAST_EVENTS:
+        if own.sum() * pixel_m < LEAST_WAY_M / 2 or events < 2 * LEAST_EVENTS:
             continue
         speed = float(np.average(closing[own], weights=counts[own]))
         lag = _compare([(a, b * own) for a, b in maps], pixel_m, speed, most_s)
@@ -293,20 +180,6 @@ def _lags(scan: Scan, course: _Course, depth_m: float, delay_s: float, most_s: f
             f"±{most_s * 1e3:g} ms"
         )
     return found
-
-
-def _closing_speed(course: _Course, at_m: F64) -> F64:
-    """Speed of the one pass plus that of the other at places; 0 where one wasn't."""
-    total = np.zeros(len(at_m))
-    both = np.ones(len(at_m), bool)
-    # The camera is over what it sees: its place and the place seen are one for the middle ray.
-    for sign in (1.0, -1.0):
-        moving = sign * course.speed_m_s > _MOVING * np.abs(course.speed_m_s).max()
-        order = np.argsort(course.way_m[moving])
-        way, speed = course.way_m[moving][order], sign * course.speed_m_s[moving][order]
-        both &= (at_m >= way[0]) & (at_m <= way[-1])
-        total += np.interp(at_m, way, speed)
-    return np.where(both, total, 0.0)
 
 
 def _compare(
@@ -345,7 +218,7 @@ def _compare(
 
 
 def _map(
-    one: _Pass, on: bool, origin: tuple[float, float], pixel_m: float, shape: tuple[int, int]
+    one: Pass, on: bool, origin: tuple[float, float], pixel_m: float, shape: tuple[int, int]
 ) -> F64:
     """Events on the surface, shared by the two nearest columns; narrow structures alone."""
     own = one.on == on
