@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from roller_braille.braille_node import BrailleParameters
+from roller_bringup.recorder.settings import RecorderParameters
 from roller_core.settings import Settings, parameter_file
 from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.ur10.settings import Ur10Parameters
@@ -16,6 +17,7 @@ FILES: dict[str, type[Settings]] = {
     "braille": BrailleParameters,
     "emvs": EmvsParameters,
     "event_camera": EventCameraParameters,
+    "recorder": RecorderParameters,
     "stitcher": StitcherParameters,
     "surface": SurfaceParameters,
     "ur10": Ur10Parameters,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of
 from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
@@ -55,12 +55,13 @@ class Recipe:
     camera: Camera | None = CAMERA
     tf: bool = True
     tf_static: bool = True
+    namespace: str = "/event_camera"
+    compression: CompressionMode = CompressionMode.NONE
     edit: Callable[[str, int, Any], Any] = field(default=lambda topic, n, message: message)
 
 
-def write_bag(path: Path, recipe: Recipe | None = None) -> Path:
-    """Write a rosbag2 as the recipe says."""
-    recipe = recipe or Recipe()
+def bag_messages(recipe: Recipe) -> Iterator[tuple[int, str, str, bytes]]:
+    """Log time, topic, type and CDR of all messages, in order of time."""
     store = typestore()
     items: list[tuple[int, str, str, Any]] = []
     if recipe.camera is not None:
@@ -72,17 +73,31 @@ def write_bag(path: Path, recipe: Recipe | None = None) -> Path:
     items += _packets(store, recipe)
     items.sort(key=lambda item: item[0])
     counts: dict[str, int] = {}
-    with Writer(path, version=9, storage_plugin=recipe.storage) as writer:
-        connections = {}
-        for t_ns, topic, kind, message in items:
-            n = counts[topic] = counts.get(topic, -1) + 1
-            edited = recipe.edit(topic, n, message)
-            if edited is None:
-                continue
+    for t_ns, topic, kind, message in items:
+        n = counts[topic] = counts.get(topic, -1) + 1
+        edited = recipe.edit(topic, n, message)
+        if edited is not None:
+            name = topic.replace("/event_camera", recipe.namespace)
+            yield t_ns, name, kind, bytes(store.serialize_cdr(edited, kind))
+
+
+def write_bag(path: Path, recipe: Recipe | None = None) -> Path:
+    """Write a rosbag2 as the recipe says."""
+    recipe = recipe or Recipe()
+    writer = Writer(path, version=9, storage_plugin=recipe.storage)
+    writer.set_compression(recipe.compression, CompressionFormat.ZSTD)
+    write_messages(writer, bag_messages(recipe))
+    return path
+
+
+def write_messages(writer: Writer, messages: Iterable[tuple[int, str, str, bytes]]) -> None:
+    """Write messages to a bag that isn't open yet."""
+    store, connections = typestore(), {}
+    with writer:
+        for t_ns, topic, kind, data in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], t_ns, bytes(store.serialize_cdr(edited, kind)))
-    return path
+            writer.write(connections[topic], t_ns, data)
 
 
 def _header(store: Any, t_ns: int, frame: str) -> Any:
@@ -164,4 +179,14 @@ def _packets(store: Any, recipe: Recipe) -> list[tuple[int, str, str, Any]]:
     return out
 
 
-__all__ = ["CAMERA", "EVENT_ARRAY", "EVENT_PACKET", "Recipe", "camera_track", "scan", "write_bag"]
+__all__ = [
+    "CAMERA",
+    "EVENT_ARRAY",
+    "EVENT_PACKET",
+    "Recipe",
+    "bag_messages",
+    "camera_track",
+    "scan",
+    "write_bag",
+    "write_messages",
+]

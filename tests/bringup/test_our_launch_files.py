@@ -89,7 +89,7 @@ def test_the_method_surface_has_a_node_of_its_own(path):
         assert names == [*source, "surface", "braille"]
         node = next(process for process in plan.processes if process.name == "surface")
         assert node.required
-        assert parameters(node)["block_m"] == 0.008
+        assert parameters(node)["block_m"] == 0.004
 
 
 def test_a_section_surface_reaches_its_node(tmp_path):

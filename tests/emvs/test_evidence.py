@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from roller_emvs.evidence import EvidenceSettings, RayField, find_depths, order_by_polarity
-from roller_emvs.evidence import _kernels as kernels
+from roller_emvs.evidence import _peak_kernels as peaks
+from roller_emvs.evidence._kernels import CELL_PX
 from roller_emvs.evidence.creep import creep_depth_m
 from roller_emvs.evidence.sweep import plane_shifts
 from roller_emvs.evidence.viewing import viewing
@@ -23,7 +24,7 @@ def field_of(
     """Rays by their place on the plane 0 and slope along x."""
     rays = np.column_stack([x, y, slope, np.zeros_like(slope)]).astype(np.float32)
     ordered, bounds = order_by_polarity(rays, polarity.astype(np.uint8))
-    columns = SHAPE[1] // kernels.CELL_PX
+    columns = SHAPE[1] // CELL_PX
     slopes = np.tile([[-HALF_APERTURE], [HALF_APERTURE]], (1, columns))
     # The lean grows with the slope and a metre of depth is a unit of shift.
     return RayField(ordered, bounds, SHAPE, slopes, 0.03, 1.0, 1000.0, speed)
@@ -143,7 +144,7 @@ def test_shear_moves_columns_between_cells() -> None:
     energy = rng.random((3, 5, 12)).astype(np.float32)
     offsets = rng.uniform(-3, 3, (3, 12))
     out = np.empty_like(energy)
-    kernels._shear(energy, offsets, out)
+    peaks._shear(energy, offsets, out)
     for k in range(3):
         for i in range(5):
             padded = np.concatenate([[0, 0, 0, 0], energy[k, i], [0, 0, 0, 0, 0]])
@@ -156,7 +157,7 @@ def test_pixels_that_gather_more_than_around_are_taken_once() -> None:
     support, around, surface, sure = rng.random((4, 20, 30)).astype(np.float32)
     best = rng.random((20, 30)).astype(np.float32)
     shift, confidence, before = np.zeros_like(best), np.zeros_like(best), best.copy()
-    kernels._choose(support, around, surface, sure, np.float32(0.3), best, shift, confidence)
+    peaks._choose(support, around, surface, sure, np.float32(0.3), best, shift, confidence)
     taken = (support >= np.float32(0.3)) & (support > around) & (support > before)
     np.testing.assert_array_equal(best, np.where(taken, support, before))
     np.testing.assert_array_equal(shift, np.where(taken, surface, 0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from roller_emvs.bands import sort_into_bands
-from roller_emvs.evidence import _kernels
+from roller_emvs.evidence import _kernels, _peak_kernels
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from roller_emvs.evidence.relief import enlarge
 
@@ -46,8 +46,9 @@ def energy(
     rows = HEIGHT // ROW_PX
     out = np.zeros((len(shifts), HEIGHT // CELL_PX, WIDTH // CELL_PX), np.float32)
     _kernels._energy_band(
-        rays, starts, reach, shifts, np.float32(-0.5), tiles,
-        np.empty((rows, WIDTH), np.float32), np.empty(TILE_CELLS * CELL_PX, np.float32), out,
+        np.ascontiguousarray(rays.T), starts, reach, shifts, np.float32(-0.5), tiles,
+        np.empty((rows + 1, WIDTH), np.float32), _kernels.chunk(),
+        np.empty(TILE_CELLS * CELL_PX, np.float32), out,
     )  # fmt: skip
     return out
 
@@ -85,7 +86,7 @@ def test_peak_is_searched_between_limits_and_refused_at_them() -> None:
     scores = np.repeat(scores, 4, axis=2).astype(np.float32)
     first, last = np.array([[0, 2, 7, 1]]), np.array([[19, 9, 11, 0]])
     peak, contrast, top = (np.empty((1, 4), np.float32) for _ in range(3))
-    _kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
+    _peak_kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
     # The highest of all; the prior's; none, as the scores rise at the limit; none to search.
     np.testing.assert_allclose(peak[0, :2], [14.6, 5.3], atol=0.05)
     assert np.isnan(peak[0, 2:]).all()
@@ -102,7 +103,7 @@ def test_peak_between_planes_is_the_parabolas() -> None:
     scores = np.maximum(20 - (k[:, None, None] - true) ** 2, 0).astype(np.float32)
     first, last = np.zeros((2, 2), np.int64), np.full((2, 2), 11)
     peak, contrast, top = (np.empty((2, 2), np.float32) for _ in range(3))
-    _kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
+    _peak_kernels._find_peak(scores, first, last, 2.0, peak, contrast, top)
     np.testing.assert_allclose(peak[0], true[0], atol=1e-3)
     assert peak[1, 0] == 5.0
     # A peak on the first plane may lie outside the range: none.
@@ -110,7 +111,7 @@ def test_peak_between_planes_is_the_parabolas() -> None:
     assert contrast[1, 1] == 0
     flat = np.ones_like(scores)
     flat[5:] = 0.5
-    _kernels._find_peak(flat, first, last, 2.0, peak, contrast, top)
+    _peak_kernels._find_peak(flat, first, last, 2.0, peak, contrast, top)
     assert np.isfinite(peak).all()
 
 
@@ -120,11 +121,11 @@ def test_a_second_peak_as_high_leaves_no_depth() -> None:
     peak, contrast, top = (np.empty((1, 1), np.float32) for _ in range(3))
     for height, known in ((0.8, True), (0.95, False)):
         scores = np.exp(-((k - 8) ** 2) / 4) + height * np.exp(-((k - 21) ** 2) / 4)
-        _kernels._find_peak(scores.astype(np.float32), first, last, 0.9, peak, contrast, top)
+        _peak_kernels._find_peak(scores.astype(np.float32), first, last, 0.9, peak, contrast, top)
         assert np.isfinite(peak[0, 0]) == known
     # A broad top with a dent is one peak.
     dented = np.exp(-((k - 15) ** 2) / 40) * (1 - 0.05 * (k == 16))
-    _kernels._find_peak(dented.astype(np.float32), first, last, 0.9, peak, contrast, top)
+    _peak_kernels._find_peak(dented.astype(np.float32), first, last, 0.9, peak, contrast, top)
     assert np.isfinite(peak[0, 0])
 
 
@@ -134,7 +135,7 @@ def test_centroids_are_weighted_means() -> None:
     plane = rng.integers(-1, 3, (9, 11))
     weights = np.array([0.2, 0.6, 0.2], np.float32)
     total, x, y = (np.empty((9, 11), np.float32) for _ in range(3))
-    _kernels._centroids(values, plane, weights, total, x, y)
+    _peak_kernels._centroids(values, plane, weights, total, x, y)
     for i in range(9):
         for j in range(11):
             if plane[i, j] < 0:
@@ -193,11 +194,11 @@ def test_the_plane_to_search_around_is_that_of_the_cell() -> None:
     rays = rays_on(pixels, x, y, rng)
     plane = np.empty(300, np.int64)
     step = np.float32(1e-5)
-    _kernels._plane_near(rays, cells, np.float32(0), step, 12, plane)
+    _kernels._plane_near(rays.T.copy(), cells, np.float32(0), step, 12, plane)
     np.testing.assert_array_equal(plane, np.rint(cells[y // CELL_PX, x // CELL_PX] / step))
     # A ray over unknown cells is searched nowhere.
     lost = np.array([[WIDTH - 2, 5, 0, 0]], np.float32)
-    _kernels._plane_near(lost, cells, np.float32(0), step, 12, plane[:1])
+    _kernels._plane_near(lost.T.copy(), cells, np.float32(0), step, 12, plane[:1])
     assert plane[0] == -1
 
 
@@ -216,13 +217,13 @@ def test_rays_are_ordered_by_plane_within_their_band() -> None:
     rng = np.random.default_rng(6)
     rays, plane = some_rays(200, rng), rng.integers(-1, 5, 200)
     edges = np.array([0, 80, 80, 200])
-    starts, out = np.empty((3, 6), np.int64), np.empty_like(rays)
-    _kernels._order_planes(rays, plane, edges, starts, out)
+    starts, out = np.empty((3, 6), np.int64), np.empty((4, 200), np.float32)
+    _kernels._order_planes(rays.T.copy(), plane, edges, starts, out)
     for b in range(3):
         for k in range(5):
             own = slice(edges[b], edges[b + 1])
             expected = rays[own][plane[own] == k]
-            np.testing.assert_array_equal(out[starts[b, k] : starts[b, k + 1]], expected)
+            np.testing.assert_array_equal(out.T[starts[b, k] : starts[b, k + 1]], expected)
 
 
 @pytest.mark.parametrize("slope", [0.0, 3000.0])
@@ -230,19 +231,20 @@ def test_bands_hold_every_ray_that_can_reach_them(slope: float) -> None:
     rng = np.random.default_rng(7)
     rays = some_rays(300, rng, slope)
     rays[3, 1] = np.nan
-    groups, ends, rows = np.array([0, 100, 300]), (-5e-4, 5e-4), 8
-    bands = sort_into_bands(rays, groups, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01))
-    for g in range(2):
-        for b in range(HEIGHT // rows):
-            held = set(bands.source[bands.starts[g, b] : bands.starts[g, b + 1]].tolist())
-            assert all(groups[g] <= i < groups[g + 1] for i in held)
-            for i in range(groups[g], groups[g + 1]):
-                for shift in np.linspace(*ends, 9):
-                    x, y = rays[i, :2] + rays[i, 2:] * shift
-                    touched = {np.floor(y) // rows, (np.floor(y) + 1) // rows}
-                    if 0 <= x < WIDTH - 1 and 0 <= y < HEIGHT - 1 and b in touched:
-                        assert i in held
-    np.testing.assert_array_equal(bands.rays, rays[bands.source])
+    ends, rows, offset = (-5e-4, 5e-4), 8, 2
+    bands = sort_into_bands(rays, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01), offset)
+    for b in range(HEIGHT // rows):
+        held = set(bands.source[bands.starts[b] : bands.starts[b + 1]].tolist())
+        assert 3 not in held
+        for i in range(len(rays)):
+            for shift in np.linspace(*ends, 9):
+                x, y = rays[i, :2] + rays[i, 2:] * shift
+                x += offset
+                touched = {np.floor(y) // rows, (np.floor(y) + 1) // rows}
+                if 0 <= x < WIDTH - 1 and 0 <= y < HEIGHT - 1 and b in touched:
+                    assert i in held
+    moved = rays[bands.source] + np.array([offset, 0, 0, 0], np.float32)
+    np.testing.assert_array_equal(bands.rays.T, moved)
 
 
 def test_enlarging_keeps_a_linear_surface() -> None:

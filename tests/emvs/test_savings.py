@@ -104,15 +104,32 @@ def test_views_are_shared_where_they_are_parallel() -> None:
     views[:, 0, 3] = (-0.00452, 0.00003, 0.00448)
     found = paper.shifted_planes(CAMERA, views, BOUNDS, settings)
     assert found is not None
-    planes, halves, put = found
+    planes, put = found.planes, found.views
     # A plane beyond either end, and one for each pixel of the window's parallax between.
     assert planes[0] < BOUNDS[0] < BOUNDS[1] < planes[-1]
     baseline = put[2, 0, 3] - put[0, 0, 3]
     step = CAMERA.fx * baseline * np.diff(1 / planes)
     np.testing.assert_allclose(step, -1.0, rtol=1e-9)
-    for view, shift in zip(put, halves, strict=True):
-        np.testing.assert_allclose(shift / 2, CAMERA.fx * view[0, 3] / planes, atol=1e-9)
-    np.testing.assert_allclose(put[:, 0, 3], views[:, 0, 3], atol=5e-5)
+    from_middle = put[:, 0, 3] - found.middle[0, 3]
+    for x, shift in zip(from_middle, found.half_shifts, strict=True):
+        np.testing.assert_allclose(shift / 2, CAMERA.fx * x / planes, atol=1e-9)
+    np.testing.assert_allclose(put[[0, 2], 0, 3], views[[0, 2], 0, 3], atol=1e-12)
+    np.testing.assert_allclose(put[1, 0, 3], views[1, 0, 3], atol=6e-5)
+
+
+def test_views_of_a_roller_that_gains_speed_are_shared() -> None:
+    """Half the time is not half the way; the middle view is put at half the way."""
+    settings = DepthSettings.create(VALUES)
+    views = np.tile(np.eye(4), (3, 1, 1))
+    views[:, 0, 3] = (-0.0041, 0.0, 0.0049)
+    found = paper.shifted_planes(CAMERA, views, BOUNDS, settings)
+    assert found is not None
+    np.testing.assert_allclose(found.views[:, 0, 3], (-0.0041, 0.0004, 0.0049), atol=1e-12)
+    # It stood up to the middle of the window: the first two views are one.
+    views[:2, 0, 3] = 0.0
+    found = paper.shifted_planes(CAMERA, views, BOUNDS, settings)
+    assert found is not None
+    np.testing.assert_allclose(found.views[:, 0, 3], (0.0, 0.0, 0.0049), atol=1e-12)
 
 
 def test_views_that_turn_or_lie_elsewhere_are_not_shared() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from roller_emvs import _vote_kernels
-from roller_emvs.evidence import _kernels
+from roller_emvs.evidence import _kernels, _peak_kernels
 from roller_emvs.settings import METHODS, DepthSettings
 from roller_emvs.surface import SurfaceSettings
 from roller_emvs.warm_up import warm_up
@@ -15,7 +15,7 @@ from roller_emvs.warm_up import warm_up
 def test_every_method_warms_up(method: str) -> None:
     warm_up(DepthSettings.create({"method": method}))
     if method == "focus":
-        assert _kernels._choose.signatures
+        assert _peak_kernels._choose.signatures
     else:
         assert _vote_kernels._sweep_bands.signatures
     if method in ("bma", "left_right"):
@@ -25,4 +25,4 @@ def test_every_method_warms_up(method: str) -> None:
 def test_surface_warms_up() -> None:
     warm_up(SurfaceSettings.create({}))
     assert _kernels._plane_near.signatures
-    assert _kernels._choose.signatures
+    assert _peak_kernels._choose.signatures

@@ -6,11 +6,11 @@ by events and poses, never by when they arrived.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
+from roller_core.event_queue import EventQueue
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 
@@ -50,19 +50,21 @@ class BatchCutter:
         self._settings = settings
         self._track = track
         self._rolls = RollTracker(settings, track)
-        self._parts: deque[EventArray] = deque()
-        self._held = 0
-        self._newest_ns = 0
+        self._queue = EventQueue(settings.max_backlog_events)
         self._span: Span | None = None
         self._start_ns = 0
         self.still_events = 0
-        self.dropped_events = 0
         self.events_without_pose = 0
 
     @property
     def held_events(self) -> int:
         """Events that wait."""
-        return self._held
+        return len(self._queue)
+
+    @property
+    def dropped_events(self) -> int:
+        """Events beyond the backlog's limit."""
+        return self._queue.dropped
 
     @property
     def needed_from_ns(self) -> int | None:
@@ -76,15 +78,7 @@ class BatchCutter:
 
     def add(self, events: EventArray) -> None:
         """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
-        if not len(events):
-            return
-        self._parts.append(events)
-        self._held += len(events)
-        self._newest_ns = int(events.t_ns[-1])
-        while self._held > self._settings.max_backlog_events and len(self._parts) > 1:
-            gone = self._parts.popleft()
-            self._held -= len(gone)
-            self.dropped_events += len(gone)
+        self._queue.add(events)
 
     def cut(self, flush: bool = False) -> Batch | PassEnd | None:
         """The next frame or end of a pass, or None while there is none complete.
@@ -119,7 +113,7 @@ class BatchCutter:
         if not self._rolls.spans:
             self._skip(known)
             if flush:
-                self.events_without_pose += self._drop_before(2**63 - 1)
+                self.events_without_pose += self._queue.drop_before(2**63 - 1)
             return False
         self._span = self._rolls.spans.popleft()
         self._start_ns = self._span.start_ns
@@ -129,15 +123,15 @@ class BatchCutter:
 
     def _skip(self, t_ns: int) -> None:
         """Pass over the events of a sensor that doesn't roll."""
-        self.events_without_pose += self._drop_before(min(t_ns, self._track.start_ns))
+        self.events_without_pose += self._queue.drop_before(min(t_ns, self._track.start_ns))
         gaps = self._rolls.gaps
         while gaps and gaps[0][0] < t_ns:
-            self.still_events += self._drop_before(gaps[0][0])
-            self.events_without_pose += self._drop_before(min(gaps[0][1], t_ns))
+            self.still_events += self._queue.drop_before(gaps[0][0])
+            self.events_without_pose += self._queue.drop_before(min(gaps[0][1], t_ns))
             if gaps[0][1] > t_ns:
                 break
             gaps.popleft()
-        self.still_events += self._drop_before(t_ns)
+        self.still_events += self._queue.drop_before(t_ns)
 
     def _cut_span(self, span: Span, flush: bool) -> Batch | None:
         """The next frame of a span; the span is done when it has none left."""
@@ -148,22 +142,15 @@ class BatchCutter:
         limit = self._limit(span)
         until = span.end_ns if limit is None else limit
         most = self._settings.batch_events
-        parts, found = [], 0
-        for part in self._parts:
-            if part.t_ns[0] >= until or found >= most:
-                break
-            part = part[: min(int(np.searchsorted(part.t_ns, until)), most - found)]
-            parts.append(part)
-            found += len(part)
-        if found >= most:
-            end = int(parts[-1].t_ns[-1])
-        elif limit is not None and (self._newest_ns >= limit or flush):
+        count = min(self._queue.count_before(until), most)
+        if count == most:
+            end = int(self._queue.first(count).t_ns[-1])
+        elif limit is not None and (self._queue.newest_ns >= limit or flush):
             end = limit
         else:
             return None
-        self._drop(found)
         start, self._start_ns = self._start_ns, end
-        return Batch(span.roll, start, end, EventArray.concatenate(parts))
+        return Batch(span.roll, start, end, self._queue.take(count))
 
     def _limit(self, span: Span) -> int | None:
         """Where the frame ends by travel or with its span; None while that isn't known."""
@@ -178,25 +165,3 @@ class BatchCutter:
         if len(reached):
             return int(times[a + reached[0]])
         return None if span.open else span.end_ns
-
-    def _drop(self, count: int) -> None:
-        self._held -= count
-        while count:
-            part = self._parts[0]
-            if len(part) <= count:
-                count -= len(part)
-                self._parts.popleft()
-            else:
-                self._parts[0] = part[count:]
-                count = 0
-
-    def _drop_before(self, t_ns: int) -> int:
-        """Forget events before a time; how many."""
-        gone = 0
-        for part in self._parts:
-            k = int(np.searchsorted(part.t_ns, t_ns))
-            gone += k
-            if k < len(part):
-                break
-        self._drop(gone)
-        return gone

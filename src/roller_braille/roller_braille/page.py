@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,10 +11,16 @@ from .cells import Cell, Seen
 from .lines import LineReader
 from .passes import PassReader
 from .settings import BrailleSettings
+from .translation import ALL_DOTS, LineCell, line_reader
 from .warp import F64, Warp
 
 #: Cells this near to one that is known, in cell pitches, are that one seen again.
 _SAME = 0.4
+
+
+def certain_dots(confidence: Sequence[float], least: float) -> int:
+    """Mask of the dots that are certain, raised or not."""
+    return sum(1 << i for i, c in enumerate(confidence) if c >= least)
 
 
 class _Place:
@@ -44,7 +50,8 @@ class Page:
         self._settings = settings
         self._warp = warp
         self._decoders: list[table.Decoder] = []
-        self._columns: list[dict[int, str]] = []
+        self._columns: list[dict[int, LineCell]] = []
+        self._read_line = line_reader(settings.code)
         self._known: F64 = np.empty((0, 3))
         self._where: list[tuple[int, int]] = []
         self._current: LineReader | None = None
@@ -54,11 +61,15 @@ class Page:
 
     def text(self) -> list[str]:
         """The lines so far, without trailing spaces."""
-        out = []
-        for columns in self._columns:
-            last = max(columns, default=-1)
-            out.append("".join(columns.get(c, " ") for c in range(last + 1)).rstrip(" "))
-        return out
+        return [self._read_line(cells).text.rstrip(" ") for cells in self.lines()]
+
+    def lines(self) -> list[list[LineCell]]:
+        """The cells of the lines so far."""
+        blank = LineCell(table.SPACE)
+        return [
+            [columns.get(c, blank) for c in range(max(columns, default=-1) + 1)]
+            for columns in self._columns
+        ]
 
     def collect(self, reader: PassReader, over: bool) -> Iterator[Cell]:
         """Cells of a pass that can be given now.
@@ -103,7 +114,8 @@ class Page:
             place.line = len(self._columns)
             self._columns.append({})
             self._decoders.append(table.Decoder())
-        character, readable = self._decode(place.line, seen)
+        known_dots = self._line_cell(seen)
+        character, readable = self._decode(place.line, known_dots)
         cell = Cell(
             seen.stamp_ns,
             place.line,
@@ -116,26 +128,26 @@ class Page:
             seen.dot_confidence,
             dots,
         )
-        self._columns[place.line][place.column] = self._shown(seen, character, readable)
+        self._columns[place.line][place.column] = known_dots
         self._known = np.concatenate([self._known, position[None]])
         self._where.append((place.line, place.column))
         place.column += 1
         yield cell
 
-    def _decode(self, line: int, seen: Seen) -> tuple[str | None, bool]:
-        if not seen.certain:
-            least = self._settings.min_dot_confidence
-            certain = sum(1 << i for i, c in enumerate(seen.dot_confidence) if c >= least)
-            self._decoders[line].skip(seen.mask, certain)
-            return None, False
-        character = self._decoders[line].read(seen.mask)
-        return character, character is not None
+    def _line_cell(self, seen: Seen) -> LineCell:
+        if seen.certain:
+            return LineCell(seen.mask)
+        certain = certain_dots(seen.dot_confidence, self._settings.min_dot_confidence)
+        # It is the cell that isn't certain, whatever its dots say one by one.
+        return LineCell(seen.mask, certain if certain != ALL_DOTS else 0)
 
-    @staticmethod
-    def _shown(seen: Seen, character: str | None, readable: bool) -> str:
-        if readable:
-            return character or ""
-        return table.pattern(seen.mask) if seen.certain else table.UNREADABLE
+    def _decode(self, line: int, cell: LineCell) -> tuple[str | None, bool]:
+        """What a cell stands for by itself in grade 1; whether it can be read in the code."""
+        if not cell.readable:
+            self._decoders[line].skip(cell.mask, cell.certain)
+            return None, False
+        character = self._decoders[line].read(cell.mask)
+        return character, character is not None or self._settings.code != "grade1"
 
     def _find(self, position: F64) -> int | None:
         """The known cell at a place."""

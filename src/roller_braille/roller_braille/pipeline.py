@@ -20,6 +20,7 @@ from .hot import HotPixels
 from .page import Page
 from .passes import PassReader
 from .settings import BrailleSettings
+from .translation import LineCell
 from .warp import Warp, warm_up
 
 _MOST_TIMES = 100_000
@@ -112,15 +113,19 @@ class BraillePipeline:
 
     def add_events(self, events: EventArray) -> None:
         """Take events in order of time, ROS time."""
-        self._cutter.add(events)
+        self._cutter.add(events.shown(self.settings.event_delay_s))
 
     def text(self) -> list[str]:
         """Lines of text read so far.
 
         A cell whose dots are not certain stands there as U+FFFD, one whose dots are certain but
-        have no meaning in grade 1 as its Braille pattern.
+        have no meaning in the code as its Braille pattern.
         """
         return self._page.text()
+
+    def lines(self) -> list[list[LineCell]]:
+        """Cells of the lines read so far, as seen: what `text` was read from."""
+        return self._page.lines()
 
     def results(self, flush: bool = False) -> Iterator[Cell]:
         """Cells that are complete, each once, in reading order.

@@ -6,25 +6,43 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .cells import Cell
+from .translation import LineCell, line_reader
 
 
-def cells_to_json(cells: Iterable[Cell], lines: Sequence[str]) -> dict[str, Any]:
+def cells_to_json(
+    cells: Iterable[Cell], lines: Sequence[Sequence[LineCell]], code: str
+) -> dict[str, Any]:
     """Cells and text as data that `json.dump` takes.
 
     Parameters
     ----------
     cells : iterable of Cell
         In the order they were given.
-    lines : sequence of str
-        `BraillePipeline.text()`.
+    lines : sequence of sequences of LineCell
+        `BraillePipeline.lines()`.
+    code : str
+        The setting `code`.
 
     Returns
     -------
     dict
-        `text`: the lines; `cells`: one entry a cell, times in seconds and lengths in metres.
+        `code`; `text`: the lines; `lines`: of each its text, its cells as Unicode patterns, and for
+        each character the column of the cell it comes from; `cells`: one entry a cell, times in
+        seconds and lengths in metres.
     """
+    read = line_reader(code)
+    found = [(line, read(line)) for line in lines]
     return {
-        "text": list(lines),
+        "code": code,
+        "text": [reading.text.rstrip(" ") for _, reading in found],
+        "lines": [
+            {
+                "text": reading.text,
+                "cells": "".join(cell.shown for cell in line),
+                "cell_of_character": list(reading.cells),
+            }
+            for line, reading in found
+        ],
         "cells": [
             {
                 "stamp_s": cell.stamp_ns * 1e-9,

@@ -59,6 +59,11 @@ class BrailleSettings(Settings):
         le=0.1,
         description="Largest error of the pitches that is measured and put right, as a share.",
     )
+    code: Literal["grade1", "ueb1", "ueb2"] = Field(
+        "grade1",
+        description="How cells are read as print: grade1 by our own table; ueb1 and ueb2 as "
+        "Unified English Braille, uncontracted or contracted, by liblouis (python3-louis).",
+    )
     depth_source: Literal["fixed", "surface"] = Field(
         "fixed",
         description="Depth of the surface: fixed (depth_m), or from the camera's height in base "
@@ -150,6 +155,13 @@ class BrailleSettings(Settings):
     )
     hough_radius_tolerance: float = Field(
         0.35, ge=0.01, le=0.9, description="Hough circles: radius may differ by this share."
+    )
+    event_delay_s: float = Field(
+        0.0,
+        ge=-0.1,
+        le=0.1,
+        description="Event stamps less the time, in the clock of the poses, of what they show: "
+        "what `roller calibrate --time-offset` finds, s.",
     )
     max_pose_gap_s: float = Field(
         0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."

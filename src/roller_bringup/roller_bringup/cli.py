@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from roller_core.errors import RollerError
+from roller_core.memory import keep_freed_memory
 
 #: Name of a subcommand's module and its line of help; modules are loaded when they are used.
 _COMMANDS = {
@@ -15,6 +16,8 @@ _COMMANDS = {
     "replay": ("roller_bringup.commands.replay", "process a recording offline"),
     "up": ("roller_bringup.commands.up", "run a launch file"),
     "demo": ("roller_bringup.commands.demo", "roll the virtual cell over a plate, live"),
+    "record": ("roller_bringup.commands.record", "record the running graph"),
+    "calibrate": ("roller_bringup.commands.calibrate", "calibrate the cell from recordings"),
     "info": ("roller_bringup.commands.info", "tell what a recording holds"),
     "doctor": (
         "roller_bringup.commands.doctor",
@@ -45,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         else:
             subparsers.add_parser(name, help=line)
     args = parser.parse_args(words)
+    keep_freed_memory()
     try:
         return int(args.run(args))
     except RollerError as error:

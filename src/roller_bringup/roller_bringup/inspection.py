@@ -33,7 +33,16 @@ _GRAPH_ONLY = {
 }
 
 #: Settings of the sweep in the surface's frame that the other parts have too.
-_SHARED = frozenset({"depth_min_m", "depth_max_m", "threads", "max_backlog_events", "surface_z_m"})
+_SHARED = frozenset(
+    {
+        "depth_min_m",
+        "depth_max_m",
+        "threads",
+        "max_backlog_events",
+        "surface_z_m",
+        "event_delay_s",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +58,7 @@ class InspectionSettings:
     def load(cls, path: Path | None = None, method: str | None = None) -> InspectionSettings:
         """Read a ROS 2 parameter file with sections `emvs`, `stitcher`, `braille` and `surface`.
 
-        What `surface` doesn't say of depth range, threads and nominal surface, `emvs` and
+        What `surface` doesn't say of depth range, threads, delay and nominal surface, `emvs` and
         `stitcher` say for it; the node `surface` of the live graph has its own section alone. The
         longest gap between poses is that of `emvs`, or of `surface` where that is the method.
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from pydantic import Field
 from rclpy.node import Node
 
-from roller_core.bags import EVENT_ARRAY
 from roller_core.errors import RollerError
 from roller_core.settings import Settings
 from roller_ros import diagnostics
@@ -20,15 +19,17 @@ from roller_ros.parameters import declare_settings
 
 from . import topics
 from .recordings.bag_reader import BagReader
-from .recordings.base import MissingTopicError, RecordingError
-
-_OLD_TYPES = {EVENT_ARRAY: "event_camera_msgs/msg/EventPacket"}
+from .recordings.base import RecordingError
+from .recordings.event_topic import event_topic
 
 
 class PlayerParameters(Settings):
     """Parameters of the node."""
 
     bag: str = Field("", description="The rosbag2 to play: its folder or its file.")
+    topic: str = Field(
+        "", description="Topic of the event packets in a bag that has several; empty: the only one."
+    )
     rate: float = Field(
         1.0, ge=0.001, le=1000.0, description="How fast to play it; 1 is as it was recorded."
     )
@@ -61,18 +62,18 @@ class PlayerNode(Node):
         self._late_s = 0.0
         self._meter = diagnostics.Meter()
         self.done = threading.Event()
-        found = {}
-        for topic in topics.INPUTS:
-            kind = self._reader.topics.get(topic.name)
-            if _OLD_TYPES.get(kind or "", kind) == topic.type_name:
-                found[topic.name] = self.create_publisher(topic.type, topic.name, topic.qos)
-        if "/event_camera/events" not in found:
-            raise MissingTopicError(
-                f"bag {self._p.bag}: there are no events on /event_camera/events; "
-                f"it has {', '.join(sorted(self._reader.topics)) or 'no topics'}"
-            )
+        in_bag = self._reader.topics
+        events = event_topic(in_bag, Path(self._p.bag), self._p.topic or None)
+        # Publishers by topic in the bag; a camera of another name is played as the graph's own.
         # Not _publishers: rclpy's own.
-        self._outputs = found
+        self._outputs = {}
+        for topic in topics.INPUTS:
+            theirs = topics.beside(topic.name, events)
+            # The older type of event packets has the same layout.
+            if theirs == events or in_bag.get(theirs) == topic.type_name:
+                made = self.create_publisher(topic.type, topic.name, topic.qos)
+                self._outputs[theirs] = made
+        self._events = self._outputs[events]
         self._diagnostics = diagnostics.Diagnostics(self, "playback", self._status, 0.5)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -97,10 +98,9 @@ class PlayerNode(Node):
             self.done.set()
 
     def _wait_for_subscribers(self) -> None:
-        events = self._outputs["/event_camera/events"]
         end = time.monotonic() + self._p.wait_s
         while time.monotonic() < end and not self._stop.is_set():
-            if events.get_subscription_count() >= self._p.subscribers:
+            if self._events.get_subscription_count() >= self._p.subscribers:
                 break
             time.sleep(0.05)
         self._stop.wait(self._p.settle_s)
@@ -112,7 +112,8 @@ class PlayerNode(Node):
             if self._stop.is_set():
                 return
             if isinstance(item, RecordingError):
-                raise item
+                self._diagnostics.fault(str(item))
+                continue
             if begin is None or first_ns is None:
                 begin, first_ns = time.monotonic(), item.log_ns
             due = begin + (item.log_ns - first_ns) * 1e-9 / self._p.rate

@@ -1,12 +1,18 @@
-"""A progress bar that stays out of the way of pipes."""
+"""Progress bars and status lines that stay out of the way of pipes."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
+
+#: How often a status is told where there is no terminal, s.
+_TOLD_EVERY_S = 10.0
 
 
 @contextmanager
@@ -24,3 +30,33 @@ def progress_bar(title: str) -> Iterator[Callable[[float], None]]:
         task = bar.add_task(title, total=1.0)
         yield lambda share: bar.update(task, completed=share)
         bar.update(task, completed=1.0)
+
+
+@contextmanager
+def status_line() -> Iterator[tuple[Callable[[str], None], Callable[[str], None]]]:
+    """Show a line on standard error that is written over and over.
+
+    Yields
+    ------
+    show : callable
+        Takes the new line. Where there is no terminal, one is printed now and then.
+    tell : callable
+        Prints a line that stays.
+    """
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        last = time.monotonic()
+
+        def now_and_then(line: str) -> None:
+            nonlocal last
+            if time.monotonic() - last >= _TOLD_EVERY_S:
+                last = time.monotonic()
+                console.print(line, markup=False)
+
+        yield now_and_then, lambda line: console.print(line, markup=False)
+        return
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+        yield (
+            lambda line: live.update(Text(line, no_wrap=True), refresh=True),
+            lambda line: console.print(line, markup=False),
+        )

@@ -3,106 +3,112 @@
 from __future__ import annotations
 
 import sys
-from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from pydantic import Field
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rosbags.interfaces import Qos
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.rosbag2.errors import WriterError
+from sensor_msgs.msg import Image
 
-from roller_core.bags import bag_qos, typestore
-from roller_core.errors import UnwritableOutputError
-from roller_core.settings import Settings
 from roller_ros import diagnostics
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
-from roller_ros.worker import Worker
 
 from . import topics
+from .recorder import BagWriter, Recorder
+from .recorder.settings import RecorderParameters
+from .recorder.tap import Tap
 
-
-class RecorderParameters(Settings):
-    """Parameters of the node."""
-
-    output: str = Field("recording", description="Bag folder to write; must not exist yet.")
-    queue: int = Field(
-        50_000,
-        ge=10,
-        le=10_000_000,
-        description="Messages that may wait for the disk; beyond it the oldest are dropped, "
-        "counted and reported.",
-    )
+#: How long the node writes what waits when it is told to end, s; whoever started it kills it at
+#: ten.
+_DRAIN_S = 7.0
 
 
 class RecorderNode(Node):
-    """Writes every message as it came, with the time it came."""
+    """Writes every message as it came, with the time at which it arrived.
 
-    def __init__(self) -> None:
-        super().__init__("recorder")
+    Parameters
+    ----------
+    **options
+        Of `rclpy.node.Node`, such as `parameter_overrides`.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("recorder", **options)
         p = declare_settings(self, RecorderParameters)
-        path = Path(p.output)
-        if path.exists():
-            raise UnwritableOutputError(f"{path}: is there already; give another output")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-            self._writer.open()
-        except (OSError, WriterError) as error:
-            raise UnwritableOutputError(f"{path}: can't be written ({error})") from error
-        store = typestore()
-        self._connections = {
-            t.name: self._writer.add_connection(
-                t.name, t.type_name, typestore=store, offered_qos_profiles=_offered(t)
-            )
-            for t in topics.ALL
-        }
-        self._written: Counter[str] = Counter()
-        self._diagnostics = diagnostics.Diagnostics(self, "recording", self._status)
-        self._worker: Worker[tuple[str, int, bytes]] = Worker(
-            self._write, lambda: None, 3600.0, p.queue
+        chosen = [
+            replace(t, name=self.resolve_topic_name(t.name))
+            for t in topics.recorded(p.raw, p.events_topic)
+        ]
+        outputs = {t.name for t in topics.OUTPUTS}
+        self.path = Path(p.output)
+        self._needed = [t.name for t in chosen if t.name not in outputs and t.type is not Image]
+        writer = BagWriter(
+            self.path,
+            {t.name: (t.type_name, topics.offered(t)) for t in chosen},
+            p.compress,
+            int(p.keep_free_mb * 1e6),
         )
-        for t in topics.ALL:
-            self.create_subscription(
-                t.type, t.name, lambda data, name=t.name: self._take(name, data), t.qos, raw=True
-            )
+        events = [t.name for t in chosen if t.type_name == topics.EVENT_TYPE]
+        self.recorder = Recorder(writer, events, int(p.queue_mb * 1e6))
+        self._diagnostics = diagnostics.Diagnostics(self, "recording", self._status)
+        self._told = False
+        self._tap = Tap(self, chosen, self.recorder.take, self._overflow)
+        self.create_timer(1.0, self._tap.match_publishers)
+
+    def stop_taking(self) -> None:
+        """Take what has arrived and no more; what waits is still being written."""
+        self._tap.stop()
 
     def destroy_node(self) -> None:
-        """Write what waits and finish the bag."""
-        if hasattr(self, "_worker"):  # else the node gave up before it had one
-            self._worker.drain(4.0)
-            self._worker.stop()
-            self._writer.close()
+        """Write what waits, finish the bag and say what was lost."""
+        if hasattr(self, "_tap") and not self.recorder.stopped:
+            self.stop_taking()
+            self.recorder.drain(_DRAIN_S)
+            self.recorder.stop()
+            for line in self.faults():
+                print(f"error: {line}", file=sys.stderr, flush=True)
         super().destroy_node()
 
-    def _take(self, name: str, data: bytes) -> None:
-        self._worker.submit((name, self.get_clock().now().nanoseconds, data))
+    def faults(self) -> list[str]:
+        """One line for each thing that went wrong so far."""
+        recorder = self.recorder
+        told = [] if recorder.fault is None else [str(recorder.fault)]
+        return told + [f"lost: {line}" for line in recorder.losses.lines(recorder.start_ns)]
 
-    def _write(self, item: tuple[str, int, bytes]) -> None:
-        name, t_ns, data = item
-        try:
-            self._writer.write(self._connections[name], t_ns, data)
-        except OSError as error:
-            self._diagnostics.fault(f"the bag can't be written: {error.strerror}; disk full?")
-            return
-        self._written[name] += 1
+    def missing(self) -> list[str]:
+        """Topics that a replay needs and on which nothing came so far."""
+        seen = self.recorder.progress().messages
+        return [name for name in self._needed if not seen.get(name)]
+
+    def _overflow(self, topic: str, t_ns: int) -> None:
+        self.recorder.losses.overflows[topic] += 1
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
-        lost = self._worker.dropped
-        level = diagnostics.ERROR if lost else diagnostics.OK
-        message = f"{lost} messages lost: the disk is too slow" if lost else "recording"
-        return level, message, {**self._written, "waiting": self._worker.waiting, "lost": lost}
-
-
-def _offered(topic: topics.Topic) -> list[Qos]:
-    return bag_qos(
-        topic.qos.depth,
-        topic.qos.reliability == ReliabilityPolicy.RELIABLE,
-        topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+        recorder = self.recorder
+        if recorder.fault is not None and not self._told:
+            self._told = True
+            self.get_logger().error(f"{recorder.fault}; recording has ended")
+        p = recorder.progress()
+        level, message = diagnostics.OK, "recording"
+        if recorder.fault is not None:
+            level, message = diagnostics.ERROR, str(recorder.fault)
+        elif p.lost_here:
+            level = diagnostics.ERROR
+            message = f"{p.lost_here} messages not written: the disk is too slow"
+        elif p.lost_before:
+            level = diagnostics.WARN
+            message = f"{p.lost_before} event packets never came"
+        return level, message, {
+            **p.messages,
+            "events": p.events,
+            "lost_packets": p.lost_before,
+            "lost_messages": p.lost_here,
+            "waiting_messages": p.waiting_messages,
+            "waiting_mb": round(p.waiting_bytes / 1e6, 1),
+            "written_mb": round(p.bytes_written / 1e6, 1),
+        }  # fmt: skip
 
 
 def main() -> None:

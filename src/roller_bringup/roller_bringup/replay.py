@@ -14,7 +14,7 @@ from roller_emvs.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
 
 from .inspection import Inspection, InspectionSettings, Mapped
-from .recordings import Recording
+from .recordings import Recording, RecordingError
 from .results.report import Report
 from .results.truth import SurfaceTally, TruthTally
 from .results.writer import ResultWriter
@@ -76,7 +76,8 @@ def replay(
     )
     inspection = Inspection(settings, recording.camera, recording.track, braille)
     surface = settings.depth.method == "surface"
-    tally = SurfaceTally.beside(source) if surface else TruthTally.beside(source)
+    delay_s = (settings.surface if surface else settings.depth).event_delay_s
+    tally = (SurfaceTally if surface else TruthTally).beside(source, delay_s)
     run = _Run(inspection, writer, report, tally)
     begin = time.perf_counter()
     try:
@@ -90,6 +91,7 @@ def replay(
             if progress is not None:
                 progress(step.progress)
         run.collect_what_goes(flush=True)
+        run.compare_clocks(recording, source)
     finally:
         run.finish(recording, time.perf_counter() - begin)
     return report
@@ -118,6 +120,21 @@ class _Run:
         if self._first_ns is None:
             self._first_ns = first_ns
         self._last_ns = last_ns
+
+    def compare_clocks(self, recording: Recording, source: Path) -> None:
+        """Report poses that none of the events falls into."""
+        track = recording.track
+        if self._first_ns is None or not len(track):
+            return
+        if self._last_ns < track.start_ns or self._first_ns > track.end_ns:
+            self._report.add_fault(
+                RecordingError(
+                    f"{source}: no event lies within the poses: events from "
+                    f"{self._first_ns * 1e-9:.3f} to {self._last_ns * 1e-9:.3f} s, poses from "
+                    f"{track.start_ns * 1e-9:.3f} to {track.end_ns * 1e-9:.3f} s; "
+                    "are they in the same clock?"
+                )
+            )
 
     def collect_what_goes(self, flush: bool = False) -> None:
         """Collect; a part that fails is reported and doesn't stop the others."""
@@ -149,8 +166,10 @@ class _Run:
 
     def finish(self, recording: Recording, spent_s: float) -> None:
         self._writer.write_patch(self._inspection.finish())
+        braille = self._inspection.braille
+        code = self._inspection.settings.braille.code
+        self._writer.close(braille.lines() if braille is not None else [], code)
         lines = self._lines()
-        self._writer.close(lines)
         duration_s = (self._last_ns - (self._first_ns or 0)) * 1e-9
         spent_s -= self._truth_s
         stitcher = self._inspection.stitcher

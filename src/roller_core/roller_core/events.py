@@ -113,6 +113,10 @@ class EventArray:
         """The same events, `offset_ns` later."""
         return EventArray(self.x, self.y, self.t_ns + np.int64(offset_ns), self.p)
 
+    def shown(self, delay_s: float) -> EventArray:
+        """The same events at the time of what they show, `delay_s` before their stamps."""
+        return self.shifted(-round(delay_s * 1e9)) if delay_s else self
+
     def with_times(self, t_ns: npt.NDArray[np.int64]) -> EventArray:
         """The same events with other time stamps."""
         return EventArray(self.x, self.y, t_ns, self.p)

@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
+
+#: Rays that are placed before they vote.
+_CHUNK = 256
+
+
+def chunk(dtype: npt.DTypeLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Buffers of `_vote`: two places and two shares for each ray at hand."""
+    places = (np.empty(_CHUNK, np.int32), np.empty(_CHUNK, np.int32))
+    return *places, np.empty(_CHUNK, dtype), np.empty(_CHUNK, dtype)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -30,7 +40,7 @@ def _vote_plane(rays, limits, w, plane):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sweep_bands(  # type: ignore[no-untyped-def]
-    rays, limits, source, starts, first, step, tiles, inverse, plane, best, number, votes, index
+    rays, limits, starts, first, step, tiles, inverse, plane, chunk, best, number, votes, index
 ):
     """Maxima of every `step`-th band from `first` on; see `_sweep_band` for the buffers."""
     height = len(votes)
@@ -38,11 +48,11 @@ def _sweep_bands(  # type: ignore[no-untyped-def]
     for b in range(first, len(starts) - 1, step):
         if tiles and starts[b] == starts[b + 1]:
             continue
-        own = slice(starts[b], starts[b + 1])
         best[:] = 0
         number[:] = 0
         top = b * rows
-        _sweep_band(rays[own], limits, source[own], inverse, top, height, plane, best, number)
+        part = (starts[b], starts[b + 1])
+        _sweep_band(rays, part, limits, inverse, top, height, plane, chunk, best, number)
         for r in range(min(rows, height - top)):
             votes[top + r] = best[r]
             index[top + r] = number[r]
@@ -50,7 +60,7 @@ def _sweep_bands(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sweep_bands_views(  # type: ignore[no-untyped-def]
-    rays, limits, source, starts, first, step, tiles, inverse, halves, pad, hats, best, number,
+    rays, limits, starts, first, step, tiles, inverse, halves, pad, hats, chunk, best, number,
     votes, index,
 ):  # fmt: skip
     """As `_sweep_bands`, for several views."""
@@ -59,36 +69,30 @@ def _sweep_bands_views(  # type: ignore[no-untyped-def]
     for b in range(first, len(starts) - 1, step):
         if tiles and starts[b] == starts[b + 1]:
             continue
-        own = slice(starts[b], starts[b + 1])
         best[:] = 0
         number[:] = 0
         hats[:] = 0
         top = b * rows
+        part = (starts[b], starts[b + 1])
         _sweep_band_views(
-            rays[own], limits, source[own], inverse, halves, top, height, pad, hats, best, number
-        )  # fmt: skip
+            rays, part, limits, inverse, halves, top, height, pad, hats, chunk, best, number
+        )
         for j in range(len(votes)):
             for r in range(min(rows, height - top)):
                 votes[j, top + r] = best[j, r]
                 index[j, top + r] = number[j, r]
 
 
-@njit(cache=True, nogil=True)
-def _any_limited(limits, source, inverse):  # type: ignore[no-untyped-def]
-    """Whether some plane lies behind the camera of some event."""
-    return len(source) > 0 and limits[source].min() <= max(inverse[0], inverse[-1])
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _columns(rays, inverse, width):  # type: ignore[no-untyped-def]
+def _columns(rays, part, inverse, width):  # type: ignore[no-untyped-def]
     """First column that rays vote on over all planes, and the one after the last."""
     low = width
     high = 0
     near = inverse[0]
     far = inverse[-1]
-    for i in range(len(rays)):
-        a = rays[i, 0] + rays[i, 2] * near
-        b = rays[i, 0] + rays[i, 2] * far
+    for i in range(part[0], part[1]):
+        a = rays[0, i] + rays[2, i] * near
+        b = rays[0, i] + rays[2, i] * far
         # Written so that NaN changes nothing; one more column for rounding.
         if min(a, b) - 1 < low:
             low = int(max(min(a, b) - 1, 0.0))
@@ -98,46 +102,119 @@ def _columns(rays, inverse, width):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _place(x0, y0, dx, dy, w, edges, stride, places, across, down):  # type: ignore[no-untyped-def]
+    """Where rays vote on a plane, and their shares; `stride` behind the rows where nowhere."""
+    right, above, below, origin, nowhere = edges
+    # Numbers stay floating point up to the last: vector instructions don't mix types.
+    for i in range(len(x0)):
+        x = x0[i] + dx[i] * w
+        y = y0[i] + dy[i] * w
+        # Written so that NaN fails it.
+        inside = (x >= 0) & (x < right) & (y >= above) & (y < below)
+        left = np.floor(x)
+        row = np.floor(y)
+        across[i] = x - left
+        down[i] = y - row
+        at = (row - origin) * stride + left
+        places[i] = np.int32(at if inside else nowhere)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place_halves(  # type: ignore[no-untyped-def]
+    x0, y0, dx, dy, w, edges, stride, places, besides, across, down
+):
+    """As `_place`, on a grid of half pixels: a row's whole positions, then its half ones."""
+    right, above, below, origin, nowhere = edges
+    half = stride * x0.dtype.type(0.5)
+    for i in range(len(x0)):
+        x = x0[i] + dx[i] * w
+        y = y0[i] + dy[i] * w
+        inside = (x >= 0) & (x < right) & (y >= above) & (y < below)
+        h = x + x
+        left = np.floor(h)
+        row = np.floor(y)
+        across[i] = h - left
+        down[i] = y - row
+        whole = np.floor(x)
+        odd = left - whole - whole
+        at = (row - origin) * stride + whole
+        # The position beside a whole one is the half one, and the next whole one beside that.
+        places[i] = np.int32(at + odd * half if inside else nowhere)
+        besides[i] = np.int32(at + half + odd * (x0.dtype.type(1) - half) if inside else nowhere)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(places, besides, next_to, across, down, under, votes):  # type: ignore[no-untyped-def]
+    """Bilinear votes at `places`, `next_to` further on from `besides`, and a row below."""
+    one = votes.dtype.type(1)
+    for i in range(len(places)):
+        fx = across[i]
+        fy = down[i]
+        gx = one - fx
+        gy = one - fy
+        at = np.uint64(places[i])
+        beside = np.uint64(besides[i]) + next_to
+        votes[at] += gx * gy
+        votes[beside] += fx * gy
+        votes[at + under] += gx * fy
+        votes[beside + under] += fx * fy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _vote(rays, part, limits, w, top, height, halves, votes, chunk):  # type: ignore[no-untyped-def]
+    """Bilinear votes of the rays `part` on the plane of inverse depth `w`.
+
+    Places first, in a loop that the compiler turns into vector instructions, then votes.
+    `votes`, shape (rows, columns) or with `halves` (rows, 2, columns), holds the rows from
+    `top` - 1 on, one below the band and two for what goes nowhere. `limits` is empty where none
+    counts.
+    """
+    real = votes.dtype.type
+    rows = len(votes) - 2
+    wide = votes.shape[-1]
+    stride = real(2 * wide if halves else wide)
+    nowhere = real(rows) * stride
+    edges = (
+        real(wide - 1), real(max(top - 1, 0)), real(min(height, top + rows - 1) - 1),
+        real(top - 1), nowhere,
+    )  # fmt: skip
+    flat = votes.reshape(-1)
+    places, besides, across, down = chunk
+    for start in range(part[0], part[1], len(places)):
+        end = min(start + len(places), part[1])
+        n = end - start
+        at, beside, fx, fy = places[:n], besides[:n], across[:n], down[:n]
+        x, y = rays[0, start:end], rays[1, start:end]
+        dx, dy = rays[2, start:end], rays[3, start:end]
+        if halves:
+            _place_halves(x, y, dx, dy, w, edges, stride, at, beside, fx, fy)
+        else:
+            _place(x, y, dx, dy, w, edges, stride, at, fx, fy)
+        if len(limits):
+            for i in range(n):
+                if w >= limits[start + i]:
+                    at[i] = np.int32(nowhere)
+                    beside[i] = np.int32(nowhere)
+        if halves:
+            _add(at, beside, np.uint64(0), fx, fy, np.uint64(stride), flat)
+        else:
+            _add(at, at, np.uint64(1), fx, fy, np.uint64(stride), flat)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sweep_band(  # type: ignore[no-untyped-def]
-    rays, limits, source, inverse, top, height, plane, best, number
+    rays, part, limits, inverse, top, height, plane, chunk, best, number
 ):
     """Running maxima of a band's rows.
 
-    `plane` holds the rows from `top` - 1 on and one below the band; `best` and `number` the
-    band's own rows.
+    `plane` holds the rows from `top` - 1 on, one below the band and two for what goes nowhere;
+    `best` and `number` the band's own rows.
     """
-    rows, width = plane.shape
-    one = plane.dtype.type(1)
-    flat = plane.reshape(-1)
-    # Within the image and the rows at hand; written below so that NaN fails it.
-    above = plane.dtype.type(max(top - 1, 0))
-    below = plane.dtype.type(min(height, top + rows - 1) - 1)
-    right = plane.dtype.type(width - 1)
-    low, high = _columns(rays, inverse, width)
-    limited = _any_limited(limits, source, inverse)
+    width = plane.shape[1]
+    low, high = _columns(rays, part, inverse, width)
     for k in range(len(inverse)):
-        w = inverse[k]
         plane[:, low:high] = 0
-        for i in range(len(rays)):
-            x = rays[i, 0] + rays[i, 2] * w
-            y = rays[i, 1] + rays[i, 3] * w
-            if not (x >= 0 and x < right and y >= above and y < below):
-                continue
-            if limited and w >= limits[source[i]]:
-                continue
-            row = np.int32(y)
-            yi = row - (top - 1)
-            xi = np.int32(x)
-            fx = x - plane.dtype.type(xi)
-            fy = y - plane.dtype.type(row)
-            gx = one - fx
-            gy = one - fy
-            at = np.uint64(yi * width + xi)
-            under = at + np.uint64(width)
-            flat[at] += gx * gy
-            flat[at + np.uint64(1)] += fx * gy
-            flat[under] += gx * fy
-            flat[under + np.uint64(1)] += fx * fy
+        _vote(rays, part, limits, inverse[k], top, height, False, plane, chunk)
         for r in range(len(best)):
             _keep_larger(
                 plane[r + 1, low:high], np.int32(k), best[r, low:high], number[r, low:high]
@@ -155,7 +232,7 @@ def _keep_larger(seen, k, best, number):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sweep_band_views(  # type: ignore[no-untyped-def]
-    rays, limits, source, inverse, halves, top, height, pad, votes, best, number
+    rays, part, limits, inverse, halves, top, height, pad, votes, chunk, best, number
 ):
     """Running maxima of a band's rows in views shifted by halves of a pixel.
 
@@ -164,45 +241,12 @@ def _sweep_band_views(  # type: ignore[no-untyped-def]
     the hat of half a pixel in its middle and half of those beside it, so the views' votes are
     exactly bilinear.
     """
-    rows, _, wide = votes.shape
+    wide = votes.shape[2]
     views, own, width = best.shape
-    one = votes.dtype.type(1)
-    two = votes.dtype.type(2)
-    flat = votes.reshape(-1)
-    # Within the image and the rows at hand; written below so that NaN fails it.
-    above = votes.dtype.type(max(top - 1, 0))
-    below = votes.dtype.type(min(height, top + rows - 1) - 1)
-    right = votes.dtype.type(wide - 1)
-    low, high = _columns(rays, inverse, wide)
-    limited = _any_limited(limits, source, inverse)
+    low, high = _columns(rays, part, inverse, wide)
     for k in range(len(inverse)):
-        w = inverse[k]
         votes[:, :, low:high] = 0
-        for i in range(len(rays)):
-            x = rays[i, 0] + rays[i, 2] * w
-            y = rays[i, 1] + rays[i, 3] * w
-            if not (x >= 0 and x < right and y >= above and y < below):
-                continue
-            if limited and w >= limits[source[i]]:
-                continue
-            row = np.int32(y)
-            yi = row - (top - 1)
-            h = x * two
-            hi = np.int32(h)
-            fx = h - votes.dtype.type(hi)
-            fy = y - votes.dtype.type(row)
-            gx = one - fx
-            # Whole positions first, half ones behind them; the next is of the other kind.
-            odd = hi & 1
-            base = 2 * yi * wide
-            at = np.uint64(base + odd * wide + (hi >> 1))
-            beside = np.uint64(base + (1 - odd) * wide + ((hi + 1) >> 1))
-            gy = one - fy
-            under = np.uint64(2 * wide)
-            flat[at] += gx * gy
-            flat[beside] += fx * gy
-            flat[at + under] += gx * fy
-            flat[beside + under] += fx * fy
+        _vote(rays, part, limits, inverse[k], top, height, True, votes, chunk)
         for j in range(views):
             left = (halves[j, k] >> 1) + pad
             # The view's columns that see some of the votes; a hat reaches one beside it.

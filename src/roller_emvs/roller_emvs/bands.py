@@ -18,16 +18,17 @@ I64 = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Bands:
-    """Rays by group and band.
+    """Rays by band.
 
     Attributes
     ----------
-    rays : ndarray, shape (m, 4)
-        Copies, in the order of group, band and of the events.
+    rays : ndarray, shape (4, m)
+        Copies, in the order of band and of the events; a row for each number, as the loops over
+        votes take them.
     source : ndarray of int64, shape (m,)
         Event that each is of.
-    starts : ndarray of int64, shape (groups, bands + 1)
-        Where a group's bands begin and end.
+    starts : ndarray of int64, shape (bands + 1,)
+        Where bands begin and end.
     """
 
     rays: npt.NDArray[np.floating]
@@ -37,11 +38,11 @@ class Bands:
 
 def sort_into_bands(
     rays: npt.NDArray[np.floating],
-    groups: I64,
     ends: tuple[float, float],
     shape: tuple[int, int],
     rows: int,
     reach: tuple[float, float],
+    offset: int = 0,
 ) -> Bands:
     """List each event in the bands it can reach.
 
@@ -49,8 +50,6 @@ def sort_into_bands(
     ----------
     rays : ndarray, shape (n, 4)
         Pixel (x, y) at parameter 0 and its change with the parameter; NaN goes nowhere.
-    groups : ndarray of int64, shape (k + 1,)
-        Where groups of events begin; the last entry is n.
     ends : tuple of float
         Parameters of the end planes.
     shape : tuple of int
@@ -59,46 +58,55 @@ def sort_into_bands(
         Rows of a band.
     reach : tuple of float
         Rows that a vote reaches up and down from its pixel.
+    offset : int
+        Columns by which the rays are moved.
     """
     count = -(-shape[0] // rows)
-    counts = np.zeros((len(groups) - 1, count), np.int64)
-    bounds = np.array([*ends, *reach, shape[0], shape[1]], np.float64)
-    nothing = (np.empty((0, 4), rays.dtype), np.empty(0, np.int64))
-    _sort(rays, groups, bounds, rows, counts, False, *nothing)
-    starts = np.zeros((len(groups) - 1, count + 1), np.int64)
-    flat = np.concatenate([[0], np.cumsum(counts)])
-    for g in range(len(groups) - 1):
-        starts[g] = flat[g * count : (g + 1) * count + 1]
-    out = np.empty((flat[-1], 4), rays.dtype), np.empty(flat[-1], np.int64)
-    _sort(rays, groups, bounds, rows, starts[:, :-1].copy(), True, *out)
-    return Bands(*out, starts)
+    bounds = np.array([*ends, *reach, *shape, offset], rays.dtype)
+    low, high = np.empty(len(rays), np.int32), np.empty(len(rays), np.int32)
+    _find(rays, bounds, rays.dtype.type(1.0 / rows), count, low, high)
+    starts = np.zeros(count + 1, np.int64)
+    _count(low, high, starts[1:])
+    np.cumsum(starts, out=starts)
+    out = np.empty((4, starts[-1]), rays.dtype)
+    source = np.empty(starts[-1], np.int64)
+    _list(rays, low, high, bounds[-1], starts[:-1].copy(), out, source)
+    return Bands(out, source, starts)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find(rays, bounds, share, count, low, high):  # type: ignore[no-untyped-def]
+    """First and last band of each ray; last before first where there is none."""
+    first, last, up, down, height, width, offset = bounds
+    for i in range(len(rays)):
+        y0 = rays[i, 1] + first * rays[i, 3]
+        y1 = rays[i, 1] + last * rays[i, 3]
+        x0 = rays[i, 0] + offset + first * rays[i, 2]
+        x1 = rays[i, 0] + offset + last * rays[i, 2]
+        top = min(y0, y1) - up
+        bottom = max(y0, y1) + down
+        # Written so that NaN fails it.
+        inside = (bottom >= 0) & (top < height) & (max(x0, x1) >= -1) & (min(x0, x1) < width + 1)
+        low[i] = np.int32(max(top, 0) * share) if inside else 1
+        high[i] = np.int32(min(bottom * share, count - 1)) if inside else 0
 
 
 @njit(cache=True, nogil=True)
-def _sort(rays, groups, bounds, rows, place, write, out, source):  # type: ignore[no-untyped-def]
-    """Count into `place`, or write at `place` and move it on."""
-    first, last, up, down, height, width = bounds
-    bands = place.shape[1]
-    share = 1.0 / rows
-    for g in range(len(groups) - 1):
-        for i in range(groups[g], groups[g + 1]):
-            y0 = rays[i, 1] + first * rays[i, 3]
-            y1 = rays[i, 1] + last * rays[i, 3]
-            x0 = rays[i, 0] + first * rays[i, 2]
-            x1 = rays[i, 0] + last * rays[i, 2]
-            top = min(y0, y1) - up
-            bottom = max(y0, y1) + down
-            # Written so that NaN fails it.
-            if not (bottom >= 0 and top < height and max(x0, x1) >= -1 and min(x0, x1) < width + 1):
-                continue
-            low = int(max(top, 0.0) * share)
-            high = min(int(bottom * share), bands - 1)
-            for b in range(low, high + 1):
-                if write:
-                    k = place[g, b]
-                    out[k, 0] = rays[i, 0]
-                    out[k, 1] = rays[i, 1]
-                    out[k, 2] = rays[i, 2]
-                    out[k, 3] = rays[i, 3]
-                    source[k] = i
-                place[g, b] += 1
+def _count(low, high, counts):  # type: ignore[no-untyped-def]
+    for i in range(len(low)):
+        for b in range(low[i], high[i] + 1):
+            counts[b] += 1
+
+
+@njit(cache=True, nogil=True)
+def _list(rays, low, high, offset, place, out, source):  # type: ignore[no-untyped-def]
+    """Write each ray at its bands' places and move them on."""
+    for i in range(len(rays)):
+        for b in range(low[i], high[i] + 1):
+            k = place[b]
+            out[0, k] = rays[i, 0] + offset
+            out[1, k] = rays[i, 1]
+            out[2, k] = rays[i, 2]
+            out[3, k] = rays[i, 3]
+            source[k] = i
+            place[b] += 1

@@ -51,9 +51,14 @@ def adaptive_threshold(votes: F32, c: float, kernel_px: int, full_scale_votes: f
 def _stand_out(gray, mean, votes, c, border, mask):  # type: ignore[no-untyped-def]
     height, width = mask.shape
     for y in range(border, height - border):
-        for x in range(border, width - border):
-            above = gray[y, x] > np.rint(mean[y, x]) + c
-            mask[y, x] = above & (votes[y, x] > 0)
+        own = slice(border, width - border)
+        _above(gray[y, own], mean[y, own], votes[y, own], c, mask[y, own])
+
+
+@njit(cache=True, nogil=True)
+def _above(gray, mean, votes, c, mask):  # type: ignore[no-untyped-def]
+    for x in range(len(mask)):
+        mask[x] = (gray[x] > np.rint(mean[x]) + c) & (votes[x] > 0)
 
 
 def masked_median(
@@ -162,31 +167,32 @@ def _masked_median(  # type: ignore[no-untyped-def]
         first[x] = starts[x]
         last[x] = starts[x]
     for y in range(height):
+        left, right = _ends(mask[y])
+        if right < left:
+            continue
+        begin, end = max(left - radius, 0), min(right + radius, width - 1)
         # Items of each column that lie within the rows of this window.
-        any_here = False
-        for x in range(width):
+        for x in range(begin, end + 1):
             while first[x] < starts[x + 1] and rows[first[x]] < y - radius:
                 first[x] += 1
+            last[x] = max(last[x], first[x])
             while last[x] < starts[x + 1] and rows[last[x]] <= y + radius:
                 last[x] += 1
-            any_here |= mask[y, x]
-        if not any_here:
-            continue
         count = 0
-        for x in range(-radius, width):
+        for x in range(left - 2 * radius, right + 1):
             new = x + radius
-            if new < width:
+            if begin <= new <= end:
                 for i in range(first[new], last[new]):
                     histogram[values[i]] += 1
                     coarse[values[i] >> 4] += 1
                 count += last[new] - first[new]
             old = x - radius - 1
-            if old >= 0:
+            if old >= begin:
                 for i in range(first[old], last[old]):
                     histogram[values[i]] -= 1
                     coarse[values[i] >> 4] -= 1
                 count -= last[old] - first[old]
-            if x >= 0 and mask[y, x]:
+            if x >= left and mask[y, x]:
                 median[y, x] = _grouped_median(histogram, coarse, count)
                 spread[y, x] = 0
                 if with_spread:
@@ -194,7 +200,19 @@ def _masked_median(  # type: ignore[no-untyped-def]
                     high = _quantile(histogram, coarse, 3 * (count - 1) // 4)
                     spread[y, x] = high - low
         # Leave the histogram empty for the next row.
-        for x in range(max(width - radius - 1, 0), width):
+        for x in range(max(right - radius, begin), end + 1):
             for i in range(first[x], last[x]):
                 histogram[values[i]] -= 1
                 coarse[values[i] >> 4] -= 1
+
+
+@njit(cache=True, nogil=True)
+def _ends(row):  # type: ignore[no-untyped-def]
+    """First and last masked pixel of a row; last before first where there is none."""
+    left = 0
+    right = len(row) - 1
+    while left <= right and not row[left]:
+        left += 1
+    while right > left and not row[right]:
+        right -= 1
+    return left, right

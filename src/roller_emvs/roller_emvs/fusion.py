@@ -100,10 +100,20 @@ def fuse_views(
     """
     sums = np.zeros((3, camera.height, camera.width), np.float32)
     for view in views:
-        depth, confidence, variance = warp_view(view, target, camera)
-        _add(depth, confidence, variance, view.weight, rule == "inverse_variance", sums)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return sums[1] / sums[0], sums[2] / sums[0]
+        _add(*warp_view(view, target, camera), view.weight, rule == "inverse_variance", sums)
+    depth, confidence = (np.empty(sums.shape[1:], np.float32) for _ in range(2))
+    _divide(sums, depth, confidence)
+    return depth, confidence
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _divide(sums, depth, confidence):  # type: ignore[no-untyped-def]
+    """Weighted means; NaN where the weight is zero."""
+    height, width = depth.shape
+    for y in range(height):
+        for x in range(width):
+            depth[y, x] = sums[1, y, x] / sums[0, y, x]
+            confidence[y, x] = sums[2, y, x] / sums[0, y, x]
 
 
 @njit(cache=True, nogil=True)

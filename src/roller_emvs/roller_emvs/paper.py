@@ -7,6 +7,8 @@ against: all planes, exact packets and poses.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from roller_core.camera import Camera
@@ -19,6 +21,9 @@ from .settings import DepthSettings
 from .stopwatch import Stopwatch
 from .threads import share
 from .votes import I64, U16, sweep_maximum, sweep_views
+
+#: How far along u a reference view may be put elsewhere, as a share of half the way between ends.
+_MOST_ALONG = 0.2
 
 
 def window_depth(
@@ -59,10 +64,12 @@ def window_depth(
     shifted = shifted_planes(camera, relative, bounds_m, s) if s.fast_path else None
     with watch("votes"):
         if shifted is not None:
-            planes, half_shifts, poses = shifted
-            poses = target @ poses
-            rays = rays_in_view(packets, camera, target, s.precision)
-            votes, index = sweep_views(rays, camera, planes, half_shifts, s.threads, s.tiles)
+            poses = target @ shifted.views
+            rays = rays_in_view(packets, camera, target @ shifted.middle, s.precision)
+            planes = shifted.planes
+            votes, index = sweep_views(
+                rays, camera, planes, shifted.half_shifts, s.threads, s.tiles
+            )
         else:
             planes = choose_planes(packets, camera, target, bounds_m, s)
             found = [
@@ -99,46 +106,57 @@ def choose_planes(
     return np.asarray(1.0 / (1.0 / near + step * (1.0 - np.arange(count + 2))), np.float64)
 
 
+@dataclass(frozen=True)
+class ShiftedPlanes:
+    """Planes on which the reference views differ by whole or half pixels.
+
+    Attributes
+    ----------
+    planes : ndarray of float64, shape (n,)
+        Depths, metres, near to far.
+    half_shifts : ndarray of int64, shape (views, n)
+        From the view that is voted in to each view, in halves of a pixel.
+    middle : ndarray of float64, shape (4, 4)
+        The view that is voted in, half-way between the ends, in the target view.
+    views : ndarray of float64, shape (views, 4, 4)
+        Where the reference views are put, in the target view.
+    """
+
+    planes: F64
+    half_shifts: I64
+    middle: F64
+    views: F64
+
+
 def shifted_planes(
     camera: Camera, relative: F64, bounds_m: tuple[float, float], s: DepthSettings
-) -> tuple[F64, I64, F64] | None:
+) -> ShiftedPlanes | None:
     """Planes on which the reference views differ by whole or half pixels, if there are.
 
     Two views B apart along u see a plane of inverse depth w shifted by F·B·w; planes F·B apart
     in steps of half a pixel are one pixel of the window's parallax apart. The views are put
-    where the shifts are exact: as far along u on either side, axes parallel. A reference view
-    may be anywhere, so depth stays exact; only the place it is seen from is another.
+    where the shifts are exact: at the ends and half-way between, axes parallel. A reference view
+    may be anywhere, so depth stays exact; only the place it is seen from is another, by no more
+    than a share of the way along u and `fast_path_max_px` in every other respect.
 
     Parameters
     ----------
     camera : Camera
         Intrinsics.
     relative : ndarray of float64, shape (views, 4, 4)
-        Reference cameras in the camera that is voted in.
+        Reference cameras in the target view.
     bounds_m : tuple of float
         Nearest and farthest depth, metres.
     s : DepthSettings
         `plane_rule`, `planes_per_px` and `fast_path_max_px`.
-
-    Returns
-    -------
-    planes : ndarray of float64, shape (n,)
-        Depths, metres, near to far.
-    half_shifts : ndarray of int64, shape (views, n)
-        In halves of a pixel.
-    views : ndarray of float64, shape (views, 4, 4)
-        The cameras put there, in the camera that is voted in.
     """
     if s.plane_rule == "fixed" or s.planes_per_px > 1.0 or len(relative) < 2:
         return None
     x = relative[:, 0, 3]
-    baseline = float(np.abs(x).max())
+    centre, baseline = 0.5 * float(x.min() + x.max()), 0.5 * float(np.ptp(x))
     low, high = 1.0 / bounds_m[1], 1.0 / bounds_m[0]
     if camera.fx * baseline * (high - low) < 2.0:
         return None
-    ends = np.abs(x) > 0.5 * baseline
-    baseline = float(np.abs(x[ends]).mean())
-    sign = np.where(ends, np.sign(x), 0.0).astype(np.int64)
     # Halves of a pixel by which the end views are shifted, from near to far and one beyond.
     halves = np.arange(
         int(np.floor(2 * camera.fx * baseline * low)) - 1,
@@ -146,15 +164,19 @@ def shifted_planes(
     )[::-1]
     if not 5 <= len(halves) <= s.planes or halves[-1] <= 0:
         return None
-    views = np.tile(np.eye(4), (len(x), 1, 1))
-    views[:, 0, 3] = sign * baseline
-    moved = [
-        view_distance_px(camera, np.linalg.inv(put) @ was, bounds_m)
-        for put, was in zip(views, relative, strict=True)
-    ]
-    if max(moved) > s.fast_path_max_px:
+    place = np.rint((x - centre) / baseline).astype(np.int64)
+    along = np.abs(x - centre - place * baseline)
+    if along.max() > _MOST_ALONG * baseline:
         return None
-    return 2 * camera.fx * baseline / halves, sign[:, None] * halves[None, :], views
+    for was in relative:
+        put = np.eye(4)
+        put[0, 3] = was[0, 3]
+        if view_distance_px(camera, inverse_pose(put) @ was, bounds_m) > s.fast_path_max_px:
+            return None
+    views = np.tile(np.eye(4), (len(x) + 1, 1, 1))
+    views[:, 0, 3] = centre + np.append(place, 0) * baseline
+    planes = 2 * camera.fx * baseline / halves
+    return ShiftedPlanes(planes, place[:, None] * halves[None, :], views[-1], views[:-1])
 
 
 def view_distance_px(camera: Camera, relative: F64, bounds_m: tuple[float, float]) -> float:
@@ -216,7 +238,8 @@ def view_depth(
     steps = np.gradient(planes)
     usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
     usable[[0, -1]] = False
-    mask &= usable[index]
+    at = np.flatnonzero(mask)
+    mask.ravel()[at] = usable[index.ravel()[at]]
     median, spread = masked_median(
         index, mask, s.median_px, len(planes), s.weight_rule == "inverse_variance"
     )

@@ -104,7 +104,8 @@ class DepthSettings(Settings):
         ge=0.0,
         le=10.0,
         description="The reference views are put where that is exact if they move by no more "
-        "than this; else every view is voted for itself, px.",
+        "than this across the way from start to end, or by turning; else every view is voted "
+        "for itself, px.",
     )
     packet_events: int = Field(
         256, ge=1, le=65536, description="Events that share the pose of their median event."
@@ -175,6 +176,13 @@ class DepthSettings(Settings):
         le=0.01,
         description="Way that edges creep along the surface as their contrast doubles under the "
         "light that travels with the camera; focus corrects depth for it; 0 is off, m.",
+    )
+    event_delay_s: float = Field(
+        0.0,
+        ge=-0.1,
+        le=0.1,
+        description="Event stamps less the time, in the clock of the poses, of what they show: "
+        "what `roller calibrate --time-offset` finds, s.",
     )
     max_pose_gap_s: float = Field(
         0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."

@@ -76,15 +76,15 @@ def sweep_maximum(
     """
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
-    bands = _bands(rays, inverse, shape, 0)
+    bands, limits = _bands(rays, inverse, shape, 0)
     dtype = rays.rays.dtype
     votes, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
 
     def run(first: int) -> None:
         best = np.empty((BAND_ROWS, shape[1]), dtype)
         kernels._sweep_bands(
-            bands.rays, rays.limits, bands.source, bands.starts[0], first, threads, tiles,
-            inverse.astype(dtype), np.empty((BAND_ROWS + 2, shape[1]), dtype), best,
+            bands.rays, limits, bands.starts, first, threads, tiles, inverse.astype(dtype),
+            np.zeros((BAND_ROWS + 4, shape[1]), dtype), kernels.chunk(dtype), best,
             np.empty(best.shape, np.int32), votes, index,
         )  # fmt: skip
 
@@ -121,30 +121,30 @@ def sweep_views(
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
     pad = int(np.abs(half_shifts).max()) // 2 + 2
-    bands = _bands(rays, inverse, shape, pad)
+    bands, limits = _bands(rays, inverse, shape, pad)
     dtype, count = rays.rays.dtype, len(half_shifts)
     votes = np.zeros((count, *shape), np.float32)
     index = np.zeros((count, *shape), np.uint16)
 
     def run(first: int) -> None:
-        hats = np.empty((BAND_ROWS + 2, 2, shape[1] + 2 * pad), dtype)
+        hats = np.zeros((BAND_ROWS + 4, 2, shape[1] + 2 * pad), dtype)
         best = np.empty((count, BAND_ROWS, shape[1]), dtype)
         kernels._sweep_bands_views(
-            bands.rays, rays.limits, bands.source, bands.starts[0], first, threads, tiles,
-            inverse.astype(dtype), half_shifts, pad, hats, best,
-            np.empty(best.shape, np.int32), votes, index,
+            bands.rays, limits, bands.starts, first, threads, tiles, inverse.astype(dtype),
+            half_shifts, pad, hats, kernels.chunk(dtype), best, np.empty(best.shape, np.int32),
+            votes, index,
         )  # fmt: skip
 
     share(threads, threads, run)
     return votes, index
 
 
-def _bands(rays: RayBundle, inverse: F64, shape: tuple[int, int], pad: int) -> Bands:
-    """Rays by band, moved by `pad` columns."""
-    moved = rays.rays
-    if pad:
-        moved = moved.copy()
-        moved[:, 0] += pad
-    groups = np.array([0, len(rays)], np.int64)
+def _bands(
+    rays: RayBundle, inverse: F64, shape: tuple[int, int], pad: int
+) -> tuple[Bands, npt.NDArray[np.floating]]:
+    """Rays by band, moved by `pad` columns, and their limits; none if no plane reaches any."""
     ends = (float(inverse.min()), float(inverse.max()))
-    return sort_into_bands(moved, groups, ends, (shape[0], shape[1] + 2 * pad), BAND_ROWS, _REACH)
+    padded = (shape[0], shape[1] + 2 * pad)
+    bands = sort_into_bands(rays.rays, ends, padded, BAND_ROWS, _REACH, pad)
+    limited = len(rays) and rays.limits.min() <= ends[1]
+    return bands, rays.limits[bands.source] if limited else rays.limits[:0]

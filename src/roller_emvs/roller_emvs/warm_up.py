@@ -42,7 +42,7 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
         track.append(t_ns, [_SPEED_M_NS * t_ns, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
     engines: list[DepthPipeline | SurfaceSweep]
     if isinstance(settings, SurfaceSettings):
-        small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.008})
+        small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.004})
         engines = [SurfaceSweep(small, _CAMERA, track)]
     else:
         # Votes of every view for itself are kernels of their own.

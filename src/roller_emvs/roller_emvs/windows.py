@@ -6,12 +6,12 @@ replay cuts where the live graph did.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from roller_core.errors import RollerError
+from roller_core.event_queue import EventQueue
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
 
@@ -56,17 +56,19 @@ class WindowCutter:
     def __init__(self, settings: DepthSettings, track: PoseTrack) -> None:
         self._settings = settings
         self._track = track
-        self._parts: deque[EventArray] = deque()
-        self._held = 0
-        self._newest_ns = 0
+        self._queue = EventQueue(settings.max_backlog_events)
         self._start_ns: int | None = None
-        self.dropped_events = 0
         self.events_without_pose = 0
 
     @property
     def held_events(self) -> int:
         """Events that wait."""
-        return self._held
+        return len(self._queue)
+
+    @property
+    def dropped_events(self) -> int:
+        """Events beyond the backlog's limit."""
+        return self._queue.dropped
 
     @property
     def needed_from_ns(self) -> int | None:
@@ -75,15 +77,7 @@ class WindowCutter:
 
     def add(self, events: EventArray) -> None:
         """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
-        if not len(events):
-            return
-        self._parts.append(events)
-        self._held += len(events)
-        self._newest_ns = int(events.t_ns[-1])
-        while self._held > self._settings.max_backlog_events and len(self._parts) > 1:
-            gone = self._parts.popleft()
-            self._held -= len(gone)
-            self.dropped_events += len(gone)
+        self._queue.add(events)
 
     def cut(self, flush: bool = False) -> Window | RefusedWindow | None:
         """The next window, or None while it is not complete.
@@ -93,7 +87,7 @@ class WindowCutter:
         flush : bool
             No more events will come: what is left makes up the last window.
         """
-        while self._held and len(self._track):
+        while len(self._queue) and len(self._track):
             if not self._find_start(flush):
                 return None
             start = self._start_ns
@@ -117,14 +111,14 @@ class WindowCutter:
 
     def _find_start(self, flush: bool) -> bool:
         """Settle where the next window starts; False while it can't be known."""
-        first_ns = int(self._parts[0].t_ns[0])
+        first_ns = self._queue.first_ns
         if self._start_ns is None:
             # Events from before the first pose can't be placed.
             if first_ns < self._track.start_ns:
-                self.events_without_pose += self._drop_before(self._track.start_ns)
-                if not self._held:
+                self.events_without_pose += self._queue.drop_before(self._track.start_ns)
+                if not len(self._queue):
                     return False
-                first_ns = int(self._parts[0].t_ns[0])
+                first_ns = self._queue.first_ns
             self._start_ns = first_ns
         elif self._settings.window_rule == "time":
             length = self._length_ns()
@@ -133,7 +127,7 @@ class WindowCutter:
         if self._track.end_ns > self._start_ns:
             return True
         if flush:
-            self.events_without_pose += self._drop_before(2**63 - 1)
+            self.events_without_pose += self._queue.drop_before(2**63 - 1)
         return False
 
     def _length_ns(self) -> int:
@@ -143,7 +137,7 @@ class WindowCutter:
         """End of the window, start of the one after, and why it is refused, if it is."""
         s = self._settings
         track_end = self._track.end_ns
-        last = min(self._newest_ns + 1, track_end)
+        last = min(self._queue.newest_ns + 1, track_end)
         if s.window_rule == "all":
             return (last, last, "") if flush and last > start else None
         if s.window_rule == "time":
@@ -154,12 +148,12 @@ class WindowCutter:
         else:
             end_or_none, following, share, reason = self._travel_end(start, last)
             end = end_or_none if end_or_none is not None else 2**63 - 1
-        if end <= track_end and end <= self._newest_ns:
+        if end <= track_end and end <= self._queue.newest_ns:
             return end, following, reason
         if not flush:
             return None
         if last <= start:
-            self.events_without_pose += self._drop_before(2**63 - 1)
+            self.events_without_pose += self._queue.drop_before(2**63 - 1)
             return None
         if end <= track_end and end <= last:
             return end, following, reason
@@ -214,29 +208,8 @@ class WindowCutter:
 
     def _take(self, start: int, end: int, following: int) -> Window:
         """Take the window's events and forget all before the window that follows."""
-        self._drop_before(start)
-        taken = []
-        for part in self._parts:
-            if part.t_ns[0] >= end:
-                break
-            taken.append(part[: int(np.searchsorted(part.t_ns, end))])
+        self._queue.drop_before(start)
+        taken = self._queue.first(self._queue.count_before(end))
         self._start_ns = following if following < 2**62 else None
-        self._drop_before(following)
-        return Window(start, end, EventArray.concatenate(taken))
-
-    def _drop_before(self, t_ns: int) -> int:
-        """Forget events before a time; how many."""
-        gone = 0
-        while self._parts:
-            part = self._parts[0]
-            if part.t_ns[-1] < t_ns:
-                gone += len(part)
-                self._parts.popleft()
-                continue
-            k = int(np.searchsorted(part.t_ns, t_ns))
-            if k:
-                self._parts[0] = part[k:]
-                gone += k
-            break
-        self._held -= gone
-        return gone
+        self._queue.drop_before(following)
+        return Window(start, end, taken)

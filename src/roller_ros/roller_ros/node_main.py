@@ -11,6 +11,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from roller_core.errors import RollerError
+from roller_core.memory import keep_freed_memory
 
 from .worker import CRASHED
 
@@ -24,6 +25,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         Exit code: 0 after an orderly end, 1 when the node could not start or gave up, with one
         line on standard error that says why.
     """
+    keep_freed_memory()
     rclpy.init(args=list(args) if args is not None else None)
     node: Node | None = None
     code = 0

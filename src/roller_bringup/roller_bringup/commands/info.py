@@ -15,6 +15,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description="Decode all events of a rosbag2 or AEDAT4 file and count them.",
     )
     parser.add_argument("input", type=Path, metavar="INPUT", help="rosbag2 or AEDAT4 file")
+    parser.add_argument("--topic", metavar="NAME", help="count only the events of this topic (all)")
     parser.set_defaults(run=run)
 
 
@@ -28,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from roller_bringup.recordings.census import take_census
 
-    census = take_census(args.input)
+    census = take_census(args.input, args.topic)
     for line in census.lines():
         print(line)
     for fault in census.faults:

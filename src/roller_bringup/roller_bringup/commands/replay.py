@@ -30,6 +30,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--camera", type=Path, metavar="FILE", help="calibration, ROS camera_info YAML"
     )
+    parser.add_argument(
+        "--topic", metavar="NAME", help="topic of the event packets, for bags that have several"
+    )
     parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
     parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
     parser.set_defaults(run=run)
@@ -51,7 +54,9 @@ def run(args: argparse.Namespace) -> int:
 
     settings = InspectionSettings.load(args.params, args.method)
     make_folder(args.output)
-    recording = open_recording(args.input, args.poses, args.camera, settings.depth.max_pose_gap_s)
+    recording = open_recording(
+        args.input, args.poses, args.camera, settings.depth.max_pose_gap_s, args.topic
+    )
     with progress_bar(f"replay {args.input.name}") as progress:
         report = replay(recording, settings, args.output, args.input, not args.no_braille, progress)
     if not args.no_picture:

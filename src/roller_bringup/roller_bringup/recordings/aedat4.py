@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import aedat
 import numpy as np
@@ -29,6 +30,8 @@ class Aedat4Recording(Recording):
         Calibration.
     max_gap_s : float
         See `PoseTrack`.
+    stream : str, optional
+        Number of the stream of events, where there are several.
 
     Raises
     ------
@@ -42,9 +45,10 @@ class Aedat4Recording(Recording):
         poses: Path | None = None,
         camera: Camera | None = None,
         max_gap_s: float = 0.1,
+        stream: str | None = None,
     ) -> None:
         self._path = path
-        width, height = stream_size(path)
+        self._stream, width, height = event_stream(path, stream)
         if poses is None:
             raise RecordingError(
                 f"{path}: an AEDAT4 file holds no poses; "
@@ -68,7 +72,7 @@ class Aedat4Recording(Recording):
         """Read packet by packet; a file that is cut off ends with a fault."""
         span = max(self.track.end_ns - self.track.start_ns, 1)
         try:
-            for events in read_events(self._path):
+            for events in read_events(self._path, self._stream):
                 inside = (events.x < self.camera.width) & (events.y < self.camera.height)
                 self.counts.packets += 1
                 self.counts.events += int(inside.sum())
@@ -80,26 +84,35 @@ class Aedat4Recording(Recording):
             yield Step(EventArray.empty(), 1.0, (error,))
 
 
-def stream_size(path: Path) -> tuple[int, int]:
-    """Width and height of the event stream of an AEDAT4 file, px.
+def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:
+    """Number, width and height, px, of the stream of events of an AEDAT4 file.
 
     Raises
     ------
     RecordingError
-        If there is none.
+        If there is none, or several and none is wanted.
     """
-    try:
-        streams = aedat.Decoder(str(path)).id_to_stream()
-    except (RuntimeError, OSError, ValueError) as error:
-        raise RecordingError(f"{path}: not a readable AEDAT4 file ({error})") from error
-    for stream in streams.values():
-        if stream["type"] == "events":
-            return int(stream["width"]), int(stream["height"])
-    raise RecordingError(f"{path}: the AEDAT4 file holds no event stream")
+    found = {
+        str(number): (number, int(stream["width"]), int(stream["height"]))
+        for number, stream in sorted(_decoder(path).id_to_stream().items())
+        if stream["type"] == "events"
+    }
+    if not found:
+        raise RecordingError(f"{path}: the AEDAT4 file holds no event stream")
+    if wanted is None and len(found) > 1:
+        raise RecordingError(
+            f"{path}: the AEDAT4 file holds several event streams; choose with --topic: "
+            f"{', '.join(found)}"
+        )
+    if wanted is not None and wanted not in found:
+        raise RecordingError(
+            f"{path}: stream {wanted} is none of events; those are {', '.join(found)}"
+        )
+    return found[wanted] if wanted is not None else next(iter(found.values()))
 
 
-def read_events(path: Path) -> Iterator[EventArray]:
-    """Events of an AEDAT4 file, packet by packet, times as recorded (µs to ns).
+def read_events(path: Path, stream: int) -> Iterator[EventArray]:
+    """Events of a stream of an AEDAT4 file, packet by packet, times as recorded (µs to ns).
 
     Raises
     ------
@@ -108,19 +121,40 @@ def read_events(path: Path) -> Iterator[EventArray]:
     TruncatedRecordingError
         Where the file breaks off.
     """
-    stream_size(path)
-    packets = iter(aedat.Decoder(str(path)))
+    packets = iter(_decoder(path))
+    count, first_ns, last_ns = 0, 0, 0
     while True:
         try:
             packet = next(packets, None)
-        except (RuntimeError, OSError, ValueError) as error:
+        except BaseException as error:
             raise TruncatedRecordingError(
-                f"{path}: the file breaks off ({error}); what came before is kept"
+                f"{path}: cut off or broken after {(last_ns - first_ns) * 1e-9:.3f} s "
+                f"({_reason(error)}); the {count} events before are read"
             ) from error
         if packet is None:
             return
-        if "events" in packet:
-            e = packet["events"]
-            yield EventArray.from_arrays(
-                e["x"], e["y"], e["t"].astype(np.int64) * 1000, e["on"].astype(np.uint8)
-            )
+        if "events" not in packet or packet["stream_id"] != stream:
+            continue
+        e = packet["events"]
+        events = EventArray.from_arrays(
+            e["x"], e["y"], e["t"].astype(np.int64) * 1000, e["on"].astype(np.uint8)
+        )
+        if len(events):
+            first_ns = first_ns if count else int(events.t_ns[0])
+            last_ns = int(events.t_ns[-1])
+        count += len(events)
+        yield events
+
+
+def _decoder(path: Path) -> Any:
+    try:
+        return aedat.Decoder(str(path))
+    except BaseException as error:
+        raise RecordingError(f"{path}: not a readable AEDAT4 file ({_reason(error)})") from error
+
+
+def _reason(error: BaseException) -> str:
+    """What the library says; it panics on some broken files, which is no `Exception`."""
+    if isinstance(error, KeyboardInterrupt | SystemExit):
+        raise error
+    return str(error)

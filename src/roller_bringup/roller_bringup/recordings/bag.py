@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
+from roller_core.bags import typestore
 from roller_core.camera import Camera
+from roller_core.codecs import CodecError
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
@@ -18,6 +19,7 @@ from roller_core.pose_track import PoseTrack
 
 from .bag_reader import BagReader, RawMessage
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
+from .event_topic import event_topic, listed
 
 _TF, _TF_STATIC = "/tf", "/tf_static"
 _TF_TYPE = "tf2_msgs/msg/TFMessage"
@@ -37,6 +39,8 @@ class BagRecording(Recording):
         Calibration, for bags without CameraInfo; goes before the bag's own.
     max_gap_s : float
         See `PoseTrack`.
+    topic : str, optional
+        Topic of the event packets, where there are several.
 
     Raises
     ------
@@ -52,11 +56,28 @@ class BagRecording(Recording):
         poses: Path | None = None,
         camera: Camera | None = None,
         max_gap_s: float = 0.1,
+        topic: str | None = None,
     ) -> None:
         self._path = path
         self._reader = BagReader(path)
         self._store = typestore()
-        self._topic = self._event_topic()
+        try:
+            self._find(poses, camera, max_gap_s, topic)
+        except MissingTopicError as error:
+            # What is missing may have come after the cut.
+            cut = "".join(f" ({fault})" for fault in self._reader.faults[:1])
+            raise MissingTopicError(f"{error}{cut}") from error
+        self._stream = EventStream(self.camera.width, self.camera.height)
+        self.counts = self._stream.counts
+        self._newest_ns = -(2**63)
+        self.duration_s = self._reader.duration_s
+
+    def _find(
+        self, poses: Path | None, camera: Camera | None, max_gap_s: float, topic: str | None
+    ) -> None:
+        """Make sure of events, poses and calibration."""
+        path = self._path
+        self._topic = event_topic(self._reader.topics, path, topic)
         self._frames = SensorFrames(max_gap_s=max_gap_s)
         self.track = self._frames.track
         self._has_tf = poses is None
@@ -65,21 +86,19 @@ class BagRecording(Recording):
         elif self._reader.topics.get(_TF) != _TF_TYPE:
             raise MissingTopicError(
                 f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "
-                f"give --poses FILE (TUM); it has {self._listed()}"
+                f"give --poses FILE (TUM); it has {listed(self._reader.topics)}"
             )
         self.camera = camera or self._calibration()
-        self._stream = EventStream(self.camera.width, self.camera.height)
-        self.counts = self._stream.counts
-        self._newest_ns = -(2**63)
-        self.duration_s = self._reader.duration_s
 
     def steps(self) -> Iterator[Step]:
         """Read message by message; a packet that can't be decoded is left out, with a fault."""
         wanted = {self._topic} | ({_TF, _TF_STATIC} if self._has_tf else set())
+        progress = 0.0
         for item in self._reader.messages(wanted):
             if isinstance(item, RecordingError):
-                yield Step(EventArray.empty(), 1.0, (item,))
-                break
+                yield Step(EventArray.empty(), progress, (item,))
+                continue
+            progress = self._reader.progress(item.log_ns)
             events = EventArray.empty()
             faults: list[RollerError] = []
             try:
@@ -91,7 +110,7 @@ class BagRecording(Recording):
                         f"{item.log_ns * 1e-9:.6f} s is malformed ({error}); it is left out"
                     )
                 )
-                yield Step(events, self._reader.progress(item.log_ns), tuple(faults))
+                yield Step(events, progress, tuple(faults))
                 continue
             try:
                 if item.topic == self._topic:
@@ -100,7 +119,7 @@ class BagRecording(Recording):
                     self._take_transforms(message, item, faults)
             except RollerError as error:
                 faults.append(error)
-            yield Step(events, self._reader.progress(item.log_ns), tuple(faults))
+            yield Step(events, progress, tuple(faults))
         self._frames.finish()
         # The last poses let the last events through.
         yield Step(EventArray.empty(), 1.0)
@@ -119,6 +138,10 @@ class BagRecording(Recording):
         return events
 
     def _push(self, message: Any) -> EventArray:
+        if message.is_bigendian and message.encoding != "evt3":  # which is little-endian always
+            raise CodecError(
+                f"event packet {message.seq} is big-endian; only little-endian ones are read"
+            )
         return self._stream.push(
             message.encoding,
             message.width,
@@ -157,19 +180,6 @@ class BagRecording(Recording):
             "is the hand-eye calibration recorded?"
         )
 
-    def _event_topic(self) -> str:
-        found = [
-            name
-            for name, kind in self._reader.topics.items()
-            if kind in (EVENT_PACKET, EVENT_ARRAY)
-        ]
-        if not found:
-            raise MissingTopicError(
-                f"bag {self._path}: there is no topic of type {EVENT_PACKET}; "
-                f"it has {self._listed()}"
-            )
-        return "/event_camera/events" if "/event_camera/events" in found else found[0]
-
     def _calibration(self) -> Camera:
         namespace = self._topic.rsplit("/", 1)[0]
         infos = {n for n, kind in self._reader.topics.items() if kind == _INFO_TYPE}
@@ -177,17 +187,18 @@ class BagRecording(Recording):
         if topic not in infos:
             raise MissingTopicError(
                 f"bag {self._path}: there is no {topic} ({_INFO_TYPE}); "
-                f"give --camera FILE (ROS camera_info); it has {self._listed()}"
+                f"give --camera FILE (ROS camera_info); it has {listed(self._reader.topics)}"
             )
         for item in self._reader.messages({topic}):
             if isinstance(item, RecordingError):
-                break
-            info: Any = self._store.deserialize_cdr(item.data, item.type)
+                continue  # told again when the events are read
+            try:
+                info: Any = self._store.deserialize_cdr(item.data, item.type)
+            except Exception as error:  # a damaged message raises whatever its bytes lead to
+                raise MalformedRecordingError(
+                    f"bag {self._path}: {topic} is malformed ({error}); give --camera FILE"
+                ) from error
             return Camera.from_matrix(
                 info.width, info.height, info.k, info.d, info.distortion_model
             )
         raise MissingTopicError(f"bag {self._path}: {topic} holds no message; give --camera FILE")
-
-    def _listed(self) -> str:
-        names = ", ".join(sorted(self._reader.topics))
-        return names or "no topics"

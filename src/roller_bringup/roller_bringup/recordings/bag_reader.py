@@ -1,46 +1,51 @@
-"""Messages of a rosbag2, also of one that is damaged.
-
-`rosbags` reads healthy bags. A bag that was cut off while it was written, or whose metadata lack
-the storage identifier, is read record by record until it breaks off.
-"""
+"""Messages of a rosbag2, also of one that is damaged."""
 
 from __future__ import annotations
 
-import sqlite3
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
-from rosbags.rosbag2 import Reader
-from rosbags.rosbag2.errors import ReaderError
+import zstandard
 
-from .base import RecordingError, TruncatedRecordingError
+from .bag_folder import BagFolder
+from .base import MalformedRecordingError, RecordingError
+from .mcap_scan import McapScan
+from .sqlite_scan import SqliteScan, has_journal
+from .storage import MCAP, SQLITE, RawMessage, Storage, WholeFile
 
-_SQLITE = (".db3",)
-_MCAP = (".mcap",)
+__all__ = ["BagReader", "RawMessage"]
 
-
-@dataclass(frozen=True)
-class RawMessage:
-    """A message as it lies in the bag."""
-
-    topic: str
-    type: str
-    log_ns: int
-    data: bytes
+#: How a compressed message begins; one in CDR never does.
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 class BagReader:
     """Reads a rosbag2 folder, or a single MCAP or SQLite file of one.
 
+    Bags may be split into several files and compressed (zstd) by file, message or chunk.
+
     Parameters
     ----------
     path : path
         Folder or file.
+
+    Attributes
+    ----------
+    topics : dict
+        Type by topic.
+    counts : Counter
+        Messages by topic.
+    start_ns : int
+        Log time of the first message, ns.
+    duration_s : float
+        From it to that of the last, s.
+    custom : dict
+        What the recorder noted in the metadata.
+    notes : list of str
+        What is odd and costs no data.
+    faults : list of RecordingError
+        What is known to be missing or broken before a message is read.
 
     Raises
     ------
@@ -50,123 +55,68 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._files = _storage_files(path)
-        self.healthy = False
+        self._folder = BagFolder.open(path)
+        self.notes = self._folder.notes
+        self.custom = self._folder.custom
+        self._lost = list(self._folder.faults)
+        self._storages: list[Storage] = []
+        for file, shown in self._folder.files:
+            try:
+                self._storages.append(_open(file, shown))
+            except RecordingError as error:
+                self._lost.append(error)
+        if not self._storages:
+            raise self._lost[-1]
         self.topics: dict[str, str] = {}
-        self.duration_s = 0.0
-        self._start_ns = 0
-        if path.is_dir() and (path / "metadata.yaml").is_file():
-            self._open_healthy()
-        if not self.healthy:
-            for message in self._salvage():
-                if isinstance(message, RecordingError):
-                    break
-                self.topics.setdefault(message.topic, message.type)
+        self.counts: Counter[str] = Counter()
+        for storage in self._storages:
+            self.topics = {**storage.topics, **self.topics}
+            self.counts.update(storage.counts)
+        starts = [s.start_ns for s in self._storages if s.start_ns is not None]
+        ends = [s.end_ns for s in self._storages if s.end_ns is not None]
+        self.start_ns = min(starts, default=0)
+        self.duration_s = (max(ends, default=0) - self.start_ns) * 1e-9
+        self.faults = self._lost + [f for s in self._storages for f in s.faults]
+        if self.faults and not self.counts:
+            raise self.faults[0]
+        told = self._folder.message_count
+        if told is not None and told != self.counts.total() and not self.faults:
+            self.notes.append(
+                f"metadata.yaml speaks of {told} messages; there are {self.counts.total()}"
+            )
 
     def messages(self, topics: set[str]) -> Iterator[RawMessage | RecordingError]:
-        """Messages of some topics in the order of logging; a fault, if any, comes last."""
-        if not self.healthy:
-            for item in self._salvage():
-                if isinstance(item, RecordingError) or item.topic in topics:
-                    yield item
-            return
-        with Reader(self.path) as reader:
-            wanted = [c for c in reader.connections if c.topic in topics]
-            if not wanted:
-                return
-            source = reader.messages(wanted)
-            while True:
-                try:
-                    item3 = next(source, None)
-                except Exception as error:
-                    yield self._broken(error)
-                    return
-                if item3 is None:
-                    return
-                connection, log_ns, data = item3
-                yield RawMessage(connection.topic, connection.msgtype, log_ns, bytes(data))
+        """Messages of some topics, file by file; faults come where they are met."""
+        yield from self._lost
+        for storage in self._storages:
+            for item in storage.messages(topics):
+                if isinstance(item, RawMessage) and item.data[:4] == _ZSTD_MAGIC:
+                    item = _unpacked(item, storage.shown)
+                yield item
 
     def progress(self, log_ns: int) -> float:
         """Share of the recording up to a log time, 0–1."""
         if self.duration_s <= 0:
             return 0.0
-        return min(max((log_ns - self._start_ns) * 1e-9 / self.duration_s, 0.0), 1.0)
-
-    def _open_healthy(self) -> None:
-        try:
-            with Reader(self.path) as reader:
-                self.topics = {c.topic: c.msgtype for c in reader.connections}
-                self.duration_s = reader.duration * 1e-9
-                self._start_ns = reader.start_time
-        except (ReaderError, KeyError, OSError, ValueError, TypeError, AssertionError):
-            return
-        except Exception:
-            return
-        self.healthy = True
-
-    def _salvage(self) -> Iterator[RawMessage | RecordingError]:
-        for file in self._files:
-            source = _read_mcap(file) if file.suffix in _MCAP else _read_sqlite(file)
-            while True:
-                try:
-                    message = next(source, None)
-                except Exception as error:
-                    yield self._broken(error, file)
-                    return
-                if message is None:
-                    break
-                yield message
-
-    def _broken(self, error: Exception, file: Path | None = None) -> RecordingError:
-        return TruncatedRecordingError(
-            f"bag {file or self.path}: breaks off ({type(error).__name__}: "
-            f"{str(error).strip() or 'unexpected end'}); what came before is kept"
-        )
+        return min(max((log_ns - self.start_ns) * 1e-9 / self.duration_s, 0.0), 1.0)
 
 
-def _storage_files(path: Path) -> list[Path]:
-    if not path.exists():
-        raise RecordingError(f"{path}: there is no such file or folder")
-    if path.is_file():
-        files = [path]
-    else:
-        files = sorted(p for p in path.iterdir() if p.suffix in _SQLITE + _MCAP)
-    if not files or any(p.suffix not in _SQLITE + _MCAP for p in files):
-        raise RecordingError(
-            f"{path}: holds no rosbag2 storage (.mcap or .db3), is it a bag folder?"
-        )
-    return files
-
-
-def _read_mcap(file: Path) -> Iterator[RawMessage]:
-    """Record by record; chunks are unpacked as they come, so all whole chunks are recovered."""
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    with open(file, "rb") as stream:
-        for record in StreamReader(stream, record_size_limit=None).records:
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message):
-                channel = channels.get(record.channel_id)
-                if channel is None or channel.schema_id not in schemas:
-                    raise McapError(f"message of unknown channel {record.channel_id}")
-                name = schemas[channel.schema_id].name
-                yield RawMessage(channel.topic, name, record.log_time, record.data)
-
-
-def _read_sqlite(file: Path) -> Iterator[RawMessage]:
-    database = sqlite3.connect(f"file:{file}?mode=ro", uri=True)
+def _open(file: Path, shown: Path) -> Storage:
+    """The whole file if it is whole, else what can be read of it."""
+    if file.suffix == SQLITE and has_journal(file):
+        return SqliteScan(file, shown)  # the library reads past journals
     try:
-        topics: dict[int, tuple[str, str]] = {
-            row[0]: (row[1], row[2])
-            for row in database.execute("SELECT id, name, type FROM topics")
-        }
-        rows: Any = database.execute(
-            "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
+        return WholeFile(file, shown)
+    except Exception:  # whatever the library meets in a damaged file
+        return McapScan(file, shown) if file.suffix == MCAP else SqliteScan(file, shown)
+
+
+def _unpacked(message: RawMessage, file: Path) -> RawMessage | RecordingError:
+    try:
+        data = zstandard.ZstdDecompressor().decompressobj().decompress(message.data)
+    except zstandard.ZstdError as error:
+        return MalformedRecordingError(
+            f"bag {file}: a message on {message.topic} at {message.log_ns * 1e-9:.6f} s can't be "
+            f"unpacked ({error}); it is left out"
         )
-        for topic_id, log_ns, data in rows:
-            yield RawMessage(*topics[topic_id], log_ns, data)
-    finally:
-        database.close()
+    return RawMessage(message.topic, message.type, message.log_ns, data)

@@ -10,6 +10,7 @@ from typing import Any
 from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
 from roller_core.codecs import PacketDecoder
 from roller_core.errors import RollerError
+from roller_core.seq_gaps import SeqGaps
 
 from .base import RecordingError
 
@@ -30,8 +31,12 @@ class Census:
         Sensor time of the first and last event.
     topics : Counter
         Messages by topic, for bags.
-    faults : list of str
-        What was wrong.
+    gaps : SeqGaps
+        Event packets that are missing.
+    start_ns : int
+        Log time of a bag's first message, ns.
+    notes, faults : list of str
+        What is odd and costs no data; what was wrong.
     """
 
     packets: int = 0
@@ -45,6 +50,9 @@ class Census:
     first_ns: int | None = None
     last_ns: int | None = None
     topics: Counter[str] = field(default_factory=Counter)
+    gaps: SeqGaps = field(default_factory=SeqGaps)
+    start_ns: int = 0
+    notes: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
 
     @property
@@ -63,9 +71,15 @@ class Census:
             f"triggers   {self.triggers_rising} rising, {self.triggers_falling} falling",
             f"duration   {span:.6f} s",
         ]
+        if self.gaps.lost:
+            out.append(
+                f"lost       {self.gaps.lost} packets in {self.gaps.gaps} gaps: "
+                f"{self.gaps.told(self.start_ns)}"
+            )
         if self.outside:
             out.append(f"outside    {self.outside} events outside the image")
         out += [f"topic      {name}: {n} messages" for name, n in sorted(self.topics.items())]
+        out += [f"note       {note}" for note in self.notes]
         return out
 
     def add(self, events: Any, outside: int = 0) -> None:
@@ -80,8 +94,15 @@ class Census:
             self.last_ns = int(events.t_ns[-1])
 
 
-def take_census(path: Path) -> Census:
+def take_census(path: Path, topic: str | None = None) -> Census:
     """Count the events of a rosbag2 or AEDAT4 file.
+
+    Parameters
+    ----------
+    path : path
+        The recording.
+    topic : str, optional
+        Topic of the event packets to count; all if not given. For AEDAT4 the number of the stream.
 
     Raises
     ------
@@ -92,40 +113,58 @@ def take_census(path: Path) -> Census:
         raise RecordingError(f"{path}: there is no such file or folder")
     census = Census()
     if path.is_file() and path.suffix.lower() in (".aedat4", ".aedat"):
-        from .aedat4 import read_events, stream_size
+        from .aedat4 import event_stream, read_events
 
-        census.size = stream_size(path)
+        stream, *size = event_stream(path, topic)
+        census.size = (size[0], size[1])
         census.encodings.add("aedat4")
         try:
-            for events in read_events(path):
+            for events in read_events(path, stream):
                 census.add(events)
         except RecordingError as error:
             census.faults.append(str(error))
         return census
-    _count_bag(path, census)
+    _count_bag(path, census, topic)
     return census
 
 
-def _count_bag(path: Path, census: Census) -> None:
+def _count_bag(path: Path, census: Census, topic: str | None) -> None:
     from .bag_reader import BagReader
+    from .event_topic import event_topic
 
     reader, store = BagReader(path), typestore()
+    if topic is not None:
+        event_topic(reader.topics, path, topic)
+    census.notes = reader.notes
+    census.notes += [
+        f"the recorder says: {name.replace('_', ' ')}: {value}"
+        for name, value in reader.custom.items()
+        if value != "0"
+    ]
+    census.start_ns = reader.start_ns
     decoders: dict[tuple[str, str], PacketDecoder] = {}
     for item in reader.messages(set(reader.topics)):
         if isinstance(item, RecordingError):
             census.faults.append(str(item))
-            break
+            continue
         census.topics[item.topic] += 1
-        if item.type not in (EVENT_PACKET, EVENT_ARRAY):
+        if item.type not in (EVENT_PACKET, EVENT_ARRAY) or topic not in (None, item.topic):
             continue
         try:
             message: Any = store.deserialize_cdr(item.data, item.type)
+            census.gaps.see(item.topic, message.seq, item.log_ns)
             key = (item.topic, message.encoding)
             if key not in decoders:
                 decoders[key] = PacketDecoder(message.encoding, message.width, message.height)
             packet = decoders[key].decode(message.events, message.time_base)
         except RollerError as error:
             census.faults.append(str(error))
+            continue
+        except Exception as error:  # a damaged message raises whatever its bytes lead to
+            census.faults.append(
+                f"bag {path}: a message on {item.topic} at {item.log_ns * 1e-9:.6f} s is "
+                f"malformed ({error})"
+            )
             continue
         census.encodings.add(message.encoding)
         census.size = (message.width, message.height)

@@ -14,6 +14,7 @@ def open_recording(
     poses: Path | None = None,
     camera_file: Path | None = None,
     max_gap_s: float = 0.1,
+    topic: str | None = None,
 ) -> Recording:
     """Open a rosbag2, an AEDAT4 file or a folder of the public event-camera dataset.
 
@@ -27,6 +28,8 @@ def open_recording(
         ROS camera_info YAML.
     max_gap_s : float
         See `PoseTrack`.
+    topic : str, optional
+        Topic of the event packets, for bags that have several; for AEDAT4 the number of the stream.
 
     Raises
     ------
@@ -44,7 +47,7 @@ def open_recording(
     if path.is_file() and path.suffix.lower() in (".aedat4", ".aedat"):
         from .aedat4 import Aedat4Recording
 
-        return Aedat4Recording(path, poses, camera, max_gap_s)
+        return Aedat4Recording(path, poses, camera, max_gap_s, topic)
     from .bag import BagRecording
 
-    return BagRecording(path, poses, camera, max_gap_s)
+    return BagRecording(path, poses, camera, max_gap_s, topic)

@@ -38,6 +38,13 @@ def fresh_folder(folder: Path) -> Path:
     make_folder(folder)
     for name in ("bag", "result", "truth"):
         shutil.rmtree(folder / name, ignore_errors=True)
-    for name in ("surface.ply", "braille.txt", "braille.json", "report.json", "overview.png"):
+    for name in (
+        "surface.ply",
+        "braille.txt",
+        "braille.json",
+        "braille.brf",
+        "report.json",
+        "overview.png",
+    ):
         (folder / name).unlink(missing_ok=True)
     return folder

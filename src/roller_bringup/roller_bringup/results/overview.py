@@ -48,6 +48,7 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     truth = None
     if source.is_dir() and (source / "truth.yaml").is_file():
         truth = Truth.load(source)
+    delay_ns = _delay_left_ns(report, truth)
     cloud = _thinned(read_ply(folder / "surface.ply"))
     figure = plt.figure(figsize=(15, 11), dpi=100, layout="constrained")
     grid = figure.add_gridspec(4, 6, height_ratios=[1.25, 0.9, 0.8, 0.18])
@@ -61,9 +62,9 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
         depth_axes = [figure.add_subplot(grid[:2, :3])]
         above = figure.add_subplot(grid[:2, 3:])
     if stamps:
-        _draw_depths(figure, depth_axes, bag or folder / "result", stamps, truth)
+        _draw_depths(figure, depth_axes, bag or folder / "result", stamps, truth, delay_ns)
     _draw_above(figure, above, cloud)
-    _draw_profile(figure.add_subplot(grid[2, :4]), cloud, truth)
+    _draw_profile(figure.add_subplot(grid[2, :4]), cloud, truth, delay_ns)
     _draw_errors(figure.add_subplot(grid[2, 4:]), report)
     _draw_text(figure.add_subplot(grid[3, :]), report)
     totals = report["totals"]
@@ -103,7 +104,12 @@ def _chosen_stamps(report: dict[str, Any]) -> list[int]:
 
 
 def _draw_depths(
-    figure: Figure, axes: list[Axes], bag: Path, stamps: list[int], truth: Truth | None
+    figure: Figure,
+    axes: list[Axes],
+    bag: Path,
+    stamps: list[int],
+    truth: Truth | None,
+    delay_ns: int,
 ) -> None:
     images = _depth_images(bag, set(stamps))
     measured = [i[np.isfinite(i)].astype(np.float64) for i in images.values()]
@@ -114,7 +120,7 @@ def _draw_depths(
         picture = axis.imshow(_thick(mm), cmap=_DEPTH_MAP, vmin=low * 1e3, vmax=high * 1e3)
         title = f"depth at {(stamp - stamps[0]) * 1e-9:+.3f} s"
         if truth is not None:
-            error = _error_um(images[stamp], stamp, truth)
+            error = _error_um(images[stamp], stamp, truth, delay_ns)
             if len(error):
                 title += f", error {np.abs(error).mean():.0f} µm"
         axis.set_title(title, fontsize=10)
@@ -150,11 +156,19 @@ def _depth_images(bag: Path, stamps: set[int]) -> dict[int, npt.NDArray[np.float
     return found
 
 
-def _error_um(depth: npt.NDArray[np.float32], stamp: int, truth: Truth) -> F64:
+def _delay_left_ns(report: dict[str, Any], truth: Truth | None) -> int:
+    """Delay of event stamps that the settings have not taken out."""
+    if truth is None:
+        return 0
+    section = report["settings"].get("surface" if report["method"] == "surface" else "emvs", {})
+    return truth.event_delay_ns - round(section.get("event_delay_s", 0.0) * 1e9)
+
+
+def _error_um(depth: npt.NDArray[np.float32], stamp: int, truth: Truth, delay_ns: int) -> F64:
     v, u = np.nonzero(np.isfinite(depth))
     pixels = np.stack([u, v], axis=-1)
     # Stamps are later than what caused the events by a known delay, as in `truth.py`.
-    seen_ns = stamp - truth.event_delay_ns
+    seen_ns = stamp - delay_ns
     contact = truth.contact_at(seen_ns, pixels)
     return np.asarray((depth[v, u] - truth.depth_at(seen_ns, pixels))[contact] * 1e6)
 
@@ -183,7 +197,7 @@ def _draw_above(figure: Figure, axis: Axes, cloud: dict[str, F64]) -> None:
     figure.colorbar(picture, ax=axis, label="height, mm", shrink=0.8)
 
 
-def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None) -> None:
+def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None, delay_ns: int) -> None:
     axis.set_title("profile along the middle", fontsize=10)
     axis.set_xlabel("x, mm")
     axis.set_ylabel("height, mm")
@@ -199,7 +213,7 @@ def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None) -> Non
     if truth is not None:
         x = np.linspace(cloud["x"].min(), cloud["x"].max(), 4000)
         # The way made during that delay is behind the sensor.
-        delay_m = truth.settings.motion.speed * truth.event_delay_ns * 1e-9
+        delay_m = truth.settings.motion.speed * delay_ns * 1e-9
         height = truth.height_at(x - delay_m, np.full_like(x, middle)) - truth.origin_m[2]
         axis.plot(x * 1e3, height * 1e3, "k-", lw=0.8, label="truth (skin)")
         axis.set_ylim(height.min() * 1e3 - 0.4, height.max() * 1e3 + 0.4)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.rosbag2 import Reader
 
+from roller_braille.cells import Cell
+from roller_braille.page import certain_dots
+from roller_braille.settings import BrailleSettings
+from roller_braille.translation import ALL_DOTS, LineCell
 from roller_core.bags import typestore
 from roller_core.errors import RollerError
 from roller_emvs.depth_map import DepthMap
@@ -18,6 +21,7 @@ from roller_emvs.surface import SurfacePatch
 
 from .report import Report
 from .truth import SurfaceTally, TruthTally
+from .writer import write_braille
 
 _SURFACE = "/roller/surface/points"
 
@@ -34,7 +38,7 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     bag : path
         rosbag2 with the /roller topics.
     output : path
-        Folder for `surface.ply`, `braille.txt`, `braille.json` and `report.json`.
+        Folder for `surface.ply`, the Braille's files and `report.json`.
     truth_folder : path, optional
         Where the scan's truth lies.
     report : Report
@@ -87,10 +91,7 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
         missing = "no points of the surface" if surface else "no depth map"
         raise RecordedResultsError(f"bag {bag}: the graph published {missing}")
     text = [line for line in lines.split("\n") if line]
-    (output / "braille.txt").write_text("".join(f"{line}\n" for line in text))
-    (output / "braille.json").write_text(
-        json.dumps({"lines": text, "cells": cells}, indent=1, ensure_ascii=False) + "\n"
-    )
+    write_braille(output, cells, _lines(cells), "grade1")
     report.totals |= {
         "depth_windows": len(report.windows),
         "surface_points": points,
@@ -116,17 +117,31 @@ def _patch(message: Any) -> SurfacePatch:
     return SurfacePatch(rows[:, :3].astype(np.float64), rows[:, 3], rows[:, 4], stamp, stamp)
 
 
-def _cell(message: Any) -> dict[str, Any]:
-    position = message.position
-    return {
-        "stamp_s": _stamp_ns(message) * 1e-9,
-        "line": int(message.line),
-        "column": int(message.column),
-        "mask": int(message.mask),
-        "pattern": message.pattern,
-        "character": message.character,
-        "readable": bool(message.readable),
-        "position_m": [position.x, position.y, position.z],
-        "confidence": float(message.confidence),
-        "dot_confidence": [float(c) for c in message.dot_confidence],
-    }
+def _cell(message: Any) -> Cell:
+    def point(p: Any) -> list[float]:
+        return [p.x, p.y, p.z]
+
+    return Cell(
+        _stamp_ns(message),
+        int(message.line),
+        int(message.column),
+        int(message.mask),
+        message.character,
+        bool(message.readable),
+        np.array(point(message.position)),
+        float(message.confidence),
+        tuple(float(c) for c in message.dot_confidence),
+        np.full((6, 3), np.nan),
+    )
+
+
+def _lines(cells: list[Cell]) -> list[list[LineCell]]:
+    """Cells by line and column, blank where none was given."""
+    least = BrailleSettings.create({}).min_dot_confidence
+    lines: list[list[LineCell]] = [[] for _ in range(max((c.line for c in cells), default=-1) + 1)]
+    for cell in cells:
+        line = lines[cell.line]
+        line += [LineCell(0)] * (cell.column + 1 - len(line))
+        certain = ALL_DOTS if cell.readable else certain_dots(cell.dot_confidence, least)
+        line[cell.column] = LineCell(cell.mask, certain)
+    return lines

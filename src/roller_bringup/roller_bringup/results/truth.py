@@ -51,21 +51,24 @@ class TruthTally:
     ----------
     truth : Truth
         Of the scan.
+    delay_s : float
+        What was taken out of the event stamps already, seconds.
     """
 
-    def __init__(self, truth: Truth) -> None:
+    def __init__(self, truth: Truth, delay_s: float = 0.0) -> None:
         self.truth = truth
+        self._delay_ns = truth.event_delay_ns - round(delay_s * 1e9)
         self._tallies: dict[str, _Tally] = {name: _Tally() for name in truth.objects}
         self._all = _Tally()
 
     @classmethod
-    def beside(cls, source: Path) -> TruthTally | None:
+    def beside(cls, source: Path, delay_s: float = 0.0) -> TruthTally | None:
         """The tally for a bag that has its truth beside it; None for others."""
-        return cls(Truth.load(source)) if _has_truth(source) else None
+        return cls(Truth.load(source), delay_s) if _has_truth(source) else None
 
     def add(self, found: DepthMap) -> None:
         """Compare one depth map."""
-        seen_ns = found.stamp_ns - self.truth.event_delay_ns
+        seen_ns = found.stamp_ns - self._delay_ns
         camera = self.truth.camera
         depth = self.truth.depth_image(seen_ns).astype(np.float64)
         contact = self.truth.contact_mask(seen_ns)
@@ -106,16 +109,19 @@ class SurfaceTally:
     ----------
     truth : Truth
         Of the scan.
+    delay_s : float
+        What was taken out of the event stamps already, seconds.
     """
 
-    def __init__(self, truth: Truth) -> None:
+    def __init__(self, truth: Truth, delay_s: float = 0.0) -> None:
         self.truth = truth
+        self._delay_ns = truth.event_delay_ns - round(delay_s * 1e9)
         self._points: list[npt.NDArray[np.float64]] = []
 
     @classmethod
-    def beside(cls, source: Path) -> SurfaceTally | None:
+    def beside(cls, source: Path, delay_s: float = 0.0) -> SurfaceTally | None:
         """The tally for a bag that has its truth beside it; None for others."""
-        return cls(Truth.load(source)) if _has_truth(source) else None
+        return cls(Truth.load(source), delay_s) if _has_truth(source) else None
 
     def add(self, found: SurfacePatch) -> None:
         """Take points that are done."""
@@ -137,8 +143,8 @@ class SurfaceTally:
 
     def _without_delay(self, found: SurfacePatch) -> npt.NDArray[np.float64]:
         """Points put back along the way that the sensor made during the events' delay."""
-        delay = self.truth.event_delay_ns
-        before, after = self.truth.camera_positions([found.stamp_ns - delay, found.stamp_ns])
+        stamp = found.stamp_ns
+        before, after = self.truth.camera_positions([stamp - self._delay_ns, stamp])
         return found.points - (after - before)
 
     def _tally(self, region: Region, points: npt.NDArray[np.float64]) -> _Tally:

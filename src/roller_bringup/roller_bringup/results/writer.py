@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from roller_braille.brf import to_brf
 from roller_braille.cells import Cell
 from roller_braille.report import cells_to_json
 from roller_braille.settings import Spacing
+from roller_braille.translation import LineCell
 from roller_core.camera import Camera
 from roller_emvs.ply import PlyWriter
 from roller_emvs.stitcher import Patch
@@ -19,7 +22,7 @@ from .folders import make_folder
 
 
 class ResultWriter:
-    """Writes `result/`, `surface.ply`, `braille.txt` and `braille.json` as results come.
+    """Writes `result/`, `surface.ply` and the Braille's files as results come.
 
     Parameters
     ----------
@@ -77,10 +80,28 @@ class ResultWriter:
         self._cells.append(cell)
         self._bag.write_cell(cell, lines)
 
-    def close(self, lines: list[str]) -> None:
-        """Finish all files; `lines` is the text read."""
+    def close(self, lines: Sequence[Sequence[LineCell]], code: str) -> None:
+        """Finish all files; `lines` are the cells read, by line."""
         self._bag.close()
         self._ply.close()
-        (self.folder / "braille.txt").write_text("".join(f"{line}\n" for line in lines))
-        cells = json.dumps(cells_to_json(self._cells, lines), indent=1, ensure_ascii=False)
-        (self.folder / "braille.json").write_text(cells + "\n")
+        write_braille(self.folder, self._cells, lines, code)
+
+
+def write_braille(
+    folder: Path, cells: Iterable[Cell], lines: Sequence[Sequence[LineCell]], code: str
+) -> None:
+    """Write `braille.txt`, `braille.json` and `braille.brf`.
+
+    Parameters
+    ----------
+    folder : path
+        Where they go.
+    cells, lines, code
+        See `cells_to_json`.
+    """
+    data = cells_to_json(cells, lines, code)
+    (folder / "braille.txt").write_text("".join(f"{line}\n" for line in data["text"]))
+    text = json.dumps(data, indent=1, ensure_ascii=False)
+    (folder / "braille.json").write_text(text + "\n")
+    brf = to_brf([[cell.mask for cell in line] for line in lines])
+    (folder / "braille.brf").write_bytes(brf.encode("ascii"))

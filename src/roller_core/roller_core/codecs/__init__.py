@@ -14,6 +14,7 @@ from .errors import (
     PacketTimeError,
     UnknownEncodingError,
 )
+from .raw_packet import RawPacket, count_events
 
 DECODED_ENCODINGS = ("mono", "libcaer", "libcaer_cmp", "evt3", "trigger")
 ENCODED_ENCODINGS = ("mono", "libcaer", "libcaer_cmp", "evt3")
@@ -27,6 +28,8 @@ __all__ = [
     "PacketDecoder",
     "PacketLengthError",
     "PacketTimeError",
+    "RawPacket",
     "UnknownEncodingError",
+    "count_events",
     "encode",
 ]

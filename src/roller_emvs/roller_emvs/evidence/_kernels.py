@@ -16,53 +16,85 @@ TILE_CELLS = 16
 #: Derivative of a Gaussian of 0.8 px, five taps: what is one pixel wide doesn't shine or fade
 #: with its place between pixels.
 _FAR, _NEAR = np.float32(0.4), np.float32(1.0)
+#: Rays that are placed before they vote.
+_CHUNK = 256
+
+
+def chunk() -> tuple[np.ndarray, np.ndarray]:
+    """Buffers of `_vote`: a place and a share for each ray at hand."""
+    return np.empty(_CHUNK, np.int32), np.empty(_CHUNK, np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _energy_bands(rays, starts, first, step, reach, shifts, tiles, votes, line, energy):  # type: ignore[no-untyped-def]
+def _energy_bands(  # type: ignore[no-untyped-def]
+    rays, starts, first, step, reach, shifts, tiles, votes, chunk, line, energy
+):
     """Sharpness of every `step`-th band from `first` on; see `_energy_band`."""
-    rows = len(votes) * ROW_PX
+    rows = (len(votes) - 1) * ROW_PX
     cells = rows // CELL_PX
     for b in range(first, len(starts), step):
         if starts[b, 0] < starts[b, -1]:
             top = np.float32(b * rows - 0.5)
             own = energy[:, b * cells : (b + 1) * cells]
-            _energy_band(rays, starts[b], reach, shifts, top, tiles[b], votes, line, own)
+            _energy_band(rays, starts[b], reach, shifts, top, tiles[b], votes, chunk, line, own)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _energy_band(rays, starts, reach, shifts, top, tiles, votes, line, energy):  # type: ignore[no-untyped-def]
-    """Sharpness of a band's votes on all planes, by cell.
+def _vote(rays, a, b, shift, top, votes, chunk):  # type: ignore[no-untyped-def]
+    """Votes of rays a to b on the plane `shift`, each shared by two columns.
 
-    `rays` are ordered by the plane around which they vote: those of planes k - reach … k + reach
-    lie between `starts[k - reach]` and `starts[k + reach + 1]`. `tiles` holds the first and last
-    plane on which each tile of columns counts. `energy`, shape (planes, rows, columns) of cells,
-    receives the sum of squared slopes along x.
+    Places first, in a loop that the compiler turns into vector instructions, then votes. The
+    last row of `votes` takes what goes nowhere.
     """
     rows, width = votes.shape
-    planes, cell_rows, cell_columns = energy.shape
     flat = votes.reshape(-1)
-    below = np.float32(rows)
-    right = np.float32(width - 1)
-    half = np.float32(1.0 / ROW_PX)
+    places, shares = chunk
     one = np.float32(1)
+    half = np.float32(1.0 / ROW_PX)
+    below = np.float32(rows - 1)
+    right = np.float32(width - 1)
+    stride = np.float32(width)
+    size = len(places)
+    for start in range(a, b, size):
+        n = min(size, b - start)
+        x0 = rays[0, start : start + n]
+        y0 = rays[1, start : start + n]
+        dx = rays[2, start : start + n]
+        dy = rays[3, start : start + n]
+        for i in range(n):
+            x = x0[i] + dx[i] * shift
+            y = (y0[i] + dy[i] * shift - top) * half
+            # Written so that NaN fails it.
+            inside = (x >= 0) & (x < right) & (y >= 0) & (y < below)
+            left = np.floor(x)
+            shares[i] = x - left
+            places[i] = np.int32((np.floor(y) * stride + left) if inside else below * stride)
+        for i in range(n):
+            at = np.uint64(places[i])
+            flat[at] += one - shares[i]
+            flat[at + np.uint64(1)] += shares[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _energy_band(  # type: ignore[no-untyped-def]
+    rays, starts, reach, shifts, top, tiles, votes, chunk, line, energy
+):
+    """Sharpness of a band's votes on all planes, by cell.
+
+    `rays`, shape (4, n), are ordered by the plane around which they vote: those of planes
+    k - reach … k + reach lie between `starts[k - reach]` and `starts[k + reach + 1]`. `tiles`
+    holds the first and last plane on which each tile of columns counts. `energy`, shape (planes,
+    rows, columns) of cells, receives the sum of squared slopes along x.
+    """
+    width = votes.shape[1]
+    planes, cell_rows, cell_columns = energy.shape
     for k in range(planes):
         a = starts[max(k - reach, 0)]
         b = starts[min(k + reach, planes - 1) + 1]
         if a == b:
             continue
         votes[:] = 0
-        shift = shifts[k]
-        for i in range(a, b):
-            x = rays[i, 0] + rays[i, 2] * shift
-            y = (rays[i, 1] + rays[i, 3] * shift - top) * half
-            # Written so that NaN fails it.
-            if x >= 0 and x < right and y >= 0 and y < below:
-                xi = np.int32(x)
-                share = x - np.float32(xi)
-                at = np.uint64(np.int32(y) * width + xi)
-                flat[at] += one - share
-                flat[at + np.uint64(1)] += share
+        _vote(rays, a, b, shifts[k], top, votes, chunk)
         for tile in range(len(tiles)):
             if k < tiles[tile, 0] or k > tiles[tile, 1]:
                 continue
@@ -86,100 +118,6 @@ def _add_slopes(votes, line):  # type: ignore[no-untyped-def]
     for x in range(len(votes) - 4):
         slope = _FAR * (votes[x + 4] - votes[x]) + _NEAR * (votes[x + 3] - votes[x + 1])
         line[x] += slope * slope
-
-
-@njit(cache=True, nogil=True)
-def _rivalled(scores, first, last, best, rival):  # type: ignore[no-untyped-def]
-    """Whether beyond a valley beside the best plane another reaches a share of its score."""
-    limit = rival * scores[best]
-    for step in (-1, 1):
-        k = best
-        lowest = scores[best]
-        while first <= k + step <= last:
-            k += step
-            lowest = min(lowest, scores[k])
-            # A dent on the flank is no valley.
-            if scores[k] >= limit and lowest < 0.8 * scores[k]:
-                return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def _find_peak(scores, first, last, rival, peak, contrast, top):  # type: ignore[no-untyped-def]
-    """Highest score among planes first..last of each cell, between planes.
-
-    NaN where it lies at an end of the search or of the range: the top was not seen. `contrast`
-    tells how it stands out of the planes searched; `top` is its score. NaN also where another
-    peak, beyond a valley, reaches the share `rival` of the score: which of the two is the
-    surface can't be told.
-    """
-    n, height, width = scores.shape
-    total = np.empty(width, np.float32)
-    best = np.empty(width, np.int32)
-    for i in range(height):
-        top[i] = -1
-        total[:] = 0
-        best[:] = 0
-        for k in range(n):
-            row = scores[k, i]
-            for j in range(width):
-                inside = (k >= first[i, j]) & (k <= last[i, j])
-                value = row[j] if inside else np.float32(0)
-                total[j] += value
-                better = inside & (k >= 1) & (k <= n - 2) & (value > top[i, j])
-                top[i, j] = value if better else top[i, j]
-                best[j] = k if better else best[j]
-        for j in range(width):
-            k = best[j]
-            peak[i, j] = np.nan
-            contrast[i, j] = 0
-            if k < 1 or not top[i, j] > 0:
-                continue
-            left = scores[k - 1, i, j]
-            right = scores[k + 1, i, j]
-            if not (top[i, j] >= left and top[i, j] >= right):
-                continue
-            if _rivalled(scores[:, i, j], max(first[i, j], 0), min(last[i, j], n - 1), k, rival):
-                continue
-            bend = left - 2 * top[i, j] + right
-            peak[i, j] = k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
-            seen = min(last[i, j], n - 1) - max(first[i, j], 0) + 1
-            contrast[i, j] = 1 - total[j] / (seen * top[i, j])
-
-
-@njit(cache=True, nogil=True)
-def _centroids(energy, plane, weights, total, x, y):  # type: ignore[no-untyped-def]
-    """Weighted energy on each cell's own plane, and where around the cell it lies, in cells.
-
-    `plane` is -1 where there is none. `weights` are of one axis, shape (2·reach + 1,).
-    """
-    _, height, width = energy.shape
-    reach = len(weights) // 2
-    for i in range(height):
-        for j in range(width):
-            total[i, j] = 0
-            x[i, j] = j
-            y[i, j] = i
-            k = plane[i, j]
-            if k < 0:
-                continue
-            e = np.float32(0)
-            ex = np.float32(0)
-            ey = np.float32(0)
-            for di in range(-reach, reach + 1):
-                if i + di < 0 or i + di >= height:
-                    continue
-                for dj in range(-reach, reach + 1):
-                    if j + dj < 0 or j + dj >= width:
-                        continue
-                    w = weights[di + reach] * weights[dj + reach] * energy[k, i + di, j + dj]
-                    e += w
-                    ex += w * dj
-                    ey += w * di
-            total[i, j] = e
-            if e > 0:
-                x[i, j] = j + ex / e
-                y[i, j] = i + ey / e
 
 
 @njit(cache=True, nogil=True)
@@ -248,12 +186,12 @@ def _plane_near(rays, near, origin, step, planes, plane):  # type: ignore[no-unt
     size = np.float32(CELL_PX)
     half = np.float32(0.5)
     middle = origin + step * np.float32(0.5 * (planes - 1))
-    for i in range(len(rays)):
+    for i in range(rays.shape[1]):
         z = middle
         found = np.float32(np.nan)
         for _ in range(4):
-            a = (rays[i, 0] + rays[i, 2] * z + half) / size
-            b = (rays[i, 1] + rays[i, 3] * z + half) / size
+            a = (rays[0, i] + rays[2, i] * z + half) / size
+            b = (rays[1, i] + rays[3, i] * z + half) / size
             if not (a >= 0 and a < width and b >= 0 and b < height):
                 break
             here = near[int(b), int(a)]
@@ -291,7 +229,7 @@ def _order_planes(rays, plane, edges, starts, out):  # type: ignore[no-untyped-d
             k = plane[i]
             if k >= 0:
                 for c in range(4):
-                    out[place[k], c] = rays[i, c]
+                    out[c, place[k]] = rays[c, i]
                 place[k] += 1
 
 
@@ -302,39 +240,10 @@ def _tiles_reached(rays, first, last, low, high, seen):  # type: ignore[no-untyp
     size = TILE_CELLS * CELL_PX
     for b in range(bands):
         for i in range(first[b], last[b]):
-            x0 = rays[i, 0] + rays[i, 2] * low
-            x1 = rays[i, 0] + rays[i, 2] * high
+            x0 = rays[0, i] + rays[2, i] * low
+            x1 = rays[0, i] + rays[2, i] * high
             # The slope at a pixel takes votes from two pixels beside it.
             left = max(int(min(x0, x1) - 2) // size, 0)
             right = min(int(max(x0, x1) + 3) // size, count - 1)
             for t in range(left, right + 1):
                 seen[b, t] = True
-
-
-@njit(cache=True, nogil=True)
-def _choose(support, around, surface, confidence, least, best, shift, sure):  # type: ignore[no-untyped-def]
-    """Take the pixels on which more events gather than around, and than any taken before."""
-    height, width = support.shape
-    for y in range(height):
-        for x in range(width):
-            votes = support[y, x]
-            if votes >= least and votes > around[y, x] and votes > best[y, x]:
-                # A pixel without depth has no support, so the surface is known here.
-                best[y, x] = votes
-                shift[y, x] = surface[y, x]
-                sure[y, x] = confidence[y, x]
-
-
-@njit(cache=True, nogil=True)
-def _shear(energy, offsets, out):  # type: ignore[no-untyped-def]
-    """Energy of each plane's columns `offsets` further on, between columns; 0 beyond the grid."""
-    planes, height, width = energy.shape
-    for k in range(planes):
-        for j in range(width):
-            at = j + offsets[k, j]
-            a = int(np.floor(at))
-            share = np.float32(at - a)
-            for i in range(height):
-                left = energy[k, i, a] if 0 <= a < width else np.float32(0)
-                right = energy[k, i, a + 1] if 0 <= a + 1 < width else np.float32(0)
-                out[k, i, j] = left + share * (right - left)

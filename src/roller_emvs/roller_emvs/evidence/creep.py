@@ -29,7 +29,7 @@ _STEEP = 2.0
 #: Width over which an edge's events lie, px.
 _EDGE_PX = 1.0
 #: Largest share of time that a pixel is taken to be blind.
-_MOST_BLIND = 0.5
+_MOST_BLIND = 0.65
 #: Events a cell from which on their mean slope means something.
 _ENOUGH = 1.0
 

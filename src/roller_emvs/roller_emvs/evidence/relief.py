@@ -12,15 +12,19 @@ from roller_core.transforms import F64
 from ..rays import F32
 from ..threads import share
 from . import _kernels as kernels
+from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .field import RayField
+from .fit import fit_planes
 from .settings import EvidenceSettings
 from .sweep import Depths
 
-#: Spread of samples, in cells², below which a slope is not taken from them alone.
-_STIFFNESS = 0.05
 #: Neighbourhood whose mean a pixel's support must exceed, px.
 _AROUND_PX = 35
+#: Deviation of a depth that is as good as its evidence, pixels of parallax.
+_RESOLUTION_PX = 1.0
+#: Scatter from which on the depths around a place don't tell one, pixels of parallax.
+_MOST_SCATTER_PX = 1.5
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,12 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
         `slope_sigma_px` and `min_votes`.
     """
     s = settings
-    fitted = fit_planes(depths, s.slope_sigma_px / CELL_PX) if s.slope_sigma_px else None
+    fitted: F32 | None = None
+    if s.slope_sigma_px:
+        px_per_shift = max(field.aperture, 1e-12)
+        resolution = _RESOLUTION_PX / px_per_shift
+        fit = fit_planes(depths, s.slope_sigma_px / CELL_PX, resolution, s.threads)
+        fitted = enlarge(fit.shift.astype(np.float32))
     gathered: list[tuple[F32, F32, F32, F32] | None] = [None, None]
 
     def gather(polarity: int) -> None:
@@ -64,8 +73,9 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
         known = np.isfinite(found.shift)
         if not known.any():
             return
-        own = enlarge(found.shift)
-        surface = own if fitted is None else own * np.float32(0) + fitted
+        surface = enlarge(found.shift)
+        if fitted is not None:
+            np.copyto(surface, fitted, where=np.isfinite(surface))
         support = np.zeros(field.shape, np.float32)
         first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
         start = np.float32(np.median(found.shift[known]))
@@ -78,50 +88,15 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
     shift, sure = np.empty_like(best), np.empty_like(best)
     for images in gathered:
         if images is not None:
-            kernels._choose(*images, np.float32(max(s.min_votes, 0.5)), best, shift, sure)
-    row, column = np.divmod(np.flatnonzero(best), best.shape[1])
+            peaks._choose(*images, np.float32(max(s.min_votes, 0.5)), best, shift, sure)
+    row, column = np.divmod(np.flatnonzero(best > 0), best.shape[1])
+    if fitted is not None:
+        scatter_px = enlarge((fit.scatter * px_per_shift).astype(np.float32))[row, column]
+        scatter_px = np.where(np.isfinite(scatter_px), scatter_px, np.float32(_RESOLUTION_PX))
+        agree = scatter_px < _MOST_SCATTER_PX
+        row, column, scatter_px = row[agree], column[agree], scatter_px[agree]
+        sure[row, column] /= 1.0 + scatter_px**2
     return Relief(row, column, shift[row, column].astype(np.float64), sure[row, column])
-
-
-def fit_planes(depths: list[Depths], sigma: float) -> F32:
-    """Surface at every pixel by planes through the depths around it, float32.
-
-    A depth belongs to where its evidence lies, which on a wall is not the cell that it was
-    summed for; the slope comes from neighbouring edges. Weights are the root of energy: bright
-    edges shouldn't silence faint ones.
-
-    Parameters
-    ----------
-    depths : list of Depths
-        On the grid's cells.
-    sigma : float
-        Neighbourhood, in cells.
-    """
-    shape = depths[0].shift.shape
-    moments = np.zeros((9, shape[0] * shape[1]))
-    for found in depths:
-        ok = np.isfinite(found.shift) & (found.energy > 0)
-        z, x, y = (v[ok].astype(np.float64) for v in (found.shift, found.x, found.y))
-        w = np.sqrt(found.energy[ok].astype(np.float64))
-        i = np.clip(np.rint(y).astype(np.int64), 0, shape[0] - 1)
-        j = np.clip(np.rint(x).astype(np.int64), 0, shape[1] - 1)
-        at = i * shape[1] + j
-        terms = (np.ones_like(z), x, y, z, x * x, x * y, y * y, x * z, y * z)
-        for moment, term in zip(moments, terms, strict=True):
-            moment += np.bincount(at, w * term, len(moment))
-    summed = [cv2.GaussianBlur(m.reshape(shape), (0, 0), sigma) for m in moments]
-    w = summed[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mx, my, mz, xx, xy, yy, xz, yz = (m / w for m in summed[1:])
-        xx, yy = xx - mx * mx + _STIFFNESS, yy - my * my + _STIFFNESS
-        xy, xz, yz = xy - mx * my, xz - mx * mz, yz - my * mz
-        det = xx * yy - xy * xy
-        slope_x, slope_y = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
-        # Height at the cell's own centre plus slope: linear, so enlarging keeps it.
-        cx, cy = np.arange(shape[1])[None, :], np.arange(shape[0])[:, None]
-        at_cell = mz + slope_x * (cx - mx) + slope_y * (cy - my)
-    at_cell[~(w > 1e-9)] = np.nan
-    return enlarge(at_cell.astype(np.float32))
 
 
 def enlarge(values: F32) -> F32:

@@ -20,7 +20,7 @@ class EvidenceSettings(Settings):
         8.0, ge=0.5, le=32.0, description="Neighbourhood of the coarse depth, px."
     )
     sigma_px: float = Field(
-        4.0, ge=0.5, le=32.0, description="Neighbourhood of the fine depth, px."
+        5.0, ge=0.5, le=32.0, description="Neighbourhood of the fine depth, px."
     )
     planes_per_px: float = Field(
         0.5, ge=0.25, le=16.0, description="Planes per pixel of parallax, coarse and fine."

@@ -21,6 +21,7 @@ from ..bands import sort_into_bands
 from ..rays import F32
 from ..threads import share
 from . import _kernels as kernels
+from . import _peak_kernels as peaks
 from ._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from .creep import creep_depth_m
 from .field import RayField
@@ -34,6 +35,7 @@ _SPOT = 1.0
 #: Columns that move by less than this, in cells, stay where they are.
 _STILL = 0.05
 I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -76,14 +78,14 @@ def find_depths(
     parallax = field.aperture * (high - low)
     at = plane_shifts(low, high, parallax, s.planes_per_px, s.max_planes)
     step = at[1] - at[0]
-    everywhere = np.zeros(field.cells, np.int64), np.full(field.cells, len(at) - 1)
+    everywhere = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
     near: F32 | None = None
     first, last = everywhere
     reach = len(at)
     if s.sub_apertures > 1:
         near = _coarse_shift(field, low, high, s)
         reach = int(np.ceil(s.search_px * s.planes_per_px))
-        number = np.nan_to_num((near - at[0]) / step, nan=-1e6).round().astype(np.int64)
+        number = np.nan_to_num((near - at[0]) / step, nan=-1e6).round().astype(np.int32)
         first, last = number - reach, number + reach
     found: list[Depths | None] = [None, None]
 
@@ -122,7 +124,7 @@ def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings)
     least, most = float(field.slopes[0].min()), float(field.slopes[1].max())
     width = max(most - least, 1e-12) / s.sub_apertures
     part = np.clip((slope - least) / width, 0, s.sub_apertures - 1).astype(np.int64)
-    everywhere = np.zeros(field.cells, np.int64), np.full(field.cells, len(at) - 1)
+    everywhere = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
     total = np.zeros((len(at), *field.cells), np.float32)
     for polarity in (0, 1):
         own = slice(field.bounds[polarity], field.bounds[polarity + 1])
@@ -131,7 +133,7 @@ def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings)
             if len(rays):
                 total += _energy(rays, field, at, s, None, len(at), everywhere)
     peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
-    kernels._find_peak(_blur(total, s.coarse_sigma_px), *everywhere, 2.0, peak, contrast, top)
+    peaks._find_peak(_blur(total, s.coarse_sigma_px), *everywhere, 2.0, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)
 
 
@@ -142,27 +144,25 @@ def _energy(
     s: EvidenceSettings,
     near: F32 | None,
     reach: int,
-    searched: tuple[I64, I64],
+    searched: tuple[I32, I32],
 ) -> F32:
     """Sharpness of the votes by plane and cell, not yet summed over neighbourhoods."""
     energy = np.zeros((len(at), *field.cells), np.float32)
     if not len(rays):
         return energy
     ends = (float(at[0]), float(at[-1]))
-    groups = np.array([0, len(rays)], np.int64)
-    bands = sort_into_bands(rays, groups, ends, field.shape, BAND_ROWS, (0.5, 0.5))
-    edges = bands.starts[0]
-    ordered, starts = _order_by_plane(bands.rays, edges, at, near)
+    bands = sort_into_bands(rays, ends, field.shape, BAND_ROWS, (0.5, 0.5))
+    ordered, starts = _order_by_plane(bands.rays, bands.starts, at, near)
     tiles = _searched_tiles(ordered, starts, field, at, s, searched, near is not None)
     # Polarities are shared already.
     threads = max(s.threads // 2, 1)
 
     def run(first: int) -> None:
-        votes = np.empty((BAND_ROWS // ROW_PX, field.shape[1]), np.float32)
+        votes = np.zeros((BAND_ROWS // ROW_PX + 1, field.shape[1]), np.float32)
         line = np.empty(TILE_CELLS * CELL_PX, np.float32)
         kernels._energy_bands(
-            ordered, starts, first, threads, reach, at.astype(np.float32), tiles, votes, line,
-            energy,
+            ordered, starts, first, threads, reach, at.astype(np.float32), tiles, votes,
+            kernels.chunk(), line, energy,
         )  # fmt: skip
 
     share(threads, threads, run, inner=True)
@@ -179,7 +179,7 @@ def _follow(energy: F32, field: RayField, at: F64) -> F32:
     if np.abs(offsets).max() < _STILL:
         return energy
     out = np.empty_like(energy)
-    kernels._shear(energy, offsets, out)
+    peaks._shear(energy, offsets, out)
     return out
 
 
@@ -194,7 +194,7 @@ def _order_by_plane(rays: F32, edges: I64, at: F64, near: F32 | None) -> tuple[F
         starts[:] = edges[1:, None]
         starts[:, 0] = edges[:-1]
         return rays, starts
-    plane = np.empty(len(rays), np.int64)
+    plane = np.empty(rays.shape[1], np.int64)
     kernels._plane_near(rays, near, np.float32(at[0]), np.float32(at[1] - at[0]), len(at), plane)
     out = np.empty_like(rays)
     kernels._order_planes(rays, plane, edges, starts, out)
@@ -207,7 +207,7 @@ def _searched_tiles(
     field: RayField,
     at: F64,
     s: EvidenceSettings,
-    searched: tuple[I64, I64],
+    searched: tuple[I32, I32],
     local: bool,
 ) -> npt.NDArray[np.int64]:
     """First and last plane of each band's tiles, shape (bands, tiles, 2); last < first: none."""
@@ -235,12 +235,12 @@ def _searched_tiles(
 
 
 def _peaks(
-    energy: F32, at: F64, first: I64, last: I64, field: RayField, s: EvidenceSettings
+    energy: F32, at: F64, first: I32, last: I32, field: RayField, s: EvidenceSettings
 ) -> Depths:
     """Sharpest plane of each cell and where its evidence lies."""
     scores = _blur(energy, s.sigma_px)
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
-    kernels._find_peak(scores, first, last, s.max_rival, peak, contrast, top)
+    peaks._find_peak(scores, first, last, s.max_rival, peak, contrast, top)
     step = at[1] - at[0]
     shift = (at[0] + peak * step).astype(np.float32)
     # Less energy than a spot of as many events as a pixel needs is noise.
@@ -254,7 +254,7 @@ def _peaks(
     offsets = np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (offsets / sigma) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
-    kernels._centroids(energy, nearest, weights, total, x, y)
+    peaks._centroids(energy, nearest, weights, total, x, y)
     x += np.nan_to_num(shift) * field.middles[None, :].astype(np.float32) / CELL_PX
     return Depths(shift, contrast, total, x, y)
 

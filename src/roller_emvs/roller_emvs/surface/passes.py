@@ -6,12 +6,12 @@ one are complete, so they depend on the data alone and not on when these arrived
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
 
 from roller_core.camera import Camera
+from roller_core.event_queue import EventQueue
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.transforms import F64
@@ -50,24 +50,27 @@ class PassCutter:
         table = camera.undistortion_table().astype(np.float64)
         centre, focal = (camera.cx, camera.cy), (camera.fx, camera.fy)
         self._rays = ((table - centre) / focal).astype(np.float32)
-        self._events: deque[EventArray] = deque()
-        self._held = 0
-        self._newest_ns: int | None = None
+        self._queue = EventQueue(settings.max_backlog_events)
         self._at_ns: int | None = None
         self._strip: Strip | None = None
         self._early: list[tuple[EventArray, int, int, F64, F64]] = []
         self._anchor: tuple[int, F64] | None = None
         self._farthest = 0.0
         self._turn_from = np.zeros(3)
-        self.dropped_events = 0
+        self._dropped_rays = 0
         self.events_without_pose = 0
         self.still_events = 0
+
+    @property
+    def dropped_events(self) -> int:
+        """Events and rays beyond the backlog's limit."""
+        return self._queue.dropped + self._dropped_rays
 
     @property
     def held_events(self) -> int:
         """Events and rays that wait."""
         early = sum(len(e[0]) for e in self._early)
-        return self._held + early + (self._strip.held_rays if self._strip else 0)
+        return len(self._queue) + early + (self._strip.held_rays if self._strip else 0)
 
     @property
     def needed_from_ns(self) -> int | None:
@@ -76,30 +79,22 @@ class PassCutter:
 
     def add(self, events: EventArray) -> None:
         """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
-        if not len(events):
-            return
-        self._events.append(events)
-        self._held += len(events)
-        self._newest_ns = int(events.t_ns[-1])
-        while self._held > self._settings.max_backlog_events and len(self._events) > 1:
-            gone = self._events.popleft()
-            self._held -= len(gone)
-            self.dropped_events += len(gone)
+        self._queue.add(events)
 
     def cut(self, flush: bool = False) -> Iterator[Found]:
         """Blocks whose rows are out of view, and what had to be refused."""
-        while self._held or self._strip is not None:
+        while len(self._queue) or self._strip is not None:
             times = self._track.times_ns
             # The newest pose may still be replaced by one of the same time.
             last = len(times) - (1 if flush else 2)
             if last < 1:
                 break
             if self._at_ns is None:
-                if not self._held:
+                if not len(self._queue):
                     break
-                first_ns = int(self._events[0].t_ns[0])
+                first_ns = self._queue.first_ns
                 if first_ns < times[0]:
-                    self.events_without_pose += len(self._take(int(times[0])))
+                    self.events_without_pose += self._queue.drop_before(int(times[0]))
                     continue
                 start = int(np.searchsorted(times, first_ns, side="right")) - 1
                 if start >= last:
@@ -109,18 +104,18 @@ class PassCutter:
             if k + 1 > last:
                 break
             t0, t1 = int(times[k]), int(times[k + 1])
-            if not flush and (self._newest_ns is None or self._newest_ns < t1):
+            if not flush and self._queue.newest_ns < t1:
                 break
             yield from self._step(t0, t1)
             self._at_ns = t1
         if flush:
             yield from self._end_pass()
-            self.events_without_pose += len(self._take(2**63 - 1))
+            self.events_without_pose += self._queue.drop_before(2**63 - 1)
             self._at_ns = None
 
     def _step(self, t0: int, t1: int) -> Iterator[Found]:
         """What happened between two neighbouring poses."""
-        events = self._take(t1)
+        events = self._queue.take(self._queue.count_before(t1))
         try:
             self._track.check(t0, t1)
         except PoseError as error:
@@ -202,7 +197,7 @@ class PassCutter:
             return
         strip.add(events, t0, t1, pose0, pose1)
         while strip.held_rays > self._settings.max_backlog_events and len(strip.blocks) > 1:
-            self.dropped_events += strip.drop_oldest()
+            self._dropped_rays += strip.drop_oldest()
 
     def _ready(self, strip: Strip, pose: F64) -> Iterator[Found]:
         for block in strip.take(strip.view(pose)[2]):
@@ -217,18 +212,3 @@ class PassCutter:
         if strip is not None:
             for block in strip.take(float("inf")):
                 yield strip, block
-
-    def _take(self, end_ns: int) -> EventArray:
-        """Events before a time, out of those that wait."""
-        taken = []
-        while self._events and self._events[0].t_ns[0] < end_ns:
-            part = self._events[0]
-            k = int(np.searchsorted(part.t_ns, end_ns))
-            taken.append(part[:k])
-            if k == len(part):
-                self._events.popleft()
-            else:
-                self._events[0] = part[k:]
-        found = EventArray.concatenate(taken)
-        self._held -= len(found)
-        return found

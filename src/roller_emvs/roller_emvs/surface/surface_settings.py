@@ -20,7 +20,7 @@ class SurfaceSettings(EvidenceSettings):
         "as the skin doesn't stick to the surface there; 0 takes the whole image, m.",
     )
     block_m: float = Field(
-        0.008, ge=0.001, le=1.0, description="Length along the roll of what is computed at once, m."
+        0.004, ge=0.001, le=1.0, description="Length along the roll of what is computed at once, m."
     )
     min_aperture_m: float = Field(
         0.008,
@@ -52,6 +52,13 @@ class SurfaceSettings(EvidenceSettings):
         ge=-1e4,
         le=1e4,
         description="Height of the nominal surface in base; `height` of a point counts from it, m.",
+    )
+    event_delay_s: float = Field(
+        0.0,
+        ge=-0.1,
+        le=0.1,
+        description="Event stamps less the time, in the clock of the poses, of what they show: "
+        "what `roller calibrate --time-offset` finds, s.",
     )
     max_backlog_events: int = Field(
         40_000_000,

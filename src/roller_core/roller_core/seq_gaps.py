@@ -1,0 +1,65 @@
+"""Event packets that are missing, by the numbers of those that came."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: Gaps that are kept with their place; beyond it only their number counts.
+_PLACES = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Packets that are missing between two that came.
+
+    Attributes
+    ----------
+    topic : str
+        Where.
+    t_ns : int
+        Arrival of the packet after the gap, ns.
+    packets : int
+        How many are missing.
+    """
+
+    topic: str
+    t_ns: int
+    packets: int
+
+
+class SeqGaps:
+    """Counts missing packets by their `seq`, which rises by one from packet to packet.
+
+    Attributes
+    ----------
+    lost : int
+        Packets that are missing.
+    gaps : int
+        Places where some are.
+    places : list of Gap
+        The first of them.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self.gaps = 0
+        self.places: list[Gap] = []
+        self._last: dict[str, int] = {}
+
+    def see(self, topic: str, seq: int, t_ns: int) -> None:
+        """Take the number of the next packet; a lower one is a driver that started anew."""
+        last = self._last.get(topic)
+        self._last[topic] = seq
+        if last is not None and seq > last + 1:
+            self.lost += seq - last - 1
+            self.gaps += 1
+            if len(self.places) < _PLACES:
+                self.places.append(Gap(topic, t_ns, seq - last - 1))
+
+    def told(self, start_ns: int, most: int = 5) -> str:
+        """Where they are missing, for people; seconds count from `start_ns`."""
+        shown = [
+            f"{gap.packets} before {(gap.t_ns - start_ns) * 1e-9:.3f} s"
+            for gap in self.places[:most]
+        ]
+        return ", ".join(shown) + (", …" if self.gaps > most else "")

@@ -1,0 +1,159 @@
+"""Scans that go to and fro: where the camera was, and where its events lie on the surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+from roller_core.transforms import F64
+
+I64 = npt.NDArray[np.int64]
+
+#: Rays that lean further along the way are left out: relief moves them, dx/dz.
+MOST_LEAN = 0.1
+#: Poses are interpolated between grid points this far apart, ns.
+_GRID_NS = 1_000_000
+#: A pass is where the speed is above this share of its highest.
+_MOVING = 0.2
+#: Least way that both passes have been over, metres, and events in each.
+LEAST_WAY_M, LEAST_EVENTS = 0.004, 2000
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scan that goes to and fro.
+
+    Attributes
+    ----------
+    events : EventArray
+        In order of time; see `central_events`.
+    camera : Camera
+        Calibration.
+    track : PoseTrack
+        Camera in base over the whole scan.
+    """
+
+    events: EventArray
+    camera: Camera
+    track: PoseTrack
+
+
+class TimeOffsetError(RollerError):
+    """A recording from which the offset can't be told."""
+
+
+def central_events(events: EventArray, camera: Camera) -> EventArray:
+    """Events near the image's middle row or column: all that can count, whichever the way."""
+    reach_u, reach_v = MOST_LEAN * camera.fx, MOST_LEAN * camera.fy
+    u, v = events.x.astype(np.float64), events.y.astype(np.float64)
+    return events[(np.abs(u - camera.cx) <= reach_u) | (np.abs(v - camera.cy) <= reach_v)]
+
+
+@dataclass(frozen=True)
+class Course:
+    """The way of a scan: its direction in base, and place and speed along it on a grid of times."""
+
+    along: F64
+    grid_ns: I64
+    way_m: F64
+    speed_m_s: F64
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Places of one pass: along and across the way, metres; which events are ON."""
+
+    along_m: F64
+    across_m: F64
+    on: npt.NDArray[np.bool_]
+
+
+def course_of(scan: Scan) -> Course:
+    """Way and speed of a scan along its main direction.
+
+    Raises
+    ------
+    TimeOffsetError
+        If it doesn't go to and fro.
+    """
+    track = scan.track
+    if not len(scan.events) or len(track) < 2:
+        raise TimeOffsetError("there are no events or no poses to compare")
+    centred = track.positions - track.positions.mean(axis=0)
+    along = np.linalg.svd(centred, full_matrices=False)[2][0]
+    grid = np.arange(track.start_ns, track.end_ns, _GRID_NS, dtype=np.int64)
+    if len(grid) < 50 or np.ptp(centred @ along) < LEAST_WAY_M:
+        raise TimeOffsetError(
+            f"the sensor moves by less than {LEAST_WAY_M * 1e3:g} mm: roll it to and fro"
+        )
+    way = track.sample(grid)[0] @ along
+    # Poses carry noise of micrometres: the slope over 20 ms.
+    smooth = np.convolve(np.pad(way, 10, mode="edge"), np.full(21, 1 / 21), mode="valid")
+    speed = np.gradient(smooth, _GRID_NS * 1e-9)
+    for sign in (1.0, -1.0):
+        moving = sign * speed > _MOVING * np.abs(speed).max()
+        if not moving.any() or np.ptp(way[moving]) < LEAST_WAY_M:
+            raise TimeOffsetError(
+                "the scan rolls one way only: roll to and fro over the same place"
+            )
+    return Course(along, grid, way, speed)
+
+
+def passes_of(scan: Scan, course: Course, depth_m: float, delay_s: float) -> tuple[Pass, Pass]:
+    """Where the events of both passes lie on the surface, for a delay of their stamps."""
+    events, camera, track = scan.events, scan.camera, scan.track
+    along, grid, speed = course.along, course.grid_ns, course.speed_m_s
+    times = events.t_ns - round(delay_s * 1e9)
+    at = np.clip((times - grid[0]) // _GRID_NS, 0, len(grid) - 1)
+    inside = (times >= grid[0]) & (times <= grid[-1])
+    rotations = track.matrices(grid)[:, :3, :3]
+    positions = track.sample(grid)[0]
+    axis = rotations[:, :, 2].mean(axis=0)
+    across = np.cross(axis, along)
+    table = camera.undistortion_table()
+    rays = table[events.y, events.x].astype(np.float64)
+    local = np.column_stack(
+        [(rays[:, 0] - camera.cx) / camera.fx, (rays[:, 1] - camera.cy) / camera.fy]
+    )
+
+    def component(direction: F64) -> F64:
+        """Of the rays, at unit depth."""
+        turned = direction @ rotations
+        return np.asarray(turned[at, 0] * local[:, 0] + turned[at, 1] * local[:, 1] + turned[at, 2])
+
+    lean = component(along)
+    # The middle ray's own lean is the camera's, not the pixel's.
+    inside &= np.abs(lean - np.median(along @ rotations[:, :, 2].T)) <= MOST_LEAN
+    s = np.interp(times, grid, course.way_m) + depth_m * lean
+    r = np.interp(times, grid, positions @ across) + depth_m * component(across)
+    v = np.interp(times, grid, speed)
+    found = []
+    for sign, name in ((1.0, "forward"), (-1.0, "back")):
+        own = inside & (sign * v > _MOVING * np.abs(speed).max())
+        if np.count_nonzero(own) < LEAST_EVENTS:
+            raise TimeOffsetError(
+                f"the pass {name} has {np.count_nonzero(own)} events of use, fewer than "
+                f"{LEAST_EVENTS}: roll to and fro over a surface with relief"
+            )
+        found.append(Pass(s[own], r[own], events.p[own] > 0))
+    return found[0], found[1]
+
+
+def closing_speed(course: Course, at_m: F64) -> F64:
+    """Speed of the one pass plus that of the other at places; 0 where one wasn't."""
+    total = np.zeros(len(at_m))
+    both = np.ones(len(at_m), bool)
+    # The camera is over what it sees: its place and the place seen are one for the middle ray.
+    for sign in (1.0, -1.0):
+        moving = sign * course.speed_m_s > _MOVING * np.abs(course.speed_m_s).max()
+        order = np.argsort(course.way_m[moving])
+        way, speed = course.way_m[moving][order], sign * course.speed_m_s[moving][order]
+        both &= (at_m >= way[0]) & (at_m <= way[-1])
+        total += np.interp(at_m, way, speed)
+    return np.where(both, total, 0.0)

@@ -1,0 +1,107 @@
+"""Loops over cells that fit planes to depths; each has a numpy twin in the tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+#: Spread of samples, in cells², below which a slope is not taken from them alone.
+_STIFFNESS = 0.05
+
+
+@njit(cache=True, nogil=True)
+def _weigh(shift, x, y, energy, row, column, weight):  # type: ignore[no-untyped-def]
+    """Weight of each depth, and the cell that its evidence lies in; weight 0 where there is none.
+
+    The power of energy lies between that of a steady count's variance, 1, and its root: bright
+    edges shouldn't silence faint ones.
+    """
+    height, width = shift.shape
+    for i in range(height):
+        for j in range(width):
+            weight[i, j] = 0.0
+            row[i, j] = i
+            column[i, j] = j
+            if np.isnan(shift[i, j]) or not energy[i, j] > 0:
+                continue
+            e = np.float64(energy[i, j])
+            weight[i, j] = np.sqrt(e * np.sqrt(e))
+            row[i, j] = min(max(int(np.rint(y[i, j])), 0), height - 1)
+            column[i, j] = min(max(int(np.rint(x[i, j])), 0), width - 1)
+
+
+@njit(cache=True, nogil=True)
+def _add_moments(shift, x, y, weight, row, column, moments):  # type: ignore[no-untyped-def]
+    """Weighted sums of 1, x, y, z, x², xy, y², xz and yz by cell; `shift` is z."""
+    height, width = shift.shape
+    for i in range(height):
+        for j in range(width):
+            w = weight[i, j]
+            if w == 0:
+                continue
+            a = np.float64(x[i, j])
+            b = np.float64(y[i, j])
+            z = np.float64(shift[i, j])
+            r = row[i, j]
+            c = column[i, j]
+            moments[0, r, c] += w
+            moments[1, r, c] += w * a
+            moments[2, r, c] += w * b
+            moments[3, r, c] += w * z
+            moments[4, r, c] += w * a * a
+            moments[5, r, c] += w * a * b
+            moments[6, r, c] += w * b * b
+            moments[7, r, c] += w * a * z
+            moments[8, r, c] += w * b * z
+
+
+@njit(cache=True, nogil=True)
+def _solve(moments, planes):  # type: ignore[no-untyped-def]
+    """Planes through the depths around each cell: mean x, y, z and slopes along x and y.
+
+    `moments` are summed over neighbourhoods. NaN where there is no weight.
+    """
+    _, height, width = moments.shape
+    for i in range(height):
+        for j in range(width):
+            w = moments[0, i, j]
+            if not w > 1e-9:
+                planes[:, i, j] = np.nan
+                continue
+            x = moments[1, i, j] / w
+            y = moments[2, i, j] / w
+            z = moments[3, i, j] / w
+            xx = moments[4, i, j] / w - x * x + _STIFFNESS
+            xy = moments[5, i, j] / w - x * y
+            yy = moments[6, i, j] / w - y * y + _STIFFNESS
+            xz = moments[7, i, j] / w - x * z
+            yz = moments[8, i, j] / w - y * z
+            det = xx * yy - xy * xy
+            planes[0, i, j] = x
+            planes[1, i, j] = y
+            planes[2, i, j] = z
+            planes[3, i, j] = (yy * xz - xy * yz) / det
+            planes[4, i, j] = (xx * yz - xy * xz) / det
+
+
+@njit(cache=True, nogil=True)
+def _add_residuals(shift, x, y, weight, row, column, trust, planes, sums):  # type: ignore[no-untyped-def]
+    """Sums of w, w², w·r and w·r² by cell; r is a depth less the plane where it lies."""
+    height, width = shift.shape
+    for i in range(height):
+        for j in range(width):
+            r = row[i, j]
+            c = column[i, j]
+            w = weight[i, j] * trust[r, c]
+            if w == 0:
+                continue
+            rest = (
+                np.float64(shift[i, j])
+                - planes[2, r, c]
+                - planes[3, r, c] * (np.float64(x[i, j]) - planes[0, r, c])
+                - planes[4, r, c] * (np.float64(y[i, j]) - planes[1, r, c])
+            )
+            sums[0, r, c] += w
+            sums[1, r, c] += w * w
+            sums[2, r, c] += w * rest
+            sums[3, r, c] += w * rest * rest

@@ -1,0 +1,135 @@
+"""Loops over planes, cells and pixels that look for peaks; each has a numpy twin in the tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def _shear(energy, offsets, out):  # type: ignore[no-untyped-def]
+    """Energy of each plane's columns `offsets` further on, between columns; 0 beyond the grid."""
+    planes, height, width = energy.shape
+    for k in range(planes):
+        for j in range(width):
+            at = j + offsets[k, j]
+            a = int(np.floor(at))
+            share = np.float32(at - a)
+            for i in range(height):
+                left = energy[k, i, a] if 0 <= a < width else np.float32(0)
+                right = energy[k, i, a + 1] if 0 <= a + 1 < width else np.float32(0)
+                out[k, i, j] = left + share * (right - left)
+
+
+@njit(cache=True, nogil=True)
+def _keep_best(scores, k, inner, first, last, total, top, best):  # type: ignore[no-untyped-def]
+    """Take plane `k` of a row of cells into the sums, and where it is best; see `_find_peak`."""
+    plane = np.int32(k)
+    for j in range(len(scores)):
+        inside = (plane >= first[j]) & (plane <= last[j])
+        value = scores[j] if inside else np.float32(0)
+        total[j] += value
+        better = inner & inside & (value > top[j])
+        top[j] = value if better else top[j]
+        best[j] = plane if better else best[j]
+
+
+@njit(cache=True, nogil=True)
+def _rivalled(scores, first, last, best, rival):  # type: ignore[no-untyped-def]
+    """Whether beyond a valley beside the best plane another reaches a share of its score."""
+    limit = rival * scores[best]
+    for step in (-1, 1):
+        k = best
+        lowest = scores[best]
+        while first <= k + step <= last:
+            k += step
+            lowest = min(lowest, scores[k])
+            # A dent on the flank is no valley.
+            if scores[k] >= limit and lowest < 0.8 * scores[k]:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _find_peak(scores, first, last, rival, peak, contrast, top):  # type: ignore[no-untyped-def]
+    """Highest score among planes first..last of each cell, between planes.
+
+    NaN where it lies at an end of the search or of the range: the top was not seen. `contrast`
+    tells how it stands out of the planes searched; `top` is its score. NaN also where another
+    peak, beyond a valley, reaches the share `rival` of the score: which of the two is the
+    surface can't be told.
+    """
+    n, height, width = scores.shape
+    total = np.empty(width, np.float32)
+    best = np.empty(width, np.int32)
+    for i in range(height):
+        top[i] = -1
+        total[:] = 0
+        best[:] = 0
+        for k in range(n):
+            _keep_best(scores[k, i], k, 1 <= k <= n - 2, first[i], last[i], total, top[i], best)
+        for j in range(width):
+            k = best[j]
+            peak[i, j] = np.nan
+            contrast[i, j] = 0
+            if k < 1 or not top[i, j] > 0:
+                continue
+            left = scores[k - 1, i, j]
+            right = scores[k + 1, i, j]
+            if not (top[i, j] >= left and top[i, j] >= right):
+                continue
+            if _rivalled(scores[:, i, j], max(first[i, j], 0), min(last[i, j], n - 1), k, rival):
+                continue
+            bend = left - 2 * top[i, j] + right
+            peak[i, j] = k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
+            seen = min(last[i, j], n - 1) - max(first[i, j], 0) + 1
+            contrast[i, j] = 1 - total[j] / (seen * top[i, j])
+
+
+@njit(cache=True, nogil=True)
+def _centroids(energy, plane, weights, total, x, y):  # type: ignore[no-untyped-def]
+    """Weighted energy on each cell's own plane, and where around the cell it lies, in cells.
+
+    `plane` is -1 where there is none. `weights` are of one axis, shape (2·reach + 1,).
+    """
+    _, height, width = energy.shape
+    reach = len(weights) // 2
+    for i in range(height):
+        for j in range(width):
+            total[i, j] = 0
+            x[i, j] = j
+            y[i, j] = i
+            k = plane[i, j]
+            if k < 0:
+                continue
+            e = np.float32(0)
+            ex = np.float32(0)
+            ey = np.float32(0)
+            for di in range(-reach, reach + 1):
+                if i + di < 0 or i + di >= height:
+                    continue
+                for dj in range(-reach, reach + 1):
+                    if j + dj < 0 or j + dj >= width:
+                        continue
+                    w = weights[di + reach] * weights[dj + reach] * energy[k, i + di, j + dj]
+                    e += w
+                    ex += w * dj
+                    ey += w * di
+            total[i, j] = e
+            if e > 0:
+                x[i, j] = j + ex / e
+                y[i, j] = i + ey / e
+
+
+@njit(cache=True, nogil=True)
+def _choose(support, around, surface, confidence, least, best, shift, sure):  # type: ignore[no-untyped-def]
+    """Take the pixels on which more events gather than around, and than any taken before."""
+    height, width = support.shape
+    for y in range(height):
+        for x in range(width):
+            votes = support[y, x]
+            if votes >= least and votes > around[y, x] and votes > best[y, x]:
+                # A pixel without depth has no support, so the surface is known here.
+                best[y, x] = votes
+                shift[y, x] = surface[y, x]
+                sure[y, x] = confidence[y, x]

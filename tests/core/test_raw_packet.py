@@ -1,0 +1,82 @@
+"""A packet's fields without decoding it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from roller_core.bags import EVENT_PACKET, typestore
+from roller_core.codecs import CodecError, PacketDecoder, RawPacket, count_events, encode
+from roller_core.events import EventArray
+from roller_core.seq_gaps import SeqGaps
+
+STORE = typestore()
+
+
+def message(frame: str, encoding: str, payload: bytes, seq: int = 7) -> bytes:
+    types = STORE.types
+    packet = types[EVENT_PACKET](
+        header=types["std_msgs/msg/Header"](
+            types["builtin_interfaces/msg/Time"](1_700_000_000, 123_456_789), frame
+        ),
+        height=480,
+        width=640,
+        seq=seq,
+        time_base=2**40 + 5,
+        encoding=encoding,
+        is_bigendian=False,
+        events=np.frombuffer(payload, np.uint8),
+    )
+    return bytes(STORE.serialize_cdr(packet, EVENT_PACKET))
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    frame=st.text(st.characters(codec="ascii", exclude_characters="\0"), max_size=20),
+    encoding=st.sampled_from(["mono", "libcaer", "libcaer_cmp", "evt3", "trigger"]),
+    payload=st.binary(max_size=50),
+    seq=st.integers(0, 2**64 - 1),
+)
+def test_fields_are_those_of_the_message(
+    frame: str, encoding: str, payload: bytes, seq: int
+) -> None:
+    packet = RawPacket.parse(message(frame, encoding, payload, seq))
+    assert packet.stamp_ns == 1_700_000_000_123_456_789
+    assert (packet.height, packet.width, packet.seq) == (480, 640, seq)
+    assert packet.time_base_ns == 2**40 + 5
+    assert packet.encoding == encoding
+    assert bytes(packet.payload) == payload
+
+
+def test_a_message_cut_anywhere_is_refused() -> None:
+    whole = message("event_camera_optical_frame", "mono", bytes(range(16)))
+    for size in range(len(whole)):
+        with pytest.raises(CodecError):
+            RawPacket.parse(whole[:size])
+
+
+@pytest.mark.parametrize("encoding", ["mono", "libcaer", "libcaer_cmp", "evt3"])
+def test_events_are_counted_as_a_decoder_finds_them(encoding: str) -> None:
+    rng = np.random.default_rng(3)
+    n = 500
+    t_ns = np.sort(rng.integers(0, 900, n)) * 1000
+    events = EventArray.from_arrays(
+        rng.integers(0, 8, n) * 80, rng.integers(0, 480, n), t_ns, rng.integers(0, 2, n)
+    )
+    payload = encode(encoding, events, 0)
+    decoded = PacketDecoder(encoding, 640, 480).decode(payload, 0).events
+    assert count_events(encoding, payload) == len(decoded) == n
+    assert count_events("evt9", payload) == 0
+
+
+def test_gaps_in_the_numbers() -> None:
+    gaps = SeqGaps()
+    for t_ns, seq in enumerate([5, 6, 9, 10, 11, 12, 20]):
+        gaps.see("/a", seq, t_ns * 10**9)
+        gaps.see("/b", 100 + t_ns, t_ns * 10**9)  # whole
+    gaps.see("/a", 0, 8 * 10**9)  # a driver that started anew
+    gaps.see("/a", 1, 9 * 10**9)
+    assert (gaps.lost, gaps.gaps) == (2 + 7, 2)
+    assert gaps.told(10**9) == "2 before 1.000 s, 7 before 5.000 s"

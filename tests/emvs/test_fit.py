@@ -1,0 +1,132 @@
+"""The surface through depths on cells: kernels against plain twins, and what the fit promises."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from roller_emvs.evidence import _fit_kernels as kernels
+from roller_emvs.evidence.fit import fit_planes
+from roller_emvs.evidence.sweep import Depths
+
+SHAPE = (24, 32)
+SIGMA = 1.0
+ROWS, COLUMNS = np.indices(SHAPE).astype(np.float32)
+INNER = (slice(5, -5), slice(5, -5))
+
+
+def depths_of(
+    shift: np.ndarray, x: np.ndarray, y: np.ndarray, energy: np.ndarray | float = 50.0
+) -> Depths:
+    full = np.array(np.broadcast_to(energy, SHAPE), np.float32)
+    return Depths(shift.astype(np.float32), full, full, x.astype(np.float32), y.astype(np.float32))
+
+
+def scattered(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Places of evidence somewhat beside their cells."""
+    x, y = COLUMNS + rng.uniform(-0.7, 0.7, SHAPE), ROWS + rng.uniform(-0.7, 0.7, SHAPE)
+    return x.astype(np.float32), y.astype(np.float32)
+
+
+def test_kernels_are_their_plain_twins() -> None:
+    rng = np.random.default_rng(0)
+    x, y = scattered(rng)
+    z = rng.normal(0, 1, SHAPE).astype(np.float32)
+    z[rng.random(SHAPE) < 0.3] = np.nan
+    energy = rng.uniform(-1, 9, SHAPE).astype(np.float32)
+    row, column = np.empty(SHAPE, np.int32), np.empty(SHAPE, np.int32)
+    weight, moments = np.empty(SHAPE), np.zeros((9, *SHAPE))
+    kernels._weigh(z, x, y, energy, row, column, weight)
+    kernels._add_moments(z, x, y, weight, row, column, moments)
+    known = np.isfinite(z) & (energy > 0)
+    np.testing.assert_array_equal(weight > 0, known)
+    w, a, b, c = (v[known].astype(float) for v in (energy, x, y, z))
+    w = w**0.75
+    place = (
+        np.clip(np.rint(b).astype(int), 0, SHAPE[0] - 1),
+        np.clip(np.rint(a).astype(int), 0, SHAPE[1] - 1),
+    )
+    for moment, term in zip(
+        moments, (1 + 0 * a, a, b, c, a * a, a * b, b * b, a * c, b * c), strict=True
+    ):
+        expected = np.zeros(SHAPE)
+        np.add.at(expected, place, w * term)
+        np.testing.assert_allclose(moment, expected, rtol=1e-6, atol=1e-9)
+
+    planes, trust = rng.normal(0, 1, (5, *SHAPE)), rng.uniform(0.5, 2, SHAPE)
+    sums = np.zeros((4, *SHAPE))
+    kernels._add_residuals(z, x, y, weight, row, column, trust, planes, sums)
+    mx, my, mz, sx, sy = (p[place] for p in planes)
+    rest = c - mz - sx * (a - mx) - sy * (b - my)
+    w = w * trust[place]
+    for found, term in zip(sums, (w, w * w, w * rest, w * rest * rest), strict=True):
+        expected = np.zeros(SHAPE)
+        np.add.at(expected, place, term)
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+
+
+def test_a_plane_is_the_least_squares_one() -> None:
+    rng = np.random.default_rng(1)
+    a, b, c, w = rng.uniform(0, 9, 40), rng.uniform(0, 9, 40), rng.normal(0, 1, 40), rng.random(40)
+    terms = (1 + 0 * a, a, b, c, a * a, a * b, b * b, a * c, b * c)
+    moments = np.array([(w * t).sum() for t in terms]).reshape(9, 1, 1)
+    planes = np.empty((5, 1, 1))
+    kernels._solve(moments, planes)
+    design = np.stack([1 + 0 * a, a - w @ a / w.sum(), b - w @ b / w.sum()], axis=1)
+    # The stiffness holds slopes back as if samples of height 0 lay at either side.
+    ridge = np.diag([0, kernels._STIFFNESS, kernels._STIFFNESS]) * w.sum()
+    best = np.linalg.solve(design.T @ (w[:, None] * design) + ridge, design.T @ (w * c))
+    expected = [w @ a / w.sum(), w @ b / w.sum(), *best]
+    np.testing.assert_allclose(planes[:, 0, 0], expected, rtol=1e-9)
+
+
+def test_a_plane_is_kept_wherever_its_evidence_lies() -> None:
+    x, y = scattered(np.random.default_rng(2))
+    fit = fit_planes([depths_of(0.3 * x - 0.2 * y, x, y)], SIGMA, 0.1)
+    expected = 0.3 * COLUMNS - 0.2 * ROWS
+    np.testing.assert_allclose(fit.shift[INNER], expected[INNER], atol=0.02)
+
+
+def test_crests_and_hollows_are_given_back() -> None:
+    """A plane alone levels a parabola by half its bend times the neighbourhood's variance."""
+    bend = 0.2
+    shift = 0.5 * bend * (COLUMNS - 16) ** 2
+    fit = fit_planes([depths_of(shift, COLUMNS, ROWS)], SIGMA, 0.1)
+    levelled = 0.5 * bend * SIGMA**2
+    left = (fit.shift - shift)[INNER]
+    assert np.abs(left).max() < 0.6 * levelled
+    # What evidence has levelled by itself, a neighbourhood as large, is partly given back too.
+    assert left.mean() < 0
+
+
+def test_the_polarity_that_scatters_counts_less() -> None:
+    rng = np.random.default_rng(3)
+    off = depths_of(1.0 + rng.normal(0, 3, SHAPE), COLUMNS, ROWS)
+    on = depths_of(rng.normal(0, 0.1, SHAPE), COLUMNS, ROWS)
+    fit = fit_planes([off, on], SIGMA, 0.1)
+    assert abs(fit.shift[INNER].mean()) < 0.05
+    # The order of the polarities and the number of threads don't matter.
+    again = fit_planes([on, off], SIGMA, 0.1, threads=2)
+    np.testing.assert_allclose(fit.shift, again.shift, atol=1e-9)
+
+
+@pytest.mark.parametrize("deviation", [0.2, 1.0])
+def test_scatter_is_the_deviation_of_the_depths(deviation: float) -> None:
+    rng = np.random.default_rng(4)
+    shift = rng.normal(0, deviation, SHAPE)
+    even = fit_planes([depths_of(shift, COLUMNS, ROWS)], SIGMA, 0.1)
+    assert 0.7 * deviation < np.median(even.scatter[INNER]) < 1.2 * deviation
+
+
+def test_nothing_near_is_no_surface() -> None:
+    none = np.full(SHAPE, np.nan)
+    one = none.copy()
+    one[12, 5] = 2.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(fit_planes([depths_of(none, COLUMNS, ROWS)] * 2, SIGMA, 0.1).shift).all()
+        fit = fit_planes([depths_of(none, COLUMNS, ROWS), depths_of(one, COLUMNS, ROWS)], SIGMA, 1)
+    assert fit.shift[12, 5] == pytest.approx(2.0)
+    assert np.isnan(fit.shift[:, 20:]).all()
