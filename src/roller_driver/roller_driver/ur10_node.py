@@ -86,7 +86,6 @@ class Ur10Node(Node):
         super().__init__("ur10")
         p = self._p = declare_settings(self, Ur10Parameters)
         self._clock_map = SensorClock()
-        self._delay_ns = round(p.stamp_delay * 1e9)
         self._published = 0
         self._last_ns = 0
         self._missed_told = self._steps_told = 0
@@ -126,7 +125,7 @@ class Ur10Node(Node):
 
     def _take(self, sample: RobotSample) -> None:
         self._clock_map.observe(sample.controller_ns, sample.arrival_ns)
-        stamp_ns = int(self._clock_map.to_ros_ns(sample.controller_ns)) - self._delay_ns
+        stamp_ns = int(self._clock_map.to_ros_ns(sample.controller_ns))
         with until_shutdown(self):
             self._publish(sample, stamp_ns)
 

@@ -78,13 +78,6 @@ class Ur10Parameters(HandEyeSettings):
         description="Publish base -> tool on /tf; false where the robot's own driver does.",
     )
     publish_hand_eye: bool = Field(True, description="Publish tool -> camera on /tf_static.")
-    stamp_delay: float = Field(
-        0.0,
-        ge=-0.1,
-        le=0.1,
-        description="Taken off the stamps of poses: how much longer they take to the host than "
-        "events do at least, as calibrated, s.",
-    )
     connect_timeout: float = Field(
         2.0, ge=0.1, le=30.0, description="Longest wait for the controller's answer, s."
     )
