@@ -55,7 +55,9 @@ def test_replay_equals_live(
     )
     watcher.spin_until(lambda: len(seen["/roller/surface/points"]) >= 1, 30, "the surface")
     watcher.spin(3.0)
-    watcher.check_keys("emvs: depth", "stitcher: surface", "player: playback")
+    watcher.check_keys(
+        "emvs: depth", "stitcher: surface", "player: playback", "recorder: recording"
+    )
     assert watcher.value("emvs: depth", "lost_packets") == 0
     assert watcher.value("emvs: depth", "events") > 0
 
