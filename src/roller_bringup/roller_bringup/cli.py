@@ -20,6 +20,7 @@ _COMMANDS = {
     "calibrate": ("roller_bringup.commands.calibrate", "calibrate the cell from recordings"),
     "info": ("roller_bringup.commands.info", "tell what a recording holds"),
     "bench": ("roller_bringup.commands.bench", "measure speed against error"),
+    "evaluate": ("roller_bringup.commands.evaluate", "run an experiment with known truth"),
 }
 
 
