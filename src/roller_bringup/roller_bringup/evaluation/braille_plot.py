@@ -55,7 +55,8 @@ def _series(axis: Axes, result: dict[str, Any], value: str, factor: float) -> No
             ]
             axis.plot(
                 [r["speed"] for r in rows], [factor * r[value] for r in rows],
-                style, color=colour, marker=marker, ms=size, mfc="none" if size > 5 else colour, label=f"{condition}, {method}",
+                style, color=colour, marker=marker, ms=size,
+                mfc="none" if size > 5 else colour, label=f"{condition}, {method}",
             )  # fmt: skip
     axis.set_xlabel("speed, m/s")
     axis.grid(True, alpha=0.3)
