@@ -33,6 +33,8 @@ METHODS: dict[str, dict[str, Any]] = {
     "auto": {},
     "all events": {"polarity": "both"},
 }
+#: With contrast maximisation and without.
+REFINED: dict[bool, dict[str, Any]] = {True: {}, False: {"max_scale_error": 0.0}}
 #: Published readers and what they say of themselves; their plates, sensors and speeds differ.
 PUBLISHED: tuple[dict[str, Any], ...] = (
     {"name": "Potdar et al. (DIGIT)", "speed": 0.18, "accuracy": 0.875},
@@ -166,8 +168,14 @@ def _faults(scan: BrailleScan, speed: float, options: BrailleOptions) -> list[di
         for error in options.depth_errors_mm
     ]
     return [
-        {"fault": name, "speed": speed, **_figures(scan, read(scan, settings, factor))}
-        for name, settings, factor in wrong
+        {
+            "fault": name,
+            "refined": refined,
+            "speed": speed,
+            **_figures(scan, read(scan, {**settings, **REFINED[refined]}, factor)),
+        }
+        for name, settings, factor in [("none", {}, 1.0), *wrong]
+        for refined in REFINED
     ]
 
 

@@ -84,7 +84,7 @@ def _draw_errors(axis: Axes, result: dict[str, Any]) -> None:
 def _draw_faults(axis: Axes, result: dict[str, Any]) -> None:
     rows = result["faults"]
     left = [0.0] * len(rows)
-    names = [r["fault"] for r in rows]
+    names = [f"{r['fault']}{'' if r['refined'] else ', not refined'}" for r in rows]
     parts = (
         ("right", "tab:green"), ("unreadable", "silver"), ("missed", "dimgrey"),
         ("wrong", "tab:red"),

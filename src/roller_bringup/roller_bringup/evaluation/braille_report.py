@@ -39,7 +39,7 @@ def tables(result: dict[str, Any]) -> list[Table]:
         "aren't there; unreadable ones are marked so in the text."
     )
     out = [Table("Braille read, virtual cell", ("condition, events", "m/s", *_HEAD), rows, note)]
-    faults = [(r["fault"], f"{r['speed']:g}", *_cells(r)) for r in result["faults"]]
+    faults = [(_fault(r), f"{r['speed']:g}", *_cells(r)) for r in result["faults"]]
     if faults:
         out.append(Table("Wrong speed or depth", ("error", "m/s", *_HEAD), faults))
     published = [
@@ -60,6 +60,10 @@ def tables(result: dict[str, Any]) -> list[Table]:
         )
     )
     return out
+
+
+def _fault(r: dict[str, Any]) -> str:
+    return f"{r['fault']}{', refined' if r['refined'] else ', not refined'}"
 
 
 def _cells(r: dict[str, Any]) -> tuple[str, ...]:
