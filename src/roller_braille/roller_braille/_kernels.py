@@ -62,3 +62,29 @@ def _tally(x, y, counts):  # type: ignore[no-untyped-def]
     """Count events by pixel. x, y: uint16 (n,); counts: float32 (h, w)."""
     for i in range(len(x)):
         counts[y[i], x[i]] += 1.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _contrasts(along, offset, down, scales, px, first, image, out):  # type: ignore[no-untyped-def]
+    """Contrast of the image of warped events at each of some scales of their offset.
+
+    along, offset, down: float64 (n,), metres: place of the camera, of the event from there, and of
+    the event across the roll; scales: float64 (k,); px: metres a pixel; first: float64 (2,), place
+    of the first column and row; image: float64 (rows, columns), scratch; out: float64 (k,), set to
+    the sum of squares of the image. An event is shared by two columns, by its distance to them.
+    """
+    rows, columns = image.shape
+    for k in range(len(scales)):
+        image[:] = 0.0
+        for i in range(len(along)):
+            c = (along[i] + scales[k] * offset[i] - first[0]) / px
+            r = math.floor((down[i] - first[1]) / px + 0.5)
+            ci = math.floor(c)
+            if 0 <= ci < columns - 1 and 0 <= r < rows:
+                image[r, ci] += 1.0 - (c - ci)
+                image[r, ci + 1] += c - ci
+        total = 0.0
+        for r in range(rows):
+            for ci in range(columns):
+                total += image[r, ci] * image[r, ci]
+        out[k] = total

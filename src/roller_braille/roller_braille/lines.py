@@ -99,6 +99,11 @@ class LineReader:
         return self.lattice.down
 
     @property
+    def start(self) -> float:
+        """Travel at which its first cell begins, metres."""
+        return self._origin.begin
+
+    @property
     def needed_from(self) -> float:
         """Travel from which on the mosaic is still needed, metres."""
         return (self.lattice if self.accepted else self._origin).begin

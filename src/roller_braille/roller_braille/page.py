@@ -88,7 +88,10 @@ class Page:
                 ready = [x for x in reader.lines if x.accepted]
                 if not ready:
                     return
-                self._current = min(ready, key=lambda x: x.top)
+                upper = min(ready, key=lambda x: x.top)
+                if not over and self._one_above(reader, upper):
+                    return
+                self._current = upper
                 self._given, self._place = 0, _Place()
             cells = self._current.cells
             new = cells[self._given :] if reader.roll.direction > 0 else cells[::-1]
@@ -100,9 +103,17 @@ class Page:
             reader.lines.remove(self._current)
             self._current = None
 
+    def _one_above(self, reader: PassReader, line: LineReader) -> bool:
+        """Whether a line above one, which is to come first, may begin or be accepted yet."""
+        begun = (self._settings.lookahead_cells + 2) * self._settings.spacing.cell_pitch_m
+        if reader.reach_m < line.start + begun:
+            return True
+        return any(x.top < line.top for x in reader.lines if not x.accepted)
+
     def _give(self, seen: Seen, reader: PassReader) -> Iterator[Cell]:
         depth = self._warp.depth_at(reader.roll)
-        dots = self._warp.surface_points(reader.roll, seen.dots[:, 0], seen.dots[:, 1], depth)
+        along = reader.way.in_poses_scale(seen.dots[:, 0])
+        dots = self._warp.surface_points(reader.roll, along, seen.dots[:, 1], depth)
         position = dots.mean(axis=0)
         place = self._place
         known = self._find(position)

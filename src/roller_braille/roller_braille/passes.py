@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .batches import Batch
+from .contrast import Frame, WayScale
 from .dots import DotFinder, Dots
 from .lattice import Lattice, find_lattice
 from .lines import LineReader
@@ -39,6 +40,9 @@ class PassReader:
         self._warp = warp
         self.roll = roll
         self.strip = Strip(settings, warp.half_height_m)
+        #: Scale of the poses' way; the strip and all that is found in it are in the events'.
+        self.way = WayScale(settings)
+        self._table = warp.table
         self._finder = DotFinder(settings)
         self._recogniser = Recogniser(settings)
         self._searched: int | None = None
@@ -49,6 +53,8 @@ class PassReader:
         #: Lines in the order they were begun, those given up left out.
         self.lines: list[LineReader] = []
         self.dots = 0
+        #: Place up to which lines were read, metres.
+        self.reach_m = -np.inf
         reach = settings.spacing.dot_diameter_m / 2
         self._view = (-warp.half_height_m + reach, warp.half_height_m - reach)
 
@@ -61,10 +67,17 @@ class PassReader:
             If poses are missing.
         """
         knots = self._warp.knots(self.roll, batch.start_ns, batch.end_ns)
-        self.strip.add(batch.events, table, knots)
+        self._table = table
+        self._count(self.way.add(Frame(batch.events, knots), table))
+
+    def _count(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            self.strip.add(frame.events, self._table, frame.knots)
 
     def advance(self, final: bool = False) -> None:
         """Read what has left the view; all that was seen if the pass is over."""
+        if final:
+            self._count(self.way.release())
         first, end = self.strip.seen
         if end == first:
             return
@@ -82,6 +95,7 @@ class PassReader:
             self._share(found, kind)
         self._searched = max(self._searched, upto)
         reach = min(upto, complete)
+        self.reach_m = reach * self.strip.px_m
         for line in self.lines:
             self._advance(line, reach)
         self._begin_lines(reach, final)

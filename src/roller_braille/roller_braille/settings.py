@@ -88,6 +88,13 @@ class BrailleSettings(Settings):
         description="Events this far from the optical axis along the roll are used, m; the skin "
         "outside the contact does not move with the surface.",
     )
+    max_scale_error: float = Field(
+        0.15,
+        ge=0.0,
+        le=0.3,
+        description="Largest error of speed or depth, as a share, that is found from the events by "
+        "contrast maximisation and put right; 0 is off.",
+    )
     polarity: Literal["auto", "off", "on", "both"] = Field(
         "auto",
         description="Events that make up the image: both, as in the paper; off or on; or auto, "

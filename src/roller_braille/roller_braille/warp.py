@@ -167,6 +167,8 @@ def warm_up() -> None:
     knots = Knots(np.array([0, 1], np.int64), np.tile(np.eye(3), (2, 1, 1)), np.zeros(2))
     strip, newest = np.zeros((2, 1, 1), np.float32), np.zeros(1, np.int64)
     vote(EventArray.empty(), np.zeros((1, 1, 2), np.float32), knots, np.eye(3), strip, newest)
+    no = np.zeros(0)
+    kernels._contrasts(no, no, no, no, 1.0, np.zeros(2), np.zeros((1, 1)), no)
     kernels._tally(np.zeros(0, np.uint16), np.zeros(0, np.uint16), np.zeros((1, 1), np.float32))
 
 

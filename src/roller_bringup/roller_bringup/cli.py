@@ -24,6 +24,7 @@ _COMMANDS = {
         "check libraries, ROS, camera, robot, clock, disk",
     ),
     "bench": ("roller_bringup.commands.bench", "measure speed against error"),
+    "evaluate": ("roller_bringup.commands.evaluate", "run an experiment with known truth"),
 }
 
 

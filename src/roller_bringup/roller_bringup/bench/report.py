@@ -72,11 +72,16 @@ def write_markdown(result: dict[str, Any], path: Path) -> None:
 
 
 def print_tables(result: dict[str, Any]) -> None:
-    """Print the tables."""
+    """Print the tables of a benchmark."""
+    show_tables(tables(result))
+
+
+def show_tables(shown_tables: Sequence[Table]) -> None:
+    """Print tables."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=_WIDTH)
-    for table in tables(result):
+    for table in shown_tables:
         shown = RichTable(
             title=table.title,
             caption=table.note or None,

@@ -1,0 +1,199 @@
+"""How well Braille is read, by speed and by what the sensor gives; with wrong speeds and depths."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roller_braille.settings import BrailleSettings
+from roller_bringup.results.folders import make_folder
+from roller_driver.virtual.settings import SensorSettings
+
+from .alignment import Score, score
+from .braille_scans import BrailleScan, Reading, read, simulate
+
+Tell = Callable[[str, float], None]
+Simulate = Callable[[str, float, Mapping[str, Any], int], BrailleScan]
+
+_SENSOR = SensorSettings.create({})
+#: What the sensor gives, as changes of the virtual cell's sensor.
+CONDITIONS: dict[str, dict[str, Any]] = {
+    "default": {},
+    # Events come at multiples of the threshold: twice the threshold is half the contrast.
+    "half contrast": {"threshold": 2 * _SENSOR.threshold},
+    "10 × noise": {"background_hz": 10 * _SENSOR.background_hz},
+}
+#: Ways of reading, as changes of the reader's settings.
+METHODS: dict[str, dict[str, Any]] = {
+    "auto": {},
+    "all events": {"polarity": "both"},
+}
+#: With contrast maximisation and without.
+REFINED: dict[bool, dict[str, Any]] = {True: {}, False: {"max_scale_error": 0.0}}
+#: Published readers and what they say of themselves; their plates, sensors and speeds differ.
+PUBLISHED: tuple[dict[str, Any], ...] = (
+    {"name": "Potdar et al. (DIGIT)", "speed": 0.18, "accuracy": 0.875},
+    {"name": "Xu et al. (spiking)", "speed": 0.1, "accuracy": 0.9533},
+    {"name": "Evetac", "speed": None, "accuracy": 0.98},
+    {"name": "Müller-Cleve et al. (LSTM)", "speed": 0.01, "accuracy": 0.97},
+    {"name": "the paper", "speed": 0.5, "accuracy": 1.0, "ms": 19.26},
+)
+#: The paper's frame, to which times are scaled.
+FRAME_EVENTS = 20_000
+
+
+@dataclass(frozen=True)
+class BrailleOptions:
+    """Size of the experiment.
+
+    Attributes
+    ----------
+    text : str
+        Lines of a plate: what fits the view.
+    speeds : tuple of float
+        m/s.
+    conditions, methods : tuple of str
+        Of `CONDITIONS` and `METHODS`.
+    fault_speed : float
+        m/s; wrong speeds and depths are tried at the one of `speeds` next to it.
+    speed_errors : tuple of float
+        Errors of the poses' speed, as a share.
+    depth_errors_mm : tuple of float
+        Errors of the depth, mm.
+    seed : int
+        Seed of all chance.
+    cell : dict
+        Other settings of the virtual cell by group.
+    """
+
+    text: str = 2 * string.ascii_lowercase + "\nthe quick brown fox jumps over the lazy dog"
+    speeds: tuple[float, ...] = (0.05, 0.1, 0.18, 0.3, 0.5)
+    conditions: tuple[str, ...] = tuple(CONDITIONS)
+    methods: tuple[str, ...] = tuple(METHODS)
+    fault_speed: float = 0.3
+    speed_errors: tuple[float, ...] = (-0.1, 0.1)
+    depth_errors_mm: tuple[float, ...] = (-1.0, 1.0)
+    seed: int = 1
+    cell: dict[str, Any] = field(default_factory=lambda: {"scene": {"step_mm": 0.03}})
+
+    @classmethod
+    def short(cls, **changes: Any) -> BrailleOptions:
+        """A run of less than a minute: a few letters at one speed, seen by part of the camera."""
+        small = cls(
+            text="quick jazz",
+            speeds=(0.3,),
+            conditions=("default", "half contrast"),
+            speed_errors=(0.1,),
+            depth_errors_mm=(1.0,),
+            cell={"scene": {"step_mm": 0.04}, "camera": {"width": 600, "height": 200}},
+        )
+        return replace(small, **changes)
+
+
+def run_braille(
+    options: BrailleOptions,
+    output: Path,
+    tell: Tell = lambda _text, _share: None,
+    get_scan: Simulate = simulate,
+) -> dict[str, Any]:
+    """Simulate plates, read them, and write `braille.json` and `braille.png`.
+
+    Parameters
+    ----------
+    options : BrailleOptions
+        Size of the experiment.
+    output : path
+        Folder for the results.
+    tell : callable
+        Told what is being done and the share done, 0–1.
+    get_scan : callable
+        Gives the scan of a text at a speed: see `simulate`.
+
+    Returns
+    -------
+    dict
+        What `braille.json` holds.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If results can't be written.
+    RollerError
+        If the text or a setting is no good.
+    """
+    from .braille_plot import draw
+    from .braille_report import write_json
+
+    make_folder(output)
+    rows: list[dict[str, Any]] = []
+    faults: list[dict[str, Any]] = []
+    asked = [(c, v) for c in options.conditions for v in options.speeds]
+    at = min(options.speeds, key=lambda v: abs(v - options.fault_speed))
+    for number, (condition, speed) in enumerate(asked):
+        tell(f"{condition}, {speed:g} m/s", number / len(asked))
+        sensor = {**options.cell.get("sensor", {}), **CONDITIONS[condition]}
+        cell = {**options.cell, "sensor": sensor}
+        scan = get_scan(options.text, speed, cell, options.seed)
+        for method in options.methods:
+            row = {"condition": condition, "speed": speed, "method": method}
+            rows.append({**row, **_figures(scan, read(scan, METHODS[method]))})
+        if (condition, speed) == (options.conditions[0], at):
+            faults += _faults(scan, speed, options)
+    result = {
+        "version": 1,
+        "options": asdict(options),
+        "published": list(PUBLISHED),
+        "rows": rows,
+        "faults": faults,
+    }
+    tell("results", 1.0)
+    write_json(result, output / "braille.json")
+    draw(result, output / "braille.png")
+    return result
+
+
+def _faults(scan: BrailleScan, speed: float, options: BrailleOptions) -> list[dict[str, Any]]:
+    """Readings with a wrong speed or a wrong depth."""
+    depth_m = BrailleSettings.create({}).depth_m
+    wrong: list[tuple[str, dict[str, Any], float]] = [
+        (f"speed {error:+.0%}", {}, 1.0 + error) for error in options.speed_errors
+    ]
+    wrong += [
+        (f"depth {error:+g} mm", {"depth_m": depth_m + error * 1e-3}, 1.0)
+        for error in options.depth_errors_mm
+    ]
+    return [
+        {
+            "fault": name,
+            "refined": refined,
+            "speed": speed,
+            **_figures(scan, read(scan, {**settings, **REFINED[refined]}, factor)),
+        }
+        for name, settings, factor in [("none", {}, 1.0), *wrong]
+        for refined in REFINED
+    ]
+
+
+def _figures(scan: BrailleScan, reading: Reading) -> dict[str, Any]:
+    result: Score = score(reading.lines, scan.lines)
+    ms = np.array(reading.milliseconds or [0.0])
+    # Frames end after some travel too; the cost of the same work in frames of the paper's size.
+    frames = max(reading.events / FRAME_EVENTS, 1e-9)
+    return {
+        **asdict(result),
+        "misread": result.misread,
+        "character_accuracy": result.character_accuracy,
+        "character_error_rate": result.character_error_rate,
+        "word_error_rate": result.word_error_rate,
+        "frames": len(reading.milliseconds),
+        "events": reading.events,
+        "ms_mean": float(ms.mean()),
+        "ms_p95": float(np.quantile(ms, 0.95)),
+        "ms_20000_events": float(ms.sum() / frames),
+        "text": reading.lines,
+    }

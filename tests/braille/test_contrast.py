@@ -1,0 +1,118 @@
+"""Contrast maximisation: what a wrong speed or depth leaves to read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from braille.synthetic import CAMERA, DEPTH_M, SETTINGS, Plate, over, read, scan
+from roller_braille.batches import Batch, BatchCutter
+from roller_braille.contrast import Frame, Sample, WayScale, contrasts, contrasts_numpy
+from roller_braille.settings import BrailleSettings
+from roller_braille.warp import Knots, Warp
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+
+TEXT = "quick fox"
+
+
+def stretched(track: PoseTrack, factor: float) -> PoseTrack:
+    """Poses of a robot that says it goes so many times as fast as it does."""
+    out = PoseTrack()
+    origin = track.positions[0]
+    for t, p, q in zip(track.times_ns, track.positions, track.quaternions, strict=True):
+        out.append(int(t), np.asarray(origin + (p - origin) * factor), q)
+    return out
+
+
+def found(events: EventArray, track: PoseTrack, settings: BrailleSettings = SETTINGS) -> WayScale:
+    """The scale found over a scan."""
+    cutter, warp, way = BatchCutter(settings, track), Warp(settings, CAMERA, track), None
+    cutter.add(events)
+    while (batch := cutter.cut(flush=True)) is not None:
+        if isinstance(batch, Batch):
+            way = WayScale(settings) if way is None else way
+            knots = warp.knots(batch.roll, batch.start_ns, batch.end_ns)
+            way.add(Frame(batch.events, knots), warp.table)
+    assert way is not None
+    return way
+
+
+def test_the_kernel_counts_as_its_twin() -> None:
+    rng = np.random.default_rng(3)
+    along, offset, down = rng.uniform(-0.01, 0.01, (3, 500))
+    scales = np.array([0.9, 1.0, 1.07])
+    sample = Sample(along, offset, down)
+    np.testing.assert_allclose(
+        contrasts(sample, scales, 2e-4), contrasts_numpy(sample, scales, 2e-4), rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("factor", [0.9, 0.97, 1.0, 1.1])
+def test_the_factor_between_speed_and_events_is_found(factor: float) -> None:
+    plate = Plate().text(TEXT)
+    track = over(plate)
+    way = found(scan(plate, track, noise=20_000), stretched(track, factor))
+    assert way.scale == pytest.approx(factor, abs=0.005)
+
+
+def test_a_wrong_depth_is_found_too() -> None:
+    plate = Plate().text(TEXT)
+    track = over(plate)
+    settings = BrailleSettings.create({"depth_m": DEPTH_M * 1.05})
+    way = found(scan(plate, track), track, settings)
+    assert way.scale == pytest.approx(1 / 1.05, abs=0.005)
+
+
+def test_noise_alone_says_nothing() -> None:
+    plate = Plate()
+    track = over(Plate().text(TEXT))
+    assert found(scan(plate, track, noise=300_000), track).scale is None
+
+
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_text_is_read_at_a_wrong_speed(factor: float, back: bool) -> None:
+    plate = Plate().text(TEXT)
+    track = over(plate, back=back)
+    events = scan(plate, track, noise=20_000)
+    cells, pipeline = read(events, stretched(track, factor))
+    assert pipeline.text() == [TEXT]
+    # Cells lie where the poses say that they are.
+    x = np.array([c.position[0] for c in cells])
+    origin = track.positions[0, 0]
+    true = np.arange(len(cells)) * SETTINGS.spacing.cell_pitch_m + SETTINGS.spacing.dot_pitch_m / 2
+    assert np.abs(x - (origin + (true - origin) * factor)).max() < 1e-3
+    # The same poses with nothing put right: the test tries something.
+    _, without = read(events, stretched(track, factor), max_scale_error=0.0)
+    assert without.text() != [TEXT]
+
+
+@pytest.mark.parametrize("error_m", [-1e-3, 1e-3])
+def test_text_is_read_at_a_wrong_depth(error_m: float) -> None:
+    plate = Plate().text(TEXT)
+    track = over(plate)
+    _, pipeline = read(scan(plate, track), track, depth_m=DEPTH_M + error_m)
+    assert pipeline.text() == [TEXT]
+
+
+def test_frames_come_out_in_order_and_all_of_them() -> None:
+    way, given = WayScale(SETTINGS), []
+    for n in range(12):
+        times = np.array([n, n + 1], np.int64) * 1_000_000
+        along = np.array([n, n + 1.0]) * 3e-3
+        knots = Knots(times, np.tile(np.eye(3), (2, 1, 1)), along)
+        given += way.add(Frame(EventArray.empty(), knots), np.zeros((1, 1, 2), np.float32))
+        # What waits is bounded by travel.
+        assert n + 1 - len(given) <= 8
+    given += way.release()
+    assert [int(f.knots.times_ns[0]) for f in given] == [n * 1_000_000 for n in range(12)]
+
+
+def test_results_do_not_depend_on_how_events_come() -> None:
+    plate = Plate().text(TEXT)
+    track = over(plate)
+    events, poses = scan(plate, track, noise=5000), stretched(track, 1.08)
+    whole, _ = read(events, poses)
+    parts, _ = read(events, poses, chunks=37)
+    assert [(c.mask, *c.position) for c in whole] == [(c.mask, *c.position) for c in parts]
