@@ -128,7 +128,8 @@ def take_scan(
         "retry_interval": 0.2,
     }
     overrides = folder / "overrides.yaml"
-    gap = {"max_pose_gap_s": MAX_GAP_S}
+    # A machine that stalls for a second must not make the graph take it for the scan's end.
+    gap = {"max_pose_gap_s": MAX_GAP_S, "idle_flush_s": 4.0}
     nodes = {"event_camera": camera, "ur10": robot, "emvs": gap, "stitcher": gap}
     overrides.write_text(json.dumps({n: {"ros__parameters": p} for n, p in nodes.items()}))
     arguments = {
