@@ -138,3 +138,18 @@ def test_what_comes_late_does_not_start_the_map_anew():
     stamps = device.follow(times, arrival)
     assert np.abs(stamps - true - device.least_delay_ns)[true - START_ROS_NS > 2e9].max() < 150_000
     assert device.clock.steps == 0
+
+
+def test_a_device_that_is_started_again_is_no_jump():
+    """As when the camera is plugged in again: its time begins at zero, the map with it."""
+    device = camera(50.0)
+    times, true, arrival = device.run(20.0, 7, jams=False)
+    half = len(times) // 2
+    before = device.follow(times[:half], arrival[:half])
+    device.clock.begin_anew()
+    after = device.follow(times[half:] - times[half], arrival[half:])
+    error = np.concatenate([before, after]) - true - device.least_delay_ns
+    assert np.abs(error[true - true[half] > 2e9]).max() < 150_000
+    # The first packet's stamp stands for the map until there are more.
+    assert np.abs(error[half:]).max() < 2_000_000
+    assert device.clock.steps == 0

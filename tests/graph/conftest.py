@@ -3,11 +3,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
+from driver.emulation import usb_backend
+from driver.emulation.camera_words import encode_words
 from graph.graph_world import Processes, Watcher, own_domain
+from roller_core.events import EventArray
 
 
 @pytest.fixture
@@ -39,3 +43,21 @@ def watch(domain: None) -> Iterator[Callable[..., Watcher]]:
     yield make
     for watcher in made:
         watcher.close()
+
+
+@pytest.fixture
+def emulated_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> EventArray:
+    """Half a second of events, sent over and over at the pace of their times."""
+    rng = np.random.default_rng(1)
+    frames, each = 2500, 40
+    pixels = rng.integers(0, 640 * 480, (frames, each))
+    t_us = np.repeat(1_000_000 + 200 * np.arange(frames), each)
+    events = EventArray.from_arrays(
+        pixels.ravel() % 640, pixels.ravel() // 640, t_us * 1000, rng.integers(0, 2, frames * each)
+    )
+    words = encode_words(events)
+    words.tofile(tmp_path / "words.u4")
+    monkeypatch.setenv(usb_backend.EVENTS_VARIABLE, str(tmp_path / "words.u4"))
+    monkeypatch.setenv(usb_backend.RATE_VARIABLE, str(2 * words.nbytes))
+    monkeypatch.setenv(usb_backend.REPEAT_VARIABLE, "500")
+    return events

@@ -30,7 +30,12 @@ MODULES = {
     "player": "roller_bringup.player_node",
     "recorder": "roller_bringup.recorder_node",
     "virtual_cell": "roller_driver.virtual_cell_node",
+    "event_camera": "roller_driver.event_camera_node",
+    "ur10": "roller_driver.ur10_node",
 }
+#: Parameter of `event_camera` that gives it the camera of the environment (`usb_backend`).
+EMULATED_CAMERA = "backend: 'driver.emulation.usb_backend:from_environment'"
+_TESTS = Path(__file__).resolve().parents[1]
 
 
 class Watcher:
@@ -108,8 +113,12 @@ class Processes:
             file = self._folder / f"{name}.yaml"
             file.write_text(f"{name}:\n  ros__parameters: {parameters}\n")
             words += ["--ros-args", "--params-file", str(file)]
+        # Emulated devices are modules of the tests.
+        path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(_TESTS)]))
         log = open(self._folder / f"{name}.log", "w")  # noqa: SIM115 (lives with the process)
-        self.running[name] = subprocess.Popen(words, stdout=log, stderr=log, text=True)
+        self.running[name] = subprocess.Popen(
+            words, stdout=log, stderr=log, text=True, env=os.environ | {"PYTHONPATH": path}
+        )
 
     def log(self, name: str) -> str:
         """What a node printed."""

@@ -5,24 +5,18 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
-from event_camera_msgs.msg import EventPacket
 from geometry_msgs.msg import TwistStamped
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
-from driver.emulation import usb_backend
-from driver.emulation.camera_words import encode_words, in_order
+from driver.emulation.camera_words import in_order
 from driver.emulation.controller_process import ControllerProcess
-from graph.graph_world import MODULES
+from graph.graph_world import EMULATED_CAMERA, MODULES
 from roller_core.camera import Camera
 from roller_core.codecs import PacketDecoder
 from roller_core.events import EventArray
@@ -33,33 +27,6 @@ pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 EVENTS, INFO = "/event_camera/events", "/event_camera/camera_info"
 IMAGE = "/event_camera/image_raw"
 CAMERA, ROBOT = "event_camera: camera", "ur10: robot"
-BACKEND = "backend: 'driver.emulation.usb_backend:from_environment'"
-TESTS = Path(__file__).parents[1]
-
-
-@pytest.fixture(autouse=True)
-def modules(monkeypatch):
-    monkeypatch.setitem(MODULES, "event_camera", "roller_driver.event_camera_node")
-    monkeypatch.setitem(MODULES, "ur10", "roller_driver.ur10_node")
-    monkeypatch.setenv("PYTHONPATH", str(TESTS), prepend=os.pathsep)
-
-
-@pytest.fixture
-def emulated_camera(tmp_path, monkeypatch):
-    """Half a second of events, sent over and over at the pace of their times."""
-    rng = np.random.default_rng(1)
-    frames, each = 2500, 40
-    pixels = rng.integers(0, 640 * 480, (frames, each))
-    t_us = np.repeat(1_000_000 + 200 * np.arange(frames), each)
-    events = EventArray.from_arrays(
-        pixels.ravel() % 640, pixels.ravel() // 640, t_us * 1000, rng.integers(0, 2, frames * each)
-    )
-    words = encode_words(events)
-    words.tofile(tmp_path / "words.u4")
-    monkeypatch.setenv(usb_backend.EVENTS_VARIABLE, str(tmp_path / "words.u4"))
-    monkeypatch.setenv(usb_backend.RATE_VARIABLE, str(2 * words.nbytes))
-    monkeypatch.setenv(usb_backend.REPEAT_VARIABLE, "500")
-    return events
 
 
 def test_events_and_poses_come(emulated_camera, processes, watch, tmp_path):
@@ -71,7 +38,7 @@ def test_events_and_poses_come(emulated_camera, processes, watch, tmp_path):
     with ControllerProcess(rate_hz=125, speed_m_s=0.3) as controller:
         processes.start(
             "event_camera",
-            f"{{{BACKEND}, camerainfo_url: 'file://{calibration}', encoding: libcaer}}",
+            f"{{{EMULATED_CAMERA}, camerainfo_url: 'file://{calibration}', encoding: libcaer}}",
         )
         processes.start(
             "ur10",
@@ -155,94 +122,6 @@ def check_poses(watcher):
     assert static.transform.rotation.z == pytest.approx(np.sin(0.35))
 
 
-#: What launch files of libcaer_driver give for a DVXplorer, some of it not known here.
-LIBCAER = (
-    "device_type: dvxplorer, device_id: 1, serial: '', camera_frame_id: event_camera, "
-    "camerainfo_url: '', encoding: libcaer_cmp, event_message_time_threshold: 1.0e-3, "
-    "event_message_size_threshold: 1000000000, event_send_queue_size: 1000, "
-    "statistics_print_interval: 2.0, time_reset_delay: 2, dvs_enabled: true, "
-    "bias_sensitivity: 2, polarity_flatten: false, polarity_on_only: false, "
-    "polarity_off_only: false, subsample_enabled: false, roi_enabled: false, roi_start_col: 0, "
-    "roi_start_row: 0, roi_end_col: 639, roi_end_row: 479, imu_accel_enabled: true"
-)
-
-
-def test_it_takes_the_place_of_libcaer_driver(emulated_camera, processes, watch):
-    """Its parameters, node, topic and quality of service; nothing sent while nobody listens."""
-    watcher = watch()
-    processes.start("event_camera", f"{{{BACKEND}, {LIBCAER}}}")
-    watcher.spin_until(lambda: watcher.value(CAMERA, "packet_rate_hz") > 100, 30, "streaming")
-    assert watcher.value(CAMERA, "packets_sent") == 0
-    assert watcher.messages_of(CAMERA)[-1] == "streaming, not calibrated: set camerainfo_url"
-    (info,) = watcher.node.get_publishers_info_by_topic(EVENTS)
-    assert (info.node_name, info.node_namespace) == ("event_camera", "/")
-    assert info.topic_type == "event_camera_msgs/msg/EventPacket"
-    assert info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-    assert info.qos_profile.durability == DurabilityPolicy.VOLATILE
-    # With a subscriber, libcaer_driver's frame is in every header.
-    packets = []
-    watcher.node.create_subscription(EventPacket, EVENTS, packets.append, qos.EVENTS)
-    watcher.spin_until(lambda: len(packets) > 20, 10, "packets")
-    assert {p.header.frame_id for p in packets} == {"event_camera"}
-    assert packets[0].encoding == "libcaer_cmp"
-
-
-def test_a_camera_whose_clock_goes_back_is_told(processes, watch, tmp_path, monkeypatch):
-    t_us = np.repeat(200 * np.arange(2500), 40)
-    pixels = np.random.default_rng(2).integers(0, 640 * 480, len(t_us))
-    x, y, p = pixels % 640, pixels // 640, pixels % 2
-    scans = [
-        encode_words(EventArray.from_arrays(x, y, (t_us + start) * 1000, p))
-        for start in (90_000_000, 1_000_000)
-    ]
-    words = np.concatenate(scans)
-    words.tofile(tmp_path / "words.u4")
-    monkeypatch.setenv(usb_backend.EVENTS_VARIABLE, str(tmp_path / "words.u4"))
-    monkeypatch.setenv(usb_backend.RATE_VARIABLE, str(words.nbytes / 2))
-    watcher = watch()
-    processes.start("event_camera", f"{{{BACKEND}}}")
-    watcher.spin_until(
-        lambda: "streaming; the camera's clock has jumped" in watcher.messages_of(CAMERA), 30,
-        "the warning",
-    )  # fmt: skip
-    assert watcher.value(CAMERA, "clock_steps") == 1
-    assert watcher.value(CAMERA, "clock_resets") == 1
-
-
-def test_lifecycle(emulated_camera, processes, watch):
-    watcher = watch(EVENTS)
-    processes.start("event_camera", f"{{{BACKEND}, autostart: false}}")
-    change = watcher.node.create_client(ChangeState, "/event_camera/change_state")
-    state = watcher.node.create_client(GetState, "/event_camera/get_state")
-    watcher.spin_until(change.service_is_ready, 30, "the node's services")
-
-    def ask(client, request):
-        future = client.call_async(request)
-        watcher.spin_until(future.done, 15, "an answer")
-        return future.result()
-
-    def transition(number):
-        request = ChangeState.Request(transition=Transition(id=number))
-        assert ask(change, request).success
-        return ask(state, GetState.Request()).current_state.label
-
-    assert ask(state, GetState.Request()).current_state.label == "unconfigured"
-    assert transition(Transition.TRANSITION_CONFIGURE) == "inactive"
-    assert not watcher.seen[EVENTS]
-    assert transition(Transition.TRANSITION_ACTIVATE) == "active"
-    watcher.spin_until(lambda: len(watcher.seen[EVENTS]) > 50, 20, "events")
-    assert transition(Transition.TRANSITION_DEACTIVATE) == "inactive"
-    watcher.spin(0.5)
-    count = len(watcher.seen[EVENTS])
-    watcher.spin(0.5)
-    assert len(watcher.seen[EVENTS]) == count
-    assert transition(Transition.TRANSITION_ACTIVATE) == "active"
-    watcher.spin_until(lambda: len(watcher.seen[EVENTS]) > count + 50, 20, "events again")
-    assert transition(Transition.TRANSITION_DEACTIVATE) == "inactive"
-    assert transition(Transition.TRANSITION_CLEANUP) == "unconfigured"
-    assert processes.stop() == {"event_camera": 0}
-
-
 def test_a_second_publisher_of_the_robot_is_told(processes, watch):
     watcher = watch()
     other = watcher.node.create_publisher(TFMessage, "/tf", qos.TF)
@@ -300,20 +179,6 @@ def test_a_controller_whose_clock_is_set_back_and_one_that_refuses(processes, wa
             "the refusal",
         )
     assert processes.stop() == {"ur10": 0}
-
-
-def test_a_camera_that_is_held_by_another_program(emulated_camera, processes, watch, monkeypatch):
-    monkeypatch.setenv(usb_backend.HELD_VARIABLE, "1")
-    watcher = watch()
-    processes.start("event_camera", f"{{{BACKEND}, retry_interval: 0.1}}")
-    watcher.spin_until(
-        lambda: any("another program holds it" in m for m in watcher.messages_of(CAMERA)),
-        30,
-        "the fault",
-    )
-    watcher.spin_until(lambda: watcher.statuses[CAMERA][-1][1], 5, "a regular status")
-    assert watcher.statuses[CAMERA][-1][1]["state"] == "searching"
-    assert processes.stop() == {"event_camera": 0}
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,7 @@ class SensorClock:
         self._scatter_ns = 0.0
         self._observed = False
         self._line = (0, 0.0, 0.0)
+        #: Times that the clock has jumped.
         self.steps = 0
 
     @property
@@ -123,6 +124,10 @@ class SensorClock:
                 self._fit()
         self._move(device_ns, settled)
         self._residual_ns = delay - self._offset_at(device_ns)
+
+    def begin_anew(self) -> None:
+        """Forget the map: the device itself was started again, which is no jump of its clock."""
+        self._observed = False
 
     def to_ros_ns(self, device_ns: npt.ArrayLike) -> npt.NDArray[np.int64]:
         """ROS time of device times, int64 ns, with the map as it stands."""

@@ -58,7 +58,7 @@ class EventCameraNode(LifecycleNode):
         self._preview = Preview()
         self._watched = False
         self._clock_map = SensorClock()
-        self._steps_told = self._connects_told = 0
+        self._steps_told = 0
         self._sequence = 0
         self._sent = 0
         self._dropped = 0
@@ -169,6 +169,8 @@ class EventCameraNode(LifecycleNode):
         except CameraFault:
             camera.close()
             raise
+        # Plugged in again it counts from zero.
+        self._clock_map.begin_anew()
         return camera
 
     def _on_change(self, state: str, fault: str) -> None:
@@ -241,9 +243,7 @@ class EventCameraNode(LifecycleNode):
         s = self._reader.status
         rates = self._rates.since_last(s, time.monotonic())
         steps = self._clock_map.steps
-        # A camera that was plugged in again begins at zero: that is no fault.
-        jumped = steps > self._steps_told and s.connects == self._connects_told
-        self._steps_told, self._connects_told = steps, s.connects
+        jumped, self._steps_told = steps > self._steps_told, steps
         queue, dropped = 0, self._dropped
         if self._worker is not None:
             queue, dropped = self._worker.waiting, dropped + self._worker.dropped
