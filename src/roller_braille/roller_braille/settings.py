@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from roller_core.settings import Settings
+from roller_core.timing_settings import TimingSettings
 
 Profile = Literal["nls", "marburg", "wide"]
 
@@ -33,7 +33,7 @@ PROFILES: dict[str, Spacing] = {
 }
 
 
-class BrailleSettings(Settings):
+class BrailleSettings(TimingSettings):
     """From events to text."""
 
     profile: Profile = Field(
@@ -162,16 +162,6 @@ class BrailleSettings(Settings):
     )
     hough_radius_tolerance: float = Field(
         0.35, ge=0.01, le=0.9, description="Hough circles: radius may differ by this share."
-    )
-    event_delay_s: float = Field(
-        0.0,
-        ge=-0.1,
-        le=0.1,
-        description="Event stamps less the time, in the clock of the poses, of what they show: "
-        "what `roller calibrate --time-offset` finds, s.",
-    )
-    max_pose_gap_s: float = Field(
-        0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
     )
     max_backlog_events: int = Field(
         20_000_000,

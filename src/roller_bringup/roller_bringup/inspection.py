@@ -29,7 +29,7 @@ _GRAPH_ONLY = {
     "emvs": _FRAMES,
     "stitcher": _FRAMES | {"max_pose_gap_s"},
     "braille": _FRAMES,
-    "surface": _FRAMES | {"max_pose_gap_s"},
+    "surface": _FRAMES,
 }
 
 #: Settings of the sweep in the surface's frame that the other parts have too.
@@ -41,6 +41,7 @@ _SHARED = frozenset(
         "max_backlog_events",
         "surface_z_m",
         "event_delay_s",
+        "max_pose_gap_s",
     }
 )
 
@@ -58,9 +59,8 @@ class InspectionSettings:
     def load(cls, path: Path | None = None, method: str | None = None) -> InspectionSettings:
         """Read a ROS 2 parameter file with sections `emvs`, `stitcher`, `braille` and `surface`.
 
-        What `surface` doesn't say of depth range, threads, delay and nominal surface, `emvs` and
-        `stitcher` say for it; the node `surface` of the live graph has its own section alone. The
-        longest gap between poses is that of `emvs`, or of `surface` where that is the method.
+        What `surface` doesn't say of depth range, threads, times and nominal surface, `emvs` and
+        `stitcher` say for it; the node `surface` of the live graph has its own section alone.
 
         Parameters
         ----------
@@ -83,9 +83,6 @@ class InspectionSettings:
         depth = section("emvs")
         if method:
             depth["method"] = method
-        gap_s = read_parameters(path, "surface").get("max_pose_gap_s") if path else None
-        if depth.get("method") == "surface" and gap_s is not None:
-            depth["max_pose_gap_s"] = gap_s
         stitcher = section("stitcher")
         shared = {k: v for k, v in {**depth, **stitcher}.items() if k in _SHARED}
         return cls(
@@ -94,6 +91,11 @@ class InspectionSettings:
             BrailleSettings.create(section("braille"), source),
             SurfaceSettings.create({**shared, **section("surface")}, source),
         )
+
+    @property
+    def max_pose_gap_s(self) -> float:
+        """Longest time between two poses to interpolate over, of the method that is chosen."""
+        return (self.surface if self.depth.method == "surface" else self.depth).max_pose_gap_s
 
 
 @dataclass(frozen=True)

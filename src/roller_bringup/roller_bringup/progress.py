@@ -11,8 +11,15 @@ from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
+#: Told what is being done and the share done, 0–1.
+Tell = Callable[[str, float], None]
+
 #: How often a status is told where there is no terminal, s.
 _TOLD_EVERY_S = 10.0
+
+
+def tell_nobody(_text: str, _share: float) -> None:
+    """Where nobody wants to know."""
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from roller_core.settings import Settings
+from roller_core.timing_settings import TimingSettings
 
 from .evidence import EvidenceSettings
 
@@ -20,7 +21,7 @@ METHODS: tuple[Method, ...] = ("focus", "bma", "left_right", "emvs")
 REPLAY_METHODS: tuple[Method, ...] = (*METHODS, "surface")
 
 
-class DepthSettings(Settings):
+class DepthSettings(TimingSettings):
     """From events to depth maps. Defaults of the paper's methods are the paper's."""
 
     method: Method = Field(
@@ -176,16 +177,6 @@ class DepthSettings(Settings):
         le=0.01,
         description="Way that edges creep along the surface as their contrast doubles under the "
         "light that travels with the camera; focus corrects depth for it; 0 is off, m.",
-    )
-    event_delay_s: float = Field(
-        0.0,
-        ge=-0.1,
-        le=0.1,
-        description="Event stamps less the time, in the clock of the poses, of what they show: "
-        "what `roller calibrate --time-offset` finds, s.",
-    )
-    max_pose_gap_s: float = Field(
-        0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
     )
     max_backlog_events: int = Field(
         40_000_000,

@@ -6,7 +6,6 @@ import sys
 from collections import deque
 from collections.abc import Mapping
 
-from pydantic import Field
 from sensor_msgs.msg import PointCloud2
 
 from roller_core.camera import Camera
@@ -23,10 +22,6 @@ from .windows import RefusedWindow
 
 class SurfaceParameters(SurfaceSettings, StreamParameters):
     """Parameters of the node: the sweep's settings and the graph's."""
-
-    max_pose_gap_s: float = Field(
-        0.1, ge=0.001, le=10.0, description="Longest time between two poses to interpolate over, s."
-    )
 
 
 class SurfaceNode(StreamNode[SurfaceSweep]):

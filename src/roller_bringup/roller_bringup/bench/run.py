@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from roller_bringup.progress import Tell, tell_nobody
 from roller_bringup.results.folders import make_folder
 
 from .cases import SAVINGS, Case, plan
@@ -30,12 +30,8 @@ PAPER = {"ms": 377.41, "error_um": 62.0, "label": "paper: 377 ms, 62 µm"}
 #: leaving out what is hard is no merit.
 _LEAST_EDGES = 0.5
 
-Tell = Callable[[str, float], None]
 
-
-def run_bench(
-    options: BenchOptions, output: Path, tell: Tell = lambda _text, _share: None
-) -> dict[str, Any]:
+def run_bench(options: BenchOptions, output: Path, tell: Tell = tell_nobody) -> dict[str, Any]:
     """Measure everything and write `bench.json`, `bench.md` and the figures.
 
     Parameters

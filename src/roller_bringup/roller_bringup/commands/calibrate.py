@@ -13,6 +13,8 @@ from roller_core.errors import RollerError, UnwritableOutputError
 from roller_core.events import EventArray
 from roller_emvs.calibration import Scan, TimeOffset, central_events, estimate_time_offset
 
+from .options import add_recording_options
+
 #: Nodes that put events together with poses.
 _NODES = ("emvs", "surface", "braille")
 
@@ -39,15 +41,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--output", "-o", type=Path, metavar="FILE", help="parameter file to write for the nodes"
     )
-    parser.add_argument(
-        "--params", type=Path, metavar="FILE", help="ROS 2 parameter file: depth range of emvs"
-    )
-    parser.add_argument(
-        "--poses", type=Path, metavar="FILE", help="TUM poses of the camera in base, seconds"
-    )
-    parser.add_argument(
-        "--camera", type=Path, metavar="FILE", help="calibration, ROS camera_info YAML"
-    )
+    add_recording_options(parser, "the depth range of emvs")
     parser.set_defaults(run=run)
 
 
@@ -80,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 def _read(path: Path, args: argparse.Namespace, max_gap_s: float) -> Scan:
     from roller_bringup.recordings import open_recording
 
-    recording = open_recording(path, args.poses, args.camera, max_gap_s)
+    recording = open_recording(path, args.poses, args.camera, max_gap_s, args.topic)
     parts = []
     with progress_bar(f"read {path.name}") as progress:
         for step in recording.steps():

@@ -9,6 +9,8 @@ from pathlib import Path
 from roller_bringup.progress import progress_bar
 from roller_emvs.settings import REPLAY_METHODS
 
+from .options import add_recording_options
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `replay` to the command's parser."""
@@ -21,18 +23,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
     parser.add_argument("--method", choices=REPLAY_METHODS, help="depth method (default: focus)")
-    parser.add_argument(
-        "--params", type=Path, metavar="FILE", help="ROS 2 parameter file (emvs, stitcher, braille)"
-    )
-    parser.add_argument(
-        "--poses", type=Path, metavar="FILE", help="TUM poses of the camera in base, seconds"
-    )
-    parser.add_argument(
-        "--camera", type=Path, metavar="FILE", help="calibration, ROS camera_info YAML"
-    )
-    parser.add_argument(
-        "--topic", metavar="NAME", help="topic of the event packets, for bags that have several"
-    )
+    add_recording_options(parser, "emvs, stitcher, surface, braille")
     parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
     parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
     parser.set_defaults(run=run)
@@ -55,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     settings = InspectionSettings.load(args.params, args.method)
     make_folder(args.output)
     recording = open_recording(
-        args.input, args.poses, args.camera, settings.depth.max_pose_gap_s, args.topic
+        args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
     )
     with progress_bar(f"replay {args.input.name}") as progress:
         report = replay(recording, settings, args.output, args.input, not args.no_braille, progress)

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from roller_braille.settings import BrailleSettings
+from roller_bringup.progress import Tell, tell_nobody
 from roller_bringup.results.folders import make_folder
 from roller_driver.virtual.settings import SensorSettings
 
 from .alignment import Score, score
 from .braille_scans import BrailleScan, Reading, read, simulate
 
-Tell = Callable[[str, float], None]
 Simulate = Callable[[str, float, Mapping[str, Any], int], BrailleScan]
 
 _SENSOR = SensorSettings.create({})
@@ -98,7 +98,7 @@ class BrailleOptions:
 def run_braille(
     options: BrailleOptions,
     output: Path,
-    tell: Tell = lambda _text, _share: None,
+    tell: Tell = tell_nobody,
     get_scan: Simulate = simulate,
 ) -> dict[str, Any]:
     """Simulate plates, read them, and write `braille.json` and `braille.png`.

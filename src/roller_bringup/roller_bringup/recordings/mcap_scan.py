@@ -41,7 +41,7 @@ class McapScan(Storage):
 
     def __init__(self, path: Path, shown: Path | None = None) -> None:
         super().__init__(path, shown)
-        self._survey()
+        self._survey(self._read(None))
 
     def messages(self, topics: set[str]) -> Iterator[RawMessage | RecordingError]:
         """Messages of some topics; broken chunks are passed over with a fault each."""

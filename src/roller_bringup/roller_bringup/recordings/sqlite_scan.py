@@ -39,7 +39,7 @@ class SqliteScan(Storage):
         self._unclosed = has_journal(path)
         if self._unclosed:
             self._database = self._copy()
-        self._survey()
+        self._survey(self._read(None))
 
     def messages(self, topics: set[str]) -> Iterator[RawMessage | RecordingError]:
         """Messages of some topics; a fault, if any, comes last."""

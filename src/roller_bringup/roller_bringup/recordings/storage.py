@@ -73,16 +73,13 @@ class Storage(ABC):
         self.start_ns = log_ns if self.start_ns is None else min(self.start_ns, log_ns)
         self.end_ns = log_ns if self.end_ns is None else max(self.end_ns, log_ns)
 
-    def _survey(self) -> None:
-        """Read all of a damaged file once: what it holds, and where it breaks off."""
-        for item in self._read(None):
+    def _survey(self, contents: Iterator[RawMessage | RecordingError]) -> None:
+        """Take in all that a damaged file holds, and where it breaks off."""
+        for item in contents:
             if isinstance(item, RecordingError):
                 self.faults.append(item)
             else:
                 self._see(item)
-
-    def _read(self, topics: set[str] | None) -> Iterator[RawMessage | RecordingError]:
-        raise NotImplementedError
 
 
 class WholeFile(Storage):

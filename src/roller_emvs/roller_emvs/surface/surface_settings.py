@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
+from roller_core.timing_settings import TimingSettings
+
 from ..evidence import EvidenceSettings
 
 
-class SurfaceSettings(EvidenceSettings):
+class SurfaceSettings(EvidenceSettings, TimingSettings):
     """From events to points of the surface, without depth maps."""
 
     depth_min_m: float = Field(0.043, gt=0.0, le=100.0, description="Nearest depth, m.")
@@ -52,13 +54,6 @@ class SurfaceSettings(EvidenceSettings):
         ge=-1e4,
         le=1e4,
         description="Height of the nominal surface in base; `height` of a point counts from it, m.",
-    )
-    event_delay_s: float = Field(
-        0.0,
-        ge=-0.1,
-        le=0.1,
-        description="Event stamps less the time, in the clock of the poses, of what they show: "
-        "what `roller calibrate --time-offset` finds, s.",
     )
     max_backlog_events: int = Field(
         40_000_000,
