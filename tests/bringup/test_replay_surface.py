@@ -62,8 +62,8 @@ def test_other_sections_say_what_is_shared(tmp_path: Path) -> None:
 def test_its_gap_between_poses_counts_where_it_is_the_method(tmp_path: Path) -> None:
     file = tmp_path / "p.yaml"
     file.write_text("surface:\n  ros__parameters: {max_pose_gap_s: 0.02, idle_flush_s: 2.0}\n")
-    assert InspectionSettings.load(file, "surface").depth.max_pose_gap_s == 0.02
-    assert InspectionSettings.load(file).depth.max_pose_gap_s == 0.1
+    assert InspectionSettings.load(file, "surface").max_pose_gap_s == 0.02
+    assert InspectionSettings.load(file).max_pose_gap_s == 0.1
 
 
 def test_it_makes_no_depth_maps() -> None:
