@@ -127,7 +127,7 @@ def _meet(rays, first, last, shift, start, count, slope, square):  # type: ignor
     `shift` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere.
     """
     height, width = shift.shape
-    size = np.float32(CELL_PX)
+    per_px = np.float32(1.0 / CELL_PX)
     half = np.float32(0.5)
     for i in range(first, last):
         z = start
@@ -135,8 +135,8 @@ def _meet(rays, first, last, shift, start, count, slope, square):  # type: ignor
         column = -1
         # Where a ray meets the surface depends on the shift there: a few rounds settle it.
         for _ in range(4):
-            a = (rays[i, 0] + rays[i, 2] * z + half) / size
-            b = (rays[i, 1] + rays[i, 3] * z + half) / size
+            a = (rays[i, 0] + rays[i, 2] * z + half) * per_px
+            b = (rays[i, 1] + rays[i, 3] * z + half) * per_px
             row = -1
             if not (a >= 0 and a < width and b >= 0 and b < height):
                 break
@@ -157,18 +157,25 @@ def _meet(rays, first, last, shift, start, count, slope, square):  # type: ignor
 def _warp(rays, first, last, depth, start, support):  # type: ignore[no-untyped-def]
     """Count events at the pixels where they meet the surface `depth` (NaN: unknown)."""
     height, width = depth.shape
+    half = np.float32(0.5)
+    right = np.float32(width)
+    below = np.float32(height)
     for i in range(first, last):
         z = start
         x = -1
         y = -1
         for _ in range(4):
-            a = rays[i, 0] + rays[i, 2] * z
-            b = rays[i, 1] + rays[i, 3] * z
-            if not (a >= -0.5 and a < width - 0.5 and b >= -0.5 and b < height - 0.5):
+            a = rays[i, 0] + rays[i, 2] * z + half
+            b = rays[i, 1] + rays[i, 3] * z + half
+            if not (a >= 0 and a < right and b >= 0 and b < below):
                 x = -1
                 break
-            x = int(a + 0.5)
-            y = int(b + 0.5)
+            was = (x, y)
+            x = int(a)
+            y = int(b)
+            # There it stays.
+            if was == (x, y):
+                break
             if np.isnan(depth[y, x]):
                 break
             z = depth[y, x]

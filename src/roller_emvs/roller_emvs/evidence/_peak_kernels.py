@@ -51,13 +51,13 @@ def _rivalled(scores, first, last, best, rival):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _find_peak(scores, first, last, rival, peak, contrast, top):  # type: ignore[no-untyped-def]
+def _find_peak(scores, first, last, rival, weakest, least, peak, contrast, top):  # type: ignore[no-untyped-def]
     """Highest score among planes first..last of each cell, between planes.
 
     NaN where it lies at an end of the search or of the range: the top was not seen. `contrast`
-    tells how it stands out of the planes searched; `top` is its score. NaN also where another
-    peak, beyond a valley, reaches the share `rival` of the score: which of the two is the
-    surface can't be told.
+    tells how it stands out of the planes searched; `top` is its score. NaN also below the score
+    `weakest` and the contrast `least`, and where another peak, beyond a valley, reaches the share
+    `rival` of the score: which of the two is the surface can't be told.
     """
     n, height, width = scores.shape
     total = np.empty(width, np.float32)
@@ -72,18 +72,21 @@ def _find_peak(scores, first, last, rival, peak, contrast, top):  # type: ignore
             k = best[j]
             peak[i, j] = np.nan
             contrast[i, j] = 0
-            if k < 1 or not top[i, j] > 0:
+            if k < 1 or not top[i, j] > 0 or top[i, j] < weakest:
                 continue
             left = scores[k - 1, i, j]
             right = scores[k + 1, i, j]
             if not (top[i, j] >= left and top[i, j] >= right):
                 continue
-            if _rivalled(scores[:, i, j], max(first[i, j], 0), min(last[i, j], n - 1), k, rival):
+            low = max(first[i, j], 0)
+            high = min(last[i, j], n - 1)
+            stands_out = 1 - total[j] / ((high - low + 1) * top[i, j])
+            if stands_out >= least and _rivalled(scores[:, i, j], low, high, k, rival):
                 continue
-            bend = left - 2 * top[i, j] + right
-            peak[i, j] = k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
-            seen = min(last[i, j], n - 1) - max(first[i, j], 0) + 1
-            contrast[i, j] = 1 - total[j] / (seen * top[i, j])
+            contrast[i, j] = stands_out
+            if stands_out >= least:
+                bend = left - 2 * top[i, j] + right
+                peak[i, j] = k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
 
 
 @njit(cache=True, nogil=True)

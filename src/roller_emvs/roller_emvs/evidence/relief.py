@@ -19,8 +19,8 @@ from .fit import fit_planes
 from .settings import EvidenceSettings
 from .sweep import Depths
 
-#: Neighbourhood whose mean a pixel's support must exceed, px.
-_AROUND_PX = 35
+#: Neighbourhood whose mean a pixel's support must exceed, cells.
+_AROUND = 9
 #: Deviation of a depth that is as good as its evidence, pixels of parallax.
 _RESOLUTION_PX = 1.0
 #: Scatter from which on the depths around a place don't tell one, pixels of parallax.
@@ -80,8 +80,7 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
         first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
         start = np.float32(np.median(found.shift[known]))
         kernels._warp(field.rays, first, last, surface, start, support)
-        around = cv2.blur(support, (_AROUND_PX, _AROUND_PX))
-        gathered[polarity] = (support, around, surface, enlarge(found.confidence))
+        gathered[polarity] = (support, _around(support), surface, enlarge(found.confidence))
 
     share(s.threads, 2, gather)
     best = np.zeros(field.shape, np.float32)
@@ -97,6 +96,13 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
         row, column, scatter_px = row[agree], column[agree], scatter_px[agree]
         sure[row, column] /= 1.0 + scatter_px**2
     return Relief(row, column, shift[row, column].astype(np.float64), sure[row, column])
+
+
+def _around(support: F32) -> F32:
+    """Mean of the neighbourhood of each pixel."""
+    height, width = support.shape
+    cells = cv2.resize(support, (width // CELL_PX, height // CELL_PX), interpolation=cv2.INTER_AREA)
+    return enlarge(cv2.blur(cells, (_AROUND, _AROUND)))
 
 
 def enlarge(values: F32) -> F32:

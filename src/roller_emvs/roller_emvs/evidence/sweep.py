@@ -133,7 +133,8 @@ def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings)
             if len(rays):
                 total += _energy(rays, field, at, s, None, len(at), everywhere)
     peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
-    peaks._find_peak(_blur(total, s.coarse_sigma_px), *everywhere, 2.0, peak, contrast, top)
+    scores = _blur(total, s.coarse_sigma_px)
+    peaks._find_peak(scores, *everywhere, 2.0, 0.0, 0.0, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)
 
 
@@ -240,16 +241,16 @@ def _peaks(
     """Sharpest plane of each cell and where its evidence lies."""
     scores = _blur(energy, s.sigma_px)
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
-    peaks._find_peak(scores, first, last, s.max_rival, peak, contrast, top)
-    step = at[1] - at[0]
-    shift = (at[0] + peak * step).astype(np.float32)
     # Less energy than a spot of as many events as a pixel needs is noise.
     sigma = s.sigma_px / CELL_PX
-    contrast[top < _SPOT * s.min_votes**2 / (2 * np.pi * sigma**2)] = 0
+    weakest = _SPOT * s.min_votes**2 / (2 * np.pi * sigma**2)
+    limits = (s.max_rival, weakest, s.min_confidence)
+    peaks._find_peak(scores, first, last, *limits, peak, contrast, top)
     # A column that was in view over little parallax has depth in name only.
     parallax = field.apertures * np.float32(at[-2] - at[1])
-    shift[(contrast < s.min_confidence) | (parallax < s.min_parallax_px)[None, :]] = np.nan
-    nearest = np.where(np.isfinite(shift), np.nan_to_num(peak).round(), -1).astype(np.int64)
+    peak[:, parallax < s.min_parallax_px] = np.nan
+    shift = (at[0] + peak * (at[1] - at[0])).astype(np.float32)
+    nearest = np.nan_to_num(peak, nan=-1.0).round().astype(np.int64)
     reach = int(np.ceil(2.5 * sigma))
     offsets = np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (offsets / sigma) ** 2)
