@@ -160,7 +160,7 @@ class DepthSettings(TimingSettings):
         5.0, ge=0.5, le=32.0, description="Neighbourhood over which focus sums evidence, px."
     )
     focus_slope_sigma_px: float = Field(
-        4.0,
+        5.0,
         ge=0.0,
         le=32.0,
         description="Neighbourhood from which focus takes the surface's slope, px; 0 is off.",

@@ -34,7 +34,7 @@ class EvidenceSettings(Settings):
         "the coarse one.",
     )
     slope_sigma_px: float = Field(
-        4.0,
+        5.0,
         ge=0.0,
         le=32.0,
         description="Neighbourhood from which the surface's slope is taken, px; 0 is off.",
