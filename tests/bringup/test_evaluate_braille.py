@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from roller_braille.table import UNREADABLE
-from roller_bringup.bench.report import show_tables
 from roller_bringup.cli import main
 from roller_bringup.evaluation.alignment import Score, align, score
 from roller_bringup.evaluation.braille import BrailleOptions, run_braille
 from roller_bringup.evaluation.braille_plot import draw
 from roller_bringup.evaluation.braille_report import tables
+from roller_bringup.results.tables import show_tables
 
 
 def test_a_text_read_as_it_is_has_no_errors() -> None:

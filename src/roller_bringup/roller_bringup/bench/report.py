@@ -1,56 +1,14 @@
-"""Results of a benchmark as JSON, as Markdown and on the screen."""
+"""Results of a benchmark as Markdown and on the screen."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table as RichTable
-
-from roller_core.errors import UnwritableOutputError
+from roller_bringup.results.tables import Table, show_tables, write_text
 
 from .cases import SAVINGS_NOTE
-
-#: Columns of the tables where they go to a file.
-_WIDTH = 130
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of text.
-
-    Attributes
-    ----------
-    title : str
-        What it shows.
-    head : tuple of str
-        Names of the columns.
-    rows : sequence of tuple of str
-        Cells.
-    note : str
-        What is to be said below it.
-    """
-
-    title: str
-    head: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
-    note: str = ""
-
-
-def write_json(result: dict[str, Any], path: Path) -> None:
-    """Write all figures.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
-    _write(path, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
 
 
 def write_markdown(result: dict[str, Any], path: Path) -> None:
@@ -68,33 +26,12 @@ def write_markdown(result: dict[str, Any], path: Path) -> None:
         lines.append("|" + "---|" * len(table.head))
         lines += ["| " + " | ".join(row) + " |" for row in table.rows]
         lines += ["", table.note, ""] if table.note else [""]
-    _write(path, "\n".join(lines))
+    write_text(path, "\n".join(lines))
 
 
 def print_tables(result: dict[str, Any]) -> None:
     """Print the tables of a benchmark."""
     show_tables(tables(result))
-
-
-def show_tables(shown_tables: Sequence[Table]) -> None:
-    """Print tables."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=_WIDTH)
-    for table in shown_tables:
-        shown = RichTable(
-            title=table.title,
-            caption=table.note or None,
-            title_justify="left",
-            caption_justify="left",
-            box=SIMPLE_HEAD,
-            padding=(0, 1, 0, 0),
-        )
-        for k, name in enumerate(table.head):
-            shown.add_column(name, justify="left" if k == 0 else "right", no_wrap=k == 0)
-        for row in table.rows:
-            shown.add_row(*row)
-        console.print(shown)
 
 
 def tables(result: dict[str, Any]) -> list[Table]:
@@ -245,10 +182,3 @@ def _spread(times: dict[str, Any]) -> str:
     if times["ms"] is None:
         return "-"
     return f"{times['ms_low']:.1f}–{times['ms_high']:.1f}"
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text)
-    except OSError as error:
-        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error

@@ -12,6 +12,7 @@ import numpy as np
 
 from roller_bringup.progress import Tell, tell_nobody
 from roller_bringup.results.folders import make_folder
+from roller_bringup.results.tables import write_json
 
 from .cases import SAVINGS, Case, plan
 from .fixed import fixed_pieces, run_fixed
@@ -20,7 +21,7 @@ from .measure import CaseRun, run_rounds
 from .options import DENSE_OBJECTS, BenchOptions
 from .pareto import pareto_front
 from .plots import draw_growth, draw_speed_vs_error
-from .report import write_json, write_markdown
+from .report import write_markdown
 from .scans import Scan, get_scan
 from .slider import run_slider
 

@@ -44,9 +44,9 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
 def _run_braille(args: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from roller_bringup.bench.report import show_tables
     from roller_bringup.evaluation.braille import BrailleOptions, run_braille
     from roller_bringup.evaluation.braille_report import tables
+    from roller_bringup.results.tables import show_tables
 
     given = {
         name: getattr(args, name) for name in ("speeds", "seed") if getattr(args, name) is not None

@@ -13,6 +13,7 @@ import numpy as np
 from roller_braille.settings import BrailleSettings
 from roller_bringup.progress import Tell, tell_nobody
 from roller_bringup.results.folders import make_folder
+from roller_bringup.results.tables import write_json
 from roller_driver.virtual.settings import SensorSettings
 
 from .alignment import Score, score
@@ -127,7 +128,6 @@ def run_braille(
         If the text or a setting is no good.
     """
     from .braille_plot import draw
-    from .braille_report import write_json
 
     make_folder(output)
     rows: list[dict[str, Any]] = []

@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
-from roller_bringup.bench.report import Table
-from roller_core.errors import UnwritableOutputError
+from roller_bringup.results.tables import Table
 
 _HEAD = (
     "characters", "right", "CER", "WER", "unreadable", "misread", "missed",
     "ms a frame", "95 %", "ms/20 000 ev.",
 )  # fmt: skip
-
-
-def write_json(result: dict[str, Any], path: Path) -> None:
-    """Write all figures.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
-    try:
-        path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
-    except OSError as error:
-        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
 
 
 def tables(result: dict[str, Any]) -> list[Table]:

@@ -1,0 +1,86 @@
+"""Tables of results: on the screen, as Markdown; and figures as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from roller_core.errors import UnwritableOutputError
+
+#: Columns of the tables where they go to a file.
+_WIDTH = 130
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text.
+
+    Attributes
+    ----------
+    title : str
+        What it shows.
+    head : tuple of str
+        Names of the columns.
+    rows : sequence of tuple of str
+        Cells.
+    note : str
+        What is to be said below it.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    note: str = ""
+
+
+def write_json(result: dict[str, Any], path: Path) -> None:
+    """Write all figures.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
+    write_text(path, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file of results.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
+
+
+def show_tables(shown_tables: Sequence[Table]) -> None:
+    """Print tables."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=_WIDTH)
+    for table in shown_tables:
+        shown = RichTable(
+            title=table.title,
+            caption=table.note or None,
+            title_justify="left",
+            caption_justify="left",
+            box=SIMPLE_HEAD,
+            padding=(0, 1, 0, 0),
+        )
+        for k, name in enumerate(table.head):
+            shown.add_column(name, justify="left" if k == 0 else "right", no_wrap=k == 0)
+        for row in table.rows:
+            shown.add_row(*row)
+        console.print(shown)
