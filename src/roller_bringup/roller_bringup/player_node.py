@@ -14,7 +14,6 @@ from rclpy.node import Node
 from roller_core.errors import RollerError
 from roller_core.settings import Settings
 from roller_ros import diagnostics
-from roller_ros.heard import wait_until_heard
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -22,9 +21,6 @@ from . import topics
 from .recordings.bag_reader import BagReader
 from .recordings.base import RecordingError
 from .recordings.event_topic import event_topic
-
-#: How long the first message of a topic is waited for until all subscribers have it, s.
-_HEARD_S = 2.0
 
 
 class PlayerParameters(Settings):
@@ -112,7 +108,6 @@ class PlayerNode(Node):
     def _play(self) -> None:
         self._state = "playing"
         begin = first_ns = None
-        heard: set[str] = set()
         for item in self._reader.messages(set(self._outputs)):
             if self._stop.is_set():
                 return
@@ -129,11 +124,6 @@ class PlayerNode(Node):
                 self._late_s = max(self._late_s, -wait)
             self._outputs[item.topic].publish(item.data)
             self._played += 1
-            if item.topic not in heard:
-                heard.add(item.topic)
-                asked = time.monotonic()
-                wait_until_heard(self._outputs[item.topic], _HEARD_S, self._stop)
-                begin += time.monotonic() - asked
 
     def _end(self) -> None:
         if self.done.is_set():

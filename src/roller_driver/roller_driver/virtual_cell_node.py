@@ -24,7 +24,6 @@ from roller_core.settings import Settings
 from roller_core.transforms import matrix_to_quaternion
 from roller_ros import diagnostics, messages, qos
 from roller_ros.frames_settings import FrameSettings
-from roller_ros.heard import wait_until_heard
 from roller_ros.node_main import run_node
 from roller_ros.parameters import descriptor
 
@@ -34,8 +33,6 @@ from .virtual.settings import VirtualCellSettings
 EVENTS, INFO, IMAGE = (
     "/event_camera/events", "/event_camera/camera_info", "/event_camera/image_raw"
 )  # fmt: skip
-#: How long what is fixed is waited for until all subscribers have it, s.
-_HEARD_S = 2.0
 
 
 class VirtualCellParameters(VirtualCellSettings, FrameSettings):
@@ -177,8 +174,6 @@ class VirtualCellNode(Node):
                 break
             time.sleep(0.05)
         self._stop.wait(self._p.settle_s)
-        for topic in (INFO, "/tf_static"):
-            wait_until_heard(self._outputs[topic], _HEARD_S, self._stop)
 
     def _scan(self, stream: Iterator[tuple[int, str, Any, int]]) -> None:
         self._state = "scanning"
