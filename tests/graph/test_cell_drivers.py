@@ -38,7 +38,9 @@ def test_events_and_poses_come(emulated_camera, processes, watch, tmp_path):
     with ControllerProcess(rate_hz=125, speed_m_s=0.3) as controller:
         processes.start(
             "event_camera",
-            f"{{{EMULATED_CAMERA}, camerainfo_url: 'file://{calibration}', encoding: libcaer}}",
+            f"{{{EMULATED_CAMERA}, camerainfo_url: 'file://{calibration}', encoding: libcaer, "
+            # A reader of best effort has 1000 packets to catch up: four seconds of these.
+            "event_message_time_threshold: 0.004}",
         )
         processes.start(
             "ur10",
@@ -47,7 +49,7 @@ def test_events_and_poses_come(emulated_camera, processes, watch, tmp_path):
         )
         seen = watcher.seen
         watcher.spin_until(
-            lambda: len(seen[EVENTS]) > 1000 and len(seen["/tf"]) > 250 and seen[IMAGE], 40, "data"
+            lambda: len(seen[EVENTS]) > 400 and len(seen["/tf"]) > 250 and seen[IMAGE], 40, "data"
         )
         watcher.spin_until(lambda: watcher.value(ROBOT, "samples") > 0, 5, "robot diagnostics")
         controller.tell("protective_stop")
@@ -90,7 +92,8 @@ def check_events(watcher, sent):
     assert [p.seq for p in packets] == list(range(packets[0].seq, packets[0].seq + len(packets)))
     decoder = PacketDecoder("libcaer", 640, 480)
     parts = [decoder.decode(p.events, p.time_base).events for p in packets]
-    assert max(int(e.t_ns[-1] - e.t_ns[0]) for e in parts) < 1_000_000
+    spans_ns = [int(e.t_ns[-1] - e.t_ns[0]) for e in parts]
+    assert 2_000_000 < max(spans_ns) < 4_000_000
     got = EventArray.concatenate(parts)
     assert np.all(np.diff(got.t_ns) >= 0)
     # Each round of the stream is half a second later than the one before; whole rounds are alike.

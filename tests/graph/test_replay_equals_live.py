@@ -21,7 +21,9 @@ from roller_ros import qos
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 
-DEPTH = "{window_travel_m: 0.006, focus_sigma_px: 3.0}"
+#: A machine that stalls for a second must not make the nodes take it for the scan's end.
+DEPTH = "{window_travel_m: 0.006, focus_sigma_px: 3.0, idle_flush_s: 4.0}"
+STITCHER = "{idle_flush_s: 5.5}"
 TOPICS = (
     "/roller/depth/image",
     "/roller/depth/confidence",
@@ -44,7 +46,7 @@ def test_replay_equals_live(
 
     watcher = watch(*TOPICS)
     processes.start("emvs", DEPTH)
-    processes.start("stitcher")
+    processes.start("stitcher", STITCHER)
     processes.start("recorder", f"{{output: {tmp_path / 'live'}}}")
     ready = ("emvs: depth", "stitcher: surface", "recorder: recording")
     watcher.spin_until(lambda: all(watcher.statuses[n] for n in ready), 60, "start of the nodes")
@@ -53,8 +55,13 @@ def test_replay_equals_live(
     watcher.spin_until(
         lambda: len(seen["/roller/depth/image"]) >= len(expected), 60, "all depth maps"
     )
-    watcher.spin_until(lambda: len(seen["/roller/surface/points"]) >= 1, 30, "the surface")
-    watcher.spin(3.0)
+    stitched = "stitcher: surface"
+    watcher.spin_until(
+        lambda: watcher.value(stitched, "depth_maps") == len(expected)
+        and watcher.value(stitched, "voxels_in_view") == 0
+        and sum(m.width for m in seen[TOPICS[3]]) == watcher.value(stitched, "points") > 0,
+        60, "the surface",
+    )  # fmt: skip
     watcher.check_keys(
         "emvs: depth", "stitcher: surface", "player: playback", "recorder: recording"
     )
