@@ -96,7 +96,7 @@ class StitcherNode(Node):
                 quality,
             )
 
-        self.create_subscription(TFMessage, "/tf", self._take_tf, qos.TF)
+        self.create_subscription(TFMessage, "/tf", self._take_tf, qos.EVERY_TF)
 
     def _take_tf(self, message: TFMessage, info: Mapping[str, Any]) -> None:
         if self._sources.accepts(message, info):

@@ -19,6 +19,8 @@ EVENTS = _profile(1000, reliable=False)
 #: Values that a late subscriber needs: camera_info, tf_static.
 LATCHED = _profile(1, reliable=True, latched=True)
 TF = _profile(100, reliable=True)
+#: For who must not miss a pose: four seconds of an e-series robot may wait.
+EVERY_TF = _profile(2000, reliable=True)
 TF_STATIC = _profile(100, reliable=True, latched=True)
 #: Pictures for people.
 PREVIEW = _profile(5, reliable=False)

@@ -113,7 +113,7 @@ class StreamNode(Node, Generic[P]):
         submit = self._worker.submit
         self.create_subscription(EventPacket, "/event_camera/events", submit, qos.EVENTS)
         self.create_subscription(CameraInfo, "/event_camera/camera_info", submit, qos.LATCHED)
-        self.create_subscription(TFMessage, "/tf", self._take_tf, qos.TF)
+        self.create_subscription(TFMessage, "/tf", self._take_tf, qos.EVERY_TF)
         self.create_subscription(
             TFMessage, "/tf_static", lambda m: submit(("static", m), False), qos.TF_STATIC
         )
