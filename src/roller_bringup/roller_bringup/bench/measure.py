@@ -59,9 +59,9 @@ class CaseRun:
         if first:
             _warm_up(settings, self._scans[0])
         for scan in self._scans:
-            tally = _tally(settings, scan) if first else None
-            events = _events(settings, scan)
-            for found, spent in _timed(_results(settings, scan, events)):
+            tally = tally_for(settings, scan) if first else None
+            events = events_for(settings, scan)
+            for found, spent in _timed(results_of(settings, scan, events)):
                 whole_ms += spent
                 if isinstance(found, RefusedWindow):
                     self._refused += first
@@ -186,14 +186,16 @@ def window_ms(settings: DepthSettings, events: EventArray, scan: Scan) -> float 
     return None
 
 
-def _events(settings: DepthSettings | SurfaceSettings, scan: Scan) -> EventArray:
+def events_for(settings: DepthSettings | SurfaceSettings, scan: Scan) -> EventArray:
+    """Events of a scan that a method is measured on."""
     # Rows of the surface are measured over their whole crossing of the image.
     return scan.events if isinstance(settings, SurfaceSettings) else scan.crossing()
 
 
-def _results(
+def results_of(
     settings: DepthSettings | SurfaceSettings, scan: Scan, events: EventArray
 ) -> Iterator[Any]:
+    """All that a method makes of events of a scan."""
     engine: SurfaceSweep | DepthPipeline
     if isinstance(settings, SurfaceSettings):
         engine = SurfaceSweep(settings, scan.camera, scan.track)
@@ -225,12 +227,13 @@ def _over_object(found: SurfacePatch, scan: Scan) -> bool:
 
 def _warm_up(settings: DepthSettings | SurfaceSettings, scan: Scan) -> None:
     """Compile what the case needs: the first window that gives depth isn't timed."""
-    for found in _results(settings, scan, _events(settings, scan)):
+    for found in results_of(settings, scan, events_for(settings, scan)):
         if not isinstance(found, RefusedWindow):
             return
 
 
-def _tally(settings: DepthSettings | SurfaceSettings, scan: Scan) -> Any:
+def tally_for(settings: DepthSettings | SurfaceSettings, scan: Scan) -> Any:
+    """What collects a method's errors on a scan."""
     surface = isinstance(settings, SurfaceSettings)
     return SurfaceTally(scan.truth) if surface else TruthTally(scan.truth)
 

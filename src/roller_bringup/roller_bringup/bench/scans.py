@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -81,9 +82,9 @@ def scan_settings(name: str, speed: float, changes: Mapping[str, Any]) -> Virtua
     speed : float
         m/s.
     changes : mapping
-        Other settings by group, as in a parameter file.
+        Other settings, by group where they have one, as in a parameter file.
     """
-    values: dict[str, Any] = {group: dict(entries) for group, entries in changes.items()}
+    values: dict[str, Any] = copy.deepcopy(dict(changes))
     values.setdefault("scene", {})["name"] = name
     values.setdefault("motion", {})["speed"] = speed
     # Pictures for people would only take time.

@@ -3,21 +3,73 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
+from roller_bringup.evaluation.plan import EXPERIMENTS, EvaluationOptions
 from roller_core.errors import SettingsError
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `evaluate` to the command's parser, with a subcommand for each experiment."""
+    """Add `evaluate` to the command's parser, with a subcommand for Braille alone."""
     parser = subparsers.add_parser(
         "evaluate",
-        help="run an experiment with known truth",
-        description="Run an experiment on simulated scans and compare the results with the truth "
-        "and with published figures.",
+        help="repeat the paper's experiments on the virtual cell",
+        description="Repeat the paper's experiments on the virtual cell and set the results "
+        "beside the paper's: a page, index.html, and the same as JSON. A run that was broken off "
+        "goes on where it was.",
+        epilog="Experiments: " + "; ".join(f"{k}: {v}" for k, v in EXPERIMENTS.items()) + ".",
     )
-    experiments = parser.add_subparsers(dest="experiment", metavar="EXPERIMENT", required=True)
-    _add_braille(experiments)
+    _add_output(parser)
+    parser.add_argument("--quick", action="store_true", help="one pass of each kind, few objects")
+    parser.add_argument("--only", type=_words, metavar="A,B", help="experiments, of those below")
+    parser.add_argument("--repeats", type=int, metavar="N", help="passes of each kind (5)")
+    parser.add_argument("--seed", type=int, help="seed of the first pass (1)")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (all cores)"
+    )
+    parser.set_defaults(run=_run_all)
+    _add_braille(parser.add_subparsers(dest="experiment", metavar="braille"))
+
+
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--output",
+        "-o",
+        type=Path,
+        default=Path("evaluation"),
+        metavar="DIR",
+        help="results go here (default: evaluation)",
+    )
+
+
+def _run_all(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from roller_bringup.evaluation.paper import run_evaluation
+    from roller_bringup.results.tables import show_tables
+
+    given = {
+        name: getattr(args, name)
+        for name in ("only", "repeats", "seed")
+        if getattr(args, name) is not None
+    }
+    unknown = [name for name in given.get("only", ()) if name not in EXPERIMENTS]
+    if unknown:
+        raise SettingsError(f"--only: {unknown[0]!r} is none of {', '.join(EXPERIMENTS)}")
+    if given.get("repeats", 1) < 1 or args.jobs < 1 or given.get("seed", 0) < 0:
+        raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
+    options = EvaluationOptions.short(**given) if args.quick else EvaluationOptions(**given)
+    with Console(stderr=True).status("evaluate") as status:
+        found = run_evaluation(
+            options,
+            args.output,
+            args.jobs,
+            lambda text, share: status.update(f"evaluate: {share:.0%}, {text}"),
+        )
+    show_tables(list(found.values()))
+    print(f"files: {args.output}/index.html, {args.output}/evaluation.json")
+    return 0
 
 
 def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -27,13 +79,7 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
         description="Character and word error rates of reading Braille by speed, noise and method, "
         "and with a wrong speed or depth.",
     )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=Path("evaluation"),
-        metavar="DIR",
-        help="results go here (default: evaluation)",
-    )
+    _add_output(parser)
     parser.add_argument("--quick", action="store_true", help="a few letters at one speed")
     parser.add_argument("--speeds", type=_speeds, metavar="V,W", help="m/s")
     parser.add_argument("--text", help="text of the plate: a–z, digits, spaces; \\n ends a line")
@@ -66,6 +112,10 @@ def _run_braille(args: argparse.Namespace) -> int:
     show_tables(tables(result))
     print(f"files: {args.output}/braille.json, {args.output}/braille.png")
     return 0
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(word for word in text.split(",") if word))
 
 
 def _speeds(text: str) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ along the roll.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -111,11 +112,16 @@ class SurfaceTally:
         Of the scan.
     delay_s : float
         What was taken out of the event stamps already, seconds.
+    regions : mapping of Region, optional
+        What is told apart; without them the scan's objects.
     """
 
-    def __init__(self, truth: Truth, delay_s: float = 0.0) -> None:
+    def __init__(
+        self, truth: Truth, delay_s: float = 0.0, regions: Mapping[str, Region] | None = None
+    ) -> None:
         self.truth = truth
         self._delay_ns = truth.event_delay_ns - round(delay_s * 1e9)
+        self._regions = dict(truth.objects if regions is None else regions)
         self._points: list[npt.NDArray[np.float64]] = []
 
     @classmethod
@@ -125,13 +131,23 @@ class SurfaceTally:
 
     def add(self, found: SurfacePatch) -> None:
         """Take points that are done."""
-        if len(found):
-            self._points.append(self._without_delay(found))
+        self.add_points(found.points, found.stamp_ns)
+
+    def add_points(self, points: npt.NDArray[np.float64], stamp_ns: int) -> None:
+        """Take points in base, shape (n, 3), metres, that were seen at a time, ROS time."""
+        if len(points):
+            # Back along the way that the sensor made during the events' delay.
+            before, after = self.truth.camera_positions([stamp_ns - self._delay_ns, stamp_ns])
+            self._points.append(points - (after - before))
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """All points taken, where they were seen, shape (n, 3), metres."""
+        return np.concatenate(self._points) if self._points else np.empty((0, 3))
 
     def summary(self) -> dict[str, Any]:
         """By object and over all: points, errors in µm, share of relief edges measured."""
-        points = np.concatenate(self._points) if self._points else np.empty((0, 3))
-        tallies = {name: self._tally(r, points) for name, r in self.truth.objects.items()}
+        tallies = {name: self._tally(r, self.points) for name, r in self._regions.items()}
         total = _Tally()
         for tally in tallies.values():
             total.errors_um += tally.errors_um
@@ -140,12 +156,6 @@ class SurfaceTally:
             total.measured_edges += tally.measured_edges
         figures = {name: _figures(tally) for name, tally in tallies.items()}
         return {"objects": figures, "all": _figures(total), "text": self.truth.text}
-
-    def _without_delay(self, found: SurfacePatch) -> npt.NDArray[np.float64]:
-        """Points put back along the way that the sensor made during the events' delay."""
-        stamp = found.stamp_ns
-        before, after = self.truth.camera_positions([stamp - self._delay_ns, stamp])
-        return found.points - (after - before)
 
     def _tally(self, region: Region, points: npt.NDArray[np.float64]) -> _Tally:
         """Errors within an object, on a grid of the camera's pixels on the surface."""

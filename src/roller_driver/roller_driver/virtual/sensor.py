@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 
 import numba
 import numpy as np
@@ -24,7 +25,10 @@ _BUFFER_GROUPS = 2
 def use_threads(count: int) -> None:
     """Let the kernels use so many threads; 0: as many as there are cores."""
     available = numba.config.NUMBA_NUM_THREADS
-    numba.set_num_threads(min(count or os.cpu_count() or 1, available))
+    with warnings.catch_warnings():
+        # Which of several libraries the threads are from is nothing to a user.
+        warnings.filterwarnings("ignore", message="The TBB threading layer")
+        numba.set_num_threads(min(count or os.cpu_count() or 1, available))
 
 
 def unpack(words: U64) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16], I64, npt.NDArray]:

@@ -1,0 +1,135 @@
+"""Figures of many passes: measured over all cores, kept on disk, gone on with after a break."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roller_bringup.bench.scans import scan_settings
+from roller_bringup.progress import Tell
+from roller_bringup.results.tables import write_json
+
+from .passes import Pass, cell_changes, measure_pass, settings_of
+
+
+class Measured:
+    """Figures by pass and method."""
+
+    def __init__(self, results: Mapping[Pass, dict[str, Any]]) -> None:
+        self._results = dict(results)
+
+    def of(self, asked: Iterable[Pass], method: str, figure: str) -> list[float]:
+        """A figure of each pass; those without are left out."""
+        found = (self._results[p]["methods"][method].get(figure) for p in asked)
+        return [float(value) for value in found if value is not None]
+
+    def mean(self, asked: Iterable[Pass], method: str, figure: str) -> float | None:
+        """Mean over passes."""
+        values = self.of(asked, method, figure)
+        return float(np.mean(values)) if values else None
+
+    def deviation(self, asked: Iterable[Pass], method: str, figure: str) -> float | None:
+        """Standard deviation over passes; None of a single one."""
+        values = self.of(asked, method, figure)
+        return float(np.std(values, ddof=1)) if len(values) > 1 else None
+
+    def whole(self, asked: Pass) -> dict[str, Any]:
+        """All figures of a pass."""
+        return self._results[asked]
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """All figures, in the order of the passes' names."""
+        return [self._results[p] for p in sorted(self._results, key=lambda p: p.name)]
+
+
+def measure(
+    wanted: Mapping[Pass, tuple[str, ...]],
+    cell: Mapping[str, Any],
+    folder: Path,
+    jobs: int,
+    tell: Tell,
+) -> Measured:
+    """Measure passes, or take what an earlier run of the same left.
+
+    Parameters
+    ----------
+    wanted : mapping of Pass
+        Methods by pass.
+    cell : mapping
+        Settings of the virtual cell that differ from the defaults.
+    folder : path
+        Where each pass's figures are kept.
+    jobs : int
+        Processes.
+    tell : callable
+        Told what was done and the share done, 0–1.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If figures can't be kept.
+    """
+    results: dict[Pass, dict[str, Any]] = {}
+    missing: dict[Pass, tuple[str, ...]] = {}
+    for asked, methods in wanted.items():
+        kept = _kept(folder / f"{asked.name}.json", _asked(asked, methods, cell))
+        if kept is None:
+            missing[asked] = methods
+        else:
+            results[asked] = kept
+    # The longest first, so that no core waits for one at the end.
+    order = sorted(missing, key=lambda p: (p.whole, -p.speed), reverse=True)
+    done = len(results)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max(min(jobs, len(missing)), 1), context, _one_thread) as pool:
+        futures = {pool.submit(measure_pass, p, missing[p], cell): p for p in order}
+        try:
+            for future in as_completed(futures):
+                asked = futures[future]
+                found = future.result()
+                results[asked] = found
+                kept = {"asked": _asked(asked, missing[asked], cell), "found": found}
+                write_json(kept, folder / f"{asked.name}.json")
+                done += 1
+                tell(asked.name, done / len(wanted))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return Measured(results)
+
+
+def _one_thread() -> None:
+    """Each process has a core of its own."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    os.environ["OMP_NUM_THREADS"] = "1"
+
+
+def _asked(asked: Pass, methods: Iterable[str], cell: Mapping[str, Any]) -> dict[str, Any]:
+    """All that the figures of a pass depend on."""
+    settings = scan_settings(asked.scene, asked.speed, cell_changes(asked, cell))
+    chosen = {name: settings_of(name).model_dump(mode="json") for name in methods}
+    return json.loads(
+        json.dumps(
+            {"whole": asked.whole, "cell": settings.model_dump(mode="json"), "methods": chosen}
+        )
+    )
+
+
+def _kept(path: Path, asked: dict[str, Any]) -> dict[str, Any] | None:
+    """Figures of an earlier run that asked for the same, or for more."""
+    try:
+        kept = json.loads(path.read_text())
+        same = all(kept["asked"][key] == asked[key] for key in ("whole", "cell"))
+        same &= all(kept["asked"]["methods"].get(k) == v for k, v in asked["methods"].items())
+        return kept["found"] if same else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
