@@ -53,9 +53,7 @@ class DepthMap:
         return int(np.count_nonzero(np.isfinite(self.depth)))
 
 
-def back_project(
-    depth: F32, camera: Camera, corner: tuple[int, int] = (0, 0)
-) -> tuple[F64, npt.NDArray[np.int64]]:
+def back_project(depth: F32, camera: Camera) -> tuple[F64, npt.NDArray[np.int64]]:
     """Points of a depth map in the camera frame (paper, eq. back-projection).
 
     Parameters
@@ -64,8 +62,6 @@ def back_project(
         Metres, NaN = not measured.
     camera : Camera
         Intrinsics; the map's pixels are free of distortion.
-    corner : tuple of int
-        Column and row of the map's first pixel, for a part of an image.
 
     Returns
     -------
@@ -77,8 +73,8 @@ def back_project(
     flat = depth.reshape(-1)
     pixels = np.flatnonzero(np.isfinite(flat))
     z = flat[pixels].astype(np.float64)
-    x = (pixels % depth.shape[1] + corner[0] - camera.cx) / camera.fx * z
-    y = (pixels // depth.shape[1] + corner[1] - camera.cy) / camera.fy * z
+    x = (pixels % depth.shape[1] - camera.cx) / camera.fx * z
+    y = (pixels // depth.shape[1] - camera.cy) / camera.fy * z
     return np.stack([x, y, z], axis=-1), pixels
 
 

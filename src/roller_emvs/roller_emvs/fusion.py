@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -37,27 +36,7 @@ class ViewDepth:
     weight: float
 
 
-class Box(NamedTuple):
-    """A part of an image: its first column and row and its size, px."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    def within(self, corner: tuple[int, int]) -> tuple[slice, slice]:
-        """Rows and columns of the box in an array that begins at a corner of the image."""
-        x, y = self.left - corner[0], self.top - corner[1]
-        return slice(y, y + self.height), slice(x, x + self.width)
-
-
-def warp_view(
-    view: ViewDepth,
-    target: F64,
-    camera: Camera,
-    corner: tuple[int, int] = (0, 0),
-    box: Box | None = None,
-) -> tuple[F32, F32, F32]:
+def warp_view(view: ViewDepth, target: F64, camera: Camera) -> tuple[F32, F32, F32]:
     """Depth of one view as seen from another (paper, eqs. back-projection to re-projection).
 
     A point goes to the nearest pixel; where two meet the nearer one hides the other.
@@ -70,23 +49,17 @@ def warp_view(
         Camera in base to warp into.
     camera : Camera
         Intrinsics.
-    corner : tuple of int
-        Column and row of the view's first pixel, for a part of an image.
-    box : Box, optional
-        Part of the target's image that is wanted; all of it by default. Where the view is the
-        target itself the box lies within what there is of it.
 
     Returns
     -------
     depth, confidence, variance : ndarray of float32, shape (height, width)
         NaN where nothing arrives.
     """
-    box = box or Box(0, 0, camera.width, camera.height)
+    shape = view.depth.shape
+    out = [np.full(shape, np.nan, np.float32) for _ in range(3)]
     if np.array_equal(view.pose, target):
-        own = box.within(corner)
-        return view.depth[own], view.confidence[own], view.variance[own]
-    out = [np.full((box.height, box.width), np.nan, np.float32) for _ in range(3)]
-    points, pixels = back_project(view.depth, camera, corner)
+        return view.depth, view.confidence, view.variance
+    points, pixels = back_project(view.depth, camera)
     relative = inverse_pose(target) @ view.pose
     points = points @ relative[:3, :3].T + relative[:3, 3]
     _splat(
@@ -97,8 +70,6 @@ def warp_view(
         camera.fy,
         camera.cx,
         camera.cy,
-        box.left,
-        box.top,
         *out,
     )
     return out[0], out[1], out[2]
@@ -161,10 +132,7 @@ def _add(depth, confidence, variance, weight, by_variance, sums):  # type: ignor
 
 
 @njit(cache=True, nogil=True)
-def _splat(  # type: ignore[no-untyped-def]
-    points, confidence, variance, fx, fy, cx, cy, left, top,
-    out_depth, out_confidence, out_variance,
-):  # fmt: skip
+def _splat(points, confidence, variance, fx, fy, cx, cy, out_depth, out_confidence, out_variance):  # type: ignore[no-untyped-def]
     height, width = out_depth.shape
     for i in range(len(points)):
         z = points[i, 2]
@@ -172,9 +140,9 @@ def _splat(  # type: ignore[no-untyped-def]
             continue
         u = fx * points[i, 0] / z + cx + 0.5
         v = fy * points[i, 1] / z + cy + 0.5
-        if u >= left and u < left + width and v >= top and v < top + height:
-            x = int(u) - left
-            y = int(v) - top
+        if u >= 0 and u < width and v >= 0 and v < height:
+            x = int(u)
+            y = int(v)
             if not out_depth[y, x] <= z:
                 out_depth[y, x] = z
                 out_confidence[y, x] = confidence[i]

@@ -269,6 +269,15 @@ def view_depth(
     return masked_depth(votes, index, mask, planes, bounds_m, view, weight, s)
 
 
+def usable_planes(planes: F64, bounds_m: tuple[float, float]) -> Mask:
+    """Planes on which a peak is one: within the bounds, and not at an end."""
+    # What peaks on an end plane may lie beyond it.
+    steps = np.gradient(planes)
+    usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
+    usable[[0, -1]] = False
+    return np.asarray(usable)
+
+
 def masked_depth(
     votes: F32,
     index: U16,
@@ -280,10 +289,7 @@ def masked_depth(
     s: DepthSettings,
 ) -> ViewDepth:
     """Depth of the pixels that stood out (a mask, written to); see `view_depth`."""
-    # What peaks on an end plane may lie beyond it.
-    steps = np.gradient(planes)
-    usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
-    usable[[0, -1]] = False
+    steps, usable = np.gradient(planes), usable_planes(planes, bounds_m)
     at = np.flatnonzero(mask)
     mask.ravel()[at] = usable[index.ravel()[at]]
     median, spread = masked_median(

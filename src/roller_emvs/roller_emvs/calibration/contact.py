@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,6 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.depth_map import DepthMap, back_project
-from roller_emvs.fusion import Box
 from roller_emvs.pipeline import DepthPipeline, PreparedWindow
 from roller_emvs.settings import DepthSettings
 from roller_emvs.windows import RefusedWindow
@@ -49,6 +49,20 @@ class Rolled:
     events: EventArray
     camera: Camera
     track: PoseTrack
+
+
+class Box(NamedTuple):
+    """A part of an image: its first column and row and its size, px."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def of(self, image: np.ndarray) -> np.ndarray:
+        """That part."""
+        rows = slice(self.top, self.top + self.height)
+        return image[rows, self.left : self.left + self.width]
 
 
 @dataclass(frozen=True)

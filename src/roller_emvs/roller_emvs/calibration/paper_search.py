@@ -13,22 +13,22 @@ from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
-
 from roller_core.camera import Camera
 from roller_core.errors import SettingsError
 from roller_core.transforms import F64, inverse_pose
-from roller_emvs.detection import margins
-from roller_emvs.fusion import Box, warp_view
-from roller_emvs.paper import ViewVotes, masked_depth, view_votes
+from roller_emvs.detection import margins, masked_median
+from roller_emvs.paper import ViewVotes, usable_planes, view_votes
 from roller_emvs.settings import DepthSettings
 from roller_emvs.threads import share
 
-from .contact import ContactWindow
+from . import _search_kernels as kernels
+from .contact import Box, ContactWindow
 from .error_table import I64
 
 #: How far weights may be off a sum of one.
 SIMPLEX_TOLERANCE = 1e-3
+#: Planes up to which medians come from sums over the image, which take a number a plane.
+_MOST_LEVELS = 64
 
 
 @dataclass(frozen=True)
@@ -147,21 +147,18 @@ def window_errors(
         for k in range(len(voted.poses))
     ]
     truth = window.view.depth_m[window.view.mask]
-    weights = np.ascontiguousarray(grid.weights.T)
+    normalised, counts = _by_pattern(grid.weights)
     errors = np.zeros(grid.shape)
     points = np.zeros(grid.shape, np.int64)
     done: list[int] = []
 
     def run(c: int) -> None:
-        masks = [part.margins > grid.thresholds[c] for part in parts]
-        for g, size in enumerate(grid.medians_px):
-            depth = np.stack(
-                [
-                    part.warped(mask, size, prepared.target, window, camera, s)
-                    for part, mask in zip(parts, masks, strict=True)
-                ]
-            )
-            _tally(depth, truth, weights, errors[c, g], points[c, g])
+        found = [part.depths(grid.thresholds[c], grid.medians_px) for part in parts]
+        depth = np.empty((len(parts), len(truth)), np.float32)
+        for g in range(len(grid.medians_px)):
+            for part, (rows, columns, z), row in zip(parts, found, depth, strict=True):
+                part.warp(rows, columns, z[:, g], row)
+            kernels._tally(depth, truth, normalised, counts, errors[c, g], points[c, g])
         done.append(c)
         tell(len(done) / len(grid.thresholds))
 
@@ -169,16 +166,43 @@ def window_errors(
     return errors.reshape(-1), points.reshape(-1)
 
 
+def _by_pattern(weights: F64) -> tuple[F64, I64]:
+    """Weights renormalised over the views that see a pixel, for every set of views.
+
+    Returns
+    -------
+    normalised : ndarray of float64, shape (2 ** views, views, n)
+        0 where the set's weights add up to 0.
+    counts : ndarray of int64, shape (2 ** views, n)
+        Whether such a pixel is measured.
+    """
+    views = weights.shape[1]
+    sets = (np.arange(2**views)[:, None] >> np.arange(views)) & 1
+    kept = sets[:, :, None] * weights.T[None]
+    total = kept.sum(axis=1, keepdims=True)
+    normalised = np.divide(kept, total, out=np.zeros_like(kept), where=total > 0)
+    return normalised, (total[:, 0] > 0).astype(np.int64)
+
+
 @dataclass(frozen=True)
 class _ViewPart:
-    """The part of a reference view's votes that can end up in the contact circle."""
+    """The part of a reference view's votes that can end up in the contact circle.
 
-    votes: npt.NDArray[np.float32]
+    `inner` is where its own depths can; the margin about it only counts for medians. `number` is
+    each pixel's place in the list of the circle's pixels, -1 outside; `intrinsics` are fx, fy, cx
+    and cy.
+    """
+
     index: npt.NDArray[np.uint16]
     margins: npt.NDArray[np.float32]
+    inner: tuple[slice, slice]
     corner: tuple[int, int]
     planes: F64
-    pose: F64
+    bounds_m: tuple[float, float]
+    relative: F64
+    intrinsics: F64
+    box: Box
+    number: I64
 
     @classmethod
     def cut(
@@ -191,76 +215,99 @@ class _ViewPart:
         margin_px: int,
     ) -> _ViewPart:
         """Cut a view, with what the largest median reaches."""
-        box, pose = window.view.box, voted.poses[k]
-        relative = inverse_pose(pose) @ window.prepared.target
+        box, target, bounds = window.view.box, window.prepared.target, (s.depth_min_m, s.depth_max_m)
+        seen = inverse_pose(voted.poses[k]) @ target
         u, v = np.meshgrid(
             [box.left - 1.0, box.left + box.width], [box.top - 1.0, box.top + box.height]
         )
         rays = camera.rays(np.stack([u, v], axis=-1).reshape(-1, 2))
-        points = np.concatenate([rays * z for z in (s.depth_min_m, s.depth_max_m)])
-        seen = points @ relative[:3, :3].T + relative[:3, 3]
-        at_u = camera.fx * seen[:, 0] / seen[:, 2] + camera.cx
-        at_v = camera.fy * seen[:, 1] / seen[:, 2] + camera.cy
-        left = int(np.clip(np.floor(at_u.min()) - 1 - margin_px, 0, camera.width))
-        top = int(np.clip(np.floor(at_v.min()) - 1 - margin_px, 0, camera.height))
-        right = int(np.clip(np.ceil(at_u.max()) + 2 + margin_px, left, camera.width))
-        bottom = int(np.clip(np.ceil(at_v.max()) + 2 + margin_px, top, camera.height))
-        own = (slice(top, bottom), slice(left, right))
+        points = np.concatenate([rays * z for z in bounds]) @ seen[:3, :3].T + seen[:3, 3]
+        at_u = camera.fx * points[:, 0] / points[:, 2] + camera.cx
+        at_v = camera.fy * points[:, 1] / points[:, 2] + camera.cy
+        size = (camera.width, camera.height)
+        low = np.clip([np.floor(at_u.min()) - 1, np.floor(at_v.min()) - 1], 0, size).astype(int)
+        high = np.clip([np.ceil(at_u.max()) + 2, np.ceil(at_v.max()) + 2], low, size).astype(int)
+        first = np.maximum(low - margin_px, 0)
+        last = np.minimum(high + margin_px, size)
+        own = (slice(first[1], last[1]), slice(first[0], last[0]))
+        inner = (
+            slice(low[1] - first[1], high[1] - first[1]),
+            slice(low[0] - first[0], high[0] - first[0]),
+        )
         stand_out = margins(voted.votes[k], s.threshold_kernel_px, s.full_scale_votes)
+        index = np.ascontiguousarray(voted.index[k][own])
+        usable = usable_planes(voted.planes, bounds)
+        stand_out = np.where(usable[index], stand_out[own], np.float32(-np.inf))
+        number = np.full(window.view.mask.shape, -1, np.int64)
+        number[window.view.mask] = np.arange(window.view.pixels)
+        same = np.array_equal(voted.poses[k], target)
         return cls(
-            np.ascontiguousarray(voted.votes[k][own]),
-            np.ascontiguousarray(voted.index[k][own]),
-            np.ascontiguousarray(stand_out[own]),
-            (left, top),
+            index,
+            stand_out,
+            inner,
+            (int(first[0]), int(first[1])),
             voted.planes,
-            pose,
+            bounds,
+            np.eye(4) if same else inverse_pose(target) @ voted.poses[k],
+            np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+            box,
+            number,
         )
 
-    def warped(
-        self,
-        mask: npt.NDArray[np.bool_],
-        median_px: int,
-        target: F64,
-        window: ContactWindow,
-        camera: Camera,
-        s: DepthSettings,
-    ) -> npt.NDArray[np.float32]:
-        """Depths in the middle view within the contact circle, NaN where there are none."""
-        if not mask.any():
-            return np.full(window.view.pixels, np.nan, np.float32)
-        changed = s.model_copy(update={"median_px": median_px})
-        bounds = (s.depth_min_m, s.depth_max_m)
-        view = masked_depth(
-            self.votes, self.index, mask.copy(), self.planes, bounds, self.pose, 1.0, changed
-        )
-        box: Box = window.view.box
-        depth, _, _ = warp_view(view, target, camera, self.corner, box)
-        return depth[window.view.mask]
+    def depths(
+        self, threshold: float, sizes_px: tuple[int, ...]
+    ) -> tuple[I64, I64, npt.NDArray[np.float32]]:
+        """Rows and columns of the pixels that stand out, and their depths for every median."""
+        mask = self.margins > threshold
+        wanted = np.zeros_like(mask)
+        wanted[self.inner] = mask[self.inner]
+        rows, columns = np.nonzero(wanted)
+        level = medians(self.index, mask, rows, columns, sizes_px, len(self.planes))
+        found = np.interp(level, np.arange(len(self.planes)), self.planes)
+        inside = (found >= self.bounds_m[0]) & (found <= self.bounds_m[1])
+        depth = np.where(inside, found, np.nan).astype(np.float32)
+        return rows + self.corner[1], columns + self.corner[0], depth
+
+    def warp(
+        self, rows: I64, columns: I64, depth: npt.NDArray[np.float32], out: npt.NDArray[np.float32]
+    ) -> None:
+        """Put depths where the middle view sees them; out is NaN where it sees none."""
+        kernels._warp(
+            rows, columns, depth, self.relative, self.intrinsics, self.box.left, self.box.top,
+            self.number, out,
+        )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
-def _tally(depth, truth, weights, errors, points):  # type: ignore[no-untyped-def]
-    """Errors of the weighted means of all weights, as `fuse_views` makes them."""
-    views, count = depth.shape
-    choices = weights.shape[1]
-    total = np.empty(choices)
-    mean = np.empty(choices)
-    for i in range(count):
-        seen = False
-        for j in range(choices):
-            total[j] = 0.0
-            mean[j] = 0.0
-        for k in range(views):
-            # Relative to the truth, so that the sums lose nothing.
-            z = depth[k, i] - truth[i]
-            if np.isnan(z):
-                continue
-            seen = True
-            for j in range(choices):
-                total[j] += weights[k, j]
-                mean[j] += weights[k, j] * z
-        if seen:
-            for j in range(choices):
-                if total[j] > 0:
-                    errors[j] += abs(mean[j]) / total[j]
-                    points[j] += 1
+def medians(
+    index: npt.NDArray[np.uint16],
+    mask: npt.NDArray[np.bool_],
+    rows: I64,
+    columns: I64,
+    sizes_px: tuple[int, ...],
+    levels: int,
+) -> npt.NDArray[np.float32]:
+    """Masked medians of some pixels over neighbourhoods of several sizes.
+
+    Parameters
+    ----------
+    index, mask, levels
+        As for `masked_median`, whose values these are.
+    rows, columns : ndarray of int64, shape (n,)
+        Pixels of the mask.
+    sizes_px : tuple of int
+        Neighbourhoods, odd.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, sizes)
+        Median plane numbers.
+    """
+    found = np.empty((len(rows), len(sizes_px)), np.float32)
+    if levels > _MOST_LEVELS:
+        for k, size in enumerate(sizes_px):
+            found[:, k] = masked_median(index, mask, size, levels, False)[0][rows, columns]
+        return found
+    sums = np.zeros((index.shape[0] + 1, index.shape[1] + 1, levels), np.int32)
+    kernels._sum_levels(index, mask, sums)
+    kernels._medians(sums, rows, columns, np.array(sizes_px, np.int64) // 2, found)
+    return found
