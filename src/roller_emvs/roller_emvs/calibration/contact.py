@@ -194,9 +194,7 @@ def pass_points(rolled: Rolled, settings: DepthSettings) -> tuple[F64, F64]:
     return np.concatenate(parts), towards / length if length else np.array([0.0, 0.0, 1.0])
 
 
-def contact_windows(
-    rolled: Rolled, settings: DepthSettings, sphere: Sphere
-) -> list[ContactWindow]:
+def contact_windows(rolled: Rolled, settings: DepthSettings, sphere: Sphere) -> list[ContactWindow]:
     """Windows of a method in whose middle view the whole contact circle is in the patch.
 
     Raises

@@ -125,8 +125,8 @@ def find_sphere(
     """
     if len(points_m) < LEAST_POINTS:
         raise TooFewPointsError(
-            f"{len(points_m)} depths, fewer than {LEAST_POINTS}: too few events; roll faster, lower "
-            "the camera's threshold or give the skin more texture"
+            f"{len(points_m)} depths, fewer than {LEAST_POINTS}: too few events; roll faster, "
+            "lower the camera's threshold or give the skin more texture"
         )
     frame = _frame(towards)
     local = points_m @ frame.T
@@ -184,9 +184,7 @@ def _frame(towards: F64) -> F64:
 
 def _below_apex(rho: F64, curvature: F64 | float) -> F64:
     """How far a sphere lies below its top at a distance from the axis."""
-    return np.asarray(
-        curvature * rho**2 / (1 + np.sqrt(np.maximum(1 - (curvature * rho) ** 2, 0)))
-    )
+    return np.asarray(curvature * rho**2 / (1 + np.sqrt(np.maximum(1 - (curvature * rho) ** 2, 0))))
 
 
 def _robust(local: F64, start: F64, radius_m: float, fixed: bool) -> F64:
