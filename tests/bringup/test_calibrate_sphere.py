@@ -221,7 +221,7 @@ def test_start_that_the_grid_does_not_better_stays(
     file = tmp_path / "skin.yaml"
     start = {"threshold_c": 45.0, "median_px": 17, "weights": [0.0, 1.0, 0.0]}
     params = write_parameters(tmp_path / "start.yaml", emvs={**PARAMETERS, **start})
-    # Beyond the grid's threshold there are fewer points, and better ones.
+    # Beyond the range of C there are fewer points, and better ones.
     floor = ["--least-coverage", "0.001", "--weight-parts", "2"]
     assert calibrate(world, "pass", "--params", str(params), *floor, "-o", str(file)) == 0
     found = read_parameters(file, "emvs")

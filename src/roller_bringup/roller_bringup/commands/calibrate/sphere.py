@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from roller_emvs.settings import DepthSettings
 
 METHODS = ("bma", "focus")
+#: The share by which the error must fall for parameters to be changed.
+_LEAST_GAIN = 0.005
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -133,9 +135,9 @@ def run(args: argparse.Namespace) -> int:
     old = {name: plain(getattr(settings, name)) for name in values}
     border = search.grid.at_border(choice)
     lines = []
-    if before.coverage >= least and before.error_m <= after.error_m:
+    if before.coverage >= least and after.error_m > (1 - _LEAST_GAIN) * before.error_m:
         values, after, border = old, before, []
-        lines.append("no choice of the grid is better: the parameters stay")
+        lines.append(f"no choice of the grid is better by {_LEAST_GAIN:.1%}: the parameters stay")
     lines += [
         f"before: {listed(old)}: {before}",
         f"after:  {listed(values)}: {after}",
@@ -147,6 +149,8 @@ def run(args: argparse.Namespace) -> int:
     if held is not None:
         what = "recordings" if len(passes) > 1 else "windows"
         lines.append(f"held out: {held} on {what} that had no say in the choice")
+        if held.error_m >= before.error_m and values != old:
+            lines.append("that is no better than before: more passes would make the choice firmer")
     lines += [f"{name} is at the end of its range" for name in border]
     lines += search.notes()
     previous = read_account(args.previous, "sphere") if args.previous else None
