@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from emvs.to_and_fro import CAMERA, scan_of, there_and_back
+from roller_bringup.calibration_file import read_account
 from roller_bringup.cli import main
 from roller_bringup.inspection import InspectionSettings
 
@@ -50,10 +51,34 @@ def test_one_scan_says_what_its_delay_holds(
     assert "give another recording" in capsys.readouterr().out
 
 
+def test_subcommand_is_the_option_and_carries_parameters_over(tmp_path: Path) -> None:
+    scan = str(recording(tmp_path / "scan", 0.2, 0.001))
+    camera, params = tmp_path / "camera.yaml", tmp_path / "params.yaml"
+    CAMERA.to_yaml(camera)
+    params.write_text("emvs: {ros__parameters: {threshold_c: 9.0, event_delay_s: 0.05}}")
+    files = [tmp_path / "one.yaml", tmp_path / "two.yaml"]
+    for words, file in zip((["--time-offset", scan], ["time-offset", scan]), files, strict=True):
+        given = ["--camera", str(camera), "--params", str(params), "-o", str(file)]
+        assert main(["calibrate", *words, *given]) == 0
+    one, two = (InspectionSettings.load(file).depth for file in files)
+    assert one == two
+    assert one.threshold_c == 9.0
+    assert one.event_delay_s == pytest.approx(0.001, abs=4e-4)
+    account = read_account(files[0], "time_offset")
+    assert account is not None
+    assert account["data"] == ["scan"]
+
+
+def test_what_to_calibrate_must_be_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as fault:
+        main(["calibrate", str(tmp_path)])
+    assert fault.value.code == 2
+    assert "sphere" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["{scan}"], "say what to calibrate"),
         (["--time-offset", "{missing}"], "there is no such file"),
         (["--time-offset", "{scan}", "{scan}", "--poses", "p.txt"], "goes with one recording"),
         (["--time-offset", "{scan}", "-o", "/proc/none/delay.yaml"], "can't be written"),

@@ -45,7 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     chosen = next((w for w in words if not w.startswith("-")), None)
     for name, (module, line) in _COMMANDS.items():
         if name == chosen:
-            importlib.import_module(module).add_parser(subparsers)
+            command = importlib.import_module(module)
+            command.add_parser(subparsers)
+            words = getattr(command, "rewritten", list)(words)
         else:
             subparsers.add_parser(name, help=line)
     args = parser.parse_args(words)

@@ -31,20 +31,50 @@ def adaptive_threshold(votes: F32, c: float, kernel_px: int, full_scale_votes: f
     -------
     ndarray of bool, shape (height, width)
     """
+    levels = _levels(votes, kernel_px, full_scale_votes)
+    mask = np.zeros(votes.shape, np.bool_)
+    if levels is not None:
+        # At the border the neighbourhood is cut off and every stray event stands out.
+        _stand_out(*levels, votes, np.float32(c), max(kernel_px // 2, 1), mask)
+    return mask
+
+
+def margins(votes: F32, kernel_px: int, full_scale_votes: float) -> F32:
+    """How far each pixel stands out: `adaptive_threshold` is where this exceeds a whole C.
+
+    Parameters
+    ----------
+    votes, kernel_px, full_scale_votes
+        As for `adaptive_threshold`.
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width)
+        In 1/255 of full scale; -inf where no C of at least 0 takes the pixel.
+    """
+    found = np.full(votes.shape, -np.inf, np.float32)
+    levels = _levels(votes, kernel_px, full_scale_votes)
+    if levels is not None:
+        border = max(kernel_px // 2, 1)
+        own = (slice(border, votes.shape[0] - border), slice(border, votes.shape[1] - border))
+        gray, mean = levels
+        found[own] = np.where(votes > 0, gray - np.rint(mean), np.float32(-np.inf))[own]
+    return found
+
+
+def _levels(votes: F32, kernel_px: int, full_scale_votes: float) -> tuple[F32, F32] | None:
+    """Votes in whole levels and their neighbourhood's mean; None where all are the same."""
     if full_scale_votes > 0:
         gray = votes * np.float32(255.0 / full_scale_votes)
     else:
         low, high = float(votes.min()), float(votes.max())
         if high <= low:
-            return np.zeros(votes.shape, bool)
+            return None
         gray = (votes - np.float32(low)) * np.float32(255.0 / (high - low))
     # OpenCV's adaptiveThreshold in whole levels, but without its saturation at 255.
     gray = np.floor(gray)
     mean = cv2.GaussianBlur(gray, (kernel_px, kernel_px), 0, borderType=cv2.BORDER_REPLICATE)
-    mask = np.zeros(votes.shape, np.bool_)
-    # At the border the neighbourhood is cut off and every stray event stands out.
-    _stand_out(gray, mean, votes, np.float32(c), max(kernel_px // 2, 1), mask)
-    return mask
+    return gray, np.asarray(mean, np.float32)
 
 
 @njit(cache=True, nogil=True)

@@ -14,7 +14,7 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 
-from .detection import adaptive_threshold, masked_median
+from .detection import Mask, adaptive_threshold, masked_median
 from .fusion import ViewDepth, fuse_views
 from .rays import F32, Packets, depth_planes, parallax_px, rays_in_view
 from .settings import DepthSettings
@@ -60,36 +60,68 @@ def window_depth(
         Metres and 0–1; NaN where no view has a depth.
     """
     s = settings
-    relative = inverse_pose(target) @ poses
-    shifted = shifted_planes(camera, relative, bounds_m, s) if s.fast_path else None
     with watch("votes"):
-        if shifted is not None:
-            poses = target @ shifted.views
-            rays = rays_in_view(packets, camera, target @ shifted.middle, s.precision)
-            planes = shifted.planes
-            votes, index = sweep_views(
-                rays, camera, planes, shifted.half_shifts, s.threads, s.tiles
-            )
-        else:
-            planes = choose_planes(packets, camera, target, bounds_m, s)
-            found = [
-                sweep_maximum(
-                    rays_in_view(packets, camera, pose, s.precision),
-                    camera, planes, s.threads, s.tiles,
-                )
-                for pose in poses
-            ]  # fmt: skip
-            votes, index = (np.stack(images) for images in zip(*found, strict=True))
+        voted = view_votes(packets, camera, poses, target, bounds_m, s)
     views: list[ViewDepth | None] = [None] * len(poses)
     weights = [weight for _, weight in s.views()]
 
     def look(k: int) -> None:
-        views[k] = view_depth(votes[k], index[k], planes, bounds_m, poses[k], weights[k], s)
+        views[k] = view_depth(
+            voted.votes[k], voted.index[k], voted.planes, bounds_m, voted.poses[k], weights[k], s
+        )
 
     with watch("detection"):
         share(s.threads, len(poses), look)
     with watch("fusion"):
         return fuse_views([v for v in views if v is not None], target, camera, s.weight_rule)
+
+
+@dataclass(frozen=True)
+class ViewVotes:
+    """Maxima along the rays of each reference view.
+
+    Attributes
+    ----------
+    votes, index : ndarray, shape (views, height, width)
+        Most votes along each pixel's ray and their plane.
+    planes : ndarray of float64, shape (n,)
+        Depths, metres.
+    poses : ndarray of float64, shape (views, 4, 4)
+        Where the views are, camera in base.
+    """
+
+    votes: F32
+    index: U16
+    planes: F64
+    poses: F64
+
+
+def view_votes(
+    packets: Packets,
+    camera: Camera,
+    poses: F64,
+    target: F64,
+    bounds_m: tuple[float, float],
+    s: DepthSettings,
+) -> ViewVotes:
+    """Votes of a window in its reference views; arguments as for `window_depth`."""
+    relative = inverse_pose(target) @ poses
+    shifted = shifted_planes(camera, relative, bounds_m, s) if s.fast_path else None
+    if shifted is not None:
+        rays = rays_in_view(packets, camera, target @ shifted.middle, s.precision)
+        votes, index = sweep_views(
+            rays, camera, shifted.planes, shifted.half_shifts, s.threads, s.tiles
+        )
+        return ViewVotes(votes, index, shifted.planes, target @ shifted.views)
+    planes = choose_planes(packets, camera, target, bounds_m, s)
+    found = [
+        sweep_maximum(
+            rays_in_view(packets, camera, pose, s.precision), camera, planes, s.threads, s.tiles
+        )
+        for pose in poses
+    ]
+    votes, index = (np.stack(images) for images in zip(*found, strict=True))
+    return ViewVotes(votes, index, planes, poses)
 
 
 def choose_planes(
@@ -234,10 +266,30 @@ def view_depth(
     """
     s = settings
     mask = adaptive_threshold(votes, s.threshold_c, s.threshold_kernel_px, s.full_scale_votes)
+    return masked_depth(votes, index, mask, planes, bounds_m, view, weight, s)
+
+
+def usable_planes(planes: F64, bounds_m: tuple[float, float]) -> Mask:
+    """Planes on which a peak is one: within the bounds, and not at an end."""
     # What peaks on an end plane may lie beyond it.
     steps = np.gradient(planes)
     usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
     usable[[0, -1]] = False
+    return np.asarray(usable)
+
+
+def masked_depth(
+    votes: F32,
+    index: U16,
+    mask: Mask,
+    planes: F64,
+    bounds_m: tuple[float, float],
+    view: F64,
+    weight: float,
+    s: DepthSettings,
+) -> ViewDepth:
+    """Depth of the pixels that stood out (a mask, written to); see `view_depth`."""
+    steps, usable = np.gradient(planes), usable_planes(planes, bounds_m)
     at = np.flatnonzero(mask)
     mask.ravel()[at] = usable[index.ravel()[at]]
     median, spread = masked_median(

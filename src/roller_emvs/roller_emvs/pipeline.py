@@ -21,7 +21,7 @@ from . import focus, paper
 from .depth_map import DepthMap
 from .hot_pixels import hot_pixels
 from .prior import DepthPrior
-from .rays import F32, make_packets, parallax_px
+from .rays import F32, Packets, make_packets, parallax_px
 from .settings import DepthSettings
 from .stopwatch import Stopwatch
 from .windows import RefusedWindow, Window, WindowCutter
@@ -29,6 +29,34 @@ from .windows import RefusedWindow, Window, WindowCutter
 
 class ParallaxError(RollerError):
     """A window in which depth can't be told from the motion."""
+
+
+@dataclass(frozen=True)
+class PreparedWindow:
+    """A window's events at their poses, from which a method makes depth.
+
+    Attributes
+    ----------
+    window : Window
+        Its span and all its events.
+    packets : Packets
+        Events that count.
+    poses : ndarray of float64, shape (views, 4, 4)
+        Reference cameras in base, in the order of `DepthSettings.views`.
+    target : ndarray of float64, shape (4, 4)
+        Camera in base in the middle of the window.
+    middle_ns : int
+        That time, ROS time, ns.
+    notes : tuple of str
+        What was left out.
+    """
+
+    window: Window
+    packets: Packets
+    poses: F64
+    target: F64
+    middle_ns: int
+    notes: tuple[str, ...]
 
 
 @dataclass(slots=True)
@@ -110,10 +138,7 @@ class DepthPipeline:
         flush : bool
             No more events will come: what is left makes up the last window.
         """
-        while (window := self._cutter.cut(flush)) is not None:
-            self._counts.events += (
-                window.events if isinstance(window, RefusedWindow) else len(window.events)
-            )
+        for window in self.windows(flush):
             result = self._reconstruct(window) if isinstance(window, Window) else window
             if isinstance(result, RefusedWindow):
                 self._counts.refused_windows += 1
@@ -122,47 +147,65 @@ class DepthPipeline:
                 self._counts.points += result.points
             yield result
 
-    def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
-        watch, begin = Stopwatch(), time.perf_counter()
+    def windows(self, flush: bool = False) -> Iterator[Window | RefusedWindow]:
+        """Windows that are complete, in order, without their depth; see `results`."""
+        while (window := self._cutter.cut(flush)) is not None:
+            self._counts.events += (
+                window.events if isinstance(window, RefusedWindow) else len(window.events)
+            )
+            yield window
+
+    def prepare(self, window: Window, watch: Stopwatch | None = None) -> PreparedWindow:
+        """Put a window's events at their poses.
+
+        Raises
+        ------
+        ParallaxError
+            Where the motion gives no depth.
+        PoseError
+            Where poses are missing.
+        """
+        s, camera = self.settings, self.camera
         events, notes = self._usable(window.events)
         span = window.end_ns - window.start_ns
         middle_ns = window.start_ns + span // 2
-        try:
-            depth, confidence, target = self._depth(window, events, middle_ns, watch)
-        except RollerError as error:
-            return RefusedWindow(window.start_ns, window.end_ns, len(window.events), str(error))
-        watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
-        return DepthMap(
-            middle_ns,
-            depth,
-            confidence,
-            target,
-            window.start_ns,
-            window.end_ns,
-            len(window.events),
-            {k: float(np.round(v, 3)) for k, v in watch.milliseconds.items()},
-            notes,
-        )
-
-    def _depth(
-        self, window: Window, events: EventArray, middle_ns: int, watch: Stopwatch
-    ) -> tuple[F32, F32, F64]:
-        """Depth, confidence and the pose they are seen from."""
-        s, camera = self.settings, self.camera
-        span = window.end_ns - window.start_ns
         if not len(events):
             raise ParallaxError("no event of a good pixel lies in the contact patch")
-        with watch("packets"):
+        with (watch or Stopwatch())("packets"):
             packets = make_packets(events, self._table, self.track, s.packet_events)
             times = [window.start_ns + round(f * span) for f, _ in s.views()]
             poses = self.track.matrices([*times, middle_ns])
-            target = poses[-1]
-        parallax = parallax_px(packets, camera, target, s.depth_min_m, s.depth_max_m)
+        parallax = parallax_px(packets, camera, poses[-1], s.depth_min_m, s.depth_max_m)
         if parallax < s.min_parallax_px:
             raise ParallaxError(
                 f"parallax of {parallax:.2f} px over the depth range is below "
                 f"{s.min_parallax_px:g} px: too little motion across the view for a depth"
             )
+        return PreparedWindow(window, packets, poses[:-1], poses[-1], middle_ns, notes)
+
+    def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
+        watch, begin = Stopwatch(), time.perf_counter()
+        try:
+            prepared = self.prepare(window, watch)
+            depth, confidence = self._depth(prepared, watch)
+        except RollerError as error:
+            return RefusedWindow(window.start_ns, window.end_ns, len(window.events), str(error))
+        watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
+        return DepthMap(
+            prepared.middle_ns,
+            depth,
+            confidence,
+            prepared.target,
+            window.start_ns,
+            window.end_ns,
+            len(window.events),
+            {k: float(np.round(v, 3)) for k, v in watch.milliseconds.items()},
+            prepared.notes,
+        )
+
+    def _depth(self, prepared: PreparedWindow, watch: Stopwatch) -> tuple[F32, F32]:
+        """Depth and confidence in the middle view."""
+        s, camera, packets, target = self.settings, self.camera, prepared.packets, prepared.target
         for bounds in self._prior.tries():
             if s.method == "focus":
                 depth, confidence = focus.focus_depth(
@@ -170,11 +213,11 @@ class DepthPipeline:
                 )
             else:
                 depth, confidence = paper.window_depth(
-                    packets, camera, poses[:-1], target, bounds, s, watch
+                    packets, camera, prepared.poses, target, bounds, s, watch
                 )
             if self._prior.accepts(depth, bounds):
                 break
-        return depth, confidence, target
+        return depth, confidence
 
     def _usable(self, events: EventArray) -> tuple[EventArray, tuple[str, ...]]:
         """Events of pixels that see something, where the skin sticks to the surface."""

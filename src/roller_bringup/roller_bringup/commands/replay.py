@@ -37,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If the recording can't be opened or results can't be written.
     """
+    from roller_bringup.calibration_file import refuse_other_camera
     from roller_bringup.inspection import InspectionSettings
     from roller_bringup.recordings import open_recording
     from roller_bringup.replay import replay
@@ -48,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
     recording = open_recording(
         args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
     )
+    refuse_other_camera(args.params, recording.camera)
     with progress_bar(f"replay {args.input.name}") as progress:
         report = replay(recording, settings, args.output, args.input, not args.no_braille, progress)
     if not args.no_picture:

@@ -1,0 +1,131 @@
+"""Errors of many parameters over windows: which are best, and how well that holds elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.errors import RollerError
+from roller_core.transforms import F64
+
+I64 = npt.NDArray[np.int64]
+
+
+class CoverageError(RollerError):
+    """No parameters measure as much as is asked for."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """An error with the coverage that it holds for.
+
+    Attributes
+    ----------
+    error_m : float
+        Mean absolute error of the measured pixels within the contact circle, metres.
+    coverage : float
+        Share of the circle's pixels that are measured.
+    """
+
+    error_m: float
+    coverage: float
+
+    def __str__(self) -> str:
+        return f"{self.error_m * 1e6:.1f} µm at {self.coverage:.1%} of the contact circle"
+
+
+@dataclass
+class ErrorTable:
+    """Sums of errors by window and choice of parameters, filled bit by bit.
+
+    Attributes
+    ----------
+    errors_m : ndarray of float64, shape (windows, choices)
+        Sums of absolute errors, metres; NaN where not yet known.
+    points : ndarray of int64, shape (windows, choices)
+        Measured pixels within the contact circle.
+    pixels : ndarray of int64, shape (windows,)
+        All pixels within it.
+    """
+
+    errors_m: F64
+    points: I64
+    pixels: I64
+
+    @classmethod
+    def empty(cls, pixels: Sequence[int], choices: int) -> ErrorTable:
+        """A table of which nothing is known yet."""
+        shape = (len(pixels), choices)
+        return cls(np.full(shape, np.nan), np.zeros(shape, np.int64), np.asarray(pixels, np.int64))
+
+    def figures(self, choice: int = 0, windows: Sequence[int] | None = None) -> Figures:
+        """Error and coverage of a choice over all or some windows."""
+        rows = slice(None) if windows is None else list(windows)
+        points = int(self.points[rows, choice].sum())
+        error = float(self.errors_m[rows, choice].sum()) / points if points else float("nan")
+        return Figures(error, points / int(self.pixels[rows].sum()))
+
+    def best(self, least_coverage: float, windows: Sequence[int] | None = None) -> int:
+        """Choice of the least error among those that measure enough.
+
+        Parameters
+        ----------
+        least_coverage : float
+            Share of the contact circle that must be measured, so that leaving out points is no
+            merit.
+        windows : sequence of int, optional
+            Windows that count; all by default.
+
+        Raises
+        ------
+        CoverageError
+            If none does.
+        """
+        rows = slice(None) if windows is None else list(windows)
+        points = self.points[rows].sum(axis=0)
+        coverage = points / self.pixels[rows].sum()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            error = np.where(
+                (coverage >= least_coverage) & (points > 0),
+                self.errors_m[rows].sum(axis=0) / points,
+                np.inf,
+            )
+        if not np.isfinite(error).any():
+            raise CoverageError(
+                f"no parameters of the grid measure {least_coverage:.1%} of the contact circle; "
+                f"the most is {coverage.max():.1%}"
+            )
+        return int(np.argmin(error))
+
+    def held_out(self, groups: Sequence[str], least_coverage: float) -> Figures | None:
+        """Figures of each group with the parameters that the other groups choose.
+
+        Parameters
+        ----------
+        groups : sequence of str
+            Of each window; windows of a group stay together.
+        least_coverage : float
+            As for `best`.
+
+        Returns
+        -------
+        Figures or None
+            None where there is one group alone, or the others can't reach the coverage.
+        """
+        names = np.asarray(groups)
+        error = points = pixels = 0.0
+        for name in np.unique(names):
+            own, others = np.flatnonzero(names == name), np.flatnonzero(names != name)
+            if not len(others):
+                return None
+            try:
+                choice = self.best(least_coverage, others.tolist())
+            except CoverageError:
+                return None
+            error += float(self.errors_m[own, choice].sum())
+            points += float(self.points[own, choice].sum())
+            pixels += float(self.pixels[own].sum())
+        return Figures(error / points, points / pixels) if points else None

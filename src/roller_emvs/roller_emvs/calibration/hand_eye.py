@@ -1,0 +1,149 @@
+"""The camera's place on the tool, from poses of the robot and of a target that stands still."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from roller_core.errors import RollerError
+from roller_core.transforms import F64, inverse_pose
+
+#: Fewest pairs of poses; and the least turn that must occur about a second axis, degrees.
+LEAST_PAIRS, LEAST_TURN_DEG = 3, 5.0
+#: Residuals (root mean square) above which the poses can't belong together.
+MOST_RESIDUAL_M, MOST_RESIDUAL_DEG = 2e-3, 1.0
+#: A degree counts as much as this length, metres: what it moves a surface 45 mm away.
+_M_PER_RAD = 0.045
+
+
+class HandEyeError(RollerError):
+    """Poses from which the camera's place can't be told."""
+
+
+@dataclass(frozen=True)
+class HandEye:
+    """Camera on the tool.
+
+    Attributes
+    ----------
+    pose : ndarray of float64, shape (4, 4)
+        Camera optical frame in the tool's.
+    target : ndarray of float64, shape (4, 4)
+        The target in base.
+    residuals_m, residuals_deg : ndarray of float64, shape (n,)
+        How far each pair puts the target off its place.
+    """
+
+    pose: F64
+    target: F64
+    residuals_m: F64
+    residuals_deg: F64
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of the residuals, metres."""
+        return float(np.sqrt(np.mean(self.residuals_m**2)))
+
+    @property
+    def rms_deg(self) -> float:
+        """Root mean square of the residuals, degrees."""
+        return float(np.sqrt(np.mean(self.residuals_deg**2)))
+
+    @property
+    def position_m(self) -> F64:
+        """Position of the camera on the tool, metres."""
+        return self.pose[:3, 3]
+
+    @property
+    def quaternion(self) -> F64:
+        """Its rotation, x y z w."""
+        return np.asarray(Rotation.from_matrix(self.pose[:3, :3]).as_quat(), np.float64)
+
+
+def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
+    """Camera on the tool from pairs of poses.
+
+    OpenCV's `calibrateHandEye` (Park and Martin 1994) gives the start; least squares over all
+    pairs bring it to where the target scatters least.
+
+    Parameters
+    ----------
+    tools : sequence of ndarray, shape (4, 4)
+        The tool in base, metres.
+    targets : sequence of ndarray, shape (4, 4)
+        The target in the camera at the same moments.
+
+    Raises
+    ------
+    HandEyeError
+        If there are too few pairs, the tool turns about one axis alone, or the pairs don't agree.
+    """
+    if len(tools) < LEAST_PAIRS:
+        raise HandEyeError(f"{len(tools)} pairs of poses; {LEAST_PAIRS} are needed, 10 are better")
+    base_tool, camera_target = np.asarray(tools, float), np.asarray(targets, float)
+    _check_turns(base_tool)
+    rotation, position = cv2.calibrateHandEye(
+        list(base_tool[:, :3, :3]), list(base_tool[:, :3, 3]),
+        list(camera_target[:, :3, :3]), list(camera_target[:, :3, 3]),
+        method=cv2.CALIB_HAND_EYE_PARK,
+    )  # fmt: skip
+    start = np.eye(4)
+    start[:3, :3], start[:3, 3] = rotation, position.ravel()
+    if not np.isfinite(start).all():
+        raise HandEyeError("the pairs of poses have no solution: are they of the same moments?")
+    placed = base_tool @ start @ camera_target
+    target = np.eye(4)
+    target[:3, :3] = Rotation.from_matrix(placed[:, :3, :3]).mean().as_matrix()
+    target[:3, 3] = np.median(placed[:, :3, 3], axis=0)
+
+    def residuals(change: F64) -> F64:
+        found = base_tool @ _moved(start, change[:6]) @ camera_target
+        apart = inverse_pose(_moved(target, change[6:])) @ found
+        turns = Rotation.from_matrix(apart[:, :3, :3]).as_rotvec()
+        return np.concatenate([apart[:, :3, 3].ravel(), _M_PER_RAD * turns.ravel()])
+
+    change = least_squares(residuals, np.zeros(12), x_scale="jac").x
+    rest = residuals(change).reshape(2, -1, 3)
+    found = HandEye(
+        _moved(start, change[:6]),
+        _moved(target, change[6:]),
+        np.linalg.norm(rest[0], axis=1),
+        np.degrees(np.linalg.norm(rest[1], axis=1) / _M_PER_RAD),
+    )
+    if found.rms_m > MOST_RESIDUAL_M or found.rms_deg > MOST_RESIDUAL_DEG:
+        worst = int(np.argmax(found.residuals_m))
+        raise HandEyeError(
+            f"the pairs don't agree: the target is off its place by {found.rms_m * 1e3:.2f} mm and "
+            f"{found.rms_deg:.2f}° (pair {worst + 1} most); are both poses of the same moment, "
+            "tool in base and target in camera?"
+        )
+    return found
+
+
+def _moved(pose: F64, change: F64) -> F64:
+    """A pose after a small move (m) and turn (rad) in its own frame."""
+    step = np.eye(4)
+    step[:3, :3] = Rotation.from_rotvec(change[3:]).as_matrix()
+    step[:3, 3] = change[:3]
+    return np.asarray(pose @ step)
+
+
+def _check_turns(tools: F64) -> None:
+    """Refuse motions that leave the camera's place open."""
+    first = tools[0, :3, :3]
+    turns = Rotation.from_matrix(first.T @ tools[1:, :3, :3]).as_rotvec()
+    size = np.degrees(np.linalg.svd(turns, compute_uv=False))
+    if size[0] < LEAST_TURN_DEG:
+        raise HandEyeError(
+            f"the tool turns by {size[0]:.1f}° at most: turn it between the poses, by 20° and more"
+        )
+    if len(size) < 2 or size[1] < LEAST_TURN_DEG:
+        raise HandEyeError(
+            "the tool turns about one axis alone, which leaves the camera's place along it open: "
+            "turn it about a second axis too"
+        )

@@ -1,0 +1,139 @@
+"""Scale, depth range and the camera's place on the tool."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from roller_core.camera import Camera
+from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
+from roller_emvs.calibration import (
+    FlatError,
+    HandEyeError,
+    ScaleError,
+    check_scale,
+    find_hand_eye,
+    find_plate,
+    scale_of,
+)
+
+CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
+OPENINGS = [2.0, 2.0, 3.0, 3.0, 4.0, 4.0, 5.0, 5.0]
+
+
+def test_scale_is_the_mean_of_the_readings() -> None:
+    pixels = np.array(OPENINGS) / 0.0422 + [0.3, -0.2, 0.1, 0.4, -0.3, 0.2, 0.0, -0.1]
+    found = scale_of(OPENINGS, pixels)
+    assert found.mm_per_px == pytest.approx(np.mean(OPENINGS / pixels))
+    assert found.readings == 8
+    assert 0 < found.standard_error_mm_per_px < found.deviation_mm_per_px < found.spread * 0.0422
+
+
+@pytest.mark.parametrize(
+    ("readings", "pixels", "says"),
+    [
+        ([2.0, 3.0], [47.0], "2 readings in mm and 1 in pixels"),
+        ([2.0], [47.0], "1 reading"),
+        ([2.0, 0.0], [47.0, 47.0], "reading 2"),
+        ([2.0, float("nan")], [47.0, 47.0], "reading 2"),
+        ([2.0, 2.0, 3.0, 3.0], [47.4, 47.4, 71.1, 47.4], "reading 4 .* read it again"),
+    ],
+)
+def test_nonsense_is_no_scale(readings: list[float], pixels: list[float], says: str) -> None:
+    with pytest.raises(ScaleError, match=says):
+        scale_of(readings, pixels)
+
+
+def test_scale_and_camera_must_agree() -> None:
+    assert check_scale(0.0422, 0.045, 1066.0) == pytest.approx(0.0422 * 1066 / 45 - 1)
+    for wrong in (0.05, -1.0, float("nan")):
+        with pytest.raises(ScaleError):
+            check_scale(wrong, 0.045, 1066.0)
+
+
+def plate(tilt: float = 0.0, bump_m: float = 0.0, count: int = 4000) -> np.ndarray:
+    """Points of a plate in the camera's frame, 45 mm away."""
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(-0.012, 0.012, count), rng.uniform(-0.009, 0.009, count)
+    z = 0.045 + tilt * x - bump_m * np.exp(-(x**2 + y**2) / (2 * 0.004**2))
+    return np.column_stack([x, y, z + rng.normal(0, 3e-5, count)])
+
+
+def test_depth_range_holds_plate_relief_and_margin() -> None:
+    pose = pose_matrix([0.3, -0.2, 0.7], rotation_vector_to_quaternion([3.0, 0.2, 0.1]))
+    points = plate(0.02) @ pose[:3, :3].T + pose[:3, 3]
+    stray = np.random.default_rng(3).normal(points.mean(axis=0), 0.003, (150, 3))
+    found = find_plate(np.concatenate([points, stray]), pose, CAMERA)
+    assert found.depth_m == pytest.approx(0.045, abs=1e-5)
+    assert found.tilt_deg == pytest.approx((np.degrees(0.02), 0.0), abs=0.03)
+    # At the image's border rays meet z = 0.045 + 0.02·x.
+    edge = np.array([CAMERA.cx, -CAMERA.cx]) / CAMERA.fx
+    assert (found.nearest_m, found.farthest_m) == pytest.approx(
+        tuple(np.sort(0.045 / (1 - 0.02 * edge))), abs=2e-5
+    )
+    low, high = found.depth_range_m(1.5e-3, 0.5e-3)
+    assert (found.nearest_m - low, high - found.farthest_m) == pytest.approx((2e-3, 2e-3))
+
+
+@pytest.mark.parametrize(
+    ("points", "says"),
+    [
+        (plate(bump_m=1e-3), "not flat"),
+        (plate(0.15), "leans by 8.5"),
+        (plate(count=100), "too few events"),
+        (plate() * [0.05, 1, 1], "too little of the plate"),
+    ],
+    ids=["bump", "tilt", "few", "narrow"],
+)
+def test_what_is_no_flat_plate_is_refused(points: np.ndarray, says: str) -> None:
+    with pytest.raises(FlatError, match=says):
+        find_plate(points, np.eye(4), CAMERA)
+
+
+HAND_EYE = pose_matrix([0.02, -0.013, 0.11], rotation_vector_to_quaternion([0.1, -0.2, 1.3]))
+
+
+def pairs(
+    count: int, about: np.ndarray, noise_m: float = 0.0, noise_rad: float = 0.0
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Tool in base and target in camera; `about` scales the turns about x, y and z."""
+    rng = np.random.default_rng(7)
+    target = pose_matrix([0.5, 0.1, 0.0], rotation_vector_to_quaternion([3.1, 0.1, 0.0]))
+    tools, targets = [], []
+    for _ in range(count):
+        turn = Rotation.from_rotvec(about * rng.uniform(-0.5, 0.5, 3))
+        turned = Rotation.from_rotvec([3.0, 0.2, 0.0]) * turn
+        tool = pose_matrix(rng.normal([0.5, 0.1, 0.3], 0.05), turned.as_quat())
+        off = pose_matrix(
+            rng.normal(0, noise_m, 3), Rotation.from_rotvec(rng.normal(0, noise_rad, 3)).as_quat()
+        )
+        tools.append(tool)
+        targets.append(inverse_pose(tool @ HAND_EYE) @ target @ off)
+    return tools, targets
+
+
+def test_hand_eye_is_found_with_its_residuals() -> None:
+    exact = find_hand_eye(*pairs(6, np.ones(3)))
+    np.testing.assert_allclose(exact.pose, HAND_EYE, atol=1e-7)
+    noisy = find_hand_eye(*pairs(20, np.ones(3), 1e-4, 1e-3))
+    assert np.linalg.norm(noisy.position_m - HAND_EYE[:3, 3]) < 3e-4
+    assert noisy.rms_m == pytest.approx(np.sqrt(3) * 1e-4, rel=0.4)
+    assert noisy.rms_deg == pytest.approx(np.degrees(np.sqrt(3) * 1e-3), rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (pairs(2, np.ones(3)), "2 pairs"),
+        (pairs(8, np.zeros(3)), "turns by 0.0°"),
+        (pairs(8, np.array([0.0, 0.0, 1.0])), "one axis alone"),
+        (pairs(8, np.ones(3), 2e-2, 0.1), "don't agree"),
+    ],
+    ids=["two", "no turn", "one axis", "noise"],
+)
+def test_poses_that_tell_nothing_are_refused(
+    given: tuple[list[np.ndarray], list[np.ndarray]], says: str
+) -> None:
+    with pytest.raises(HandEyeError, match=says):
+        find_hand_eye(*given)
