@@ -16,13 +16,14 @@ from roller_bringup.evaluation.paper import run_evaluation
 from roller_bringup.evaluation.paper_tables import error, tables
 from roller_bringup.evaluation.passes import METHODS, Pass, settings_of, tops_of
 from roller_bringup.evaluation.plan import EXPERIMENTS, OURS, EvaluationOptions, passes
+from roller_bringup.evaluation.weights import weight_choices
 from roller_bringup.results.tables import Table
 from roller_driver.virtual.relief import Region
 
 #: A narrow camera over a coarse plate: seconds instead of minutes.
 CELL = {"scene": {"step_mm": 0.06}, "camera": {"width": 480, "height": 96}}
 SMALL = EvaluationOptions(
-    only=("fusion", "objects"), repeats=1, objects=("stairs",), cell=CELL, quick=True
+    only=("weights", "fusion", "objects"), repeats=1, objects=("stairs",), cell=CELL, quick=True
 )
 
 
@@ -32,12 +33,20 @@ def figures(mae_um: float | None, edges: float) -> dict[str, object]:
             "objects": {}}  # fmt: skip
 
 
+def weight_figures(scene: str) -> dict[str, object]:
+    """The further from the best weights, the more error; 10 µm there."""
+    best = {"stairs": (0.5, 0.5, 0.0), "sphere": (1 / 3, 1 / 3, 1 / 3)}.get(scene, (0, 0, 1))
+    away = np.abs(weight_choices() - best).sum(axis=1)
+    return {"mae_um": (10 + 30 * away).tolist(), "points": [100] * len(away)}
+
+
 def made_up(options: EvaluationOptions) -> Measured:
     """Figures that tell which pass they are of: 100 times the seed, and the speed."""
     return Measured(
         {
             p: {"events": 1000 * p.seed,
-                "methods": {m: figures(100.0 * p.seed + p.speed, 0.5) for m in methods}}
+                "methods": {m: figures(100.0 * p.seed + p.speed, 0.5) for m in methods}
+                | ({"weights": weight_figures(p.scene)} if "weights" in methods else {})}
             for p, methods in passes(options).items()
         }
     )  # fmt: skip
@@ -63,6 +72,11 @@ def test_tables_hold_mean_deviation_and_coverage() -> None:
     options = EvaluationOptions(repeats=3)
     found = tables(made_up(options), options)
     assert list(found) == [name for name in EXPERIMENTS if name not in ("time", "braille")]
+    rows = {row[0]: row for row in found["weights"].rows}
+    assert rows["sphere, the paper"][:5] == ("sphere, the paper", "0.445", "0.333", "0.222", "54.9")
+    # In the middle between the others it is best for all; order: stairs, sphere, sparse_sphere.
+    assert rows["sphere"][1:] == ("0.333", "0.333", "0.333", "30.0", "30.0", "10.0", "50.0")
+    assert rows["stairs"][1:4] == ("0.500", "0.500", "0.000")
     rows = {row[0]: row for row in found["fusion"].rows}
     assert rows["BMA, the paper"] == ("BMA, the paper", "58.1", "94.6", "12.0", "54.9")
     assert rows["BMA"][1] == "200.3 ± 100.0 (50%)"
@@ -99,12 +113,17 @@ def test_a_page_is_whole_and_escapes() -> None:
 
 def test_a_run_that_was_broken_off_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = run_evaluation(SMALL, tmp_path, jobs=2)
-    assert list(found) == ["fusion", "objects"]
+    assert list(found) == ["weights", "fusion", "objects"]
     html = (tmp_path / "index.html").read_text()
     assert html.count("data:image/png") == 2
     result = json.loads((tmp_path / "evaluation.json").read_text())
     (only,) = result["passes"]
-    assert set(only["methods"]) == {"emvs", "left_right", *OURS}
+    assert set(only["methods"]) == {"weights", "emvs", "left_right", *OURS}
+    # The search gives what the pipeline does with its own weights, to how they are rounded.
+    own = np.abs(weight_choices() - (8 / 18, 6 / 18, 4 / 18)).sum(axis=1).argmin()
+    searched = only["methods"]["weights"]
+    assert searched["mae_um"][own] == pytest.approx(only["methods"]["bma"]["mae_um"], abs=0.5)
+    assert searched["points"][own] == only["methods"]["bma"]["points"]
     for name in OURS:
         assert only["methods"][name]["mae_um"] < 400
         assert 0.2 < only["methods"][name]["edges_measured"] <= 1.0
@@ -128,7 +147,7 @@ def test_a_run_that_was_broken_off_goes_on(tmp_path: Path, monkeypatch: pytest.M
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--only", "nothing"], "'nothing' is none of fusion"),
+        (["--only", "nothing"], "'nothing' is none of weights"),
         (["--repeats", "0"], "--repeats and --jobs: at least 1"),
         (["--jobs", "0"], "--repeats and --jobs: at least 1"),
         (["--output", "/proc/nowhere"], "results can't be written there"),

@@ -21,9 +21,13 @@ from roller_emvs.settings import DepthSettings
 from roller_emvs.surface import SurfacePatch, SurfaceSettings
 from roller_emvs.windows import RefusedWindow
 
+from .weights import weight_errors
+
 _FIVE = (0.0, 0.25, 0.5, 0.75, 1.0)
 #: Settings of the methods; all else is default.
 METHODS: dict[str, dict[str, Any]] = {
+    # Not a method: bma with all weights.
+    "weights": {"method": "bma"},
     "emvs": {"method": "emvs"},
     "left_right": {"method": "left_right"},
     "bma": {"method": "bma"},
@@ -112,6 +116,9 @@ def measure_pass(asked: Pass, methods: Iterable[str], cell: Mapping[str, Any]) -
 def measure_object(scan: Scan, method: str) -> dict[str, Any]:
     """Errors of a method's depth maps, or rows, while the object crosses the image."""
     settings = settings_of(method)
+    if method == "weights":
+        assert isinstance(settings, DepthSettings)
+        return weight_errors(scan, settings)
     tally, windows = tally_for(settings, scan), 0
     for found in results_of(settings, scan, events_for(settings, scan)):
         if not isinstance(found, RefusedWindow):

@@ -21,6 +21,7 @@ OURS = ("bma", "focus", "surface")
 CONTACTS = ("light", "medium", "full")
 #: Experiments by name, in the order of the report.
 EXPERIMENTS = {
+    "weights": "Weights of the views, found on one object and tried on all",
     "fusion": "Depth methods on the calibration set",
     "objects": "The six objects",
     "speed": "Error against speed, on the sphere",
@@ -100,6 +101,9 @@ def passes(options: EvaluationOptions) -> dict[Pass, tuple[str, ...]]:
 
     o = options
     for seed in o.seeds:
+        if "weights" in o.only:
+            for name in o.calibration_set:
+                add(Pass(name, SPEED, seed), "weights")
         if "fusion" in o.only:
             for name in o.calibration_set:
                 add(Pass(name, SPEED, seed), *FUSIONS)

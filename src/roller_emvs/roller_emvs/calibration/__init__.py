@@ -1,10 +1,13 @@
 """Calibration from recordings; numerical code, no ROS."""
 
 from .contact import (
+    Box,
     ContactView,
     ContactWindow,
+    KnownWindow,
     OffPatchError,
     Rolled,
+    TrueDepth,
     contact_view,
     contact_windows,
     pass_points,
@@ -13,7 +16,7 @@ from .error_table import CoverageError, ErrorTable, Figures
 from .flat import FlatError, FlatPlate, find_plate
 from .focus_search import FocusGrid, focus_errors
 from .hand_eye import HandEye, HandEyeError, find_hand_eye
-from .paper_grid import PaperGrid, check_weights
+from .paper_grid import PaperGrid, check_weights, simplex
 from .paper_search import window_errors
 from .scale import PAPER_MM_PER_PX, PAPER_READINGS, Scale, ScaleError, check_scale, scale_of
 from .sphere import (
@@ -31,6 +34,7 @@ from .to_and_fro import Scan, TimeOffsetError, central_events
 __all__ = [
     "PAPER_MM_PER_PX",
     "PAPER_READINGS",
+    "Box",
     "ContactView",
     "ContactWindow",
     "CoverageError",
@@ -41,6 +45,7 @@ __all__ = [
     "FocusGrid",
     "HandEye",
     "HandEyeError",
+    "KnownWindow",
     "ManySpheresError",
     "NoSphereError",
     "OffPatchError",
@@ -54,6 +59,7 @@ __all__ = [
     "TimeOffset",
     "TimeOffsetError",
     "TooFewPointsError",
+    "TrueDepth",
     "WrongRadiusError",
     "central_events",
     "check_scale",
@@ -67,5 +73,6 @@ __all__ = [
     "focus_errors",
     "pass_points",
     "scale_of",
+    "simplex",
     "window_errors",
 ]

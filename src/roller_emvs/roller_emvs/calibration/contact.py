@@ -66,17 +66,35 @@ class Box(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ContactView:
-    """The contact circle in a camera's image, in ideal pinhole pixels.
+class TrueDepth:
+    """What is known of a part of a camera's image, in ideal pinhole pixels.
 
     Attributes
     ----------
     box : Box
-        Part of the image that holds the circle.
+        The part.
     depth_m : ndarray of float64, shape (box height, box width)
-        True depth, metres; NaN beside the sphere.
+        True depth, metres; NaN where it isn't known.
     mask : ndarray of bool, shape (box height, box width)
-        Within the circle.
+        What counts; the depth there is known.
+    """
+
+    box: Box
+    depth_m: F64
+    mask: npt.NDArray[np.bool_]
+
+    @property
+    def pixels(self) -> int:
+        """Pixels that count."""
+        return int(np.count_nonzero(self.mask))
+
+
+@dataclass(frozen=True)
+class ContactView(TrueDepth):
+    """The contact circle in a camera's image: what counts is within it.
+
+    Attributes
+    ----------
     centre_px : tuple of float
         Middle of the circle, u and v.
     radius_px : float
@@ -85,25 +103,24 @@ class ContactView:
         Depth of the circle's plane, metres.
     """
 
-    box: Box
-    depth_m: F64
-    mask: npt.NDArray[np.bool_]
     centre_px: tuple[float, float]
     radius_px: float
     plane_m: float
 
-    @property
-    def pixels(self) -> int:
-        """Pixels within the circle."""
-        return int(np.count_nonzero(self.mask))
-
 
 @dataclass(frozen=True)
-class ContactWindow:
-    """A window in whose middle view the contact circle lies whole."""
+class KnownWindow:
+    """A window, and the truth in its middle view."""
 
     name: str
     prepared: PreparedWindow
+    view: TrueDepth
+
+
+@dataclass(frozen=True)
+class ContactWindow(KnownWindow):
+    """A window in whose middle view the contact circle lies whole."""
+
     view: ContactView
 
 

@@ -2,7 +2,7 @@
 
 A window's votes are made once, the threshold's margins once a view. A choice of C is a comparison,
 G_f a median over a part of the image, and all weights share the views' warped depths. What comes
-out is what `DepthPipeline` would give with those parameters, over the contact circle.
+out is what `DepthPipeline` would give with those parameters, where the truth is known.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from roller_emvs.settings import DepthSettings
 from roller_emvs.threads import share
 
 from . import _search_kernels as kernels
-from .contact import Box, ContactWindow
+from .contact import Box, KnownWindow
 from .error_table import I64
 from .paper_grid import PaperGrid
 
@@ -30,17 +30,17 @@ _MOST_LEVELS = 64
 
 
 def window_errors(
-    window: ContactWindow,
+    window: KnownWindow,
     camera: Camera,
     settings: DepthSettings,
     grid: PaperGrid,
     tell: Callable[[float], None] = lambda _share: None,
 ) -> tuple[F64, I64]:
-    """Errors of all choices of the grid over one window's contact circle.
+    """Errors of all choices of the grid over what is known of one window.
 
     Parameters
     ----------
-    window : ContactWindow
+    window : KnownWindow
         Events, poses and the truth.
     camera : Camera
         Intrinsics.
@@ -129,7 +129,7 @@ class _ViewPart:
         voted: ViewVotes,
         k: int,
         camera: Camera,
-        window: ContactWindow,
+        window: KnownWindow,
         s: DepthSettings,
         margin_px: int,
     ) -> _ViewPart:
