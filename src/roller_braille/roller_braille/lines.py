@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -76,6 +75,8 @@ class LineReader:
         self._dots = LineDots()
         self._anew = 0
         self._confirmed = lattice.begin
+        #: Events of a typical dot where it was last read.
+        self.typical = 0.0
         #: Whether it is known for a line of Braille.
         self.accepted = False
         #: Whether nothing more will be read.
@@ -93,10 +94,9 @@ class LineReader:
         #: Cells read and confirmed, in travel order.
         self.cells: list[Seen] = []
 
-    @property
-    def top(self) -> float:
-        """Way down the image of the top row, metres."""
-        return self.lattice.down
+    def top_at(self, along: float) -> float:
+        """Way down the image of the top row at a place along the roll, metres."""
+        return self._origin.top_at(along)
 
     @property
     def start(self) -> float:
@@ -119,8 +119,7 @@ class LineReader:
 
     def holds(self, dots: Dots) -> npt.NDArray[np.bool_]:
         """Which dots lie in the line's band, shape (n,)."""
-        rest = dots.along - self.lattice.along
-        down = dots.down - self.lattice.down - self.lattice.slope * rest
+        _, down = self.lattice.own(dots)
         half = (self._spacing.line_pitch_m - 2 * self._spacing.dot_pitch_m) / 2
         return np.asarray((down > -half) & (down < 2 * self.lattice.dot_down + half))
 
@@ -135,7 +134,7 @@ class LineReader:
     def advance(self, complete: int) -> None:
         """Read the cells whose tiles lie before a column."""
         while not self.closed:
-            if int(np.ceil(self.lattice.moved(1).begin / self._strip.px_m)) > complete:
+            if int(np.ceil(self.lattice.end / self._strip.px_m)) > complete:
                 break
             self._read_next()
 
@@ -208,9 +207,9 @@ class LineReader:
         # hold none, something that is no dot had a part in it.
         o = self._origin
         if not raised & _UPPER_ROW:
-            o = replace(o, down=o.down + o.dot_down)
+            o = o.shifted(0.0, o.dot_down)
         elif not raised & _LEFT_COLUMN:
-            o = replace(o, along=o.along + self._direction * o.dot_along)
+            o = o.shifted(self._direction * o.dot_along, 0.0)
         else:
             self.accepted = True
             return False
@@ -244,14 +243,12 @@ class LineReader:
         strip, s = self._strip, self._spacing
         nodes = lattice.nodes(0) + self._dots.shift(lattice)
         image, at = image_around(strip, nodes, self._recogniser.margin, self.kind)
-        # Tile: half way to the neighbours; its place in the cut out image.
+        # The nodes' place in the cut out image.
         offset = at[0] - [nodes[0, 0] / strip.px_m, strip.row(nodes[0, 1])]
-        middle, down = lattice.centre(0)
         half = s.line_pitch_m / 2 * lattice.dot_down / s.dot_pitch_m
-        a, b = ((middle + side * lattice.cell / 2) / strip.px_m + offset[0] for side in (-1, 1))
-        top, bottom = (strip.row(down + side * half) + offset[1] for side in (-1, 1))
+        corners = lattice.tile(half)
+        tile = np.stack([corners[:, 0] / strip.px_m, strip.row(corners[:, 1])], -1) + offset
         at = at + self._dots.own_shifts(nodes, s.dot_pitch_m) / strip.px_m
-        tile = (round(a), round(b), round(top), round(bottom))
         level = self._background(lattice)
         return nodes, image, at, self._recogniser.measure(image, at, tile, level)
 
@@ -274,6 +271,7 @@ class LineReader:
             doubt = reading.explained * self._settings.min_dot_confidence
             return _Kind.FOREIGN, self._seen(mask, confidence * doubt, nodes, stamp)
         self._circles += reading.circles
+        self.typical = reference.whole
         return _Kind.READ, self._seen(mask, confidence, nodes, stamp)
 
     def _seen(self, mask: int, confidence: F64, nodes: F64, stamp_ns: int) -> Seen:

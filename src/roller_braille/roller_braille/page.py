@@ -23,6 +23,12 @@ def certain_dots(confidence: Sequence[float], least: float) -> int:
     return sum(1 << i for i, c in enumerate(confidence) if c >= least)
 
 
+def _upper(lines: Sequence[LineReader]) -> LineReader:
+    """The uppermost of lines."""
+    at = max(line.start for line in lines)
+    return min(lines, key=lambda line: line.top_at(at))
+
+
 class _Place:
     """Where the next cell of a line being read goes."""
 
@@ -88,7 +94,7 @@ class Page:
                 ready = [x for x in reader.lines if x.accepted]
                 if not ready:
                     return
-                upper = min(ready, key=lambda x: x.top)
+                upper = _upper(ready)
                 if not over and self._one_above(reader, upper):
                     return
                 self._current = upper
@@ -108,7 +114,8 @@ class Page:
         begun = (self._settings.lookahead_cells + 2) * self._settings.spacing.cell_pitch_m
         if reader.reach_m < line.start + begun:
             return True
-        return any(x.top < line.top for x in reader.lines if not x.accepted)
+        waiting = [x for x in reader.lines if not x.accepted]
+        return any(_upper([x, line]) is x for x in waiting)
 
     def _give(self, seen: Seen, reader: PassReader) -> Iterator[Cell]:
         depth = self._warp.depth_at(reader.roll)

@@ -7,7 +7,7 @@ import numpy as np
 from .batches import Batch
 from .contrast import Frame, WayScale
 from .dots import DotFinder, Dots
-from .lattice import Lattice, find_lattice
+from .lattice import FAINT, Lattice, find_lattice, find_turn
 from .lines import LineReader
 from .recognise import Recogniser
 from .rolling import Pass
@@ -16,6 +16,10 @@ from .strip import Kind, Strip
 from .warp import F32, Warp
 
 _STRONGER = 3.0
+#: Angles nearer to each other than this are one, radians.
+_SAME_TURN = 0.03
+#: Dust is told by the strongest dots but these.
+_STRONG = 3
 
 
 def _at(dots: Dots, start: float) -> bool:
@@ -53,6 +57,9 @@ class PassReader:
         #: Lines in the order they were begun, those given up left out.
         self.lines: list[LineReader] = []
         self.dots = 0
+        #: Turn of the plate, and events of a dot, where a line was last read.
+        self._turn: float | None = None
+        self._typical = 0.0
         #: Place up to which lines were read, metres.
         self.reach_m = -np.inf
         reach = settings.spacing.dot_diameter_m / 2
@@ -118,7 +125,11 @@ class PassReader:
         if line.closed:
             return
         line.advance(complete)
+        if line.accepted:
+            self._turn, self._typical = line.lattice.angle, line.typical
         for kind, loose in self._loose.items():
+            if kind is not line.kind and line.closed and not line.accepted:
+                continue  # a line in vain of one kind leaves those of the other
             own = line.holds(loose) & (loose.along < line.confirmed)
             self._loose[kind] = loose.where(~own)
 
@@ -131,6 +142,8 @@ class PassReader:
             if not starts or not (final or min(starts) + ahead <= upto * self.strip.px_m):
                 return
             start = min(starts)
+            if self._give_up_dust(free, start, start + ahead / 2):
+                continue
             end = start + ahead
             line = self._best(free, start, end)
             if line is None:
@@ -153,6 +166,17 @@ class PassReader:
                 near = loose.along <= start + s.spacing.dot_pitch_m / 2
                 self._loose[kind] = loose.where(~near | (loose.votes > strong))
 
+    def _give_up_dust(self, free: dict[Kind, Dots], start: float, end: float) -> bool:
+        """Forget the first dots if they are far weaker than those after them or in lines."""
+        votes = [dots.votes[dots.along < end] for dots in free.values()]
+        strongest = np.sort(np.concatenate(votes))
+        least = FAINT * max(float(strongest[-min(_STRONG, len(strongest))]), self._typical)
+        if any(_at(d, start) and float(d.votes[0]) >= least for d in free.values()):
+            return False
+        for kind, loose in self._loose.items():
+            self._loose[kind] = loose.where((loose.along > start) | (loose.votes >= least))
+        return True
+
     def _free(self, dots: Dots) -> Dots:
         """Those dots that no open line has."""
         for line in self.lines:
@@ -169,9 +193,22 @@ class PassReader:
         self, dots: Dots, kind: Kind, start: float, end: float
     ) -> tuple[float, LineReader | None]:
         """A line that begins with the first of dots, and the share of events that it explains."""
-        s = self._settings
         dots = dots.where(dots.along < end)
-        lattice = find_lattice(dots, s.spacing, s.pitch_tolerance, self.roll.direction > 0)
+        seen = find_turn(dots, self._settings.spacing)
+        first = seen if self._turn is None else self._turn
+        second = 0.0 if self._turn is None else seen
+        found = self._try_turn(dots, kind, start, first)
+        if found[1] is None and abs(second - first) > _SAME_TURN:
+            found = self._try_turn(dots, kind, start, second)
+        return found
+
+    def _try_turn(
+        self, dots: Dots, kind: Kind, start: float, turn: float
+    ) -> tuple[float, LineReader | None]:
+        """The same at an angle."""
+        s = self._settings
+        left_first = self.roll.direction > 0
+        lattice = find_lattice(dots, s.spacing, s.pitch_tolerance, left_first, turn)
         if lattice is None:
             return 0.0, None
         on, index = lattice.assign(dots)
@@ -188,7 +225,7 @@ class PassReader:
 
     def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
         """Whether no row of the line can lie outside the view."""
-        above = lattice.down - lattice.dot_down >= -self._warp.half_height_m
+        above = lattice.places(0.0, -lattice.dot_down)[1] >= -self._warp.half_height_m
         return bool(above or set(rows.tolist()) >= {0, 1, 2})
 
     def _needed(self) -> int:

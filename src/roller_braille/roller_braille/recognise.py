@@ -143,9 +143,7 @@ class Recogniser:
             settings.clahe_clip, (settings.clahe_tiles, settings.clahe_tiles)
         )
 
-    def measure(
-        self, image: F32, at: F64, tile: tuple[int, int, int, int], level: float
-    ) -> Energies:
+    def measure(self, image: F32, at: F64, tile: F64, level: float) -> Energies:
         """Count events at the nodes of a cell.
 
         Parameters
@@ -154,15 +152,18 @@ class Recogniser:
             Part of the mosaic around the cell.
         at : ndarray, shape (6, 2)
             Nodes: column and row in `image`.
-        tile : tuple of int
-            First and last column, first and last row of the cell's tile (last excluded).
+        tile : ndarray, shape (4, 2)
+            Corners of the cell's tile: column and row in `image`.
         level : float
             Events a pixel of the background.
         """
-        a, b, top, bottom = tile
-        part = image[max(top, 0) : max(bottom, 0), max(a, 0) : max(b, 0)]
+        inside = np.zeros(image.shape, np.uint8)
+        # Filling takes in its edge: half a pixel less all around.
+        middle = tile.mean(axis=0)
+        corners = np.round(tile - 0.5 - 0.5 * np.sign(tile - middle)).astype(np.int32)
+        cv2.fillConvexPoly(inside, corners, 1)
         halves = self.halves(image, at, level)
-        total = float(part.sum()) - level * part.size
+        total = float((image * inside).sum()) - level * float(inside.sum())
         return Energies(halves[:, :2].sum(axis=1), halves, total, level * self.area)
 
     def halves(self, image: F32, at: F64, level: float) -> F64:

@@ -84,9 +84,9 @@ class Strip:
         a = int(np.ceil((self._begin - self._half) / self.px_m))
         return a, int(np.floor((self._end + self._half) / self.px_m)) + 1
 
-    def row(self, down_m: float) -> float:
-        """Row of a way down the image."""
-        return (down_m - self.top_m) / self.px_m
+    def row(self, down_m: F64) -> F64:
+        """Rows of ways down the image."""
+        return np.asarray((down_m - self.top_m) / self.px_m)
 
     def add(self, events: EventArray, table: F32, knots: Knots) -> None:
         """Warp a frame of events and count them."""
