@@ -49,6 +49,13 @@ class LineDots:
         """Those before a place along the roll."""
         return self._dots.where(self._dots.along < along)
 
+    def above(self, lattice: Lattice, votes: float) -> bool:
+        """Whether a dot of so many events lies on cell 0 a row above its upper row."""
+        upper = lattice.shifted(0.0, -lattice.dot_down)
+        on, index = upper.assign(self._dots)
+        here = on & (index[:, 0] == 0) & (index[:, 2] == 0)
+        return bool((here & (self._dots.votes >= max(votes, 1.0))).any())
+
     def shift(self, lattice: Lattice) -> F64:
         """How far the dots of cell 0 lie off their nodes, (along, down), metres."""
         on, index = lattice.assign(self._dots)

@@ -11,6 +11,7 @@ from .cells import Seen
 from .dots import CHANCE, Dots
 from .lattice import Lattice
 from .line_dots import LineDots
+from .orientation import lifted, lower_row_free
 from .recognise import FILLED, Energies, Recogniser, Reference, share
 from .settings import BrailleSettings
 from .strip import Kind, Strip, image_around
@@ -22,6 +23,8 @@ _FIT_CELLS = 12
 _BLANK = 1.0
 #: Cells of other relief between two that are read which an accepted line may hold.
 _FOREIGN = 2
+#: Share of a typical dot's events that one above the line needs.
+_LIFTS = 0.5
 #: Times that a line is begun anew on a lattice a row or a column further.
 _MOST_ANEW = 3
 _UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
@@ -77,6 +80,8 @@ class LineReader:
         self._confirmed = lattice.begin
         #: Events of a typical dot where it was last read.
         self.typical = 0.0
+        #: Whether its lattice may yet turn out to lie a row too low: text may be upside down.
+        self.may_lift = True
         #: Whether it is known for a line of Braille.
         self.accepted = False
         #: Whether nothing more will be read.
@@ -164,7 +169,23 @@ class LineReader:
                 return share(held, total)
         return 0.0
 
+    def _lift(self) -> None:
+        """Move up by a row if the next cell has a dot above it and no cell one in its lowest row.
+
+        Upright letters have dots in their upper row, so this is text upside down.
+        """
+        if not self.cells or not self._dots.above(self.lattice, _LIFTS * self.typical):
+            return
+        if lower_row_free(self.cells):
+            least = self._settings.min_dot_confidence
+            self.cells, self._pending = (
+                [lifted(seen, least) for seen in part] for part in (self.cells, self._pending)
+            )
+            self.lattice = self.lattice.shifted(0.0, -self.lattice.dot_down)
+
     def _read_next(self) -> None:
+        if self.may_lift:
+            self._lift()
         kind, seen = self._read()
         s = self._settings
         if kind is _Kind.READ:

@@ -10,6 +10,7 @@ from . import table
 from .cells import Cell, Seen
 from .lines import LineReader
 from .passes import PassReader
+from .orientation import upside_down
 from .settings import BrailleSettings
 from .translation import ALL_DOTS, LineCell, line_reader
 from .warp import F64, Warp
@@ -29,6 +30,12 @@ def _upper(lines: Sequence[LineReader]) -> LineReader:
     return min(lines, key=lambda line: line.top_at(at))
 
 
+def _lowest(lines: Sequence[LineReader]) -> LineReader:
+    """The lowest of lines."""
+    at = max(line.start for line in lines)
+    return max(lines, key=lambda line: line.top_at(at))
+
+
 class _Place:
     """Where the next cell of a line being read goes."""
 
@@ -41,7 +48,8 @@ class Page:
     """Puts cells in reading order and finds what they stand for.
 
     Lines that are in view together are read one after the other, from the top. A sensor that rolls
-    against the reading direction sees a line's end first, so its lines come when the pass is over.
+    against the reading direction, or over text that is upside down, sees a line's end first, so its
+    lines come when the pass is over.
     Cells that an earlier pass has read are left out.
 
     Parameters
@@ -87,20 +95,25 @@ class Page:
         over : bool
             Whether it is over.
         """
-        if reader.roll.direction < 0 and not over:
+        turned = reader.upside_down
+        backwards = (reader.roll.direction < 0) != bool(turned)
+        # Where its rows lie in text upside down, a line as a whole tells.
+        if not over and (backwards or turned is not False):
             return
         while True:
             if self._current is None:
                 ready = [x for x in reader.lines if x.accepted]
                 if not ready:
                     return
-                upper = _upper(ready)
+                upper = _lowest(ready) if turned else _upper(ready)
                 if not over and self._one_above(reader, upper):
                     return
                 self._current = upper
                 self._given, self._place = 0, _Place()
             cells = self._current.cells
-            new = cells[self._given :] if reader.roll.direction > 0 else cells[::-1]
+            if turned:
+                cells = upside_down(cells, self._settings.min_dot_confidence)
+            new = cells[::-1] if backwards else cells[self._given :]
             self._given = len(cells)
             for seen in new:
                 yield from self._give(seen, reader)

@@ -9,6 +9,7 @@ from .contrast import Frame, WayScale
 from .dots import DotFinder, Dots
 from .lattice import FAINT, Lattice, find_lattice, find_turn
 from .lines import LineReader
+from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .recognise import Recogniser
 from .rolling import Pass
 from .settings import BrailleSettings
@@ -57,6 +58,8 @@ class PassReader:
         #: Lines in the order they were begun, those given up left out.
         self.lines: list[LineReader] = []
         self.dots = 0
+        #: Whether its text is upside down; None while that is open.
+        self.upside_down: bool | None = None
         #: Turn of the plate, and events of a dot, where a line was last read.
         self._turn: float | None = None
         self._typical = 0.0
@@ -111,7 +114,22 @@ class PassReader:
                 line.close()
             self._loose = {kind: Dots.none() for kind in self._kinds}
         self.lines = [line for line in self.lines if line.accepted or not line.closed]
+        self._judge_orientation(LIKELY if final else SURE)
         self.strip.forget_before(self._needed())
+
+    def _judge_orientation(self, sure: float) -> None:
+        """Tell from the cells read so far whether text is upside down; left as is if in doubt."""
+        if self.upside_down is not None:
+            return
+        lines = [line.cells for line in self.lines if line.accepted]
+        odds = sum(log_odds(cells, self._settings.code) for cells in lines)
+        count = sum(seen.certain and seen.mask > 0 for cells in lines for seen in cells)
+        if abs(odds) >= sure:
+            self.upside_down = odds < 0
+        elif count >= MOST_CELLS:
+            self.upside_down = False
+        for line in self.lines:
+            line.may_lift = self.upside_down is not False
 
     def _share(self, dots: Dots, kind: Kind) -> None:
         """Give dots to the lines they may belong to; they stay at hand till that is known."""
@@ -170,7 +188,7 @@ class PassReader:
         """Forget the first dots if they are far weaker than those after them or in lines."""
         votes = [dots.votes[dots.along < end] for dots in free.values()]
         strongest = np.sort(np.concatenate(votes))
-        least = FAINT * max(float(strongest[-min(_STRONG, len(strongest))]), self._typical)
+        least = FAINT * float(strongest[-min(_STRONG, len(strongest))])
         if any(_at(d, start) and float(d.votes[0]) >= least for d in free.values()):
             return False
         for kind, loose in self._loose.items():
@@ -178,7 +196,8 @@ class PassReader:
         return True
 
     def _free(self, dots: Dots) -> Dots:
-        """Those dots that no open line has."""
+        """Those dots that no open line has, and that are no dust against those of lines."""
+        dots = dots.where(dots.votes >= FAINT * self._typical)
         for line in self.lines:
             if not line.closed:
                 dots = dots.where(~line.holds(dots))
