@@ -18,6 +18,11 @@ _TYPICAL = 0.35
 _ALONE = 0.5
 #: And that of a weak one.
 _WEAK = 0.1
+#: Spread of the logarithms of dots' strengths where nothing is known, and the dots that this counts
+#: for; how many times the spread the faintest dot lies below a typical one.
+_USUAL, _USUAL_DOTS, _FAINTEST = 0.35, 4, 2.6
+#: Strength, against the least that is found, at which the faintest dot is lost, and surely seen.
+_HIDDEN, _VISIBLE = 1.0, 2.0
 #: A side of a dot is taken to hold at least this share of its events.
 _LEAST_SHARE = 0.2
 #: A dot may lie this far off its node, along and down.
@@ -97,6 +102,12 @@ class LineDots:
         if whole < least:
             return None
         weak = float(np.quantile(wholes, _WEAK)) / whole
+        # Spread of the logarithms, drawn to what is usual where there are few dots.
+        n = len(wholes)
+        spread = np.sqrt((n * np.var(np.log(wholes)) + _USUAL_DOTS * _USUAL**2) / (n + _USUAL_DOTS))
+        faintest = whole * float(np.exp(-_FAINTEST * spread))
+        visible = float(np.clip((faintest / least - _HIDDEN) / (_VISIBLE - _HIDDEN), 0.0, 1.0))
         own = halves[at] / np.maximum(wholes, 1e-9)[:, None]
         shares = np.maximum(np.median(own, axis=0), _LEAST_SHARE)
-        return Reference(whole, weak, shares, float(np.quantile(completeness(own, shares), _WEAK)))
+        complete = float(np.quantile(completeness(own, shares), _WEAK))
+        return Reference(whole, weak, shares, complete, visible)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -141,11 +142,13 @@ class Page:
             self.repeated += 1
             place.line, place.column = self._where[known][0], self._where[known][1] + 1
             return
+        known_dots = self._line_cell(seen)
         if place.line is None:
             place.line = len(self._columns)
             self._columns.append({})
             self._decoders.append(table.Decoder())
-        known_dots = self._line_cell(seen)
+            if not self._saw_before(seen, reader):
+                known_dots = replace(known_dots, after_unseen=True)
         character, readable = self._decode(place.line, known_dots)
         cell = Cell(
             seen.stamp_ns,
@@ -165,6 +168,12 @@ class Page:
         place.column += 1
         yield cell
 
+    def _saw_before(self, seen: Seen, reader: PassReader) -> bool:
+        """Whether the place of the cell before one, in reading order, was in view."""
+        step = seen.dots[3] - seen.dots[0]
+        step *= self._settings.spacing.cell_pitch_m / max(float(np.hypot(*step)), 1e-9)
+        return reader.saw(seen.dots - step)
+
     def _line_cell(self, seen: Seen) -> LineCell:
         if seen.certain:
             return LineCell(seen.mask)
@@ -174,6 +183,8 @@ class Page:
 
     def _decode(self, line: int, cell: LineCell) -> tuple[str | None, bool]:
         """What a cell stands for by itself in grade 1; whether it can be read in the code."""
+        if cell.after_unseen:
+            self._decoders[line].skip(0, 0)
         if not cell.readable:
             self._decoders[line].skip(cell.mask, cell.certain)
             return None, False

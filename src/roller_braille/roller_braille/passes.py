@@ -14,7 +14,7 @@ from .recognise import Recogniser
 from .rolling import Pass
 from .settings import BrailleSettings
 from .strip import Kind, Strip
-from .warp import F32, Warp
+from .warp import F32, F64, Warp
 
 _STRONGER = 3.0
 #: Angles nearer to each other than this are one, radians.
@@ -116,6 +116,13 @@ class PassReader:
         self.lines = [line for line in self.lines if line.accepted or not line.closed]
         self._judge_orientation(LIKELY if final else SURE)
         self.strip.forget_before(self._needed())
+
+    def saw(self, places: F64) -> bool:
+        """Whether all of some places, travel and way down the image in metres, were in view."""
+        columns = places[:, 0] / self.strip.px_m
+        first, end = self.strip.seen
+        inside = (places[:, 1] >= self._view[0]) & (places[:, 1] <= self._view[1])
+        return bool((inside & (columns >= first) & (columns < end)).all())
 
     def _judge_orientation(self, sure: float) -> None:
         """Tell from the cells read so far whether text is upside down; left as is if in doubt."""

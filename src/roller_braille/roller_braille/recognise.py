@@ -74,12 +74,16 @@ class Reference:
         What a dot's halves (see `Energies`) hold of its events.
     complete : float
         Completeness of a dot that is less complete than most, see `completeness`.
+    visible : float
+        How sure it is, 0 to 1, that the faintest dot of the line would be told from noise. Where
+        it might not, a place without events may hold a dot.
     """
 
     whole: float
     weak: float
     shares: F64
     complete: float
+    visible: float
 
 
 @dataclass(frozen=True)
@@ -214,7 +218,7 @@ class Recogniser:
         trace = np.clip((_SLIGHT - whole) / (_SLIGHT - _TRACE), 0.0, 1.0)
         empty = np.minimum(1.0 - filled, np.maximum(np.maximum(noise, trace), alike))
         raised = sure > empty
-        confidence = np.where(raised, sure - empty, empty - sure)
+        confidence = np.where(raised, sure - empty, (empty - sure) * reference.visible)
         # A cell in which hardly a circle shows is too faint to be sure of its empty places either.
         shown = 2 * circles[raised].sum() / max(raised.sum(), 1)
         confidence = confidence * (min(shown, 1.0) if raised.any() else 1.0)
