@@ -25,8 +25,6 @@ _USUAL, _USUAL_DOTS, _FAINTEST = 0.35, 4, 2.6
 _HIDDEN, _VISIBLE = 1.0, 2.0
 #: A side of a dot is taken to hold at least this share of its events.
 _LEAST_SHARE = 0.2
-#: A dot may lie this far off its node, along and down.
-_MOST_SHIFT_M = 0.0001
 
 
 class LineDots:
@@ -73,14 +71,14 @@ class LineDots:
         return np.asarray(off.sum(axis=0) / (len(off) + 1))
 
     def own_shifts(self, nodes: F64, pitch_m: float) -> F64:
-        """How far dots found at nodes lie off them, by no more than a little, shape (6, 2)."""
+        """How far dots found at nodes lie off them, metres, shape (6, 2); 0 where none was."""
         out = np.zeros_like(nodes)
         for i, node in enumerate(nodes):
             off = np.stack([self._dots.along, self._dots.down], -1) - node
             away = np.hypot(off[:, 0], off[:, 1])
             if len(away) and away.min() < REACH * pitch_m:
                 out[i] = off[int(np.argmin(away))]
-        return np.clip(out, -_MOST_SHIFT_M, _MOST_SHIFT_M)
+        return out
 
     def reference(self, lattice: Lattice, least: float) -> Reference | None:
         """What a dot looks like around cell 0; None when there are none of at least some events."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -23,8 +25,13 @@ _FIT_CELLS = 12
 _BLANK = 1.0
 #: Cells of other relief between two that are read which an accepted line may hold.
 _FOREIGN = 2
+#: Share of its events that a cell's dots hold, against that of the cells before, at which something
+#: else lies in it, and at which nothing does; cells that this needs.
+_SPOILT, _CLEAN, _FEW_CELLS = 0.7, 0.85, 3
 #: Share of a typical dot's events that one above the line needs.
 _LIFTS = 0.5
+#: A dot is measured where it was found, if that is no further off its node, along and down.
+_MOST_SHIFT_M = 0.0001
 #: Times that a line is begun anew on a lattice a row or a column further.
 _MOST_ANEW = 3
 _UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
@@ -94,6 +101,7 @@ class LineReader:
         self.lattice = lattice
         self._next = 0
         self._pending: list[Seen] = []
+        self._explained: deque[float] = deque(maxlen=_FIT_CELLS)
         self._unusual = 0
         self._raised = self._circles = 0
         #: Cells read and confirmed, in travel order.
@@ -269,9 +277,11 @@ class LineReader:
         half = s.line_pitch_m / 2 * lattice.dot_down / s.dot_pitch_m
         corners = lattice.tile(half)
         tile = np.stack([corners[:, 0] / strip.px_m, strip.row(corners[:, 1])], -1) + offset
-        at = at + self._dots.own_shifts(nodes, s.dot_pitch_m) / strip.px_m
+        off = self._dots.own_shifts(nodes, s.dot_pitch_m)
+        at = at + np.clip(off, -_MOST_SHIFT_M, _MOST_SHIFT_M) / strip.px_m
         level = self._background(lattice)
-        return nodes, image, at, self._recogniser.measure(image, at, tile, level)
+        energies = self._recogniser.measure(image, at, tile, level)
+        return nodes, image, at, replace(energies, off_m=np.hypot(off[:, 0], off[:, 1]))
 
     def _read(self) -> tuple[_Kind, Seen]:
         nodes, image, at, energies = self._measure(self.lattice)
@@ -291,9 +301,19 @@ class LineReader:
             # Its dots, if they are dots, are not to be trusted.
             doubt = reading.explained * self._settings.min_dot_confidence
             return _Kind.FOREIGN, self._seen(mask, confidence * doubt, nodes, stamp)
+        if reading.raised.any():
+            confidence = confidence * self._clean(reading.explained)
+            self._explained.append(reading.explained)
         self._circles += reading.circles
         self.typical = reference.whole
         return _Kind.READ, self._seen(mask, confidence, nodes, stamp)
+
+    def _clean(self, explained: float) -> float:
+        """How sure it is, 0 to 1, that a cell holds no other relief: against cells before it."""
+        if len(self._explained) < _FEW_CELLS:
+            return 1.0
+        share = explained / float(np.median(self._explained))
+        return float(np.clip((share - _SPOILT) / (_CLEAN - _SPOILT), 0.0, 1.0))
 
     def _seen(self, mask: int, confidence: F64, nodes: F64, stamp_ns: int) -> Seen:
         if self._direction < 0:

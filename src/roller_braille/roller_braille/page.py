@@ -10,8 +10,8 @@ import numpy as np
 from . import table
 from .cells import Cell, Seen
 from .lines import LineReader
-from .passes import PassReader
 from .orientation import upside_down
+from .passes import PassReader
 from .settings import BrailleSettings
 from .translation import ALL_DOTS, LineCell, line_reader
 from .warp import F64, Warp

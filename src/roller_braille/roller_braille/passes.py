@@ -119,10 +119,8 @@ class PassReader:
 
     def saw(self, places: F64) -> bool:
         """Whether all of some places, travel and way down the image in metres, were in view."""
-        columns = places[:, 0] / self.strip.px_m
-        first, end = self.strip.seen
         inside = (places[:, 1] >= self._view[0]) & (places[:, 1] <= self._view[1])
-        return bool((inside & (columns >= first) & (columns < end)).all())
+        return bool((inside & self.strip.shown(places[:, 0])).all())
 
     def _judge_orientation(self, sure: float) -> None:
         """Tell from the cells read so far whether text is upside down; left as is if in doubt."""

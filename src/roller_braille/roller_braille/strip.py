@@ -6,6 +6,7 @@ from collections import deque
 from enum import Enum
 
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.events import EventArray
 
@@ -186,6 +187,10 @@ class Strip:
         """Time of the newest event in columns a to b (b excluded); 0 if there is none."""
         part = self._newest[max(a - self._first, 0) : max(b - self._first, 0)]
         return int(part.max(initial=0))
+
+    def shown(self, place_m: F64) -> npt.NDArray[np.bool_]:
+        """Whether places along the roll, shape (n,), were in view long enough to know of dots."""
+        return np.asarray(self._share_at(place_m) >= _LEAST_EXPOSURE)
 
     def _share(self, a: int, b: int) -> F64:
         """Share of the full travel over which columns were seen, 0 to 1, shape (b - a,)."""
