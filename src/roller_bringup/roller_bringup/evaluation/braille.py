@@ -24,8 +24,8 @@ _SENSOR = SensorSettings.create({})
 #: What the sensor gives, as changes of the virtual cell's sensor.
 CONDITIONS: dict[str, dict[str, Any]] = {
     "default": {},
-    # Events come at multiples of the threshold: twice the threshold is half the contrast. Dots change
-    # the log intensity by 0.26 to 0.34, so half the contrast is below the threshold everywhere.
+    # Events come at multiples of the threshold: twice the threshold is half the contrast. Dots
+    # change the log intensity by 0.26 to 0.34: at half the contrast nowhere enough for an event.
     "70 % contrast": {"threshold": round(_SENSOR.threshold / 0.7, 3)},
     "half contrast": {"threshold": 2 * _SENSOR.threshold},
     "10 × noise": {"background_hz": 10 * _SENSOR.background_hz},
@@ -62,7 +62,7 @@ class BrailleOptions:
     conditions, methods : tuple of str
         Of `CONDITIONS` and `METHODS`.
     hard_speeds : tuple of float
-        Those of `speeds` at which conditions but the first are tried.
+        Those of `speeds` at which conditions but the first are tried; all if none is of them.
     fault_speed : float
         m/s; wrong speeds and depths are tried at the one of `speeds` next to it.
     speed_errors : tuple of float
@@ -138,10 +138,8 @@ def run_braille(
     rows: list[dict[str, Any]] = []
     faults: list[dict[str, Any]] = []
     first = options.conditions[0]
-    hard = set(options.hard_speeds)
-    asked = [
-        (c, v) for c in options.conditions for v in options.speeds if c == first or v in hard
-    ]
+    hard = set(options.hard_speeds) & set(options.speeds) or set(options.speeds)
+    asked = [(c, v) for c in options.conditions for v in options.speeds if c == first or v in hard]
     at = min(options.speeds, key=lambda v: abs(v - options.fault_speed))
     for number, (condition, speed) in enumerate(asked):
         tell(f"{condition}, {speed:g} m/s", number / len(asked))
