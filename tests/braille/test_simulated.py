@@ -49,8 +49,9 @@ def scan(
         cells += pipeline.results()
     cells += pipeline.results(flush=True)
     # Where the paper's image of all events gives a cell at all, it gives the same.
-    for a, b in zip(cells, both.results(flush=True), strict=False):
-        assert not (a.readable and b.readable) or a.mask == b.mask
+    for b in both.results(flush=True):
+        here = [a for a in cells if np.linalg.norm(a.position - b.position) < 2e-3]
+        assert all(a.mask == b.mask for a in here if a.readable and b.readable)
     return cells, pipeline, cell
 
 

@@ -24,8 +24,10 @@ _PREFERENCE = 0.06
 _UNEVEN = 0.01
 #: How much the lattice's parameters are taken to differ from those expected, for the fit:
 #: offset along, cell pitch, dot pitch along, offset down, turn, dot pitch down.
-_PRIOR = np.array([1e-3, 0.01, 0.01, 1e-3, 0.01, 0.03])
+_PRIOR = np.array([1e-3, 0.01, 0.03, 1e-3, 0.01, 0.03])
 _DOT_SIGMA_M = 1.5e-4
+#: A dot this far off its node says nothing for the lattice.
+_CLOSE_M = 4e-4
 #: Largest turn of a line that is looked for, radians; the angles that are tried, how far dots of
 #: a row may lie beside each other, fewest dots, and how much the largest turn counts against it.
 MOST_TURN = float(np.radians(12.0))
@@ -114,13 +116,22 @@ class Lattice:
 
     def assign(self, dots: Dots) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
         """Which dots lie on nodes, shape (n,), and their cell, column and row, shape (n, 3)."""
+        index, off = self._nearest(dots)
+        return off <= REACH * self.dot_down, index
+
+    def fit_of(self, dots: Dots) -> float:
+        """How well dots lie on nodes: their number, each the less the further it is off."""
+        off = self._nearest(dots)[1]
+        return float(np.maximum(1.0 - (off / _CLOSE_M) ** 2, 0.0).sum())
+
+    def _nearest(self, dots: Dots) -> tuple[npt.NDArray[np.int64], F64]:
         rest, down = self.own(dots)
         n = np.floor((rest - self.dot_along / 2) / self.cell + 0.5)
         inside = rest - n * self.cell
         column = (inside > self.dot_along / 2).astype(np.float64)
         row = np.clip(np.round(down / self.dot_down), 0, 2)
         off = np.hypot(inside - column * self.dot_along, down - row * self.dot_down)
-        return off <= REACH * self.dot_down, np.stack([n, column, row], axis=-1).astype(np.int64)
+        return np.stack([n, column, row], axis=-1).astype(np.int64), off
 
     def fitted(self, dots: Dots, spacing: Spacing) -> Lattice:
         """The lattice moved, turned and stretched a little to lie best under dots.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .dots import Dots
-from .lattice import REACH, Lattice, no_dust
+from .lattice import FAINT, REACH, Lattice, no_dust
 from .recognise import Reference, completeness
 from .warp import F64
 
@@ -52,6 +52,12 @@ class LineDots:
         """Those before a place along the roll."""
         return self._dots.where(self._dots.along < along)
 
+    def _solid(self) -> Dots:
+        """Those that are no dust."""
+        if not len(self._dots):
+            return self._dots
+        return self._dots.where(self._dots.votes >= FAINT * np.median(self._dots.votes))
+
     def above(self, lattice: Lattice, votes: float) -> bool:
         """Whether a dot of so many events lies on cell 0 a row above its upper row."""
         upper = lattice.shifted(0.0, -lattice.dot_down)
@@ -61,20 +67,22 @@ class LineDots:
 
     def shift(self, lattice: Lattice) -> F64:
         """How far the dots of cell 0 lie off their nodes, (along, down), metres."""
-        on, index = lattice.assign(self._dots)
+        dots = self._solid()
+        on, index = lattice.assign(dots)
         here = on & (index[:, 0] == 0)
         if not here.any():
             return np.zeros(2)
         nodes = lattice.nodes(0)[index[here, 1] * 3 + index[here, 2]]
-        off = np.stack([self._dots.along[here], self._dots.down[here]], -1) - nodes
+        off = np.stack([dots.along[here], dots.down[here]], -1) - nodes
         # One more dot that lies on its node, so that a single one is not all.
         return np.asarray(off.sum(axis=0) / (len(off) + 1))
 
     def own_shifts(self, nodes: F64, pitch_m: float) -> F64:
         """How far dots found at nodes lie off them, metres, shape (6, 2); 0 where none was."""
         out = np.zeros_like(nodes)
+        dots = self._solid()
         for i, node in enumerate(nodes):
-            off = np.stack([self._dots.along, self._dots.down], -1) - node
+            off = np.stack([dots.along, dots.down], -1) - node
             away = np.hypot(off[:, 0], off[:, 1])
             if len(away) and away.min() < REACH * pitch_m:
                 out[i] = off[int(np.argmin(away))]

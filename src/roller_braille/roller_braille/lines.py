@@ -15,7 +15,7 @@ from .lattice import Lattice
 from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
 from .recognise import FILLED, Energies, Recogniser, Reference, share
-from .settings import BrailleSettings
+from .settings import BrailleSettings, Spacing
 from .strip import Kind, Strip, image_around
 from .warp import F32, F64
 
@@ -59,6 +59,8 @@ class LineReader:
         Reads cells.
     lattice : Lattice
         Of the line's first cells; cell 0 is its first.
+    spacing : Spacing
+        What its pitches are near to.
     kind : Kind
         Events that it is read from.
     direction : int
@@ -73,12 +75,14 @@ class LineReader:
         strip: Strip,
         recogniser: Recogniser,
         lattice: Lattice,
+        spacing: Spacing,
         kind: Kind,
         direction: int,
         view: tuple[float, float],
     ) -> None:
         self._settings, self._strip, self._recogniser = settings, strip, recogniser
-        self._spacing = settings.spacing
+        #: What its pitches are near to.
+        self.spacing = spacing
         self.kind = kind
         self._direction = direction
         self._view = view
@@ -133,7 +137,7 @@ class LineReader:
     def holds(self, dots: Dots) -> npt.NDArray[np.bool_]:
         """Which dots lie in the line's band, shape (n,)."""
         _, down = self.lattice.own(dots)
-        half = (self._spacing.line_pitch_m - 2 * self._spacing.dot_pitch_m) / 2
+        half = (self.spacing.line_pitch_m - 2 * self.spacing.dot_pitch_m) / 2
         return np.asarray((down > -half) & (down < 2 * self.lattice.dot_down + half))
 
     def take(self, dots: Dots) -> None:
@@ -253,7 +257,7 @@ class LineReader:
         if self.accepted:
             self._dots.forget_before(self.lattice.along - _FIT_CELLS * self.lattice.cell)
         near = self._dots.before(self.lattice.along + 2 * self.lattice.cell)
-        self.lattice = self.lattice.fitted(near, self._spacing).moved(1)
+        self.lattice = self.lattice.fitted(near, self.spacing).moved(1)
         self._next += 1
 
     def _background(self, lattice: Lattice) -> float:
@@ -269,7 +273,7 @@ class LineReader:
 
     def _measure(self, lattice: Lattice) -> tuple[F64, F32, F64, Energies]:
         """Cell 0 of a lattice: its nodes, the image around, their place in it, their events."""
-        strip, s = self._strip, self._spacing
+        strip, s = self._strip, self.spacing
         nodes = lattice.nodes(0) + self._dots.shift(lattice)
         image, at = image_around(strip, nodes, self._recogniser.margin, self.kind)
         # The nodes' place in the cut out image.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .batches import Batch
@@ -12,7 +14,7 @@ from .lines import LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .recognise import Recogniser
 from .rolling import Pass
-from .settings import BrailleSettings
+from .settings import BrailleSettings, Spacing
 from .strip import Kind, Strip
 from .warp import F32, F64, Warp
 
@@ -60,8 +62,9 @@ class PassReader:
         self.dots = 0
         #: Whether its text is upside down; None while that is open.
         self.upside_down: bool | None = None
-        #: Turn of the plate, and events of a dot, where a line was last read.
+        #: Turn and spacing of the plate, and events of a dot, where a line was last read.
         self._turn: float | None = None
+        self._spacing: Spacing | None = None
         self._typical = 0.0
         #: Place up to which lines were read, metres.
         self.reach_m = -np.inf
@@ -150,6 +153,7 @@ class PassReader:
         line.advance(complete)
         if line.accepted:
             self._turn, self._typical = line.lattice.angle, line.typical
+            self._spacing = line.spacing
         for kind, loose in self._loose.items():
             if kind is not line.kind and line.closed and not line.accepted:
                 continue  # a line in vain of one kind leaves those of the other
@@ -218,6 +222,8 @@ class PassReader:
     ) -> tuple[float, LineReader | None]:
         """A line that begins with the first of dots, and the share of events that it explains."""
         dots = dots.where(dots.along < end)
+        if len(dots) < self._settings.min_line_dots:
+            return 0.0, None
         seen = find_turn(dots, self._settings.spacing)
         first = seen if self._turn is None else self._turn
         second = 0.0 if self._turn is None else seen
@@ -232,16 +238,24 @@ class PassReader:
         """The same at an angle."""
         s = self._settings
         left_first = self.roll.direction > 0
-        lattice = find_lattice(dots, s.spacing, s.pitch_tolerance, left_first, turn)
-        if lattice is None:
+        fits = [
+            (lattice.fit_of(dots), lattice, spacing)
+            for spacing in ((self._spacing,) if self._spacing else s.spacings)
+            if (lattice := find_lattice(dots, spacing, s.pitch_tolerance, left_first, turn))
+        ]
+        if not fits:
             return 0.0, None
+        _, lattice, spacing = max(fits, key=lambda fit: fit[0])
+        # Between two profiles, what its first dots say is nearer than either.
+        lattice = lattice.fitted(dots, spacing)
+        spacing = replace(spacing, dot_pitch_m=lattice.dot_along, cell_pitch_m=lattice.cell)
         on, index = lattice.assign(dots)
         if not on.any() or dots.along[on].min() > start + s.spacing.dot_pitch_m / 2:
             return 0.0, None  # what the window begins with is dust
         if int(on.sum()) < s.min_line_dots or not self._whole(lattice, index[on, 2]):
             return 0.0, None
         line = LineReader(
-            s, self.strip, self._recogniser, lattice, kind, self.roll.direction, self._view
+            s, self.strip, self._recogniser, lattice, spacing, kind, self.roll.direction, self._view
         )
         line.take(dots)
         explained = line.explained()
