@@ -9,7 +9,7 @@ import numpy as np
 from .batches import Batch
 from .contrast import Frame, WayScale
 from .dots import DotFinder, Dots
-from .lattice import FAINT, Lattice, find_lattice, find_turn
+from .lattice import FAINT, Lattice, find_lattice, find_turn, no_dust
 from .lines import LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .recognise import Recogniser
@@ -224,6 +224,9 @@ class PassReader:
         dots = dots.where(dots.along < end)
         if len(dots) < self._settings.min_line_dots:
             return 0.0, None
+        solid = dots.where(no_dust(dots.votes))
+        if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
+            return 0.0, None  # what the window begins with is dust
         seen = find_turn(dots, self._settings.spacing)
         first = seen if self._turn is None else self._turn
         second = 0.0 if self._turn is None else seen
@@ -237,9 +240,10 @@ class PassReader:
     ) -> tuple[float, LineReader | None]:
         """The same at an angle."""
         s = self._settings
+        solid = dots.where(no_dust(dots.votes))
         left_first = self.roll.direction > 0
         fits = [
-            (lattice.fit_of(dots), lattice, spacing)
+            (lattice.fit_of(solid), lattice, spacing)
             for spacing in ((self._spacing,) if self._spacing else s.spacings)
             if (lattice := find_lattice(dots, spacing, s.pitch_tolerance, left_first, turn))
         ]
@@ -251,7 +255,7 @@ class PassReader:
         spacing = replace(spacing, dot_pitch_m=lattice.dot_along, cell_pitch_m=lattice.cell)
         on, index = lattice.assign(dots)
         if not on.any() or dots.along[on].min() > start + s.spacing.dot_pitch_m / 2:
-            return 0.0, None  # what the window begins with is dust
+            return 0.0, None  # what the window begins with is none of its dots
         if int(on.sum()) < s.min_line_dots or not self._whole(lattice, index[on, 2]):
             return 0.0, None
         line = LineReader(
