@@ -93,7 +93,7 @@ class BrailleOptions:
             text="quick jazz",
             speeds=(0.3,),
             conditions=("default", "half contrast"),
-            speed_errors=(0.1,),
+            speed_errors=(-0.1,),
             depth_errors_mm=(1.0,),
             cell={"scene": {"step_mm": 0.04}, "camera": {"width": 600, "height": 200}},
         )
