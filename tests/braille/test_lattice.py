@@ -63,13 +63,17 @@ def test_no_dots_no_lattice() -> None:
 
 
 def test_cells_and_nodes() -> None:
-    lattice = Lattice(0.01, -0.002, CELL, DOT, DOT, slope=0.02)
+    lattice = Lattice(0.01, -0.002, CELL, DOT, DOT, angle=0.02)
     nodes = lattice.nodes(2)
-    np.testing.assert_allclose(nodes[:3, 0], 0.01 + 2 * CELL)
-    np.testing.assert_allclose(nodes[3:, 0] - nodes[:3, 0], DOT)
+    np.testing.assert_allclose(
+        nodes[0], [0.01 + 2 * CELL * np.cos(0.02), -0.002 + 2 * CELL * np.sin(0.02)]
+    )
+    np.testing.assert_allclose(
+        nodes[3:] - nodes[:3], [[DOT * np.cos(0.02), DOT * np.sin(0.02)]] * 3
+    )
     np.testing.assert_allclose(lattice.moved(2).nodes(0), nodes)
     np.testing.assert_allclose(lattice.centre(2), nodes.mean(axis=0))
-    assert lattice.begin == pytest.approx(lattice.centre(0)[0] - CELL / 2)
+    assert lattice.begin == pytest.approx(lattice.centre(0)[0] - CELL / 2 * np.cos(0.02))
     on, index = lattice.assign(Dots(nodes[:, 0], nodes[:, 1], np.ones(6)))
     assert on.all()
     np.testing.assert_array_equal(index[:, 0], 2)

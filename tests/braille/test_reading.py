@@ -17,6 +17,7 @@ from braille.synthetic import (
     scan,
 )
 from roller_braille.pipeline import BraillePipeline
+from roller_braille.settings import Spacing
 from roller_braille.table import LETTERS, UNREADABLE, to_masks
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -265,6 +266,23 @@ def test_a_plate_askew() -> None:
     plate.dots = [(c * x - s * y, s * x + c * y, a, b, n) for x, y, a, b, n in plate.dots]
     track = over(plate)
     assert read(scan(plate, track), track)[1].text() == ["askew by a degree"]
+
+
+@pytest.mark.parametrize(
+    ("dot_mm", "cell_mm", "base_mm"),
+    [(2.5, 6.0, 1.5), (2.5, 6.8, 1.6), (2.54, 6.5, 1.3), (2.34, 6.1, 1.2)],
+)
+def test_any_usual_spacing_is_found(
+    dot_mm: float, cell_mm: float, base_mm: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spacing = Spacing(dot_mm * 1e-3, cell_mm * 1e-3, 0.01, base_mm * 1e-3)
+    monkeypatch.setattr("braille.synthetic.SPACING", spacing)
+    plate = Plate().text("the quick fox")
+    track = over(plate)
+    cells, pipeline = read(scan(plate, track), track)
+    assert pipeline.text() == ["the quick fox"]
+    pitch = np.diff([c.position[0] for c in cells]).mean()
+    assert pitch == pytest.approx(cell_mm * 1e-3, rel=0.01)
 
 
 def test_depth_from_the_height_over_the_plate() -> None:

@@ -49,8 +49,9 @@ def scan(
         cells += pipeline.results()
     cells += pipeline.results(flush=True)
     # Where the paper's image of all events gives a cell at all, it gives the same.
-    for a, b in zip(cells, both.results(flush=True), strict=False):
-        assert not (a.readable and b.readable) or a.mask == b.mask
+    for b in both.results(flush=True):
+        here = [a for a in cells if np.linalg.norm(a.position - b.position) < 2e-3]
+        assert all(a.mask == b.mask for a in here if a.readable and b.readable)
     return cells, pipeline, cell
 
 
@@ -85,13 +86,23 @@ def test_weak_contrast_and_much_noise() -> None:
     assert pipeline.counts.hot_pixels > 0
 
 
-def test_at_half_contrast_nothing_is_misread() -> None:
-    half = {"sensor": {"threshold": 0.5}, "camera": WIDE}
-    cells, _, cell = scan({**plate("lazy dog"), **half}, speed=0.3)
-    truth = [m.mask for m in cell.truth.marks]
-    read = [(c.mask, truth[c.column]) for c in cells if c.readable]
-    assert len(read) >= len(truth) / 2
-    assert all(mask == true for mask, true in read)
+@pytest.mark.parametrize(("threshold", "share"), [(0.3, 0.9), (0.44, 0.0)])
+def test_at_low_contrast_nothing_is_misread(threshold: float, share: float) -> None:
+    """Dots change the light by 0.26 to 0.34; a threshold above sees but traces of them."""
+    sensor = {"sensor": {"threshold": threshold}, "camera": WIDE}
+    cells, _, cell = scan({**plate("lazy dog"), **sensor}, speed=0.3)
+    marks = cell.truth.marks
+    readable = [c for c in cells if c.readable]
+    for c in readable:
+        nearest = min(marks, key=lambda m: abs(m.x - c.position[0]))
+        assert c.mask == nearest.mask
+    assert len(readable) >= share * len(marks)
+
+
+@pytest.mark.parametrize("turn_deg", [5.0, 180.0])
+def test_a_turned_plate_is_read(turn_deg: float) -> None:
+    _, pipeline, _ = scan(plate("lazy dog", turn_deg=turn_deg), speed=0.3)
+    assert pipeline.text() == ["lazy dog"]
 
 
 @pytest.mark.parametrize("name", ["bumps", "sparse_sphere"])

@@ -146,8 +146,27 @@ def test_braille_lines_lie_below_each_other_and_must_fit():
     made = scene("braille", text="A\nb", width_mm=23.0)
     assert made.truth_text == "a\nb"
     assert made.marks[0].y - made.marks[1].y == pytest.approx(10e-3)
-    with pytest.raises(SceneError, match="mm high but the plate is only"):
+    with pytest.raises(SceneError, match="mm across but the plate is only"):
         scene("braille", text="a\nb\nc")
+
+
+@pytest.mark.parametrize("turn_deg", [30.0, -8.0, 180.0])
+def test_braille_can_be_turned_on_the_plate(turn_deg: float):
+    straight = scene("braille", text="lab", width_mm=40.0)
+    turned = scene("braille", text="lab", width_mm=40.0, turn_deg=turn_deg)
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    way = [(m.x - straight.marks[0].x, m.y - straight.marks[0].y) for m in straight.marks]
+    for mark, (x, y) in zip(turned.marks, way, strict=True):
+        first = turned.marks[0]
+        assert (mark.x - first.x, mark.y - first.y) == pytest.approx((c * x - s * y, s * x + c * y))
+        # Dot 1 of each letter.
+        x, y = -1.17e-3, 2.34e-3
+        top = turned.relief.sample(mark.x + c * x - s * y, mark.y + s * x + c * y)
+        assert top == pytest.approx(0.48e-3, abs=2e-6)
+    (region,) = turned.regions
+    assert all(region.contains(m.x, m.y) for m in turned.marks)
+    with pytest.raises(SceneError, match="across but the plate is only"):
+        scene("braille", text="far too long", turn_deg=30.0)
 
 
 def test_demo_has_braille_and_all_six_objects():

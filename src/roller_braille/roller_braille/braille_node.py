@@ -77,6 +77,7 @@ class BrailleNode(StreamNode[BraillePipeline]):
             "unreadable_cells": counts.unreadable_cells,
             "repeated_cells": counts.repeated_cells,
             "cell_latency_s": round(self._latency_s, 4),
+            "way_scale": "" if pipeline.way_scale is None else round(pipeline.way_scale, 4),
         }
 
     def _publish(self, cell: Cell) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from .warp import F64
 REACH = 0.25
 _SCALES = 7
 #: Spots weaker than this, against the strong ones (the third strongest), are dust.
-_FAINT = 0.06
+FAINT = 0.06
 _STRONG = 3
 _STEP_M = 0.0001
 #: Where dots fit several rows or columns alike, the upper row and the left column are taken.
@@ -23,9 +23,16 @@ _PREFERENCE = 0.06
 #: And how much the largest error of the pitches counts against them.
 _UNEVEN = 0.01
 #: How much the lattice's parameters are taken to differ from those expected, for the fit:
-#: offset along, cell pitch, dot pitch along, offset down, slope, dot pitch down.
-_PRIOR = np.array([1e-3, 0.01, 0.01, 1e-3, 0.01, 0.03])
+#: offset along, cell pitch, dot pitch along, offset down, turn, dot pitch down.
+_PRIOR = np.array([1e-3, 0.01, 0.03, 1e-3, 0.01, 0.03])
 _DOT_SIGMA_M = 1.5e-4
+#: A dot this far off its node says nothing for the lattice.
+_CLOSE_M = 4e-4
+#: Largest turn of a line that is looked for, radians; the angles that are tried, how far dots of
+#: a row may lie beside each other, fewest dots, and how much the largest turn counts against it.
+MOST_TURN = float(np.radians(12.0))
+_TURNS = np.linspace(-MOST_TURN, MOST_TURN, 49)
+_ROW_M, _TURN_DOTS, _STRAIGHT = 4e-4, 4, 0.1
 
 
 @dataclass(frozen=True)
@@ -37,9 +44,9 @@ class Lattice:
     along, down : float
         Node of the first column (in travel) and top row of cell 0.
     cell, dot_along, dot_down : float
-        Pitch of cells along the roll, and of dots along and down.
-    slope : float
-        Way down a unit of travel.
+        Pitch of cells along the line, and of dots along the line and across it.
+    angle : float
+        Turn of the line, radians, positive where it goes down along the travel.
     """
 
     along: float
@@ -47,7 +54,7 @@ class Lattice:
     cell: float
     dot_along: float
     dot_down: float
-    slope: float = 0.0
+    angle: float = 0.0
 
     def nodes(self, n: int) -> F64:
         """Nodes of cell n: its first column from the top, then the second.
@@ -58,37 +65,76 @@ class Lattice:
             Travel along the roll and way down the image, metres.
         """
         column, row = np.repeat([0, 1], 3), np.tile([0, 1, 2], 2)
-        along = self.along + n * self.cell + column * self.dot_along
-        down = self.down + row * self.dot_down + self.slope * (along - self.along)
-        return np.stack([along, down], axis=-1)
+        return self.places(n * self.cell + column * self.dot_along, row * self.dot_down)
+
+    def places(self, along: npt.ArrayLike, down: npt.ArrayLike) -> F64:
+        """Travel and way down the image, shape (n, 2), of places in the line's own axes."""
+        x, y = np.asarray(along, np.float64), np.asarray(down, np.float64)
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        return np.stack([self.along + c * x - s * y, self.down + s * x + c * y], axis=-1)
+
+    def own(self, dots: Dots) -> tuple[F64, F64]:
+        """Places of dots along the line and across it, metres, from the first node of cell 0."""
+        x, y = dots.along - self.along, dots.down - self.down
+        c, s = np.cos(self.angle), np.sin(self.angle)
+        return c * x + s * y, c * y - s * x
 
     @property
     def begin(self) -> float:
         """Travel at which the tile of cell 0 begins, half way from the cell before, metres."""
-        return self.along + (self.dot_along - self.cell) / 2
+        return float(self.places((self.dot_along - self.cell) / 2, self.dot_down)[0])
+
+    @property
+    def end(self) -> float:
+        """Travel at which all of cell 0 was passed, half way to the next, metres."""
+        margin = self.cell - self.dot_along
+        ends = self.places(
+            (self.dot_along + self.cell) / 2, [-margin / 4, 2 * self.dot_down + margin / 4]
+        )
+        return float(ends[:, 0].max())
+
+    def tile(self, half_m: float) -> F64:
+        """Corners of cell 0's tile: half way to its neighbours, and so far across its middle row.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 2)
+            As `nodes`.
+        """
+        middle = self.dot_along / 2
+        along = middle + self.cell / 2 * np.array([-1, 1, 1, -1])
+        return self.places(along, self.dot_down + half_m * np.array([-1, -1, 1, 1]))
 
     def centre(self, n: int) -> tuple[float, float]:
         """Middle of cell n."""
-        along = self.along + n * self.cell + self.dot_along / 2
-        return along, self.down + self.dot_down + self.slope * (along - self.along)
+        along, down = self.places(n * self.cell + self.dot_along / 2, self.dot_down)
+        return float(along), float(down)
 
-    def cell_of(self, along: float) -> int:
-        """Cell that a place along the roll belongs to."""
-        return int(np.floor((along - self.along - self.dot_along / 2) / self.cell + 0.5))
+    def top_at(self, along: float) -> float:
+        """Way down the image of the top row at a place along the roll, metres."""
+        return self.down + float(np.tan(self.angle)) * (along - self.along)
 
     def assign(self, dots: Dots) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
         """Which dots lie on nodes, shape (n,), and their cell, column and row, shape (n, 3)."""
-        rest = dots.along - self.along
-        down = dots.down - self.down - self.slope * rest
+        index, off = self._nearest(dots)
+        return off <= REACH * self.dot_down, index
+
+    def fit_of(self, dots: Dots) -> float:
+        """How well dots lie on nodes: their number, each the less the further it is off."""
+        off = self._nearest(dots)[1]
+        return float(np.maximum(1.0 - (off / _CLOSE_M) ** 2, 0.0).sum())
+
+    def _nearest(self, dots: Dots) -> tuple[npt.NDArray[np.int64], F64]:
+        rest, down = self.own(dots)
         n = np.floor((rest - self.dot_along / 2) / self.cell + 0.5)
         inside = rest - n * self.cell
         column = (inside > self.dot_along / 2).astype(np.float64)
         row = np.clip(np.round(down / self.dot_down), 0, 2)
         off = np.hypot(inside - column * self.dot_along, down - row * self.dot_down)
-        return off <= REACH * self.dot_down, np.stack([n, column, row], axis=-1).astype(np.int64)
+        return np.stack([n, column, row], axis=-1).astype(np.int64), off
 
     def fitted(self, dots: Dots, spacing: Spacing) -> Lattice:
-        """The lattice moved and stretched a little to lie best under dots.
+        """The lattice moved, turned and stretched a little to lie best under dots.
 
         Parameters
         ----------
@@ -101,13 +147,13 @@ class Lattice:
         if not on.any():
             return self
         n, column, row = index[on].T.astype(np.float64)
-        along, down = dots.along[on] - self.along, dots.down[on] - self.down
+        along, down = (part[on] for part in self.own(dots))
         zero, one = np.zeros_like(n), np.ones_like(n)
         cell, dot = spacing.cell_pitch_m, spacing.dot_pitch_m
-        # Unknowns: offset, relative change of cell and dot pitch; then offset, slope, dot pitch.
+        # Unknowns: offset, relative change of cell and dot pitch; then offset, turn, dot pitch.
         design = np.concatenate(
             [
-                np.stack([one, n * cell, column * dot, zero, zero, zero], -1),
+                np.stack([one, n * cell, column * dot, zero, -down, zero], -1),
                 np.stack([zero, zero, zero, one, along, row * dot], -1),
             ]
         )
@@ -115,29 +161,33 @@ class Lattice:
         a = design / _DOT_SIGMA_M
         left = a.T @ a + np.diag(_PRIOR**-2.0)
         x = np.linalg.solve(left, a.T @ (target / _DOT_SIGMA_M))
+        place = self.places(x[0], x[3])
         return Lattice(
-            float(self.along + x[0]),
-            float(self.down + x[3]),
+            float(place[0]),
+            float(place[1]),
             float(cell * (1 + x[1])),
             float(dot * (1 + x[2])),
             float(dot * (1 + x[5])),
-            float(x[4]),
+            float(self.angle + x[4]),
         )
 
     def moved(self, n: int) -> Lattice:
         """The same lattice, its cells counted from cell n on."""
-        along = self.along + n * self.cell
-        down = self.down + self.slope * n * self.cell
-        return Lattice(along, down, self.cell, self.dot_along, self.dot_down, self.slope)
+        return self.shifted(n * self.cell, 0.0)
+
+    def shifted(self, along: float, down: float) -> Lattice:
+        """The same lattice, moved so far along the line and across it, metres."""
+        place = self.places(along, down)
+        return replace(self, along=float(place[0]), down=float(place[1]))
 
 
 def no_dust(votes: F64) -> npt.NDArray[np.bool_]:
     """Which spots are not far weaker than the strong ones among them, shape (n,)."""
-    return np.asarray(votes >= _FAINT * np.sort(votes)[-min(_STRONG, len(votes))])
+    return np.asarray(votes >= FAINT * np.sort(votes)[-min(_STRONG, len(votes))])
 
 
 def find_lattice(
-    dots: Dots, spacing: Spacing, tolerance: float, left_first: bool
+    dots: Dots, spacing: Spacing, tolerance: float, left_first: bool, angle: float = 0.0
 ) -> Lattice | None:
     """The lattice on which the most dots of one line lie.
 
@@ -151,6 +201,8 @@ def find_lattice(
         Largest error of the pitches, as a share.
     left_first : bool
         Whether the left column of a cell comes first in travel.
+    angle : float
+        Turn of the line, radians, nearly.
 
     Returns
     -------
@@ -164,18 +216,51 @@ def find_lattice(
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
     scales = np.linspace(1 - tolerance, 1 + tolerance, _SCALES)
     width = REACH * spacing.dot_pitch_m
-    down, pitch_down, near = _find_rows(dots.down, weight, spacing.dot_pitch_m * scales, width)
+    pitches = spacing.cell_pitch_m, spacing.dot_pitch_m, spacing.dot_pitch_m
+    axes = Lattice(float(dots.along[0]), float(dots.down[0]), *pitches, angle)
+    own_along, own_down = axes.own(dots)
+    down, pitch_down, near = _find_rows(own_down, weight, spacing.dot_pitch_m * scales, width)
     if not near.any():
         return None
     along, cell = _find_cells(
-        dots.along[near], weight[near], spacing, scales, width, 0 if left_first else 1
+        own_along[near], weight[near], spacing, scales, width, 0 if left_first else 1
     )
-    rough = Lattice(along, down, cell, spacing.dot_pitch_m, pitch_down)
+    rough = replace(axes.shifted(along, down), cell=cell, dot_down=pitch_down)
     on, index = rough.assign(dots)
     if not on.any():
         return None
     rough = rough.moved(int(index[on, 0].min()))
     return rough.fitted(dots, spacing)
+
+
+def find_turn(dots: Dots, spacing: Spacing) -> float:
+    """The angle under which the most dots lie in rows, radians.
+
+    Parameters
+    ----------
+    dots : Dots
+        Dots of some cells, of several lines perhaps.
+    spacing : Spacing
+        Expected pitches.
+
+    Returns
+    -------
+    float
+        Up to `MOST_TURN` either way; 0 where there are too few dots.
+    """
+    if len(dots) < _TURN_DOTS:
+        return 0.0
+    dots = dots.where(no_dust(dots.votes))
+    weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
+    i, j = np.triu_indices(len(dots), 1)
+    x, y = dots.along[j] - dots.along[i], dots.down[j] - dots.down[i]
+    # Pairs in one row; dots of one cell are too near each other to tell the angle.
+    apart = np.hypot(x, y) > 1.5 * spacing.dot_pitch_m
+    x, y, pairs = x[apart], y[apart], (weight[i] * weight[j])[apart]
+    c, s = np.cos(_TURNS)[:, None], np.sin(_TURNS)[:, None]
+    score = (np.maximum(1.0 - np.abs(c * y - s * x) / _ROW_M, 0.0) * pairs).sum(axis=1)
+    score *= 1.0 - _STRAIGHT * np.abs(_TURNS) / MOST_TURN
+    return float(_TURNS[int(np.argmax(score))])
 
 
 def _near(distance: F64, width: float) -> F64:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .dots import Dots
-from .lattice import REACH, Lattice, no_dust
+from .lattice import FAINT, REACH, Lattice, no_dust
 from .recognise import Reference, completeness
 from .warp import F64
 
@@ -18,10 +18,13 @@ _TYPICAL = 0.35
 _ALONE = 0.5
 #: And that of a weak one.
 _WEAK = 0.1
+#: Spread of the logarithms of dots' strengths where nothing is known, and the dots that this counts
+#: for; how many times the spread the faintest dot lies below a typical one.
+_USUAL, _USUAL_DOTS, _FAINTEST = 0.35, 4, 2.6
+#: Strength, against the least that is found, at which the faintest dot is lost, and surely seen.
+_HIDDEN, _VISIBLE = 1.0, 2.0
 #: A side of a dot is taken to hold at least this share of its events.
 _LEAST_SHARE = 0.2
-#: A dot may lie this far off its node, along and down.
-_MOST_SHIFT_M = 0.0001
 
 
 class LineDots:
@@ -49,26 +52,41 @@ class LineDots:
         """Those before a place along the roll."""
         return self._dots.where(self._dots.along < along)
 
+    def _solid(self) -> Dots:
+        """Those that are no dust."""
+        if not len(self._dots):
+            return self._dots
+        return self._dots.where(self._dots.votes >= FAINT * np.median(self._dots.votes))
+
+    def above(self, lattice: Lattice, votes: float) -> bool:
+        """Whether a dot of so many events lies on cell 0 a row above its upper row."""
+        upper = lattice.shifted(0.0, -lattice.dot_down)
+        on, index = upper.assign(self._dots)
+        here = on & (index[:, 0] == 0) & (index[:, 2] == 0)
+        return bool((here & (self._dots.votes >= max(votes, 1.0))).any())
+
     def shift(self, lattice: Lattice) -> F64:
         """How far the dots of cell 0 lie off their nodes, (along, down), metres."""
-        on, index = lattice.assign(self._dots)
+        dots = self._solid()
+        on, index = lattice.assign(dots)
         here = on & (index[:, 0] == 0)
         if not here.any():
             return np.zeros(2)
         nodes = lattice.nodes(0)[index[here, 1] * 3 + index[here, 2]]
-        off = np.stack([self._dots.along[here], self._dots.down[here]], -1) - nodes
+        off = np.stack([dots.along[here], dots.down[here]], -1) - nodes
         # One more dot that lies on its node, so that a single one is not all.
         return np.asarray(off.sum(axis=0) / (len(off) + 1))
 
     def own_shifts(self, nodes: F64, pitch_m: float) -> F64:
-        """How far dots found at nodes lie off them, by no more than a little, shape (6, 2)."""
+        """How far dots found at nodes lie off them, metres, shape (6, 2); 0 where none was."""
         out = np.zeros_like(nodes)
+        dots = self._solid()
         for i, node in enumerate(nodes):
-            off = np.stack([self._dots.along, self._dots.down], -1) - node
+            off = np.stack([dots.along, dots.down], -1) - node
             away = np.hypot(off[:, 0], off[:, 1])
             if len(away) and away.min() < REACH * pitch_m:
                 out[i] = off[int(np.argmin(away))]
-        return np.clip(out, -_MOST_SHIFT_M, _MOST_SHIFT_M)
+        return out
 
     def reference(self, lattice: Lattice, least: float) -> Reference | None:
         """What a dot looks like around cell 0; None when there are none of at least some events."""
@@ -90,6 +108,12 @@ class LineDots:
         if whole < least:
             return None
         weak = float(np.quantile(wholes, _WEAK)) / whole
+        # Spread of the logarithms, drawn to what is usual where there are few dots.
+        n = len(wholes)
+        spread = np.sqrt((n * np.var(np.log(wholes)) + _USUAL_DOTS * _USUAL**2) / (n + _USUAL_DOTS))
+        faintest = whole * float(np.exp(-_FAINTEST * spread))
+        visible = float(np.clip((faintest / least - _HIDDEN) / (_VISIBLE - _HIDDEN), 0.0, 1.0))
         own = halves[at] / np.maximum(wholes, 1e-9)[:, None]
         shares = np.maximum(np.median(own, axis=0), _LEAST_SHARE)
-        return Reference(whole, weak, shares, float(np.quantile(completeness(own, shares), _WEAK)))
+        complete = float(np.quantile(completeness(own, shares), _WEAK))
+        return Reference(whole, weak, shares, complete, visible)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from enum import Enum
 
@@ -12,8 +13,9 @@ from .cells import Seen
 from .dots import CHANCE, Dots
 from .lattice import Lattice
 from .line_dots import LineDots
+from .orientation import lifted, lower_row_free
 from .recognise import FILLED, Energies, Recogniser, Reference, share
-from .settings import BrailleSettings
+from .settings import BrailleSettings, Spacing
 from .strip import Kind, Strip, image_around
 from .warp import F32, F64
 
@@ -23,6 +25,13 @@ _FIT_CELLS = 12
 _BLANK = 1.0
 #: Cells of other relief between two that are read which an accepted line may hold.
 _FOREIGN = 2
+#: Share of its events that a cell's dots hold, against that of the cells before, at which something
+#: else lies in it, and at which nothing does; cells that this needs.
+_SPOILT, _CLEAN, _FEW_CELLS = 0.7, 0.85, 3
+#: Share of a typical dot's events that one above the line needs.
+_LIFTS = 0.5
+#: A dot is measured where it was found, if that is no further off its node, along and down.
+_MOST_SHIFT_M = 0.0001
 #: Times that a line is begun anew on a lattice a row or a column further.
 _MOST_ANEW = 3
 _UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
@@ -50,6 +59,8 @@ class LineReader:
         Reads cells.
     lattice : Lattice
         Of the line's first cells; cell 0 is its first.
+    spacing : Spacing
+        What its pitches are near to.
     kind : Kind
         Events that it is read from.
     direction : int
@@ -64,18 +75,24 @@ class LineReader:
         strip: Strip,
         recogniser: Recogniser,
         lattice: Lattice,
+        spacing: Spacing,
         kind: Kind,
         direction: int,
         view: tuple[float, float],
     ) -> None:
         self._settings, self._strip, self._recogniser = settings, strip, recogniser
-        self._spacing = settings.spacing
+        #: What its pitches are near to.
+        self.spacing = spacing
         self.kind = kind
         self._direction = direction
         self._view = view
         self._dots = LineDots()
         self._anew = 0
         self._confirmed = lattice.begin
+        #: Events of a typical dot where it was last read.
+        self.typical = 0.0
+        #: Whether its lattice may yet turn out to lie a row too low: text may be upside down.
+        self.may_lift = True
         #: Whether it is known for a line of Braille.
         self.accepted = False
         #: Whether nothing more will be read.
@@ -88,15 +105,15 @@ class LineReader:
         self.lattice = lattice
         self._next = 0
         self._pending: list[Seen] = []
+        self._explained: deque[float] = deque(maxlen=_FIT_CELLS)
         self._unusual = 0
         self._raised = self._circles = 0
         #: Cells read and confirmed, in travel order.
         self.cells: list[Seen] = []
 
-    @property
-    def top(self) -> float:
-        """Way down the image of the top row, metres."""
-        return self.lattice.down
+    def top_at(self, along: float) -> float:
+        """Way down the image of the top row at a place along the roll, metres."""
+        return self._origin.top_at(along)
 
     @property
     def start(self) -> float:
@@ -119,9 +136,8 @@ class LineReader:
 
     def holds(self, dots: Dots) -> npt.NDArray[np.bool_]:
         """Which dots lie in the line's band, shape (n,)."""
-        rest = dots.along - self.lattice.along
-        down = dots.down - self.lattice.down - self.lattice.slope * rest
-        half = (self._spacing.line_pitch_m - 2 * self._spacing.dot_pitch_m) / 2
+        _, down = self.lattice.own(dots)
+        half = (self.spacing.line_pitch_m - 2 * self.spacing.dot_pitch_m) / 2
         return np.asarray((down > -half) & (down < 2 * self.lattice.dot_down + half))
 
     def take(self, dots: Dots) -> None:
@@ -135,7 +151,7 @@ class LineReader:
     def advance(self, complete: int) -> None:
         """Read the cells whose tiles lie before a column."""
         while not self.closed:
-            if int(np.ceil(self.lattice.moved(1).begin / self._strip.px_m)) > complete:
+            if int(np.ceil(self.lattice.end / self._strip.px_m)) > complete:
                 break
             self._read_next()
 
@@ -165,7 +181,23 @@ class LineReader:
                 return share(held, total)
         return 0.0
 
+    def _lift(self) -> None:
+        """Move up by a row if the next cell has a dot above it and no cell one in its lowest row.
+
+        Upright letters have dots in their upper row, so this is text upside down.
+        """
+        if not self.cells or not self._dots.above(self.lattice, _LIFTS * self.typical):
+            return
+        if lower_row_free(self.cells):
+            least = self._settings.min_dot_confidence
+            self.cells, self._pending = (
+                [lifted(seen, least) for seen in part] for part in (self.cells, self._pending)
+            )
+            self.lattice = self.lattice.shifted(0.0, -self.lattice.dot_down)
+
     def _read_next(self) -> None:
+        if self.may_lift:
+            self._lift()
         kind, seen = self._read()
         s = self._settings
         if kind is _Kind.READ:
@@ -208,9 +240,9 @@ class LineReader:
         # hold none, something that is no dot had a part in it.
         o = self._origin
         if not raised & _UPPER_ROW:
-            o = replace(o, down=o.down + o.dot_down)
+            o = o.shifted(0.0, o.dot_down)
         elif not raised & _LEFT_COLUMN:
-            o = replace(o, along=o.along + self._direction * o.dot_along)
+            o = o.shifted(self._direction * o.dot_along, 0.0)
         else:
             self.accepted = True
             return False
@@ -225,7 +257,7 @@ class LineReader:
         if self.accepted:
             self._dots.forget_before(self.lattice.along - _FIT_CELLS * self.lattice.cell)
         near = self._dots.before(self.lattice.along + 2 * self.lattice.cell)
-        self.lattice = self.lattice.fitted(near, self._spacing).moved(1)
+        self.lattice = self.lattice.fitted(near, self.spacing).moved(1)
         self._next += 1
 
     def _background(self, lattice: Lattice) -> float:
@@ -241,19 +273,19 @@ class LineReader:
 
     def _measure(self, lattice: Lattice) -> tuple[F64, F32, F64, Energies]:
         """Cell 0 of a lattice: its nodes, the image around, their place in it, their events."""
-        strip, s = self._strip, self._spacing
+        strip, s = self._strip, self.spacing
         nodes = lattice.nodes(0) + self._dots.shift(lattice)
         image, at = image_around(strip, nodes, self._recogniser.margin, self.kind)
-        # Tile: half way to the neighbours; its place in the cut out image.
+        # The nodes' place in the cut out image.
         offset = at[0] - [nodes[0, 0] / strip.px_m, strip.row(nodes[0, 1])]
-        middle, down = lattice.centre(0)
         half = s.line_pitch_m / 2 * lattice.dot_down / s.dot_pitch_m
-        a, b = ((middle + side * lattice.cell / 2) / strip.px_m + offset[0] for side in (-1, 1))
-        top, bottom = (strip.row(down + side * half) + offset[1] for side in (-1, 1))
-        at = at + self._dots.own_shifts(nodes, s.dot_pitch_m) / strip.px_m
-        tile = (round(a), round(b), round(top), round(bottom))
+        corners = lattice.tile(half)
+        tile = np.stack([corners[:, 0] / strip.px_m, strip.row(corners[:, 1])], -1) + offset
+        off = self._dots.own_shifts(nodes, s.dot_pitch_m)
+        at = at + np.clip(off, -_MOST_SHIFT_M, _MOST_SHIFT_M) / strip.px_m
         level = self._background(lattice)
-        return nodes, image, at, self._recogniser.measure(image, at, tile, level)
+        energies = self._recogniser.measure(image, at, tile, level)
+        return nodes, image, at, replace(energies, off_m=np.hypot(off[:, 0], off[:, 1]))
 
     def _read(self) -> tuple[_Kind, Seen]:
         nodes, image, at, energies = self._measure(self.lattice)
@@ -273,8 +305,19 @@ class LineReader:
             # Its dots, if they are dots, are not to be trusted.
             doubt = reading.explained * self._settings.min_dot_confidence
             return _Kind.FOREIGN, self._seen(mask, confidence * doubt, nodes, stamp)
+        if reading.raised.any():
+            confidence = confidence * self._clean(reading.explained)
+            self._explained.append(reading.explained)
         self._circles += reading.circles
+        self.typical = reference.whole
         return _Kind.READ, self._seen(mask, confidence, nodes, stamp)
+
+    def _clean(self, explained: float) -> float:
+        """How sure it is, 0 to 1, that a cell holds no other relief: against cells before it."""
+        if len(self._explained) < _FEW_CELLS:
+            return 1.0
+        share = explained / float(np.median(self._explained))
+        return float(np.clip((share - _SPOILT) / (_CLEAN - _SPOILT), 0.0, 1.0))
 
     def _seen(self, mask: int, confidence: F64, nodes: F64, stamp_ns: int) -> Seen:
         if self._direction < 0:

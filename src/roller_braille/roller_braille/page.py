@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from . import table
 from .cells import Cell, Seen
 from .lines import LineReader
+from .orientation import upside_down
 from .passes import PassReader
 from .settings import BrailleSettings
 from .translation import ALL_DOTS, LineCell, line_reader
@@ -23,6 +25,18 @@ def certain_dots(confidence: Sequence[float], least: float) -> int:
     return sum(1 << i for i, c in enumerate(confidence) if c >= least)
 
 
+def _upper(lines: Sequence[LineReader]) -> LineReader:
+    """The uppermost of lines."""
+    at = max(line.start for line in lines)
+    return min(lines, key=lambda line: line.top_at(at))
+
+
+def _lowest(lines: Sequence[LineReader]) -> LineReader:
+    """The lowest of lines."""
+    at = max(line.start for line in lines)
+    return max(lines, key=lambda line: line.top_at(at))
+
+
 class _Place:
     """Where the next cell of a line being read goes."""
 
@@ -35,7 +49,8 @@ class Page:
     """Puts cells in reading order and finds what they stand for.
 
     Lines that are in view together are read one after the other, from the top. A sensor that rolls
-    against the reading direction sees a line's end first, so its lines come when the pass is over.
+    against the reading direction, or over text that is upside down, sees a line's end first, so its
+    lines come when the pass is over.
     Cells that an earlier pass has read are left out.
 
     Parameters
@@ -81,20 +96,25 @@ class Page:
         over : bool
             Whether it is over.
         """
-        if reader.roll.direction < 0 and not over:
+        turned = reader.upside_down
+        backwards = (reader.roll.direction < 0) != bool(turned)
+        # Where its rows lie in text upside down, a line as a whole tells.
+        if not over and (backwards or turned is not False):
             return
         while True:
             if self._current is None:
                 ready = [x for x in reader.lines if x.accepted]
                 if not ready:
                     return
-                upper = min(ready, key=lambda x: x.top)
+                upper = _lowest(ready) if turned else _upper(ready)
                 if not over and self._one_above(reader, upper):
                     return
                 self._current = upper
                 self._given, self._place = 0, _Place()
             cells = self._current.cells
-            new = cells[self._given :] if reader.roll.direction > 0 else cells[::-1]
+            if turned:
+                cells = upside_down(cells, self._settings.min_dot_confidence)
+            new = cells[::-1] if backwards else cells[self._given :]
             self._given = len(cells)
             for seen in new:
                 yield from self._give(seen, reader)
@@ -108,7 +128,8 @@ class Page:
         begun = (self._settings.lookahead_cells + 2) * self._settings.spacing.cell_pitch_m
         if reader.reach_m < line.start + begun:
             return True
-        return any(x.top < line.top for x in reader.lines if not x.accepted)
+        waiting = [x for x in reader.lines if not x.accepted]
+        return any(_upper([x, line]) is x for x in waiting)
 
     def _give(self, seen: Seen, reader: PassReader) -> Iterator[Cell]:
         depth = self._warp.depth_at(reader.roll)
@@ -121,11 +142,13 @@ class Page:
             self.repeated += 1
             place.line, place.column = self._where[known][0], self._where[known][1] + 1
             return
+        known_dots = self._line_cell(seen)
         if place.line is None:
             place.line = len(self._columns)
             self._columns.append({})
             self._decoders.append(table.Decoder())
-        known_dots = self._line_cell(seen)
+            if not self._saw_before(seen, reader):
+                known_dots = replace(known_dots, after_unseen=True)
         character, readable = self._decode(place.line, known_dots)
         cell = Cell(
             seen.stamp_ns,
@@ -145,6 +168,12 @@ class Page:
         place.column += 1
         yield cell
 
+    def _saw_before(self, seen: Seen, reader: PassReader) -> bool:
+        """Whether the place of the cell before one, in reading order, was in view."""
+        step = seen.dots[3] - seen.dots[0]
+        step *= self._settings.spacing.cell_pitch_m / max(float(np.hypot(*step)), 1e-9)
+        return reader.saw(seen.dots - step)
+
     def _line_cell(self, seen: Seen) -> LineCell:
         if seen.certain:
             return LineCell(seen.mask)
@@ -154,6 +183,8 @@ class Page:
 
     def _decode(self, line: int, cell: LineCell) -> tuple[str | None, bool]:
         """What a cell stands for by itself in grade 1; whether it can be read in the code."""
+        if cell.after_unseen:
+            self._decoders[line].skip(0, 0)
         if not cell.readable:
             self._decoders[line].skip(cell.mask, cell.certain)
             return None, False

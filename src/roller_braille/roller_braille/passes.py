@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .batches import Batch
 from .contrast import Frame, WayScale
 from .dots import DotFinder, Dots
-from .lattice import Lattice, find_lattice
+from .lattice import FAINT, Lattice, find_lattice, find_turn, no_dust
 from .lines import LineReader
+from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .recognise import Recogniser
 from .rolling import Pass
-from .settings import BrailleSettings
+from .settings import BrailleSettings, Spacing
 from .strip import Kind, Strip
-from .warp import F32, Warp
+from .warp import F32, F64, Warp
 
 _STRONGER = 3.0
+#: Angles nearer to each other than this are one, radians.
+_SAME_TURN = 0.03
+#: Dust is told by the strongest dots but these.
+_STRONG = 3
 
 
 def _at(dots: Dots, start: float) -> bool:
@@ -53,6 +60,12 @@ class PassReader:
         #: Lines in the order they were begun, those given up left out.
         self.lines: list[LineReader] = []
         self.dots = 0
+        #: Whether its text is upside down; None while that is open.
+        self.upside_down: bool | None = None
+        #: Turn and spacing of the plate, and events of a dot, where a line was last read.
+        self._turn: float | None = None
+        self._spacing: Spacing | None = None
+        self._typical = 0.0
         #: Place up to which lines were read, metres.
         self.reach_m = -np.inf
         reach = settings.spacing.dot_diameter_m / 2
@@ -104,7 +117,27 @@ class PassReader:
                 line.close()
             self._loose = {kind: Dots.none() for kind in self._kinds}
         self.lines = [line for line in self.lines if line.accepted or not line.closed]
+        self._judge_orientation(LIKELY if final else SURE)
         self.strip.forget_before(self._needed())
+
+    def saw(self, places: F64) -> bool:
+        """Whether all of some places, travel and way down the image in metres, were in view."""
+        inside = (places[:, 1] >= self._view[0]) & (places[:, 1] <= self._view[1])
+        return bool((inside & self.strip.shown(places[:, 0])).all())
+
+    def _judge_orientation(self, sure: float) -> None:
+        """Tell from the cells read so far whether text is upside down; left as is if in doubt."""
+        if self.upside_down is not None:
+            return
+        lines = [line.cells for line in self.lines if line.accepted]
+        odds = sum(log_odds(cells, self._settings.code) for cells in lines)
+        count = sum(seen.certain and seen.mask > 0 for cells in lines for seen in cells)
+        if abs(odds) >= sure:
+            self.upside_down = odds < 0
+        elif count >= MOST_CELLS:
+            self.upside_down = False
+        for line in self.lines:
+            line.may_lift = self.upside_down is not False
 
     def _share(self, dots: Dots, kind: Kind) -> None:
         """Give dots to the lines they may belong to; they stay at hand till that is known."""
@@ -118,7 +151,12 @@ class PassReader:
         if line.closed:
             return
         line.advance(complete)
+        if line.accepted:
+            self._turn, self._typical = line.lattice.angle, line.typical
+            self._spacing = line.spacing
         for kind, loose in self._loose.items():
+            if kind is not line.kind and line.closed and not line.accepted:
+                continue  # a line in vain of one kind leaves those of the other
             own = line.holds(loose) & (loose.along < line.confirmed)
             self._loose[kind] = loose.where(~own)
 
@@ -131,6 +169,8 @@ class PassReader:
             if not starts or not (final or min(starts) + ahead <= upto * self.strip.px_m):
                 return
             start = min(starts)
+            if self._give_up_dust(free, start, start + ahead / 2):
+                continue
             end = start + ahead
             line = self._best(free, start, end)
             if line is None:
@@ -153,8 +193,20 @@ class PassReader:
                 near = loose.along <= start + s.spacing.dot_pitch_m / 2
                 self._loose[kind] = loose.where(~near | (loose.votes > strong))
 
+    def _give_up_dust(self, free: dict[Kind, Dots], start: float, end: float) -> bool:
+        """Forget the first dots if they are far weaker than those after them or in lines."""
+        votes = [dots.votes[dots.along < end] for dots in free.values()]
+        strongest = np.sort(np.concatenate(votes))
+        least = FAINT * float(strongest[-min(_STRONG, len(strongest))])
+        if any(_at(d, start) and float(d.votes[0]) >= least for d in free.values()):
+            return False
+        for kind, loose in self._loose.items():
+            self._loose[kind] = loose.where((loose.along > start) | (loose.votes >= least))
+        return True
+
     def _free(self, dots: Dots) -> Dots:
-        """Those dots that no open line has."""
+        """Those dots that no open line has, and that are no dust against those of lines."""
+        dots = dots.where(dots.votes >= FAINT * self._typical)
         for line in self.lines:
             if not line.closed:
                 dots = dots.where(~line.holds(dots))
@@ -169,18 +221,45 @@ class PassReader:
         self, dots: Dots, kind: Kind, start: float, end: float
     ) -> tuple[float, LineReader | None]:
         """A line that begins with the first of dots, and the share of events that it explains."""
-        s = self._settings
         dots = dots.where(dots.along < end)
-        lattice = find_lattice(dots, s.spacing, s.pitch_tolerance, self.roll.direction > 0)
-        if lattice is None:
+        if len(dots) < self._settings.min_line_dots:
             return 0.0, None
+        solid = dots.where(no_dust(dots.votes))
+        if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
+            return 0.0, None  # what the window begins with is dust
+        seen = find_turn(dots, self._settings.spacing)
+        first = seen if self._turn is None else self._turn
+        second = 0.0 if self._turn is None else seen
+        found = self._try_turn(dots, kind, start, first)
+        if found[1] is None and abs(second - first) > _SAME_TURN:
+            found = self._try_turn(dots, kind, start, second)
+        return found
+
+    def _try_turn(
+        self, dots: Dots, kind: Kind, start: float, turn: float
+    ) -> tuple[float, LineReader | None]:
+        """The same at an angle."""
+        s = self._settings
+        solid = dots.where(no_dust(dots.votes))
+        left_first = self.roll.direction > 0
+        fits = [
+            (lattice.fit_of(solid), lattice, spacing)
+            for spacing in ((self._spacing,) if self._spacing else s.spacings)
+            if (lattice := find_lattice(dots, spacing, s.pitch_tolerance, left_first, turn))
+        ]
+        if not fits:
+            return 0.0, None
+        _, lattice, spacing = max(fits, key=lambda fit: fit[0])
+        # Between two profiles, what its first dots say is nearer than either.
+        lattice = lattice.fitted(dots, spacing)
+        spacing = replace(spacing, dot_pitch_m=lattice.dot_along, cell_pitch_m=lattice.cell)
         on, index = lattice.assign(dots)
         if not on.any() or dots.along[on].min() > start + s.spacing.dot_pitch_m / 2:
-            return 0.0, None  # what the window begins with is dust
+            return 0.0, None  # what the window begins with is none of its dots
         if int(on.sum()) < s.min_line_dots or not self._whole(lattice, index[on, 2]):
             return 0.0, None
         line = LineReader(
-            s, self.strip, self._recogniser, lattice, kind, self.roll.direction, self._view
+            s, self.strip, self._recogniser, lattice, spacing, kind, self.roll.direction, self._view
         )
         line.take(dots)
         explained = line.explained()
@@ -188,7 +267,7 @@ class PassReader:
 
     def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
         """Whether no row of the line can lie outside the view."""
-        above = lattice.down - lattice.dot_down >= -self._warp.half_height_m
+        above = lattice.places(0.0, -lattice.dot_down)[1] >= -self._warp.half_height_m
         return bool(above or set(rows.tolist()) >= {0, 1, 2})
 
     def _needed(self) -> int:

@@ -84,6 +84,8 @@ class BraillePipeline:
         self._hot = HotPixels(self._warp.table)
         self._page = Page(settings, self._warp)
         self._reader: PassReader | None = None
+        #: The poses' way by that which the events show, where it was last known; None before.
+        self.way_scale: float | None = None
         warm_up()
         #: Why the newest frames left out were so.
         self.refusals: deque[str] = deque(maxlen=100)
@@ -162,6 +164,8 @@ class BraillePipeline:
         self._counts.events += len(batch.events)
         before = reader.dots
         reader.advance()
+        if self.settings.max_scale_error and reader.way.scale is not None:
+            self.way_scale = reader.way.scale
         self._counts.dots += reader.dots - before
         return list(self._page.collect(reader, over=False))
 

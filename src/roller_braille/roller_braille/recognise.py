@@ -8,7 +8,7 @@ both against what the dots of the same line have. A dot is raised or not only wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -33,6 +33,10 @@ _UNLIKE, _ALIKE = 0.4, 0.7
 _NOISE, _SOMETHING = 3.0, 8.0
 #: Share of a typical dot's events that is next to nothing, and that may be a very faint dot.
 _TRACE, _SLIGHT = 0.04, 0.12
+#: How far off its node a dot may lie, and where it is none of the cell's.
+_IN_PLACE_M, _ASTRAY_M = 2e-4, 3.2e-4
+#: Share of a typical dot's events that may be left by others, and that of a worn dot.
+_LEFT_OVER, _WORN = 0.15, 0.3
 #: Evidence at which a dot is as likely raised as not, and that of a sure one.
 _EVEN, _SURE = 0.5, 1.0
 
@@ -52,12 +56,15 @@ class Energies:
         half way to the line above to half way to the one below.
     background : float
         Events that a spot holds without a dot.
+    off_m : ndarray, shape (6,)
+        How far off its node the dot lies that was found there, metres.
     """
 
     whole: F64
     halves: F64
     total: float
     background: float
+    off_m: F64 = field(default_factory=lambda: np.zeros(6))
 
 
 @dataclass(frozen=True)
@@ -74,12 +81,16 @@ class Reference:
         What a dot's halves (see `Energies`) hold of its events.
     complete : float
         Completeness of a dot that is less complete than most, see `completeness`.
+    visible : float
+        How sure it is, 0 to 1, that the faintest dot of the line would be told from noise. Where
+        it might not, a place without events may hold a dot.
     """
 
     whole: float
     weak: float
     shares: F64
     complete: float
+    visible: float
 
 
 @dataclass(frozen=True)
@@ -143,9 +154,7 @@ class Recogniser:
             settings.clahe_clip, (settings.clahe_tiles, settings.clahe_tiles)
         )
 
-    def measure(
-        self, image: F32, at: F64, tile: tuple[int, int, int, int], level: float
-    ) -> Energies:
+    def measure(self, image: F32, at: F64, tile: F64, level: float) -> Energies:
         """Count events at the nodes of a cell.
 
         Parameters
@@ -154,15 +163,18 @@ class Recogniser:
             Part of the mosaic around the cell.
         at : ndarray, shape (6, 2)
             Nodes: column and row in `image`.
-        tile : tuple of int
-            First and last column, first and last row of the cell's tile (last excluded).
+        tile : ndarray, shape (4, 2)
+            Corners of the cell's tile: column and row in `image`.
         level : float
             Events a pixel of the background.
         """
-        a, b, top, bottom = tile
-        part = image[max(top, 0) : max(bottom, 0), max(a, 0) : max(b, 0)]
+        inside = np.zeros(image.shape, np.uint8)
+        # Filling takes in its edge: half a pixel less all around.
+        middle = tile.mean(axis=0)
+        corners = np.round(tile - 0.5 - 0.5 * np.sign(tile - middle)).astype(np.int32)
+        cv2.fillConvexPoly(inside, corners, 1)
         halves = self.halves(image, at, level)
-        total = float(part.sum()) - level * part.size
+        total = float((image * inside).sum()) - level * float(inside.sum())
         return Energies(halves[:, :2].sum(axis=1), halves, total, level * self.area)
 
     def halves(self, image: F32, at: F64, level: float) -> F64:
@@ -205,6 +217,7 @@ class Recogniser:
         w = self._settings.hough_weight
         evidence = filled * ((1 - w) * complete + w * circles)
         sure = np.clip((evidence - _EVEN) / (_SURE - _EVEN), 0.0, 1.0)
+        placed = np.clip((_ASTRAY_M - energies.off_m) / (_ASTRAY_M - _IN_PLACE_M), 0.0, 1.0)
         # Where dots differ much, one may be hardly there: a place is empty that holds but noise, or
         # next to nothing.
         odds = energies.whole / np.sqrt(energies.background + 1.0)
@@ -212,8 +225,10 @@ class Recogniser:
         alike = np.clip((reference.weak - _UNLIKE) / (_ALIKE - _UNLIKE), 0.0, 1.0)
         trace = np.clip((_SLIGHT - whole) / (_SLIGHT - _TRACE), 0.0, 1.0)
         empty = np.minimum(1.0 - filled, np.maximum(np.maximum(noise, trace), alike))
+        # Part of a dot is neither: a worn dot perhaps.
+        empty = np.minimum(empty, np.clip((_WORN - whole) / (_WORN - _LEFT_OVER), 0.0, 1.0))
         raised = sure > empty
-        confidence = np.where(raised, sure - empty, empty - sure)
+        confidence = np.where(raised, (sure - empty) * placed, (empty - sure) * reference.visible)
         # A cell in which hardly a circle shows is too faint to be sure of its empty places either.
         shown = 2 * circles[raised].sum() / max(raised.sum(), 1)
         confidence = confidence * (min(shown, 1.0) if raised.any() else 1.0)

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from roller_core.timing_settings import TimingSettings
 
-Profile = Literal["nls", "marburg", "wide"]
+Profile = Literal["auto", "nls", "marburg", "wide"]
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,10 @@ class BrailleSettings(TimingSettings):
     """From events to text."""
 
     profile: Profile = Field(
-        "nls",
+        "auto",
         description="Spacing of the plate: nls (2.34 / 6.2 / 10 mm between dots / cells / lines), "
-        "marburg (2.5 / 6.0 / 10 mm) or wide (2.5 / 6.8 / 10 mm).",
+        "marburg (2.5 / 6.0 / 10 mm), wide (2.5 / 6.8 / 10 mm), or auto: whichever fits a line's "
+        "first dots best.",
     )
     dot_pitch_m: float = Field(
         0.0, ge=0.0, le=0.01, description="Distance of dots in a cell, m; 0: the profile's."
@@ -171,9 +172,16 @@ class BrailleSettings(TimingSettings):
     )
 
     @property
+    def spacings(self) -> tuple[Spacing, ...]:
+        """Spacings that a line may have: all profiles' with `auto`, unless one is set apart."""
+        if self.profile == "auto" and self.spacing == PROFILES["nls"]:
+            return tuple(PROFILES.values())
+        return (self.spacing,)
+
+    @property
     def spacing(self) -> Spacing:
-        """The profile's spacing with what is set apart put in."""
-        p = PROFILES[self.profile]
+        """The profile's spacing with what is set apart put in; with `auto` that of `nls`."""
+        p = PROFILES["nls" if self.profile == "auto" else self.profile]
         return Spacing(
             self.dot_pitch_m or p.dot_pitch_m,
             self.cell_pitch_m or p.cell_pitch_m,

@@ -6,6 +6,7 @@ from collections import deque
 from enum import Enum
 
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.events import EventArray
 
@@ -84,9 +85,9 @@ class Strip:
         a = int(np.ceil((self._begin - self._half) / self.px_m))
         return a, int(np.floor((self._end + self._half) / self.px_m)) + 1
 
-    def row(self, down_m: float) -> float:
-        """Row of a way down the image."""
-        return (down_m - self.top_m) / self.px_m
+    def row(self, down_m: F64) -> F64:
+        """Rows of ways down the image."""
+        return np.asarray((down_m - self.top_m) / self.px_m)
 
     def add(self, events: EventArray, table: F32, knots: Knots) -> None:
         """Warp a frame of events and count them."""
@@ -186,6 +187,10 @@ class Strip:
         """Time of the newest event in columns a to b (b excluded); 0 if there is none."""
         part = self._newest[max(a - self._first, 0) : max(b - self._first, 0)]
         return int(part.max(initial=0))
+
+    def shown(self, place_m: F64) -> npt.NDArray[np.bool_]:
+        """Whether places along the roll, shape (n,), were in view long enough to know of dots."""
+        return np.asarray(self._share_at(place_m) >= _LEAST_EXPOSURE)
 
     def _share(self, a: int, b: int) -> F64:
         """Share of the full travel over which columns were seen, 0 to 1, shape (b - a,)."""

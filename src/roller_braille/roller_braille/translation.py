@@ -35,10 +35,14 @@ class TranslationError(RollerError):
 
 @dataclass(frozen=True)
 class LineCell:
-    """A cell of a line: raised dots as far as seen, and which dots are certain, as masks."""
+    """A cell of a line: raised dots as far as seen, and which dots are certain, as masks.
+
+    `after_unseen`: there may be cells before it that weren't in view.
+    """
 
     mask: int
     certain: int = ALL_DOTS
+    after_unseen: bool = False
 
     @property
     def readable(self) -> bool:
@@ -91,6 +95,8 @@ def _read_grade_1(cells: Sequence[LineCell]) -> Reading:
     decoder = table.Decoder()
     parts: list[str] = []
     for cell in cells:
+        if cell.after_unseen:
+            decoder.skip(0, 0)
         if not cell.readable:
             decoder.skip(cell.mask, cell.certain)
             parts.append(cell.shown)
@@ -124,7 +130,7 @@ def _runs(cells: Sequence[LineCell]) -> list[tuple[int, int, bool]]:
         end = begin
         while end < len(cells) and (cells[end].mask != table.SPACE or not cells[end].readable):
             end += 1
-        certain = all(c.readable for c in cells[begin:end])
+        certain = all(c.readable and not c.after_unseen for c in cells[begin:end])
         # The space behind a word belongs to what is certain.
         if runs and runs[-1][2] and certain:
             runs[-1] = (runs[-1][0], end, True)

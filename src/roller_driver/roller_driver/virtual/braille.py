@@ -68,13 +68,36 @@ def to_cells(text: str) -> list[tuple[int, str]]:
     return cells
 
 
-def line_length_mm(text: str, settings: SceneSettings) -> float:
-    """Length that the longest line takes up on the plate, from dot edge to dot edge, mm."""
-    longest = max(len(to_cells(line)) for line in text.split("\n"))
+def text_size_mm(text: str, settings: SceneSettings) -> tuple[float, float]:
+    """Length and width that lines of text take up on the plate, from dot edge to dot edge, mm."""
+    length, height = _block_mm(text, settings)
+    diameter = settings.dot_diameter_mm
+    c, s = _turn(settings)
+    across, down = length - diameter, height - diameter
+    return (
+        abs(c) * across + abs(s) * down + diameter,
+        abs(s) * across + abs(c) * down + diameter,
+    )
+
+
+def _block_mm(text: str, settings: SceneSettings) -> tuple[float, float]:
+    """Length and height of lines of text that aren't turned, mm."""
+    lines = text.split("\n")
+    longest = max(len(to_cells(line)) for line in lines)
     if not longest:
         raise SceneError("the Braille text is empty")
-    dot = settings.dot_pitch_mm + settings.dot_diameter_mm
-    return (longest - 1) * settings.cell_pitch_mm + dot
+    pitch, diameter = settings.dot_pitch_mm, settings.dot_diameter_mm
+    length = (longest - 1) * settings.cell_pitch_mm + pitch + diameter
+    return length, (len(lines) - 1) * settings.line_pitch_mm + 2 * pitch + diameter
+
+
+def _turn(settings: SceneSettings) -> tuple[float, float]:
+    """Cosine and sine of the text's turn; exact where it isn't turned or is upside down."""
+    if settings.turn_deg % 180.0 == 0.0:
+        return 1.0 - 2.0 * (settings.turn_deg % 360.0 == 180.0), 0.0
+    return float(np.cos(np.radians(settings.turn_deg))), float(
+        np.sin(np.radians(settings.turn_deg))
+    )
 
 
 def put_braille(plate: Plate, text: str, x0_mm: float, settings: SceneSettings) -> str:
@@ -92,27 +115,32 @@ def put_braille(plate: Plate, text: str, x0_mm: float, settings: SceneSettings) 
     """
     lines = text.lower().split("\n")
     pitch, radius = settings.dot_pitch_mm, settings.dot_diameter_mm / 2
-    high = (len(lines) - 1) * settings.line_pitch_mm + 2 * pitch + 2 * radius
-    if high > plate.width:
+    length, wide = text_size_mm(text, settings)
+    if wide > plate.width:
         raise SceneError(
-            f"{len(lines)} Braille lines are {high:.1f} mm high but the plate is only "
+            f"{len(lines)} Braille lines take up {wide:.1f} mm across but the plate is only "
             f"{plate.width:g} mm wide"
         )
-    length = line_length_mm(text, settings)
     if x0_mm + length > plate.length + 1e-6:
         raise SceneError(f"Braille of {length:.1f} mm doesn't fit a plate of {plate.length:g} mm")
+    block = _block_mm(text, settings)[0]
+    c, s = _turn(settings)
+
+    def place(along: float, up: float) -> tuple[float, float]:
+        """Where a place of the text, from its middle, lies on the plate."""
+        return x0_mm + length / 2 + c * along - s * up, s * along + c * up
+
     for row, line in enumerate(lines):
         middle = (len(lines) - 1) / 2 * settings.line_pitch_mm - row * settings.line_pitch_mm
         for column, (mask, character) in enumerate(to_cells(line)):
-            left = x0_mm + radius + column * settings.cell_pitch_mm
+            left = radius + column * settings.cell_pitch_mm - block / 2
             for dot in range(6):
                 if mask >> dot & 1:
-                    x, y = left + dot // 3 * pitch, middle + (1 - dot % 3) * pitch
+                    x, y = place(left + dot // 3 * pitch, middle + (1 - dot % 3) * pitch)
                     _put_dot(plate, x, y, radius, settings.dot_height_mm)
-            plate.marks.append(
-                BrailleMark((left + pitch / 2) * 1e-3, middle * 1e-3, mask, character, row, column)
-            )
-    half = high / 2
+            x, y = place(left + pitch / 2, middle)
+            plate.marks.append(BrailleMark(x * 1e-3, y * 1e-3, mask, character, row, column))
+    half = wide / 2
     plate.regions.append(
         Region("braille", x0_mm * 1e-3, (x0_mm + length) * 1e-3, -half * 1e-3, half * 1e-3)
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .braille import line_length_mm, put_braille
+from .braille import put_braille, text_size_mm
 from .errors import UnknownSceneError
 from .mesh import mesh_scene
 from .objects import LENGTHS, OBJECTS
@@ -44,7 +44,7 @@ def _flat(settings: SceneSettings) -> Scene:
 
 def _braille(settings: SceneSettings) -> Scene:
     text = settings.text or BRAILLE_TEXT
-    plate = new_plate(settings, line_length_mm(text, settings))
+    plate = new_plate(settings, text_size_mm(text, settings)[0])
     text = put_braille(plate, text, settings.margin_mm, settings)
     return plate.scene("braille", DEMO_PRESS_MM, text)
 
@@ -52,7 +52,7 @@ def _braille(settings: SceneSettings) -> Scene:
 def _demo(settings: SceneSettings) -> Scene:
     """A line of Braille, then the six objects one after the other."""
     text = settings.text or DEMO_TEXT
-    line = line_length_mm(text, settings)
+    line = text_size_mm(text, settings)[0]
     gaps = DEMO_TEXT_GAP_MM + DEMO_GAP_MM * (len(OBJECTS) - 1)
     plate = new_plate(settings, line + sum(LENGTHS.values()) + gaps)
     text = put_braille(plate, text, settings.margin_mm, settings)

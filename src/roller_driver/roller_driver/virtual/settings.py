@@ -32,6 +32,9 @@ class SceneSettings(Settings):
     )
     dot_diameter_mm: float = Field(1.44, ge=0.5, le=3.0, description="Braille: base of a dot, mm")
     dot_height_mm: float = Field(0.48, ge=0.05, le=1.5, description="Braille: height of a dot, mm")
+    turn_deg: float = Field(
+        0.0, ge=-360.0, le=360.0, description="Braille: turn of the text on the plate, degrees"
+    )
     mesh_unit: Literal["mm", "m"] = Field("mm", description="unit of a mesh's coordinates")
 
 
