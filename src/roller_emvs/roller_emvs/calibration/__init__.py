@@ -27,10 +27,12 @@ from .sphere import (
 )
 from .time_offset import TimeOffset, estimate_time_offset
 from .to_and_fro import Scan, TimeOffsetError, central_events
+from .turn import CameraTurn, TurnError, find_turn
 
 __all__ = [
     "PAPER_MM_PER_PX",
     "PAPER_READINGS",
+    "CameraTurn",
     "ContactView",
     "ContactWindow",
     "CoverageError",
@@ -54,6 +56,7 @@ __all__ = [
     "TimeOffset",
     "TimeOffsetError",
     "TooFewPointsError",
+    "TurnError",
     "WrongRadiusError",
     "central_events",
     "check_scale",
@@ -64,6 +67,7 @@ __all__ = [
     "find_hand_eye",
     "find_plate",
     "find_sphere",
+    "find_turn",
     "focus_errors",
     "pass_points",
     "scale_of",
