@@ -269,7 +269,9 @@ def test_caliper_gives_the_scale(capsys: pytest.CaptureFixture[str]) -> None:
         assert says in capsys.readouterr().err
 
 
-def test_poses_give_the_cameras_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_poses_give_the_cameras_place(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     from scipy.spatial.transform import Rotation
 
     lines = ["# tool in base, target in camera"]
@@ -282,6 +284,16 @@ def test_poses_give_the_cameras_place(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "residuals of 8 pairs" in capsys.readouterr().out
     found = HandEyeSettings.from_yaml(file, "ur10").hand_eye
     np.testing.assert_allclose(found.matrix, HAND_EYE, atol=1e-6)
+    scan = ["--scan", str(world / "plate"), "--camera", str(world / "camera.yaml")]
+    turned = tmp_path / "turned.yaml"
+    assert main(["calibrate", "hand-eye", *scan, "-o", str(turned)]) == 1
+    assert "give that with --params" in capsys.readouterr().err
+    assert main(["calibrate", "hand-eye", *scan, "--params", str(file), "-o", str(turned)]) == 0
+    assert "doesn't tell the camera's position" in capsys.readouterr().out
+    again = HandEyeSettings.from_yaml(turned, "ur10").hand_eye
+    np.testing.assert_allclose(again.position, found.position, atol=1e-6)
+    # The poses were right: the camera stays as it was, within half a degree.
+    np.testing.assert_allclose(again.matrix, found.matrix, atol=np.radians(0.5))
     poses.write_text("\n".join([*lines, "1 2 3"]))
     assert main(["calibrate", "hand-eye", str(poses)]) == 1
     assert "line 10: expected 14 numbers" in capsys.readouterr().err

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from emvs.scenes import events_of, track_of
 from roller_core.camera import Camera
 from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
 from roller_emvs.calibration import (
     FlatError,
     HandEyeError,
+    Rolled,
     ScaleError,
+    TurnError,
     check_scale,
     find_hand_eye,
     find_plate,
+    find_turn,
     scale_of,
 )
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
+ROLLING = Camera(320, 140, 800.0, 800.0, 159.5, 69.5)
 OPENINGS = [2.0, 2.0, 3.0, 3.0, 4.0, 4.0, 5.0, 5.0]
 
 
@@ -137,3 +144,51 @@ def test_poses_that_tell_nothing_are_refused(
 ) -> None:
     with pytest.raises(HandEyeError, match=says):
         find_hand_eye(*given)
+
+
+TURN_DEG = np.array([0.0, 0.5, -1.1])
+
+
+@pytest.fixture(scope="module")
+def turned_pass() -> Rolled:
+    """A pass over a plate by a camera that is turned against what its poses say."""
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(-0.02, 0.02, 200), rng.uniform(-0.004, 0.004, 200)
+    dots = np.column_stack([x, y, np.full(200, -0.045)])
+    # Looking down: base's z points from the plate to the camera.
+    down = Rotation.from_euler("x", 180, degrees=True)
+    true = (down * Rotation.from_rotvec(np.radians(TURN_DEG))).as_quat()
+    duration_s = 0.06
+    events = events_of(
+        dots, lambda t: (np.array([0.3 * t - 0.009, 0.0, 0.0]), true), duration_s, camera=ROLLING
+    )
+    track = track_of(lambda t: (np.array([0.3 * t - 0.009, 0, 0]), down.as_quat()), duration_s)
+    return Rolled("turned", events, ROLLING, track)
+
+
+def test_a_flat_pass_tells_how_the_camera_is_turned(turned_pass: Rolled) -> None:
+    found = find_turn(turned_pass, (0.043, 0.047))
+    assert found.vector_deg[2] == pytest.approx(TURN_DEG[2], abs=0.05)
+    assert found.vector_deg[1] == pytest.approx(TURN_DEG[1], abs=0.3)
+    assert found.height_m == pytest.approx(-0.045, abs=2e-4)
+    assert found.deviation_deg[2] < found.deviation_deg[0]
+
+
+def test_turn_needs_way_straightness_and_events(turned_pass: Rolled) -> None:
+    few = replace(turned_pass, events=turned_pass.events[:5000])
+    short, bent = (
+        track_of(lambda t, s=s, b=b: (np.array([s * t, b * t * t, 0]), [1, 0, 0, 0]), 0.06)
+        for s, b in ((0.1, 0.0), (0.3, 5.0))
+    )
+    for rolled, says in (
+        (few, "too few events"),
+        (replace(turned_pass, track=short), "long, less than"),
+        (replace(turned_pass, track=bent), "isn't straight"),
+    ):
+        with pytest.raises(TurnError, match=says):
+            find_turn(rolled, (0.043, 0.047))
+
+
+def test_turn_refuses_a_plate_that_is_elsewhere(turned_pass: Rolled) -> None:
+    with pytest.raises(TurnError, match="no plate between"):
+        find_turn(turned_pass, (0.047, 0.051))

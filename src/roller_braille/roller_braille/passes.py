@@ -21,6 +21,8 @@ from .warp import F32, F64, Warp
 _STRONGER = 3.0
 #: Angles nearer to each other than this are one, radians.
 _SAME_TURN = 0.03
+#: Cells of travel after which lines are read on.
+_STEP = 0.25
 #: Dust is told by the strongest dots but these.
 _STRONG = 3
 
@@ -97,9 +99,9 @@ class PassReader:
         complete = end if final else self.strip.complete
         if self._searched is None:
             self._searched = first
-        # Searching has a fixed cost: go on in steps of a cell.
+        # Searching has a fixed cost: go on in steps.
         upto = complete + self._finder.margin if final else complete - self._finder.margin
-        step = int(self._settings.spacing.cell_pitch_m / self.strip.px_m)
+        step = int(_STEP * self._settings.spacing.cell_pitch_m / self.strip.px_m)
         if not final and upto - self._searched < step:
             return
         for kind in self._kinds:

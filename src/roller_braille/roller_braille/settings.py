@@ -114,7 +114,7 @@ class BrailleSettings(TimingSettings):
         0.002, ge=0.0001, le=0.1, description="Rolling back this far ends the line, m."
     )
     lookahead_cells: int = Field(
-        3,
+        2,
         ge=1,
         le=20,
         description="Cells seen beyond its first dot before a line is begun; lines above that are "

@@ -30,11 +30,13 @@ from .sphere import (
 )
 from .time_offset import TimeOffset, estimate_time_offset
 from .to_and_fro import Scan, TimeOffsetError, central_events
+from .turn import CameraTurn, TurnError, find_turn
 
 __all__ = [
     "PAPER_MM_PER_PX",
     "PAPER_READINGS",
     "Box",
+    "CameraTurn",
     "ContactView",
     "ContactWindow",
     "CoverageError",
@@ -60,6 +62,7 @@ __all__ = [
     "TimeOffsetError",
     "TooFewPointsError",
     "TrueDepth",
+    "TurnError",
     "WrongRadiusError",
     "central_events",
     "check_scale",
@@ -70,6 +73,7 @@ __all__ = [
     "find_hand_eye",
     "find_plate",
     "find_sphere",
+    "find_turn",
     "focus_errors",
     "pass_points",
     "scale_of",

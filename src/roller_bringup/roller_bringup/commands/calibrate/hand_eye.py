@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from roller_bringup.calibration_file import CalibrationError, account, write_calibration
+from roller_bringup.commands.options import add_recording_options
+from roller_bringup.progress import progress_bar
+
+from .reading import read_whole
 
 _NUMBERS = 14
 
@@ -19,17 +24,29 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "hand-eye",
         help="the camera's place on the tool",
         description="The camera's place on the tool, from pairs of poses of the robot and of a "
-        "target that stands still, such as a board seen without the skin.",
+        "target that stands still, such as a board seen without the skin; or how the camera is "
+        "turned, from a scan.",
     )
-    parser.add_argument(
-        "poses", type=Path, metavar="FILE",
+    given = parser.add_mutually_exclusive_group(required=True)
+    given.add_argument(
+        "pairs",
+        type=Path,
+        nargs="?",
+        metavar="FILE",
         help="a pair a line: tool in base, then target in camera, each x y z qx qy qz qw "
         "(metres); # begins a comment",
-    )  # fmt: skip
+    )
+    given.add_argument(
+        "--scan",
+        type=Path,
+        metavar="RECORDING",
+        help="a straight pass over a flat plate with texture, level in base: how the camera is "
+        "turned; its position on the tool can't be told from it",
+    )
     parser.add_argument(
         "--output", "-o", type=Path, metavar="FILE", help="parameter file to write for the robot"
     )
-    parser.add_argument("--params", type=Path, metavar="FILE", help="file to carry over")
+    add_recording_options(parser, "emvs; with --scan also ur10, the camera's place so far")
     parser.set_defaults(run=run)
 
 
@@ -41,29 +58,98 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If the file can't be read or its poses tell nothing.
     """
+    return _from_scan(args) if args.scan else _from_pairs(args)
+
+
+def _from_pairs(args: argparse.Namespace) -> int:
     from roller_emvs.calibration import find_hand_eye
 
-    tools, targets = _read(args.poses)
+    tools, targets = _read(args.pairs)
     found = find_hand_eye(tools, targets)
-    place = ", ".join(f"{v * 1e3:.3f}" for v in found.position_m)
-    turn = ", ".join(f"{v:.6f}" for v in found.quaternion)
     worst = int(np.argmax(found.residuals_m)) + 1
     told = [
-        f"camera on the tool: {place} mm; x y z w {turn}",
+        _place(found.position_m, found.quaternion),
         f"residuals of {len(tools)} pairs: {found.rms_m * 1e3:.3f} mm and {found.rms_deg:.3f}° "
         f"rms, {found.residuals_m.max() * 1e3:.3f} mm (pair {worst}) "
         f"and {found.residuals_deg.max():.3f}° at most",
     ]
+    record = account(
+        "", [args.pairs], None, rms_m=found.rms_m, rms_deg=found.rms_deg, pairs=len(tools)
+    )
+    return _tell(args, told, found.position_m, found.quaternion, record)
+
+
+def _from_scan(args: argparse.Namespace) -> int:
+    from scipy.spatial.transform import Rotation
+
+    from roller_bringup.inspection import InspectionSettings
+    from roller_core.settings import read_parameters
+    from roller_driver.ur10.settings import HandEyeSettings
+    from roller_emvs.calibration import find_turn
+
+    values = read_parameters(args.params, "ur10") if args.params else {}
+    known = HandEyeSettings.create(
+        {k: v for k, v in values.items() if k in HandEyeSettings.model_fields}, str(args.params)
+    )
+    if args.output and not known.hand_eye_known:
+        raise CalibrationError(
+            "a scan tells how the camera is turned against the place it was recorded with: give "
+            "that with --params (ur10: hand_eye_m, hand_eye_quaternion), or leave out --output"
+        )
+    settings = InspectionSettings.load(args.params).depth
+    rolled = read_whole(args.scan, args, settings.max_pose_gap_s)
+    with progress_bar("turn the camera") as progress:
+        found = find_turn(rolled, (settings.depth_min_m, settings.depth_max_m), progress)
+    each = ", ".join(
+        f"{v:+.3f} ± {d:.3f}° {name}"
+        for v, d, name in zip(
+            found.vector_deg,
+            found.deviation_deg,
+            ("about the rows", "about the columns", "about the optical axis"),
+            strict=True,
+        )
+    )
+    told = [
+        f"the camera is turned by {each} against its poses ({found.events} events)",
+        "a scan doesn't tell the camera's position on the tool, nor a tilt of the plate from one "
+        "of the camera",
+    ]
+    before = known.hand_eye
+    turned = Rotation.from_matrix(before.matrix[:3, :3] @ found.rotation).as_quat()
+    if known.hand_eye_known:
+        told.append(_place(before.position, turned))
+    record = account(
+        "",
+        [args.scan],
+        rolled.camera,
+        turn_deg=[float(v) for v in found.vector_deg],
+        deviation_deg=[float(v) for v in found.deviation_deg],
+    )
+    return _tell(args, told, before.position, turned, record)
+
+
+def _place(position_m: npt.NDArray[np.float64], quaternion: npt.NDArray[np.float64]) -> str:
+    place = ", ".join(f"{v * 1e3:.3f}" for v in position_m)
+    turn = ", ".join(f"{v:.6f}" for v in quaternion)
+    return f"camera on the tool: {place} mm; x y z w {turn}"
+
+
+def _tell(
+    args: argparse.Namespace,
+    told: list[str],
+    position_m: npt.NDArray[np.float64],
+    quaternion: npt.NDArray[np.float64],
+    record: dict[str, Any],
+) -> int:
+    """Print what was found and write it."""
     for line in told:
         print(line)
     if args.output:
         values = {
-            "hand_eye_m": [round(float(v), 7) for v in found.position_m],
-            "hand_eye_quaternion": [round(float(v), 9) for v in found.quaternion],
+            "hand_eye_m": [round(float(v), 7) for v in position_m],
+            "hand_eye_quaternion": [round(float(v), 9) for v in quaternion],
+            "hand_eye_rotation_rad": [0.0, 0.0, 0.0],
         }
-        record = account(
-            "", [args.poses], None, rms_m=found.rms_m, rms_deg=found.rms_deg, pairs=len(tools)
-        )
         write_calibration(args.output, "hand_eye", told, {"ur10": values}, record, args.params)
         print(f"written to {args.output}; give it to the cell with hand_eye:=")
     return 0

@@ -1,0 +1,217 @@
+"""How the camera is turned against what its poses say, from a straight pass over a flat plate.
+
+Events put on the plate's plane by the right poses draw a sharp map of its texture; a turn blurs it.
+A turn about the optical axis moves what crosses the image sideways and shows at once. A tilt moves
+everything alike, but for the perspective, and shows a twentieth as well. The camera's position on
+the tool moves the whole map and can't be told, nor can a tilt of the plate itself from one of the
+camera: the plate counts as level in base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from roller_core.errors import RollerError
+from roller_core.transforms import F64
+
+from .contact import Rolled
+
+#: Largest turn about the optical axis and largest tilt that are looked for, degrees.
+MOST_TURN_DEG = 3.0
+#: Events that are looked at, in the first search and in each of the parts that are compared.
+_FIRST_EVENTS, _EVENTS, _PARTS = 30_000, 80_000, 4
+_LEAST_EVENTS, _LEAST_WAY_M = 20_000, 0.01
+#: Steps of the first search, and blur of its map and the last one's, px.
+_TURNS, _HEIGHTS, _BLURS_PX = 21, 11, (3.0, 1.5)
+#: Edge of the map's cells, of the blur: no whole px, so that rows of pixels lie in them in all
+#: ways; and the map's border, px: what the largest tilts move it by.
+_CELL, _PAD_PX = 0.488, 120.0
+#: The best map must be this much sharper than the usual one of the first search.
+_LEAST_GAIN = 1.05
+#: The most that a pass may deviate from a straight line, as a share of its way.
+_MOST_BEND = 0.05
+#: Cosine of the largest angle between the optical axis and base's z.
+_LEAST_LEVEL = 0.95
+
+
+class TurnError(RollerError):
+    """A pass from which the camera's turn can't be told."""
+
+
+@dataclass(frozen=True)
+class CameraTurn:
+    """How the camera is turned against its poses.
+
+    Attributes
+    ----------
+    vector_deg : ndarray of float64, shape (3,)
+        Rotation vector in the camera's frame: about the image's rows (a tilt along the columns),
+        about its columns, and about the optical axis.
+    deviation_deg : ndarray of float64, shape (3,)
+        Standard error by the scatter of parts of the events.
+    height_m : float
+        Height of the plate in base, as these poses have it, metres.
+    events : int
+        Events that counted.
+    """
+
+    vector_deg: F64
+    deviation_deg: F64
+    height_m: float
+    events: int
+
+    @property
+    def rotation(self) -> F64:
+        """Put behind the camera's rotation, on the tool as in base; shape (3, 3)."""
+        turn = Rotation.from_rotvec(np.radians(self.vector_deg))
+        return np.asarray(turn.as_matrix(), np.float64)
+
+
+def find_turn(
+    rolled: Rolled,
+    depth_range_m: tuple[float, float],
+    tell: Callable[[float], None] = lambda _share: None,
+    seed: int = 0,
+) -> CameraTurn:
+    """Find the turn of a camera that rolled straight over a flat plate, level in base.
+
+    Parameters
+    ----------
+    rolled : Rolled
+        The pass.
+    depth_range_m : tuple of float
+        Between which the plate lies, metres.
+    tell : callable
+        Told the share done.
+    seed : int
+        Of the choice of events.
+
+    Raises
+    ------
+    TurnError
+        If the pass is short or bent, or the plate shows too little texture.
+    """
+    rays, rotations, positions = _rays(rolled, seed)
+    # A camera that looks down has the plate below it.
+    side = float(rotations[:, 2, 2].mean())
+    if abs(side) < _LEAST_LEVEL:
+        raise TurnError("the camera doesn't look along base's z: the plate isn't level in base")
+    depth_m = float(np.copysign(np.mean(depth_range_m), side))
+    centre = positions.mean(axis=0)
+    positions = positions - centre
+    views = (rays, rotations, positions, depth_m, abs(depth_m) / rolled.camera.fx)
+    first = _Sharpness(*views, slice(0, _FIRST_EVENTS), _BLURS_PX[0])
+    turns = np.linspace(-MOST_TURN_DEG, MOST_TURN_DEG, _TURNS)
+    heights = np.copysign(np.linspace(*depth_range_m, _HEIGHTS), side)
+    grid = np.array([[first(np.array([0, 0, t, h])) for h in heights] for t in turns])
+    k, j = np.unravel_index(int(np.argmax(grid)), grid.shape)
+    if grid.max() < _LEAST_GAIN * np.median(grid):
+        raise TurnError(
+            "the plate shows too little texture: its map is equally sharp however the camera is "
+            "turned"
+        )
+    if k in (0, _TURNS - 1) or j in (0, _HEIGHTS - 1):
+        raise TurnError(
+            f"no plate between {depth_range_m[0] * 1e3:g} and {depth_range_m[1] * 1e3:g} mm with "
+            f"the camera turned by less than {MOST_TURN_DEG:g}°: check the poses, or the range"
+        )
+    start = first.climb(np.array([0, 0, turns[k], heights[j]]))
+    size = min(_EVENTS, len(rays) // _PARTS)
+    found = np.empty((_PARTS, 4))
+    for n in range(_PARTS):
+        tell((n + 1) / (_PARTS + 1))
+        part = _Sharpness(*views, slice(n * size, (n + 1) * size), _BLURS_PX[1])
+        found[n] = part.climb(start)
+    if np.abs(found[:, :3]).max() > 1.5 * MOST_TURN_DEG:
+        raise TurnError(
+            "the parts of the pass don't agree on a turn of some degrees: is the plate flat, with "
+            "texture all over the image?"
+        )
+    vector = found[:, :3].mean(axis=0)
+    scatter = found[:, :3].std(axis=0, ddof=1) / np.sqrt(_PARTS)
+    return CameraTurn(vector, scatter, float(found[:, 3].mean() + centre[2]), size * _PARTS)
+
+
+def _rays(rolled: Rolled, seed: int) -> tuple[F64, F64, F64]:
+    """Directions of events in the camera, rotations and positions of the camera; shuffled."""
+    events, camera, track = rolled.events, rolled.camera, rolled.track
+    inside = (events.t_ns >= track.start_ns) & (events.t_ns <= track.end_ns)
+    number = np.flatnonzero(inside)
+    way = track.positions - track.positions.mean(axis=0)
+    spread = np.linalg.svd(way, compute_uv=False)
+    length = float(np.ptp(way @ np.linalg.svd(way, full_matrices=False)[2][0]))
+    if length < _LEAST_WAY_M:
+        raise TurnError(
+            f"the pass is {length * 1e3:.1f} mm long, less than {_LEAST_WAY_M * 1e3:g} mm"
+        )
+    if spread[1] > _MOST_BEND * spread[0]:
+        raise TurnError("the pass isn't straight")
+    if len(number) < _LEAST_EVENTS:
+        raise TurnError(f"{len(number)} events, fewer than {_LEAST_EVENTS}: too few events")
+    rng = np.random.default_rng(seed)
+    number = rng.permutation(number)[: _EVENTS * _PARTS]
+    table = camera.undistortion_table()
+    # Events lie anywhere in their pixels; as grid points they would beat with the map's cells.
+    pixels = table[events.y[number], events.x[number]] + rng.uniform(-0.5, 0.5, (len(number), 2))
+    rays = camera.rays(pixels)
+    times = events.t_ns[number]
+    return rays, track.matrices(times)[:, :3, :3], track.sample(times)[0]
+
+
+class _Sharpness:
+    """How sharp a map some events draw on a plane level in base.
+
+    Parameters are the turn about x, y and z (degrees) and the plane's height.
+    """
+
+    def __init__(
+        self,
+        rays: F64,
+        rotations: F64,
+        positions: F64,
+        depth_m: float,
+        pixel_m: float,
+        own: slice,
+        blur_px: float,
+    ) -> None:
+        self._rays, self._rotations = rays[own], rotations[own]
+        self._positions = positions[own]
+        self._cell_m = _CELL * blur_px * pixel_m
+        pad = np.ceil(_PAD_PX / (_CELL * blur_px))
+        # The map's size is fixed, or its border would count.
+        low = self._places(np.array([0.0, 0.0, 0.0, depth_m]))
+        self._origin = low.min(axis=0) - pad
+        self._shape = np.ceil(np.ptp(low, axis=0) + 2 * pad).astype(int)
+
+    def _places(self, values: F64) -> F64:
+        turn = Rotation.from_rotvec(np.radians(values[:3])).as_matrix()
+        way = np.einsum("nij,nj->ni", self._rotations, self._rays @ turn.T)
+        reach = (values[3] - self._positions[:, 2]) / way[:, 2]
+        return np.asarray((self._positions + reach[:, None] * way)[:, :2] / self._cell_m)
+
+    def __call__(self, values: F64) -> float:
+        place = self._places(values) - self._origin
+        cell = np.floor(place).astype(np.int64)
+        inside = ((cell >= 0) & (cell < self._shape)).all(axis=1)
+        flat = cell[inside, 0] * self._shape[1] + cell[inside, 1]
+        counts = np.bincount(flat, minlength=int(self._shape.prod())).reshape(self._shape)
+        image = cv2.GaussianBlur(counts.astype(np.float32), (0, 0), 1 / _CELL)
+        return float(np.square(image).sum() / max(len(flat), 1))
+
+    def climb(self, start: F64) -> F64:
+        """The sharpest map near a start."""
+        steps = np.array([0.5, 0.5, 0.1, 1e-4])
+        corners = np.vstack([start, start + np.diag(steps)])
+        found = minimize(
+            lambda values: -self(values),
+            start,
+            method="Nelder-Mead",
+            options={"initial_simplex": corners, "xatol": 1e-3, "fatol": 1e-6, "maxfev": 140},
+        )
+        return np.asarray(found.x, np.float64)
