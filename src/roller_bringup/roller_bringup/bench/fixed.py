@@ -79,45 +79,48 @@ def run_fixed(chains: Sequence[Sequence[Piece]], options: BenchOptions) -> dict[
     dense_reference(chains[0][0], settings["bma"])
     for method in METHODS:  # compile
         depth_maps(settings[method], chains[0])
-    spent: dict[str, list[float]] = {name: [] for name in (*METHODS, "reference")}
+    spent: dict[str, list[list[float]]] = {method: [] for method in METHODS}
+    plain_spent: list[float] = []
     same: dict[str, list[float]] = {name: [] for name in METHODS}
     maps: dict[str, list[tuple[Piece, DepthMap]]] = {name: [] for name in (*METHODS, "reference")}
     found: dict[str, dict[int, DepthMap]] = {method: {} for method in METHODS}
-    first = 0
-    for chain in chains:
-        numbers = {piece.start_ns: first + k for k, piece in enumerate(chain)}
-        first += len(chain)
+    for _ in range(max(options.repeats, 1)):
         for method in METHODS:
-            for depth_map in depth_maps(settings[method], chain):
-                spent[method].append(depth_map.milliseconds["total"])
-                found[method][numbers[depth_map.start_ns]] = depth_map
+            run, first = [], 0
+            for chain in chains:
+                numbers = {piece.start_ns: first + k for k, piece in enumerate(chain)}
+                first += len(chain)
+                for depth_map in depth_maps(settings[method], chain):
+                    run.append(depth_map.milliseconds["total"])
+                    found[method][numbers[depth_map.start_ns]] = depth_map
+            spent[method].append(run)
     # Last, as its gigabytes of volumes push what the others use out of caches and memory.
     for number in sorted(chosen):
         piece = pieces[number]
         plain = dense_reference(piece, settings["bma"])
-        spent["reference"].append(plain.milliseconds["total"])
+        plain_spent.append(plain.milliseconds["total"])
         maps["reference"].append((piece, plain))
         for method in METHODS:
             if number in found[method]:
                 maps[method].append((piece, found[method][number]))
                 same[method].append(found[method][number].milliseconds["total"])
-    plain_ms = float(np.median(spent["reference"]))
+    plain_ms = float(np.median(plain_spent))
     out: dict[str, Any] = {
         "events": options.fixed_events,
         "window_ms": options.fixed_window_s * 1e3,
         "windows": len(pieces),
-        "reference_windows": len(spent["reference"]),
+        "reference_windows": len(plain_spent),
         "objects": sorted({piece.scan.name for piece in pieces}),
         "speed": pieces[0].scan.speed,
         "methods": {},
         "reference": {
             "what": f"3 dense volumes of {PLANES} planes",
-            **time_figures([spent["reference"]]),
+            **time_figures([plain_spent]),
             "error": _error(maps["reference"]),
         },
     }
     for method in METHODS:
-        times = time_figures([spent[method]])
+        times = time_figures(spent[method])
         ratio = plain_ms / float(np.median(same[method])) if same[method] else None
         out["methods"][method] = {
             **times,

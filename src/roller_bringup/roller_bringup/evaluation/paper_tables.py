@@ -23,6 +23,11 @@ CELLS = (
     "relief edges that have a depth within 2 px."
 )
 
+MEDIAN = (
+    "The paper's methods take the median over 45 px, 1.9 mm on the surface: that quiets the votes' "
+    "noise and levels what is narrower."
+)
+
 
 def tables(measured: Measured, options: EvaluationOptions) -> dict[str, Table]:
     """Tables by experiment, of those that were asked for."""
@@ -70,11 +75,16 @@ def fusion(m: Measured, o: EvaluationOptions) -> Table:
         rows.append(
             (NAMES[method], *(error(m, p, method) for p in each), mean_error(m, each, method))
         )
+    each = [_passes(o, name) for name in names]
+    errors, edges = (
+        [_mean([m.mean(p, method, figure) for p in each]) or 0.0 for method in ("emvs", "bma")]
+        for figure in ("mae_um", "edges_measured")
+    )
     note = (
-        f"{CELLS} The paper's fusion lowers the error; here the three views are of one window's "
-        "events, their errors go together, and fusing them first of all fills gaps. The printed "
-        "objects of the paper have softer walls than these, whose edges show what a median over "
-        "45 px does to steps that are 1 mm wide."
+        f"{CELLS} Fusing three views changes the error of EMVS by "
+        f"{errors[1] / errors[0] - 1:+.0%} here and the edges measured from "
+        f"{edges[0]:.0%} to {edges[1]:.0%}; in the paper it lowers the error by 25 %. The views "
+        f"share a window's events, so their errors go together and fusing fills gaps. {MEDIAN}"
     )
     return Table("Depth methods at 0.3 m/s, µm", ("method", *names, "mean"), rows, note)
 
@@ -94,10 +104,7 @@ def objects(m: Measured, o: EvaluationOptions) -> Table:
         mean, deviation = np.mean([published.OBJECTS_UM[name] for name in o.objects], axis=0)
     rows.append(("all", f"{mean:.1f} ± {deviation:.1f}", *overall))
     head = ("object", "the paper (BMA)", *(NAMES[k] for k in OURS))
-    note = (
-        f"{CELLS} The paper's order, sparse sphere best and sphere worst, comes from where edges "
-        "are; so does ours for BMA."
-    )
+    note = f"{CELLS} {MEDIAN} The paper's masks are drawn by hand; here all of the skin is known."
     return Table("The six objects at 0.3 m/s, µm", head, rows, note)
 
 
@@ -114,7 +121,8 @@ def speed(m: Measured, o: EvaluationOptions) -> Table:
     head = ("m/s", *(NAMES[k] for k in FUSIONS), "BMA against EMVS", "the paper")
     note = (
         f"{CELLS} Windows of 20 ms hold 1 mm of travel at 0.05 m/s and 10 mm at 0.5: the paper's "
-        "methods gain with speed as their parallax does. Those by travel don't need it."
+        "methods gain with speed as their parallax does. Windows by travel don't need it; at speed "
+        "they lose what pixels miss while they wait for their read-out."
     )
     return Table("The sphere by speed, µm", head, rows, note)
 

@@ -138,8 +138,9 @@ def measure_whole(scan: Scan, method: str) -> dict[str, Any]:
         {"mean": round(float(z.mean() * 1e6), 1), "points": len(z)} if len(z) else None
         for z in tops
     ]
-    heights = np.concatenate(tops)
-    out["spread_um"] = round(float(heights.std() * 1e6), 2) if len(heights) else None
+    if scan.name == "three_lines":
+        heights = np.concatenate(tops)
+        out["spread_um"] = round(float(heights.std() * 1e6), 2) if len(heights) else None
     return out
 
 
