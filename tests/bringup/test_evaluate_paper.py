@@ -37,7 +37,7 @@ def weight_figures(scene: str) -> dict[str, object]:
     """The further from the best weights, the more error; 10 µm there."""
     best = {"stairs": (0.5, 0.5, 0.0), "sphere": (1 / 3, 1 / 3, 1 / 3)}.get(scene, (0, 0, 1))
     away = np.abs(weight_choices() - best).sum(axis=1)
-    return {"mae_um": (10 + 30 * away).tolist(), "points": [100] * len(away)}
+    return {"mae_um": (10 + 30 * away).tolist(), "points": [100] * len(away), "pixels": 400}
 
 
 def made_up(options: EvaluationOptions) -> Measured:
@@ -75,7 +75,9 @@ def test_tables_hold_mean_deviation_and_coverage() -> None:
     rows = {row[0]: row for row in found["weights"].rows}
     assert rows["sphere, the paper"][:5] == ("sphere, the paper", "0.445", "0.333", "0.222", "54.9")
     # In the middle between the others it is best for all; order: stairs, sphere, sparse_sphere.
-    assert rows["sphere"][1:] == ("0.333", "0.333", "0.333", "30.0", "30.0", "10.0", "50.0")
+    assert rows["sphere"][1:4] == ("0.333", "0.333", "0.333")
+    assert rows["sphere"][4:] == ("30.0 (25.0%)", "30.0 (25.0%)", "10.0 (25.0%)", "50.0 (25.0%)")
+    assert rows["focus, without"][4] == "200.3 ± 100.0 (50%)"
     assert rows["stairs"][1:4] == ("0.500", "0.500", "0.000")
     rows = {row[0]: row for row in found["fusion"].rows}
     assert rows["BMA, the paper"] == ("BMA, the paper", "58.1", "94.6", "12.0", "54.9")
@@ -130,6 +132,11 @@ def test_a_run_that_was_broken_off_goes_on(tmp_path: Path, monkeypatch: pytest.M
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("measured again")
+
+    # The same seed gives the same, in one process as in two.
+    anew = run_evaluation(SMALL, tmp_path / "anew", jobs=1)
+    assert anew == found
+    assert json.loads((tmp_path / "anew" / "evaluation.json").read_text()) == result
 
     monkeypatch.setattr(measuring.ProcessPoolExecutor, "submit", never)
     wanted = passes(SMALL)

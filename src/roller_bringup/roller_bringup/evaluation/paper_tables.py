@@ -49,14 +49,20 @@ def weights(m: Measured, o: EvaluationOptions) -> Table:
     found = {
         name: [m.whole(p)["methods"]["weights"] for p in _passes(o, name)] for name in names
     }  # fmt: skip
-    for name, values, mean, each in cross_validated(found):
-        cells = (*(f"{w:.3f}" for w in values), f"{mean:.1f}", *(f"{e:.1f}" for e in each))
-        rows.append((name, *cells))
+    for best in cross_validated(found):
+        cells = [f"{e:.1f} ({v:.1%})" for e, v in zip(best.error_um, best.measured, strict=True)]
+        mean = f"{np.mean(best.error_um):.1f} ({np.mean(best.measured):.1%})"
+        rows.append((best.name, *(f"{w:.3f}" for w in best.weights), mean, *cells))
+    each = [_passes(o, name) for name in names]
+    for method in ("focus", "surface"):
+        own = [error(m, p, method) for p in each]
+        rows.append((f"{NAMES[method]}, without", "–", "–", "–", mean_error(m, each, method), *own))
     note = (
         f"Of {len(weight_choices())} weights on the simplex those with the least mean absolute "
-        "error, µm, over an object's passes, and their error over each object; they must measure "
-        "at least 95 % of what any weights do. The paper finds most weight at the start in all "
-        "three; the virtual cell has none of the reasons that it gives for that."
+        "error, µm, over an object's passes, and their error over each object, with the share of "
+        "its pixels in contact that have a depth (of focus and surface: of relief edges); they "
+        "must measure at least 95 % of what any weights do. The paper finds most weight at the "
+        "start in all three; the virtual cell has none of the reasons that it gives for that."
     )
     head = ("found on", "start", "middle", "end", "mean", *names)
     return Table("Weights of bma by object, 0.3 m/s", head, rows, note)
@@ -138,8 +144,9 @@ def views(m: Measured, o: EvaluationOptions) -> Table:
         )
         for name, (mean, deviation) in published.VIEWS_UM.items()
     ]
+    rows += [(f"one: {NAMES[k]}", "–", error(m, own, k)) for k in ("focus", "surface")]
     note = f"{CELLS} Weights of five views are equal; the paper doesn't give its own."
-    head = ("reference views", "the paper", "BMA")
+    head = ("reference views", "the paper", "here")
     return Table("Reference views, sphere at 0.3 m/s, µm", head, rows, note)
 
 

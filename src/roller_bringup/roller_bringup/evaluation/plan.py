@@ -103,7 +103,7 @@ def passes(options: EvaluationOptions) -> dict[Pass, tuple[str, ...]]:
     for seed in o.seeds:
         if "weights" in o.only:
             for name in o.calibration_set:
-                add(Pass(name, SPEED, seed), "weights")
+                add(Pass(name, SPEED, seed), "weights", "focus", "surface")
         if "fusion" in o.only:
             for name in o.calibration_set:
                 add(Pass(name, SPEED, seed), *FUSIONS)
@@ -114,7 +114,7 @@ def passes(options: EvaluationOptions) -> dict[Pass, tuple[str, ...]]:
             for speed in o.speeds:
                 add(Pass("sphere", speed, seed), *FUSIONS)
         if "views" in o.only:
-            add(Pass("sphere", SPEED, seed), "bma", "bma_5")
+            add(Pass("sphere", SPEED, seed), "bma", "bma_5", "focus", "surface")
         if "lines" in o.only:
             add(Pass("three_lines", SPEED, seed, whole=True), *FUSIONS)
         if "force" in o.only:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,8 +34,32 @@ def weight_choices() -> F64:
     return simplex(3, PARTS)
 
 
-def weight_errors(scan: Scan, settings: DepthSettings) -> dict[str, list[Any]]:
-    """Mean absolute error of each of `weight_choices` over an object, µm, and measured points.
+@dataclass(frozen=True)
+class BestWeights:
+    """The best weights of an object, tried on all objects.
+
+    Attributes
+    ----------
+    name : str
+        The object that they are the best of.
+    weights : tuple of float
+        Of start, middle and end.
+    error_um : tuple of float
+        Mean absolute error of each object with them.
+    measured : tuple of float
+        Share of each object's pixels in contact that have a depth.
+    """
+
+    name: str
+    weights: tuple[float, ...]
+    error_um: tuple[float, ...]
+    measured: tuple[float, ...]
+
+
+def weight_errors(scan: Scan, settings: DepthSettings) -> dict[str, Any]:
+    """Errors of each of `weight_choices` over an object.
+
+    `mae_um` is the mean absolute error, `points` the measured pixels, of `pixels` in contact.
 
     Parameters
     ----------
@@ -44,19 +69,19 @@ def weight_errors(scan: Scan, settings: DepthSettings) -> dict[str, list[Any]]:
         Method `bma`.
     """
     grid = PaperGrid((settings.threshold_c,), (settings.median_px,), weight_choices())
-    errors, points = np.zeros(grid.size), np.zeros(grid.size, np.int64)
+    errors, points, pixels = np.zeros(grid.size), np.zeros(grid.size, np.int64), 0
     for window in _windows(scan, settings):
         found, count = window_errors(window, scan.camera, settings, grid)
         errors += found
         points += count
+        pixels += window.view.pixels
     each = np.divide(errors, points, out=np.full(len(errors), np.nan), where=points > 0)
-    return {"mae_um": [round(float(v) * 1e6, 3) for v in each], "points": points.tolist()}
+    mae_um = [round(float(v) * 1e6, 3) for v in each]
+    return {"mae_um": mae_um, "points": points.tolist(), "pixels": pixels}
 
 
-def cross_validated(
-    found: Mapping[str, Sequence[Mapping[str, Any]]],
-) -> list[tuple[str, list[float], float, list[float]]]:
-    """The best weights of each object, and their error over all objects.
+def cross_validated(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[BestWeights]:
+    """The best weights of each object, tried on all.
 
     As the paper does it: mean over an object's passes first, then over the objects.
 
@@ -64,22 +89,27 @@ def cross_validated(
     ----------
     found : mapping
         By object, `weight_errors` of its passes.
-
-    Returns
-    -------
-    list of (object, weights, error of all objects in µm, error of each in µm)
     """
     choices = weight_choices()
-    error, usable = {}, np.ones(len(choices), bool)
+    error: dict[str, F64] = {}
+    share: dict[str, F64] = {}
+    usable = np.ones(len(choices), bool)
     for name, passes in found.items():
         error[name] = np.nanmean([p["mae_um"] for p in passes], axis=0)
         points = np.sum([p["points"] for p in passes], axis=0)
+        share[name] = points / sum(p["pixels"] for p in passes)
         usable &= points >= _LEAST_POINTS * points.max()
     rows = []
     for name, own in error.items():
         best = int(np.nanargmin(np.where(usable, own, np.nan)))
-        each = [float(e[best]) for e in error.values()]
-        rows.append((name, choices[best].tolist(), float(np.mean(each)), each))
+        rows.append(
+            BestWeights(
+                name,
+                tuple(choices[best].tolist()),
+                tuple(float(e[best]) for e in error.values()),
+                tuple(float(s[best]) for s in share.values()),
+            )
+        )
     return rows
 
 
