@@ -142,10 +142,15 @@ def test_a_run_that_was_broken_off_goes_on(tmp_path: Path, monkeypatch: pytest.M
     wanted = passes(SMALL)
     again = measure(wanted, CELL, tmp_path / "passes", 1, lambda *_: None)
     assert again.as_json() == result["passes"]
-    # Other settings are another measurement, and so is a file that was cut off.
+    # Other settings are another measurement, and so is an older form or a file that was cut off.
     with pytest.raises(AssertionError, match="measured again"):
         measure(wanted, {}, tmp_path / "passes", 1, lambda *_: None)
     (file,) = (tmp_path / "passes").iterdir()
+    whole = file.read_text()
+    file.write_text(whole.replace('"form": 1', '"form": 0'))
+    with pytest.raises(AssertionError, match="measured again"):
+        measure(wanted, CELL, tmp_path / "passes", 1, lambda *_: None)
+    file.write_text(whole)
     file.write_text(file.read_text()[:100])
     with pytest.raises(AssertionError, match="measured again"):
         measure(wanted, CELL, tmp_path / "passes", 1, lambda *_: None)

@@ -6,6 +6,25 @@ import argparse
 from pathlib import Path
 
 
+def add_written_options(parser: argparse.ArgumentParser, skin: bool = False) -> None:
+    """Add what is said of the parameter file that a calibration writes.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Parser of the command.
+    skin : bool
+        Whether what is found belongs to a skin.
+    """
+    parser.add_argument(
+        "--output", "-o", type=Path, metavar="FILE", help="ROS 2 parameter file to write"
+    )
+    if skin:
+        parser.add_argument(
+            "--skin", default="", metavar="NAME", help="name of the skin, for the file"
+        )
+
+
 def add_recording_options(parser: argparse.ArgumentParser, nodes: str) -> None:
     """Add what is said beside a recording: `--params`, `--poses`, `--camera` and `--topic`.
 

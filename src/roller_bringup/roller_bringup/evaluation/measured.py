@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -17,6 +16,9 @@ from roller_bringup.progress import Tell
 from roller_bringup.results.tables import write_json
 
 from .passes import Pass, cell_changes, measure_pass, settings_of
+
+#: To be raised when a method or its figures change: what an older form left is measured anew.
+_FORM = 1
 
 
 class Measured:
@@ -110,7 +112,6 @@ def _one_thread() -> None:
     import cv2
 
     cv2.setNumThreads(1)
-    os.environ["OMP_NUM_THREADS"] = "1"
 
 
 def _asked(asked: Pass, methods: Iterable[str], cell: Mapping[str, Any]) -> dict[str, Any]:
@@ -119,7 +120,12 @@ def _asked(asked: Pass, methods: Iterable[str], cell: Mapping[str, Any]) -> dict
     chosen = {name: settings_of(name).model_dump(mode="json") for name in methods}
     return json.loads(
         json.dumps(
-            {"whole": asked.whole, "cell": settings.model_dump(mode="json"), "methods": chosen}
+            {
+                "form": _FORM,
+                "whole": asked.whole,
+                "cell": settings.model_dump(mode="json"),
+                "methods": chosen,
+            }
         )
     )
 
@@ -128,7 +134,7 @@ def _kept(path: Path, asked: dict[str, Any]) -> dict[str, Any] | None:
     """Figures of an earlier run that asked for the same, or for more."""
     try:
         kept = json.loads(path.read_text())
-        same = all(kept["asked"][key] == asked[key] for key in ("whole", "cell"))
+        same = all(kept["asked"][key] == asked[key] for key in ("form", "whole", "cell"))
         same &= all(kept["asked"]["methods"].get(k) == v for k, v in asked["methods"].items())
         return kept["found"] if same else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):

@@ -83,13 +83,14 @@ def fusion(m: Measured, o: EvaluationOptions) -> Table:
         )
     each = [_passes(o, name) for name in names]
     errors, edges = (
-        [_mean([m.mean(p, method, figure) for p in each]) or 0.0 for method in ("emvs", "bma")]
+        [_mean([m.mean(p, method, figure) for p in each]) for method in ("emvs", "bma")]
         for figure in ("mae_um", "edges_measured")
     )
+    change = f"{errors[1] / errors[0] - 1:+.0%}" if errors[0] and errors[1] else "–"
     note = (
-        f"{CELLS} Fusing three views changes the error of EMVS by "
-        f"{errors[1] / errors[0] - 1:+.0%} here and the edges measured from "
-        f"{edges[0]:.0%} to {edges[1]:.0%}; in the paper it lowers the error by 25 %. The views "
+        f"{CELLS} Fusing three views changes the error of EMVS by {change} here and the edges "
+        f"measured from {_share(edges[0])} to {_share(edges[1])}; in the paper it "
+        "lowers the error by 25 %. The views "
         f"share a window's events, so their errors go together and fusing fills gaps. {MEDIAN}"
     )
     return Table("Depth methods at 0.3 m/s, µm", ("method", *names, "mean"), rows, note)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from roller_bringup.calibration_file import CalibrationError, account, write_calibration
-from roller_bringup.commands.options import add_recording_options
+from roller_bringup.commands.options import add_recording_options, add_written_options
 
 from .reading import read_whole
 
@@ -23,10 +23,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "texture: the plate's depth over the whole image, the reach of relief and a margin.",
     )
     parser.add_argument("input", type=Path, metavar="RECORDING", help="a pass over a flat plate")
-    parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="parameter file to write for the nodes"
-    )
-    parser.add_argument("--skin", default="", metavar="NAME", help="name of the skin, for the file")
+    add_written_options(parser, skin=True)
     parser.add_argument(
         "--reach-mm", type=float, default=1.5,
         help="how far relief stands out of a plate, or sinks into it (default: 1.5)",

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_bringup.calibration_file import CalibrationError, account, write_calibration
-from roller_bringup.commands.options import add_recording_options
+from roller_bringup.commands.options import add_recording_options, add_written_options
 from roller_bringup.progress import progress_bar
 
 from .reading import read_whole
@@ -43,9 +43,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         help="a straight pass over a flat plate with texture, level in base: how the camera is "
         "turned; its position on the tool can't be told from it",
     )
-    parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="parameter file to write for the robot"
-    )
+    add_written_options(parser)
     add_recording_options(parser, "emvs; with --scan also ur10, the camera's place so far")
     parser.set_defaults(run=run)
 

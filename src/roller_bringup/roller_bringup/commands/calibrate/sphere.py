@@ -16,7 +16,7 @@ from roller_bringup.calibration_file import (
     refuse_other_camera,
     write_calibration,
 )
-from roller_bringup.commands.options import add_recording_options
+from roller_bringup.commands.options import add_recording_options, add_written_options
 from roller_bringup.progress import progress_bar
 
 from .reading import read_all
@@ -47,10 +47,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "--method", choices=METHODS, default="bma", help="what is calibrated (default: bma)"
     )
-    parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="parameter file to write for the nodes"
-    )
-    parser.add_argument("--skin", default="", metavar="NAME", help="name of the skin, for the file")
+    add_written_options(parser, skin=True)
     parser.add_argument(
         "--previous", type=Path, metavar="FILE",
         help="an earlier calibration: where the search starts, and what it is compared with",

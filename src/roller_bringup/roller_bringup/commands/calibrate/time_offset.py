@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from roller_bringup.calibration_file import account, write_calibration
-from roller_bringup.commands.options import add_recording_options
+from roller_bringup.commands.options import add_recording_options, add_written_options
 from roller_emvs.calibration import Scan, TimeOffset, central_events, estimate_time_offset
 
 from .reading import read_whole, refuse_shared_poses
@@ -27,9 +27,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "inputs", type=Path, nargs="+", metavar="INPUT", help="recordings of scans that reverse"
     )
-    parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="parameter file to write for the nodes"
-    )
+    add_written_options(parser)
     add_recording_options(parser, "the depth range of emvs")
     parser.set_defaults(run=run)
 
