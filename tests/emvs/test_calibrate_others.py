@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from emvs.scenes import events_of, track_of
 from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
 from roller_emvs.calibration import (
     FlatError,
@@ -17,11 +20,13 @@ from roller_emvs.calibration import (
     Rolled,
     ScaleError,
     TurnError,
+    UnsteadyError,
     check_scale,
     find_hand_eye,
     find_plate,
     find_turn,
     scale_of,
+    steady_part,
 )
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
@@ -192,3 +197,31 @@ def test_turn_needs_way_straightness_and_events(turned_pass: Rolled) -> None:
 def test_turn_refuses_a_plate_that_is_elsewhere(turned_pass: Rolled) -> None:
     with pytest.raises(TurnError, match="no plate between"):
         find_turn(turned_pass, (0.047, 0.051))
+
+
+def stop_and_go(t: float) -> float:
+    """Way at a time: 30 ms of standstill, 20 ms of ramp, 60 ms at 0.3 m/s, then slower."""
+    ramp, even, after = np.clip(t - 0.03, 0, 0.02), np.clip(t - 0.05, 0, 0.06), max(t - 0.11, 0)
+    return float(7.5 * ramp**2 + 0.3 * even + 0.2 * after)
+
+
+def test_only_the_part_at_one_speed_counts() -> None:
+    times = np.arange(0, 140 * 10**6, 100_000)
+    x = np.zeros(len(times), np.uint16)
+    events = EventArray(x, x, times.astype(np.int64), np.zeros(len(times), np.uint8))
+    track = track_of(lambda t: (np.array([0.2, stop_and_go(t), 0]), [1, 0, 0, 0]), 0.14)
+    rolled = Rolled("pass", events, ROLLING, track)
+    kept = steady_part(rolled, 0.01).events.t_ns * 1e-9
+    assert 0.05 <= kept.min() <= 0.063
+    assert 0.097 <= kept.max() <= 0.11
+    with pytest.raises(UnsteadyError, match=r"pass: .* at one speed, less than 20 mm"):
+        steady_part(rolled, 0.02)
+
+
+@pytest.mark.parametrize("poses", [0, 1, 2, 20])
+def test_no_motion_is_no_steady_part(poses: int, turned_pass: Rolled) -> None:
+    still = PoseTrack()
+    for k in range(poses):
+        still.append(k * 8_000_000, [0, 0, 0], [1, 0, 0, 0])
+    with pytest.raises(RollerError):
+        steady_part(replace(turned_pass, track=still), 0.01)

@@ -28,6 +28,7 @@ from .sphere import (
     WrongRadiusError,
     find_sphere,
 )
+from .steady import UnsteadyError, steady_part
 from .time_offset import TimeOffset, estimate_time_offset
 from .to_and_fro import Scan, TimeOffsetError, central_events
 from .turn import CameraTurn, TurnError, find_turn
@@ -63,6 +64,7 @@ __all__ = [
     "TooFewPointsError",
     "TrueDepth",
     "TurnError",
+    "UnsteadyError",
     "WrongRadiusError",
     "central_events",
     "check_scale",
@@ -78,5 +80,6 @@ __all__ = [
     "pass_points",
     "scale_of",
     "simplex",
+    "steady_part",
     "window_errors",
 ]

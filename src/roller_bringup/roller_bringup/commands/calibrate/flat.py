@@ -12,6 +12,8 @@ from .reading import read_whole
 
 #: Nodes that search a depth range.
 _NODES = ("emvs", "surface")
+#: Way at one speed from which it takes a plate.
+_LEAST_WAY_M = 0.01
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -20,7 +22,8 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "flat",
         help="depth range from a flat plate",
         description="Nearest and farthest depth to search, from a pass over a flat plate with "
-        "texture: the plate's depth over the whole image, the reach of relief and a margin.",
+        "texture: the plate's depth over the whole image, the reach of relief and a margin. "
+        "Only the part of the pass at one speed counts.",
     )
     parser.add_argument("input", type=Path, metavar="RECORDING", help="a pass over a flat plate")
     add_written_options(parser, skin=True)
@@ -48,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         If the recording can't be read or shows no flat plate.
     """
     from roller_bringup.inspection import InspectionSettings
-    from roller_emvs.calibration import find_plate, pass_points
+    from roller_emvs.calibration import find_plate, pass_points, steady_part
     from roller_emvs.settings import DepthSettings
 
     if not (args.reach_mm >= 0 and args.margin_mm >= 0):
@@ -59,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         {**settings.model_dump(), "depth_min_m": near, "depth_max_m": far}, "--search-mm"
     )
     rolled = read_whole(args.input, args, settings.max_pose_gap_s)
-    points, _ = pass_points(rolled, wide)
+    points, _ = pass_points(steady_part(rolled, _LEAST_WAY_M), wide)
     middle_ns = int(rolled.events.t_ns[len(rolled.events) // 2])
     plate = find_plate(points, rolled.track.matrices([middle_ns])[0], rolled.camera)
     low, high = plate.depth_range_m(args.reach_mm * 1e-3, args.margin_mm * 1e-3)
