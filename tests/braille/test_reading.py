@@ -56,6 +56,8 @@ def test_capitals_numbers_and_signs() -> None:
     assert pipeline.text() == ["No 42, ok?"]
     assert (cells[0].character, cells[0].readable, cells[0].pattern) == ("", True, "⠠")
     assert cells[3].character == " "
+    # Nothing fires over a space; it was seen at some time all the same.
+    assert all(track.start_ns < c.stamp_ns <= track.end_ns for c in cells)
 
 
 def test_two_lines_come_one_after_the_other() -> None:
@@ -67,6 +69,35 @@ def test_two_lines_come_one_after_the_other() -> None:
         *((0, n) for n in range(5)),
         *((1, n) for n in range(3)),
     ]
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.3, 0.5])
+def test_cells_come_as_they_pass(speed: float) -> None:
+    """Spaces too: none waits for the cell after it to be read."""
+    text = "the quick brown fox jumps over it"
+    plate = Plate().text(text)
+    track = over(plate, speed)
+    events = scan(plate, track, noise=60_000)
+    pipeline = BraillePipeline(SETTINGS, CAMERA, track)
+    ages_s, begin = [], 0
+    for now_ns in range(track.start_ns, track.end_ns, 1_000_000):
+        end = int(np.searchsorted(events.t_ns, now_ns))
+        pipeline.add_events(events[begin:end])
+        begin = end
+        ages_s += [(now_ns - cell.stamp_ns) * 1e-9 for cell in pipeline.results()]
+    assert pipeline.text() == [text]
+    # A line's first cells wait until it is known for one, and which way round it is.
+    assert max(ages_s[4:]) < 0.05
+    assert max(ages_s[:4]) < 0.04 + 0.02 / speed
+
+
+def test_a_cell_read_before_it_leaves_the_view_is_as_sure() -> None:
+    plate = Plate().text("as sure as that")
+    track = over(plate)
+    events = scan(plate, track, noise=20_000)
+    soon, late = (read(events, track, read_at_m=at)[0] for at in (0.006, 0.0125))
+    assert [c.mask for c in soon] == [c.mask for c in late]
+    assert min(c.confidence for c in soon) > 0.6
 
 
 def test_results_do_not_depend_on_arrival() -> None:

@@ -41,7 +41,8 @@ def test_frames_end_by_events_or_travel() -> None:
     track = roll_track([0.0, 0.1], [0.0, 1.0])
     by_travel = [b for b in cut(track, clockwork(track)) if isinstance(b, Batch)]
     assert all(len(b.events) < 20_000 for b in by_travel)
-    assert len(by_travel) == pytest.approx(0.1 / 0.0064, abs=1)
+    # 1.5 mm, up to the next of the poses that come every 0.8 mm.
+    assert len(by_travel) == pytest.approx(0.1 / 0.0016, abs=1)
     by_events = [b for b in cut(track, clockwork(track), batch_events=1000) if isinstance(b, Batch)]
     assert {len(b.events) for b in by_events[:10]} <= {1000, *range(1, 1000)}
     assert max(len(b.events) for b in by_events) == 1000

@@ -40,6 +40,7 @@ def test_it_is_a_list_of_events(steps: list[list[int]], asked: list[tuple[str, i
         else:
             assert queue.first(value).t_ns.tolist() == plain[:value]
         assert len(queue) == len(plain)
+        assert [queue.time_of(n) for n in range(len(plain))] == plain
         if plain:
             assert queue.first_ns == plain[0]
 
@@ -57,3 +58,5 @@ def test_beyond_the_limit_the_oldest_go() -> None:
 def test_an_empty_queue_has_no_first() -> None:
     with pytest.raises(IndexError):
         _ = EventQueue(5).first_ns
+    with pytest.raises(IndexError):
+        EventQueue(5).time_of(0)

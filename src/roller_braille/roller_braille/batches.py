@@ -53,6 +53,9 @@ class BatchCutter:
         self._queue = EventQueue(settings.max_backlog_events)
         self._span: Span | None = None
         self._start_ns = 0
+        # What the frame's end was last found for, and where it is.
+        self._limit_of: tuple[int, int, int, bool] | None = None
+        self._limit_ns: int | None = None
         self.still_events = 0
         self.events_without_pose = 0
 
@@ -140,12 +143,15 @@ class BatchCutter:
                 self._span = None
             return None
         limit = self._limit(span)
-        until = span.end_ns if limit is None else limit
         most = self._settings.batch_events
+        passed = limit is not None and (self._queue.newest_ns >= limit or flush)
+        if not passed and len(self._queue) < most:
+            return None
+        until = span.end_ns if limit is None else limit
         count = min(self._queue.count_before(until), most)
         if count == most:
-            end = int(self._queue.first(count).t_ns[-1])
-        elif limit is not None and (self._queue.newest_ns >= limit or flush):
+            end = self._queue.time_of(count - 1)
+        elif limit is not None and passed:
             end = limit
         else:
             return None
@@ -154,6 +160,12 @@ class BatchCutter:
 
     def _limit(self, span: Span) -> int | None:
         """Where the frame ends by travel or with its span; None while that isn't known."""
+        known = (self._start_ns, span.end_ns, self._track.end_ns, span.open)
+        if self._limit_of != known:
+            self._limit_of, self._limit_ns = known, self._find_limit(span)
+        return self._limit_ns
+
+    def _find_limit(self, span: Span) -> int | None:
         times = self._track.times_ns
         a = int(np.searchsorted(times, self._start_ns, side="right"))
         b = int(np.searchsorted(times, span.end_ns, side="right"))

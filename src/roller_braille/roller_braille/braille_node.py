@@ -12,17 +12,21 @@ from visualization_msgs.msg import Marker, MarkerArray
 from roller_core.camera import Camera
 from roller_core.pose_track import PoseTrack
 from roller_ros import qos
+from roller_ros.frames_settings import smoothing_field
 from roller_ros.node_main import run_node
 from roller_ros.stream_node import StreamNode, StreamParameters, percentile
 
 from .cells import Cell
 from .messages import cell_markers, cell_message, text_message
 from .pipeline import BraillePipeline
-from .settings import BrailleSettings
+from .settings import POSE_SMOOTHING, BrailleSettings
+from .warp import warm_up
 
 
 class BrailleParameters(BrailleSettings, StreamParameters):
     """Parameters of the node: the reader's settings and the graph's."""
+
+    pose_smoothing: int = smoothing_field(POSE_SMOOTHING)
 
 
 class BrailleNode(StreamNode[BraillePipeline]):
@@ -41,6 +45,8 @@ class BrailleNode(StreamNode[BraillePipeline]):
         self._cells = self.create_publisher(BrailleCell, "/roller/braille/cells", qos.BRAILLE)
         self._texts = self.create_publisher(String, "/roller/braille/text", qos.BRAILLE)
         self._shown = self.create_publisher(MarkerArray, "/roller/braille/markers", qos.MARKERS)
+        # Loading kernels takes a second, which would come with the first camera_info.
+        warm_up()
         self.listen()
 
     def make_pipeline(self, camera: Camera, track: PoseTrack) -> BraillePipeline:

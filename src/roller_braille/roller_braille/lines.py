@@ -44,7 +44,7 @@ class _Kind(Enum):
 
 
 class LineReader:
-    """One line: its lattice follows the dots, its cells are read as they leave the view.
+    """One line: its lattice follows the dots, its cells are read as they pass.
 
     It is on trial until it holds enough certain dots, and cells enough were seen to know that its
     upper row and left column are where the lattice has them.
@@ -150,10 +150,20 @@ class LineReader:
 
     def advance(self, complete: int) -> None:
         """Read the cells whose tiles lie before a column."""
-        while not self.closed:
-            if int(np.ceil(self.lattice.end / self._strip.px_m)) > complete:
-                break
+        while not self.closed and int(np.ceil(self.lattice.end / self._strip.px_m)) <= complete:
             self._read_next()
+        if self.accepted and self._pending and not self.closed and not self._unusual:
+            self._look_ahead()
+
+    def _look_ahead(self) -> None:
+        """Let blank cells stand for spaces as soon as the next cell, half seen, shows a dot."""
+        reference = self._reference(self.lattice)
+        middle = self.lattice.centre(0)[0]
+        if reference is None or middle > self._strip.half_seen * self._strip.px_m:
+            return
+        if (self._measure(self.lattice)[3].whole > FILLED * reference.whole).any():
+            self.cells += self._pending
+            self._pending = []
 
     def close(self) -> None:
         """Read no further."""

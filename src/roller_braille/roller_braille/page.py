@@ -126,7 +126,7 @@ class Page:
     def _one_above(self, reader: PassReader, line: LineReader) -> bool:
         """Whether a line above one, which is to come first, may begin or be accepted yet."""
         begun = (self._settings.lookahead_cells + 2) * self._settings.spacing.cell_pitch_m
-        if reader.reach_m < line.start + begun:
+        if reader.room_above(line) and reader.reach_m < line.start + begun:
             return True
         waiting = [x for x in reader.lines if not x.accepted]
         return any(_upper([x, line]) is x for x in waiting)

@@ -21,8 +21,10 @@ from .warp import F32, F64, Warp
 _STRONGER = 3.0
 #: Angles nearer to each other than this are one, radians.
 _SAME_TURN = 0.03
-#: Cells of travel after which lines are read on.
-_STEP = 0.25
+#: Cells of travel, and seconds, after which lines are read on.
+_STEP, _STEP_S = 0.25, 0.012
+#: Lines are no nearer to each other than this, in line pitches.
+_LEAST_LINE_PITCH = 0.8
 #: Dust is told by the strongest dots but these.
 _STRONG = 3
 
@@ -55,6 +57,7 @@ class PassReader:
         self._finder = DotFinder(settings)
         self._recogniser = Recogniser(settings)
         self._searched: int | None = None
+        self._looked_s = 0.0
         self._kinds = (
             (Kind.OFF, Kind.ON) if settings.polarity == "auto" else (Kind(settings.polarity),)
         )
@@ -90,7 +93,7 @@ class PassReader:
             self.strip.add(frame.events, self._table, frame.knots)
 
     def advance(self, final: bool = False) -> None:
-        """Read what has left the view; all that was seen if the pass is over."""
+        """Read what was seen for long enough; all that was seen if the pass is over."""
         if final:
             self._count(self.way.release())
         first, end = self.strip.seen
@@ -102,8 +105,10 @@ class PassReader:
         # Searching has a fixed cost: go on in steps.
         upto = complete + self._finder.margin if final else complete - self._finder.margin
         step = int(_STEP * self._settings.spacing.cell_pitch_m / self.strip.px_m)
-        if not final and upto - self._searched < step:
+        rolled_s = self.strip.rolled_s
+        if not final and (upto - self._searched < step or rolled_s - self._looked_s < _STEP_S):
             return
+        self._looked_s = rolled_s
         for kind in self._kinds:
             found = self._finder.find(self.strip, self._searched, upto, kind)
             self.dots += len(found)
@@ -126,6 +131,11 @@ class PassReader:
         """Whether all of some places, travel and way down the image in metres, were in view."""
         inside = (places[:, 1] >= self._view[0]) & (places[:, 1] <= self._view[1])
         return bool((inside & self.strip.shown(places[:, 0])).all())
+
+    def room_above(self, line: LineReader) -> bool:
+        """Whether the view could hold another line above one."""
+        top = line.top_at(line.start) - _LEAST_LINE_PITCH * self._settings.spacing.line_pitch_m
+        return top >= -self._warp.half_height_m
 
     def _judge_orientation(self, sure: float) -> None:
         """Tell from the cells read so far whether text is upside down; left as is if in doubt."""

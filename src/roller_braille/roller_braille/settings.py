@@ -12,6 +12,10 @@ from pydantic import Field
 
 from roller_core.timing_settings import TimingSettings
 
+#: Poses on either side over which the stamps of poses are smoothed: each costs the time between two
+#: poses, and what jitter is left moves a dot by some hundredths of a millimetre.
+POSE_SMOOTHING = 1
+
 Profile = Literal["auto", "nls", "marburg", "wide"]
 
 
@@ -77,10 +81,10 @@ class BrailleSettings(TimingSettings):
         0.0, ge=-10.0, le=10.0, description="Height of the plate in base with source surface, m."
     )
     batch_events: int = Field(
-        20_000, ge=100, le=1_000_000, description="Most events of a frame (paper: 20 000)."
+        100_000, ge=100, le=1_000_000, description="Most events of a frame (paper: 20 000)."
     )
     batch_travel_m: float = Field(
-        0.006, ge=0.0005, le=0.1, description="Travel of the sensor that ends a frame too, m."
+        0.0015, ge=0.0005, le=0.1, description="Travel of the sensor that ends a frame too, m."
     )
     view_half_width_m: float = Field(
         0.0125,
@@ -88,6 +92,13 @@ class BrailleSettings(TimingSettings):
         le=0.1,
         description="Events this far from the optical axis along the roll are used, m; the skin "
         "outside the contact does not move with the surface.",
+    )
+    read_at_m: float = Field(
+        0.006,
+        ge=0.0,
+        le=0.1,
+        description="Cells are read once they are this far behind the optical axis, m, or out of "
+        "the view; nearer comes sooner, from fewer events.",
     )
     max_scale_error: float = Field(
         0.15,

@@ -48,6 +48,7 @@ class Strip:
     def __init__(self, settings: BrailleSettings, half_height_m: float) -> None:
         self.px_m = settings.strip_px_m
         self._half = settings.view_half_width_m
+        self._read_at = min(settings.read_at_m, self._half)
         self._rows = int(np.ceil(2 * (half_height_m + _MARGIN_M) / self.px_m))
         #: Way down the image of the first row, metres.
         self.top_m = -self._rows / 2 * self.px_m
@@ -56,6 +57,7 @@ class Strip:
         self._newest: I64 = np.zeros(0, np.int64)
         self._begin: float | None = None
         self._end = 0.0
+        self._until_ns = 0
         self.events = 0
         self._rates: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
         # How long the sensor had rolled when it had come so far.
@@ -74,8 +76,18 @@ class Strip:
 
     @property
     def complete(self) -> int:
-        """Columns before this one have left the view."""
-        return int(np.floor((self._end - self._half) / self.px_m)) if self._begin is not None else 0
+        """Columns before this one were seen for long enough to be read."""
+        return int((self._end - self._read_at) // self.px_m) if self._begin is not None else 0
+
+    @property
+    def rolled_s(self) -> float:
+        """Time for which the sensor has rolled, seconds."""
+        return self._clock[-1] if self._clock else 0.0
+
+    @property
+    def half_seen(self) -> int:
+        """Columns before this one were seen over half of the full travel."""
+        return int(self._end // self.px_m)
 
     @property
     def seen(self) -> tuple[int, int]:
@@ -96,6 +108,7 @@ class Strip:
             self._first = int(np.floor((self._begin - self._half) / self.px_m))
             self._end = self._begin
         self._end = max(self._end, float(knots.along[-1]))
+        self._until_ns = int(knots.times_ns[-1])
         self._log(knots)
         self._reserve(int((float(knots.along.max()) + self._half) / self.px_m) + 16)
         raster = np.array(
@@ -145,7 +158,7 @@ class Strip:
         return float((seen / share).mean())
 
     def _log(self, knots: Knots) -> None:
-        rolled = self._clock[-1] if self._clock else 0.0
+        rolled = self.rolled_s
         seconds = rolled + (knots.times_ns[[0, -1]] - knots.times_ns[0]) * 1e-9
         way = np.maximum(knots.along[[0, -1]], self._way[-1] if self._way else -np.inf)
         first = 1 if self._way else 0
@@ -184,9 +197,9 @@ class Strip:
         return out
 
     def newest_ns(self, a: int, b: int) -> int:
-        """Time of the newest event in columns a to b (b excluded); 0 if there is none."""
+        """Time of the newest event in columns a to b (b excluded), or up to which none came."""
         part = self._newest[max(a - self._first, 0) : max(b - self._first, 0)]
-        return int(part.max(initial=0))
+        return int(part.max(initial=0)) or self._until_ns
 
     def shown(self, place_m: F64) -> npt.NDArray[np.bool_]:
         """Whether places along the roll, shape (n,), were in view long enough to know of dots."""

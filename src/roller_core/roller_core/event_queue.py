@@ -66,13 +66,27 @@ class EventQueue:
                 break
         return count
 
+    def time_of(self, number: int) -> int:
+        """Time of an event that waits, counted from the oldest, 0.
+
+        Raises
+        ------
+        IndexError
+            If fewer wait.
+        """
+        for part in self._parts:
+            if number < len(part):
+                return int(part.t_ns[number])
+            number -= len(part)
+        raise IndexError("fewer events wait")
+
     def first(self, count: int) -> EventArray:
         """The oldest events; they stay."""
         found: list[EventArray] = []
         for part in self._parts:
             if count <= 0:
                 break
-            found.append(part[:count])
+            found.append(part if len(part) <= count else part[:count])
             count -= len(part)
         return EventArray.concatenate(found)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import Field
 
 from roller_core.frames import DEFAULT_SMOOTHING
@@ -20,13 +22,18 @@ class FrameSettings(Settings):
     )
 
 
-class FollowedFrames(FrameSettings):
-    """Frames of a node that follows the robot's poses."""
-
-    pose_smoothing: int = Field(
-        DEFAULT_SMOOTHING,
+def smoothing_field(default: int) -> Any:
+    """The parameter `pose_smoothing`, with a node's own default."""
+    return Field(
+        default,
         ge=0,
         le=100,
         description="Poses on either side over which the time stamps of the robot's poses are "
         "smoothed where their rate is steady; 0 takes stamps as they come.",
     )
+
+
+class FollowedFrames(FrameSettings):
+    """Frames of a node that follows the robot's poses."""
+
+    pose_smoothing: int = smoothing_field(DEFAULT_SMOOTHING)

@@ -23,6 +23,7 @@ from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseOrderError, PoseTrack
 
 from . import diagnostics, messages, qos
+from .draining import subscribe_draining
 from .frames_settings import FollowedFrames
 from .parameters import declare_settings
 from .tf import PoseSources, take_transforms
@@ -30,6 +31,8 @@ from .worker import Worker
 
 #: Packets kept while the camera's calibration hasn't come.
 _MOST_EARLY = 5000
+#: Messages that are taken without looking for results while more wait.
+_MOST_UNPROCESSED = 10
 
 
 class StreamParameters(FollowedFrames):
@@ -101,6 +104,7 @@ class StreamNode(Node, Generic[P]):
         self.stream: EventStream | None = None
         self.pipeline: P | None = None
         self.faults = 0
+        self._unprocessed = 0
         self._early: deque[EventPacket] = deque(maxlen=_MOST_EARLY)
         self._sources = PoseSources(p.base_frame, p.moving_frame)
         self._meter = diagnostics.Meter()
@@ -111,7 +115,7 @@ class StreamNode(Node, Generic[P]):
     def listen(self) -> None:
         """Subscribe; to be called when the node is complete."""
         submit = self._worker.submit
-        self.create_subscription(EventPacket, "/event_camera/events", submit, qos.EVENTS)
+        subscribe_draining(self, EventPacket, "/event_camera/events", submit, qos.EVENTS)
         self.create_subscription(CameraInfo, "/event_camera/camera_info", submit, qos.LATCHED)
         self.create_subscription(TFMessage, "/tf", self._take_tf, qos.EVERY_TF)
         self.create_subscription(
@@ -153,7 +157,11 @@ class StreamNode(Node, Generic[P]):
                 self._take_camera(item)
             else:
                 take_transforms(self.frames, item[1], item[0] == "static", self._pose_fault)
-            self._process()
+            # Results don't depend on when they are asked for, and asking costs.
+            self._unprocessed += 1
+            if self._worker.waiting <= 1 or self._unprocessed >= _MOST_UNPROCESSED:
+                self._unprocessed = 0
+                self._process()
         except RollerError as error:
             self.fault(error)
 

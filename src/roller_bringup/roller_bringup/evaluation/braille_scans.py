@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from roller_braille.pipeline import BraillePipeline
-from roller_braille.settings import BrailleSettings
+from roller_braille.settings import POSE_SMOOTHING, BrailleSettings
 from roller_core.camera import Camera
 from roller_core.codecs import encode
 from roller_core.event_stream import EventStream
@@ -91,7 +91,7 @@ def simulate(
     # Pictures for people would only take time.
     values.setdefault("clock", {})["image_rate_hz"] = 0.0
     cell = VirtualCell(VirtualCellSettings.create({**values, "seed": seed}, "evaluate"))
-    frames = SensorFrames()
+    frames = SensorFrames(smoothing=POSE_SMOOTHING)
     fixed = cell.hand_eye
     frames.add_static(
         frames.moving, frames.sensor, fixed[:3, 3], matrix_to_quaternion(fixed[:3, :3])
