@@ -158,7 +158,8 @@ def test_focus_has_parameters_of_its_own(
     monkeypatch.setattr(search, "FocusGrid", lambda: grid)
     file = tmp_path / "focus.yaml"
     assert calibrate(world, "pass", "--method", "focus", "-o", str(file)) == 0
-    assert set(read_parameters(file, "emvs")) - PARAMETERS.keys() == set(search.NAMES["focus"])
+    added = {*search.NAMES["focus"], "calibrated_camera"}
+    assert set(read_parameters(file, "emvs")) - PARAMETERS.keys() == added
     account = read_account(file, "sphere")
     assert account is not None
     assert account["after"]["error_m"] <= account["before"]["error_m"]
@@ -252,6 +253,8 @@ def test_plate_gives_the_depth_range(
     assert main([*words, "-o", str(file), "--margin-mm", "0.4", "--reach-mm", "1.6"]) == 0
     assert "a margin of 0.4 mm" in capsys.readouterr().out
     settings = InspectionSettings.load(file)
+    for node in ("emvs", "surface"):
+        assert CAMERA.has_figures(read_parameters(file, node)["calibrated_camera"])
     for part in (settings.depth, settings.surface):
         assert part.depth_min_m == pytest.approx(0.0432, abs=5e-5)
         assert part.depth_max_m == pytest.approx(0.0472, abs=5e-5)

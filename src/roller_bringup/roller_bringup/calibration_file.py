@@ -13,25 +13,20 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
-from roller_core.camera import Camera, CameraError
+from roller_core.camera import Camera, CameraError, OtherCameraError
 from roller_core.errors import RollerError, SettingsError, UnwritableOutputError
 from roller_core.settings import read_parameters
 
 #: Section of the account, and version of its form.
 SECTION, VERSION = "calibration", 1
-#: Intrinsics and distortion of one camera differ by no more than this.
-_SAME_SHARE, _SAME_DISTORTION = 1e-3, 1e-4
+#: Nodes that look at the camera their parameters were found with.
+_CAREFUL = ("emvs", "surface", "braille")
 
 
 class CalibrationError(RollerError):
     """A calibration that can't be made of what was given."""
-
-
-class OtherCameraError(CalibrationError):
-    """A calibration file of another camera."""
 
 
 def account(
@@ -108,6 +103,8 @@ def write_calibration(
 ) -> None:
     """Write a calibration file.
 
+    Nodes that take events are told the camera that the values hold for, and refuse another.
+
     Parameters
     ----------
     path : path
@@ -131,6 +128,9 @@ def write_calibration(
     sections: dict[str, Any] = _sections(base) if base else {}
     for node, values in {**parameters, SECTION: {kind: dict(record)}}.items():
         sections[node] = {**sections.get(node, {}), **values}
+        if node in _CAREFUL and (camera := record.get("camera")):
+            size = [float(camera["width"]), float(camera["height"])]
+            sections[node]["calibrated_camera"] = size + camera["intrinsics"] + camera["distortion"]
     head = [
         f"# roller calibrate {kind}, {record['date']}",
         *(f"# {line}" for line in told),
@@ -198,20 +198,14 @@ def refuse_other_camera(path: Path | None, camera: Camera) -> None:
             ) from error
         if not same_camera(made, camera):
             raise OtherCameraError(
-                f"{path}: '{kind}' was calibrated with another camera ({_name(made)}) than this "
-                f"recording's ({_name(camera)}); calibrate again"
+                f"{path}: '{kind}' was calibrated with another camera ({made.in_words}) than this "
+                f"recording's ({camera.in_words}); calibrate again"
             )
 
 
 def same_camera(one: Camera, other: Camera) -> bool:
     """Whether two calibrations are of the same camera and lens."""
-    sizes = (one.width, one.height, one.model) == (other.width, other.height, other.model)
-    a, b = ([c.fx, c.fy, c.cx, c.cy] for c in (one, other))
-    return bool(
-        sizes
-        and np.allclose(a, b, rtol=_SAME_SHARE)
-        and np.allclose(one.distortion, other.distortion, atol=_SAME_DISTORTION)
-    )
+    return one.model == other.model and one.has_figures(other.figures)
 
 
 def _sections(path: Path) -> dict[str, Any]:
@@ -221,10 +215,3 @@ def _sections(path: Path) -> dict[str, Any]:
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise SettingsError(f"parameters {path}: can't be read ({error})") from error
     return {str(node): read_parameters(path, str(node)) for node in data or {}}
-
-
-def _name(camera: Camera) -> str:
-    return (
-        f"{camera.width}×{camera.height} px, F {camera.fx:.1f}, {camera.fy:.1f}, centre "
-        f"{camera.cx:.1f}, {camera.cy:.1f} px"
-    )

@@ -22,7 +22,14 @@ from roller_emvs.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.windows import RefusedWindow
 
 _FRAMES = frozenset(
-    {"base_frame", "moving_frame", "sensor_frame", "pose_smoothing", "idle_flush_s"}
+    {
+        "base_frame",
+        "moving_frame",
+        "sensor_frame",
+        "pose_smoothing",
+        "idle_flush_s",
+        "calibrated_camera",
+    }
 )
 #: Parameters of the nodes that only make sense in a graph.
 _GRAPH_ONLY = {

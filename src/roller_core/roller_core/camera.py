@@ -22,8 +22,16 @@ _MAX_MISS_PX = 0.1
 _ITERATE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
+#: Focal lengths and centre, and distortion, of one camera differ by no more than this.
+_SAME_SHARE, _SAME_DISTORTION = 1e-3, 1e-4
+
+
 class CameraError(RollerError):
     """A calibration that can't be read or makes no sense."""
+
+
+class OtherCameraError(CameraError):
+    """Something that was calibrated with another camera."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +84,35 @@ class Camera:
             raise CameraError(f"{self.model} has {n} coefficients, not {len(self.distortion)}")
         padded = tuple(float(d) for d in self.distortion) + (0.0,) * (n - len(self.distortion))
         object.__setattr__(self, "distortion", padded)
+
+    @property
+    def figures(self) -> tuple[float, ...]:
+        """What tells cameras apart: width, height, fx, fy, cx, cy (px), distortion."""
+        plain = (self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+        return tuple(map(float, plain + self.distortion))
+
+    def has_figures(self, figures: Sequence[float]) -> bool:
+        """Whether figures, as `figures` gives them, are those of this camera and lens.
+
+        Coefficients of distortion that are left out are zero.
+        """
+        own = np.array(self.figures)
+        if not 6 <= len(figures) <= len(own):
+            return False
+        other = np.append(np.asarray(figures, np.float64), np.zeros(len(own) - len(figures)))
+        return bool(
+            (own[:2] == other[:2]).all()
+            and np.allclose(own[2:6], other[2:6], rtol=_SAME_SHARE)
+            and np.allclose(own[6:], other[6:], rtol=0, atol=_SAME_DISTORTION)
+        )
+
+    @property
+    def in_words(self) -> str:
+        """Size and intrinsics, for messages."""
+        return (
+            f"{self.width}×{self.height} px, F {self.fx:.1f}, {self.fy:.1f}, centre "
+            f"{self.cx:.1f}, {self.cy:.1f} px"
+        )
 
     @property
     def K(self) -> F64:

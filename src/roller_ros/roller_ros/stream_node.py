@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
-from roller_core.camera import Camera
+from roller_core.camera import Camera, OtherCameraError
 from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream, StreamCounts, TimeBackwardsError
@@ -43,6 +43,11 @@ class StreamParameters(FollowedFrames):
         ge=0.05,
         le=60.0,
         description="Without events for this long what is left is processed as it is, s.",
+    )
+    calibrated_camera: tuple[float, ...] = Field(
+        (0.0,),
+        description="Camera that the other parameters were calibrated with: width, height, fx, fy, "
+        "cx, cy (px), distortion; with another the node refuses to go on. A single 0: any.",
     )
 
 
@@ -105,6 +110,8 @@ class StreamNode(Node, Generic[P]):
         self.pipeline: P | None = None
         self.faults = 0
         self._unprocessed = 0
+        #: Why the camera isn't taken.
+        self._refused = ""
         self._early: deque[EventPacket] = deque(maxlen=_MOST_EARLY)
         self._sources = PoseSources(p.base_frame, p.moving_frame)
         self._meter = diagnostics.Meter()
@@ -167,6 +174,15 @@ class StreamNode(Node, Generic[P]):
 
     def _take_camera(self, message: CameraInfo) -> None:
         camera = messages.camera_from_info(message)
+        figures = self.parameters.calibrated_camera
+        if any(figures) and not camera.has_figures(figures):
+            self.pipeline = self.stream = None
+            self._refused = (
+                f"the camera ({camera.in_words}) isn't the one that the node's parameters were "
+                "calibrated with (calibrated_camera): calibrate again, or leave params:= away"
+            )
+            raise OtherCameraError(self._refused)
+        self._refused = ""
         if self.pipeline is not None and self.pipeline.camera == camera:
             return
         self.pipeline = self.make_pipeline(camera, self.frames.track)
@@ -259,6 +275,8 @@ class StreamNode(Node, Generic[P]):
 
     def _health(self) -> tuple[bytes, str]:
         """The worst that is the matter."""
+        if self._refused:
+            return diagnostics.ERROR, self._refused
         if self.pipeline is None or self.stream is None:
             return diagnostics.WARN, "waiting for /event_camera/camera_info"
         frames, stream, steps = self.frames, self.stream.counts, self.stream.clock.steps

@@ -1,0 +1,32 @@
+"""Telling one camera from another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from roller_core.camera import Camera
+
+ONE = Camera(640, 480, 1066.0, 1067.0, 319.5, 239.5, (-0.2, 0.05))
+
+
+def test_a_camera_has_its_own_figures() -> None:
+    assert ONE.has_figures(ONE.figures)
+    # What a calibration rounds, and coefficients that it leaves out.
+    assert ONE.has_figures([640.0, 480.0, 1066.01, 1066.99, 319.501, 239.5, -0.2, 0.05])
+    plain = replace(ONE, distortion=())
+    assert plain.has_figures(plain.figures[:6])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"width": 320}, {"height": 240}, {"fx": 1070.0}, {"cy": 238.0}, {"distortion": (-0.2, 0.06)}],
+)
+def test_another_camera_has_not(changes: dict[str, float]) -> None:
+    assert not ONE.has_figures(replace(ONE, **changes).figures)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("figures", [(), (0.0,), (640.0, 480.0), (*ONE.figures, 0.0)])
+def test_no_list_of_figures_is_no_camera(figures: tuple[float, ...]) -> None:
+    assert not ONE.has_figures(figures)

@@ -1,0 +1,40 @@
+"""Parameters that were calibrated with one camera, and nodes that see another."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sensor_msgs.msg import CameraInfo
+
+from roller_core.camera import Camera
+from roller_ros import messages, qos
+
+pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+
+CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
+OTHER = Camera(640, 480, 900.0, 900.0, 319.5, 239.5)
+STATUS = {"emvs": "emvs: depth", "surface": "surface: points", "braille": "braille: text"}
+
+
+def test_parameters_of_another_camera_are_refused(processes, watch):
+    """Two nodes with the other camera's parameters stand still and say why; one goes on."""
+    watcher = watch()
+    for name, camera in (("emvs", OTHER), ("surface", OTHER), ("braille", CAMERA)):
+        processes.start(name, f"{{calibrated_camera: {list(camera.figures)}}}")
+    info = watcher.node.create_publisher(CameraInfo, "/event_camera/camera_info", qos.LATCHED)
+    info.publish(messages.camera_info(CAMERA, 0, "event_camera_optical_frame"))
+
+    def said(name: str, words: str) -> bool:
+        return any(words in message for message in watcher.messages_of(STATUS[name]))
+
+    for name in ("emvs", "surface"):
+        watcher.spin_until(
+            lambda name=name: said(name, "isn't the one"), 40.0, f"refusal by {name}"
+        )
+        assert said(name, "640×480 px, F 1066.0")
+        assert said(name, "calibrate again")
+    watcher.spin_until(lambda: said("braille", "no poses"), 40.0, "work of braille")
+    assert not said("braille", "isn't the one")
+    assert set(processes.stop().values()) == {0}
