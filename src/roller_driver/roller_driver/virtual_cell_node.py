@@ -128,6 +128,8 @@ class VirtualCellNode(Node):
             if not self._stop.is_set():
                 self._scan(stream)
         except Exception as error:  # a thread that dies unseen would leave all others waiting
+            if not self.context.ok():
+                return  # interrupted: what was being published then raises
             print(f"error: {error}", file=sys.stderr, flush=True)
             self._diagnostics.fault(str(error))
             self._state, self._code = "failed", 1
