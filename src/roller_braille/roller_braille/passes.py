@@ -27,6 +27,8 @@ _STEP, _STEP_S = 0.25, 0.012
 _LEAST_LINE_PITCH = 0.8
 #: Dust is told by the strongest dots but these.
 _STRONG = 3
+#: Share of what two dots ahead have below which a spot is dust in any case.
+_DUST = 0.02
 
 
 def _at(dots: Dots, start: float) -> bool:
@@ -181,7 +183,7 @@ class PassReader:
             if not starts or not (final or min(starts) + ahead <= upto * self.strip.px_m):
                 return
             start = min(starts)
-            if self._give_up_dust(free, start, start + ahead / 2):
+            if self._give_up_dust(free, start, ahead):
                 continue
             end = start + ahead
             line = self._best(free, start, end)
@@ -205,11 +207,15 @@ class PassReader:
                 near = loose.along <= start + s.spacing.dot_pitch_m / 2
                 self._loose[kind] = loose.where(~near | (loose.votes > strong))
 
-    def _give_up_dust(self, free: dict[Kind, Dots], start: float, end: float) -> bool:
+    def _give_up_dust(self, free: dict[Kind, Dots], start: float, ahead_m: float) -> bool:
         """Forget the first dots if they are far weaker than those after them or in lines."""
-        votes = [dots.votes[dots.along < end] for dots in free.values()]
-        strongest = np.sort(np.concatenate(votes))
-        least = FAINT * float(strongest[-min(_STRONG, len(strongest))])
+        near, ahead = (
+            np.sort(np.concatenate([dots.votes[dots.along < start + way] for dots in free.values()]))
+            for way in (ahead_m / 2, ahead_m)
+        )
+        least = FAINT * float(near[-min(_STRONG, len(near))])
+        # Where a line's very first dots come into view, they are fewer than that.
+        least = max(least, _DUST * float(ahead[-min(2, len(ahead))]))
         if any(_at(d, start) and float(d.votes[0]) >= least for d in free.values()):
             return False
         for kind, loose in self._loose.items():
