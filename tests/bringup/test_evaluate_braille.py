@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from roller_braille.table import UNREADABLE
 from roller_bringup.cli import main
+from roller_bringup.evaluation import braille
 from roller_bringup.evaluation.alignment import Score, align, score
 from roller_bringup.evaluation.braille import BrailleOptions, run_braille
 from roller_bringup.evaluation.braille_plot import draw
@@ -55,11 +57,13 @@ def test_a_line_that_is_missing_costs_its_own_characters_alone() -> None:
     assert (result.right, result.missed, result.wrong) == (10, 5, 0)
 
 
+SMALL = BrailleOptions.short(text="lazy dog", conditions=("default",))
+
+
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("evaluation")
-    options = BrailleOptions.short(text="lazy dog", conditions=("default",))
-    return folder, run_braille(options, folder)
+    return folder, run_braille(SMALL, folder)
 
 
 def test_a_quick_run_reads_its_plate_and_writes_its_files(
@@ -79,6 +83,37 @@ def test_a_quick_run_reads_its_plate_and_writes_its_files(
     faults = {(r["fault"], r["refined"]): r["character_error_rate"] for r in result["faults"]}
     assert faults["speed -10%", True] == 0.0 < faults["speed -10%", False]
     assert (folder / "braille.png").stat().st_size > 15_000
+
+
+def test_a_run_that_was_broken_off_goes_on(
+    quick: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, found = quick
+
+    def never(*_: object) -> None:
+        raise AssertionError("read again")
+
+    monkeypatch.setattr(braille, "simulate", never)
+    again = run_braille(SMALL, folder)
+    assert json.loads(json.dumps(again)) == json.loads(json.dumps(found))
+    for changes in ({"text": "other"}, {"seed": 2}, {"cell": {}}):
+        with pytest.raises(AssertionError, match="read again"):
+            run_braille(replace(SMALL, **changes), folder)
+
+
+def test_processes_find_what_one_finds(quick: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    two = replace(SMALL, speeds=(0.3, 0.5))
+    found = run_braille(two, tmp_path, jobs=2)
+    timed = {"ms_mean", "ms_p95", "ms_20000_events"}
+    plain = [
+        [
+            {k: v for k, v in row.items() if k not in timed}
+            for row in result["rows"] + result["faults"]
+        ]
+        for result in (found, quick[1])
+    ]
+    assert [row for row in plain[0] if row["speed"] == 0.3] == plain[1]
+    assert {row["speed"] for row in plain[0]} == {0.3, 0.5}
 
 
 def test_the_tables_hold_every_row_and_the_published_figures(

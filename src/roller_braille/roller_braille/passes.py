@@ -210,7 +210,9 @@ class PassReader:
     def _give_up_dust(self, free: dict[Kind, Dots], start: float, ahead_m: float) -> bool:
         """Forget the first dots if they are far weaker than those after them or in lines."""
         near, ahead = (
-            np.sort(np.concatenate([dots.votes[dots.along < start + way] for dots in free.values()]))
+            np.sort(
+                np.concatenate([dots.votes[dots.along < start + way] for dots in free.values()])
+            )
             for way in (ahead_m / 2, ahead_m)
         )
         least = FAINT * float(near[-min(_STRONG, len(near))])

@@ -25,9 +25,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--only", type=_words, metavar="A,B", help="experiments, of those below")
     parser.add_argument("--repeats", type=int, metavar="N", help="passes of each kind (5)")
     parser.add_argument("--seed", type=int, help="seed of the first pass (1)")
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (all cores)"
-    )
+    _add_jobs(parser)
     parser.set_defaults(run=_run_all)
     _add_braille(parser.add_subparsers(dest="experiment", metavar="braille"))
 
@@ -40,6 +38,12 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         default=Path("evaluation"),
         metavar="DIR",
         help="results go here (default: evaluation)",
+    )
+
+
+def _add_jobs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (all cores)"
     )
 
 
@@ -84,6 +88,7 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
     parser.add_argument("--speeds", type=_speeds, metavar="V,W", help="m/s")
     parser.add_argument("--text", help="text of the plate: a–z, digits, spaces; \\n ends a line")
     parser.add_argument("--seed", type=int, help="seed of all chance (default: 1)")
+    _add_jobs(parser)
     parser.set_defaults(run=_run_braille)
 
 
@@ -102,12 +107,15 @@ def _run_braille(args: argparse.Namespace) -> int:
     speeds = given.get("speeds", (0.3,))
     if not speeds or any(not 0.01 <= v <= 2.0 for v in speeds):
         raise SettingsError("--speeds: 0.01 to 2 m/s, such as 0.1,0.3")
+    if args.jobs < 1:
+        raise SettingsError("--jobs: at least 1")
     options = BrailleOptions.short(**given) if args.quick else BrailleOptions(**given)
     with Console(stderr=True).status("evaluate") as status:
         result = run_braille(
             options,
             args.output,
             lambda text, share: status.update(f"evaluate: {share:.0%}, {text}"),
+            args.jobs,
         )
     show_tables(tables(result))
     print(f"files: {args.output}/braille.json, {args.output}/braille.png")

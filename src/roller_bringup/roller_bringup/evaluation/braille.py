@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
 import string
-from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,7 @@ from roller_driver.virtual.settings import SensorSettings
 
 from .alignment import Score, score
 from .braille_scans import BrailleScan, Reading, read, simulate
-
-Simulate = Callable[[str, float, Mapping[str, Any], int], BrailleScan]
+from .kept import Job, do_jobs
 
 _SENSOR = SensorSettings.create({})
 #: What the sensor gives, as changes of the virtual cell's sensor.
@@ -46,6 +46,8 @@ PUBLISHED: tuple[dict[str, Any], ...] = (
     {"name": "Müller-Cleve et al. (LSTM)", "speed": 0.01, "accuracy": 0.97},
     {"name": "the paper", "speed": 0.5, "accuracy": 1.0, "ms": 19.26},
 )
+#: To be raised when the reader or its figures change: what an older form left is read anew.
+_FORM = 1
 #: The paper's frame, to which times are scaled.
 FRAME_EVENTS = 20_000
 
@@ -102,12 +104,11 @@ class BrailleOptions:
 
 
 def run_braille(
-    options: BrailleOptions,
-    output: Path,
-    tell: Tell = tell_nobody,
-    get_scan: Simulate = simulate,
+    options: BrailleOptions, output: Path, tell: Tell = tell_nobody, jobs: int = 1
 ) -> dict[str, Any]:
     """Simulate plates, read them, and write `braille.json` and `braille.png`.
+
+    What was read is kept in `passes`, so a run that was broken off goes on.
 
     Parameters
     ----------
@@ -117,8 +118,8 @@ def run_braille(
         Folder for the results.
     tell : callable
         Told what is being done and the share done, 0–1.
-    get_scan : callable
-        Gives the scan of a text at a speed: see `simulate`.
+    jobs : int
+        Processes.
 
     Returns
     -------
@@ -134,34 +135,78 @@ def run_braille(
     """
     from .braille_plot import draw
 
-    make_folder(output)
-    rows: list[dict[str, Any]] = []
-    faults: list[dict[str, Any]] = []
+    make_folder(output / "passes")
     first = options.conditions[0]
     hard = set(options.hard_speeds) & set(options.speeds) or set(options.speeds)
     asked = [(c, v) for c in options.conditions for v in options.speeds if c == first or v in hard]
     at = min(options.speeds, key=lambda v: abs(v - options.fault_speed))
-    for number, (condition, speed) in enumerate(asked):
-        tell(f"{condition}, {speed:g} m/s", number / len(asked))
-        sensor = {**options.cell.get("sensor", {}), **CONDITIONS[condition]}
-        cell = {**options.cell, "sensor": sensor}
-        scan = get_scan(options.text, speed, cell, options.seed)
-        for method in options.methods:
-            row = {"condition": condition, "speed": speed, "method": method}
-            rows.append({**row, **_figures(scan, read(scan, METHODS[method]))})
-        if (condition, speed) == (first, at):
-            faults += _faults(scan, speed, options)
+    threads = 0 if jobs == 1 else 1
+    work = [_job(options, c, v, (c, v) == (first, at), threads) for c, v in asked]
+    # The slowest takes longest, and begins first.
+    found = do_jobs(
+        [job for _, job in sorted(zip(asked, work, strict=True), key=lambda w: w[0][1])],
+        output / "passes", jobs, tell,
+    )  # fmt: skip
     result = {
         "version": 1,
         "options": asdict(options),
         "published": list(PUBLISHED),
-        "rows": rows,
-        "faults": faults,
+        "rows": [row for job in work for row in found[job.name]["rows"]],
+        "faults": [row for job in work for row in found[job.name]["faults"]],
     }
-    tell("results", 1.0)
     write_json(result, output / "braille.json")
     draw(result, output / "braille.png")
     return result
+
+
+def _job(
+    options: BrailleOptions, condition: str, speed: float, with_faults: bool, threads: int
+) -> Job:
+    """Reading of one scan."""
+    sensor = {**options.cell.get("sensor", {}), **CONDITIONS[condition]}
+    cell = {**options.cell, "sensor": sensor}
+    asked = {
+        "form": _FORM,
+        "options": asdict(options) | {"speeds": [], "conditions": [], "hard_speeds": []},
+        "cell": cell,
+        "speed": speed,
+        "faults": with_faults,
+        "reader": BrailleSettings.create({}).model_dump(mode="json"),
+    }
+    name = "braille_" + re.sub(r"\W+", "_", f"{condition} {speed:g}")
+    arguments = (options, condition, speed, with_faults, {**cell, "threads": threads})
+    return Job(name, json.loads(json.dumps(asked)), read_plate, arguments)
+
+
+def read_plate(
+    options: BrailleOptions, condition: str, speed: float, with_faults: bool, cell: dict[str, Any]
+) -> dict[str, Any]:
+    """Figures of one scan by method, and with faults.
+
+    Parameters
+    ----------
+    options : BrailleOptions
+        Text, methods, faults.
+    condition : str
+        Name of what the sensor gives.
+    speed : float
+        m/s.
+    with_faults : bool
+        Whether to try wrong speeds and depths.
+    cell : dict
+        Settings of the virtual cell.
+    """
+    scan = simulate(options.text, speed, cell, options.seed)
+    rows = [
+        {
+            "condition": condition,
+            "speed": speed,
+            "method": method,
+            **_figures(scan, read(scan, METHODS[method])),
+        }
+        for method in options.methods
+    ]
+    return {"rows": rows, "faults": _faults(scan, speed, options) if with_faults else []}
 
 
 def _faults(scan: BrailleScan, speed: float, options: BrailleOptions) -> list[dict[str, Any]]:

@@ -85,7 +85,10 @@ def simulate(
     RollerError
         If the settings or the text are no good.
     """
-    values: dict[str, Any] = {group: dict(entries) for group, entries in changes.items()}
+    values: dict[str, Any] = {
+        name: dict(entry) if isinstance(entry, Mapping) else entry
+        for name, entry in changes.items()
+    }
     values.setdefault("scene", {}).update(name="braille", text=text)
     values.setdefault("motion", {}).update(speed=speed, start_mm=start_mm)
     # Pictures for people would only take time.

@@ -1,11 +1,9 @@
-"""Figures of many passes: measured over all cores, kept on disk, gone on with after a break."""
+"""Figures of many passes."""
 
 from __future__ import annotations
 
 import json
-import multiprocessing
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,8 @@ import numpy as np
 
 from roller_bringup.bench.scans import scan_settings
 from roller_bringup.progress import Tell
-from roller_bringup.results.tables import write_json
 
+from .kept import Job, do_jobs
 from .passes import Pass, cell_changes, measure_pass, settings_of
 
 #: To be raised when a method or its figures change: what an older form left is measured anew.
@@ -78,40 +76,13 @@ def measure(
     UnwritableOutputError
         If figures can't be kept.
     """
-    results: dict[Pass, dict[str, Any]] = {}
-    missing: dict[Pass, tuple[str, ...]] = {}
-    for asked, methods in wanted.items():
-        kept = _kept(folder / f"{asked.name}.json", _asked(asked, methods, cell))
-        if kept is None:
-            missing[asked] = methods
-        else:
-            results[asked] = kept
     # The longest first, so that no core waits for one at the end.
-    order = sorted(missing, key=lambda p: (p.whole, -p.speed), reverse=True)
-    done = len(results)
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max(min(jobs, len(missing)), 1), context, _one_thread) as pool:
-        futures = {pool.submit(measure_pass, p, missing[p], cell): p for p in order}
-        try:
-            for future in as_completed(futures):
-                asked = futures[future]
-                found = future.result()
-                results[asked] = found
-                kept = {"asked": _asked(asked, missing[asked], cell), "found": found}
-                write_json(kept, folder / f"{asked.name}.json")
-                done += 1
-                tell(asked.name, done / len(wanted))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return Measured(results)
-
-
-def _one_thread() -> None:
-    """Each process has a core of its own."""
-    import cv2
-
-    cv2.setNumThreads(1)
+    order = sorted(wanted, key=lambda p: (p.whole, -p.speed), reverse=True)
+    work = [
+        Job(p.name, _asked(p, wanted[p], cell), measure_pass, (p, wanted[p], cell)) for p in order
+    ]
+    found = do_jobs(work, folder, jobs, tell, _serves)
+    return Measured({asked: found[asked.name] for asked in wanted})
 
 
 def _asked(asked: Pass, methods: Iterable[str], cell: Mapping[str, Any]) -> dict[str, Any]:
@@ -130,12 +101,7 @@ def _asked(asked: Pass, methods: Iterable[str], cell: Mapping[str, Any]) -> dict
     )
 
 
-def _kept(path: Path, asked: dict[str, Any]) -> dict[str, Any] | None:
-    """Figures of an earlier run that asked for the same, or for more."""
-    try:
-        kept = json.loads(path.read_text())
-        same = all(kept["asked"][key] == asked[key] for key in ("form", "whole", "cell"))
-        same &= all(kept["asked"]["methods"].get(k) == v for k, v in asked["methods"].items())
-        return kept["found"] if same else None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None
+def _serves(kept: dict[str, Any], asked: dict[str, Any]) -> bool:
+    """Whether figures were measured as asked for, of the same methods or of more."""
+    same = all(kept[key] == asked[key] for key in ("form", "whole", "cell"))
+    return same and all(kept["methods"].get(k) == v for k, v in asked["methods"].items())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -85,8 +84,12 @@ def run_evaluation(
         found["time"] = time_table(result["time"], name)
     braille: list[Table] = []
     if "braille" in options.only:
-        tell("Braille", 1 - 0.5 * _AFTER)
-        result["braille"] = _braille(options, output)
+
+        def told_braille(text: str, share: float) -> None:
+            tell(text, 1 - 0.5 * _AFTER * (1 - share))
+
+        kind = BrailleOptions.short if options.quick else BrailleOptions
+        result["braille"] = run_braille(kind(seed=options.seed), output, told_braille, jobs)
         braille = braille_tables(result["braille"])
         found["braille"] = braille[0]
         figures["braille"] = [("Braille by speed", (output / "braille.png").read_bytes())]
@@ -109,20 +112,6 @@ def _pictures(options: EvaluationOptions) -> list[tuple[str, bytes]]:
         for colours in _COLOURS:
             out.append((f"{name}, depth maps and clouds, {colours}", draw_object(shown, colours)))
     return out
-
-
-def _braille(options: EvaluationOptions, output: Path) -> dict[str, Any]:
-    kept = output / "braille.json"
-    chosen: Mapping[str, Any] = {"seed": options.seed}
-    asked = BrailleOptions.short(**chosen) if options.quick else BrailleOptions(**chosen)
-    plain = json.loads(json.dumps(asdict(asked)))
-    try:
-        found: dict[str, Any] = json.loads(kept.read_text())
-        if found["options"] == plain and (output / "braille.png").is_file():
-            return found
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
-    return run_braille(asked, output)
 
 
 def _facts(options: EvaluationOptions) -> dict[str, Any]:
