@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from emvs.scenes import CAMERA
 from roller_emvs.detection import adaptive_threshold, masked_median
-from roller_emvs.fusion import ViewDepth, fuse_views, warp_view
+from roller_emvs.fusion import ViewDepth, fuse_views, warp_view, weighted_mean
 
 
 def test_threshold_is_opencvs_without_saturation() -> None:
@@ -117,6 +117,23 @@ def test_weights_are_renormalised_where_a_view_is_missing() -> None:
     np.testing.assert_allclose(depth[:, 50:100], expected, rtol=1e-6)
     assert np.isnan(depth[:, 100:]).all()
     assert np.isnan(confidence[:, 100:]).all()
+
+
+@pytest.mark.parametrize("rule", ["fixed", "inverse_variance"])
+@pytest.mark.parametrize(("views", "threads"), [(1, 1), (3, 2), (5, 3)])
+def test_the_mean_is_that_of_what_is_there(rule: str, views: int, threads: int) -> None:
+    rng = np.random.default_rng(views)
+    depth, sure, variance = rng.uniform(0.5, 1.5, (3, views, 7, 11)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.4] = np.nan
+    weights = rng.uniform(0.1, 1.0, views)
+    weights[-1] = 0.0 if views > 1 else 1.0
+    warped = list(zip(depth, sure, variance, strict=True))
+    found = weighted_mean(warped, weights.tolist(), rule, threads)
+    w = np.where(np.isfinite(depth), weights[:, None, None], 0.0)
+    w = w / variance if rule == "inverse_variance" else w
+    with np.errstate(invalid="ignore"):
+        for mine, values in zip(found, (np.nan_to_num(depth), sure), strict=True):
+            np.testing.assert_allclose(mine, (w * values).sum(axis=0) / w.sum(axis=0), rtol=1e-5)
 
 
 def test_weights_need_not_sum_to_one() -> None:

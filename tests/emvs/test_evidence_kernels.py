@@ -262,6 +262,10 @@ def test_bands_hold_every_ray_that_can_reach_them(slope: float) -> None:
                     assert i in held
     moved = rays[bands.source] + np.array([offset, 0, 0, 0], np.float32)
     np.testing.assert_array_equal(bands.rays.T, moved)
+    for threads in (2, 5):
+        shared = sort_into_bands(rays, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01), offset, threads)
+        for name in ("rays", "source", "starts"):
+            np.testing.assert_array_equal(getattr(shared, name), getattr(bands, name))
 
 
 def test_enlarging_keeps_a_linear_surface() -> None:

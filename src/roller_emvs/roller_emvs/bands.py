@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from .threads import share
+
 I64 = npt.NDArray[np.int64]
 
 
@@ -43,6 +45,7 @@ def sort_into_bands(
     rows: int,
     reach: tuple[float, float],
     offset: int = 0,
+    threads: int = 1,
 ) -> Bands:
     """List each event in the bands it can reach.
 
@@ -60,17 +63,33 @@ def sort_into_bands(
         Rows that a vote reaches up and down from its pixel.
     offset : int
         Columns by which the rays are moved.
+    threads : int
+        Threads that share the rays; the result doesn't depend on them.
     """
     count = -(-shape[0] // rows)
     bounds = np.array([*ends, *reach, *shape, offset], rays.dtype)
     low, high = np.empty(len(rays), np.int32), np.empty(len(rays), np.int32)
-    _find(rays, bounds, rays.dtype.type(1.0 / rows), count, low, high)
+    edges = [len(rays) * k // threads for k in range(threads + 1)]
+    counts = np.zeros((threads, count), np.int64)
+
+    def find(k: int) -> None:
+        own = slice(edges[k], edges[k + 1])
+        _find(rays[own], bounds, rays.dtype.type(1.0 / rows), count, low[own], high[own])
+        _count(low[own], high[own], counts[k])
+
+    share(threads, threads, find)
     starts = np.zeros(count + 1, np.int64)
-    _count(low, high, starts[1:])
-    np.cumsum(starts, out=starts)
+    np.cumsum(counts.sum(axis=0), out=starts[1:])
+    # A band's rays are those of the first part, in their order, then those of the next.
+    places = starts[:-1] + np.cumsum(counts, axis=0) - counts
     out = np.empty((4, starts[-1]), rays.dtype)
     source = np.empty(starts[-1], np.int64)
-    _list(rays, low, high, bounds[-1], starts[:-1].copy(), out, source)
+
+    def write(k: int) -> None:
+        own = slice(edges[k], edges[k + 1])
+        _list(rays[own], low[own], high[own], bounds[-1], edges[k], places[k], out, source)
+
+    share(threads, threads, write)
     return Bands(out, source, starts)
 
 
@@ -99,8 +118,8 @@ def _count(low, high, counts):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _list(rays, low, high, offset, place, out, source):  # type: ignore[no-untyped-def]
-    """Write each ray at its bands' places and move them on."""
+def _list(rays, low, high, offset, before, place, out, source):  # type: ignore[no-untyped-def]
+    """Write each ray, of which `before` come before, at its bands' places and move them on."""
     for i in range(len(rays)):
         for b in range(low[i], high[i] + 1):
             k = place[b]
@@ -108,5 +127,5 @@ def _list(rays, low, high, offset, place, out, source):  # type: ignore[no-untyp
             out[1, k] = rays[i, 1]
             out[2, k] = rays[i, 2]
             out[3, k] = rays[i, 3]
-            source[k] = i
+            source[k] = before + i
             place[b] += 1

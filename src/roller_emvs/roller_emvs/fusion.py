@@ -13,6 +13,7 @@ from roller_core.transforms import F64, inverse_pose
 
 from .depth_map import back_project
 from .rays import F32
+from .threads import share
 
 
 @dataclass(frozen=True)
@@ -98,37 +99,58 @@ def fuse_views(
     depth, confidence : ndarray of float32, shape (height, width)
         NaN where no view has a depth.
     """
-    sums = np.zeros((3, camera.height, camera.width), np.float32)
-    for view in views:
-        _add(*warp_view(view, target, camera), view.weight, rule == "inverse_variance", sums)
-    depth, confidence = (np.empty(sums.shape[1:], np.float32) for _ in range(2))
-    _divide(sums, depth, confidence)
+    warped = [warp_view(view, target, camera) for view in views]
+    return weighted_mean(warped, [view.weight for view in views], rule)
+
+
+def weighted_mean(
+    warped: Sequence[tuple[F32, F32, F32]], weights: Sequence[float], rule: str, threads: int = 1
+) -> tuple[F32, F32]:
+    """Weighted mean of views that were warped into one; see `fuse_views`.
+
+    Parameters
+    ----------
+    warped : sequence of tuple of ndarray of float32, shape (height, width)
+        Depth, confidence and variance of each view, at least one; as of `warp_view`.
+    weights : sequence of float
+        Weight of each.
+    rule : str
+        As of `fuse_views`.
+    threads : int
+        Threads that share the rows.
+    """
+    shape, by_variance = warped[0][0].shape, rule == "inverse_variance"
+    depth, confidence = (np.empty(shape, np.float32) for _ in range(2))
+    views = tuple(zip(*warped, strict=True))
+    share_of = np.array(weights, np.float64)
+
+    def run(k: int) -> None:
+        rows = (shape[0] * k // threads, shape[0] * (k + 1) // threads)
+        _mean(*views, share_of, by_variance, rows, depth, confidence)
+
+    share(threads, threads, run)
     return depth, confidence
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _divide(sums, depth, confidence):  # type: ignore[no-untyped-def]
-    """Weighted means; NaN where the weight is zero."""
-    height, width = depth.shape
-    for y in range(height):
-        for x in range(width):
-            depth[y, x] = sums[1, y, x] / sums[0, y, x]
-            confidence[y, x] = sums[2, y, x] / sums[0, y, x]
-
-
-@njit(cache=True, nogil=True)
-def _add(depth, confidence, variance, weight, by_variance, sums):  # type: ignore[no-untyped-def]
-    """Add a view's weights, weighted depths and weighted confidences."""
-    height, width = depth.shape
-    for y in range(height):
-        for x in range(width):
-            z = depth[y, x]
-            if np.isnan(z):
-                continue
-            w = weight / variance[y, x] if by_variance else weight
-            sums[0, y, x] += w
-            sums[1, y, x] += w * z
-            sums[2, y, x] += w * confidence[y, x]
+def _mean(depths, confidences, variances, weights, by_variance, rows, depth, confidence):  # type: ignore[no-untyped-def]
+    """Weighted means of some rows; NaN where the weight is zero."""
+    real = np.float32
+    for y in range(rows[0], rows[1]):
+        for x in range(depth.shape[1]):
+            total = real(0)
+            far = real(0)
+            sure = real(0)
+            for k in range(len(depths)):
+                z = depths[k][y, x]
+                if np.isnan(z):
+                    continue
+                w = weights[k] / variances[k][y, x] if by_variance else weights[k]
+                total = real(total + w)
+                far = real(far + w * z)
+                sure = real(sure + w * confidences[k][y, x])
+            depth[y, x] = far / total
+            confidence[y, x] = sure / total
 
 
 @njit(cache=True, nogil=True)

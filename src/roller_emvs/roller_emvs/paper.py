@@ -15,7 +15,7 @@ from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 
 from .detection import Mask, adaptive_threshold, masked_median
-from .fusion import ViewDepth, fuse_views
+from .fusion import ViewDepth, warp_view, weighted_mean
 from .rays import F32, Packets, depth_planes, parallax_px, rays_in_view
 from .settings import DepthSettings
 from .stopwatch import Stopwatch
@@ -62,18 +62,20 @@ def window_depth(
     s = settings
     with watch("votes"):
         voted = view_votes(packets, camera, poses, target, bounds_m, s)
-    views: list[ViewDepth | None] = [None] * len(poses)
+    warped: list[tuple[F32, F32, F32] | None] = [None] * len(poses)
     weights = [weight for _, weight in s.views()]
 
     def look(k: int) -> None:
-        views[k] = view_depth(
+        view = view_depth(
             voted.votes[k], voted.index[k], voted.planes, bounds_m, voted.poses[k], weights[k], s
         )
+        warped[k] = warp_view(view, target, camera)
 
     with watch("detection"):
         share(s.threads, len(poses), look)
     with watch("fusion"):
-        return fuse_views([v for v in views if v is not None], target, camera, s.weight_rule)
+        found = [w for w in warped if w is not None]
+        return weighted_mean(found, weights, s.weight_rule, s.threads)
 
 
 @dataclass(frozen=True)

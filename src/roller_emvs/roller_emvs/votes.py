@@ -76,7 +76,7 @@ def sweep_maximum(
     """
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
-    bands, limits = _bands(rays, inverse, shape, 0)
+    bands, limits = _bands(rays, inverse, shape, 0, threads)
     dtype = rays.rays.dtype
     votes, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
 
@@ -121,7 +121,7 @@ def sweep_views(
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
     pad = int(np.abs(half_shifts).max()) // 2 + 2
-    bands, limits = _bands(rays, inverse, shape, pad)
+    bands, limits = _bands(rays, inverse, shape, pad, threads)
     dtype, count = rays.rays.dtype, len(half_shifts)
     votes = np.zeros((count, *shape), np.float32)
     index = np.zeros((count, *shape), np.uint16)
@@ -140,11 +140,11 @@ def sweep_views(
 
 
 def _bands(
-    rays: RayBundle, inverse: F64, shape: tuple[int, int], pad: int
+    rays: RayBundle, inverse: F64, shape: tuple[int, int], pad: int, threads: int
 ) -> tuple[Bands, npt.NDArray[np.floating]]:
     """Rays by band, moved by `pad` columns, and their limits; none if no plane reaches any."""
     ends = (float(inverse.min()), float(inverse.max()))
     padded = (shape[0], shape[1] + 2 * pad)
-    bands = sort_into_bands(rays.rays, ends, padded, BAND_ROWS, _REACH, pad)
+    bands = sort_into_bands(rays.rays, ends, padded, BAND_ROWS, _REACH, pad, threads)
     limited = len(rays) and rays.limits.min() <= ends[1]
     return bands, rays.limits[bands.source] if limited else rays.limits[:0]
