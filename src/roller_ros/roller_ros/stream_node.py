@@ -10,6 +10,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from event_camera_msgs.msg import EventPacket
 from pydantic import Field
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
@@ -123,7 +124,12 @@ class StreamNode(Node, Generic[P]):
         """Subscribe; to be called when the node is complete."""
         submit = self._worker.submit
         subscribe_draining(self, EventPacket, "/event_camera/events", submit, qos.EVENTS)
-        self.create_subscription(CameraInfo, "/event_camera/camera_info", submit, qos.LATCHED)
+        # Latched, as it should be, and as drivers have it that send it over and over.
+        for quality in (qos.LATCHED, qos.REPEATED):
+            self.create_subscription(
+                CameraInfo, "/event_camera/camera_info", submit, quality,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            )  # fmt: skip
         self.create_subscription(TFMessage, "/tf", self._take_tf, qos.EVERY_TF)
         self.create_subscription(
             TFMessage, "/tf_static", lambda m: submit(("static", m), False), qos.TF_STATIC

@@ -1,4 +1,4 @@
-"""Parameters that were calibrated with one camera, and nodes that see another."""
+"""The camera that nodes are told of: latched or repeated, and another than was calibrated."""
 
 from __future__ import annotations
 
@@ -37,4 +37,20 @@ def test_parameters_of_another_camera_are_refused(processes, watch):
         assert said(name, "calibrate again")
     watcher.spin_until(lambda: said("braille", "no poses"), 40.0, "work of braille")
     assert not said("braille", "isn't the one")
+    assert set(processes.stop().values()) == {0}
+
+
+def test_a_camera_that_repeats_its_calibration_is_heard(processes, watch):
+    """Not all drivers latch camera_info."""
+    watcher = watch()
+    processes.start("braille")
+    info = watcher.node.create_publisher(CameraInfo, "/event_camera/camera_info", qos.REPEATED)
+    message = messages.camera_info(CAMERA, 0, "event_camera_optical_frame")
+    watcher.node.create_timer(0.2, lambda: info.publish(message))
+    watcher.spin_until(
+        lambda: any("no poses" in said for said in watcher.messages_of(STATUS["braille"])),
+        40.0,
+        "calibration",
+    )
+    assert "incompatible" not in processes.log("braille")
     assert set(processes.stop().values()) == {0}
