@@ -29,7 +29,8 @@ SMALL = EvaluationOptions(
 
 def figures(mae_um: float | None, edges: float) -> dict[str, object]:
     return {"mae_um": mae_um, "edges_measured": edges, "points": 10, "spread_um": 5.0,
-            "tops_um": [{"mean": 600.0, "points": 3}, None, {"mean": 610.0, "points": 2}],
+            "tops_measured": 0.25, "tops_um":
+                [{"mean": 600.0, "points": 3}, None, {"mean": 610.0, "points": 2}],
             "objects": {}}  # fmt: skip
 
 
@@ -85,7 +86,7 @@ def test_tables_hold_mean_deviation_and_coverage() -> None:
     assert rows["focus"][4] == "200.3 ± 100.0 (50%)"
     assert dict((r[0], r[1]) for r in found["objects"].rows)["all"] == "62.0 ± 4.7"
     lines = {row[0]: row for row in found["lines"].rows}
-    assert lines["EMVS"][1:4] == ("67", "5.0", "10.0")
+    assert lines["EMVS"][1:4] == ("67", "5.0 (25%)", "10.0")
     assert [row[0] for row in found["force"].rows] == ["light", "medium", "full"]
     assert found["force"].rows[0][1] == "0.00"
     for table in found.values():
@@ -102,7 +103,10 @@ def test_what_was_not_measured_is_left_open() -> None:
 
 def test_tops_are_away_from_walls() -> None:
     points = np.array([[0.0005, 0.0, 6e-4], [0.0001, 0.0, 1e-4], [0.002, 0.0, 0.0]])
-    assert tops_of(points, Region("line", 0.0, 0.001, -0.001, 0.001)).tolist() == [6e-4]
+    heights, measured = tops_of(points, Region("line", 0.0, 0.001, -0.001, 0.001))
+    assert heights.tolist() == [6e-4]
+    # One of 6 × 16 cells of 0.1 mm.
+    assert measured == pytest.approx(1 / 96)
 
 
 def test_a_page_is_whole_and_escapes() -> None:
@@ -147,7 +151,7 @@ def test_a_run_that_was_broken_off_goes_on(tmp_path: Path, monkeypatch: pytest.M
         measure(wanted, {}, tmp_path / "passes", 1, lambda *_: None)
     (file,) = (tmp_path / "passes").iterdir()
     whole = file.read_text()
-    file.write_text(whole.replace('"form": 1', '"form": 0'))
+    file.write_text(whole.replace('"form": 2', '"form": 1'))
     with pytest.raises(AssertionError, match="measured again"):
         measure(wanted, CELL, tmp_path / "passes", 1, lambda *_: None)
     file.write_text(whole)

@@ -40,6 +40,8 @@ METHODS: dict[str, dict[str, Any]] = {
 _AROUND_M = 0.001
 #: What of a line's top counts, away from its walls, m.
 _TOP_M = 0.0002
+#: Cells in which tops are covered, metres.
+_TOP_CELL_M = 1e-4
 
 
 @dataclass(frozen=True)
@@ -135,12 +137,15 @@ def measure_whole(scan: Scan, method: str) -> dict[str, Any]:
     out["objects"] = {name: of_object(summary, name) for name in scan.truth.objects}
     tops = [tops_of(tally.points, region) for region in scan.truth.objects.values()]
     out["tops_um"] = [
-        {"mean": round(float(z.mean() * 1e6), 1), "points": len(z)} if len(z) else None
-        for z in tops
+        {"mean": round(float(z.mean() * 1e6), 1), "points": len(z), "measured": round(share, 4)}
+        if len(z)
+        else None
+        for z, share in tops
     ]
     if scan.name == "three_lines":
-        heights = np.concatenate(tops)
+        heights = np.concatenate([z for z, _ in tops])
         out["spread_um"] = round(float(heights.std() * 1e6), 2) if len(heights) else None
+        out["tops_measured"] = round(float(np.mean([share for _, share in tops])), 4)
     return out
 
 
@@ -165,12 +170,24 @@ def stitched(scan: Scan, method: str) -> SurfaceTally:
     return tally
 
 
-def tops_of(points: npt.NDArray[np.float64], region: Region) -> npt.NDArray[np.float64]:
-    """Heights of points on top of what stands in a region, away from its walls, metres."""
-    inner = Region(
-        region.name, region.x0 + _TOP_M, region.x1 - _TOP_M, region.y0 + _TOP_M, region.y1 - _TOP_M
-    )
-    return np.asarray(points[inner.contains(points[:, 0], points[:, 1]), 2])
+def tops_of(
+    points: npt.NDArray[np.float64], region: Region
+) -> tuple[npt.NDArray[np.float64], float]:
+    """What was found on top of what stands in a region, away from its walls.
+
+    Returns
+    -------
+    heights : ndarray of float64, shape (n,)
+        Metres.
+    measured : float
+        Share of the top, in cells of 0.1 mm, that holds a point.
+    """
+    low = np.array([region.x0, region.y0]) + _TOP_M
+    high = np.array([region.x1, region.y1]) - _TOP_M
+    inside = ((points[:, :2] >= low) & (points[:, :2] < high)).all(axis=1)
+    cells = np.unique(np.floor((points[inside, :2] - low) / _TOP_CELL_M).astype(int), axis=0)
+    count = np.ceil((high - low) / _TOP_CELL_M - 1e-6).prod()
+    return np.asarray(points[inside, 2]), float(len(cells) / max(count, 1.0))
 
 
 def pictured(scan: Scan, method: str) -> dict[str, npt.NDArray[np.generic]]:
