@@ -19,7 +19,7 @@ EVENTS = _profile(1000, reliable=False)
 #: Values that a late subscriber needs: camera_info, tf_static.
 LATCHED = _profile(1, reliable=True, latched=True)
 #: The same from who sends them over and over.
-REPEATED = _profile(1, reliable=True)
+REPEATED = _profile(1, reliable=False)
 TF = _profile(100, reliable=True)
 #: For who must not miss a pose: four seconds of an e-series robot may wait.
 EVERY_TF = _profile(2000, reliable=True)
