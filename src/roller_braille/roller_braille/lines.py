@@ -157,9 +157,10 @@ class LineReader:
 
     def _look_ahead(self) -> None:
         """Let blank cells stand for spaces as soon as the next cell, half seen, shows a dot."""
+        if self.lattice.centre(0)[0] > self._strip.half_seen * self._strip.px_m:
+            return
         reference = self._reference(self.lattice)
-        middle = self.lattice.centre(0)[0]
-        if reference is None or middle > self._strip.half_seen * self._strip.px_m:
+        if reference is None:
             return
         if (self._measure(self.lattice)[3].whole > FILLED * reference.whole).any():
             self.cells += self._pending

@@ -24,7 +24,10 @@ _COMMANDS = {
         "check libraries, ROS, camera, robot, clock, disk",
     ),
     "bench": ("roller_bringup.commands.bench", "measure speed against error"),
-    "evaluate": ("roller_bringup.commands.evaluate", "run an experiment with known truth"),
+    "evaluate": (
+        "roller_bringup.commands.evaluate",
+        "repeat the paper's experiments on the virtual cell",
+    ),
 }
 
 

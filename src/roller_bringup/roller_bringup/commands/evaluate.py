@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from roller_bringup.evaluation.plan import EXPERIMENTS, EvaluationOptions
+from roller_bringup.progress import Tell
 from roller_core.errors import SettingsError
 
 
@@ -47,9 +50,16 @@ def _add_jobs(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run_all(args: argparse.Namespace) -> int:
+@contextmanager
+def _telling() -> Iterator[Tell]:
+    """Show what is being done."""
     from rich.console import Console
 
+    with Console(stderr=True).status("evaluate") as status:
+        yield lambda text, share: status.update(f"evaluate: {share:.0%}, {text}")
+
+
+def _run_all(args: argparse.Namespace) -> int:
     from roller_bringup.evaluation.paper import run_evaluation
     from roller_bringup.results.tables import show_tables
 
@@ -64,13 +74,8 @@ def _run_all(args: argparse.Namespace) -> int:
     if given.get("repeats", 1) < 1 or args.jobs < 1 or given.get("seed", 0) < 0:
         raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
     options = EvaluationOptions.short(**given) if args.quick else EvaluationOptions(**given)
-    with Console(stderr=True).status("evaluate") as status:
-        found = run_evaluation(
-            options,
-            args.output,
-            args.jobs,
-            lambda text, share: status.update(f"evaluate: {share:.0%}, {text}"),
-        )
+    with _telling() as tell:
+        found = run_evaluation(options, args.output, args.jobs, tell)
     show_tables(list(found.values()))
     print(f"files: {args.output}/index.html, {args.output}/evaluation.json")
     return 0
@@ -93,8 +98,6 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
 
 
 def _run_braille(args: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from roller_bringup.evaluation.braille import BrailleOptions, run_braille
     from roller_bringup.evaluation.braille_report import tables
     from roller_bringup.results.tables import show_tables
@@ -110,13 +113,8 @@ def _run_braille(args: argparse.Namespace) -> int:
     if args.jobs < 1:
         raise SettingsError("--jobs: at least 1")
     options = BrailleOptions.short(**given) if args.quick else BrailleOptions(**given)
-    with Console(stderr=True).status("evaluate") as status:
-        result = run_braille(
-            options,
-            args.output,
-            lambda text, share: status.update(f"evaluate: {share:.0%}, {text}"),
-            args.jobs,
-        )
+    with _telling() as tell:
+        result = run_braille(options, args.output, tell, args.jobs)
     show_tables(tables(result))
     print(f"files: {args.output}/braille.json, {args.output}/braille.png")
     return 0
