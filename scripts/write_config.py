@@ -9,6 +9,7 @@ from roller_bringup.recorder.settings import RecorderParameters
 from roller_core.settings import Settings, parameter_file
 from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.ur10.settings import Ur10Parameters
+from roller_driver.virtual_cell_node import VirtualCellParameters
 from roller_emvs.emvs_node import EmvsParameters
 from roller_emvs.stitcher_node import StitcherParameters
 from roller_emvs.surface_node import SurfaceParameters
@@ -21,6 +22,7 @@ FILES: dict[str, type[Settings]] = {
     "stitcher": StitcherParameters,
     "surface": SurfaceParameters,
     "ur10": Ur10Parameters,
+    "virtual_cell": VirtualCellParameters,
 }
 
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from roller_bringup.inspection import InspectionSettings
-from roller_core.settings import parameter_file, read_parameters
+from roller_core.settings import Settings, parameter_file, read_parameters
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -36,9 +36,18 @@ def test_files_are_in_step_with_the_models(node: str) -> None:
 @pytest.mark.parametrize("node", FILES)
 def test_every_parameter_is_described_and_valid(node: str) -> None:
     model = FILES[node]
-    for name, field in model.model_fields.items():
-        assert field.description, f"{node}.{name} has no description"
+    check_descriptions(model, node)
     assert model.from_yaml(ROOT / "config" / f"{node}.yaml", node) == model.create({})
+
+
+def check_descriptions(model: type[Settings], where: str) -> None:
+    for name, field in model.model_fields.items():
+        group = field.annotation
+        if isinstance(group, type) and issubclass(group, Settings):
+            assert group.__doc__, f"{where}.{name} has no description"
+            check_descriptions(group, f"{where}.{name}")
+        else:
+            assert field.description, f"{where}.{name} has no description"
 
 
 def test_all_defaults_load_for_a_replay() -> None:

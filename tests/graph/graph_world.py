@@ -73,6 +73,15 @@ class Watcher:
                 return float(values[key])
         return -1.0
 
+    def summary(self) -> str:
+        """What was seen, for who has to find out why a test failed."""
+        lines = [f"{topic}: {len(found)} messages" for topic, found in self.seen.items()]
+        for name, found in self.statuses.items():
+            message, values = found[-1]
+            figures = ", ".join(f"{key} {value}" for key, value in values.items())
+            lines.append(f"{name}: {message} ({figures})")
+        return "\n".join(lines)
+
     def check_keys(self, *statuses: str) -> None:
         """Hold the newest values of statuses to the page that describes them."""
         for status in statuses:
@@ -82,7 +91,9 @@ class Watcher:
         """Take messages until something holds; fail when it takes too long."""
         end = time.monotonic() + timeout_s
         while not done():
-            assert time.monotonic() < end, f"{what} did not happen within {timeout_s} s"
+            assert time.monotonic() < end, (
+                f"{what} did not happen within {timeout_s} s\n{self.summary()}"
+            )
             self._executor.spin_once(timeout_sec=0.05)
 
     def spin(self, seconds: float) -> None:

@@ -33,7 +33,7 @@ def test_virtual_cell_to_surface(domain: None, tmp_path: Path) -> None:
     """Virtual cell, surface and recorder: near the truth, nothing lost."""
     overrides = tmp_path / "overrides.yaml"
     cell = (
-        f"{{truth_output: {tmp_path / 'truth'}, subscribers: 2, settle_s: 0.5, "
+        f"{{truth_output: {tmp_path / 'truth'}, subscribers: 2, pose_subscribers: 2, "
         "scene: {margin_mm: 4.0}}"
     )
     overrides.write_text(f"virtual_cell:\n  ros__parameters: {cell}\n")
@@ -84,7 +84,7 @@ def test_replay_equals_live(
     processes.start("surface", SURFACE)
     watcher.spin_until(lambda: bool(watcher.statuses[STATUS]), 60, "start of surface")
     assert "waiting for /event_camera/camera_info" in watcher.messages_of(STATUS)
-    processes.start("player", f"{{bag: {bag}, settle_s: 1.0}}")
+    processes.start("player", f"{{bag: {bag}, pose_subscribers: 1}}")
     clouds = watcher.seen[POINTS]
     watcher.spin_until(lambda: len(clouds) >= len(expected), 60, "all clouds")
     late = watch(POINTS)

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from roller_core.errors import RollerError
 from roller_core.settings import Settings
 from roller_ros import diagnostics
+from roller_ros.listeners import not_all_listen, wait_for_listeners
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -36,11 +37,14 @@ class PlayerParameters(Settings):
     subscribers: int = Field(
         1, ge=0, le=100, description="Subscribers to the events to wait for before playing."
     )
+    pose_subscribers: int = Field(
+        0, ge=0, le=100, description="Subscribers to /tf to wait for before playing."
+    )
     wait_s: float = Field(
         20.0, ge=0.0, le=600.0, description="How long to wait for them at most, s."
     )
     settle_s: float = Field(
-        1.0, ge=0.0, le=60.0, description="Pause between the last subscriber and playing, s."
+        1.0, ge=0.0, le=60.0, description="How long no subscriber may have come before playing, s."
     )
     exit_when_done: bool = Field(False, description="Whether to end after the last message.")
     linger_s: float = Field(
@@ -89,7 +93,7 @@ class PlayerNode(Node):
 
     def _run(self) -> None:
         try:
-            self._wait_for_subscribers()
+            self._wait_for_listeners()
             self._play()
         except RollerError as error:
             self._diagnostics.fault(str(error))
@@ -97,13 +101,12 @@ class PlayerNode(Node):
         if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
             self.done.set()
 
-    def _wait_for_subscribers(self) -> None:
-        end = time.monotonic() + self._p.wait_s
-        while time.monotonic() < end and not self._stop.is_set():
-            if self._events.get_subscription_count() >= self._p.subscribers:
-                break
-            time.sleep(0.05)
-        self._stop.wait(self._p.settle_s)
+    def _wait_for_listeners(self) -> None:
+        wanted = [(self._events, self._p.subscribers)]
+        if "/tf" in self._outputs:
+            wanted.append((self._outputs["/tf"], self._p.pose_subscribers))
+        if not wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop):
+            self.get_logger().warning(not_all_listen(wanted, self._p.wait_s))
 
     def _play(self) -> None:
         self._state = "playing"

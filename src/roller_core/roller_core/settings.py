@@ -90,15 +90,30 @@ def parameter_file(sections: Mapping[str, type[Settings]]) -> str:
     """
     lines = []
     for node, model in sections.items():
-        lines += [f"{node}:", "  ros__parameters:"]
-        for name, field in model.model_fields.items():
-            default = field.get_default(call_default_factory=True)
-            if isinstance(default, tuple):
-                default = list(default)
-            lines += [f"    # {line}" for line in textwrap.wrap(field.description or "", 90)]
-            value = yaml.safe_dump(default, default_flow_style=True, width=10_000)
-            lines.append(f"    {name}: {value.removesuffix('...' + chr(10)).strip()}")
+        lines += [f"{node}:", "  ros__parameters:", *_entries(model, "    ")]
     return "\n".join(lines) + "\n"
+
+
+def _entries(model: type[Settings], indent: str) -> list[str]:
+    """Lines of a model's defaults; models within it are groups."""
+    lines = []
+    for name, field in model.model_fields.items():
+        kind = field.annotation
+        group = kind if isinstance(kind, type) and issubclass(kind, Settings) else None
+        text = field.description or (group.__doc__ or "" if group else "").split("\n")[0]
+        told = text if text.endswith(".") else f"{text[:1].upper()}{text[1:]}."
+        lines += [f"{indent}# {line}" for line in textwrap.wrap(told, 94 - len(indent))]
+        if group is not None:
+            lines += [f"{indent}{name}:", *_entries(group, indent + "  ")]
+            continue
+        default = field.get_default(call_default_factory=True)
+        if isinstance(default, tuple):
+            default = list(default)
+        value = yaml.safe_dump(default, default_flow_style=True, width=10_000)
+        entry = f"{name}: {value.removesuffix('...' + chr(10)).strip()}"
+        # ROS 2's parameter files have no null: what is not set is left out.
+        lines.append(indent + (entry if default is not None else f"# {name}:"))
+    return lines
 
 
 def _first_fault(error: ValidationError) -> str:

@@ -24,6 +24,7 @@ from roller_core.settings import Settings
 from roller_core.transforms import matrix_to_quaternion
 from roller_ros import diagnostics, messages, qos
 from roller_ros.frames_settings import FrameSettings
+from roller_ros.listeners import not_all_listen, wait_for_listeners
 from roller_ros.node_main import run_node
 from roller_ros.parameters import descriptor
 
@@ -43,9 +44,10 @@ class VirtualCellParameters(VirtualCellSettings, FrameSettings):
         True, description="simulate all of the scan before it starts; else while it runs"
     )
     subscribers: int = Field(1, ge=0, le=100, description="subscribers to events to wait for")
+    pose_subscribers: int = Field(0, ge=0, le=100, description="subscribers to /tf to wait for")
     wait_s: float = Field(20.0, ge=0.0, le=600.0, description="longest wait for them, s")
     settle_s: float = Field(
-        1.0, ge=0.0, le=60.0, description="pause between the last subscriber and the scan, s"
+        1.0, ge=0.0, le=60.0, description="how long no subscriber may have come before the scan, s"
     )
     exit_when_done: bool = Field(False, description="end after the scan")
     linger_s: float = Field(
@@ -124,7 +126,12 @@ class VirtualCellNode(Node):
                 stream = iter(list(stream))
             self._save_truth(self._cell.truth.save_maps)
             self._state = "waiting for subscribers"
-            self._wait_for_subscribers()
+            wanted = (
+                (self._outputs[EVENTS], self._p.subscribers),
+                (self._outputs["/tf"], self._p.pose_subscribers),
+            )
+            if not wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop):
+                self.get_logger().warning(not_all_listen(wanted, self._p.wait_s))
             if not self._stop.is_set():
                 self._scan(stream)
         except Exception as error:  # a thread that dies unseen would leave all others waiting
@@ -168,14 +175,6 @@ class VirtualCellNode(Node):
             )
             return "/tf", TFMessage(transforms=[transform])
         return IMAGE, messages.image(item.image, item.stamp_ns, self._p.sensor_frame)
-
-    def _wait_for_subscribers(self) -> None:
-        end = time.monotonic() + self._p.wait_s
-        while time.monotonic() < end and not self._stop.is_set():
-            if self._outputs[EVENTS].get_subscription_count() >= self._p.subscribers:
-                break
-            time.sleep(0.05)
-        self._stop.wait(self._p.settle_s)
 
     def _scan(self, stream: Iterator[tuple[int, str, Any, int]]) -> None:
         self._state = "scanning"

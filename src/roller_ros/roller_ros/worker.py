@@ -13,6 +13,8 @@ import rclpy
 
 T = TypeVar("T")
 
+#: Longest time that the thread waits at once, s.
+_WAIT_S = 0.1
 #: Set when a worker of this process ended by an error of the program.
 CRASHED = threading.Event()
 
@@ -27,7 +29,8 @@ class Worker(Generic[T]):
     on_idle : callable
         Called once when nothing came for `idle_s`.
     idle_s : float
-        Seconds.
+        Seconds in which this thread had nothing to do. Time in which the process or the machine
+        stood still doesn't count: what came meanwhile is still on its way.
     limit : int
         Items that may wait; beyond it the oldest is dropped and counted.
     """
@@ -101,20 +104,24 @@ class Worker(Generic[T]):
             rclpy.try_shutdown()
 
     def _work(self) -> None:
-        last, idle_done = time.monotonic(), True
+        # Idle time is the sum of short waits in vain, each counted as no longer than it was to be.
+        idle_s, idle_done = 0.0, True
         while True:
+            begun = time.monotonic()
             with self._ready:
                 if not self._items and not self._stop:
-                    self._ready.wait(0.1)
+                    self._ready.wait(_WAIT_S)
                 if self._stop:
                     return
                 entry = self._items.popleft() if self._items else None
                 self._busy = entry is not None
             if entry is not None:
                 self._handle(entry[0])
-                if entry[1]:
-                    last, idle_done = time.monotonic(), False
-            if not idle_done and time.monotonic() - last > self._idle_s:
+            if entry is not None and entry[1]:
+                idle_s, idle_done = 0.0, False
+            else:
+                idle_s += min(time.monotonic() - begun, _WAIT_S)
+            if not idle_done and idle_s > self._idle_s and not self._items:
                 self._busy = True
                 self._on_idle()
                 idle_done = True

@@ -52,8 +52,14 @@ def run(args: argparse.Namespace) -> int:
 
     folder = fresh_folder(args.output.absolute())
     overrides = folder / "parameters.yaml"
-    # The scan starts when depth or surface, Braille and recorder are all listening.
-    cell = {"truth_output": str(folder / "truth"), "subscribers": 3}
+    # The scan starts when depth or surface, Braille and recorder are all listening, and the
+    # stitcher has the robot's poses too.
+    poses = 3 if args.method == "surface" else 4
+    cell = {
+        "truth_output": str(folder / "truth"),
+        "subscribers": 3,
+        "pose_subscribers": poses,
+    }
     overrides.write_text(yaml.safe_dump({"virtual_cell": {"ros__parameters": cell}}))
     arguments = {
         "scene": args.scene,

@@ -1,0 +1,72 @@
+"""Waiting for who listens."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from roller_ros.listeners import not_all_listen, wait_for_listeners
+
+#: Much longer than any of the waits below.
+LONG_S = 30.0
+
+
+class Heard:
+    """A publisher with as many subscribers as are set."""
+
+    topic_name = "/tf"
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+    def get_subscription_count(self) -> int:
+        return self.count
+
+
+def wait_in_thread(*arguments) -> tuple[threading.Thread, list[bool]]:
+    found: list[bool] = []
+    thread = threading.Thread(target=lambda: found.append(wait_for_listeners(*arguments)))
+    thread.start()
+    return thread, found
+
+
+def test_all_topics_have_to_be_heard():
+    events, poses, stop = Heard(2), Heard(0), threading.Event()
+    thread, found = wait_in_thread([(events, 2), (poses, 1)], LONG_S, 0.05, stop)
+    thread.join(0.4)
+    assert thread.is_alive()
+    poses.count = 1
+    thread.join(LONG_S)
+    assert found == [True]
+
+
+def test_it_settles_anew_with_each_that_comes():
+    events, stop = Heard(1), threading.Event()
+    thread, found = wait_in_thread([(events, 1)], LONG_S, 1.0, stop)
+    begun = time.monotonic()
+    for count in range(2, 8):
+        time.sleep(0.25)
+        events.count = count
+        last = time.monotonic()
+    assert thread.is_alive() or last - begun > 3.0  # a machine that stalls
+    thread.join(LONG_S)
+    assert found == [True]
+
+
+@pytest.mark.parametrize(("wait_s", "stopped"), [(0.1, False), (LONG_S, True)])
+def test_waiting_ends_without_them(wait_s, stopped):
+    stop = threading.Event()
+    thread, found = wait_in_thread([(Heard(0), 1)], wait_s, 0.0, stop)
+    if stopped:
+        stop.set()
+    thread.join(LONG_S)
+    assert found == [False]
+
+
+def test_who_is_missing_is_told():
+    told = not_all_listen([(Heard(1), 3)], 20.0)
+    assert told == "not all subscribers came in 20 s (/tf 1 of 3); it begins without them"

@@ -1,0 +1,115 @@
+"""The nodes' working thread."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from roller_ros import worker as module
+from roller_ros.worker import Worker
+
+#: Much longer than any of the waits below.
+LONG_S = 30.0
+
+
+class Made:
+    """A worker that notes what it did."""
+
+    def __init__(self, idle_s: float, limit: int = 100) -> None:
+        self.did: list[object] = []
+        self.gate = threading.Event()
+        self.gate.set()
+        self.worker: Worker[object] = Worker(
+            self._handle, lambda: self.did.append("idle"), idle_s, limit
+        )
+
+    def _handle(self, item: object) -> None:
+        self.gate.wait(LONG_S)
+        self.did.append(item)
+
+    def until(self, done: Callable[[], bool]) -> None:
+        end = time.monotonic() + LONG_S
+        while not done():
+            assert time.monotonic() < end, self.did
+            time.sleep(0.005)
+
+
+@pytest.fixture
+def make() -> Iterator[Callable[..., Made]]:
+    made: list[Made] = []
+
+    def create(idle_s: float, limit: int = 100) -> Made:
+        made.append(Made(idle_s, limit))
+        return made[-1]
+
+    yield create
+    for each in made:
+        each.gate.set()
+        each.worker.stop()
+
+
+def test_items_are_handled_in_order_and_then_it_is_idle_once(make):
+    made = make(0.05)
+    for item in range(20):
+        made.worker.submit(item)
+    made.until(lambda: made.did == [*range(20), "idle"])
+    time.sleep(0.3)
+    assert made.did == [*range(20), "idle"]
+    made.worker.submit("more")
+    made.until(lambda: made.did[20:] == ["idle", "more", "idle"])
+
+
+def test_what_does_not_keep_awake_neither_delays_nor_repeats_idleness(make):
+    made = make(0.2)
+    made.worker.submit("pose", False)
+    made.worker.submit("event")
+    end = time.monotonic() + LONG_S
+    while "idle" not in made.did:
+        assert time.monotonic() < end
+        made.worker.submit("pose", False)
+        time.sleep(0.01)
+    made.worker.submit("pose", False)
+    time.sleep(0.4)
+    assert made.did.count("idle") == 1
+
+
+def test_a_machine_that_stood_still_was_not_idle(make, monkeypatch):
+    """The clock leaps on, as after a suspend; what was on its way comes before the idle work."""
+    leap = 0.0
+
+    class Clock:
+        @staticmethod
+        def monotonic() -> float:
+            return time.monotonic() + leap
+
+        sleep = staticmethod(time.sleep)
+
+    monkeypatch.setattr(module, "time", Clock)
+    made = make(2.0)
+    made.worker.submit(1)
+    made.until(lambda: made.did == [1])
+    leap = 1000.0
+    time.sleep(0.3)
+    made.worker.submit(2)
+    made.until(lambda: len(made.did) == 2)
+    assert made.did == [1, 2]
+    made.until(lambda: made.did == [1, 2, "idle"])
+
+
+def test_the_oldest_is_dropped_and_counted(make):
+    made = make(LONG_S, limit=3)
+    made.gate.clear()
+    made.worker.submit("first")
+    made.until(lambda: made.worker.waiting == 1 and not made.did)
+    time.sleep(0.05)  # now in hand
+    for item in range(5):
+        made.worker.submit(item)
+    assert made.worker.dropped == 2
+    made.gate.set()
+    assert made.worker.drain(LONG_S)
+    made.until(lambda: made.did == ["first", 2, 3, 4])
