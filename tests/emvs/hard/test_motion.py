@@ -188,3 +188,45 @@ def test_noise_does_not_pass_for_depth(method: str) -> None:
     motion: Motion = rolling(SPEED_M_S)
     events = noisy(world.scan(motion), 1.0)
     world.assert_right(world.points_of(world.run(method, events, world.poses(motion))))
+
+
+#: A robot's ramp, m/s², and by how much event stamps lag.
+RAMP_M_S2, DELAY_S = 5.0, 0.0007
+
+
+def speeding_up(t: float) -> tuple[F64, F64]:
+    """From 0.1 m/s on."""
+    return np.array([0.1 * t + 0.5 * RAMP_M_S2 * t**2, 0.0, 0.0]), UPRIGHT
+
+
+@pytest.fixture(scope="module")
+def ramp() -> EventArray:
+    events = world.scan(speeding_up)
+    return events.with_times(events.t_ns + round(DELAY_S * 1e9))
+
+
+def ramp_error_m(method: str, ramp: EventArray, delay_s: float) -> tuple[float, float]:
+    """Median error of depth, and what Z·a·delay/v says where the points lie, metres."""
+    values: dict[str, object] = {} if method == "surface" else {"window": "travel"}
+    found = world.run(method, ramp, world.poses(speeding_up), event_delay_s=delay_s, **values)
+    points = world.points_of(found)
+    points = points[points[:, 0] > 0.005]  # seen from 0.2 m/s on
+    assert len(points) > 50
+    speed = np.sqrt(0.1**2 + 2 * RAMP_M_S2 * np.clip(points[:, 0], 0.0, None))
+    told = np.median(points[:, 2] * RAMP_M_S2 * (DELAY_S - delay_s) / speed)
+    return float(np.median(points[:, 2] - world.tilted(points[:, 0]))), float(told)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_depth_in_a_ramp_is_right_where_the_delay_is_known(ramp: EventArray, method: str) -> None:
+    found, told = ramp_error_m(method, ramp, DELAY_S)
+    assert told == 0.0
+    assert abs(found) < 0.5 * world.pixel_m()
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_an_unknown_delay_scales_depth_in_a_ramp(ramp: EventArray, method: str) -> None:
+    """As HARD_CASES.md says: by acceleration × delay / speed."""
+    found, told = ramp_error_m(method, ramp, 0.0)
+    assert told > world.pixel_m()
+    assert found == pytest.approx(told, abs=0.5 * world.pixel_m())

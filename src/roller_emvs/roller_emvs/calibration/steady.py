@@ -1,8 +1,8 @@
 """The part of a pass that is rolled at one speed.
 
-Between two poses the way is taken as straight. Where the roller speeds up by some m/s², a track of
-125 Hz is off by tens of micrometres there, and depth, which is measured against the way, by
-percents.
+Where the roller speeds up, a delay of the event stamps that isn't known yet scales depth by
+acceleration × delay / speed: 0.4 ms at 15 m/s² and 0.3 m/s are 1 mm of 45. And between two poses
+the way is taken as straight, which puts a track of 125 Hz off by 0.1 mm at 15 m/s².
 """
 
 from __future__ import annotations
