@@ -18,6 +18,8 @@ from .warp import F64, Warp
 
 #: Cells this near to one that is known, in cell pitches, are that one seen again.
 _SAME = 0.4
+#: Lines nearer to each other than this, in line pitches, have none between them.
+_ROOM_BETWEEN = 1.6
 
 
 def certain_dots(confidence: Sequence[float], least: float) -> int:
@@ -37,10 +39,12 @@ def _lowest(lines: Sequence[LineReader]) -> LineReader:
     return max(lines, key=lambda line: line.top_at(at))
 
 
-class _Place:
-    """Where the next cell of a line being read goes."""
+class _Open:
+    """A line whose cells are being given: how many were, and where the next one goes."""
 
-    def __init__(self) -> None:
+    def __init__(self, reader: LineReader) -> None:
+        self.reader = reader
+        self.given = 0
         self.line: int | None = None
         self.column = 0
 
@@ -48,9 +52,9 @@ class _Place:
 class Page:
     """Puts cells in reading order and finds what they stand for.
 
-    Lines that are in view together are read one after the other, from the top. A sensor that rolls
-    against the reading direction, or over text that is upside down, sees a line's end first, so its
-    lines come when the pass is over.
+    Lines that are in view together are given one after the other, from the top, or each as it
+    passes (`line_order`). A sensor that rolls against the reading direction, or over text that is
+    upside down, sees a line's end first, so its lines come when the pass is over.
     Cells that an earlier pass has read are left out.
 
     Parameters
@@ -69,9 +73,7 @@ class Page:
         self._read_line = line_reader(settings.code)
         self._known: F64 = np.empty((0, 3))
         self._where: list[tuple[int, int]] = []
-        self._current: LineReader | None = None
-        self._given = 0
-        self._place = _Place()
+        self._open: list[_Open] = []
         self.repeated = 0
 
     def text(self) -> list[str]:
@@ -102,41 +104,51 @@ class Page:
         if not over and (backwards or turned is not False):
             return
         while True:
-            if self._current is None:
-                ready = [x for x in reader.lines if x.accepted]
-                if not ready:
-                    return
-                upper = _lowest(ready) if turned else _upper(ready)
-                if not over and self._one_above(reader, upper):
-                    return
-                self._current = upper
-                self._given, self._place = 0, _Place()
-            cells = self._current.cells
-            if turned:
-                cells = upside_down(cells, self._settings.min_dot_confidence)
-            new = cells[::-1] if backwards else cells[self._given :]
-            self._given = len(cells)
-            for seen in new:
-                yield from self._give(seen, reader)
-            if not self._current.closed:
+            self._open_lines(reader, over, bool(turned))
+            ended = [line for line in self._open if line.reader.closed]
+            for line in self._open:
+                cells = line.reader.cells
+                if turned:
+                    cells = upside_down(cells, self._settings.min_dot_confidence)
+                new = cells[::-1] if backwards else cells[line.given :]
+                line.given = len(cells)
+                for seen in new:
+                    yield from self._give(line, seen, reader)
+            if not ended:
                 return
-            reader.lines.remove(self._current)
-            self._current = None
+            for line in ended:
+                self._open.remove(line)
+                reader.lines.remove(line.reader)
 
-    def _one_above(self, reader: PassReader, line: LineReader) -> bool:
+    def _open_lines(self, reader: PassReader, over: bool, turned: bool) -> None:
+        """Begin with the lines that it is the turn of."""
+        while not self._open or self._settings.line_order == "seen":
+            begun = [line.reader for line in self._open]
+            ready = [x for x in reader.lines if x.accepted and x not in begun]
+            if not ready:
+                return
+            first = _lowest(ready) if turned else _upper(ready)
+            if not over and self._one_above(reader, first, begun):
+                return
+            self._open.append(_Open(first))
+
+    def _one_above(self, reader: PassReader, line: LineReader, begun: list[LineReader]) -> bool:
         """Whether a line above one, which is to come first, may begin or be accepted yet."""
-        begun = (self._settings.lookahead_cells + 2) * self._settings.spacing.cell_pitch_m
-        if reader.room_above(line) and reader.reach_m < line.start + begun:
-            return True
+        spacing = self._settings.spacing
+        ahead = (self._settings.lookahead_cells + 2) * spacing.cell_pitch_m
+        if reader.reach_m < line.start + ahead and reader.room_above(line):
+            # Right below one that has begun there is none.
+            below = [line.top_at(line.start) - x.top_at(line.start) for x in begun]
+            if not any(0 < way < _ROOM_BETWEEN * spacing.line_pitch_m for way in below):
+                return True
         waiting = [x for x in reader.lines if not x.accepted]
         return any(_upper([x, line]) is x for x in waiting)
 
-    def _give(self, seen: Seen, reader: PassReader) -> Iterator[Cell]:
+    def _give(self, place: _Open, seen: Seen, reader: PassReader) -> Iterator[Cell]:
         depth = self._warp.depth_at(reader.roll)
         along = reader.way.in_poses_scale(seen.dots[:, 0])
         dots = self._warp.surface_points(reader.roll, along, seen.dots[:, 1], depth)
         position = dots.mean(axis=0)
-        place = self._place
         known = self._find(position)
         if known is not None:
             self.repeated += 1

@@ -130,7 +130,7 @@ class BraillePipeline:
         return self._page.lines()
 
     def results(self, flush: bool = False) -> Iterator[Cell]:
-        """Cells that are complete, each once, in reading order.
+        """Cells that are complete, each once; of a line in reading order, see `line_order`.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ def cells_to_json(
     Parameters
     ----------
     cells : iterable of Cell
-        In the order they were given.
+        In any order; they are written in reading order.
     lines : sequence of sequences of LineCell
         `BraillePipeline.lines()`.
     code : str
@@ -56,6 +56,6 @@ def cells_to_json(
                 "confidence": cell.confidence,
                 "dot_confidence": list(cell.dot_confidence),
             }
-            for cell in cells
+            for cell in sorted(cells, key=lambda cell: (cell.line, cell.column))
         ],
     }

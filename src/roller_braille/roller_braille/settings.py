@@ -131,6 +131,11 @@ class BrailleSettings(TimingSettings):
         description="Cells seen beyond its first dot before a line is begun; lines above that are "
         "indented by less come first.",
     )
+    line_order: Literal["seen", "reading"] = Field(
+        "seen",
+        description="Of lines in view together, seen: cells of all come as they pass, told apart "
+        "by line and column; reading: those of the lower one come after the upper one's last.",
+    )
     min_line_dots: int = Field(
         3, ge=1, le=100, description="Fewer dots than this are not taken for a line."
     )
