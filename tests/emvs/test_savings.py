@@ -9,12 +9,12 @@ from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of, tur
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.transforms import quaternion_to_matrix, rotation_vector_to_quaternion
-from roller_emvs import paper
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.hot_pixels import hot_pixels
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.prior import DepthPrior
 from roller_emvs.settings import DepthSettings
+from roller_emvs.shifted import shifted_planes
 
 DURATION_S = 0.12
 BOUNDS = (0.043, 0.047)
@@ -102,7 +102,7 @@ def test_views_are_shared_where_they_are_parallel() -> None:
     settings = DepthSettings.create(VALUES)
     views = np.tile(np.eye(4), (3, 1, 1))
     views[:, 0, 3] = (-0.00452, 0.00003, 0.00448)
-    found = paper.shifted_planes(CAMERA, views, BOUNDS, settings)
+    found = shifted_planes(CAMERA, views, BOUNDS, settings)
     assert found is not None
     planes, put = found.planes, found.views
     # A plane beyond either end, and one for each pixel of the window's parallax between.
@@ -122,12 +122,12 @@ def test_views_of_a_roller_that_gains_speed_are_shared() -> None:
     settings = DepthSettings.create(VALUES)
     views = np.tile(np.eye(4), (3, 1, 1))
     views[:, 0, 3] = (-0.0041, 0.0, 0.0049)
-    found = paper.shifted_planes(CAMERA, views, BOUNDS, settings)
+    found = shifted_planes(CAMERA, views, BOUNDS, settings)
     assert found is not None
     np.testing.assert_allclose(found.views[:, 0, 3], (-0.0041, 0.0004, 0.0049), atol=1e-12)
     # It stood up to the middle of the window: the first two views are one.
     views[:2, 0, 3] = 0.0
-    found = paper.shifted_planes(CAMERA, views, BOUNDS, settings)
+    found = shifted_planes(CAMERA, views, BOUNDS, settings)
     assert found is not None
     np.testing.assert_allclose(found.views[:, 0, 3], (0.0, 0.0, 0.0049), atol=1e-12)
 
@@ -136,18 +136,18 @@ def test_views_that_turn_or_lie_elsewhere_are_not_shared() -> None:
     settings = DepthSettings.create(VALUES)
     views = np.tile(np.eye(4), (3, 1, 1))
     views[:, 0, 3] = (-0.0045, 0.0, 0.0045)
-    assert paper.shifted_planes(CAMERA, views, BOUNDS, settings) is not None
+    assert shifted_planes(CAMERA, views, BOUNDS, settings) is not None
     tilted_view = views.copy()
     turn = rotation_vector_to_quaternion([0.0, 0.01, 0.0])
     tilted_view[2, :3, :3] = quaternion_to_matrix(turn)
-    assert paper.shifted_planes(CAMERA, tilted_view, BOUNDS, settings) is None
+    assert shifted_planes(CAMERA, tilted_view, BOUNDS, settings) is None
     quarter = views.copy()
     quarter[1, 0, 3] = 0.002
-    assert paper.shifted_planes(CAMERA, quarter, BOUNDS, settings) is None
+    assert shifted_planes(CAMERA, quarter, BOUNDS, settings) is None
     upwards = views[:, [1, 0, 2, 3]].copy()
-    assert paper.shifted_planes(CAMERA, upwards, BOUNDS, settings) is None
+    assert shifted_planes(CAMERA, upwards, BOUNDS, settings) is None
     dense = DepthSettings.create({**VALUES, "planes_per_px": 2.0})
-    assert paper.shifted_planes(CAMERA, views, BOUNDS, dense) is None
+    assert shifted_planes(CAMERA, views, BOUNDS, dense) is None
 
 
 def test_rolling_along_v_is_found_by_focus() -> None:
@@ -198,4 +198,4 @@ def test_a_turning_camera_is_voted_view_by_view() -> None:
     poses = track.matrices([0, 50_000_000, 100_000_000])
     relative = np.linalg.inv(poses[1]) @ poses
     settings = DepthSettings.create(VALUES)
-    assert paper.shifted_planes(CAMERA, relative, BOUNDS, settings) is None
+    assert shifted_planes(CAMERA, relative, BOUNDS, settings) is None
