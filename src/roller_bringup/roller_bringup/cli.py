@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
+from roller_core.opencv import one_opencv_thread
 
 #: Name of a subcommand's module and its line of help; modules are loaded when they are used.
 _COMMANDS = {
@@ -55,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             subparsers.add_parser(name, help=line)
     args = parser.parse_args(words)
     keep_freed_memory()
+    one_opencv_thread()
     try:
         return int(args.run(args))
     except RollerError as error:

@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
+from roller_core.opencv import one_opencv_thread
 
 from .worker import CRASHED
 
@@ -26,6 +27,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         line on standard error that says why.
     """
     keep_freed_memory()
+    one_opencv_thread()
     rclpy.init(args=list(args) if args is not None else None)
     node: Node | None = None
     code = 0

@@ -12,6 +12,7 @@ from typing import Any
 
 from roller_bringup.progress import Tell
 from roller_bringup.results.tables import write_json
+from roller_core.opencv import one_opencv_thread
 
 Json = dict[str, Any]
 
@@ -90,7 +91,7 @@ def do_jobs(
             take(job, job.run(*job.arguments))
         return _all(results)
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(processes, len(missing)), context, _one_thread) as pool:
+    with ProcessPoolExecutor(min(processes, len(missing)), context, one_opencv_thread) as pool:
         futures = {pool.submit(job.run, *job.arguments): job for job in missing}
         try:
             for future in as_completed(futures):
@@ -103,13 +104,6 @@ def do_jobs(
 
 def _all(results: Mapping[str, Json | None]) -> dict[str, Json]:
     return {name: found for name, found in results.items() if found is not None}
-
-
-def _one_thread() -> None:
-    """Each process has a core of its own."""
-    import cv2
-
-    cv2.setNumThreads(1)
 
 
 def _kept(path: Path, asked: Json, serves: Callable[[Json, Json], bool]) -> Json | None:
