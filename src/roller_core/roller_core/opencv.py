@@ -11,7 +11,7 @@ def one_opencv_thread() -> None:
     """Have OpenCV do its work on the thread that calls it, unless the environment says otherwise.
 
     What there is to do is shared between threads and processes already. OpenCV would share it out
-    once more, image by image: that costs a twelfth of the time of a window and gains none. To be
-    called before OpenCV is first used.
+    once more, image by image: that costs 7 % of a window's CPU time and gains none. To be called
+    before OpenCV is first used.
     """
     os.environ.setdefault(_VARIABLE, "1")
