@@ -16,9 +16,8 @@ from braille.synthetic import (
     roll_track,
     scan,
 )
-from roller_braille.cells import Cell
 from roller_braille.pipeline import BraillePipeline
-from roller_braille.settings import BrailleSettings, Spacing
+from roller_braille.settings import Spacing
 from roller_braille.table import LETTERS, UNREADABLE, to_masks
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -71,62 +70,6 @@ def test_two_lines_come_one_after_the_other() -> None:
         *((0, n) for n in range(5)),
         *((1, n) for n in range(3)),
     ]
-
-
-@pytest.mark.parametrize("indent_m", [0.0, 3e-3, 20e-3])
-def test_lines_in_view_together_can_come_as_they_pass(indent_m: float) -> None:
-    """Not the lower one seconds after the upper; which is which line and column tell."""
-    plate = Plate().text("the upper line", y0=5e-3).text("low one", x0=indent_m, y0=-5e-3)
-    track = over(plate)
-    events = scan(plate, track)
-    chunks = round((events.t_ns[-1] - events.t_ns[0]) / 5e6)
-    waits: dict[str, list[float]] = {}
-    found: dict[str, list[Cell]] = {}
-    for order in ("reading", "seen"):
-        pipeline = BraillePipeline(BrailleSettings.create({"line_order": order}), CAMERA, track)
-        found[order], waits[order] = [], []
-        for part in np.array_split(np.arange(len(events)), chunks):
-            pipeline.add_events(events[part])
-            for cell in pipeline.results():
-                found[order].append(cell)
-                if cell.line == 1 and cell.column > 2:
-                    waits[order].append((events.t_ns[part[-1]] - cell.stamp_ns) * 1e-9)
-        found[order] += pipeline.results(flush=True)
-        assert pipeline.text() == ["the upper line", "low one"]
-    places = [(cell.line, cell.column) for cell in found["reading"]]
-    assert places == sorted(places)
-    as_seen = [(cell.line, cell.column) for cell in found["seen"]]
-    assert as_seen != places
-    assert sorted(as_seen) == places
-    for line in (0, 1):
-        columns = [column for n, column in as_seen if n == line]
-        assert columns == sorted(columns)
-    assert [c.mask for c in sorted(found["seen"], key=lambda c: (c.line, c.column))] == [
-        c.mask for c in found["reading"]
-    ]
-    assert max(waits["seen"]) < 0.05
-    # In reading order they wait for a line of 87 mm at 0.3 m/s.
-    assert not waits["reading"] or min(waits["reading"]) > 0.05
-
-
-@pytest.mark.parametrize("speed", [0.05, 0.1, 0.3, 0.5])
-def test_cells_come_as_they_pass(speed: float) -> None:
-    """Spaces too: none waits for the cell after it to be read."""
-    text = "the quick brown fox jumps over it"
-    plate = Plate().text(text)
-    track = over(plate, speed)
-    events = scan(plate, track, noise=60_000)
-    pipeline = BraillePipeline(SETTINGS, CAMERA, track)
-    ages_s, begin = [], 0
-    for now_ns in range(track.start_ns, track.end_ns, 1_000_000):
-        end = int(np.searchsorted(events.t_ns, now_ns))
-        pipeline.add_events(events[begin:end])
-        begin = end
-        ages_s += [(now_ns - cell.stamp_ns) * 1e-9 for cell in pipeline.results()]
-    assert pipeline.text() == [text]
-    # A line's first cells wait until it is known for one, and which way round it is.
-    assert max(ages_s[4:]) < 0.05
-    assert max(ages_s[:4]) < 0.04 + 0.02 / speed
 
 
 def test_a_cell_read_before_it_leaves_the_view_is_as_sure() -> None:

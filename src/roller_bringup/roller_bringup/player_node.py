@@ -14,7 +14,7 @@ from rclpy.node import Node
 from roller_core.errors import RollerError
 from roller_core.settings import Settings
 from roller_ros import diagnostics
-from roller_ros.listeners import not_all_listen, wait_for_listeners
+from roller_ros.listeners import wait_for_listeners
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -105,8 +105,9 @@ class PlayerNode(Node):
         wanted = [(self._events, self._p.subscribers)]
         if "/tf" in self._outputs:
             wanted.append((self._outputs["/tf"], self._p.pose_subscribers))
-        if not wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop):
-            self.get_logger().warning(not_all_listen(wanted, self._p.wait_s))
+        missing = wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop)
+        if missing:
+            self.get_logger().warning(missing)
 
     def _play(self) -> None:
         self._state = "playing"

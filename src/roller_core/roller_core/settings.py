@@ -100,7 +100,8 @@ def _entries(model: type[Settings], indent: str) -> list[str]:
     for name, field in model.model_fields.items():
         kind = field.annotation
         group = kind if isinstance(kind, type) and issubclass(kind, Settings) else None
-        text = field.description or (group.__doc__ or "" if group else "").split("\n")[0]
+        about_group = (group.__doc__ if group else None) or ""
+        text = field.description or about_group.split("\n")[0]
         told = text if text.endswith(".") else f"{text[:1].upper()}{text[1:]}."
         lines += [f"{indent}# {line}" for line in textwrap.wrap(told, 94 - len(indent))]
         if group is not None:

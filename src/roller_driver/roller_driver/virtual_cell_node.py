@@ -24,7 +24,7 @@ from roller_core.settings import Settings
 from roller_core.transforms import matrix_to_quaternion
 from roller_ros import diagnostics, messages, qos
 from roller_ros.frames_settings import FrameSettings
-from roller_ros.listeners import not_all_listen, wait_for_listeners
+from roller_ros.listeners import wait_for_listeners
 from roller_ros.node_main import run_node
 from roller_ros.parameters import descriptor
 
@@ -130,8 +130,9 @@ class VirtualCellNode(Node):
                 (self._outputs[EVENTS], self._p.subscribers),
                 (self._outputs["/tf"], self._p.pose_subscribers),
             )
-            if not wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop):
-                self.get_logger().warning(not_all_listen(wanted, self._p.wait_s))
+            missing = wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop)
+            if missing:
+                self.get_logger().warning(missing)
             if not self._stop.is_set():
                 self._scan(stream)
         except Exception as error:  # a thread that dies unseen would leave all others waiting

@@ -19,7 +19,7 @@ class Publisher(Protocol):
 
 def wait_for_listeners(
     wanted: Sequence[tuple[Publisher, int]], wait_s: float, settle_s: float, stop: threading.Event
-) -> bool:
+) -> str:
     """Wait until publishers have their subscribers, and then until no more come.
 
     Parameters
@@ -36,8 +36,8 @@ def wait_for_listeners(
 
     Returns
     -------
-    bool
-        Whether all had their subscribers.
+    str
+        What to tell if not all came in time; else empty.
     """
     now = time.monotonic()
     end, changed, before = now + wait_s, now, [-1 for _ in wanted]
@@ -47,16 +47,14 @@ def wait_for_listeners(
         if counts != before:
             before, changed = counts, now
         complete = all(n >= least for n, (_, least) in zip(counts, wanted, strict=True))
-        if (complete or now > end) and now - changed >= settle_s:
-            return complete
+        if complete and now - changed >= settle_s:
+            return ""
+        if now > end + settle_s:
+            found = ", ".join(
+                f"{publisher.topic_name} {n} of {least}"
+                for n, (publisher, least) in zip(counts, wanted, strict=True)
+            )
+            told = f"not all subscribers came in {wait_s:g} s ({found}); it begins without them"
+            return "" if complete else told
         stop.wait(0.05)
-    return False
-
-
-def not_all_listen(wanted: Sequence[tuple[Publisher, int]], wait_s: float) -> str:
-    """What to tell when a scan begins although not all listen."""
-    found = ", ".join(
-        f"{publisher.topic_name} {publisher.get_subscription_count()} of {least}"
-        for publisher, least in wanted
-    )
-    return f"not all subscribers came in {wait_s:g} s ({found}); it begins without them"
+    return ""
