@@ -9,6 +9,7 @@ from roller_emvs.evidence import EvidenceSettings, RayField, find_depths, order_
 from roller_emvs.evidence import _peak_kernels as peaks
 from roller_emvs.evidence._kernels import CELL_PX
 from roller_emvs.evidence.creep import creep_depth_m
+from roller_emvs.evidence.relief import enlarge
 from roller_emvs.evidence.sweep import plane_shifts
 from roller_emvs.evidence.viewing import viewing
 
@@ -154,14 +155,34 @@ def test_shear_moves_columns_between_cells() -> None:
 
 def test_pixels_that_gather_more_than_around_are_taken_once() -> None:
     rng = np.random.default_rng(9)
-    support, around, surface, sure = rng.random((4, 20, 30)).astype(np.float32)
-    best = rng.random((20, 30)).astype(np.float32)
-    shift, confidence, before = np.zeros_like(best), np.zeros_like(best), best.copy()
-    peaks._choose(support, around, surface, sure, np.float32(0.3), best, shift, confidence)
-    taken = (support >= np.float32(0.3)) & (support > around) & (support > before)
-    np.testing.assert_array_equal(best, np.where(taken, support, before))
-    np.testing.assert_array_equal(shift, np.where(taken, surface, 0))
-    np.testing.assert_array_equal(confidence, np.where(taken, sure, 0))
+    one, one_around, two, two_around = rng.random((4, 20, 30)).astype(np.float32)
+    two[:, :10] = 0
+    which = np.empty((20, 30), np.uint8)
+    count = peaks._choose(one, one_around, two, two_around, np.float32(0.3), which)
+    off = (one >= np.float32(0.3)) & (one > one_around)
+    on = (two >= np.float32(0.3)) & (two > two_around) & (two > np.where(off, one, 0))
+    np.testing.assert_array_equal(which, np.where(on, 2, np.where(off, 1, 0)))
+    assert count == np.count_nonzero(off | on)
+    assert {0, 1, 2} == set(which.ravel().tolist())
+
+
+def test_what_is_taken_lies_between_cells() -> None:
+    rng = np.random.default_rng(10)
+    which = rng.integers(0, 3, (24, 32)).astype(np.uint8)
+    surfaces = tuple(rng.random((2, 24, 32)).astype(np.float32))
+    cells = rng.random((3, 6, 8)).astype(np.float32)
+    cells[:, 2, 3] = np.nan
+    count = np.count_nonzero(which)
+    row, column = (np.empty(count, np.int64) for _ in range(2))
+    shift, sure, spread = (np.empty(count, np.float32) for _ in range(3))
+    peaks._take(which, surfaces, tuple(cells[:2]), cells[2], row, column, shift, sure, spread)
+    np.testing.assert_array_equal((row, column), np.nonzero(which))
+    second = which[row, column] == 2
+    for found, images in ((shift, surfaces), (sure, [enlarge(c) for c in cells[:2]])):
+        expected = np.where(second, images[1][row, column], images[0][row, column])
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+    np.testing.assert_allclose(spread, enlarge(cells[2])[row, column], atol=1e-6)
+    assert np.isnan(spread).any()
 
 
 def test_planes_are_as_many_as_parallax_and_reach_beyond_the_ends() -> None:

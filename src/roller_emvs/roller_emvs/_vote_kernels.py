@@ -223,11 +223,16 @@ def _sweep_band(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _keep_larger(seen, k, best, number):  # type: ignore[no-untyped-def]
+    """Take plane `k`, which comes after all planes before, where it has more votes than they.
+
+    Two maxima, as what is kept in one case and written in the other becomes a masked store,
+    which takes many times as long on some processors.
+    """
     for x in range(len(best)):
         votes = seen[x]
-        better = votes > best[x]
-        best[x] = votes if better else best[x]
-        number[x] = k if better else number[x]
+        was = best[x]
+        number[x] = max(number[x], k * np.int32(votes > was))
+        best[x] = max(votes, was)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -272,9 +277,10 @@ def _sweep_band_views(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _keep_larger_hat(middle, beside, k, best, number):  # type: ignore[no-untyped-def]
+    """As `_keep_larger`, of votes put together from their halves."""
     half = middle.dtype.type(0.5)
     for x in range(len(best)):
         votes = middle[x] + half * (beside[x] + beside[x + 1])
-        better = votes > best[x]
-        best[x] = votes if better else best[x]
-        number[x] = k if better else number[x]
+        was = best[x]
+        number[x] = max(number[x], k * np.int32(votes > was))
+        best[x] = max(votes, was)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ._kernels import CELL_PX
+
 
 @njit(cache=True, nogil=True)
 def _shear(energy, offsets, out):  # type: ignore[no-untyped-def]
@@ -23,15 +25,22 @@ def _shear(energy, offsets, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _keep_best(scores, k, inner, first, last, total, top, best):  # type: ignore[no-untyped-def]
-    """Take plane `k` of a row of cells into the sums, and where it is best; see `_find_peak`."""
+    """Take plane `k` of a row of cells into the sums, and where it is best; see `_find_peak`.
+
+    Planes come in order. Maxima, as what is kept in one case and written in the other becomes a
+    masked store, which takes many times as long on some processors.
+    """
     plane = np.int32(k)
+    counts = np.int32(inner) * plane
     for j in range(len(scores)):
+        score = scores[j]
         inside = (plane >= first[j]) & (plane <= last[j])
-        value = scores[j] if inside else np.float32(0)
+        value = score if inside else np.float32(0)
         total[j] += value
-        better = inner & inside & (value > top[j])
-        top[j] = value if better else top[j]
-        best[j] = plane if better else best[j]
+        was = top[j]
+        best[j] = max(best[j], counts * np.int32(inside & (value > was)))
+        if inner:
+            top[j] = max(value, was)
 
 
 @njit(cache=True, nogil=True)
@@ -125,14 +134,62 @@ def _centroids(energy, plane, weights, total, x, y):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True)
-def _choose(support, around, surface, confidence, least, best, shift, sure):  # type: ignore[no-untyped-def]
-    """Take the pixels on which more events gather than around, and than any taken before."""
-    height, width = support.shape
-    for y in range(height):
-        for x in range(width):
-            votes = support[y, x]
-            if votes >= least and votes > around[y, x] and votes > best[y, x]:
-                # A pixel without depth has no support, so the surface is known here.
-                best[y, x] = votes
-                shift[y, x] = surface[y, x]
-                sure[y, x] = confidence[y, x]
+def _choose(support, around, other, other_around, least, which):  # type: ignore[no-untyped-def]
+    """Which of two images of events gathers more at each pixel: 1, 2, or 0 for none of them.
+
+    Events gather where there are at least `least`, and more than around. Returns the number of
+    pixels that have them.
+    """
+    count = np.int64(0)
+    for y in range(which.shape[0]):
+        for x in range(which.shape[1]):
+            first = support[y, x]
+            second = other[y, x]
+            one = (first >= least) & (first > around[y, x])
+            two = (second >= least) & (second > other_around[y, x])
+            chosen = max(np.uint8(one), np.uint8(2) * np.uint8(two & ((second > first) | ~one)))
+            which[y, x] = chosen
+            count += np.int64(chosen > 0)
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _between(cells, y, x):  # type: ignore[no-untyped-def]
+    """Value between cells at a pixel, bilinear; beyond the outer cells' middles it stays."""
+    half = np.float32(0.5)
+    zero = np.float32(0)
+    share = np.float32(1.0 / CELL_PX)
+    height, width = cells.shape
+    b = (np.float32(y) + half) * share - half
+    a = (np.float32(x) + half) * share - half
+    b = min(max(b, zero), np.float32(height - 1))
+    a = min(max(a, zero), np.float32(width - 1))
+    i = int(b)
+    j = int(a)
+    # At an outer cell's middle the next one doesn't count, not even if it is NaN.
+    below = i + 1 if b > i else i
+    right = j + 1 if a > j else j
+    down = np.float32(b - i)
+    across = np.float32(a - j)
+    up = cells[i, j] + across * (cells[i, right] - cells[i, j])
+    low = cells[below, j] + across * (cells[below, right] - cells[below, j])
+    return up + down * (low - up)
+
+
+@njit(cache=True, nogil=True)
+def _take(which, surfaces, confidences, scatter, row, column, shift, sure, spread):  # type: ignore[no-untyped-def]
+    """Pixels that were chosen, with their image's surface and confidence, and the scatter there.
+
+    `surfaces` are by pixel, `confidences` and `scatter` by cell.
+    """
+    n = 0
+    for y in range(which.shape[0]):
+        for x in range(which.shape[1]):
+            if which[y, x]:
+                k = which[y, x] - 1
+                row[n] = y
+                column[n] = x
+                shift[n] = surfaces[k][y, x]
+                sure[n] = _between(confidences[k], y, x)
+                spread[n] = _between(scatter, y, x)
+                n += 1

@@ -60,42 +60,45 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
         `slope_sigma_px` and `min_votes`.
     """
     s = settings
-    fitted: F32 | None = None
+    cells = [found.shift for found in depths]
+    resolution_px = np.float32(_RESOLUTION_PX)
+    scatter_px = np.full(field.cells, resolution_px)
     if s.slope_sigma_px:
         px_per_shift = max(field.aperture, 1e-12)
-        resolution = _RESOLUTION_PX / px_per_shift
-        fit = fit_planes(depths, s.slope_sigma_px / CELL_PX, resolution, s.threads)
-        fitted = enlarge(fit.shift.astype(np.float32))
-    gathered: list[tuple[F32, F32, F32, F32] | None] = [None, None]
+        fit = fit_planes(
+            depths, s.slope_sigma_px / CELL_PX, _RESOLUTION_PX / px_per_shift, s.threads
+        )
+        fitted, nowhere = fit.shift.astype(np.float32), np.float32(np.nan)
+        cells = [np.where(np.isfinite(shift), fitted, nowhere) for shift in cells]
+        scatter_px = (fit.scatter * px_per_shift).astype(np.float32)
+    surfaces = [np.empty((0, 0), np.float32)] * 2
+    support, around = (np.zeros((2, *field.shape), np.float32) for _ in range(2))
 
     def gather(polarity: int) -> None:
-        found = depths[polarity]
-        known = np.isfinite(found.shift)
-        if not known.any():
-            return
-        surface = enlarge(found.shift)
-        if fitted is not None:
-            np.copyto(surface, fitted, where=np.isfinite(surface))
-        support = np.zeros(field.shape, np.float32)
-        first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
-        start = np.float32(np.median(found.shift[known]))
-        kernels._warp(field.rays, first, last, surface, start, support)
-        gathered[polarity] = (support, _around(support), surface, enlarge(found.confidence))
+        surfaces[polarity] = enlarge(cells[polarity])
+        known = depths[polarity].shift[np.isfinite(depths[polarity].shift)]
+        if len(known):
+            first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
+            start = np.float32(np.median(known))
+            kernels._warp(field.rays, first, last, surfaces[polarity], start, support[polarity])
+            around[polarity] = _around(support[polarity])
 
     share(s.threads, 2, gather)
-    best = np.zeros(field.shape, np.float32)
-    shift, sure = np.empty_like(best), np.empty_like(best)
-    for images in gathered:
-        if images is not None:
-            peaks._choose(*images, np.float32(max(s.min_votes, 0.5)), best, shift, sure)
-    row, column = np.divmod(np.flatnonzero(best > 0), best.shape[1])
-    if fitted is not None:
-        scatter_px = enlarge((fit.scatter * px_per_shift).astype(np.float32))[row, column]
-        scatter_px = np.where(np.isfinite(scatter_px), scatter_px, np.float32(_RESOLUTION_PX))
-        agree = scatter_px < _MOST_SCATTER_PX
-        row, column, scatter_px = row[agree], column[agree], scatter_px[agree]
-        sure[row, column] /= 1.0 + scatter_px**2
-    return Relief(row, column, shift[row, column].astype(np.float64), sure[row, column])
+    which = np.empty(field.shape, np.uint8)
+    least = np.float32(max(s.min_votes, 0.5))
+    count = peaks._choose(support[0], around[0], support[1], around[1], least, which)
+    row, column = (np.empty(count, np.int64) for _ in range(2))
+    shift, sure, spread_px = (np.empty(count, np.float32) for _ in range(3))
+    confidences = tuple(found.confidence for found in depths)
+    peaks._take(
+        which, tuple(surfaces), confidences, scatter_px, row, column, shift, sure, spread_px
+    )
+    if s.slope_sigma_px:
+        spread_px = np.where(np.isfinite(spread_px), spread_px, resolution_px)
+        agree = spread_px < _MOST_SCATTER_PX
+        row, column, shift, sure = row[agree], column[agree], shift[agree], sure[agree]
+        sure /= 1.0 + spread_px[agree] ** 2
+    return Relief(row, column, shift.astype(np.float64), sure)
 
 
 def _around(support: F32) -> F32:
