@@ -241,46 +241,55 @@ def _sweep_band_views(  # type: ignore[no-untyped-def]
 ):
     """Running maxima of a band's rows in views shifted by halves of a pixel.
 
-    Votes are hats on a grid of half pixels, shape (rows, 2, columns): its whole and its half
-    positions, `pad` pixels wider than the image on either side. A hat of one pixel is the sum of
-    the hat of half a pixel in its middle and half of those beside it, so the views' votes are
-    exactly bilinear.
+    Votes are hats on a grid of half pixels, shape (2, rows, 2, columns): of two planes, its whole
+    and its half positions, `pad` pixels wider than the image on either side. A hat of one pixel
+    is the sum of the hat of half a pixel in its middle and half of those beside it, so the views'
+    votes are exactly bilinear. Two planes at a time, as the maxima are what takes the way to
+    memory.
     """
-    wide = votes.shape[2]
+    planes = len(inverse)
     views, own, width = best.shape
-    low, high = _columns(rays, part, inverse, wide)
-    for k in range(len(inverse)):
-        votes[:, :, low:high] = 0
-        _vote(rays, part, limits, inverse[k], top, height, True, votes, chunk)
-        for j in range(views):
-            left = (halves[j, k] >> 1) + pad
-            # The view's columns that see some of the votes; a hat reaches one beside it.
-            first = max(low - left, 0)
-            last = min(high - left, width)
-            if last <= first:
-                continue
-            a = left + first
-            b = left + last
-            for r in range(own):
-                # Half positions lie between whole ones: that of x is at x + 1/2.
-                if halves[j, k] & 1:
-                    _keep_larger_hat(
-                        votes[r + 1, 1, a:b], votes[r + 1, 0, a : b + 1], np.int32(k),
-                        best[j, r, first:last], number[j, r, first:last],
-                    )  # fmt: skip
-                else:
-                    _keep_larger_hat(
-                        votes[r + 1, 0, a:b], votes[r + 1, 1, a - 1 : b], np.int32(k),
-                        best[j, r, first:last], number[j, r, first:last],
+    low, high = _columns(rays, part, inverse, votes.shape[3])
+    for k in range(0, planes, 2):
+        # The second of an odd number of planes gets no votes.
+        last = min(k + 1, planes - 1)
+        for n in range(2):
+            votes[n, :, :, low:high] = 0
+            if k + n < planes:
+                _vote(rays, part, limits, inverse[k + n], top, height, True, votes[n], chunk)
+        for r in range(own):
+            for j in range(views):
+                a = (halves[j, k] >> 1) + pad
+                b = (halves[j, last] >> 1) + pad
+                # The view's columns that see some of the votes; beyond them there are none.
+                begin = max(low - max(a, b), 0)
+                end = min(high - min(a, b), width)
+                if begin < end:
+                    _keep_larger_hats(
+                        _hat(votes[0, r + 1], halves[j, k] & 1, a + begin, a + end),
+                        _hat(votes[1, r + 1], halves[j, last] & 1, b + begin, b + end),
+                        np.int32(k), best[j, r, begin:end], number[j, r, begin:end],
                     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _keep_larger_hat(middle, beside, k, best, number):  # type: ignore[no-untyped-def]
-    """As `_keep_larger`, of votes put together from their halves."""
+def _hat(row, odd, first, last):  # type: ignore[no-untyped-def]
+    """Votes in the middle of whole (or half, `odd`) positions, and those beside them."""
+    # Half positions lie between whole ones: that of x is at x + 1/2.
+    return row[odd, first:last], row[1 - odd, first - 1 + odd : last + odd]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _keep_larger_hats(first, second, k, best, number):  # type: ignore[no-untyped-def]
+    """As `_keep_larger`, of planes k and k + 1, whose votes are put together from hats."""
+    middle, beside = first
+    next_middle, next_beside = second
     half = middle.dtype.type(0.5)
+    after = k + np.int32(1)
     for x in range(len(best)):
         votes = middle[x] + half * (beside[x] + beside[x + 1])
+        others = next_middle[x] + half * (next_beside[x] + next_beside[x + 1])
         was = best[x]
-        number[x] = max(number[x], k * np.int32(votes > was))
-        best[x] = max(votes, was)
+        more = max(votes, was)
+        number[x] = max(number[x], k * np.int32(votes > was), after * np.int32(others > more))
+        best[x] = max(others, more)

@@ -20,8 +20,9 @@ from .threads import share
 
 U16 = npt.NDArray[np.uint16]
 
-#: Rows of a band: with its planes' votes and running maxima it fits a core's cache.
-BAND_ROWS = 16
+#: Rows of a band: with its planes' votes and running maxima it fits a core's cache, those of
+#: several views in bands of half as many.
+BAND_ROWS, _VIEWS_BAND_ROWS = 16, 8
 #: Rows that a bilinear vote reaches, with a margin for rounding.
 _REACH = (0.01, 1.01)
 
@@ -76,7 +77,7 @@ def sweep_maximum(
     """
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
-    bands, limits = _bands(rays, inverse, shape, 0, threads)
+    bands, limits = _bands(rays, inverse, shape, BAND_ROWS, 0, threads)
     dtype = rays.rays.dtype
     votes, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
 
@@ -121,14 +122,15 @@ def sweep_views(
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
     pad = int(np.abs(half_shifts).max()) // 2 + 2
-    bands, limits = _bands(rays, inverse, shape, pad, threads)
+    rows = _VIEWS_BAND_ROWS
+    bands, limits = _bands(rays, inverse, shape, rows, pad, threads)
     dtype, count = rays.rays.dtype, len(half_shifts)
     votes = np.zeros((count, *shape), np.float32)
     index = np.zeros((count, *shape), np.uint16)
 
     def run(first: int) -> None:
-        hats = np.zeros((BAND_ROWS + 4, 2, shape[1] + 2 * pad), dtype)
-        best = np.empty((count, BAND_ROWS, shape[1]), dtype)
+        hats = np.empty((2, rows + 4, 2, shape[1] + 2 * pad), dtype)
+        best = np.empty((count, rows, shape[1]), dtype)
         kernels._sweep_bands_views(
             bands.rays, limits, bands.starts, first, threads, tiles, inverse.astype(dtype),
             half_shifts, pad, hats, kernels.chunk(dtype), best, np.empty(best.shape, np.int32),
@@ -140,11 +142,11 @@ def sweep_views(
 
 
 def _bands(
-    rays: RayBundle, inverse: F64, shape: tuple[int, int], pad: int, threads: int
+    rays: RayBundle, inverse: F64, shape: tuple[int, int], rows: int, pad: int, threads: int
 ) -> tuple[Bands, npt.NDArray[np.floating]]:
     """Rays by band, moved by `pad` columns, and their limits; none if no plane reaches any."""
     ends = (float(inverse.min()), float(inverse.max()))
     padded = (shape[0], shape[1] + 2 * pad)
-    bands = sort_into_bands(rays.rays, ends, padded, BAND_ROWS, _REACH, pad, threads)
+    bands = sort_into_bands(rays.rays, ends, padded, rows, _REACH, pad, threads)
     limited = len(rays) and rays.limits.min() <= ends[1]
     return bands, rays.limits[bands.source] if limited else rays.limits[:0]
