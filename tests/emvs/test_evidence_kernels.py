@@ -249,7 +249,9 @@ def test_bands_hold_every_ray_that_can_reach_them(slope: float) -> None:
     rays = some_rays(300, rng, slope)
     rays[3, 1] = np.nan
     ends, rows, offset = (-5e-4, 5e-4), 8, 2
-    bands = sort_into_bands(rays, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01), offset)
+    bands = sort_into_bands(
+        rays, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01), offset, with_source=True
+    )
     for b in range(HEIGHT // rows):
         held = set(bands.source[bands.starts[b] : bands.starts[b + 1]].tolist())
         assert 3 not in held
@@ -263,7 +265,9 @@ def test_bands_hold_every_ray_that_can_reach_them(slope: float) -> None:
     moved = rays[bands.source] + np.array([offset, 0, 0, 0], np.float32)
     np.testing.assert_array_equal(bands.rays.T, moved)
     for threads in (2, 5):
-        shared = sort_into_bands(rays, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01), offset, threads)
+        shared = sort_into_bands(
+            rays, ends, (HEIGHT, WIDTH), rows, (0.01, 1.01), offset, threads, True
+        )
         for name in ("rays", "source", "starts"):
             np.testing.assert_array_equal(getattr(shared, name), getattr(bands, name))
 

@@ -28,7 +28,7 @@ class Bands:
         Copies, in the order of band and of the events; a row for each number, as the loops over
         votes take them.
     source : ndarray of int64, shape (m,)
-        Event that each is of.
+        Event that each is of; empty unless asked for.
     starts : ndarray of int64, shape (bands + 1,)
         Where bands begin and end.
     """
@@ -46,6 +46,7 @@ def sort_into_bands(
     reach: tuple[float, float],
     offset: int = 0,
     threads: int = 1,
+    with_source: bool = False,
 ) -> Bands:
     """List each event in the bands it can reach.
 
@@ -65,6 +66,8 @@ def sort_into_bands(
         Columns by which the rays are moved.
     threads : int
         Threads that share the rays; the result doesn't depend on them.
+    with_source : bool
+        Whether the events that the copies are of are wanted.
     """
     count = -(-shape[0] // rows)
     bounds = np.array([*ends, *reach, *shape, offset], rays.dtype)
@@ -83,11 +86,14 @@ def sort_into_bands(
     # A band's rays are those of the first part, in their order, then those of the next.
     places = starts[:-1] + np.cumsum(counts, axis=0) - counts
     out = np.empty((4, starts[-1]), rays.dtype)
-    source = np.empty(starts[-1], np.int64)
+    source = np.empty(starts[-1] if with_source else 0, np.int64)
 
     def write(k: int) -> None:
         own = slice(edges[k], edges[k + 1])
-        _list(rays[own], low[own], high[own], bounds[-1], edges[k], places[k], out, source)
+        part = (low[own], high[own])
+        if with_source:
+            _list_source(*part, edges[k], places[k].copy(), source)
+        _list(rays[own], *part, bounds[-1], places[k], out)
 
     share(threads, threads, write)
     return Bands(out, source, starts)
@@ -118,14 +124,24 @@ def _count(low, high, counts):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _list(rays, low, high, offset, before, place, out, source):  # type: ignore[no-untyped-def]
-    """Write each ray, of which `before` come before, at its bands' places and move them on."""
+def _list(rays, low, high, offset, place, out):  # type: ignore[no-untyped-def]
+    """Write each ray at its bands' places and move them on."""
+    x, y, dx, dy = out[0], out[1], out[2], out[3]
     for i in range(len(rays)):
         for b in range(low[i], high[i] + 1):
-            k = place[b]
-            out[0, k] = rays[i, 0] + offset
-            out[1, k] = rays[i, 1]
-            out[2, k] = rays[i, 2]
-            out[3, k] = rays[i, 3]
-            source[k] = before + i
+            # Unsigned, as what may be negative is checked to count from the end.
+            k = np.uint64(place[b])
+            x[k] = rays[i, 0] + offset
+            y[k] = rays[i, 1]
+            dx[k] = rays[i, 2]
+            dy[k] = rays[i, 3]
+            place[b] += 1
+
+
+@njit(cache=True, nogil=True)
+def _list_source(low, high, before, place, source):  # type: ignore[no-untyped-def]
+    """As `_list`, for the numbers of the rays, of which `before` come before."""
+    for i in range(len(low)):
+        for b in range(low[i], high[i] + 1):
+            source[place[b]] = before + i
             place[b] += 1

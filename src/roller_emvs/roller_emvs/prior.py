@@ -46,10 +46,10 @@ class DepthPrior:
         bounds : tuple of float
             What it was searched in.
         """
-        known = depth[np.isfinite(depth)]
-        low, high = self._range
         if self._margin == 0:
             return True
+        known = depth[np.isfinite(depth)]
+        low, high = self._range
         if len(known) < _ENOUGH:
             self._bounds = self._range
             return bounds == self._range

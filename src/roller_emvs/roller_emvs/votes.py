@@ -147,6 +147,6 @@ def _bands(
     """Rays by band, moved by `pad` columns, and their limits; none if no plane reaches any."""
     ends = (float(inverse.min()), float(inverse.max()))
     padded = (shape[0], shape[1] + 2 * pad)
-    bands = sort_into_bands(rays.rays, ends, padded, rows, _REACH, pad, threads)
-    limited = len(rays) and rays.limits.min() <= ends[1]
-    return bands, rays.limits[bands.source] if limited else rays.limits[:0]
+    limited = len(rays) > 0 and bool(rays.limits.min() <= ends[1])
+    bands = sort_into_bands(rays.rays, ends, padded, rows, _REACH, pad, threads, limited)
+    return bands, rays.limits[bands.source]

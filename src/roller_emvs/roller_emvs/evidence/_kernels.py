@@ -161,26 +161,28 @@ def _warp(rays, first, last, depth, start, support):  # type: ignore[no-untyped-
     right = np.float32(width)
     below = np.float32(height)
     for i in range(first, last):
+        x = rays[i, 0] + half
+        y = rays[i, 1] + half
         z = start
-        x = -1
-        y = -1
+        row = np.uint32(0)
+        column = np.uint32(0)
+        met = False
         for _ in range(4):
-            a = rays[i, 0] + rays[i, 2] * z + half
-            b = rays[i, 1] + rays[i, 3] * z + half
-            if not (a >= 0 and a < right and b >= 0 and b < below):
-                x = -1
+            a = x + rays[i, 2] * z
+            b = y + rays[i, 3] * z
+            inside = (a >= 0) & (a < right) & (b >= 0) & (b < below)
+            stays = False
+            if inside:
+                # Unsigned, as what may be negative is checked to count from the end.
+                stays = met & (row == np.uint32(b)) & (column == np.uint32(a))
+                row = np.uint32(b)
+                column = np.uint32(a)
+                z = depth[row, column]
+            met = inside and not np.isnan(z)
+            if stays or not met:
                 break
-            was = (x, y)
-            x = int(a)
-            y = int(b)
-            # There it stays.
-            if was == (x, y):
-                break
-            if np.isnan(depth[y, x]):
-                break
-            z = depth[y, x]
-        if x >= 0 and not np.isnan(depth[y, x]):
-            support[y, x] += 1
+        if met:
+            support[row, column] += np.float32(1)
 
 
 @njit(cache=True, nogil=True)
