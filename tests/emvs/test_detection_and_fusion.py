@@ -72,15 +72,26 @@ def test_masked_median_equals_its_twin(seed: int, size: int, share: float) -> No
             assert spread[y, x] == near[3 * n // 4] - near[n // 4]
 
 
-def plane_view(z_m: float, x_m: float, weight: float, variance: float = 1e-10) -> ViewDepth:
-    """A plane that fills the view of a camera at x."""
-    shape = (CAMERA.height, CAMERA.width)
+def image_view(
+    depth: np.ndarray, pose: np.ndarray, weight: float, variance: float = 1e-10
+) -> ViewDepth:
+    """A view of an image's depths, NaN where there is none."""
+    pixels = np.flatnonzero(np.isfinite(depth))
+    found = depth.reshape(-1)[pixels].astype(np.float32)
+    return ViewDepth(
+        pixels, found, np.full_like(found, 0.5), np.full_like(found, variance), pose, weight
+    )
+
+
+def plane_view(
+    z_m: float, x_m: float, weight: float, variance: float = 1e-10, columns: slice = slice(None)
+) -> ViewDepth:
+    """A plane seen in some columns of a camera at x."""
+    depth = np.full((CAMERA.height, CAMERA.width), np.nan)
+    depth[:, columns] = z_m
     pose = np.eye(4)
     pose[0, 3] = x_m
-    return ViewDepth(
-        np.full(shape, z_m, np.float32), np.full(shape, 0.5, np.float32),
-        np.full(shape, variance, np.float32), pose, weight,
-    )  # fmt: skip
+    return image_view(depth, pose, weight, variance)
 
 
 def test_warping_a_plane_shifts_it() -> None:
@@ -93,10 +104,18 @@ def test_warping_a_plane_shifts_it() -> None:
     np.testing.assert_allclose(confidence[seen], 0.5)
 
 
+def test_a_view_at_the_target_stays_as_it_is() -> None:
+    view = plane_view(0.045, 0.001, 1.0, columns=slice(3, 7))
+    depth, confidence, variance = warp_view(view, view.pose, CAMERA)
+    assert np.isfinite(depth).any(axis=0).nonzero()[0].tolist() == [3, 4, 5, 6]
+    for image, values in ((depth, view.depth), (confidence, 0.5), (variance, view.variance)):
+        np.testing.assert_array_equal(image[:, 3:7].reshape(-1), values)
+
+
 def test_the_nearer_point_hides_the_farther() -> None:
-    view = plane_view(0.045, 0.0, 1.0)
-    view.depth[:] = np.nan
-    view.depth[60, 80], view.depth[60, 81] = 0.047, 0.043
+    image = np.full((CAMERA.height, CAMERA.width), np.nan)
+    image[60, 80], image[60, 81] = 0.047, 0.043
+    view = image_view(image, np.eye(4), 1.0)
     target = np.eye(4)
     # Moved so that both land on one pixel.
     target[0, 3] = 1.0 / (CAMERA.fx * (1 / 0.043 - 1 / 0.047)) * 0.6
@@ -106,11 +125,11 @@ def test_the_nearer_point_hides_the_farther() -> None:
 
 def test_weights_are_renormalised_where_a_view_is_missing() -> None:
     weights = (0.445, 0.333, 0.222)
-    views = [plane_view(0.044 + 0.001 * k, 0.0, w) for k, w in enumerate(weights)]
-    views[0].depth[:, :50] = np.nan
-    views[1].depth[:, :50] = np.nan
-    for v in views:
-        v.depth[:, 100:] = np.nan
+    seen = (slice(50, 100), slice(50, 100), slice(0, 100))
+    views = [
+        plane_view(0.044 + 0.001 * k, 0.0, w, columns=c)
+        for k, (w, c) in enumerate(zip(weights, seen, strict=True))
+    ]
     depth, confidence = fuse_views(views, np.eye(4), CAMERA, "fixed")
     np.testing.assert_allclose(depth[:, :50], 0.046, rtol=1e-6)
     expected = 0.445 * 0.044 + 0.333 * 0.045 + 0.222 * 0.046

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from .rays import F32
+from .rays import F32, I64
 from .votes import U16
 
 Mask = npt.NDArray[np.bool_]
@@ -91,9 +91,9 @@ def _above(gray, mean, votes, c, mask):  # type: ignore[no-untyped-def]
         mask[x] = (gray[x] > np.rint(mean[x]) + c) & (votes[x] > 0)
 
 
-def masked_median(
+def median_at(
     index: U16, mask: Mask, size_px: int, levels: int, with_spread: bool = True
-) -> tuple[F32, F32]:
+) -> tuple[I64, F32, F32]:
     """Median of the masked neighbours of each masked pixel.
 
     Values are taken as evenly spread over their plane's step, so the median lies between planes
@@ -114,26 +114,40 @@ def masked_median(
 
     Returns
     -------
-    median : ndarray of float32, shape (height, width)
-        Median plane number; NaN outside the mask.
-    spread : ndarray of float32, shape (height, width)
-        Interquartile range of the neighbours' planes; NaN outside the mask.
+    pixels : ndarray of int64, shape (n,)
+        Flat indices of the masked pixels, row by row.
+    median : ndarray of float32, shape (n,)
+        Median plane number of each.
+    spread : ndarray of float32, shape (n,)
+        Interquartile range of the neighbours' planes.
     """
-    median = np.full(index.shape, np.nan, np.float32)
-    spread = np.full(index.shape, np.nan, np.float32)
     starts = np.zeros(index.shape[1] + 1, np.int64)
     _count_columns(mask, starts)
-    rows, values = np.empty(starts[-1], np.int64), np.empty(starts[-1], np.uint16)
+    count = int(starts[-1])
+    rows, values = np.empty(count, np.int64), np.empty(count, np.uint16)
     first = starts[:-1].copy()
     _gather_columns(index, mask, first, rows, values)
     histogram = np.zeros(levels, np.int32)
     coarse = np.zeros(levels // 16 + 1, np.int32)
     last = np.empty(index.shape[1], np.int64)
+    pixels = np.empty(count, np.int64)
+    median, spread = (np.empty(count, np.float32) for _ in range(2))
     _masked_median(
         rows, values, starts, mask, size_px // 2, with_spread, histogram, coarse, first, last,
-        median, spread,
+        pixels, median, spread,
     )  # fmt: skip
-    return median, spread
+    return pixels, median, spread
+
+
+def masked_median(
+    index: U16, mask: Mask, size_px: int, levels: int, with_spread: bool = True
+) -> tuple[F32, F32]:
+    """As images what `median_at` gives by pixel, float32, NaN outside the mask."""
+    pixels, *found = median_at(index, mask, size_px, levels, with_spread)
+    images = np.full((2, *index.shape), np.nan, np.float32)
+    for image, values in zip(images, found, strict=True):
+        image.reshape(-1)[pixels] = values
+    return images[0], images[1]
 
 
 @njit(cache=True, nogil=True)
@@ -190,9 +204,11 @@ def _quantile(histogram, coarse, rank):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _masked_median(  # type: ignore[no-untyped-def]
-    rows, values, starts, mask, radius, with_spread, histogram, coarse, first, last, median, spread
-):
+    rows, values, starts, mask, radius, with_spread, histogram, coarse, first, last,
+    pixels, median, spread,
+):  # fmt: skip
     height, width = mask.shape
+    n = 0
     for x in range(width):
         first[x] = starts[x]
         last[x] = starts[x]
@@ -223,12 +239,14 @@ def _masked_median(  # type: ignore[no-untyped-def]
                     coarse[values[i] >> 4] -= 1
                 count -= last[old] - first[old]
             if x >= left and mask[y, x]:
-                median[y, x] = _grouped_median(histogram, coarse, count)
-                spread[y, x] = 0
+                pixels[n] = y * width + x
+                median[n] = _grouped_median(histogram, coarse, count)
+                spread[n] = 0
                 if with_spread:
                     low = _quantile(histogram, coarse, (count - 1) // 4)
                     high = _quantile(histogram, coarse, 3 * (count - 1) // 4)
-                    spread[y, x] = high - low
+                    spread[n] = high - low
+                n += 1
         # Leave the histogram empty for the next row.
         for x in range(max(right - radius, begin), end + 1):
             for i in range(first[x], last[x]):

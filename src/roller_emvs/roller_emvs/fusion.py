@@ -11,25 +11,27 @@ from numba import njit
 from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 
-from .depth_map import back_project
-from .rays import F32
+from .rays import F32, I64
 from .threads import share
 
 
 @dataclass(frozen=True)
 class ViewDepth:
-    """Depth from one reference view.
+    """Depth from one reference view, at the pixels that have one.
 
     Attributes
     ----------
-    depth, confidence, variance : ndarray of float32, shape (height, width)
-        Metres (NaN = none), 0–1, m².
+    pixels : ndarray of int64, shape (n,)
+        Flat indices in the view's image.
+    depth, confidence, variance : ndarray of float32, shape (n,)
+        Metres, 0–1, m².
     pose : ndarray of float64, shape (4, 4)
         Camera in base.
     weight : float
         Weight in the fusion.
     """
 
+    pixels: I64
     depth: F32
     confidence: F32
     variance: F32
@@ -54,26 +56,23 @@ def warp_view(view: ViewDepth, target: F64, camera: Camera) -> tuple[F32, F32, F
     Returns
     -------
     depth, confidence, variance : ndarray of float32, shape (height, width)
-        NaN where nothing arrives.
+        Depth is NaN where nothing arrives; the others mean nothing there.
     """
-    shape = view.depth.shape
-    out = [np.full(shape, np.nan, np.float32) for _ in range(3)]
+    shape = (camera.height, camera.width)
+    depth, confidence, variance = (np.empty(shape, np.float32) for _ in range(3))
+    depth.fill(np.nan)
     if np.array_equal(view.pose, target):
-        return view.depth, view.confidence, view.variance
-    points, pixels = back_project(view.depth, camera)
-    relative = inverse_pose(target) @ view.pose
-    points = points @ relative[:3, :3].T + relative[:3, 3]
+        for image, values in zip(
+            (depth, confidence, variance), (view.depth, view.confidence, view.variance), strict=True
+        ):
+            image.reshape(-1)[view.pixels] = values
+        return depth, confidence, variance
     _splat(
-        points,
-        view.confidence.reshape(-1)[pixels],
-        view.variance.reshape(-1)[pixels],
-        camera.fx,
-        camera.fy,
-        camera.cx,
-        camera.cy,
-        *out,
-    )
-    return out[0], out[1], out[2]
+        view.pixels, view.depth, view.confidence, view.variance,
+        np.array([camera.fx, camera.fy, camera.cx, camera.cy]), inverse_pose(target) @ view.pose,
+        depth, confidence, variance,
+    )  # fmt: skip
+    return depth, confidence, variance
 
 
 def fuse_views(
@@ -111,7 +110,8 @@ def weighted_mean(
     Parameters
     ----------
     warped : sequence of tuple of ndarray of float32, shape (height, width)
-        Depth, confidence and variance of each view, at least one; as of `warp_view`.
+        Depth, confidence and variance of each view, at least one; as of `warp_view`: the others
+        count where there is a depth.
     weights : sequence of float
         Weight of each.
     rule : str
@@ -154,18 +154,28 @@ def _mean(depths, confidences, variances, weights, by_variance, rows, depth, con
 
 
 @njit(cache=True, nogil=True)
-def _splat(points, confidence, variance, fx, fy, cx, cy, out_depth, out_confidence, out_variance):  # type: ignore[no-untyped-def]
+def _splat(  # type: ignore[no-untyped-def]
+    pixels, depth, confidence, variance, intrinsics, relative, out_depth, out_confidence,
+    out_variance,
+):  # fmt: skip
+    """Points of a view at the pixels where another sees them; `relative` is the view in it."""
+    fx, fy, cx, cy = intrinsics
     height, width = out_depth.shape
-    for i in range(len(points)):
-        z = points[i, 2]
-        if not z > 0:
+    for i in range(len(pixels)):
+        z = np.float64(depth[i])
+        x = (pixels[i] % width - cx) / fx * z
+        y = (pixels[i] // width - cy) / fy * z
+        far = relative[2, 0] * x + relative[2, 1] * y + relative[2, 2] * z + relative[2, 3]
+        if not far > 0:
             continue
-        u = fx * points[i, 0] / z + cx + 0.5
-        v = fy * points[i, 1] / z + cy + 0.5
+        a = relative[0, 0] * x + relative[0, 1] * y + relative[0, 2] * z + relative[0, 3]
+        b = relative[1, 0] * x + relative[1, 1] * y + relative[1, 2] * z + relative[1, 3]
+        u = fx * a / far + cx + 0.5
+        v = fy * b / far + cy + 0.5
         if u >= 0 and u < width and v >= 0 and v < height:
-            x = int(u)
-            y = int(v)
-            if not out_depth[y, x] <= z:
-                out_depth[y, x] = z
-                out_confidence[y, x] = confidence[i]
-                out_variance[y, x] = variance[i]
+            column = int(u)
+            row = int(v)
+            if not out_depth[row, column] <= far:
+                out_depth[row, column] = far
+                out_confidence[row, column] = confidence[i]
+                out_variance[row, column] = variance[i]

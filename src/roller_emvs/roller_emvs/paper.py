@@ -14,7 +14,7 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 
-from .detection import Mask, adaptive_threshold, masked_median
+from .detection import Mask, adaptive_threshold, median_at
 from .fusion import ViewDepth, warp_view, weighted_mean
 from .rays import F32, Packets, depth_planes, parallax_px, rays_in_view
 from .settings import DepthSettings
@@ -192,21 +192,19 @@ def masked_depth(
     steps, usable = np.gradient(planes), usable_planes(planes, bounds_m)
     at = np.flatnonzero(mask)
     mask.ravel()[at] = usable[index.ravel()[at]]
-    median, spread = masked_median(
+    at, level, spread = median_at(
         index, mask, s.median_px, len(planes), s.weight_rule == "inverse_variance"
     )
-    at = np.flatnonzero(mask)
-    depth, confidence, variance = (np.full(mask.shape, np.nan, np.float32) for _ in range(3))
     number = np.arange(len(planes))
-    level = median.ravel()[at].astype(np.float64)
     found = np.interp(level, number, planes)
     inside = (found >= bounds_m[0]) & (found <= bounds_m[1])
-    at, level = at[inside], level[inside]
-    depth.ravel()[at] = found[inside]
+    at, level, spread, found = at[inside], level[inside], spread[inside], found[inside]
     # 1.349 standard deviations lie between the quartiles of a normal distribution; half a
     # plane is the least that can be told.
-    deviation = np.maximum(spread.ravel()[at] / 1.349, 0.5)
-    variance.ravel()[at] = (np.interp(level, number, steps) * deviation) ** 2
+    deviation = np.maximum(spread / 1.349, 0.5)
+    variance = (np.interp(level, number, steps) * deviation) ** 2
     scale = s.full_scale_votes or float(votes.max()) or 1.0
-    confidence.ravel()[at] = np.clip(votes.ravel()[at] / np.float32(scale), 0, 1)
-    return ViewDepth(depth, confidence, variance, view, weight)
+    confidence = np.clip(votes.ravel()[at] / np.float32(scale), 0, 1)
+    return ViewDepth(
+        at, found.astype(np.float32), confidence, variance.astype(np.float32), view, weight
+    )

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from roller_emvs.depth_map import DepthMap
-from roller_emvs.detection import adaptive_threshold, masked_median
+from roller_emvs.detection import adaptive_threshold, median_at
 from roller_emvs.fusion import ViewDepth, fuse_views
 from roller_emvs.rays import depth_planes, make_packets, rays_in_view
 from roller_emvs.settings import DepthSettings
@@ -51,12 +51,11 @@ def dense_reference(piece: Piece, settings: DepthSettings) -> DepthMap:
         mask = adaptive_threshold(votes, s.threshold_c, s.threshold_kernel_px, s.full_scale_votes)
         # What peaks on an end plane may lie beyond it.
         mask &= (index > 0) & (index < PLANES - 1)
-        median, _ = masked_median(index, mask, s.median_px, PLANES)
-        depth = np.full(votes.shape, np.nan, np.float32)
-        depth[mask] = np.interp(median[mask], np.arange(PLANES), planes)
-        confidence = np.where(mask, np.clip(votes / 255, 0, 1), np.nan).astype(np.float32)
+        pixels, median, _ = median_at(index, mask, s.median_px, PLANES)
+        far = np.interp(median, np.arange(PLANES), planes).astype(np.float32)
+        sure = np.clip(votes.reshape(-1)[pixels] / np.float32(255), 0, 1)
         # Weights are fixed, so nobody asks for the variance.
-        views.append(ViewDepth(depth, confidence, np.zeros_like(depth), pose, weight))
+        views.append(ViewDepth(pixels, far, sure, np.zeros_like(far), pose, weight))
     depth, confidence = fuse_views(views, target, camera, "fixed")
     total = (time.perf_counter() - begin) * 1e3
     return DepthMap(
