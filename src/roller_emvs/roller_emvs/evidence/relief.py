@@ -18,6 +18,7 @@ from .field import RayField
 from .fit import fit_planes
 from .settings import EvidenceSettings
 from .sweep import Depths
+from .viewing import usual_shift
 
 #: Neighbourhood whose mean a pixel's support must exceed, cells.
 _AROUND = 9
@@ -76,10 +77,9 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
 
     def gather(polarity: int) -> None:
         surfaces[polarity] = enlarge(cells[polarity])
-        known = depths[polarity].shift[np.isfinite(depths[polarity].shift)]
-        if len(known):
+        start = usual_shift(depths[polarity].shift)
+        if start is not None:
             first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
-            start = np.float32(np.median(known))
             kernels._warp(field.rays, first, last, surfaces[polarity], start, support[polarity])
             around[polarity] = _around(support[polarity])
 

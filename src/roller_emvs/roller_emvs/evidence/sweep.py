@@ -264,6 +264,6 @@ def _blur(volume: F32, sigma_px: float) -> F32:
     """Sum each plane over a neighbourhood."""
     out = np.zeros_like(volume)
     for plane, blurred in zip(volume, out, strict=True):
-        if plane.any():
+        if cv2.countNonZero(plane):
             cv2.GaussianBlur(plane, (0, 0), sigma_px / CELL_PX, dst=blurred)
     return out

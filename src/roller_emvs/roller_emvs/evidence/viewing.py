@@ -11,6 +11,9 @@ from ..rays import F32
 from . import _kernels as kernels
 from .field import RayField
 
+#: Depths, at least, of which the usual one is taken, if there are as many.
+_SAMPLE = 1000
+
 
 @dataclass(frozen=True)
 class Viewing:
@@ -42,17 +45,22 @@ def viewing(field: RayField, shift: F32, polarity: int) -> Viewing:
     polarity : int
         0 for OFF, 1 for ON events.
     """
-    known = np.isfinite(shift)
     sums = np.zeros((3, *field.cells), np.float32)
-    if known.any():
+    start = usual_shift(shift)
+    if start is not None:
         first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
-        start = np.float32(np.median(shift[known]))
         kernels._meet(field.rays, first, last, _grown(shift), start, *sums)
     count, slope, square = (cv2.GaussianBlur(a, (0, 0), 1.0) for a in sums)
     each = np.where(count > 0, 1.0 / np.maximum(count, 1e-9), 0.0).astype(np.float32)
     mean = slope * each
     variance = np.maximum(square * each - mean * mean, 0.0)
     return Viewing(count, mean, np.sqrt(12.0 * variance))
+
+
+def usual_shift(shift: F32) -> np.float32 | None:
+    """Where rays begin to look for the surface, from a thousand cells; None if there is none."""
+    known = shift[np.isfinite(shift)]
+    return np.float32(np.median(known[:: len(known) // _SAMPLE + 1])) if len(known) else None
 
 
 def _grown(shift: F32) -> F32:
