@@ -168,6 +168,13 @@ class DepthSettings(TimingSettings):
     focus_min_confidence: float = Field(
         0.4, ge=0.0, le=1.0, description="Depths of focus with less confidence are left out."
     )
+    focus_min_point_confidence: float = Field(
+        0.2,
+        ge=0.0,
+        le=1.0,
+        description="Points of focus with less confidence, after the scatter around them, are "
+        "left out.",
+    )
     focus_min_votes: float = Field(
         4.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."
     )
@@ -224,6 +231,7 @@ class DepthSettings(TimingSettings):
                 "planes_per_px": self.focus_planes_per_px,
                 "max_planes": self.planes,
                 "min_confidence": self.focus_min_confidence,
+                "min_point_confidence": self.focus_min_point_confidence,
                 "min_votes": self.focus_min_votes,
                 "min_parallax_px": self.min_parallax_px,
                 "creep_m": self.focus_creep_m,

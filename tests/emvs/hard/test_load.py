@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from emvs.hard import world
-from emvs.hard.world import ALL, PAPER, pending
+from emvs.hard.world import ALL, PAPER
 from emvs.scenes import MS
 from roller_core.codecs import encode
 from roller_core.errors import RollerError
@@ -82,9 +82,7 @@ def full_scale(method: str) -> dict[str, object]:
     return {"full_scale_votes": 4000.0, "threshold_c": 24.0} if method in PAPER else {}
 
 
-@pytest.mark.parametrize(
-    "method", pending(ALL, ("focus",), "side lobes of a single row pass for depth")
-)
+@pytest.mark.parametrize("method", ALL)
 def test_everything_in_one_row(events: EventArray, method: str) -> None:
     """Parallax along the row suffices; a method that wants neighbours may give none."""
     row = events[events.y == 20]

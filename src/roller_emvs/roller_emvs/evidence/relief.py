@@ -58,7 +58,7 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
     depths : list of Depths
         Of OFF and of ON events.
     settings : EvidenceSettings
-        `slope_sigma_px` and `min_votes`.
+        `slope_sigma_px`, `min_votes` and `min_point_confidence`.
     """
     s = settings
     cells = [found.shift for found in depths]
@@ -93,11 +93,13 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
     peaks._take(
         which, tuple(surfaces), confidences, scatter_px, row, column, shift, sure, spread_px
     )
+    keep = np.ones(count, np.bool_)
     if s.slope_sigma_px:
         spread_px = np.where(np.isfinite(spread_px), spread_px, resolution_px)
-        agree = spread_px < _MOST_SCATTER_PX
-        row, column, shift, sure = row[agree], column[agree], shift[agree], sure[agree]
-        sure /= 1.0 + spread_px[agree] ** 2
+        sure /= 1.0 + spread_px**2
+        keep = spread_px < _MOST_SCATTER_PX
+    keep &= sure >= s.min_point_confidence
+    row, column, shift, sure = row[keep], column[keep], shift[keep], sure[keep]
     return Relief(row, column, shift.astype(np.float64), sure)
 
 

@@ -19,6 +19,13 @@ class EvidenceSettings(Settings):
     coarse_sigma_px: float = Field(
         8.0, ge=0.5, le=32.0, description="Neighbourhood of the coarse depth, px."
     )
+    min_coarse_confidence: float = Field(
+        0.2,
+        ge=0.0,
+        le=1.0,
+        description="Where the coarse depth has less confidence, as in noise or where several "
+        "depths fit alike, there is no depth.",
+    )
     sigma_px: float = Field(
         5.0, ge=0.5, le=32.0, description="Neighbourhood of the fine depth, px."
     )
@@ -41,6 +48,12 @@ class EvidenceSettings(Settings):
     )
     min_confidence: float = Field(
         0.3, ge=0.0, le=1.0, description="Evidence of less confidence is left out."
+    )
+    min_point_confidence: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="Points of less confidence, after the scatter around them, are left out.",
     )
     max_rival: float = Field(
         0.9,

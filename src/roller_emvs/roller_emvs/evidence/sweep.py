@@ -32,6 +32,8 @@ from .viewing import viewing
 BAND_ROWS = 16
 #: Energy of a single vote, in half of which its squared slopes end for a spot between pixels.
 _SPOT = 1.0
+#: Spots of as many events as a pixel needs, below whose energy a peak may be chance.
+_SPOTS = 8
 #: Columns that move by less than this, in cells, stay where they are.
 _STILL = 0.05
 I64 = npt.NDArray[np.int64]
@@ -134,7 +136,7 @@ def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings)
                 total += _energy(rays, field, at, s, None, len(at), everywhere)
     peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
     scores = _blur(total, s.coarse_sigma_px)
-    peaks._find_peak(scores, *everywhere, 2.0, 0.0, 0.0, peak, contrast, top)
+    peaks._find_peak(scores, *everywhere, 2.0, 0.0, s.min_coarse_confidence, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)
 
 
@@ -241,9 +243,8 @@ def _peaks(
     """Sharpest plane of each cell and where its evidence lies."""
     scores = _blur(energy, s.sigma_px)
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
-    # Less energy than a spot of as many events as a pixel needs is noise.
     sigma = s.sigma_px / CELL_PX
-    weakest = _SPOT * s.min_votes**2 / (2 * np.pi * sigma**2)
+    weakest = _SPOTS * _SPOT * s.min_votes**2 / (2 * np.pi * sigma**2)
     limits = (s.max_rival, weakest, s.min_confidence)
     peaks._find_peak(scores, first, last, *limits, peak, contrast, top)
     # A column that was in view over little parallax has depth in name only.
