@@ -168,6 +168,13 @@ class DepthSettings(TimingSettings):
     focus_min_confidence: float = Field(
         0.4, ge=0.0, le=1.0, description="Depths of focus with less confidence are left out."
     )
+    focus_min_seen_confidence: float = Field(
+        0.3,
+        ge=0.0,
+        le=1.0,
+        description="Depths of focus with less confidence, after what is off for having been seen "
+        "from one side, are left out.",
+    )
     focus_min_point_confidence: float = Field(
         0.2,
         ge=0.0,
@@ -231,6 +238,7 @@ class DepthSettings(TimingSettings):
                 "planes_per_px": self.focus_planes_per_px,
                 "max_planes": self.planes,
                 "min_confidence": self.focus_min_confidence,
+                "min_seen_confidence": self.focus_min_seen_confidence,
                 "min_point_confidence": self.focus_min_point_confidence,
                 "min_votes": self.focus_min_votes,
                 "min_parallax_px": self.min_parallax_px,

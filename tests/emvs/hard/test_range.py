@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from emvs.hard import world
-from emvs.hard.world import ALL, PAPER, not_yet
+from emvs.hard.world import ALL, PAPER
 from roller_core.events import EventArray
 
 NEAR_M, FAR_M = 0.043, 0.047
@@ -38,20 +36,8 @@ def test_the_first_and_last_plane(usual: dict[str, int], method: str, depth_m: f
 BEYOND_PX = {"far before": -8.0, "before": -1.5, "behind": 1.5, "far behind": 8.0}
 
 
-def beyond() -> list[Any]:
-    """Each method with each place; those by the name of which don't keep the promise yet."""
-    wrong = {}
-    wrong["focus", "before"] = "side lobes of what is out of range pass for depth"
-    return [
-        pytest.param(m, place, marks=not_yet(wrong[m, place]))
-        if (m, place) in wrong
-        else (m, place)
-        for m in ALL
-        for place in BEYOND_PX
-    ]
-
-
-@pytest.mark.parametrize(("method", "place"), beyond())
+@pytest.mark.parametrize("place", BEYOND_PX)
+@pytest.mark.parametrize("method", ALL)
 def test_depth_beyond_the_range_is_refused(usual: dict[str, int], method: str, place: str) -> None:
     """1.5 px of parallax beyond, or 8: any depth would be a wrong one."""
     beyond_px = BEYOND_PX[place]

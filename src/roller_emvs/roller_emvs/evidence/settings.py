@@ -49,6 +49,13 @@ class EvidenceSettings(Settings):
     min_confidence: float = Field(
         0.3, ge=0.0, le=1.0, description="Evidence of less confidence is left out."
     )
+    min_seen_confidence: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="Evidence is left out that has less confidence, after what is off for having "
+        "been seen from a part of the aperture alone.",
+    )
     min_point_confidence: float = Field(
         0.0,
         ge=0.0,

@@ -115,7 +115,9 @@ def _checked(
     if s.creep_m and polarity == s.creep_polarity:
         depth_m = creep_depth_m(field, seen, s.dead_time_s) * s.creep_m
         shift += (depth_m * field.shift_per_m).astype(np.float32)
-    return replace(depths, shift=shift, confidence=depths.confidence * share)
+    confidence = depths.confidence * share
+    shift = np.where(confidence < s.min_seen_confidence, np.float32(np.nan), shift)
+    return replace(depths, shift=shift, confidence=confidence)
 
 
 def _coarse_shift(field: RayField, low: float, high: float, s: EvidenceSettings) -> F32:
