@@ -18,7 +18,7 @@ def tables(result: dict[str, Any]) -> list[Table]:
         (
             f"{r['condition']}, {r['method']}",
             f"{r['speed']:g}",
-            f"{r['dot_contrast']:.2f} / {r['threshold']:.2f}",
+            f"{r['dot_contrast']:.2f}/{r['threshold']:.2f}",
             *_cells(r),
         )
         for r in result["rows"]
@@ -26,12 +26,12 @@ def tables(result: dict[str, Any]) -> list[Table]:
     note = " ".join(
         [
             "CER, WER: character and word error rate. misread: characters given as readable that "
-            "aren't there; unreadable ones are marked so in the text. dot / threshold: change of "
-            "log intensity by a dot, and that which an event needs.",
+            "aren't there; unreadable ones are marked so in the text. contrast: change of log "
+            "intensity by a dot, and that which an event needs.",
             *too_faint(result),
         ]
     )
-    head = ("condition, events", "m/s", "dot / threshold", *_HEAD)
+    head = ("condition, events", "m/s", "contrast", *_HEAD)
     out = [Table("Braille read, virtual cell", head, rows, note)]
     faults = [(_fault(r), f"{r['speed']:g}", *_cells(r)) for r in result["faults"]]
     if faults:
