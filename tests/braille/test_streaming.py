@@ -27,7 +27,9 @@ def test_cells_come_as_they_pass(speed: float) -> None:
         begin = end
         ages_s += [(now_ns - cell.stamp_ns) * 1e-9 for cell in pipeline.results()]
     assert pipeline.text() == [text]
-    assert max(ages_s) < 0.05
+    assert max(ages_s[3:]) < 0.05
+    # Where the sensor is fast, a line's first cells wait until it is known for one.
+    assert max(ages_s[:3]) < (0.05 if speed < 0.2 else 0.04 + 0.02 / speed)
     assert pipeline.counts.repeated_cells == 0
 
 

@@ -22,8 +22,8 @@ from .strip import Kind, Strip
 
 #: Time after which is looked again, seconds: it costs as much as reading some cells.
 _AGAIN_S = 0.03
-#: Wait for a line's third cell that looking doesn't make shorter, seconds.
-_WORTH_S = 0.035
+#: Wait for a line's third cell below which looking would cost as much time as it saves, seconds.
+_WORTH_S = 0.06
 #: Strength of dots, against the median, outside which they may be dust or other relief.
 _ALIKE = (0.4, 2.5)
 #: Dust is told by the strongest dots but these.
