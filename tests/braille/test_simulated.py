@@ -8,6 +8,7 @@ import pytest
 from roller_braille.cells import Cell
 from roller_braille.pipeline import BraillePipeline
 from roller_braille.settings import BrailleSettings
+from roller_bringup.evaluation.braille import CONDITIONS
 from roller_core.codecs import encode
 from roller_core.event_stream import EventStream
 from roller_core.frames import SensorFrames
@@ -97,6 +98,13 @@ def test_at_low_contrast_nothing_is_misread(threshold: float, share: float) -> N
         nearest = min(marks, key=lambda m: abs(m.x - c.position[0]))
         assert c.mask == nearest.mask
     assert len(readable) >= share * len(marks)
+
+
+@pytest.mark.parametrize("condition", ["strong light, half contrast", "strong light, 10 × noise"])
+def test_a_plate_is_read_in_a_light_that_shows_dots_well(condition: str) -> None:
+    """Dots that change the light by 0.63 are still above a threshold of 0.5."""
+    _, pipeline, _ = scan({**plate(), **CONDITIONS[condition]}, speed=0.3)
+    assert pipeline.text() == [TEXT]
 
 
 @pytest.mark.parametrize("turn_deg", [5.0, 180.0])

@@ -13,9 +13,10 @@ from roller_braille.table import UNREADABLE
 from roller_bringup.cli import main
 from roller_bringup.evaluation import braille
 from roller_bringup.evaluation.alignment import Score, align, score
-from roller_bringup.evaluation.braille import BrailleOptions, run_braille
+from roller_bringup.evaluation.braille import CONDITIONS, BrailleOptions, run_braille
 from roller_bringup.evaluation.braille_plot import draw
 from roller_bringup.evaluation.braille_report import tables
+from roller_bringup.evaluation.braille_scans import dot_contrast
 from roller_bringup.results.tables import show_tables
 
 
@@ -126,6 +127,20 @@ def test_the_tables_hold_every_row_and_the_published_figures(
         assert text in printed
     for fault in result["faults"]:
         assert fault["fault"] in printed
+    assert "less than the threshold" not in printed
+
+
+def test_what_a_dot_changes_in_each_light_is_told_beside_the_threshold(
+    quick: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = {name: dot_contrast({**SMALL.cell, **c}, seed=1) for name, c in CONDITIONS.items()}
+    assert found["default"] == found["10 × noise"] == pytest.approx(0.30, abs=0.04)
+    assert found["strong light"] == pytest.approx(2 * found["default"], rel=0.15)
+    faint = {**quick[1]["rows"][0], "condition": "half contrast", "threshold": 0.44}
+    show_tables(tables({**quick[1], "rows": [*quick[1]["rows"], faint]}))
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "half contrast: a dot changes log intensity by 0.30, less than the threshold" in printed
+    assert printed.count("less than the threshold") == 1
 
 
 def test_a_plot_without_faults_can_be_drawn(

@@ -95,15 +95,28 @@ class DotFinder:
         #: What a search needs to know on either side, columns.
         self.margin = self._factor * (middle + self._apart)
 
-    def find(self, strip: Strip, a: int, b: int, kind: Kind) -> Dots:
-        """Spots whose middle lies in columns a to b (b excluded)."""
+    def find(self, strip: Strip, a: int, b: int, kind: Kind, learn: bool = True) -> Dots:
+        """Spots whose middle lies in columns a to b (b excluded).
+
+        Parameters
+        ----------
+        strip : Strip
+            The mosaic.
+        a, b : int
+            Columns.
+        kind : Kind
+            Events to look at.
+        learn : bool
+            Whether the background is taken from these columns too.
+        """
         if b <= a:
             return Dots.none()
         f = self._factor
         # Coarse pixels keep their place on the surface, whatever part is searched.
         lo, hi = (a - self.margin) // f * f, -(-(b + self.margin) // f) * f
         fine = strip.image(lo, hi, kind)
-        strip.learn_background(a, b, kind)
+        if learn:
+            strip.learn_background(a, b, kind)
         rows = fine.shape[0] // f
         coarse = cv2.resize(fine[: rows * f], ((hi - lo) // f, rows), interpolation=cv2.INTER_AREA)
         coarse *= np.float32(f * f)

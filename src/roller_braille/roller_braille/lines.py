@@ -34,6 +34,8 @@ _LIFTS = 0.5
 _MOST_SHIFT_M = 0.0001
 #: Times that a line is begun anew on a lattice a row or a column further.
 _MOST_ANEW = 3
+#: Least confidence of dots by which a line's first cells are given before the line is known.
+_NO_DOUBT = 0.6
 _UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
 
 
@@ -154,6 +156,19 @@ class LineReader:
             self._read_next()
         if self.accepted and self._pending and not self.closed and not self._unusual:
             self._look_ahead()
+
+    def early(self, complete: int) -> list[Seen]:
+        """Its cells before a column, if nothing that was read of it is in doubt; else none."""
+        if not self.accepted or self.closed or self._anew or self._unusual:
+            return []
+        if self.cells[0].number or min(min(c.dot_confidence) for c in self.cells) < _NO_DOUBT:
+            return []
+        limit = complete * self._strip.px_m
+        return [c for c in self.cells if self.end_of(c.number) <= limit]
+
+    def end_of(self, n: int) -> float:
+        """Travel at which all of the line's cell n was passed, metres."""
+        return self.lattice.moved(n - self._next).end
 
     def _look_ahead(self) -> None:
         """Let blank cells stand for spaces as soon as the next cell, half seen, shows a dot."""

@@ -74,6 +74,8 @@ class Page:
         self._known: F64 = np.empty((0, 3))
         self._where: list[tuple[int, int]] = []
         self._open: list[_Open] = []
+        # Cells given before their line was known, which come again with it.
+        self._early: set[int] = set()
         self.repeated = 0
 
     def text(self) -> list[str]:
@@ -115,10 +117,27 @@ class Page:
                 for seen in new:
                     yield from self._give(line, seen, reader)
             if not ended:
-                return
+                break
             for line in ended:
                 self._open.remove(line)
                 reader.lines.remove(line.reader)
+        if not over:
+            yield from self._give_early(reader)
+
+    def _give_early(self, reader: PassReader) -> Iterator[Cell]:
+        """First cells of lines that aren't known for lines yet."""
+        begun = [line.reader for line in self._open]
+        for preview in reader.previews:
+            if begun and self._settings.line_order != "seen":
+                return
+            if self._one_above(reader, preview.line, begun):
+                return
+            begun.append(preview.line)
+            place = _Open(preview.line)
+            for seen in preview.cells:
+                before = len(self._known)
+                yield from self._give(place, seen, reader, early=True)
+                self._early.update(range(before, len(self._known)))
 
     def _open_lines(self, reader: PassReader, over: bool, turned: bool) -> None:
         """Begin with the lines that it is the turn of."""
@@ -144,14 +163,17 @@ class Page:
         waiting = [x for x in reader.lines if not x.accepted]
         return any(_upper([x, line]) is x for x in waiting)
 
-    def _give(self, place: _Open, seen: Seen, reader: PassReader) -> Iterator[Cell]:
+    def _give(
+        self, place: _Open, seen: Seen, reader: PassReader, early: bool = False
+    ) -> Iterator[Cell]:
         depth = self._warp.depth_at(reader.roll)
         along = reader.way.in_poses_scale(seen.dots[:, 0])
         dots = self._warp.surface_points(reader.roll, along, seen.dots[:, 1], depth)
         position = dots.mean(axis=0)
         known = self._find(position)
         if known is not None:
-            self.repeated += 1
+            self.repeated += not early and known not in self._early
+            self._early -= set() if early else {known}
             place.line, place.column = self._where[known][0], self._where[known][1] + 1
             return
         known_dots = self._line_cell(seen)

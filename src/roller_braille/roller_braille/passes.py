@@ -12,6 +12,7 @@ from .dots import DotFinder, Dots
 from .lattice import FAINT, Lattice, find_lattice, find_turn, no_dust
 from .lines import LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
+from .previews import Preview, Previewer
 from .recognise import Recogniser
 from .rolling import Pass
 from .settings import BrailleSettings, Spacing
@@ -66,6 +67,9 @@ class PassReader:
         self._loose = {kind: Dots.none() for kind in self._kinds}
         #: Lines in the order they were begun, those given up left out.
         self.lines: list[LineReader] = []
+        self._previewer = Previewer(settings, self.strip, self._finder)
+        #: Beginnings of lines that aren't known for lines yet, from the top.
+        self.previews: list[Preview] = []
         self.dots = 0
         #: Whether its text is upside down; None while that is open.
         self.upside_down: bool | None = None
@@ -127,6 +131,7 @@ class PassReader:
             self._loose = {kind: Dots.none() for kind in self._kinds}
         self.lines = [line for line in self.lines if line.accepted or not line.closed]
         self._judge_orientation(LIKELY if final else SURE)
+        self.previews = [] if final else self._preview(upto)
         self.strip.forget_before(self._needed())
 
     def saw(self, places: F64) -> bool:
@@ -152,6 +157,19 @@ class PassReader:
             self.upside_down = False
         for line in self.lines:
             line.may_lift = self.upside_down is not False
+
+    def _preview(self, upto: int) -> list[Preview]:
+        """Lines that can't be begun yet, if it is sure which way round they are."""
+        if self.roll.direction < 0 or self.upside_down:
+            return []
+        known = {kind: self._free(loose) for kind, loose in self._loose.items()}
+        found = self._previewer.look(known, upto, self._free, self._best)
+        if found and self.upside_down is None:
+            lines = [line for line in self.lines if line.accepted] + [p.line for p in found]
+            if sum(log_odds(line.cells, self._settings.code) for line in lines) < SURE:
+                return []
+            self.upside_down = False
+        return found
 
     def _share(self, dots: Dots, kind: Kind) -> None:
         """Give dots to the lines they may belong to; they stay at hand till that is known."""

@@ -16,6 +16,8 @@ from .warp import F32, F64, I64, Knots, vote
 #: Columns seen over less than this share of the full travel are not made up for.
 _LEAST_EXPOSURE = 0.25
 _MARGIN_M = 0.002
+#: Frames' ends by which the pace is told.
+_NEWEST = 5
 #: Blocks whose emptier ones are background, px, and parts of the mosaic that it is taken from.
 _BLOCK_PX, _PARTS = 20, 8
 
@@ -85,9 +87,20 @@ class Strip:
         return self._clock[-1] if self._clock else 0.0
 
     @property
+    def pace_s_m(self) -> float:
+        """Seconds that a metre took over the newest frames; 0 before the first."""
+        way, clock = self._way[-_NEWEST:], self._clock[-_NEWEST:]
+        return (clock[-1] - clock[0]) / max(way[-1] - way[0], 1e-9) if way else 0.0
+
+    @property
     def half_seen(self) -> int:
         """Columns before this one were seen over half of the full travel."""
         return int(self._end // self.px_m)
+
+    @property
+    def glimpsed(self) -> int:
+        """Columns before this one were seen for long enough to be made up for."""
+        return int((self._end + self._half * (1 - 2 * _LEAST_EXPOSURE)) // self.px_m)
 
     @property
     def seen(self) -> tuple[int, int]:

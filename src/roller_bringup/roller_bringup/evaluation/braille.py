@@ -1,4 +1,4 @@
-"""How well Braille is read, by speed and by what the sensor gives; with wrong speeds and depths."""
+"""How well Braille is read, by speed, light and sensor; with wrong speeds and depths."""
 
 from __future__ import annotations
 
@@ -15,21 +15,35 @@ from roller_braille.settings import BrailleSettings
 from roller_bringup.progress import Tell, tell_nobody
 from roller_bringup.results.folders import make_folder
 from roller_bringup.results.tables import write_json
-from roller_driver.virtual.settings import SensorSettings
+from roller_driver.virtual.settings import SensorSettings, VirtualCellSettings
 
 from .alignment import Score, score
-from .braille_scans import BrailleScan, Reading, read, simulate
+from .braille_scans import BrailleScan, Reading, dot_contrast, read, simulate
 from .kept import Job, do_jobs
 
 _SENSOR = SensorSettings.create({})
-#: What the sensor gives, as changes of the virtual cell's sensor.
-CONDITIONS: dict[str, dict[str, Any]] = {
+#: Less scattered light and a narrower lobe: dots give as many events as models of event sensors
+#: give at a threshold of 0.25, 27 to 30 million a second over two lines at 0.5 m/s.
+_STRONG = {"ambient": 0.3, "specular": 0.35, "lobe_slope": 0.3}
+_STRONG_THRESHOLD = 0.25
+_NOISY = {"background_hz": 10 * _SENSOR.background_hz}
+#: Light and sensor, as changes of the virtual cell's settings by group.
+CONDITIONS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {},
-    # Events come at multiples of the threshold: twice the threshold is half the contrast. Dots
-    # change the log intensity by 0.26 to 0.34: at half the contrast nowhere enough for an event.
-    "70 % contrast": {"threshold": round(_SENSOR.threshold / 0.7, 3)},
-    "half contrast": {"threshold": 2 * _SENSOR.threshold},
-    "10 × noise": {"background_hz": 10 * _SENSOR.background_hz},
+    # Events come at multiples of the threshold: twice the threshold is half the contrast. In the
+    # default light dots change the log intensity too little for any event at half the contrast.
+    "70 % contrast": {"sensor": {"threshold": round(_SENSOR.threshold / 0.7, 3)}},
+    "half contrast": {"sensor": {"threshold": 2 * _SENSOR.threshold}},
+    "10 × noise": {"sensor": _NOISY},
+    "strong light": {"light": _STRONG, "sensor": {"threshold": _STRONG_THRESHOLD}},
+    "strong light, half contrast": {
+        "light": _STRONG,
+        "sensor": {"threshold": 2 * _STRONG_THRESHOLD},
+    },
+    "strong light, 10 × noise": {
+        "light": _STRONG,
+        "sensor": {"threshold": _STRONG_THRESHOLD, **_NOISY},
+    },
 }
 #: Ways of reading, as changes of the reader's settings.
 METHODS: dict[str, dict[str, Any]] = {
@@ -47,7 +61,7 @@ PUBLISHED: tuple[dict[str, Any], ...] = (
     {"name": "the paper", "speed": 0.5, "accuracy": 1.0, "ms": 19.26},
 )
 #: To be raised when the reader or its figures change: what an older form left is read anew.
-_FORM = 1
+_FORM = 2
 #: The paper's frame, to which times are scaled.
 FRAME_EVENTS = 20_000
 
@@ -95,7 +109,7 @@ class BrailleOptions:
         small = cls(
             text="quick jazz",
             speeds=(0.3,),
-            conditions=("default", "half contrast"),
+            conditions=("default", "half contrast", "strong light, half contrast"),
             speed_errors=(-0.1,),
             depth_errors_mm=(1.0,),
             cell={"scene": {"step_mm": 0.04}, "camera": {"width": 600, "height": 200}},
@@ -163,8 +177,8 @@ def _job(
     options: BrailleOptions, condition: str, speed: float, with_faults: bool, threads: int
 ) -> Job:
     """Reading of one scan."""
-    sensor = {**options.cell.get("sensor", {}), **CONDITIONS[condition]}
-    cell = {**options.cell, "sensor": sensor}
+    changes = CONDITIONS[condition]
+    cell = {**options.cell, **{k: {**options.cell.get(k, {}), **v} for k, v in changes.items()}}
     asked = {
         "form": _FORM,
         "options": asdict(options) | {"speeds": [], "conditions": [], "hard_speeds": []},
@@ -188,7 +202,7 @@ def read_plate(
     options : BrailleOptions
         Text, methods, faults.
     condition : str
-        Name of what the sensor gives.
+        Of `CONDITIONS`.
     speed : float
         m/s.
     with_faults : bool
@@ -197,11 +211,16 @@ def read_plate(
         Settings of the virtual cell.
     """
     scan = simulate(options.text, speed, cell, options.seed)
+    light = {
+        "threshold": VirtualCellSettings.create(cell).sensor.threshold,
+        "dot_contrast": dot_contrast(cell, options.seed),
+    }
     rows = [
         {
             "condition": condition,
             "speed": speed,
             "method": method,
+            **light,
             **_figures(scan, read(scan, METHODS[method])),
         }
         for method in options.methods

@@ -13,7 +13,12 @@ from matplotlib.axes import Axes
 
 from roller_core.errors import UnwritableOutputError
 
-_COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
+from .braille_report import too_faint
+
+_COLOURS = (
+    "tab:blue", "tab:orange", "tab:red", "tab:green", "tab:purple", "tab:brown", "tab:cyan",
+    "tab:olive",
+)  # fmt: skip
 #: A line and a marker by method: where results coincide, the later one is a ring around the first.
 _STYLES = (("-", "o", 5), ("--", "o", 10), (":", "s", 13), ("-.", "D", 16))
 _MS_TICKS = (1, 2, 5, 10, 20, 50, 100)
@@ -38,7 +43,8 @@ def draw(result: dict[str, Any], path: Path) -> None:
     _draw_errors(axes[0], result)
     _draw_faults(axes[1], result)
     _draw_times(axes[2], result)
-    figure.suptitle("Braille on the virtual cell, beside what others published of real sensors")
+    title = "Braille on the virtual cell, beside what others published of real sensors"
+    figure.suptitle("\n".join([title, *too_faint(result)]), fontsize=11)
     try:
         figure.savefig(path)
     except OSError as error:

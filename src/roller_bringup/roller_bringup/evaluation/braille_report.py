@@ -15,13 +15,24 @@ _HEAD = (
 def tables(result: dict[str, Any]) -> list[Table]:
     """All tables of a result."""
     rows = [
-        (f"{r['condition']}, {r['method']}", f"{r['speed']:g}", *_cells(r)) for r in result["rows"]
+        (
+            f"{r['condition']}, {r['method']}",
+            f"{r['speed']:g}",
+            f"{r['dot_contrast']:.2f}/{r['threshold']:.2f}",
+            *_cells(r),
+        )
+        for r in result["rows"]
     ]
-    note = (
-        "CER, WER: character and word error rate. misread: characters given as readable that "
-        "aren't there; unreadable ones are marked so in the text."
+    note = " ".join(
+        [
+            "CER, WER: character and word error rate. misread: characters given as readable that "
+            "aren't there; unreadable ones are marked so in the text. contrast: change of log "
+            "intensity by a dot, and that which an event needs.",
+            *too_faint(result),
+        ]
     )
-    out = [Table("Braille read, virtual cell", ("condition, events", "m/s", *_HEAD), rows, note)]
+    head = ("condition, events", "m/s", "contrast", *_HEAD)
+    out = [Table("Braille read, virtual cell", head, rows, note)]
     faults = [(_fault(r), f"{r['speed']:g}", *_cells(r)) for r in result["faults"]]
     if faults:
         out.append(Table("Wrong speed or depth", ("error", "m/s", *_HEAD), faults))
@@ -43,6 +54,16 @@ def tables(result: dict[str, Any]) -> list[Table]:
         )
     )
     return out
+
+
+def too_faint(result: dict[str, Any]) -> list[str]:
+    """A sentence for each condition in which a dot isn't enough for an event."""
+    faint = {r["condition"]: r for r in result["rows"] if r["dot_contrast"] < r["threshold"]}
+    return [
+        f"{name}: a dot changes log intensity by {r['dot_contrast']:.2f}, less than the threshold "
+        f"of {r['threshold']:.2f}, so few pixels give any."
+        for name, r in faint.items()
+    ]
 
 
 def _fault(r: dict[str, Any]) -> str:

@@ -20,6 +20,9 @@ from roller_core.transforms import matrix_to_quaternion
 from roller_driver.virtual.cell import Packet, PoseSample, VirtualCell
 from roller_driver.virtual.settings import VirtualCellSettings
 
+#: Text whose middle cell has dots enough to measure them.
+_DOTS = "qqq"
+
 
 @dataclass(frozen=True)
 class BrailleScan:
@@ -110,6 +113,48 @@ def simulate(
         elif isinstance(item, PoseSample):
             frames.add(frames.base, frames.moving, item.stamp_ns, item.position, item.quaternion)
     return BrailleScan(packets, frames.track, cell.camera, cell.truth.text.split("\n"))
+
+
+def dot_contrast(changes: Mapping[str, Any], seed: int) -> float:
+    """By how much a Braille dot changes the log intensity that a pixel sees.
+
+    The median, over a few dots in the middle of the view, of the span of log intensity around one;
+    without the coating's speckle. An event needs a change by the sensor's threshold.
+
+    Parameters
+    ----------
+    changes : mapping
+        As for `simulate`; text and speed don't matter.
+    seed : int
+        Seed of all chance.
+
+    Raises
+    ------
+    RollerError
+        If the settings are no good.
+    """
+    values: dict[str, Any] = {
+        name: dict(entry) if isinstance(entry, Mapping) else entry
+        for name, entry in changes.items()
+    }
+    values.setdefault("light", {})["speckle"] = 0.0
+    values.setdefault("scene", {}).update(name="braille", text=_DOTS)
+    cell = VirtualCell(VirtualCellSettings.create({**values, "seed": seed}, "evaluate"))
+    middle = cell.truth.marks[len(cell.truth.marks) // 2]
+    times = cell.truth.start_ros_ns + np.linspace(0, cell.truth.duration_ns, 2000).astype(np.int64)
+    places = cell.truth.camera_positions(times)
+    nearest = int(np.argmin(np.abs(places[:, 0] - middle.x)))
+    log = np.log(np.maximum(cell.picture(int(times[nearest])), 1))
+    pitch = cell.settings.scene.dot_pitch_mm * 1e-3
+    px = cell.camera.fx / cell.path.height_m
+    half = int(pitch / 2 * px)
+    found = []
+    for dot in (d for d in range(6) if middle.mask >> d & 1):
+        x, y = middle.x + (dot // 3 - 0.5) * pitch, middle.y + (1 - dot % 3) * pitch
+        u = round(cell.camera.cx + (x - places[nearest, 0]) * px)
+        v = round(cell.camera.cy - (y - places[nearest, 1]) * px)
+        found.append(float(np.ptp(log[v - half : v + half + 1, u - half : u + half + 1])))
+    return float(np.median(found))
 
 
 def with_wrong_speed(track: PoseTrack, factor: float) -> PoseTrack:
