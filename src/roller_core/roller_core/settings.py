@@ -102,8 +102,7 @@ def _entries(model: type[Settings], indent: str) -> list[str]:
         group = kind if isinstance(kind, type) and issubclass(kind, Settings) else None
         about_group = (group.__doc__ if group else None) or ""
         text = field.description or about_group.split("\n")[0]
-        told = text if text.endswith(".") else f"{text[:1].upper()}{text[1:]}."
-        lines += [f"{indent}# {line}" for line in textwrap.wrap(told, 94 - len(indent))]
+        lines += [f"{indent}# {line}" for line in textwrap.wrap(text, 94 - len(indent))]
         if group is not None:
             lines += [f"{indent}{name}:", *_entries(group, indent + "  ")]
             continue

@@ -39,22 +39,22 @@ EVENTS, INFO, IMAGE = (
 class VirtualCellParameters(VirtualCellSettings, FrameSettings):
     """Parameters of the node: the cell's settings and how the scan is played."""
 
-    rate: float = Field(1.0, ge=0.001, le=1000.0, description="pace; 1 is real time")
+    rate: float = Field(1.0, ge=0.001, le=1000.0, description="Pace; 1 is real time.")
     prepare: bool = Field(
-        True, description="simulate all of the scan before it starts; else while it runs"
+        True, description="Simulate all of the scan before it starts; else while it runs."
     )
-    subscribers: int = Field(1, ge=0, le=100, description="subscribers to events to wait for")
-    pose_subscribers: int = Field(0, ge=0, le=100, description="subscribers to /tf to wait for")
-    wait_s: float = Field(20.0, ge=0.0, le=600.0, description="longest wait for them, s")
+    subscribers: int = Field(1, ge=0, le=100, description="Subscribers to events to wait for.")
+    pose_subscribers: int = Field(0, ge=0, le=100, description="Subscribers to /tf to wait for.")
+    wait_s: float = Field(20.0, ge=0.0, le=600.0, description="Longest wait for them, s.")
     settle_s: float = Field(
-        1.0, ge=0.0, le=60.0, description="how long no subscriber may have come before the scan, s"
+        1.0, ge=0.0, le=60.0, description="How long no subscriber may have come before the scan, s."
     )
-    exit_when_done: bool = Field(False, description="end after the scan")
+    exit_when_done: bool = Field(False, description="End after the scan.")
     linger_s: float = Field(
-        4.0, ge=0.0, le=600.0, description="time others have to finish before it ends, s"
+        4.0, ge=0.0, le=600.0, description="Time others have to finish before it ends, s."
     )
     truth_output: str = Field(
-        "", description="folder to write the scan's truth to when it starts; empty: nowhere"
+        "", description="Folder to write the scan's truth to when it starts; empty: nowhere."
     )
 
 

@@ -12,62 +12,64 @@ from roller_core.settings import Settings
 class SceneSettings(Settings):
     """Which plate is rolled over."""
 
-    name: str = Field("demo", description="scene by name, or mesh:FILE.stl")
-    text: str = Field("", description="text of Braille and letter plates; empty: the scene's own")
-    step_mm: float = Field(0.02, ge=0.005, le=0.1, description="grid step of the height map, mm")
-    width_mm: float = Field(23.0, ge=4.0, le=60.0, description="width of the plate, mm")
+    name: str = Field("demo", description="Scene by name, or mesh:FILE.stl.")
+    text: str = Field("", description="Text of Braille and letter plates; empty: the scene's own.")
+    step_mm: float = Field(0.02, ge=0.005, le=0.1, description="Grid step of the height map, mm.")
+    width_mm: float = Field(23.0, ge=4.0, le=60.0, description="Width of the plate, mm.")
     margin_mm: float = Field(
         8.0,
         ge=0.0,
         le=100.0,
-        description="flat plate before the first and after the last object, mm",
+        description="Flat plate before the first and after the last object, mm.",
     )
     length_mm: float = Field(
-        0.0, ge=0.0, le=2000.0, description="least length of the plate, mm; 0: as its objects need"
+        0.0, ge=0.0, le=2000.0, description="Least length of the plate, mm; 0: as its objects need."
     )
-    dot_pitch_mm: float = Field(2.34, ge=1.0, le=5.0, description="Braille: distance of dots, mm")
-    cell_pitch_mm: float = Field(6.2, ge=3.0, le=12.0, description="Braille: distance of cells, mm")
+    dot_pitch_mm: float = Field(2.34, ge=1.0, le=5.0, description="Braille: distance of dots, mm.")
+    cell_pitch_mm: float = Field(
+        6.2, ge=3.0, le=12.0, description="Braille: distance of cells, mm."
+    )
     line_pitch_mm: float = Field(
-        10.0, ge=5.0, le=20.0, description="Braille: distance of lines, mm"
+        10.0, ge=5.0, le=20.0, description="Braille: distance of lines, mm."
     )
-    dot_diameter_mm: float = Field(1.44, ge=0.5, le=3.0, description="Braille: base of a dot, mm")
-    dot_height_mm: float = Field(0.48, ge=0.05, le=1.5, description="Braille: height of a dot, mm")
+    dot_diameter_mm: float = Field(1.44, ge=0.5, le=3.0, description="Braille: base of a dot, mm.")
+    dot_height_mm: float = Field(0.48, ge=0.05, le=1.5, description="Braille: height of a dot, mm.")
     turn_deg: float = Field(
-        0.0, ge=-360.0, le=360.0, description="Braille: turn of the text on the plate, degrees"
+        0.0, ge=-360.0, le=360.0, description="Braille: turn of the text on the plate, degrees."
     )
-    mesh_unit: Literal["mm", "m"] = Field("mm", description="unit of a mesh's coordinates")
+    mesh_unit: Literal["mm", "m"] = Field("mm", description="Unit of a mesh's coordinates.")
 
 
 class CameraSettings(Settings):
     """The camera inside the roller, and the roller."""
 
-    width: int = Field(640, ge=8, le=2047, description="columns, px")
-    height: int = Field(480, ge=8, le=2047, description="rows, px")
-    focal_px: float = Field(1066.0, ge=50.0, le=10000.0, description="focal length, px")
+    width: int = Field(640, ge=8, le=2047, description="Columns, px.")
+    height: int = Field(480, ge=8, le=2047, description="Rows, px.")
+    focal_px: float = Field(1066.0, ge=50.0, le=10000.0, description="Focal length, px.")
     cx_px: float = Field(
-        -1.0, ge=-1.0, le=4096.0, description="principal point; -1: the middle, px"
+        -1.0, ge=-1.0, le=4096.0, description="Principal point; -1: the middle, px."
     )
     cy_px: float = Field(
-        -1.0, ge=-1.0, le=4096.0, description="principal point; -1: the middle, px"
+        -1.0, ge=-1.0, le=4096.0, description="Principal point; -1: the middle, px."
     )
     distortion: list[float] = Field(
         default_factory=lambda: [0.0] * 5,
         min_length=5,
         max_length=5,
-        description="plumb_bob coefficients k1 k2 p1 p2 k3",
+        description="Plumb_bob coefficients k1 k2 p1 p2 k3.",
     )
-    roller_radius_mm: float = Field(47.0, ge=10.0, le=200.0, description="radius of the skin, mm")
+    roller_radius_mm: float = Field(47.0, ge=10.0, le=200.0, description="Radius of the skin, mm.")
     hand_eye_m: list[float] = Field(
         default_factory=lambda: [0.012, -0.031, 0.084],
         min_length=3,
         max_length=3,
-        description="camera's place in tool0_controller, m",
+        description="Camera's place in tool0_controller, m.",
     )
     hand_eye_rotation_rad: list[float] = Field(
         default_factory=lambda: [0.08, -0.05, 0.7],
         min_length=3,
         max_length=3,
-        description="camera's rotation vector in tool0_controller, rad",
+        description="Camera's rotation vector in tool0_controller, rad.",
     )
 
 
@@ -75,113 +77,125 @@ class SkinSettings(Settings):
     """How the elastomer follows the relief."""
 
     contact: Literal["light", "medium", "full"] = Field(
-        "full", description="how hard it is pressed"
+        "full", description="How hard it is pressed."
     )
     press_mm: float = Field(
-        0.0, ge=0.0, le=4.5, description="press depth at full contact, mm; 0: the scene's own"
+        0.0, ge=0.0, le=4.5, description="Press depth at full contact, mm; 0: the scene's own."
     )
-    smoothing_mm: float = Field(0.08, ge=0.0, le=1.0, description="Gaussian smoothing of edges, mm")
-    max_slope: float = Field(2.0, ge=0.1, le=3.0, description="steepest skin beside a wall")
-    blend_mm: float = Field(0.05, ge=0.001, le=1.0, description="rounding at the patch border, mm")
+    smoothing_mm: float = Field(
+        0.08, ge=0.0, le=1.0, description="Gaussian smoothing of edges, mm."
+    )
+    max_slope: float = Field(2.0, ge=0.1, le=3.0, description="Steepest skin beside a wall.")
+    blend_mm: float = Field(0.05, ge=0.001, le=1.0, description="Rounding at the patch border, mm.")
 
 
 class LightSettings(Settings):
     """The LED ring, the coating and the scattered light; strengths count at the plate's middle."""
 
     ambient: float = Field(
-        1.0, ge=0.0, le=10.0, description="light scattered in the roller, from the dome above"
+        1.0, ge=0.0, le=10.0, description="Light scattered in the roller, from the dome above."
     )
-    diffuse: float = Field(0.5, ge=0.0, le=10.0, description="matt part of the ring's light")
-    specular: float = Field(0.15, ge=0.0, le=10.0, description="semi-specular part of it")
-    lobe_slope: float = Field(0.6, ge=0.02, le=3.0, description="width of the lobe, as a slope")
-    ring_radius_mm: float = Field(20.0, ge=0.0, le=40.0, description="radius of the LED ring, mm")
-    ring_z_mm: float = Field(8.0, ge=-20.0, le=30.0, description="ring before the lens, mm")
-    speckle: float = Field(0.03, ge=0.0, le=0.3, description="RMS of the coating's reflectance")
-    speckle_mm: float = Field(0.1, ge=0.01, le=2.0, description="correlation length of it, mm")
+    diffuse: float = Field(0.5, ge=0.0, le=10.0, description="Matt part of the ring's light.")
+    specular: float = Field(0.15, ge=0.0, le=10.0, description="Semi-specular part of it.")
+    lobe_slope: float = Field(0.6, ge=0.02, le=3.0, description="Width of the lobe, as a slope.")
+    ring_radius_mm: float = Field(20.0, ge=0.0, le=40.0, description="Radius of the LED ring, mm.")
+    ring_z_mm: float = Field(8.0, ge=-20.0, le=30.0, description="Ring before the lens, mm.")
+    speckle: float = Field(0.03, ge=0.0, le=0.3, description="RMS of the coating's reflectance.")
+    speckle_mm: float = Field(0.1, ge=0.01, le=2.0, description="Correlation length of it, mm.")
 
 
 class SensorSettings(Settings):
     """The event sensor."""
 
-    threshold: float = Field(0.22, ge=0.01, le=2.0, description="contrast threshold, log intensity")
+    threshold: float = Field(
+        0.22, ge=0.01, le=2.0, description="Contrast threshold, log intensity."
+    )
     threshold_spread: float = Field(
-        0.03, ge=0.0, le=0.2, description="fixed spread of the threshold from pixel to pixel"
+        0.03, ge=0.0, le=0.2, description="Fixed spread of the threshold from pixel to pixel."
     )
-    bandwidth_hz: float = Field(2000.0, ge=0.0, le=1e6, description="pixel's low pass; 0: none")
-    refractory_us: float = Field(100.0, ge=0.0, le=1e5, description="dead time of a pixel, µs")
+    bandwidth_hz: float = Field(2000.0, ge=0.0, le=1e6, description="Pixel's low pass; 0: none.")
+    refractory_us: float = Field(100.0, ge=0.0, le=1e5, description="Dead time of a pixel, µs.")
     background_hz: float = Field(
-        0.3, ge=0.0, le=1000.0, description="noise events a pixel and second"
+        0.3, ge=0.0, le=1000.0, description="Noise events a pixel and second."
     )
-    background_on: float = Field(0.6, ge=0.0, le=1.0, description="share of ON among noise events")
-    hot_share: float = Field(1e-4, ge=0.0, le=0.1, description="share of hot pixels")
-    hot_hz: float = Field(500.0, ge=0.0, le=1e4, description="median rate of a hot pixel")
-    latency_us: float = Field(100.0, ge=0.0, le=1e4, description="pixel's delay, µs")
-    jitter_us: float = Field(20.0, ge=0.0, le=1e3, description="its RMS spread, µs")
+    background_on: float = Field(0.6, ge=0.0, le=1.0, description="Share of ON among noise events.")
+    hot_share: float = Field(1e-4, ge=0.0, le=0.1, description="Share of hot pixels.")
+    hot_hz: float = Field(500.0, ge=0.0, le=1e4, description="Median rate of a hot pixel.")
+    latency_us: float = Field(100.0, ge=0.0, le=1e4, description="Pixel's delay, µs.")
+    jitter_us: float = Field(20.0, ge=0.0, le=1e3, description="Its RMS spread, µs.")
     readout_us: float = Field(
-        200.0, ge=0.0, le=1e4, description="time of a read-out frame, µs; 0: no frames"
+        200.0, ge=0.0, le=1e4, description="Time of a read-out frame, µs; 0: no frames."
     )
     rate_cap_mev_s: float = Field(
-        165.0, ge=0.0, le=1e4, description="most events read out, 10^6/s; 0: no cap"
+        165.0, ge=0.0, le=1e4, description="Most events read out, 10^6/s; 0: no cap."
     )
-    step_px: float = Field(0.5, ge=0.02, le=2.0, description="travel between rendered frames, px")
-    max_step_ms: float = Field(1.0, ge=0.01, le=10.0, description="longest time between them, ms")
+    step_px: float = Field(0.5, ge=0.02, le=2.0, description="Travel between rendered frames, px.")
+    max_step_ms: float = Field(1.0, ge=0.01, le=10.0, description="Longest time between them, ms.")
 
 
 class MotionSettings(Settings):
     """How the robot rolls."""
 
-    speed: float = Field(0.3, ge=0.001, le=2.0, description="speed of the scan, m/s")
-    acceleration: float = Field(15.0, ge=0.05, le=100.0, description="of the ramps, m/s²")
-    hold_s: float = Field(0.1, ge=0.0, le=10.0, description="standstill before and after, s")
-    reverse: bool = Field(False, description="roll back to the start afterwards")
-    start_mm: float | None = Field(None, description="camera's x where full speed begins, mm")
-    end_mm: float | None = Field(None, description="camera's x where full speed ends, mm")
-    offset_y_mm: float = Field(0.0, ge=-50.0, le=50.0, description="camera's y over the plate, mm")
-    vibration_um: float = Field(3.0, ge=0.0, le=500.0, description="RMS of the arm's vibration, µm")
+    speed: float = Field(0.3, ge=0.001, le=2.0, description="Speed of the scan, m/s.")
+    acceleration: float = Field(15.0, ge=0.05, le=100.0, description="Of the ramps, m/s².")
+    hold_s: float = Field(0.1, ge=0.0, le=10.0, description="Standstill before and after, s.")
+    reverse: bool = Field(False, description="Roll back to the start afterwards.")
+    start_mm: float | None = Field(None, description="Camera's x where full speed begins, mm.")
+    end_mm: float | None = Field(None, description="Camera's x where full speed ends, mm.")
+    offset_y_mm: float = Field(0.0, ge=-50.0, le=50.0, description="Camera's y over the plate, mm.")
+    vibration_um: float = Field(
+        3.0, ge=0.0, le=500.0, description="RMS of the arm's vibration, µm."
+    )
     plate_origin_m: list[float] = Field(
         default_factory=lambda: [0.0, 0.0, 0.0],
         min_length=3,
         max_length=3,
-        description="the plate's corner point in base, m",
+        description="The plate's corner point in base, m.",
     )
 
 
 class ClockSettings(Settings):
     """Clocks, poses and arrival times."""
 
-    start_ros_s: float = Field(1.7e9, ge=0.0, le=4e9, description="ROS time at the start, s")
-    start_sensor_s: float = Field(3.7, ge=0.0, le=1000.0, description="sensor time at the start, s")
-    drift_ppm: float = Field(15.0, ge=-200.0, le=200.0, description="sensor clock's rate error")
-    latency_us: float = Field(150.0, ge=0.0, le=1e5, description="least delay of a packet, µs")
+    start_ros_s: float = Field(1.7e9, ge=0.0, le=4e9, description="ROS time at the start, s.")
+    start_sensor_s: float = Field(
+        3.7, ge=0.0, le=1000.0, description="Sensor time at the start, s."
+    )
+    drift_ppm: float = Field(15.0, ge=-200.0, le=200.0, description="Sensor clock's rate error.")
+    latency_us: float = Field(150.0, ge=0.0, le=1e5, description="Least delay of a packet, µs.")
     arrival_jitter_us: float = Field(
-        80.0, ge=0.0, le=1e5, description="mean of what comes on top, µs"
+        80.0, ge=0.0, le=1e5, description="Mean of what comes on top, µs."
     )
-    pose_rate_hz: float = Field(125.0, ge=5.0, le=1000.0, description="poses a second")
-    pose_offset_us: float = Field(0.0, ge=-1e5, le=1e5, description="error of all pose stamps, µs")
-    pose_jitter_us: float = Field(30.0, ge=0.0, le=1e4, description="RMS error of a pose stamp, µs")
-    pose_latency_us: float = Field(1500.0, ge=0.0, le=1e5, description="mean delay of a pose, µs")
-    pose_noise_um: float = Field(2.0, ge=0.0, le=500.0, description="RMS noise of positions, µm")
+    pose_rate_hz: float = Field(125.0, ge=5.0, le=1000.0, description="Poses a second.")
+    pose_offset_us: float = Field(0.0, ge=-1e5, le=1e5, description="Error of all pose stamps, µs.")
+    pose_jitter_us: float = Field(
+        30.0, ge=0.0, le=1e4, description="RMS error of a pose stamp, µs."
+    )
+    pose_latency_us: float = Field(1500.0, ge=0.0, le=1e5, description="Mean delay of a pose, µs.")
+    pose_noise_um: float = Field(2.0, ge=0.0, le=500.0, description="RMS noise of positions, µm.")
     pose_noise_urad: float = Field(
-        5.0, ge=0.0, le=5000.0, description="RMS noise of rotations, µrad"
+        5.0, ge=0.0, le=5000.0, description="RMS noise of rotations, µrad."
     )
-    image_rate_hz: float = Field(25.0, ge=0.0, le=200.0, description="intensity images a second")
+    image_rate_hz: float = Field(25.0, ge=0.0, le=200.0, description="Intensity images a second.")
 
 
 class PacketSettings(Settings):
     """How events are packed."""
 
     encoding: Literal["mono", "libcaer", "libcaer_cmp", "evt3"] = Field(
-        "libcaer_cmp", description="encoding of event packets"
+        "libcaer_cmp", description="Encoding of event packets."
     )
-    time_ms: float = Field(1.0, ge=0.1, le=50.0, description="longest packet, ms")
-    max_events: int = Field(48000, ge=100, le=1000000, description="most events a packet")
+    time_ms: float = Field(1.0, ge=0.1, le=50.0, description="Longest packet, ms.")
+    max_events: int = Field(48000, ge=100, le=1000000, description="Most events a packet.")
 
 
 class VirtualCellSettings(Settings):
     """Everything that, with the seed, decides what the virtual cell gives."""
 
-    seed: int = Field(1, ge=0, le=2**31 - 1, description="seed of all chance")
-    threads: int = Field(0, ge=0, le=64, description="threads; 0: all cores (results don't depend)")
+    seed: int = Field(1, ge=0, le=2**31 - 1, description="Seed of all chance.")
+    threads: int = Field(
+        0, ge=0, le=64, description="Threads; 0: all cores (results don't depend)."
+    )
     scene: SceneSettings = SceneSettings.create({})
     camera: CameraSettings = CameraSettings.create({})
     skin: SkinSettings = SkinSettings.create({})
