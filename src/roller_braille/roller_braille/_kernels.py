@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numba
+import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
@@ -22,37 +23,30 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
     last = len(knots_ns) - 2
     k = 0
     used = 0
+    m = np.zeros((3, 3))
+    made_ns = t[0] - 1 if len(t) else 0
     for i in range(len(x)):
-        u = table[y[i], x[i], 0]
+        row = np.uint64(y[i])
+        column = np.uint64(x[i])
+        u = table[row, column, 0]
         if u < -1e8:
             continue
-        v = table[y[i], x[i], 1]
-        while k < last and t[i] >= knots_ns[k + 1]:
-            k += 1
-        f = (t[i] - knots_ns[k]) / (knots_ns[k + 1] - knots_ns[k])
-        a = maps[k]
-        b = maps[k + 1]
-        g = 1.0 - f
-        c = (
-            (g * a[0, 0] + f * b[0, 0]) * u
-            + (g * a[0, 1] + f * b[0, 1]) * v
-            + (g * a[0, 2] + f * b[0, 2])
-        )
-        r = (
-            (g * a[1, 0] + f * b[1, 0]) * u
-            + (g * a[1, 1] + f * b[1, 1]) * v
-            + (g * a[1, 2] + f * b[1, 2])
-        )
-        w = (
-            (g * a[2, 0] + f * b[2, 0]) * u
-            + (g * a[2, 1] + f * b[2, 1]) * v
-            + (g * a[2, 2] + f * b[2, 2])
-        )
-        ci = math.floor(c / w + 0.5)
-        ri = math.floor(r / w + 0.5)
+        v = table[row, column, 1]
+        # Events of one read-out share their time, and so their map.
+        if t[i] != made_ns:
+            made_ns = t[i]
+            while k < last and made_ns >= knots_ns[k + 1]:
+                k += 1
+            f = (made_ns - knots_ns[k]) / (knots_ns[k + 1] - knots_ns[k])
+            for j in range(3):
+                for n in range(3):
+                    m[j, n] = (1.0 - f) * maps[k, j, n] + f * maps[k + 1, j, n]
+        w = m[2, 0] * u + m[2, 1] * v + m[2, 2]
+        ci = math.floor((m[0, 0] * u + m[0, 1] * v + m[0, 2]) / w + 0.5)
+        ri = math.floor((m[1, 0] * u + m[1, 1] * v + m[1, 2]) / w + 0.5)
         if 0 <= ci < columns and 0 <= ri < rows:
             strip[p[i], ri, ci] += 1.0
-            newest[ci] = t[i]
+            newest[ci] = made_ns
             used += 1
     return used
 
