@@ -242,8 +242,8 @@ def test_many_short_transfers_wait_as_well_as_few_long_ones():
             held.append(time.sleep(0.5))
         running.packets.append(part)
 
-    # A kilobyte a transfer, all of them while the decoder stands.
-    running = Running(CameraModel(raw, bytes_per_s=4 * len(raw)))
+    # A kilobyte a transfer at most, all of them while the decoder stands.
+    running = Running(CameraModel(raw, bytes_per_s=4 * len(raw)), transfer_bytes=1024)
     running.reader._on_packet = hold
     with running:
         running.wait_for(len(events))
