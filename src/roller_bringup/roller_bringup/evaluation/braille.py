@@ -105,7 +105,7 @@ class BrailleOptions:
 
     @classmethod
     def short(cls, **changes: Any) -> BrailleOptions:
-        """A run of less than a minute: a few letters at one speed, seen by part of the camera."""
+        """A run of a minute or so: a few letters at one speed, seen by part of the camera."""
         small = cls(
             text="quick jazz",
             speeds=(0.3,),

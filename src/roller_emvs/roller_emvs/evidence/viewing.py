@@ -11,7 +11,7 @@ from ..rays import F32
 from . import _kernels as kernels
 from .field import RayField
 
-#: Depths, at least, of which the usual one is taken, if there are as many.
+#: Depths, at most, of which the usual one is taken.
 _SAMPLE = 1000
 
 
@@ -58,7 +58,7 @@ def viewing(field: RayField, shift: F32, polarity: int) -> Viewing:
 
 
 def usual_shift(shift: F32) -> np.float32 | None:
-    """Where rays begin to look for the surface, from a thousand cells; None if there is none."""
+    """Where rays begin to look for the surface, from some of the cells; None if there is none."""
     known = shift[np.isfinite(shift)]
     return np.float32(np.median(known[:: len(known) // _SAMPLE + 1])) if len(known) else None
 
