@@ -193,6 +193,58 @@ def test_the_command_ends_well_on_a_signal(world, number):
     assert "[forever] bye" in rest
 
 
+WITHIN = """
+import sys, time
+from roller_bringup.ending import ending_in_order
+from roller_bringup.launching import Runner, load
+with ending_in_order(), Runner(load(sys.argv[1]), grace_s=float(sys.argv[2])) as runner:
+    while runner.poll() is None:
+        time.sleep(0.05)
+"""
+
+
+def start_within(world: World, body: str, grace_s: float) -> subprocess.Popen[str]:
+    """A program that runs a plan beside its own work, as the demonstration does."""
+    return subprocess.Popen(
+        [sys.executable, "-c", WITHIN, str(world.launch(body)), str(grace_s)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "AMENT_PREFIX_PATH": str(world.prefix)},
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_no_node_running(world, number):
+    world.script("forever", "echo process $$; " + FOREVER)
+    process = start_within(world, node("forever"), 5.0)
+    assert process.stdout is not None
+    lines = [""]
+    while "ready" not in lines[-1]:
+        lines.append(process.stdout.readline())
+    child = next(int(line.split()[-1]) for line in lines if "[forever] process" in line)
+    process.send_signal(number)
+    rest, errors = process.communicate(timeout=20)
+    assert "[forever] bye" in rest
+    assert "KeyboardInterrupt" in errors or "Ended" in errors
+    assert not alive(child)
+
+
+def test_signals_while_stopping_leave_no_node_running(world):
+    world.script("deaf", "echo process $$; " + DEAF)
+    process = start_within(world, node("deaf"), 60.0)
+    assert process.stdout is not None
+    lines = [""]
+    while "ready" not in lines[-1]:
+        lines.append(process.stdout.readline())
+    child = next(int(line.split()[-1]) for line in lines if "[deaf] process" in line)
+    while process.poll() is None:
+        process.send_signal(signal.SIGTERM)
+        time.sleep(0.3)
+    process.communicate()
+    until(lambda: not alive(child))
+
+
 def test_a_second_signal_hurries(world):
     world.script("deaf", DEAF)
     process = start(world, node("deaf"))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import signal
 import sys
 from collections.abc import Sequence
 
+from roller_bringup.ending import Ended, ending_in_order
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
 from roller_core.opencv import one_opencv_thread
@@ -38,8 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 if all was well; 1 after a fault, told in one line; 2 for wrong usage; 130 when
-        interrupted.
+        0 if all was well; 1 after a fault, told in one line; 2 for wrong usage; 128 and a
+        signal's number when that ended it (130 after Ctrl-C).
     """
     words = list(sys.argv[1:] if argv is None else argv)
     parser = argparse.ArgumentParser(
@@ -58,13 +60,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     keep_freed_memory()
     one_opencv_thread()
     try:
-        return int(args.run(args))
+        with ending_in_order():
+            return int(args.run(args))
     except RollerError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         print("interrupted", file=sys.stderr)
-        return 130
+        return 128 + (interrupt.number if isinstance(interrupt, Ended) else signal.SIGINT)
 
 
 if __name__ == "__main__":

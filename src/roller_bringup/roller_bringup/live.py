@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -76,6 +77,10 @@ class Observer:
         while time.monotonic() < end:
             self._executor.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
 
+    def node_names(self) -> set[str]:
+        """Names of the nodes seen by now."""
+        return set(self._node.get_node_names())
+
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown()
@@ -95,6 +100,35 @@ class Observer:
                 self.seen.faults.append(status.message)
             if status.name in SOURCES and status.message == "finished":
                 self.seen.source_done = True
+
+
+def refuse_company(plan: LaunchPlan, wait_s: float = 1.0) -> None:
+    """See that no node of a plan runs already; two graphs with the same topics spoil each other.
+
+    Parameters
+    ----------
+    plan : LaunchPlan
+        What is to run.
+    wait_s : float
+        How long to listen for others, s.
+
+    Raises
+    ------
+    GraphError
+        If there is one.
+    """
+    observer = Observer()
+    try:
+        observer.spin(wait_s)
+        there = sorted(observer.node_names() & {node.name for node in plan.processes})
+    finally:
+        observer.close()
+    if there:
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        raise GraphError(
+            f"already running in ROS domain {domain}: {', '.join(there)}; stop them, or set "
+            "ROS_DOMAIN_ID to another number (nodes that were killed are still listed for 20 s)"
+        )
 
 
 def run_until_done(

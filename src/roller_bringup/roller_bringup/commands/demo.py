@@ -43,14 +43,26 @@ def run(args: argparse.Namespace) -> int:
 
     from roller_bringup.launching import load
     from roller_bringup.launching.locate import package_share
-    from roller_bringup.live import run_until_done
+    from roller_bringup.live import refuse_company, run_until_done
     from roller_bringup.results.folders import fresh_folder
     from roller_bringup.results.overview import draw_overview
     from roller_bringup.results.recorded import gather
     from roller_bringup.results.report import Report
     from roller_bringup.results.summary import demo_table
 
-    folder = fresh_folder(args.output.absolute())
+    folder = args.output.absolute()
+    launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
+    arguments = {
+        "scene": args.scene,
+        "speed": str(args.speed),
+        "method": args.method,
+        "record": "true",
+        "output": str(folder / "bag"),
+    }
+    # Before what an earlier run left is removed: that run may be the company.
+    with load(launch_file, arguments) as plan:
+        refuse_company(plan)
+    fresh_folder(folder)
     overrides = folder / "parameters.yaml"
     # The scan starts when depth or surface, Braille and recorder are all listening, and the
     # stitcher has the robot's poses too.
@@ -61,15 +73,7 @@ def run(args: argparse.Namespace) -> int:
         "pose_subscribers": poses,
     }
     overrides.write_text(yaml.safe_dump({"virtual_cell": {"ros__parameters": cell}}))
-    arguments = {
-        "scene": args.scene,
-        "speed": str(args.speed),
-        "method": args.method,
-        "params": str(overrides),
-        "record": "true",
-        "output": str(folder / "bag"),
-    }
-    launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
+    arguments["params"] = str(overrides)
     seen = run_until_done(load(launch_file, arguments), tell=print)
     report = Report(
         "virtual cell, live",

@@ -159,15 +159,23 @@ class Runner:
         self._hurry.set()
 
     def __enter__(self) -> Runner:
-        self.start()
+        try:
+            # A signal between a process's start and our knowing of it would leave it running.
+            with _deferring():
+                self.start()
+        except BaseException:
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.stop()
+        # A second signal, of one who is out of patience, must not leave nodes running.
+        with _handling(lambda *_: self.hurry()):
+            self.stop()
 
 
 def run(plan: LaunchPlan, screen: Screen | None = None, grace_s: float = 5.0) -> int:
-    """Run a plan until a required process ends, all end, or SIGINT or SIGTERM comes.
+    """Run a plan until a required process ends, all end, or SIGINT, SIGTERM or SIGHUP comes.
 
     A second signal while stopping doesn't wait for the processes' grace.
 
@@ -201,13 +209,26 @@ def run(plan: LaunchPlan, screen: Screen | None = None, grace_s: float = 5.0) ->
 
 @contextmanager
 def _handling(handler: Any) -> Iterator[None]:
-    """Handle SIGINT and SIGTERM for a while (the main thread's privilege)."""
+    """Handle the signals that ask for an end for a while (the main thread's privilege)."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    wanted = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # else nohup keeps us alive
+        wanted.append(signal.SIGHUP)
+    before = {number: signal.signal(number, handler) for number in wanted}
     try:
         yield
     finally:
         for number, previous in before.items():
             signal.signal(number, previous)
+
+
+@contextmanager
+def _deferring() -> Iterator[None]:
+    """Let signals that ask for an end count only afterwards."""
+    came: list[int] = []
+    with _handling(lambda number, _: came.append(number)):
+        yield
+    for number in came[:1]:
+        signal.raise_signal(number)

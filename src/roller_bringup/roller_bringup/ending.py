@@ -1,0 +1,48 @@
+"""Ending in order on SIGTERM and SIGHUP as on Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+class Ended(KeyboardInterrupt):
+    """A signal asked for the end; what is under way cleans up as after Ctrl-C.
+
+    Attributes
+    ----------
+    number : int
+        The signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@contextmanager
+def ending_in_order() -> Iterator[None]:
+    """Have SIGTERM and SIGHUP raise `Ended`, where they would end the process at once.
+
+    Whatever started processes of its own can then stop them. Signals that are ignored, as under
+    nohup, stay so; on other threads than the main one nothing changes.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        raise Ended(number)
+
+    wanted = (signal.SIGTERM, signal.SIGHUP)
+    before = {s: signal.getsignal(s) for s in wanted if signal.getsignal(s) == signal.SIG_DFL}
+    for number in before:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
