@@ -191,8 +191,9 @@ def test_events_meet_the_cells_they_are_of() -> None:
     y = rng.integers(0, HEIGHT // CELL_PX, 400) * CELL_PX + 1
     pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
     rays = rays_on(pixels, x, y, rng)
-    count, slope, square = (np.zeros_like(cells) for _ in range(3))
-    _kernels._meet(rays, 10, 390, cells, np.float32(0), count, slope, square)
+    sums = np.zeros((*cells.shape, 3), np.float32)
+    _kernels._meet(rays, 10, 390, cells, np.float32(0), sums)
+    count, slope, square = np.moveaxis(sums, -1, 0)
     expected, leaning, squared = (np.zeros_like(cells) for _ in range(3))
     np.add.at(expected, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), 1)
     np.add.at(leaning, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from roller_emvs import _vote_kernels
+from roller_emvs import _view_kernels, _vote_kernels
 from roller_emvs.evidence import _kernels, _peak_kernels
 from roller_emvs.settings import METHODS, DepthSettings
 from roller_emvs.surface import SurfaceSettings
@@ -19,7 +19,7 @@ def test_every_method_warms_up(method: str) -> None:
     else:
         assert _vote_kernels._sweep_bands.signatures
     if method in ("bma", "left_right"):
-        assert _vote_kernels._sweep_bands_views.signatures
+        assert _view_kernels._sweep_bands_views.signatures
 
 
 def test_surface_warms_up() -> None:

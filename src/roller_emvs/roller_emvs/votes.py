@@ -13,6 +13,7 @@ import numpy.typing as npt
 from roller_core.camera import Camera
 from roller_core.transforms import F64
 
+from . import _view_kernels as view_kernels
 from . import _vote_kernels as kernels
 from .bands import I64, Bands, sort_into_bands
 from .rays import F32, RayBundle
@@ -117,7 +118,8 @@ def sweep_views(
     Returns
     -------
     votes, index : ndarray, shape (views, height, width)
-        As of `sweep_maximum`.
+        As of `sweep_maximum`, but that votes which differ by less than a share of n / 2^22 for n
+        planes (n / 2^51 in float64) count as equal.
     """
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
@@ -128,13 +130,16 @@ def sweep_views(
     votes = np.zeros((count, *shape), np.float32)
     index = np.zeros((count, *shape), np.uint16)
 
+    bits = np.dtype(f"i{dtype.itemsize}")
+
     def run(first: int) -> None:
-        hats = np.empty((2, rows + 4, 2, shape[1] + 2 * pad), dtype)
+        hats = np.zeros((2, rows + 4, 2, shape[1] + 2 * pad), dtype)
+        lines = np.empty((2, 2, shape[1] + 2 * pad), dtype)
         best = np.empty((count, rows, shape[1]), dtype)
-        kernels._sweep_bands_views(
+        view_kernels._sweep_bands_views(
             bands.rays, limits, bands.starts, first, threads, tiles, inverse.astype(dtype),
-            half_shifts, pad, hats, kernels.chunk(dtype), best, np.empty(best.shape, np.int32),
-            votes, index,
+            half_shifts, pad, hats, kernels.chunk(dtype), (lines, lines.view(bits)),
+            (best, best.view(bits)), votes, index,
         )  # fmt: skip
 
     share(threads, threads, run)

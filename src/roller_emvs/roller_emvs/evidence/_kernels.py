@@ -16,6 +16,8 @@ TILE_CELLS = 16
 #: Derivative of a Gaussian of 0.8 px, five taps: what is one pixel wide doesn't shine or fade
 #: with its place between pixels.
 _FAR, _NEAR = np.float32(0.4), np.float32(1.0)
+#: Rays a tile, over which a band's tiles all count.
+_MANY_RAYS = 128
 #: Rays that are placed before they vote.
 _CHUNK = 256
 
@@ -44,32 +46,30 @@ def _vote(rays, a, b, shift, top, votes, chunk):  # type: ignore[no-untyped-def]
     """Votes of rays a to b on the plane `shift`, each shared by two columns.
 
     Places first, in a loop that the compiler turns into vector instructions, then votes. The
-    last row of `votes` takes what goes nowhere.
+    last row of `votes` takes what goes nowhere. Loops count without sign from where they begin:
+    slices made for them, and what may count from the end, take longer than the votes.
     """
     rows, width = votes.shape
     flat = votes.reshape(-1)
+    x0, y0, dx, dy = rays[0], rays[1], rays[2], rays[3]
     places, shares = chunk
     one = np.float32(1)
     half = np.float32(1.0 / ROW_PX)
     below = np.float32(rows - 1)
     right = np.float32(width - 1)
     stride = np.float32(width)
-    size = len(places)
-    for start in range(a, b, size):
-        n = min(size, b - start)
-        x0 = rays[0, start : start + n]
-        y0 = rays[1, start : start + n]
-        dx = rays[2, start : start + n]
-        dy = rays[3, start : start + n]
-        for i in range(n):
-            x = x0[i] + dx[i] * shift
-            y = (y0[i] + dy[i] * shift - top) * half
+    for start in range(a, b, len(places)):
+        begin = np.uint64(start)
+        count = np.uint64(min(len(places), b - start))
+        for i in range(count):
+            x = x0[begin + i] + dx[begin + i] * shift
+            y = (y0[begin + i] + dy[begin + i] * shift - top) * half
             # Written so that NaN fails it.
             inside = (x >= 0) & (x < right) & (y >= 0) & (y < below)
             left = np.floor(x)
             shares[i] = x - left
             places[i] = np.int32((np.floor(y) * stride + left) if inside else below * stride)
-        for i in range(n):
+        for i in range(count):
             at = np.uint64(places[i])
             flat[at] += one - shares[i]
             flat[at + np.uint64(1)] += shares[i]
@@ -95,62 +95,91 @@ def _energy_band(  # type: ignore[no-untyped-def]
             continue
         votes[:] = 0
         _vote(rays, a, b, shifts[k], top, votes, chunk)
-        for tile in range(len(tiles)):
-            if k < tiles[tile, 0] or k > tiles[tile, 1]:
+        tile = 0
+        while tile < len(tiles):
+            # Tiles side by side that count are looked at in one go.
+            begin = tile
+            while tile < len(tiles) and tiles[tile, 0] <= k <= tiles[tile, 1]:
+                tile += 1
+            if begin == tile:
+                tile += 1
                 continue
-            first = tile * TILE_CELLS
-            last = min(first + TILE_CELLS, cell_columns)
+            first = begin * TILE_CELLS
+            last = min(tile * TILE_CELLS, cell_columns)
+            low = max(first * CELL_PX, 2)
+            high = min(last * CELL_PX, width - 2)
+            line[first * CELL_PX : low] = 0
+            line[high : last * CELL_PX] = 0
             for row in range(cell_rows):
-                line[:] = 0
-                for r in range(row * CELL_PX // ROW_PX, (row + 1) * CELL_PX // ROW_PX):
-                    low = max(first * CELL_PX, 2)
-                    high = min(last * CELL_PX, width - 2)
-                    _add_slopes(votes[r, low - 2 : high + 2], line[low - first * CELL_PX :])
-                for cell in range(first, last):
-                    total = np.float32(0)
-                    for x in range((cell - first) * CELL_PX, (cell - first + 1) * CELL_PX):
-                        total += line[x]
-                    energy[k, row, cell] = total
+                _add_slopes(votes, row * CELL_PX // ROW_PX, low, high, line)
+                _add_cells(line, first, last, energy[k, row])
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _add_slopes(votes, line):  # type: ignore[no-untyped-def]
-    for x in range(len(votes) - 4):
-        slope = _FAR * (votes[x + 4] - votes[x]) + _NEAR * (votes[x + 3] - votes[x + 1])
-        line[x] += slope * slope
+def _add_slopes(votes, row, low, high, line):  # type: ignore[no-untyped-def]
+    """Squared slopes at columns low to high, the sum of those of a cell's rows from `row` on."""
+    flat = votes.reshape(-1)
+    to = np.uint64(low)
+    for r in range(CELL_PX // ROW_PX):
+        # Of the five taps' first.
+        at = np.uint64((row + r) * votes.shape[1] + low - 2)
+        for i in range(np.uint64(high - low)):
+            slope = _FAR * (flat[at + i + np.uint64(4)] - flat[at + i]) + _NEAR * (
+                flat[at + i + np.uint64(3)] - flat[at + i + np.uint64(1)]
+            )
+            before = line[to + i] if r else np.float32(0)
+            line[to + i] = before + slope * slope
 
 
 @njit(cache=True, nogil=True)
-def _meet(rays, first, last, shift, start, count, slope, square):  # type: ignore[no-untyped-def]
+def _add_cells(line, first, last, energy):  # type: ignore[no-untyped-def]
+    """Sums of the columns of each cell."""
+    for cell in range(np.uint64(first), np.uint64(last)):
+        total = np.float32(0)
+        for x in range(np.uint64(CELL_PX)):
+            total += line[cell * np.uint64(CELL_PX) + x]
+        energy[cell] = total
+
+
+@njit(cache=True, nogil=True)
+def _meet(rays, first, last, shift, start, sums):  # type: ignore[no-untyped-def]
     """Count events, and add up their slopes along x and squares, where they meet the surface.
 
     `shift` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere.
+    `sums`, shape (rows, columns, 3), holds what is added to together.
     """
     height, width = shift.shape
+    right = np.float32(width)
+    below = np.float32(height)
     per_px = np.float32(1.0 / CELL_PX)
     half = np.float32(0.5)
     for i in range(first, last):
+        x = rays[i, 0] + half
+        y = rays[i, 1] + half
+        slope = rays[i, 2]
         z = start
-        row = -1
-        column = -1
+        row = np.uint32(0)
+        column = np.uint32(0)
+        met = False
         # Where a ray meets the surface depends on the shift there: a few rounds settle it.
         for _ in range(4):
-            a = (rays[i, 0] + rays[i, 2] * z + half) * per_px
-            b = (rays[i, 1] + rays[i, 3] * z + half) * per_px
-            row = -1
-            if not (a >= 0 and a < width and b >= 0 and b < height):
+            a = (x + slope * z) * per_px
+            b = (y + rays[i, 3] * z) * per_px
+            met = (a >= 0) & (a < right) & (b >= 0) & (b < below)
+            if not met:
                 break
-            if np.isnan(shift[int(b), int(a)]):
+            # Unsigned, as what may be negative is checked to count from the end.
+            row = np.uint32(b)
+            column = np.uint32(a)
+            here = shift[row, column]
+            met = not np.isnan(here)
+            if not met or z == here:
                 break
-            row = int(b)
-            column = int(a)
-            if z == shift[row, column]:
-                break
-            z = shift[row, column]
-        if row >= 0:
-            count[row, column] += 1
-            slope[row, column] += rays[i, 2]
-            square[row, column] += rays[i, 2] * rays[i, 2]
+            z = here
+        if met:
+            sums[row, column, 0] += np.float32(1)
+            sums[row, column, 1] += slope
+            sums[row, column, 2] += slope * slope
 
 
 @njit(cache=True, nogil=True)
@@ -244,10 +273,16 @@ def _order_planes(rays, plane, edges, starts, out):  # type: ignore[no-untyped-d
 
 @njit(cache=True, nogil=True)
 def _tiles_reached(rays, first, last, low, high, seen):  # type: ignore[no-untyped-def]
-    """Mark the tiles of columns that a band's rays pass between the shifts `low` and `high`."""
+    """Mark the tiles of columns that a band's rays pass between the shifts `low` and `high`.
+
+    All of a band's where its rays are so many that looking at them takes longer than tiles do.
+    """
     bands, count = seen.shape
     size = TILE_CELLS * CELL_PX
     for b in range(bands):
+        if last[b] - first[b] > count * _MANY_RAYS:
+            seen[b] = True
+            continue
         for i in range(first[b], last[b]):
             x0 = rays[0, i] + rays[2, i] * low
             x1 = rays[0, i] + rays[2, i] * high

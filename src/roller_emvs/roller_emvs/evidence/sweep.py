@@ -164,7 +164,7 @@ def _energy(
 
     def run(first: int) -> None:
         votes = np.zeros((BAND_ROWS // ROW_PX + 1, field.shape[1]), np.float32)
-        line = np.empty(TILE_CELLS * CELL_PX, np.float32)
+        line = np.zeros(field.shape[1], np.float32)
         kernels._energy_bands(
             ordered, starts, first, threads, reach, at.astype(np.float32), tiles, votes,
             kernels.chunk(), line, energy,

@@ -45,12 +45,12 @@ def viewing(field: RayField, shift: F32, polarity: int) -> Viewing:
     polarity : int
         0 for OFF, 1 for ON events.
     """
-    sums = np.zeros((3, *field.cells), np.float32)
+    sums = np.zeros((*field.cells, 3), np.float32)
     start = usual_shift(shift)
     if start is not None:
         first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
-        kernels._meet(field.rays, first, last, _grown(shift), start, *sums)
-    count, slope, square = (cv2.GaussianBlur(a, (0, 0), 1.0) for a in sums)
+        kernels._meet(field.rays, first, last, _grown(shift), start, sums)
+    count, slope, square = cv2.split(cv2.GaussianBlur(sums, (0, 0), 1.0))
     each = np.where(count > 0, 1.0 / np.maximum(count, 1e-9), 0.0).astype(np.float32)
     mean = slope * each
     variance = np.maximum(square * each - mean * mean, 0.0)
@@ -59,8 +59,11 @@ def viewing(field: RayField, shift: F32, polarity: int) -> Viewing:
 
 def usual_shift(shift: F32) -> np.float32 | None:
     """Where rays begin to look for the surface, from some of the cells; None if there is none."""
-    known = shift[np.isfinite(shift)]
-    return np.float32(np.median(known[:: len(known) // _SAMPLE + 1])) if len(known) else None
+    for sample in (shift.ravel()[:: shift.size // _SAMPLE + 1], shift):
+        known = sample[np.isfinite(sample)]
+        if len(known):
+            return np.float32(np.sort(known)[len(known) // 2])
+    return None
 
 
 def _grown(shift: F32) -> F32:
