@@ -112,10 +112,10 @@ def _sweep_band_views(  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _any_odd(halves, k, odd):  # type: ignore[no-untyped-def]
     """Whether a view sees plane k at half (or whole, `odd` 0) positions."""
+    seen = False
     for j in range(len(halves)):
-        if halves[j, k] & 1 == odd:
-            return True
-    return False
+        seen |= halves[j, k] & 1 == odd
+    return seen
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
