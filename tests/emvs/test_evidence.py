@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from roller_emvs.evidence import EvidenceSettings, RayField, find_depths, order_by_polarity
+from roller_emvs.evidence import EvidenceSettings, RayField, find_depths
 from roller_emvs.evidence import _peak_kernels as peaks
 from roller_emvs.evidence._kernels import CELL_PX
 from roller_emvs.evidence.creep import creep_depth_m
+from roller_emvs.evidence.energy import plane_shifts
 from roller_emvs.evidence.relief import enlarge
-from roller_emvs.evidence.sweep import plane_shifts
 from roller_emvs.evidence.viewing import viewing
 
 SHAPE = (64, 96)
@@ -24,7 +24,9 @@ def field_of(
 ) -> RayField:
     """Rays by their place on the plane 0 and slope along x."""
     rays = np.column_stack([x, y, slope, np.zeros_like(slope)]).astype(np.float32)
-    ordered, bounds = order_by_polarity(rays, polarity.astype(np.uint8))
+    on = polarity.astype(bool)
+    ordered = np.concatenate([rays[~on], rays[on]])
+    bounds = np.array([0, np.count_nonzero(~on), len(on)])
     columns = SHAPE[1] // CELL_PX
     slopes = np.tile([[-HALF_APERTURE], [HALF_APERTURE]], (1, columns))
     # The lean grows with the slope and a metre of depth is a unit of shift.

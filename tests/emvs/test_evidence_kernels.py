@@ -210,7 +210,7 @@ def test_the_plane_to_search_around_is_that_of_the_cell() -> None:
     y = rng.integers(0, HEIGHT // CELL_PX, 300) * CELL_PX + 1
     pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
     rays = rays_on(pixels, x, y, rng)
-    plane = np.empty(300, np.int64)
+    plane = np.empty(300, np.int32)
     step = np.float32(1e-5)
     _kernels._plane_near(rays.T.copy(), cells, np.float32(0), step, 12, plane)
     np.testing.assert_array_equal(plane, np.rint(cells[y // CELL_PX, x // CELL_PX] / step))
@@ -218,6 +218,37 @@ def test_the_plane_to_search_around_is_that_of_the_cell() -> None:
     lost = np.array([[WIDTH - 2, 5, 0, 0]], np.float32)
     _kernels._plane_near(lost.T.copy(), cells, np.float32(0), step, 12, plane[:1])
     assert plane[0] == -1
+
+
+def test_parts_of_the_aperture_are_as_wide() -> None:
+    rng = np.random.default_rng(8)
+    slope = rng.uniform(-11, 9, 500).astype(np.float32)
+    part = np.empty(500, np.int32)
+    _kernels._part_of(slope, np.float32(-10), np.float32(1 / 5), 4, part)
+    # What lies beyond the aperture belongs to its end parts.
+    expected = np.clip(np.floor((slope.astype(float) + 10) / 5), 0, 3)
+    np.testing.assert_array_equal(part, expected)
+
+
+def test_tiles_are_searched_where_their_cells_are() -> None:
+    rng = np.random.default_rng(9)
+    cells, rows = (9, 2 * TILE_CELLS + 3), 4
+    first = rng.integers(0, 30, cells).astype(np.int32)
+    last = first + rng.integers(0, 5, cells).astype(np.int32)
+    nowhere = rng.random(cells) < 0.7
+    nowhere[:rows, :TILE_CELLS] = True
+    last[nowhere] = -1
+    tiles = np.empty((3, 3, 2), np.int64)
+    tiles[:] = 40, -1
+    _kernels._tiles_searched(first, last, rows, tiles)
+    for b in range(3):
+        for t in range(3):
+            own = np.s_[b * rows : (b + 1) * rows, t * TILE_CELLS : (t + 1) * TILE_CELLS]
+            known = ~nowhere[own]
+            expected = (
+                (first[own][known].min(), last[own][known].max()) if known.any() else (40, -1)
+            )
+            assert tuple(tiles[b, t]) == expected
 
 
 def test_events_gather_on_the_surface_that_they_meet() -> None:
@@ -231,12 +262,12 @@ def test_events_gather_on_the_surface_that_they_meet() -> None:
     np.testing.assert_array_equal(support, expected)
 
 
-def test_rays_are_ordered_by_plane_within_their_band() -> None:
+def test_rays_are_ordered_by_group_within_their_band() -> None:
     rng = np.random.default_rng(6)
     rays, plane = some_rays(200, rng), rng.integers(-1, 5, 200)
     edges = np.array([0, 80, 80, 200])
     starts, out = np.empty((3, 6), np.int64), np.empty((4, 200), np.float32)
-    _kernels._order_planes(rays.T.copy(), plane, edges, starts, out)
+    _kernels._order_groups(rays.T.copy(), plane, edges, starts, out)
     for b in range(3):
         for k in range(5):
             own = slice(edges[b], edges[b + 1])

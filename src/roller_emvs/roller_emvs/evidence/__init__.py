@@ -1,6 +1,6 @@
 """Where warped events are sharpest: the evidence that `focus` and `surface` share."""
 
-from .field import RayField, order_by_polarity
+from .field import RayField
 from .relief import Relief, measured_pixels
 from .settings import EvidenceSettings
 from .sweep import Depths, find_depths
@@ -12,5 +12,4 @@ __all__ = [
     "Relief",
     "find_depths",
     "measured_pixels",
-    "order_by_polarity",
 ]

@@ -221,18 +221,24 @@ def _plane_near(rays, near, origin, step, planes, plane):  # type: ignore[no-unt
     `near` is the coarse shift on cells, NaN where there is none.
     """
     height, width = near.shape
-    size = np.float32(CELL_PX)
+    right = np.float32(width)
+    below = np.float32(height)
+    per_px = np.float32(1.0 / CELL_PX)
     half = np.float32(0.5)
     middle = origin + step * np.float32(0.5 * (planes - 1))
+    per_step = np.float32(1.0) / step
     for i in range(rays.shape[1]):
+        x = rays[0, i] + half
+        y = rays[1, i] + half
         z = middle
         found = np.float32(np.nan)
         for _ in range(4):
-            a = (rays[0, i] + rays[2, i] * z + half) / size
-            b = (rays[1, i] + rays[3, i] * z + half) / size
-            if not (a >= 0 and a < width and b >= 0 and b < height):
+            a = (x + rays[2, i] * z) * per_px
+            b = (y + rays[3, i] * z) * per_px
+            if not ((a >= 0) & (a < right) & (b >= 0) & (b < below)):
                 break
-            here = near[int(b), int(a)]
+            # Unsigned, as what may be negative is checked to count from the end.
+            here = near[np.uint32(b), np.uint32(a)]
             if np.isnan(here):
                 break
             found = here
@@ -241,14 +247,23 @@ def _plane_near(rays, near, origin, step, planes, plane):  # type: ignore[no-unt
             z = here
         plane[i] = -1
         if not np.isnan(found):
-            plane[i] = min(max(int((found - origin) / step + half), 0), planes - 1)
+            nearest = np.int32((found - origin) * per_step + half)
+            plane[i] = min(max(nearest, np.int32(0)), np.int32(planes - 1))
 
 
 @njit(cache=True, nogil=True)
-def _order_planes(rays, plane, edges, starts, out):  # type: ignore[no-untyped-def]
-    """Counting sort of each band's rays by plane; those of plane -1 are left out.
+def _part_of(slope, least, per_slope, parts, part):  # type: ignore[no-untyped-def]
+    """Part of the aperture that each ray belongs to; rays beyond it go to its end parts."""
+    most = np.float32(parts - 1)
+    for i in range(len(slope)):
+        part[i] = np.int32(min(max((slope[i] - least) * per_slope, np.float32(0)), most))
 
-    Fills `starts`, shape (bands, planes + 1).
+
+@njit(cache=True, nogil=True)
+def _order_groups(rays, group, edges, starts, out):  # type: ignore[no-untyped-def]
+    """Counting sort of each band's rays by group; those of group -1 are left out.
+
+    Fills `starts`, shape (bands, groups + 1).
     """
     bands, columns = starts.shape
     place = np.empty(columns, np.int64)
@@ -256,19 +271,34 @@ def _order_planes(rays, plane, edges, starts, out):  # type: ignore[no-untyped-d
     for b in range(bands):
         place[:] = 0
         for i in range(edges[b], edges[b + 1]):
-            if plane[i] >= 0:
-                place[plane[i]] += 1
+            if group[i] >= 0:
+                place[group[i]] += 1
         for k in range(columns):
             count = place[k]
             place[k] = n
             starts[b, k] = n
             n += count
         for i in range(edges[b], edges[b + 1]):
-            k = plane[i]
+            k = group[i]
             if k >= 0:
                 for c in range(4):
                     out[c, place[k]] = rays[c, i]
                 place[k] += 1
+
+
+@njit(cache=True, nogil=True)
+def _tiles_searched(first, last, rows, tiles):  # type: ignore[no-untyped-def]
+    """First and last plane of each band's tiles, of those that their cells are searched on.
+
+    `first` and `last` are by cell; none is searched where `last` is negative. A band has `rows`
+    rows of cells. `tiles`, shape (bands, tiles, 2), must hold more than any plane and -1.
+    """
+    for i in range(len(first)):
+        for j in range(first.shape[1]):
+            if last[i, j] >= 0:
+                tile = tiles[i // rows, j // TILE_CELLS]
+                tile[0] = min(tile[0], first[i, j])
+                tile[1] = max(tile[1], last[i, j])
 
 
 @njit(cache=True, nogil=True)

@@ -71,13 +71,3 @@ class RayField:
     def apertures(self) -> F32:
         """Spread of slopes of each column of cells, float32."""
         return np.maximum(self.slopes[1] - self.slopes[0], 0.0).astype(np.float32)
-
-
-def order_by_polarity(
-    rays: F32, polarity: npt.NDArray[np.uint8]
-) -> tuple[F32, npt.NDArray[np.int64]]:
-    """Rays with OFF before ON, each in the order they came, and where the two begin and end."""
-    on = polarity > 0
-    off_count = len(on) - int(np.count_nonzero(on))
-    ordered = np.concatenate([rays[~on], rays[on]])
-    return ordered, np.array([0, off_count, len(on)], np.int64)

@@ -17,7 +17,7 @@ from roller_core.errors import RollerError
 from roller_core.events import EventArray
 from roller_core.transforms import F64
 
-from ..evidence import RayField, order_by_polarity
+from ..evidence import RayField
 from ..evidence._kernels import CELL_PX
 from ..rays import F32
 from . import _kernels
@@ -157,35 +157,42 @@ class Strip:
             self.middle_m,
             rays,
         )
-        keep = np.isfinite(rays[0])
-        if s.patch_half_length_m:
-            keep &= np.abs(rays[2]) * self.middle_m <= s.patch_half_length_m
-        if not keep.all():
-            rays, events = rays[:, keep], events[keep]
-        if not len(events):
+        half_length = s.patch_half_length_m or np.inf
+        x_min, x_max, steepest = _kernels._span(rays, half_length / self.middle_m)
+        if x_min > x_max:
             return
-        x = rays[0]
         # Rays lean: over the depth range they also reach beside the point in the middle.
         drift = max(abs(pose0[2, 3]), abs(pose1[2, 3]))
-        lean = float(np.abs(rays[2]).max()) * (0.5 * (s.depth_max_m - s.depth_min_m) + drift)
-        reach = MARGIN_M + lean
-        low = max(int(np.floor((x.min() - reach) / s.block_m)), self._done + 1)
-        high = int(np.floor((x.max() + reach) / s.block_m))
-        for k in range(low, high + 1):
-            start, end = k * s.block_m, (k + 1) * s.block_m
-            inside = (x >= start - reach) & (x < end + reach)
-            if not inside.any():
+        reach = MARGIN_M + steepest * (0.5 * (s.depth_max_m - s.depth_min_m) + drift)
+        low = max(int(np.floor((x_min - reach) / s.block_m)), self._done + 1)
+        high = int(np.floor((x_max + reach) / s.block_m))
+        if high >= low:
+            self._keep(rays, events, reach, low, high)
+
+    def _keep(self, rays: F64, events: EventArray, reach: float, low: int, high: int) -> None:
+        """Rays to those of the blocks low to high that they can reach."""
+        length, blocks = self.settings.block_m, np.arange(low, high + 1)
+        counts, limits = np.zeros(len(blocks), np.int64), np.iinfo(np.int64)
+        times = np.tile([limits.max, limits.min], (len(blocks), 1))
+        first, last = np.empty(len(events), np.int64), np.empty(len(events), np.int64)
+        _kernels._find_blocks(rays, reach, length, (low, high), first, last, counts)
+        ends = np.cumsum(counts)
+        out, polarity = np.empty((ends[-1], 4), np.float32), np.empty(ends[-1], np.uint8)
+        _kernels._list_blocks(
+            rays, events.p, events.t_ns, first, last, blocks * length, ends - counts, out,
+            polarity, times,
+        )  # fmt: skip
+        for k, count, end, (first_ns, last_ns) in zip(blocks, counts, ends, times, strict=True):
+            if not count:
                 continue
-            block = self.blocks.setdefault(k, Block(start, end))
-            chosen = np.ascontiguousarray(rays[:, inside].T)
-            chosen[:, 0] -= start
-            block.rays.append(chosen.astype(np.float32))
-            block.polarity.append(events.p[inside])
-            times = events.t_ns[inside]
+            block = self.blocks.setdefault(int(k), Block(k * length, (k + 1) * length))
+            # Copies: a part of what all blocks share would keep the whole.
+            block.rays.append(out[end - count : end].copy())
+            block.polarity.append(polarity[end - count : end].copy())
             if not block.events:
-                block.first_ns = int(times[0])
-            block.last_ns = int(times[-1])
-            block.events += len(times)
+                block.first_ns = int(first_ns)
+            block.last_ns = int(last_ns)
+            block.events += int(count)
 
     def advance(self, pose: F64) -> None:
         """The camera came to a pose, given in the strip."""
@@ -237,17 +244,21 @@ def block_field(strip: Strip, block: Block) -> tuple[RayField, float, float]:
     left, top : float
         Strip coordinates of the first pixel, metres.
     """
-    rays, polarity = np.concatenate(block.rays), np.concatenate(block.polarity)
+    parts = list(zip(block.rays, block.polarity, strict=True))
+    spans = [_kernels._rows(*part) for part in parts]
+    top, bottom = float(min(s[0] for s in spans)), float(max(s[1] for s in spans))
+    off_count = sum(s[2] for s in spans)
     pixel = strip.pixel_m
-    top, bottom = float(rays[:, 1].min()), float(rays[:, 1].max())
     size = CELL_PX * pixel
     shape = (
         max(int(np.ceil((bottom - top) / size)), 2) * CELL_PX,
         max(int(np.ceil((block.end_m - block.start_m + 2 * MARGIN_M) / size)), 2) * CELL_PX,
     )
-    ordered, bounds = order_by_polarity(rays, polarity)
-    ordered -= np.array([-MARGIN_M, top, 0, 0], np.float32)
-    ordered /= np.float32(pixel)
+    bounds = np.array([0, off_count, block.events], np.int64)
+    ordered, place = np.empty((block.events, 4), np.float32), bounds[:2].copy()
+    corner = np.array([-MARGIN_M, top], np.float32)
+    for part in parts:
+        _kernels._to_pixels(*part, corner, np.float32(pixel), place, ordered)
     left = block.start_m - MARGIN_M
     columns = left + (np.arange(shape[1] // CELL_PX) + 0.5) * size
     slopes = np.stack(strip.slopes_seen(columns)) / pixel

@@ -1,0 +1,66 @@
+"""Where to search: the depth that parts of the aperture agree on, each for itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roller_core.transforms import F64
+
+from ..bands import Bands
+from ..rays import F32
+from ..threads import share
+from . import _peak_kernels as peaks
+from .energy import Sorted, blur, by_part, energy_by_plane, everywhere, plane_shifts, tiles_reached
+from .field import RayField
+from .settings import EvidenceSettings
+
+
+def coarse_planes(field: RayField, low: float, high: float, s: EvidenceSettings) -> F64:
+    """Planes that a part's parallax tells apart."""
+    parallax = field.aperture * (high - low) / s.sub_apertures
+    return plane_shifts(low, high, parallax, s.planes_per_px, s.max_planes)
+
+
+def coarse_shift(field: RayField, bands: list[Bands], at: F64, s: EvidenceSettings) -> F32:
+    """Shift on cells from the sum of the parts' evidence; NaN where none is found.
+
+    Parameters
+    ----------
+    field : RayField
+        Rays of a window or block.
+    bands : list of Bands
+        The rays of OFF and of ON events, sorted for at least the planes.
+    at : ndarray of float64, shape (planes,)
+        Their shifts.
+    s : EvidenceSettings
+        `sub_apertures`, `coarse_sigma_px`, `min_coarse_confidence`.
+    """
+    parts, polarities = s.sub_apertures, len(bands)
+    least, most = float(field.slopes[0].min()), float(field.slopes[1].max())
+    width = max(most - least, 1e-12) / parts
+    rays: list[Sorted | None] = [None] * polarities
+    found: list[F32 | None] = [None] * (polarities * parts)
+
+    def arrange(polarity: int) -> None:
+        rays[polarity] = by_part(bands[polarity], least, width, parts)
+
+    def look(k: int) -> None:
+        own, part = rays[k // parts], k % parts
+        assert own is not None
+        begins, ends = own.starts[:, part], own.starts[:, part + 1]
+        if (begins < ends).any():
+            chosen = everywhere(own.rays, begins, ends, len(at))
+            tiles = tiles_reached(chosen, field, at, s.tiles)
+            found[k] = energy_by_plane(chosen, field, at, len(at), tiles)
+
+    share(s.threads, polarities, arrange)
+    share(s.threads, polarities * parts, look)
+    total = np.zeros((len(at), *field.cells), np.float32)
+    for energy in found:
+        if energy is not None:
+            total += energy
+    peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
+    scores = blur(total, s.coarse_sigma_px)
+    first, last = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
+    peaks._find_peak(scores, first, last, 2.0, 0.0, s.min_coarse_confidence, peak, contrast, top)
+    return (at[0] + peak * (at[1] - at[0])).astype(np.float32)
