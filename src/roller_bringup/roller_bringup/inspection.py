@@ -15,9 +15,10 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.settings import read_parameters
 from roller_emvs.depth_map import DepthMap
+from roller_emvs.patch import Patch
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.settings import DepthSettings, StitcherSettings
-from roller_emvs.stitcher import Patch, Stitcher
+from roller_emvs.stitcher import Stitcher
 from roller_emvs.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.windows import RefusedWindow
 

@@ -6,7 +6,7 @@ from sensor_msgs.msg import PointCloud2
 
 from roller_ros import messages
 
-from .stitcher import Patch
+from .patch import Patch
 
 SURFACE_FIELDS = ("x", "y", "z", "height", "confidence")
 

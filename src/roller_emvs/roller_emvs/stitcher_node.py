@@ -25,8 +25,9 @@ from roller_ros.worker import Worker
 
 from .depth_map import DepthMap
 from .messages import surface_message
+from .patch import Patch
 from .settings import StitcherSettings
-from .stitcher import Patch, Stitcher
+from .stitcher import Stitcher
 
 _MOST_PENDING = 100
 

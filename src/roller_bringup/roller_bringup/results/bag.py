@@ -21,7 +21,7 @@ from roller_core.camera import Camera
 from roller_core.errors import UnwritableOutputError
 from roller_emvs.depth_map import DepthMap, pinhole
 from roller_emvs.messages import surface_message
-from roller_emvs.stitcher import Patch
+from roller_emvs.patch import Patch
 from roller_ros import messages
 
 _TYPES = {

@@ -12,8 +12,8 @@ from roller_braille.report import cells_to_json
 from roller_braille.settings import Spacing
 from roller_braille.translation import LineCell
 from roller_core.camera import Camera
+from roller_emvs.patch import Patch
 from roller_emvs.ply import PlyWriter
-from roller_emvs.stitcher import Patch
 from roller_emvs.surface import SurfacePatch
 
 from ..inspection import Mapped

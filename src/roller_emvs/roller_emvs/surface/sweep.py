@@ -14,7 +14,7 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 
 from ..evidence import find_depths, measured_pixels
-from ..stitcher import Patch
+from ..patch import Patch
 from ..stopwatch import Stopwatch
 from ..windows import RefusedWindow
 from .passes import PassCutter
