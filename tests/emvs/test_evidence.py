@@ -193,3 +193,23 @@ def test_planes_are_as_many_as_parallax_and_reach_beyond_the_ends() -> None:
     assert (at[1], at[-2]) == pytest.approx((-1.0, 1.0))
     assert len(plane_shifts(-1.0, 1.0, 0.5, 0.5, 500)) == 7
     assert len(plane_shifts(-1.0, 1.0, 1e6, 0.5, 500)) == 502
+
+
+def test_edges_seen_from_both_sides_alone_have_no_depth() -> None:
+    """Two edges that come to lie on each other from the ends of the aperture pass for one."""
+    rng = np.random.default_rng(7)
+    x, y, slope, polarity = lines_at(0.2, rng)
+    # Of one line the middle of the aperture saw nothing.
+    two_sided = (np.abs(x + slope * 0.2 - LINES[1]) < 1) & (np.abs(slope) < 0.7 * HALF_APERTURE)
+    whole = find_depths(field_of(x, y, slope, polarity), -1.0, 1.0, settings())
+    keep = ~two_sided
+    parts = find_depths(
+        field_of(x[keep], y[keep], slope[keep], polarity[keep]), -1.0, 1.0, settings()
+    )
+    cells = slice(int(LINES[1]) // CELL_PX - 1, int(LINES[1]) // CELL_PX + 2)
+    for before, after in zip(whole, parts, strict=True):
+        assert np.isfinite(before.shift[:, cells]).sum() > 10
+        assert not np.isfinite(after.shift[:, cells]).any()
+        others = np.isfinite(after.shift)
+        assert others.sum() > 40
+        assert np.mean(np.abs(after.shift[others] - 0.2) < 0.05) > 0.85

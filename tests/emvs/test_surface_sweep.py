@@ -17,7 +17,7 @@ from roller_emvs.windows import RefusedWindow
 
 DURATION_S = 0.12
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
-VALUES = {"min_votes": 2.0, "min_aperture_m": 0.013, "threads": 1}
+VALUES = {"min_aperture_m": 0.013, "threads": 1}
 
 
 def settings(**values: object) -> SurfaceSettings:

@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 
 LAUNCH = Path(__file__).resolve().parents[2] / "launch" / "virtual.launch.xml"
 POINTS = "/roller/surface/points"
-SURFACE = "{min_votes: 2.0, min_aperture_m: 0.009, threads: 1}"
+SURFACE = "{min_aperture_m: 0.009, threads: 1}"
 STATUS = "surface: points"
 
 

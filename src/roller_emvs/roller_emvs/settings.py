@@ -176,14 +176,14 @@ class DepthSettings(TimingSettings):
         "from one side, are left out.",
     )
     focus_min_point_confidence: float = Field(
-        0.2,
+        0.25,
         ge=0.0,
         le=1.0,
         description="Points of focus with less confidence, after the scatter around them, are "
         "left out.",
     )
     focus_min_votes: float = Field(
-        4.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."
+        2.0, ge=0.0, le=1e6, description="Warped events that a pixel of focus needs."
     )
     focus_creep_m: float = Field(
         2.5e-4,

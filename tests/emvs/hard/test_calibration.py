@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
 from emvs.hard import world
-from emvs.hard.world import ALL, CAMERA, SPEED_M_S, UPRIGHT, not_yet
+from emvs.hard.world import ALL, CAMERA, SPEED_M_S, UPRIGHT
 from emvs.scenes import rolling
 from roller_core.camera import Camera, CameraError
 from roller_core.errors import RollerError, SettingsError
@@ -64,17 +63,8 @@ def test_depth_is_right_under_strong_distortion(method: str, kind: str) -> None:
     assert_right_when_distorted(method, events, camera, 0.7)
 
 
-def corners() -> list[Any]:
-    """Each method with each distortion; one doesn't keep the promise yet."""
-    reason = "some depths of a few events are side lobes"
-    return [
-        pytest.param(m, kind, marks=not_yet(reason) if (m, kind) == ("focus", "barrel") else ())
-        for m in ALL
-        for kind in DISTORTIONS
-    ]
-
-
-@pytest.mark.parametrize(("method", "kind"), corners())
+@pytest.mark.parametrize("kind", DISTORTIONS)
+@pytest.mark.parametrize("method", ALL)
 def test_depth_is_right_of_corners_alone(method: str, kind: str) -> None:
     """Of what the outer parts of the sensor saw, and nothing else."""
     camera, events = wide_scan(kind)

@@ -38,7 +38,7 @@ DEPTH_VALUES = {
     "planes": 100, "median_px": 15, "threshold_c": 24.0, "full_scale_votes": 128.0,
     "window_s": WINDOW_M / SPEED_M_S, "window_travel_m": WINDOW_M, "threads": 1,
 }  # fmt: skip
-SURFACE_VALUES = {"min_votes": 2.0, "min_aperture_m": 0.009, "threads": 1}
+SURFACE_VALUES = {"min_aperture_m": 0.009, "threads": 1}
 
 Depth = Callable[[F64], F64]
 

@@ -18,7 +18,7 @@ from .field import RayField
 from .fit import fit_planes
 from .settings import EvidenceSettings
 from .sweep import Depths
-from .viewing import usual_shift
+from .viewing import usual
 
 #: Neighbourhood whose mean a pixel's support must exceed, cells.
 _AROUND = 9
@@ -77,7 +77,7 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
 
     def gather(polarity: int) -> None:
         surfaces[polarity] = enlarge(cells[polarity])
-        start = usual_shift(depths[polarity].shift)
+        start = usual(depths[polarity].shift)
         if start is not None:
             first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
             kernels._warp(field.rays, first, last, surfaces[polarity], start, support[polarity])

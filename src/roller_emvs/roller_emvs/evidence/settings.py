@@ -70,7 +70,7 @@ class EvidenceSettings(Settings):
         "the highest.",
     )
     min_votes: float = Field(
-        4.0, ge=0.0, le=1e6, description="Warped events that a pixel needs to become a point."
+        2.0, ge=0.0, le=1e6, description="Warped events that a pixel needs to become a point."
     )
     creep_m: float = Field(
         2.5e-4,

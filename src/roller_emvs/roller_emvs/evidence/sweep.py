@@ -35,12 +35,16 @@ from .energy import (
 )
 from .field import RayField
 from .settings import EvidenceSettings
-from .viewing import viewing
+from .viewing import usual, viewing
 
 #: Energy of a single vote, in half of which its squared slopes end for a spot between pixels.
 _SPOT = 1.0
-#: Spots of as many events as a pixel needs, below whose energy a peak may be chance.
-_SPOTS = 8
+#: Spots, and events in each, below whose energy a peak may be chance.
+_SPOTS, _SPOT_VOTES = 8, 4
+#: Spread of slopes, in that of an even spread over the aperture, from which on its middle saw next
+#: to nothing; with events at the two ends alone it is the root of 3. Where the middle saw little
+#: anywhere, as behind a mask, what counts is the usual spread.
+_TWO_SIDED, _UNUSUAL = 1.2, 1.1
 #: Columns that move by less than this, in cells, stay where they are.
 _STILL = 0.05
 
@@ -116,10 +120,14 @@ def _checked(
 ) -> Depths:
     """Depths whose own events have parallax, with their creep taken out.
 
-    Events that saw a place from one side alone, as those of a hot pixel do, have none.
+    Events that saw a place from one side alone, as those of a hot pixel do, have none. Those that
+    saw it from both sides and hardly from between are of two edges that come to lie on each other.
     """
     seen = viewing(field, depths.shift, polarity)
-    shift = np.where(seen.spread * span < s.min_parallax_px, np.float32(np.nan), depths.shift)
+    even = seen.spread / np.maximum(field.apertures, np.float32(1e-12))
+    widest = _UNUSUAL * (usual(np.where(np.isfinite(depths.shift), even, np.nan)) or 0.0)
+    refused = (seen.spread * span < s.min_parallax_px) | (even > max(_TWO_SIDED, widest))
+    shift = np.where(refused, np.float32(np.nan), depths.shift)
     # A depth errs by the inverse of its parallax.
     share = np.sqrt(np.minimum(seen.spread / max(field.aperture, 1e-12), 1.0))
     if s.creep_m and polarity == s.creep_polarity:
@@ -151,7 +159,7 @@ def _peaks(
     scores = blur(energy, s.sigma_px)
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
     sigma = s.sigma_px / CELL_PX
-    weakest = _SPOTS * _SPOT * s.min_votes**2 / (2 * np.pi * sigma**2)
+    weakest = _SPOTS * _SPOT * _SPOT_VOTES**2 / (2 * np.pi * sigma**2)
     limits = (s.max_rival, weakest, s.min_confidence)
     peaks._find_peak(scores, first, last, *limits, peak, contrast, top)
     # A column that was in view over little parallax has depth in name only.

@@ -46,7 +46,7 @@ def viewing(field: RayField, shift: F32, polarity: int) -> Viewing:
         0 for OFF, 1 for ON events.
     """
     sums = np.zeros((*field.cells, 3), np.float32)
-    start = usual_shift(shift)
+    start = usual(shift)
     if start is not None:
         first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
         kernels._meet(field.rays, first, last, _grown(shift), start, sums)
@@ -57,9 +57,12 @@ def viewing(field: RayField, shift: F32, polarity: int) -> Viewing:
     return Viewing(count, mean, np.sqrt(12.0 * variance))
 
 
-def usual_shift(shift: F32) -> np.float32 | None:
-    """Where rays begin to look for the surface, from some of the cells; None if there is none."""
-    for sample in (shift.ravel()[:: shift.size // _SAMPLE + 1], shift):
+def usual(values: F32) -> np.float32 | None:
+    """Median of a sample of the values that are finite; None if there are none.
+
+    Of shifts it is where rays begin to look for the surface.
+    """
+    for sample in (values.ravel()[:: values.size // _SAMPLE + 1], values):
         known = sample[np.isfinite(sample)]
         if len(known):
             return np.float32(np.sort(known)[len(known) // 2])

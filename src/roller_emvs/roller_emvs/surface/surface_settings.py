@@ -37,6 +37,12 @@ class SurfaceSettings(EvidenceSettings, TimingSettings):
         description="Parts of the image along the roll that the coarse depth is the sum of; 1 "
         "does without.",
     )
+    min_point_confidence: float = Field(
+        0.1,
+        ge=0.0,
+        le=1.0,
+        description="Points of less confidence, after the scatter around them, are left out.",
+    )
     min_speed_m_s: float = Field(
         0.002,
         ge=0.0,
