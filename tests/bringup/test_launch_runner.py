@@ -214,15 +214,20 @@ def start_within(world: World, body: str, grace_s: float) -> subprocess.Popen[st
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_leaves_no_node_running(world, number):
-    world.script("forever", "echo process $$; " + FOREVER)
-    process = start_within(world, node("forever"), 5.0)
+def child_of(process: subprocess.Popen[str]) -> int:
+    """The process of the plan's node, once that is ready."""
     assert process.stdout is not None
     lines = [""]
     while "ready" not in lines[-1]:
         lines.append(process.stdout.readline())
-    child = next(int(line.split()[-1]) for line in lines if "[forever] process" in line)
+    return next(int(line.split()[-1]) for line in lines if "] process " in line)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_no_node_running(world, number):
+    world.script("forever", "echo process $$; " + FOREVER)
+    process = start_within(world, node("forever"), 5.0)
+    child = child_of(process)
     process.send_signal(number)
     rest, errors = process.communicate(timeout=20)
     assert "[forever] bye" in rest
@@ -233,11 +238,7 @@ def test_a_signal_leaves_no_node_running(world, number):
 def test_signals_while_stopping_leave_no_node_running(world):
     world.script("deaf", "echo process $$; " + DEAF)
     process = start_within(world, node("deaf"), 60.0)
-    assert process.stdout is not None
-    lines = [""]
-    while "ready" not in lines[-1]:
-        lines.append(process.stdout.readline())
-    child = next(int(line.split()[-1]) for line in lines if "[deaf] process" in line)
+    child = child_of(process)
     while process.poll() is None:
         process.send_signal(signal.SIGTERM)
         time.sleep(0.3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from roller_emvs.bands import sort_into_bands
-from roller_emvs.evidence import _kernels, _peak_kernels
+from roller_emvs.evidence import _kernels, _meet_kernels, _peak_kernels
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from roller_emvs.evidence.relief import enlarge
 
@@ -192,7 +192,7 @@ def test_events_meet_the_cells_they_are_of() -> None:
     pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
     rays = rays_on(pixels, x, y, rng)
     sums = np.zeros((*cells.shape, 3), np.float32)
-    _kernels._meet(rays, 10, 390, cells, np.float32(0), sums)
+    _meet_kernels._meet(rays, 10, 390, cells, np.float32(0), sums)
     count, slope, square = np.moveaxis(sums, -1, 0)
     expected, leaning, squared = (np.zeros_like(cells) for _ in range(3))
     np.add.at(expected, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), 1)
@@ -212,11 +212,11 @@ def test_the_plane_to_search_around_is_that_of_the_cell() -> None:
     rays = rays_on(pixels, x, y, rng)
     plane = np.empty(300, np.int32)
     step = np.float32(1e-5)
-    _kernels._plane_near(rays.T.copy(), cells, np.float32(0), step, 12, plane)
+    _meet_kernels._plane_near(rays.T.copy(), cells, np.float32(0), step, 12, plane)
     np.testing.assert_array_equal(plane, np.rint(cells[y // CELL_PX, x // CELL_PX] / step))
     # A ray over unknown cells is searched nowhere.
     lost = np.array([[WIDTH - 2, 5, 0, 0]], np.float32)
-    _kernels._plane_near(lost.T.copy(), cells, np.float32(0), step, 12, plane[:1])
+    _meet_kernels._plane_near(lost.T.copy(), cells, np.float32(0), step, 12, plane[:1])
     assert plane[0] == -1
 
 
@@ -257,7 +257,7 @@ def test_events_gather_on_the_surface_that_they_meet() -> None:
     depth[:, 38:] = np.nan
     x, y = rng.integers(5, 36, 500), rng.integers(5, 28, 500)
     support, expected = np.zeros((HEIGHT, WIDTH), np.float32), np.zeros((HEIGHT, WIDTH))
-    _kernels._warp(rays_on(depth, x, y, rng), 0, 500, depth, np.float32(0), support)
+    _meet_kernels._warp(rays_on(depth, x, y, rng), 0, 500, depth, np.float32(0), support)
     np.add.at(expected, (y, x), 1)
     np.testing.assert_array_equal(support, expected)
 

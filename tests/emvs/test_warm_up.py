@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from roller_emvs import _view_kernels, _vote_kernels
-from roller_emvs.evidence import _kernels, _peak_kernels
+from roller_emvs.evidence import _meet_kernels, _peak_kernels
 from roller_emvs.settings import METHODS, DepthSettings
 from roller_emvs.surface import SurfaceSettings
 from roller_emvs.warm_up import warm_up
@@ -24,5 +24,5 @@ def test_every_method_warms_up(method: str) -> None:
 
 def test_surface_warms_up() -> None:
     warm_up(SurfaceSettings.create({}))
-    assert _kernels._plane_near.signatures
+    assert _meet_kernels._plane_near.signatures
     assert _peak_kernels._choose.signatures

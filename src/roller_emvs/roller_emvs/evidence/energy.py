@@ -14,6 +14,7 @@ from ..bands import Bands, sort_into_bands
 from ..rays import F32
 from ..threads import share
 from . import _kernels as kernels
+from . import _meet_kernels as meet
 from ._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from .field import RayField
 
@@ -65,7 +66,7 @@ def by_plane(bands: Bands, near: F32, at: F64) -> Sorted:
     """Rays by the plane nearest to the shift on cells, NaN where there is none, that they meet."""
     plane = np.empty(bands.rays.shape[1], np.int32)
     shifts = np.float32(at[0]), np.float32(at[1] - at[0])
-    kernels._plane_near(bands.rays, near, *shifts, len(at), plane)
+    meet._plane_near(bands.rays, near, *shifts, len(at), plane)
     return _grouped(bands, plane, len(at))
 
 

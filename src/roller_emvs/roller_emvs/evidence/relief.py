@@ -11,7 +11,7 @@ from roller_core.transforms import F64
 
 from ..rays import F32
 from ..threads import share
-from . import _kernels as kernels
+from . import _meet_kernels as kernels
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .field import RayField

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from ..rays import F32
-from . import _kernels as kernels
+from . import _meet_kernels as kernels
 from .field import RayField
 
 #: Depths, at most, of which the usual one is taken.

@@ -1,0 +1,123 @@
+"""Loops over events that look for where they meet a surface; each has a twin in the tests.
+
+Where a ray meets the surface depends on the shift there: it is followed from the shift of one
+place to that of the next for a few rounds, which settle it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ._kernels import CELL_PX
+
+_ROUNDS = 4
+
+
+@njit(cache=True, nogil=True)
+def _meet(rays, first, last, shift, start, sums):  # type: ignore[no-untyped-def]
+    """Count events, and add up their slopes along x and squares, where they meet the surface.
+
+    `shift` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere.
+    `sums`, shape (rows, columns, 3), holds what is added to together.
+    """
+    height, width = shift.shape
+    right = np.float32(width)
+    below = np.float32(height)
+    per_px = np.float32(1.0 / CELL_PX)
+    half = np.float32(0.5)
+    for i in range(first, last):
+        x = rays[i, 0] + half
+        y = rays[i, 1] + half
+        slope = rays[i, 2]
+        z = start
+        row = np.uint32(0)
+        column = np.uint32(0)
+        met = False
+        for _ in range(_ROUNDS):
+            a = (x + slope * z) * per_px
+            b = (y + rays[i, 3] * z) * per_px
+            met = (a >= 0) & (a < right) & (b >= 0) & (b < below)
+            if not met:
+                break
+            # Unsigned, as what may be negative is checked to count from the end.
+            row = np.uint32(b)
+            column = np.uint32(a)
+            here = shift[row, column]
+            met = not np.isnan(here)
+            if not met or z == here:
+                break
+            z = here
+        if met:
+            sums[row, column, 0] += np.float32(1)
+            sums[row, column, 1] += slope
+            sums[row, column, 2] += slope * slope
+
+
+@njit(cache=True, nogil=True)
+def _warp(rays, first, last, depth, start, support):  # type: ignore[no-untyped-def]
+    """Count events at the pixels where they meet the surface `depth` (NaN: unknown)."""
+    height, width = depth.shape
+    half = np.float32(0.5)
+    right = np.float32(width)
+    below = np.float32(height)
+    for i in range(first, last):
+        x = rays[i, 0] + half
+        y = rays[i, 1] + half
+        z = start
+        row = np.uint32(0)
+        column = np.uint32(0)
+        met = False
+        for _ in range(_ROUNDS):
+            a = x + rays[i, 2] * z
+            b = y + rays[i, 3] * z
+            inside = (a >= 0) & (a < right) & (b >= 0) & (b < below)
+            stays = False
+            if inside:
+                # Unsigned, as what may be negative is checked to count from the end.
+                stays = met & (row == np.uint32(b)) & (column == np.uint32(a))
+                row = np.uint32(b)
+                column = np.uint32(a)
+                z = depth[row, column]
+            met = inside and not np.isnan(z)
+            if stays or not met:
+                break
+        if met:
+            support[row, column] += np.float32(1)
+
+
+@njit(cache=True, nogil=True)
+def _plane_near(rays, near, origin, step, planes, plane):  # type: ignore[no-untyped-def]
+    """Plane around which each ray is searched; -1 where it meets no coarse shift.
+
+    `near` is the coarse shift on cells, NaN where there is none.
+    """
+    height, width = near.shape
+    right = np.float32(width)
+    below = np.float32(height)
+    per_px = np.float32(1.0 / CELL_PX)
+    half = np.float32(0.5)
+    middle = origin + step * np.float32(0.5 * (planes - 1))
+    per_step = np.float32(1.0) / step
+    for i in range(rays.shape[1]):
+        x = rays[0, i] + half
+        y = rays[1, i] + half
+        z = middle
+        found = np.float32(np.nan)
+        for _ in range(_ROUNDS):
+            a = (x + rays[2, i] * z) * per_px
+            b = (y + rays[3, i] * z) * per_px
+            if not ((a >= 0) & (a < right) & (b >= 0) & (b < below)):
+                break
+            # Unsigned, as what may be negative is checked to count from the end.
+            here = near[np.uint32(b), np.uint32(a)]
+            if np.isnan(here):
+                break
+            found = here
+            if here == z:
+                break
+            z = here
+        plane[i] = -1
+        if not np.isnan(found):
+            nearest = np.int32((found - origin) * per_step + half)
+            plane[i] = min(max(nearest, np.int32(0)), np.int32(planes - 1))
