@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from roller_emvs.evidence import EvidenceSettings, RayField, find_depths
+from roller_emvs.evidence import _kernels as kernels
 from roller_emvs.evidence import _peak_kernels as peaks
 from roller_emvs.evidence._kernels import CELL_PX
 from roller_emvs.evidence.creep import creep_depth_m
@@ -213,3 +214,27 @@ def test_edges_seen_from_both_sides_alone_have_no_depth() -> None:
         others = np.isfinite(after.shift)
         assert others.sum() > 40
         assert np.mean(np.abs(after.shift[others] - 0.2) < 0.05) > 0.85
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+def test_the_switch_of_tiles_reaches_every_stage(
+    parts: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Off, all tiles count on all planes; the depths are the same."""
+    field = field_of(*lines_at(0.2, np.random.default_rng(1)))
+    skipped: list[bool] = []
+    original = kernels._energy_bands
+
+    def spy(rays, starts, first, step, reach, shifts, tiles, *rest):  # type: ignore[no-untyped-def]
+        skipped.append(bool(((tiles[..., 0] > 0) | (tiles[..., 1] < len(shifts) - 1)).any()))
+        original(rays, starts, first, step, reach, shifts, tiles, *rest)
+
+    monkeypatch.setattr(kernels, "_energy_bands", spy)
+    off = find_depths(field, -1.0, 1.0, settings(sub_apertures=parts, tiles=False, threads=1))
+    assert skipped
+    assert not any(skipped)
+    on = find_depths(field, -1.0, 1.0, settings(sub_apertures=parts, tiles=True, threads=1))
+    if parts > 1:
+        assert any(skipped)
+    for a, b in zip(off, on, strict=True):
+        np.testing.assert_allclose(a.shift, b.shift, atol=0.02)

@@ -124,11 +124,15 @@ def everywhere(rays: F32, begins: I64, ends: I64, planes: int) -> Sorted:
     return Sorted(rays, starts)
 
 
-def tiles_searched(field: RayField, first: I32, last: I32, planes: int) -> I64:
-    """First and last plane of each band's tiles, from those of their cells; last < first: none."""
+def tiles_searched(field: RayField, first: I32, last: I32, planes: int, skip: bool) -> I64:
+    """First and last plane of each band's tiles, from those of their cells; last < first: none.
+
+    All planes if none are to be skipped.
+    """
     tiles = _all_tiles(field, planes)
-    tiles[:] = planes, -1
-    kernels._tiles_searched(first, last, BAND_ROWS // CELL_PX, tiles)
+    if skip:
+        tiles[:] = planes, -1
+        kernels._tiles_searched(first, last, BAND_ROWS // CELL_PX, tiles)
     return tiles
 
 

@@ -105,7 +105,7 @@ def find_depths(
             tiles, reached = tiles_reached(rays, field, at, s.tiles), len(at)
         else:
             rays = by_plane(own, near, at)
-            tiles, reached = tiles_searched(field, first, last, len(at)), reach
+            tiles, reached = tiles_searched(field, first, last, len(at), s.tiles), reach
         # Polarities are shared already.
         energy = energy_by_plane(rays, field, at, reached, tiles, max(s.threads // 2, 1))
         depths = _peaks(_follow(energy, field, at), at, first, last, field, s)
