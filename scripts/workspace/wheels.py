@@ -18,8 +18,13 @@ PACKAGES = (
     "src/roller_core",
     "src/roller_ros",
     "src/roller_driver",
+    "src/roller_sim",
+    "src/roller_recording",
     "src/roller_emvs",
     "src/roller_braille",
+    "src/roller_inspect",
+    "src/roller_calibration",
+    "src/roller_evaluation",
     "src/roller_bringup",
 )
 REQUIREMENTS = ("requirements.txt", "requirements-dev.txt", "requirements-ros.txt")

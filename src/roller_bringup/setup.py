@@ -17,7 +17,7 @@ def shared_files(folder: str) -> list[str]:
 setup(
     name=NAME,
     version="0.1.0",
-    description="The roller command, launch files, replay, recording and playing",
+    description="Launch files, RViz, the roller command, demonstration and doctor",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
@@ -32,8 +32,11 @@ setup(
     entry_points={
         "console_scripts": [
             "roller = roller_bringup.cli:main",
-            "player_node = roller_bringup.player_node:main",
-            "recorder_node = roller_bringup.recorder_node:main",
+        ],
+        "roller.commands": [
+            "up = roller_bringup.commands.up",
+            "demo = roller_bringup.commands.demo",
+            "doctor = roller_bringup.commands.doctor",
         ],
     },
 )

@@ -7,7 +7,7 @@ NAME = "roller_core"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Building blocks shared by the roller packages",
+    description="Events, codecs, camera, poses, clocks and settings of all roller packages",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},

@@ -7,7 +7,7 @@ NAME = "roller_driver"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Drivers of the roller cell: event camera, UR10 poses and the virtual cell",
+    description="Drivers of the roller cell: event camera and UR10 poses, with their ROS 2 nodes",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
@@ -19,7 +19,6 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            "virtual_cell_node = roller_driver.virtual_cell_node:main",
             "event_camera_node = roller_driver.event_camera_node:main",
             "ur10_node = roller_driver.ur10_node:main",
         ],

@@ -7,7 +7,7 @@ NAME = "roller_emvs"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Depth maps from events, their fusion and the stitched surface",
+    description="Depth from events (EMVS) and the stitched surface, with their ROS 2 nodes",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},

@@ -7,7 +7,7 @@ NAME = "roller_ros"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Thin helpers between ROS 2 and the roller packages",
+    description="What the nodes share: parameters, QoS, messages, poses from TF, diagnostics",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},

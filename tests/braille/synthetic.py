@@ -10,7 +10,7 @@ import numpy as np
 
 from roller_braille.cells import Cell
 from roller_braille.pipeline import BraillePipeline
-from roller_braille.settings import BrailleSettings
+from roller_braille.reader_settings import BrailleSettings
 from roller_braille.table import to_masks
 from roller_core.camera import Camera
 from roller_core.events import EventArray

@@ -8,7 +8,7 @@ import pytest
 from braille.synthetic import CAMERA, DEPTH_M, SETTINGS, Plate, over, read, scan
 from roller_braille.batches import Batch, BatchCutter
 from roller_braille.contrast import Frame, Sample, WayScale, contrasts, contrasts_numpy
-from roller_braille.settings import BrailleSettings
+from roller_braille.reader_settings import BrailleSettings
 from roller_braille.warp import Knots, Warp
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack

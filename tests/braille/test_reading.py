@@ -17,7 +17,7 @@ from braille.synthetic import (
     scan,
 )
 from roller_braille.pipeline import BraillePipeline
-from roller_braille.settings import Spacing
+from roller_braille.reader_settings import Spacing
 from roller_braille.table import LETTERS, UNREADABLE, to_masks
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack

@@ -9,7 +9,7 @@ import pytest
 
 from braille.synthetic import DOWN, START_NS, roll_track
 from roller_braille.batches import Batch, BatchCutter, PassEnd
-from roller_braille.settings import BrailleSettings
+from roller_braille.reader_settings import BrailleSettings
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 

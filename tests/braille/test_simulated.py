@@ -7,14 +7,14 @@ import pytest
 
 from roller_braille.cells import Cell
 from roller_braille.pipeline import BraillePipeline
-from roller_braille.settings import BrailleSettings
-from roller_bringup.evaluation.braille import CONDITIONS
+from roller_braille.reader_settings import BrailleSettings
 from roller_core.codecs import encode
 from roller_core.event_stream import EventStream
-from roller_core.frames import SensorFrames
+from roller_core.sensor_pose import SensorFrames
 from roller_core.transforms import matrix_to_quaternion
-from roller_driver.virtual.cell import Packet, PoseSample, VirtualCell
-from roller_driver.virtual.settings import VirtualCellSettings
+from roller_evaluation.braille import CONDITIONS
+from roller_sim.cell import Packet, PoseSample, VirtualCell
+from roller_sim.cell_settings import VirtualCellSettings
 
 #: Small enough to be quick, large enough for a line.
 CAMERA = {"width": 420, "height": 250}

@@ -8,7 +8,7 @@ import pytest
 from braille.synthetic import CAMERA, SETTINGS, SPACING, Plate, over, scan
 from roller_braille.cells import Cell
 from roller_braille.pipeline import BraillePipeline
-from roller_braille.settings import BrailleSettings
+from roller_braille.reader_settings import BrailleSettings
 from roller_braille.table import UNREADABLE
 
 

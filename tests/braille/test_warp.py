@@ -7,8 +7,8 @@ import pytest
 
 from braille.synthetic import CAMERA, DEPTH_M, DOWN, START_NS, roll_track
 from roller_braille.hot import HotPixels
+from roller_braille.reader_settings import BrailleSettings
 from roller_braille.rolling import Pass
-from roller_braille.settings import BrailleSettings
 from roller_braille.strip import Kind, Strip
 from roller_braille.warp import OUTSIDE, Warp, vote, vote_numpy
 from roller_core.camera import Camera

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from roller_bringup.inspection import InspectionSettings
 from roller_core.settings import Settings, parameter_file, read_parameters
+from roller_inspect.pipeline import InspectionSettings
 
 ROOT = Path(__file__).resolve().parents[2]
 

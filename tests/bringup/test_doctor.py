@@ -8,14 +8,7 @@ from pathlib import Path
 import pytest
 
 from roller_bringup.cli import main
-from roller_bringup.doctor import (
-    clock,
-    disk,
-    examination,
-    libraries,
-    machine,
-    ros,
-)
+from roller_bringup.doctor import clock, disk, examination, libraries, machine, ros
 from roller_bringup.doctor.result import Result, worst
 from roller_bringup.doctor.table import as_json
 

@@ -198,7 +198,7 @@ import signal, sys, time
 # As at a terminal, even where the tests run under nohup or in the background.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
-from roller_bringup.ending import ending_in_order
+from roller_core.signals import ending_in_order
 from roller_bringup.launching import Runner, load
 with ending_in_order(), Runner(load(sys.argv[1]), grace_s=float(sys.argv[2])) as runner:
     while runner.poll() is None:

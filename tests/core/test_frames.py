@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseJumpError, PoseOrderError
+from roller_core.sensor_pose import SensorFrames
 
 UP = (0.0, 0.0, 0.0, 1.0)
 MS = 1_000_000

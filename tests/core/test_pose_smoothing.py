@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roller_core.frames import SensorFrames
 from roller_core.pose_smoothing import StampSmoother
 from roller_core.pose_track import PoseOrderError
+from roller_core.sensor_pose import SensorFrames
 
 EPOCH_NS = 1_790_000_000_000_000_000
 

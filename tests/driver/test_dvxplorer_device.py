@@ -12,6 +12,7 @@ from roller_core.errors import SettingsError
 from roller_driver.dvxplorer import protocol as p
 from roller_driver.dvxplorer import sequences
 from roller_driver.dvxplorer.backends import load_backend
+from roller_driver.dvxplorer.camera_settings import SensorSettings
 from roller_driver.dvxplorer.discovery import UDEV_RULE, open_camera
 from roller_driver.dvxplorer.errors import (
     BackendError,
@@ -23,7 +24,6 @@ from roller_driver.dvxplorer.errors import (
     UnknownFirmwareError,
     WrongDeviceError,
 )
-from roller_driver.dvxplorer.settings import SensorSettings
 
 
 def started(model, settings=None):

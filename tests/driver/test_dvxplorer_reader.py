@@ -12,6 +12,7 @@ from driver.emulation.camera_words import encode_words, in_order, is_reference
 from driver.emulation.usb_backend import EmulatedBackend
 from roller_core.codecs import ENCODED_ENCODINGS, PacketDecoder, encode
 from roller_core.events import EventArray
+from roller_driver.dvxplorer.camera_settings import SensorSettings
 from roller_driver.dvxplorer.discovery import open_camera
 from roller_driver.dvxplorer.packets import Packetiser
 from roller_driver.dvxplorer.preview import Preview
@@ -22,7 +23,6 @@ from roller_driver.dvxplorer.reader import (
     CameraReader,
     ReaderSettings,
 )
-from roller_driver.dvxplorer.settings import SensorSettings
 
 
 def scan(n=20_000, frames=300, seed=1, start_us=1_000_000):

@@ -13,7 +13,7 @@ from roller_core.errors import SettingsError
 from roller_core.settings import parameter_file
 from roller_driver.dvxplorer.camera_info import load_camera_info
 from roller_driver.dvxplorer.node_settings import EventCameraParameters
-from roller_driver.ur10.settings import Ur10Parameters
+from roller_driver.ur10.robot_settings import Ur10Parameters
 
 CONFIG = Path(__file__).parents[2] / "config"
 

@@ -9,7 +9,7 @@ from roller_emvs.evidence import EvidenceSettings, RayField, find_depths
 from roller_emvs.evidence import _kernels as kernels
 from roller_emvs.evidence import _peak_kernels as peaks
 from roller_emvs.evidence._kernels import CELL_PX
-from roller_emvs.evidence.creep import creep_depth_m
+from roller_emvs.evidence.edge_drift import creep_depth_m
 from roller_emvs.evidence.energy import plane_shifts
 from roller_emvs.evidence.relief import enlarge
 from roller_emvs.evidence.viewing import viewing

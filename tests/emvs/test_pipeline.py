@@ -8,8 +8,8 @@ import pytest
 from emvs.scenes import CAMERA, MS, Motion, events_of, lines, rolling, tilted, track_of, turning
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
+from roller_emvs.depth_settings import METHODS, DepthSettings
 from roller_emvs.pipeline import DepthPipeline
-from roller_emvs.settings import METHODS, DepthSettings
 from roller_emvs.windows import RefusedWindow
 
 DURATION_S = 0.12

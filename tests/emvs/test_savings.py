@@ -10,11 +10,11 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.transforms import quaternion_to_matrix, rotation_vector_to_quaternion
 from roller_emvs.depth_map import DepthMap
+from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.hot_pixels import hot_pixels
+from roller_emvs.methods.paper.shifted import shifted_planes
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.prior import DepthPrior
-from roller_emvs.settings import DepthSettings
-from roller_emvs.shifted import shifted_planes
 
 DURATION_S = 0.12
 BOUNDS = (0.043, 0.047)

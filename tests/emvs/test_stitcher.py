@@ -11,9 +11,9 @@ import pytest
 from emvs.scenes import CAMERA
 from roller_core.errors import UnwritableOutputError
 from roller_emvs.depth_map import DepthMap
+from roller_emvs.depth_settings import StitcherSettings
 from roller_emvs.ply import PlyWriter, read_ply
 from roller_emvs.registration import refine
-from roller_emvs.settings import StitcherSettings
 from roller_emvs.stitcher import Stitcher, radius_filter
 from roller_emvs.voxels import VoxelMap
 

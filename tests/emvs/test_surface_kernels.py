@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
-from roller_emvs.surface import _kernels
+from roller_emvs.methods.surface import _kernels
 
 
 def test_rays_meet_the_plane() -> None:

@@ -10,10 +10,10 @@ from roller_core.errors import SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import matrix_to_quaternion
-from roller_driver.virtual.cell import VirtualCell
-from roller_driver.virtual.settings import VirtualCellSettings
-from roller_emvs.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.windows import RefusedWindow
+from roller_sim.cell import VirtualCell
+from roller_sim.cell_settings import VirtualCellSettings
 
 DURATION_S = 0.12
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

@@ -13,7 +13,7 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, rotation_vector_to_quaternion
 from roller_emvs import rays as r
-from roller_emvs.votes import dense_volume, sweep_maximum, sweep_views
+from roller_emvs.methods.paper.votes import dense_volume, sweep_maximum, sweep_views
 
 PLANES = r.depth_planes(0.043, 0.047, 7, "depth")
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from roller_emvs import _view_kernels, _vote_kernels
+from roller_emvs.depth_settings import METHODS, DepthSettings
 from roller_emvs.evidence import _meet_kernels, _peak_kernels
-from roller_emvs.settings import METHODS, DepthSettings
-from roller_emvs.surface import SurfaceSettings
+from roller_emvs.methods.paper import _view_kernels, _vote_kernels
+from roller_emvs.methods.surface import SurfaceSettings
 from roller_emvs.warm_up import warm_up
 
 

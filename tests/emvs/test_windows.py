@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from emvs.scenes import MS, Motion, rolling, track_of
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
-from roller_emvs.settings import DepthSettings
+from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.windows import RefusedWindow, Window, WindowCutter
 
 

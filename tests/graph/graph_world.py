@@ -18,8 +18,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from roller_bringup import topics
-from roller_ros import qos
+from roller_ros import qos, topics
 
 #: Modules of the nodes by name.
 MODULES = {
@@ -27,9 +26,9 @@ MODULES = {
     "stitcher": "roller_emvs.stitcher_node",
     "surface": "roller_emvs.surface_node",
     "braille": "roller_braille.braille_node",
-    "player": "roller_bringup.player_node",
-    "recorder": "roller_bringup.recorder_node",
-    "virtual_cell": "roller_driver.virtual_cell_node",
+    "player": "roller_recording.player_node",
+    "recorder": "roller_recording.recorder_node",
+    "virtual_cell": "roller_sim.virtual_cell_node",
     "event_camera": "roller_driver.event_camera_node",
     "ur10": "roller_driver.ur10_node",
 }

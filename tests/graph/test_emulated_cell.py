@@ -23,10 +23,10 @@ from driver.emulation import usb_backend
 from driver.emulation.controller_process import ControllerProcess
 from driver.emulation.scan import EmulatedScan
 from graph.graph_world import Watcher
-from roller_bringup.inspection import Inspection, InspectionSettings, Mapped
 from roller_bringup.launching import Runner, load
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
+from roller_inspect.pipeline import Inspection, InspectionSettings, Mapped
 from roller_ros import messages
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
-from bringup.bags import write_bag
 from graph.graph_world import Processes, Watcher, check_keys
+from recording.bags import write_bag
 from roller_bringup.cli import main
 from roller_bringup.launching import load
 from roller_bringup.live import run_until_done
-from roller_bringup.results.recorded import gather
-from roller_bringup.results.report import Report
 from roller_core.bags import typestore
 from roller_emvs.ply import read_ply
+from roller_inspect.results.recorded import gather
+from roller_inspect.results.run_report import Report
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 

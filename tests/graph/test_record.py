@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import Reader
 
-from bringup.bags import EVENT_ARRAY, Recipe, bag_messages, write_bag
 from graph.graph_world import Processes
+from recording.bags import EVENT_ARRAY, Recipe, bag_messages, write_bag
 from roller_bringup.cli import main
-from roller_bringup.recordings.bag_reader import BagReader, RawMessage
 from roller_core.codecs import RawPacket
+from roller_recording.reading.bag_reader import BagReader, RawMessage
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 

@@ -12,8 +12,8 @@ import pytest
 from rosbags.rosbag2 import Reader
 from tf2_msgs.msg import TFMessage
 
-from bringup.bags import Recipe, write_bag
 from graph.graph_world import Processes, Watcher
+from recording.bags import Recipe, write_bag
 from roller_bringup.cli import main
 from roller_core.bags import typestore
 from roller_emvs.ply import read_ply

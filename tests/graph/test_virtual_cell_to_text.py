@@ -12,9 +12,9 @@ import pytest
 from graph.graph_world import Watcher, check_keys
 from roller_bringup.launching import load
 from roller_bringup.live import run_until_done
-from roller_bringup.results.recorded import gather
-from roller_bringup.results.report import Report
 from roller_emvs.ply import read_ply
+from roller_inspect.results.recorded import gather
+from roller_inspect.results.run_report import Report
 from roller_ros import qos
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from roller_core.clock import SensorClock
-from roller_core.frames import PoseCounts
+from roller_core.sensor_pose import PoseCounts
 from roller_ros import diagnostics
 from roller_ros.diagnostics import Diagnostics, Meter
 

@@ -14,8 +14,8 @@ from roller_core.event_queue import EventQueue
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 
+from .reader_settings import BrailleSettings
 from .rolling import Pass, RollTracker, Span
-from .settings import BrailleSettings
 
 
 @dataclass(frozen=True)

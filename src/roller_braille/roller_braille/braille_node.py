@@ -19,7 +19,7 @@ from roller_ros.stream_node import StreamNode, StreamParameters, percentile
 from .cells import Cell
 from .messages import cell_markers, cell_message, text_message
 from .pipeline import BraillePipeline
-from .settings import POSE_SMOOTHING, BrailleSettings
+from .reader_settings import POSE_SMOOTHING, BrailleSettings
 from .warp import warm_up
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from roller_core.events import EventArray
 
 from . import _kernels as kernels
-from .settings import BrailleSettings
+from .reader_settings import BrailleSettings
 from .warp import F32, F64, OUTSIDE, Knots
 
 #: Travel over which frames are held back, over which events are looked at, how often, and that is

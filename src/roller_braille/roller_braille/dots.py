@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .settings import BrailleSettings
+from .reader_settings import BrailleSettings
 from .strip import Kind, Strip
 from .warp import F32, F64
 

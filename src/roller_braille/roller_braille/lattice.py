@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .dots import Dots
-from .settings import Spacing
+from .reader_settings import Spacing
 from .warp import F64
 
 #: A dot this far off its node, in dot pitches, has no part in it.

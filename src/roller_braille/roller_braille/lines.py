@@ -14,8 +14,8 @@ from .dots import CHANCE, Dots
 from .lattice import Lattice
 from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
+from .reader_settings import BrailleSettings, Spacing
 from .recognise import FILLED, Energies, Recogniser, Reference, share
-from .settings import BrailleSettings, Spacing
 from .strip import Kind, Strip, image_around
 from .warp import F32, F64
 

@@ -14,7 +14,7 @@ from visualization_msgs.msg import Marker
 from roller_ros.messages import header
 
 from .cells import Cell
-from .settings import Spacing
+from .reader_settings import Spacing
 from .table import UNREADABLE
 
 _READ = ColorRGBA(r=0.1, g=0.7, b=0.2, a=1.0)

@@ -11,8 +11,8 @@ from . import table
 from .cells import Cell, Seen
 from .lines import LineReader
 from .orientation import upside_down
-from .passes import PassReader
-from .settings import BrailleSettings
+from .pass_reader import PassReader
+from .reader_settings import BrailleSettings
 from .translation import ALL_DOTS, LineCell, line_reader
 from .warp import F64, Warp
 

@@ -18,8 +18,8 @@ from .batches import Batch, BatchCutter, PassEnd
 from .cells import Cell
 from .hot import HotPixels
 from .page import Page
-from .passes import PassReader
-from .settings import BrailleSettings
+from .pass_reader import PassReader
+from .reader_settings import BrailleSettings
 from .translation import LineCell
 from .warp import Warp, warm_up
 

@@ -17,7 +17,7 @@ from .cells import Seen
 from .dots import DotFinder, Dots
 from .lattice import FAINT, Lattice
 from .lines import LineReader
-from .settings import BrailleSettings
+from .reader_settings import BrailleSettings
 from .strip import Kind, Strip
 
 #: Time after which is looked again, seconds: it costs as much as reading some cells.

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .dots import SPOT
-from .settings import BrailleSettings
+from .reader_settings import BrailleSettings
 from .warp import F32, F64
 
 #: Share of a dot's events at which a place is certainly empty, and at which it certainly is not, at

@@ -15,7 +15,7 @@ import numpy as np
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64, quaternion_to_matrix
 
-from .settings import BrailleSettings
+from .reader_settings import BrailleSettings
 
 #: A sensor that turns or strays further than this from where a pass began has left its line.
 _TURN_RAD = 0.05

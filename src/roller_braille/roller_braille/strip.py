@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from roller_core.events import EventArray
 
-from .settings import BrailleSettings
+from .reader_settings import BrailleSettings
 from .warp import F32, F64, I64, Knots, vote
 
 #: Columns seen over less than this share of the full travel are not made up for.

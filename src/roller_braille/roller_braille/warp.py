@@ -20,8 +20,8 @@ from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64, quaternion_to_matrix
 
 from . import _kernels as kernels
+from .reader_settings import BrailleSettings
 from .rolling import Pass
-from .settings import BrailleSettings
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]

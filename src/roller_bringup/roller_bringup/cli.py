@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import importlib
+import importlib.util
 import signal
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
 
-from roller_bringup.ending import Ended, ending_in_order
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
 from roller_core.opencv import one_opencv_thread
+from roller_core.signals import Ended, ending_in_order
 
-#: Name of a subcommand's module and its line of help; modules are loaded when they are used.
-_COMMANDS = {
-    "simulate": ("roller_driver.virtual.command", "simulate a scan, written as a bag"),
-    "replay": ("roller_bringup.commands.replay", "process a recording offline"),
-    "up": ("roller_bringup.commands.up", "run a launch file"),
-    "demo": ("roller_bringup.commands.demo", "roll the virtual cell over a plate, live"),
-    "record": ("roller_bringup.commands.record", "record the running graph"),
-    "calibrate": ("roller_bringup.commands.calibrate", "calibrate the cell from recordings"),
-    "info": ("roller_bringup.commands.info", "tell what a recording holds"),
-    "doctor": (
-        "roller_bringup.commands.doctor",
-        "check libraries, ROS, camera, robot, clock, disk",
-    ),
-    "bench": ("roller_bringup.commands.bench", "measure speed against error"),
-    "evaluate": (
-        "roller_bringup.commands.evaluate",
-        "repeat the paper's experiments on the virtual cell",
-    ),
-}
+#: Packages name their subcommands in this group of entry points.
+GROUP = "roller.commands"
+
+
+def find_commands() -> dict[str, str]:
+    """Modules of the subcommands by name, as the installed packages name them."""
+    return {point.name: point.value for point in sorted(entry_points(group=GROUP))}
+
+
+def _summary(module: str) -> str:
+    """What a subcommand does, from the first line of its module, which isn't loaded for it."""
+    found = importlib.util.find_spec(module)
+    if found is None or found.origin is None:
+        return ""
+    text = ast.get_docstring(ast.parse(Path(found.origin).read_text())) or ""
+    return text.partition("\n")[0].rpartition("`: ")[2].rstrip(".")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,13 +50,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     chosen = next((w for w in words if not w.startswith("-")), None)
-    for name, (module, line) in _COMMANDS.items():
-        if name == chosen:
-            command = importlib.import_module(module)
-            command.add_parser(subparsers)
-            words = getattr(command, "rewritten", list)(words)
-        else:
-            subparsers.add_parser(name, help=line)
+    commands = find_commands()
+    if chosen in commands:
+        command = importlib.import_module(commands[chosen])
+        command.add_parser(subparsers)
+        words = getattr(command, "rewritten", list)(words)
+    else:
+        for name, module in commands.items():
+            subparsers.add_parser(name, help=_summary(module))
     args = parser.parse_args(words)
     keep_freed_memory()
     one_opencv_thread()

@@ -15,9 +15,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from roller_core.errors import RollerError
-from roller_ros import qos
+from roller_ros import qos, topics
 
-from . import topics
 from .launching import LaunchPlan, Runner
 
 #: Statuses that tell that the source has nothing more to send.

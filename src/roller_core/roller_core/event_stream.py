@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from roller_core.codecs.decoder import Payload
+
 from .clock import SensorClock
 from .codecs import CodecError, PacketDecoder
-from .codecs.decoder import Payload
 from .errors import RollerError
 from .events import EventArray
 

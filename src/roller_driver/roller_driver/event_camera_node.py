@@ -23,6 +23,15 @@ from roller_core.clock import SensorClock
 from roller_core.codecs import encode
 from roller_core.errors import RollerError
 from roller_core.events import EventArray
+from roller_driver.dvxplorer.backends import load_backend
+from roller_driver.dvxplorer.camera_info import load_camera_info
+from roller_driver.dvxplorer.device import CameraDevice
+from roller_driver.dvxplorer.discovery import open_camera
+from roller_driver.dvxplorer.errors import CameraFault
+from roller_driver.dvxplorer.node_settings import EventCameraParameters
+from roller_driver.dvxplorer.packets import EventPart
+from roller_driver.dvxplorer.preview import Preview
+from roller_driver.dvxplorer.rates import Rates
 from roller_ros import diagnostics, messages, qos
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
@@ -30,15 +39,6 @@ from roller_ros.shutdown import until_shutdown
 from roller_ros.worker import Worker
 
 from .dvxplorer import protocol, reader
-from .dvxplorer.backends import load_backend
-from .dvxplorer.camera_info import load_camera_info
-from .dvxplorer.device import CameraDevice
-from .dvxplorer.discovery import open_camera
-from .dvxplorer.errors import CameraFault
-from .dvxplorer.node_settings import EventCameraParameters
-from .dvxplorer.packets import EventPart
-from .dvxplorer.preview import Preview
-from .dvxplorer.rates import Rates
 
 _OK, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 _NEVER_S = 1e9

@@ -16,13 +16,12 @@ from tf2_msgs.msg import TFMessage
 from roller_core.clock import SensorClock
 from roller_core.pose_track import Pose
 from roller_core.transforms import rotation_vector_to_quaternion
+from roller_driver.ur10.receiver import SEARCHING, RobotReceiver, RobotSample
+from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_ros import diagnostics, messages, qos
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.shutdown import until_shutdown
-
-from .ur10.receiver import SEARCHING, RobotReceiver, RobotSample
-from .ur10.settings import Ur10Parameters
 
 _WATCH_S = 1.0
 _WATCH_PAUSE_S = 5.0

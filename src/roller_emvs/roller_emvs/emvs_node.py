@@ -15,8 +15,8 @@ from roller_ros.node_main import run_node
 from roller_ros.stream_node import StreamNode, StreamParameters, percentile
 
 from .depth_map import DepthMap, pinhole
+from .depth_settings import DepthSettings
 from .pipeline import DepthPipeline, refuse_surface
-from .settings import DepthSettings
 from .warm_up import warm_up
 from .windows import RefusedWindow
 

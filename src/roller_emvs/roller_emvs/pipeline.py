@@ -16,13 +16,14 @@ from roller_core.errors import RollerError, SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
+from roller_emvs.methods.paper import bma as paper
 
-from . import focus, paper
 from .depth_map import DepthMap
+from .depth_settings import DepthSettings
 from .hot_pixels import hot_pixels
+from .methods import focus
 from .prior import DepthPrior
 from .rays import F32, Packets, make_packets, parallax_px
-from .settings import DepthSettings
 from .stopwatch import Stopwatch
 from .windows import RefusedWindow, Window, WindowCutter
 

@@ -15,7 +15,7 @@ import open3d as o3d
 
 from roller_core.transforms import F64
 
-from .settings import StitcherSettings
+from .depth_settings import StitcherSettings
 
 _MIN_PAIRS = 100
 

@@ -11,9 +11,9 @@ from roller_core.pose_track import PoseValueError
 from roller_core.transforms import F64, inverse_pose
 
 from .depth_map import DepthMap, back_project
+from .depth_settings import StitcherSettings
 from .patch import Patch
 from .registration import Refinement, refine
-from .settings import StitcherSettings
 from .voxels import VoxelMap
 
 

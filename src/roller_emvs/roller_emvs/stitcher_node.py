@@ -14,8 +14,8 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from roller_core.errors import RollerError
-from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseError, PoseExtrapolationError, PoseOrderError
+from roller_core.sensor_pose import SensorFrames
 from roller_ros import diagnostics, messages, qos
 from roller_ros.frames_settings import FollowedFrames
 from roller_ros.node_main import run_node
@@ -24,9 +24,9 @@ from roller_ros.tf import PoseSources, take_transforms
 from roller_ros.worker import Worker
 
 from .depth_map import DepthMap
+from .depth_settings import StitcherSettings
 from .messages import surface_message
 from .patch import Patch
-from .settings import StitcherSettings
 from .stitcher import Stitcher
 
 _MOST_PENDING = 100

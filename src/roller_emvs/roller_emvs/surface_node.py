@@ -10,12 +10,12 @@ from sensor_msgs.msg import PointCloud2
 
 from roller_core.camera import Camera
 from roller_core.pose_track import PoseTrack
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_ros import qos
 from roller_ros.node_main import run_node
 from roller_ros.stream_node import StreamNode, StreamParameters, percentile
 
 from .messages import surface_message
-from .surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from .warm_up import warm_up
 from .windows import RefusedWindow
 

@@ -7,10 +7,10 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 
+from .depth_settings import DepthSettings
 from .pipeline import DepthPipeline
-from .settings import DepthSettings
-from .surface import SurfaceSettings, SurfaceSweep
 
 _CAMERA = Camera(128, 48, 300.0, 300.0, 63.5, 23.5)
 _END_NS = 100_000_000

@@ -15,7 +15,7 @@ from roller_core.event_queue import EventQueue
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
 
-from .settings import DepthSettings
+from .depth_settings import DepthSettings
 
 
 @dataclass(frozen=True)

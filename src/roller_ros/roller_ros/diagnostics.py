@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from roller_core.clock import SensorClock
-from roller_core.frames import PoseCounts
+from roller_core.sensor_pose import PoseCounts
 
 from . import qos
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
-from roller_core.frames import DEFAULT_SMOOTHING
+from roller_core.sensor_pose import DEFAULT_SMOOTHING
 from roller_core.settings import Settings
 
 

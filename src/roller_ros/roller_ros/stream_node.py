@@ -20,8 +20,8 @@ from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream, StreamCounts, TimeBackwardsError
 from roller_core.events import EventArray
-from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseOrderError, PoseTrack
+from roller_core.sensor_pose import SensorFrames
 
 from . import diagnostics, messages, qos
 from .draining import subscribe_draining

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from roller_core.errors import RollerError
-from roller_core.frames import SensorFrames
+from roller_core.sensor_pose import SensorFrames
 
 from .messages import to_ns
 

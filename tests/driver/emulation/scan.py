@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, matrix_to_quaternion
-from roller_driver.virtual.cell import VirtualCell
-from roller_driver.virtual.motion import CAMERA_DOWN
-from roller_driver.virtual.settings import VirtualCellSettings
+from roller_sim.cell import VirtualCell
+from roller_sim.cell_settings import VirtualCellSettings
+from roller_sim.motion import CAMERA_DOWN
 
 from .camera_words import encode_words
 

@@ -20,10 +20,10 @@ LIMIT_S = 30.0
 def ours(count: int) -> tuple[EventArray, float]:
     """Read with our driver; events and seconds."""
     from roller_driver.dvxplorer.backends import load_backend
+    from roller_driver.dvxplorer.camera_settings import SensorSettings
     from roller_driver.dvxplorer.discovery import open_camera
     from roller_driver.dvxplorer.packets import EventPart
     from roller_driver.dvxplorer.reader import CameraReader
-    from roller_driver.dvxplorer.settings import SensorSettings
 
     parts: list[EventPart] = []
 

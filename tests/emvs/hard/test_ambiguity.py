@@ -10,8 +10,8 @@ from emvs.hard.world import ALL, CAMERA, pending
 from emvs.scenes import MS
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
+from roller_emvs.depth_settings import StitcherSettings
 from roller_emvs.registration import Refinement
-from roller_emvs.settings import StitcherSettings
 from roller_emvs.stitcher import Stitcher
 
 PITCH_M = 0.0004

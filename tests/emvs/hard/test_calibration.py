@@ -14,11 +14,11 @@ from emvs.scenes import rolling
 from roller_core.camera import Camera, CameraError
 from roller_core.errors import RollerError, SettingsError
 from roller_core.events import EventArray, EventArrayError
-from roller_core.frames import SensorFrames
 from roller_core.pose_track import PoseTrack, PoseValueError
+from roller_core.sensor_pose import SensorFrames
 from roller_core.transforms import RotationError
 from roller_emvs.depth_map import DepthMap
-from roller_emvs.settings import DepthSettings, StitcherSettings
+from roller_emvs.depth_settings import DepthSettings, StitcherSettings
 from roller_emvs.stitcher import Stitcher
 
 NAN, INF = float("nan"), float("inf")

@@ -23,9 +23,9 @@ from roller_core.transforms import (
     rotation_vector_to_quaternion,
 )
 from roller_emvs.depth_map import DepthMap
+from roller_emvs.depth_settings import METHODS, DepthSettings
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
-from roller_emvs.settings import METHODS, DepthSettings
-from roller_emvs.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.windows import RefusedWindow
 
 EPOCH_NS = 1_790_000_000_123_456_789

@@ -10,7 +10,7 @@ from emvs.hard.world import ALL, SPEED_M_S, UPRIGHT, pending
 from emvs.scenes import MS, Motion, rolling, turning
 from roller_core.events import EventArray
 from roller_core.transforms import F64
-from roller_emvs.settings import METHODS
+from roller_emvs.depth_settings import METHODS
 
 
 def along_axis(t: float) -> tuple[F64, F64]:

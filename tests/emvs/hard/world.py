@@ -18,9 +18,9 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64, quaternion_to_matrix
 from roller_emvs.depth_map import DepthMap, back_project
+from roller_emvs.depth_settings import METHODS, DepthSettings
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
-from roller_emvs.settings import METHODS, DepthSettings
-from roller_emvs.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.windows import RefusedWindow
 
 CAMERA = Camera(320, 40, 800.0, 800.0, 159.5, 19.5)

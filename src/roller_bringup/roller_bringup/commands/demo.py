@@ -1,11 +1,11 @@
-"""`roller demo`: the virtual cell through the real graph, compared with the truth."""
+"""`roller demo`: roll the virtual cell over a plate, live."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from roller_emvs.settings import REPLAY_METHODS
+from roller_emvs.depth_settings import REPLAY_METHODS
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -44,11 +44,11 @@ def run(args: argparse.Namespace) -> int:
     from roller_bringup.launching import load
     from roller_bringup.launching.locate import package_share
     from roller_bringup.live import refuse_company, run_until_done
-    from roller_bringup.results.folders import fresh_folder
-    from roller_bringup.results.overview import draw_overview
-    from roller_bringup.results.recorded import gather
-    from roller_bringup.results.report import Report
-    from roller_bringup.results.summary import demo_table
+    from roller_core.output_folder import fresh_folder
+    from roller_inspect.results.overview import draw_overview
+    from roller_inspect.results.recorded import gather
+    from roller_inspect.results.run_report import Report
+    from roller_inspect.results.summary import demo_table
 
     folder = args.output.absolute()
     launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"

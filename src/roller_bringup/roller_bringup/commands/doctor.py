@@ -1,4 +1,4 @@
-"""`roller doctor`: is this machine ready for the cell."""
+"""`roller doctor`: check libraries, ROS, camera, robot, clock, disk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`roller up`: run a launch file where `ros2 launch` is absent."""
+"""`roller up`: run a launch file, also where `ros2 launch` is absent."""
 
 from __future__ import annotations
 

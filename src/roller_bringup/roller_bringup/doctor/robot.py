@@ -8,8 +8,8 @@ from roller_core.errors import SettingsError
 from roller_core.settings import read_parameters
 from roller_driver.ur10.errors import RobotFault
 from roller_driver.ur10.receiver import VARIABLES
+from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_driver.ur10.rtde import PORT, Controller, ask_controller
-from roller_driver.ur10.settings import Ur10Parameters
 
 from .result import Level, Result
 

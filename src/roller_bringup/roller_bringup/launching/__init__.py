@@ -4,10 +4,10 @@ A strict subset: what it reads it does as `ros2 launch` would, with one process 
 arguments; what it doesn't know it refuses, naming file and line.
 """
 
-from roller_bringup.launching.arguments import Argument, list_arguments
-from roller_bringup.launching.errors import LaunchError
-from roller_bringup.launching.plan import LaunchPlan, NodeProcess, load
-from roller_bringup.launching.runner import Runner, run
+from .arguments import Argument, list_arguments
+from .errors import LaunchError
+from .plan import LaunchPlan, NodeProcess, load
+from .runner import Runner, run
 
 __all__ = [
     "Argument",

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from roller_bringup.launching import document, locate, substitutions
-from roller_bringup.launching.document import Element
+from . import document, locate, substitutions
+from .document import Element
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
-from roller_bringup.launching.errors import LaunchError
+from .errors import LaunchError
 
 
 @dataclass

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from roller_bringup.launching import document, locate, node, substitutions
-from roller_bringup.launching.document import Element
-from roller_bringup.launching.plan import LaunchPlan
+from . import document, locate, node, substitutions
+from .document import Element
+from .plan import LaunchPlan
 
 _CONDITIONS = {"if", "unless"}
 _DEEPEST_INCLUDE = 32

@@ -8,12 +8,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from roller_bringup.launching import locate, parameters, substitutions
-from roller_bringup.launching.document import Element
-from roller_bringup.launching.plan import NodeProcess
+from . import locate, parameters, substitutions
+from .document import Element
+from .plan import NodeProcess
 
 if TYPE_CHECKING:
-    from roller_bringup.launching.interpreter import Interpreter
+    from .interpreter import Interpreter
 
 _OPTIONAL = {
     "name",

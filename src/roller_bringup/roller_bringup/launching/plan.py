@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from roller_bringup.launching.errors import LaunchError
+from .errors import LaunchError
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def load(
         package, an executable or a parameter file isn't there.
     """
     # The interpreter makes NodeProcess, so it can't be imported at the top.
-    from roller_bringup.launching.interpreter import Interpreter
+    from .interpreter import Interpreter
 
     file = Path(path).absolute()
     given = dict(arguments or {})

@@ -9,8 +9,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from roller_bringup.launching.errors import LaunchError
-from roller_bringup.launching.plan import NodeProcess
+from .errors import LaunchError
+from .plan import NodeProcess
 
 
 class RunningProcess:

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from roller_bringup.launching.output import Screen, standard_screen
-from roller_bringup.launching.plan import LaunchPlan, NodeProcess
-from roller_bringup.launching.process import RunningProcess, describe
+from .output import Screen, standard_screen
+from .plan import LaunchPlan, NodeProcess
+from .process import RunningProcess, describe
 
 #: How a process may end once it was asked to.
 _ORDERLY = {0, -signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM}

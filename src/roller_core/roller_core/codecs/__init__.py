@@ -8,12 +8,7 @@ from __future__ import annotations
 
 from .decoder import DecodedPacket, PacketDecoder
 from .encoder import MAX_SPAN_NS, encode
-from .errors import (
-    CodecError,
-    PacketLengthError,
-    PacketTimeError,
-    UnknownEncodingError,
-)
+from .errors import CodecError, PacketLengthError, PacketTimeError, UnknownEncodingError
 from .raw_packet import RawPacket, count_events
 
 DECODED_ENCODINGS = ("mono", "libcaer", "libcaer_cmp", "evt3", "trigger")

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..events import EventArray, TriggerArray
+from roller_core.events import EventArray, TriggerArray
+
 from . import _kernels
 from .errors import PacketLengthError, UnknownEncodingError
 

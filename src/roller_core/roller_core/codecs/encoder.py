@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..events import EventArray
+from roller_core.events import EventArray
+
 from . import _kernels
 from .errors import CodecError, PacketTimeError, UnknownEncodingError
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..errors import RollerError
+from roller_core.errors import RollerError
 
 
 class CodecError(RollerError):

@@ -14,14 +14,9 @@ import usb.util
 
 from . import protocol as p
 from . import sequences
-from .errors import (
-    CameraControlError,
-    CameraFault,
-    CameraLostError,
-    UnknownFirmwareError,
-)
+from .camera_settings import SensorSettings
+from .errors import CameraControlError, CameraFault, CameraLostError, UnknownFirmwareError
 from .protocol import ClearHalt, Read, Step, Vendor, Wait, Write
-from .settings import SensorSettings
 
 _CONTROL_TIMEOUT_MS = 1000
 _OPTIONAL_TIMEOUT_MS = 250

@@ -6,7 +6,7 @@ from pydantic import Field, field_validator
 
 from roller_core.codecs import ENCODED_ENCODINGS
 
-from .settings import SensorSettings
+from .camera_settings import SensorSettings
 
 
 class EventCameraParameters(SensorSettings):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from . import protocol as p
+from .camera_settings import SensorSettings
 from .protocol import ClearHalt, Read, Step, Vendor, Wait, Write
-from .settings import SensorSettings
 
 _LOG_LEVEL_WARNING = 2
 

@@ -1,8 +1,8 @@
 """Where warped events are sharpest: the evidence that `focus` and `surface` share."""
 
+from .evidence_settings import EvidenceSettings
 from .field import RayField
 from .relief import Relief, measured_pixels
-from .settings import EvidenceSettings
 from .sweep import Depths, find_depths
 
 __all__ = [

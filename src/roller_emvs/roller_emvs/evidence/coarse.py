@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from roller_core.transforms import F64
+from roller_emvs.methods.paper.bands import Bands
+from roller_emvs.rays import F32
+from roller_emvs.threads import share
 
-from ..bands import Bands
-from ..rays import F32
-from ..threads import share
 from . import _peak_kernels as peaks
 from .energy import Sorted, blur, by_part, energy_by_plane, everywhere, plane_shifts, tiles_reached
+from .evidence_settings import EvidenceSettings
 from .field import RayField
-from .settings import EvidenceSettings
 
 
 def coarse_planes(field: RayField, low: float, high: float, s: EvidenceSettings) -> F64:

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.transforms import F64
+from roller_emvs.methods.paper.bands import Bands, sort_into_bands
+from roller_emvs.rays import F32
+from roller_emvs.threads import share
 
-from ..bands import Bands, sort_into_bands
-from ..rays import F32
-from ..threads import share
 from . import _kernels as kernels
 from . import _meet_kernels as meet
 from ._kernels import CELL_PX, ROW_PX, TILE_CELLS

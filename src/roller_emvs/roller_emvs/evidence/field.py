@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.transforms import F64
+from roller_emvs.rays import F32
 
-from ..rays import F32
 from ._kernels import CELL_PX
 
 

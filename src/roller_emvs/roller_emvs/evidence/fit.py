@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from roller_core.transforms import F64
+from roller_emvs.threads import share
 
-from ..threads import share
 from . import _fit_kernels as kernels
 from .sweep import Depths
 

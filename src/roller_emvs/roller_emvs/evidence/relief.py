@@ -8,15 +8,15 @@ import cv2
 import numpy as np
 
 from roller_core.transforms import F64
+from roller_emvs.rays import F32
+from roller_emvs.threads import share
 
-from ..rays import F32
-from ..threads import share
 from . import _meet_kernels as kernels
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
+from .evidence_settings import EvidenceSettings
 from .field import RayField
 from .fit import fit_planes
-from .settings import EvidenceSettings
 from .sweep import Depths
 from .viewing import usual
 

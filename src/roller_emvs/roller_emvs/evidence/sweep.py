@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roller_core.transforms import F64
+from roller_emvs.methods.paper.bands import Bands
+from roller_emvs.rays import F32
+from roller_emvs.threads import share
 
-from ..bands import Bands
-from ..rays import F32
-from ..threads import share
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .coarse import coarse_planes, coarse_shift
-from .creep import creep_depth_m
+from .edge_drift import creep_depth_m
 from .energy import (
     I32,
     blur,
@@ -33,8 +33,8 @@ from .energy import (
     tiles_reached,
     tiles_searched,
 )
+from .evidence_settings import EvidenceSettings
 from .field import RayField
-from .settings import EvidenceSettings
 from .viewing import usual, viewing
 
 #: Energy of a single vote, in half of which its squared slopes end for a spot between pixels.

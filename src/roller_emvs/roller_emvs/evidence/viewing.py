@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ..rays import F32
+from roller_emvs.rays import F32
+
 from . import _meet_kernels as kernels
 from .field import RayField
 

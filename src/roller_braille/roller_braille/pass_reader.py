@@ -1,0 +1,319 @@
+"""Reading what one pass of the sensor sees: its mosaic, the dots in it, the lines they make up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .batches import Batch
+from .contrast import Frame, WayScale
+from .dots import DotFinder, Dots
+from .lattice import FAINT, Lattice, find_lattice, find_turn, no_dust
+from .lines import LineReader
+from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
+from .previews import Preview, Previewer
+from .reader_settings import BrailleSettings, Spacing
+from .recognise import Recogniser
+from .rolling import Pass
+from .strip import Kind, Strip
+from .warp import F32, F64, Warp
+
+_STRONGER = 3.0
+#: Angles nearer to each other than this are one, radians.
+_SAME_TURN = 0.03
+#: Cells of travel, and seconds, after which lines are read on.
+_STEP, _STEP_S = 0.25, 0.012
+#: Lines are no nearer to each other than this, in line pitches.
+_LEAST_LINE_PITCH = 0.8
+#: Dust is told by the strongest dots but these.
+_STRONG = 3
+#: Share of what two dots ahead have below which a spot is dust in any case.
+_DUST = 0.02
+
+
+def _at(dots: Dots, start: float) -> bool:
+    return bool(len(dots)) and float(dots.along[0]) == start
+
+
+class PassReader:
+    """Reads one pass.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        See there.
+    warp : Warp
+        Motion compensation.
+    roll : Pass
+        The pass.
+    """
+
+    def __init__(self, settings: BrailleSettings, warp: Warp, roll: Pass) -> None:
+        self._settings = settings
+        self._warp = warp
+        self.roll = roll
+        self.strip = Strip(settings, warp.half_height_m)
+        #: Scale of the poses' way; the strip and all that is found in it are in the events'.
+        self.way = WayScale(settings)
+        self._table = warp.table
+        self._finder = DotFinder(settings)
+        self._recogniser = Recogniser(settings)
+        self._searched: int | None = None
+        self._looked_s = 0.0
+        self._kinds = (
+            (Kind.OFF, Kind.ON) if settings.polarity == "auto" else (Kind(settings.polarity),)
+        )
+        self._loose = {kind: Dots.none() for kind in self._kinds}
+        #: Lines in the order they were begun, those given up left out.
+        self.lines: list[LineReader] = []
+        self._previewer = Previewer(settings, self.strip, self._finder)
+        #: Beginnings of lines that aren't known for lines yet, from the top.
+        self.previews: list[Preview] = []
+        self.dots = 0
+        #: Whether its text is upside down; None while that is open.
+        self.upside_down: bool | None = None
+        #: Turn and spacing of the plate, and events of a dot, where a line was last read.
+        self._turn: float | None = None
+        self._spacing: Spacing | None = None
+        self._typical = 0.0
+        #: Place up to which lines were read, metres.
+        self.reach_m = -np.inf
+        reach = settings.spacing.dot_diameter_m / 2
+        self._view = (-warp.half_height_m + reach, warp.half_height_m - reach)
+
+    def add(self, batch: Batch, table: F32) -> None:
+        """Take a frame of events; `table` holds the pixels to use, see `vote`.
+
+        Raises
+        ------
+        PoseError
+            If poses are missing.
+        """
+        knots = self._warp.knots(self.roll, batch.start_ns, batch.end_ns)
+        self._table = table
+        self._count(self.way.add(Frame(batch.events, knots), table))
+
+    def _count(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            self.strip.add(frame.events, self._table, frame.knots)
+
+    def advance(self, final: bool = False) -> None:
+        """Read what was seen for long enough; all that was seen if the pass is over."""
+        if final:
+            self._count(self.way.release())
+        first, end = self.strip.seen
+        if end == first:
+            return
+        complete = end if final else self.strip.complete
+        if self._searched is None:
+            self._searched = first
+        # Searching has a fixed cost: go on in steps.
+        upto = complete + self._finder.margin if final else complete - self._finder.margin
+        step = int(_STEP * self._settings.spacing.cell_pitch_m / self.strip.px_m)
+        rolled_s = self.strip.rolled_s
+        if not final and (upto - self._searched < step or rolled_s - self._looked_s < _STEP_S):
+            return
+        self._looked_s = rolled_s
+        for kind in self._kinds:
+            found = self._finder.find(self.strip, self._searched, upto, kind)
+            self.dots += len(found)
+            self._share(found, kind)
+        self._searched = max(self._searched, upto)
+        reach = min(upto, complete)
+        self.reach_m = reach * self.strip.px_m
+        for line in self.lines:
+            self._advance(line, reach)
+        self._begin_lines(reach, final)
+        if final:
+            for line in self.lines:
+                line.close()
+            self._loose = {kind: Dots.none() for kind in self._kinds}
+        self.lines = [line for line in self.lines if line.accepted or not line.closed]
+        self._judge_orientation(LIKELY if final else SURE)
+        self.previews = [] if final else self._preview(upto)
+        self.strip.forget_before(self._needed())
+
+    def saw(self, places: F64) -> bool:
+        """Whether all of some places, travel and way down the image in metres, were in view."""
+        inside = (places[:, 1] >= self._view[0]) & (places[:, 1] <= self._view[1])
+        return bool((inside & self.strip.shown(places[:, 0])).all())
+
+    def room_above(self, line: LineReader) -> bool:
+        """Whether the view could hold another line above one."""
+        top = line.top_at(line.start) - _LEAST_LINE_PITCH * self._settings.spacing.line_pitch_m
+        return top >= -self._warp.half_height_m
+
+    def _judge_orientation(self, sure: float) -> None:
+        """Tell from the cells read so far whether text is upside down; left as is if in doubt."""
+        if self.upside_down is not None:
+            return
+        lines = [line.cells for line in self.lines if line.accepted]
+        odds = sum(log_odds(cells, self._settings.code) for cells in lines)
+        count = sum(seen.certain and seen.mask > 0 for cells in lines for seen in cells)
+        if abs(odds) >= sure:
+            self.upside_down = odds < 0
+        elif count >= MOST_CELLS:
+            self.upside_down = False
+        for line in self.lines:
+            line.may_lift = self.upside_down is not False
+
+    def _preview(self, upto: int) -> list[Preview]:
+        """Lines that can't be begun yet, if it is sure which way round they are."""
+        if self.roll.direction < 0 or self.upside_down:
+            return []
+        known = {kind: self._free(loose) for kind, loose in self._loose.items()}
+        found = self._previewer.look(known, upto, self._free, self._best)
+        if found and self.upside_down is None:
+            lines = [line for line in self.lines if line.accepted] + [p.line for p in found]
+            if sum(log_odds(line.cells, self._settings.code) for line in lines) < SURE:
+                return []
+            self.upside_down = False
+        return found
+
+    def _share(self, dots: Dots, kind: Kind) -> None:
+        """Give dots to the lines they may belong to; they stay at hand till that is known."""
+        for line in self.lines:
+            if not line.closed and line.kind is kind:
+                line.take(dots.where(line.holds(dots)))
+        self._loose[kind] = self._loose[kind].joined(dots)
+
+    def _advance(self, line: LineReader, complete: int) -> None:
+        """Read a line on and forget the dots that are its own, or nobody's."""
+        if line.closed:
+            return
+        line.advance(complete)
+        if line.accepted:
+            self._turn, self._typical = line.lattice.angle, line.typical
+            self._spacing = line.spacing
+        for kind, loose in self._loose.items():
+            if kind is not line.kind and line.closed and not line.accepted:
+                continue  # a line in vain of one kind leaves those of the other
+            own = line.holds(loose) & (loose.along < line.confirmed)
+            self._loose[kind] = loose.where(~own)
+
+    def _begin_lines(self, upto: int, final: bool) -> None:
+        s = self._settings
+        ahead = (s.lookahead_cells + 1) * s.spacing.cell_pitch_m
+        while True:
+            free = {kind: self._free(loose) for kind, loose in self._loose.items()}
+            starts = [float(dots.along[0]) for dots in free.values() if len(dots)]
+            if not starts or not (final or min(starts) + ahead <= upto * self.strip.px_m):
+                return
+            start = min(starts)
+            if self._give_up_dust(free, start, ahead):
+                continue
+            end = start + ahead
+            line = self._best(free, start, end)
+            if line is None:
+                # Other relief may come soon after a short text.
+                end = start + ahead / 2
+                line = self._best(free, start, end)
+            if line is not None:
+                self.lines.append(line)
+                # It has the dots of the window; these come after.
+                loose = free[line.kind]
+                line.take(loose.where(line.holds(loose) & (loose.along >= end)))
+                self._advance(line, upto)
+                if line.accepted or not line.closed:
+                    continue
+                self.lines.remove(line)
+            # Where nothing begins, what is within a dot is given up, but for what is far stronger:
+            # dust may lie beside a line's first dots.
+            strong = _STRONGER * max(float(d.votes[0]) for d in free.values() if _at(d, start))
+            for kind, loose in self._loose.items():
+                near = loose.along <= start + s.spacing.dot_pitch_m / 2
+                self._loose[kind] = loose.where(~near | (loose.votes > strong))
+
+    def _give_up_dust(self, free: dict[Kind, Dots], start: float, ahead_m: float) -> bool:
+        """Forget the first dots if they are far weaker than those after them or in lines."""
+        near, ahead = (
+            np.sort(
+                np.concatenate([dots.votes[dots.along < start + way] for dots in free.values()])
+            )
+            for way in (ahead_m / 2, ahead_m)
+        )
+        least = FAINT * float(near[-min(_STRONG, len(near))])
+        # Where a line's very first dots come into view, they are fewer than that.
+        least = max(least, _DUST * float(ahead[-min(2, len(ahead))]))
+        if any(_at(d, start) and float(d.votes[0]) >= least for d in free.values()):
+            return False
+        for kind, loose in self._loose.items():
+            self._loose[kind] = loose.where((loose.along > start) | (loose.votes >= least))
+        return True
+
+    def _free(self, dots: Dots) -> Dots:
+        """Those dots that no open line has, and that are no dust against those of lines."""
+        dots = dots.where(dots.votes >= FAINT * self._typical)
+        for line in self.lines:
+            if not line.closed:
+                dots = dots.where(~line.holds(dots))
+        return dots
+
+    def _best(self, free: dict[Kind, Dots], start: float, end: float) -> LineReader | None:
+        """The line from a place to another that explains its events best, of either kind."""
+        found = [self._try(dots, kind, start, end) for kind, dots in free.items()]
+        return max(found, key=lambda f: f[0])[1]
+
+    def _try(
+        self, dots: Dots, kind: Kind, start: float, end: float
+    ) -> tuple[float, LineReader | None]:
+        """A line that begins with the first of dots, and the share of events that it explains."""
+        dots = dots.where(dots.along < end)
+        if len(dots) < self._settings.min_line_dots:
+            return 0.0, None
+        solid = dots.where(no_dust(dots.votes))
+        if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
+            return 0.0, None  # what the window begins with is dust
+        seen = find_turn(dots, self._settings.spacing)
+        first = seen if self._turn is None else self._turn
+        second = 0.0 if self._turn is None else seen
+        found = self._try_turn(dots, kind, start, first)
+        if found[1] is None and abs(second - first) > _SAME_TURN:
+            found = self._try_turn(dots, kind, start, second)
+        return found
+
+    def _try_turn(
+        self, dots: Dots, kind: Kind, start: float, turn: float
+    ) -> tuple[float, LineReader | None]:
+        """The same at an angle."""
+        s = self._settings
+        solid = dots.where(no_dust(dots.votes))
+        left_first = self.roll.direction > 0
+        fits = [
+            (lattice.fit_of(solid), lattice, spacing)
+            for spacing in ((self._spacing,) if self._spacing else s.spacings)
+            if (lattice := find_lattice(dots, spacing, s.pitch_tolerance, left_first, turn))
+        ]
+        if not fits:
+            return 0.0, None
+        _, lattice, spacing = max(fits, key=lambda fit: fit[0])
+        # Between two profiles, what its first dots say is nearer than either.
+        lattice = lattice.fitted(dots, spacing)
+        spacing = replace(spacing, dot_pitch_m=lattice.dot_along, cell_pitch_m=lattice.cell)
+        on, index = lattice.assign(dots)
+        if not on.any() or dots.along[on].min() > start + s.spacing.dot_pitch_m / 2:
+            return 0.0, None  # what the window begins with is none of its dots
+        if int(on.sum()) < s.min_line_dots or not self._whole(lattice, index[on, 2]):
+            return 0.0, None
+        line = LineReader(
+            s, self.strip, self._recogniser, lattice, spacing, kind, self.roll.direction, self._view
+        )
+        line.take(dots)
+        explained = line.explained()
+        return (explained, line) if explained >= s.min_explained else (0.0, None)
+
+    def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
+        """Whether no row of the line can lie outside the view."""
+        above = lattice.places(0.0, -lattice.dot_down)[1] >= -self._warp.half_height_m
+        return bool(above or set(rows.tolist()) >= {0, 1, 2})
+
+    def _needed(self) -> int:
+        """First column that is still needed."""
+        px = self.strip.px_m
+        margin = self._finder.margin + self._recogniser.margin
+        assert self._searched is not None
+        needed = [self._searched]
+        needed += [int(x.needed_from / px) for x in self.lines if not x.closed]
+        needed += [int(d.along[0] / px) for d in self._loose.values() if len(d)]
+        return min(needed) - margin - 32

@@ -1,0 +1,33 @@
+"""`roller calibrate`: calibrate the cell from recordings."""
+
+from __future__ import annotations
+
+import argparse
+
+from . import flat, hand_eye, scale, sphere, time_offset
+
+__all__ = ["add_parser", "rewritten"]
+
+_TIME_OFFSET = "--time-offset"
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `calibrate` to the command's parser, with a subcommand for each kind."""
+    parser = subparsers.add_parser(
+        "calibrate",
+        help="calibrate the cell from recordings",
+        description="Find parameters of the cell and write them for the nodes. "
+        f"`{_TIME_OFFSET}` is another form of `time-offset`.",
+    )
+    kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
+    for module in (sphere, flat, time_offset, hand_eye, scale):
+        module.add_parser(kinds)
+
+
+def rewritten(words: list[str]) -> list[str]:
+    """The command's words with `--time-offset`, wherever it stands, as the subcommand it means."""
+    if _TIME_OFFSET not in words:
+        return words
+    rest = [word for word in words if word != _TIME_OFFSET]
+    at = rest.index("calibrate") + 1
+    return [*rest[:at], _TIME_OFFSET.removeprefix("--"), *rest[at:]]

@@ -1,0 +1,186 @@
+"""`roller calibrate hand-eye`: the camera's place on the tool."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.calibration_file import CalibrationError, account, write_calibration
+from roller_core.progress import progress_bar
+from roller_inspect.commands.options import add_recording_options, add_written_options
+
+from .reading import read_whole
+
+_NUMBERS = 14
+
+
+def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the subcommand."""
+    parser = kinds.add_parser(
+        "hand-eye",
+        help="the camera's place on the tool",
+        description="The camera's place on the tool, from pairs of poses of the robot and of a "
+        "target that stands still, such as a board seen without the skin; or how the camera is "
+        "turned, from a scan.",
+    )
+    given = parser.add_mutually_exclusive_group(required=True)
+    given.add_argument(
+        "pairs",
+        type=Path,
+        nargs="?",
+        metavar="FILE",
+        help="a pair a line: tool in base, then target in camera, each x y z qx qy qz qw "
+        "(metres); # begins a comment",
+    )
+    given.add_argument(
+        "--scan",
+        type=Path,
+        metavar="RECORDING",
+        help="a straight pass over a flat plate with texture, level in base: how the camera is "
+        "turned; its position on the tool can't be told from it",
+    )
+    add_written_options(parser)
+    add_recording_options(parser, "emvs; with --scan also ur10, the camera's place so far")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find the camera's place, print it with its residuals and write it.
+
+    Raises
+    ------
+    RollerError
+        If the file can't be read or its poses tell nothing.
+    """
+    return _from_scan(args) if args.scan else _from_pairs(args)
+
+
+def _from_pairs(args: argparse.Namespace) -> int:
+    from roller_calibration import find_hand_eye
+
+    tools, targets = _read(args.pairs)
+    found = find_hand_eye(tools, targets)
+    worst = int(np.argmax(found.residuals_m)) + 1
+    told = [
+        _place(found.position_m, found.quaternion),
+        f"residuals of {len(tools)} pairs: {found.rms_m * 1e3:.3f} mm and {found.rms_deg:.3f}° "
+        f"rms, {found.residuals_m.max() * 1e3:.3f} mm (pair {worst}) "
+        f"and {found.residuals_deg.max():.3f}° at most",
+    ]
+    record = account(
+        "", [args.pairs], None, rms_m=found.rms_m, rms_deg=found.rms_deg, pairs=len(tools)
+    )
+    return _tell(args, told, found.position_m, found.quaternion, record)
+
+
+def _from_scan(args: argparse.Namespace) -> int:
+    from scipy.spatial.transform import Rotation
+
+    from roller_calibration import find_turn
+    from roller_core.settings import read_parameters
+    from roller_driver.ur10.robot_settings import HandEyeSettings
+    from roller_inspect.pipeline import InspectionSettings
+
+    values = read_parameters(args.params, "ur10") if args.params else {}
+    known = HandEyeSettings.create(
+        {k: v for k, v in values.items() if k in HandEyeSettings.model_fields}, str(args.params)
+    )
+    if args.output and not known.hand_eye_known:
+        raise CalibrationError(
+            "a scan tells how the camera is turned against the place it was recorded with: give "
+            "that with --params (ur10: hand_eye_m, hand_eye_quaternion), or leave out --output"
+        )
+    settings = InspectionSettings.load(args.params).depth
+    rolled = read_whole(args.scan, args, settings.max_pose_gap_s)
+    with progress_bar("turn the camera") as progress:
+        found = find_turn(rolled, (settings.depth_min_m, settings.depth_max_m), progress)
+    each = ", ".join(
+        f"{v:+.3f} ± {d:.3f}° {name}"
+        for v, d, name in zip(
+            found.vector_deg,
+            found.deviation_deg,
+            ("about the rows", "about the columns", "about the optical axis"),
+            strict=True,
+        )
+    )
+    told = [
+        f"the camera is turned by {each} against its poses ({found.events} events)",
+        "a scan doesn't tell the camera's position on the tool, nor a tilt of the plate from one "
+        "of the camera",
+    ]
+    before = known.hand_eye
+    turned = Rotation.from_matrix(before.matrix[:3, :3] @ found.rotation).as_quat()
+    if known.hand_eye_known:
+        told.append(_place(before.position, turned))
+    record = account(
+        "",
+        [args.scan],
+        rolled.camera,
+        turn_deg=[float(v) for v in found.vector_deg],
+        deviation_deg=[float(v) for v in found.deviation_deg],
+    )
+    return _tell(args, told, before.position, turned, record)
+
+
+def _place(position_m: npt.NDArray[np.float64], quaternion: npt.NDArray[np.float64]) -> str:
+    place = ", ".join(f"{v * 1e3:.3f}" for v in position_m)
+    turn = ", ".join(f"{v:.6f}" for v in quaternion)
+    return f"camera on the tool: {place} mm; x y z w {turn}"
+
+
+def _tell(
+    args: argparse.Namespace,
+    told: list[str],
+    position_m: npt.NDArray[np.float64],
+    quaternion: npt.NDArray[np.float64],
+    record: dict[str, Any],
+) -> int:
+    """Print what was found and write it."""
+    for line in told:
+        print(line)
+    if args.output:
+        values = {
+            "hand_eye_m": [round(float(v), 7) for v in position_m],
+            "hand_eye_quaternion": [round(float(v), 9) for v in quaternion],
+            "hand_eye_rotation_rad": [0.0, 0.0, 0.0],
+        }
+        write_calibration(args.output, "hand_eye", told, {"ur10": values}, record, args.params)
+        print(f"written to {args.output}; give it to the cell with hand_eye:=")
+    return 0
+
+
+def _read(path: Path) -> tuple[list[npt.NDArray[np.float64]], list[npt.NDArray[np.float64]]]:
+    """Pairs of 4×4 poses: tool in base, target in camera."""
+    from roller_core.transforms import pose_matrix, unit_quaternion
+
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"{path}: can't be read ({error})") from error
+    tools: list[npt.NDArray[np.float64]] = []
+    targets: list[npt.NDArray[np.float64]] = []
+    for number, line in enumerate(lines, 1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            values = np.array([float(word) for word in words])
+        except ValueError as error:
+            raise CalibrationError(f"{path}, line {number}: {error}") from error
+        if len(values) != _NUMBERS or not np.isfinite(values).all():
+            raise CalibrationError(
+                f"{path}, line {number}: expected {_NUMBERS} numbers, tool in base and target in "
+                f"camera as x y z qx qy qz qw each, not {len(values)}"
+            )
+        for part, out in ((values[:7], tools), (values[7:], targets)):
+            length = float(np.linalg.norm(part[3:]))
+            if not 0.99 < length < 1.01:
+                raise CalibrationError(
+                    f"{path}, line {number}: a quaternion has length {length:.3g}, not 1"
+                )
+            out.append(pose_matrix(part[:3], unit_quaternion(part[3:])))
+    return tools, targets

@@ -1,0 +1,259 @@
+"""`roller calibrate sphere`: the parameters of a method from passes over a sphere."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from roller_core.calibration_file import (
+    CalibrationError,
+    account,
+    digest,
+    read_account,
+    refuse_other_camera,
+    write_calibration,
+)
+from roller_core.progress import progress_bar
+from roller_inspect.commands.options import add_recording_options, add_written_options
+
+from .reading import read_all
+
+if TYPE_CHECKING:
+    from roller_calibration import ContactWindow, Figures, Rolled, Sphere
+    from roller_core.camera import Camera
+    from roller_emvs.depth_settings import DepthSettings
+
+METHODS = ("bma", "focus")
+#: The share by which the error must fall for parameters to be changed.
+_LEAST_GAIN = 0.005
+
+
+def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the subcommand."""
+    parser = kinds.add_parser(
+        "sphere",
+        help="parameters of a method from passes over a sphere",
+        description="Grid search over the parameters of the paper's method (threshold C, median "
+        "G_f, weights of the views) or of focus, on rolling passes over a sphere of known radius: "
+        "the least mean absolute error within the contact circle that measures no less of it.",
+    )
+    parser.add_argument(
+        "inputs", type=Path, nargs="+", metavar="RECORDING", help="passes over the one sphere"
+    )
+    parser.add_argument("--radius-mm", type=float, required=True, metavar="R", help="the sphere's")
+    parser.add_argument(
+        "--method", choices=METHODS, default="bma", help="what is calibrated (default: bma)"
+    )
+    add_written_options(parser, skin=True)
+    parser.add_argument(
+        "--previous", type=Path, metavar="FILE",
+        help="an earlier calibration: where the search starts, and what it is compared with",
+    )  # fmt: skip
+    parser.add_argument(
+        "--resume", action="store_true", help="go on where an interrupted calibration stopped"
+    )
+    parser.add_argument(
+        "--least-coverage", type=float, metavar="SHARE",
+        help="share of the contact circle that must be measured (default: as much as before)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--weight-parts", type=int, default=18, metavar="N",
+        help="weights are multiples of 1/N (default: 18, which holds the paper's)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--radius-tolerance", type=float, default=0.1, metavar="SHARE",
+        help="share by which the radius that fits may differ from the stated one (default: 0.1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--top-height-mm", type=float, metavar="Z",
+        help="height of the sphere's top in base, where it is known; else the sphere is put where "
+        "most depths of focus lie",
+    )  # fmt: skip
+    parser.add_argument(
+        "--scale-mm-per-px", type=float, metavar="F",
+        help="scale by caliper, checked against the camera's calibration",
+    )  # fmt: skip
+    add_recording_options(parser, "emvs")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate, print what was found and write it.
+
+    Raises
+    ------
+    RollerError
+        With the reason why nothing can be told.
+    """
+    begin = time.perf_counter()
+    _check(args)
+    settings = _settings(args)
+    from roller_calibration import CoverageError, check_weights
+
+    from .describe import about_moves, about_spheres, listed, plain
+    from .search import make_search
+
+    if args.method == "bma":
+        check_weights(settings)
+    # Known before the long part, as is a file that can't be hashed.
+    digests = [digest(path) for path in args.inputs]
+    passes = read_all(args, settings.max_pose_gap_s)
+    camera = passes[0].camera
+    refuse_other_camera(args.previous, camera)
+    spheres, windows = _find(passes, settings, args)
+    told = about_spheres(passes, spheres, windows, args)
+    for line in told:
+        print(line)
+    search = make_search(args, settings, windows, camera)
+    before = search.before()
+    if args.least_coverage is None and not before.coverage:
+        raise CalibrationError(
+            "too few events: with the parameters as they are no pixel of the contact circle is "
+            "measured; say with --least-coverage how many must be"
+        )
+    least = before.coverage if args.least_coverage is None else args.least_coverage
+    key = {
+        "recordings": digests,
+        "settings": settings.model_dump(mode="json"),
+        "options": [args.method, args.radius_mm, args.radius_tolerance, args.top_height_mm],
+        "grid": search.grid_key(),
+    }
+    searched = time.perf_counter()
+    resumed = search.run(args.output, key, args.resume)
+    search_s = time.perf_counter() - searched
+    try:
+        choice = search.table.best(least)
+    except CoverageError as error:
+        raise CalibrationError(str(error)) from error
+    values, after = search.grid.values(choice), search.table.figures(choice)
+    old = {name: plain(getattr(settings, name)) for name in values}
+    border = search.grid.at_border(choice)
+    lines = []
+    if before.coverage >= least and after.error_m > (1 - _LEAST_GAIN) * before.error_m:
+        values, after, border = old, before, []
+        lines.append(f"no choice of the grid is better by {_LEAST_GAIN:.1%}: the parameters stay")
+    lines += [
+        f"before: {listed(old)}: {before}",
+        f"after:  {listed(values)}: {after}",
+        f"(mean absolute error of measured pixels within the contact circle; at least {least:.1%} "
+        "of it must be measured)",
+    ]
+    groups = [w.name if len(passes) > 1 else str(k) for k, w in enumerate(windows)]
+    held = search.table.held_out(groups, least)
+    if held is not None:
+        what = "recordings" if len(passes) > 1 else "windows"
+        lines.append(f"held out: {held} on {what} that had no say in the choice")
+        if held.error_m >= before.error_m and values != old:
+            lines.append("that is no better than before: more passes would make the choice firmer")
+    lines += [f"{name} is at the end of its range" for name in border]
+    lines += search.notes()
+    previous = read_account(args.previous, "sphere") if args.previous else None
+    if previous is not None:
+        lines += about_moves(previous, args, old, values, before, after)
+    for line in lines:
+        print(line)
+    total_s = time.perf_counter() - begin
+    print(
+        f"{total_s:.1f} s, of which the search of {search.grid.size} choices over {len(windows)} "
+        f"windows took {search_s:.1f} s" + (", resumed" if resumed else "")
+    )
+    if args.output:
+        record = _record(args, camera, digests, spheres, windows, before, after, held, least)
+        parameters = {"emvs": values}
+        write_calibration(args.output, "sphere", told + lines, parameters, record, args.params)
+        search.forget()
+        print(f"written to {args.output}; give it to the nodes with params:= or --params")
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    if not 0.1 <= args.radius_mm <= 100:
+        raise CalibrationError(f"--radius-mm {args.radius_mm:g}: expected 0.1 to 100")
+    if not 0 < args.radius_tolerance <= 0.5:
+        raise CalibrationError(f"--radius-tolerance {args.radius_tolerance:g}: expected 0 to 0.5")
+    if not 2 <= args.weight_parts <= 60:
+        raise CalibrationError(f"--weight-parts {args.weight_parts}: expected 2 to 60")
+    if args.least_coverage is not None and not 0 < args.least_coverage <= 1:
+        raise CalibrationError(f"--least-coverage {args.least_coverage:g}: expected 0 to 1")
+    if args.resume and not args.output:
+        raise CalibrationError("--resume goes with --output: the state lies beside it")
+
+
+def _settings(args: argparse.Namespace) -> DepthSettings:
+    """Settings of the start: the defaults, `--params`, then what `--previous` calibrated."""
+    from roller_core.settings import read_parameters
+    from roller_emvs.depth_settings import DepthSettings
+    from roller_inspect.pipeline import InspectionSettings
+
+    from .search import NAMES
+
+    settings = InspectionSettings.load(args.params, args.method).depth
+    if args.previous is None:
+        return settings
+    if read_account(args.previous, "sphere") is None:
+        raise CalibrationError(f"{args.previous}: not a calibration by a sphere")
+    found = read_parameters(args.previous, "emvs")
+    kept = {name: found[name] for name in NAMES[args.method] if name in found}
+    return DepthSettings.create({**settings.model_dump(), **kept}, str(args.previous))
+
+
+def _find(
+    passes: Sequence[Rolled], settings: DepthSettings, args: argparse.Namespace
+) -> tuple[list[Sphere], list[ContactWindow]]:
+    """The sphere of each pass, and the windows of the method that show it whole."""
+    from roller_calibration import SphereError, contact_windows, find_sphere, pass_points
+
+    from .search import window_settings
+
+    spheres: list[Sphere] = []
+    windows: list[ContactWindow] = []
+    with progress_bar("find the sphere") as progress:
+        for k, rolled in enumerate(passes):
+            points, towards = pass_points(rolled, settings)
+            try:
+                sphere = find_sphere(points, towards, args.radius_mm * 1e-3, args.radius_tolerance)
+            except SphereError as error:
+                raise CalibrationError(f"{rolled.name}: {error}") from error
+            if args.top_height_mm is not None:
+                sphere = sphere.moved_to_top(args.top_height_mm * 1e-3)
+            spheres.append(sphere)
+            windows += contact_windows(rolled, window_settings(settings), sphere)
+            progress((k + 1) / len(passes))
+    return spheres, windows
+
+
+def _record(
+    args: argparse.Namespace,
+    camera: Camera,
+    digests: Sequence[str],
+    spheres: Sequence[Sphere],
+    windows: Sequence[ContactWindow],
+    before: Figures,
+    after: Figures,
+    held: Figures | None,
+    least: float,
+) -> dict[str, Any]:
+    """The account for the file."""
+
+    def both(figures: Figures) -> dict[str, float]:
+        return {"error_m": round(figures.error_m, 9), "coverage": round(figures.coverage, 6)}
+
+    held_out = {"held_out": both(held)} if held is not None else {}
+    return account(
+        args.skin,
+        args.inputs,
+        camera,
+        digests,
+        method=args.method,
+        radius_m=args.radius_mm * 1e-3,
+        contact_radii_m=[round(s.contact_radius_m, 7) for s in spheres],
+        fitted_radii_m=[round(s.fitted_radius_m, 7) for s in spheres],
+        windows=len(windows),
+        least_coverage=round(float(least), 6),
+        before=both(before),
+        after=both(after),
+        **held_out,
+    )

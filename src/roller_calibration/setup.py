@@ -1,0 +1,25 @@
+"""Installs roller_calibration."""
+
+from setuptools import find_packages, setup
+
+NAME = "roller_calibration"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Calibration of the cell from recordings, with its commands",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, NAME + ".*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
+        ("share/" + NAME, ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    entry_points={
+        "roller.commands": [
+            "calibrate = roller_calibration.commands",
+        ],
+    },
+)

@@ -1,0 +1,217 @@
+"""Calibration files: parameters that the nodes load, and an account of how they were found.
+
+The file is a ROS 2 parameter file. Its section `calibration` holds, by kind, what a machine may
+want to know; no node has that name, so it changes nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .camera import Camera, CameraError, OtherCameraError
+from .errors import RollerError, SettingsError, UnwritableOutputError
+from .settings import read_parameters
+
+#: Section of the account, and version of its form.
+SECTION, VERSION = "calibration", 1
+#: Nodes that look at the camera their parameters were found with.
+_CAREFUL = ("emvs", "surface", "braille")
+
+
+class CalibrationError(RollerError):
+    """A calibration that can't be made of what was given."""
+
+
+def account(
+    skin: str,
+    inputs: Sequence[Path],
+    camera: Camera | None,
+    digests: Sequence[str] | None = None,
+    **figures: Any,
+) -> dict[str, Any]:
+    """What a calibration file tells of a calibration.
+
+    Parameters
+    ----------
+    skin : str
+        Name of the skin; empty where nobody said.
+    inputs : sequence of path
+        Recordings and files that were used.
+    camera : Camera or None
+        The camera they are from.
+    digests : sequence of str, optional
+        Of the inputs, where they are known; see `digest`.
+    figures : dict
+        What was found; numbers, texts, lists of one kind or dicts of them.
+    """
+    found: dict[str, Any] = {
+        "version": VERSION,
+        "date": f"{datetime.now(timezone.utc):%Y-%m-%dT%H:%M:%SZ}",
+        "skin": skin,
+        "data": [path.name for path in inputs],
+        "sha256": list(digests or map(digest, inputs)),
+    }
+    if camera is not None:
+        found["camera"] = {
+            "width": camera.width,
+            "height": camera.height,
+            "model": camera.model,
+            "intrinsics": [float(v) for v in (camera.fx, camera.fy, camera.cx, camera.cy)],
+            "distortion": [float(v) for v in camera.distortion],
+        }
+    return found | figures
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, or of all files of a folder with their names.
+
+    Raises
+    ------
+    CalibrationError
+        If it can't be read.
+    """
+    if not path.exists():
+        raise CalibrationError(f"{path}: there is no such file or folder")
+    total = hashlib.sha256()
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    try:
+        for file in files:
+            if path.is_dir():
+                total.update(f"{file.relative_to(path)}\n".encode())
+            with file.open("rb") as stream:
+                while block := stream.read(1 << 20):
+                    total.update(block)
+    except OSError as error:
+        raise CalibrationError(f"{path}: can't be read ({error.strerror})") from error
+    return total.hexdigest()
+
+
+def write_calibration(
+    path: Path,
+    kind: str,
+    told: Sequence[str],
+    parameters: Mapping[str, Mapping[str, Any]],
+    record: Mapping[str, Any],
+    base: Path | None = None,
+) -> None:
+    """Write a calibration file.
+
+    Nodes that take events are told the camera that the values hold for, and refuse another.
+
+    Parameters
+    ----------
+    path : path
+        The file; its folder is made.
+    kind : str
+        What was calibrated, such as `sphere`.
+    told : sequence of str
+        Lines for people.
+    parameters : mapping
+        Values by node.
+    record : mapping
+        See `account`.
+    base : path, optional
+        A parameter file whose entries are carried over where they aren't replaced.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
+    sections: dict[str, Any] = _sections(base) if base else {}
+    for node, values in {**parameters, SECTION: {kind: dict(record)}}.items():
+        sections[node] = {**sections.get(node, {}), **values}
+        if node in _CAREFUL and (camera := record.get("camera")):
+            size = [float(camera["width"]), float(camera["height"])]
+            sections[node]["calibrated_camera"] = size + camera["intrinsics"] + camera["distortion"]
+    head = [
+        f"# roller calibrate {kind}, {record['date']}",
+        *(f"# {line}" for line in told),
+        f"# from {', '.join(record['data'])}",
+        *([f"# skin: {record['skin']}"] if record["skin"] else []),
+        *([f"# all else is from {base.name}"] if base else []),
+    ]
+    body = "".join(
+        yaml.safe_dump({node: {"ros__parameters": values}}, sort_keys=False, allow_unicode=True)
+        for node, values in sections.items()
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(path.name + ".part")
+        part.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
+
+
+def read_account(path: Path, kind: str) -> dict[str, Any] | None:
+    """What a parameter file tells of a kind of calibration; None where it tells nothing.
+
+    Raises
+    ------
+    SettingsError
+        If the file can't be read, or is no parameter file.
+    """
+    found = read_parameters(path, SECTION).get(kind)
+    if found is not None and not isinstance(found, dict):
+        raise SettingsError(f"parameters {path}: '{SECTION}' has no account of '{kind}'")
+    return found
+
+
+def refuse_other_camera(path: Path | None, camera: Camera) -> None:
+    """Refuse a parameter file that was calibrated with another camera.
+
+    Parameters
+    ----------
+    path : path or None
+        The file; without an account of a calibration it fits any camera.
+    camera : Camera
+        The camera of the recording at hand.
+
+    Raises
+    ------
+    OtherCameraError
+        Naming both.
+    """
+    if path is None:
+        return
+    for kind, found in read_parameters(path, SECTION).items():
+        if not isinstance(found, dict) or "camera" not in found:
+            continue
+        try:
+            values = found["camera"]
+            fx, fy, cx, cy = (float(v) for v in values["intrinsics"])
+            made = Camera(
+                int(values["width"]), int(values["height"]), fx, fy, cx, cy,
+                tuple(values["distortion"]), values["model"],
+            )  # fmt: skip
+        except (KeyError, TypeError, ValueError, CameraError) as error:
+            raise SettingsError(
+                f"{path}: the camera of calibration '{kind}' can't be read ({error})"
+            ) from error
+        if not same_camera(made, camera):
+            raise OtherCameraError(
+                f"{path}: '{kind}' was calibrated with another camera ({made.in_words}) than this "
+                f"recording's ({camera.in_words}); calibrate again"
+            )
+
+
+def same_camera(one: Camera, other: Camera) -> bool:
+    """Whether two calibrations are of the same camera and lens."""
+    return one.model == other.model and one.has_figures(other.figures)
+
+
+def _sections(path: Path) -> dict[str, Any]:
+    """All nodes of a parameter file with their parameters."""
+    try:
+        data = yaml.safe_load(path.read_text())
+    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
+        raise SettingsError(f"parameters {path}: can't be read ({error})") from error
+    return {str(node): read_parameters(path, str(node)) for node in data or {}}

@@ -1,0 +1,1 @@
+"""The depth methods: the paper's, focus, and the sweep in the surface's frame."""

@@ -1,0 +1,145 @@
+"""Depth from neighbourhood evidence: the plane on which the warped events are sharpest.
+
+A single pixel's vote count hardly changes with depth where an edge is as wide as the parallax.
+The sharpness of the votes over a neighbourhood does. Planes are spaced by parallax, evenly in
+inverse depth, and the peak is found between planes; see `evidence`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from roller_core.camera import Camera
+from roller_core.transforms import F64, inverse_pose
+from roller_emvs.evidence import EvidenceSettings, RayField, find_depths, measured_pixels
+from roller_emvs.evidence._kernels import CELL_PX
+from roller_emvs.rays import F32, Packets, rays_in_view
+from roller_emvs.stopwatch import Stopwatch
+
+
+def focus_depth(
+    packets: Packets,
+    camera: Camera,
+    view: F64,
+    bounds_m: tuple[float, float],
+    patch_half_length_m: float,
+    settings: EvidenceSettings,
+    watch: Stopwatch,
+) -> tuple[F32, F32]:
+    """Depth and confidence of one window in a reference view.
+
+    Parameters
+    ----------
+    packets : Packets
+        Events of the window.
+    camera : Camera
+        Intrinsics.
+    view : ndarray of float64, shape (4, 4)
+        Reference camera in base.
+    bounds_m : tuple of float
+        Nearest and farthest depth, metres.
+    patch_half_length_m : float
+        How far from the axis events were taken along the roll, metres; 0 for the whole image.
+    settings : EvidenceSettings
+        Planes, neighbourhoods, thresholds.
+    watch : Stopwatch
+        Takes the time by stage.
+
+    Returns
+    -------
+    depth, confidence : ndarray of float32, shape (height, width)
+        Metres and 0–1; NaN where there is no depth.
+    """
+    near, far = 1.0 / bounds_m[0], 1.0 / bounds_m[1]
+    middle, half = 0.5 * (near + far), 0.5 * (near - far)
+    with watch("rays"):
+        field, turned = window_field(packets, camera, view, middle, patch_half_length_m)
+    with watch("votes"):
+        depths = find_depths(field, -half, half, settings)
+    depth = np.full((camera.height, camera.width), np.nan, np.float32)
+    confidence = np.full_like(depth, np.nan)
+    with watch("points"):
+        found = measured_pixels(field, depths, settings)
+        row, column = (found.column, found.row) if turned else (found.row, found.column)
+        keep = (row < camera.height) & (column < camera.width) & (np.abs(found.shift) <= half)
+        row, column = row[keep], column[keep]
+        depth[row, column] = 1.0 / (middle + found.shift[keep])
+        confidence[row, column] = found.confidence[keep]
+    return depth, confidence
+
+
+def window_field(
+    packets: Packets, camera: Camera, view: F64, middle: float, patch_half_length_m: float = 0.0
+) -> tuple[RayField, bool]:
+    """Rays of a window, their shift being inverse depth from a middle one.
+
+    Parameters
+    ----------
+    packets : Packets
+        Events of the window.
+    camera : Camera
+        Intrinsics.
+    view : ndarray of float64, shape (4, 4)
+        Reference camera in base.
+    middle : float
+        Inverse depth of shift 0, 1/m.
+    patch_half_length_m : float
+        How far from the axis events were taken along the roll, metres; 0 for the whole image.
+
+    Returns
+    -------
+    field : RayField
+        On the pixels of the reference view.
+    turned : bool
+        Whether rows and columns have changed places, as planes part along the image's columns.
+    """
+    bundle = rays_in_view(packets, camera, view)
+    rays = bundle.rays.astype(np.float32, copy=False)
+    centres = (inverse_pose(view) @ packets.poses)[:, :3, 3]
+    way = np.ptp(centres[:, :2] * [camera.fx, camera.fy], axis=0)
+    turned = bool(way[1] > way[0])
+    along = 1 if turned else 0
+    focal = camera.fy if turned else camera.fx
+    shape = (camera.width, camera.height) if turned else (camera.height, camera.width)
+    placed = np.empty_like(rays)
+    off_count = len(rays) - int(np.count_nonzero(packets.polarity))
+    bounds = np.array([0, off_count, len(rays)], np.int64)
+    _place(rays, packets.polarity, turned, np.float32(middle), off_count, placed)
+    padded = (-(-shape[0] // CELL_PX) * CELL_PX, -(-shape[1] // CELL_PX) * CELL_PX)
+    # A column's point was in view from where the camera saw it at a pixel.
+    left, right = 0.0, shape[1] - 1.0
+    if patch_half_length_m:
+        axis, reach = (camera.cy if turned else camera.cx), patch_half_length_m * middle * focal
+        left, right = max(axis - reach, left), min(axis + reach, right)
+    x = (np.arange(padded[1] // CELL_PX) + 0.5) * CELL_PX - 0.5
+    slopes = np.stack(
+        [
+            np.maximum((x - right) / middle, focal * centres[:, along].min()),
+            np.minimum((x - left) / middle, focal * centres[:, along].max()),
+        ]
+    )
+    seconds = max((packets.end_ns - packets.start_ns) * 1e-9, 1e-9)
+    speed = float(way.max()) * middle / seconds
+    field = RayField(placed, bounds, padded, slopes, -middle / focal, -(middle**2), focal, speed)
+    return field, turned
+
+
+@njit(cache=True, nogil=True)
+def _place(rays, polarity, turned, middle, off_count, out):  # type: ignore[no-untyped-def]
+    """Rays on the middle plane, OFF before ON; with x and y changed over if `turned`."""
+    off = 0
+    on = off_count
+    a = 1 if turned else 0
+    b = 1 - a
+    for i in range(len(rays)):
+        if polarity[i] > 0:
+            k = on
+            on += 1
+        else:
+            k = off
+            off += 1
+        out[k, 0] = rays[i, a] + middle * rays[i, 2 + a]
+        out[k, 1] = rays[i, b] + middle * rays[i, 2 + b]
+        out[k, 2] = rays[i, 2 + a]
+        out[k, 3] = rays[i, 2 + b]

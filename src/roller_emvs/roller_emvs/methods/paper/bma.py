@@ -1,0 +1,210 @@
+"""The paper's reconstruction: one volume a reference view, fused by fixed weights.
+
+Methods `emvs` (middle view), `left_right` (start and end) and `bma` (start, middle, end). With
+`plane_rule: fixed`, `fast_path: false` this is the reference that faster settings are measured
+against: all planes, exact packets and poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roller_core.camera import Camera
+from roller_core.transforms import F64, inverse_pose
+from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.rays import F32, Packets, depth_planes, parallax_px, rays_in_view
+from roller_emvs.stopwatch import Stopwatch
+from roller_emvs.threads import share
+
+from .detection import Mask, adaptive_threshold, median_at
+from .fusion import ViewDepth, warp_view, weighted_mean
+from .shifted import shifted_planes
+from .votes import U16, sweep_maximum, sweep_views
+
+
+def window_depth(
+    packets: Packets,
+    camera: Camera,
+    poses: F64,
+    target: F64,
+    bounds_m: tuple[float, float],
+    settings: DepthSettings,
+    watch: Stopwatch,
+) -> tuple[F32, F32]:
+    """Depth and confidence of a window in the target view, fused from the reference views.
+
+    Parameters
+    ----------
+    packets : Packets
+        Events of the window.
+    camera : Camera
+        Intrinsics.
+    poses : ndarray of float64, shape (views, 4, 4)
+        Reference cameras in base, in the order of `settings.views()`.
+    target : ndarray of float64, shape (4, 4)
+        Camera in base to fuse in.
+    bounds_m : tuple of float
+        Nearest and farthest depth, metres.
+    settings : DepthSettings
+        Planes, threshold, median and weights.
+    watch : Stopwatch
+        Takes the time by stage.
+
+    Returns
+    -------
+    depth, confidence : ndarray of float32, shape (height, width)
+        Metres and 0–1; NaN where no view has a depth.
+    """
+    s = settings
+    with watch("votes"):
+        voted = view_votes(packets, camera, poses, target, bounds_m, s)
+    warped: list[tuple[F32, F32, F32] | None] = [None] * len(poses)
+    weights = [weight for _, weight in s.views()]
+
+    def look(k: int) -> None:
+        view = view_depth(
+            voted.votes[k], voted.index[k], voted.planes, bounds_m, voted.poses[k], weights[k], s
+        )
+        warped[k] = warp_view(view, target, camera)
+
+    with watch("detection"):
+        share(s.threads, len(poses), look)
+    with watch("fusion"):
+        found = [w for w in warped if w is not None]
+        return weighted_mean(found, weights, s.weight_rule, s.threads)
+
+
+@dataclass(frozen=True)
+class ViewVotes:
+    """Maxima along the rays of each reference view.
+
+    Attributes
+    ----------
+    votes, index : ndarray, shape (views, height, width)
+        Most votes along each pixel's ray and their plane.
+    planes : ndarray of float64, shape (n,)
+        Depths, metres.
+    poses : ndarray of float64, shape (views, 4, 4)
+        Where the views are, camera in base.
+    """
+
+    votes: F32
+    index: U16
+    planes: F64
+    poses: F64
+
+
+def view_votes(
+    packets: Packets,
+    camera: Camera,
+    poses: F64,
+    target: F64,
+    bounds_m: tuple[float, float],
+    s: DepthSettings,
+) -> ViewVotes:
+    """Votes of a window in its reference views; arguments as for `window_depth`."""
+    relative = inverse_pose(target) @ poses
+    shifted = shifted_planes(camera, relative, bounds_m, s) if s.fast_path else None
+    if shifted is not None:
+        rays = rays_in_view(packets, camera, target @ shifted.middle, s.precision)
+        votes, index = sweep_views(
+            rays, camera, shifted.planes, shifted.half_shifts, s.threads, s.tiles
+        )
+        return ViewVotes(votes, index, shifted.planes, target @ shifted.views)
+    planes = choose_planes(packets, camera, target, bounds_m, s)
+    found = [
+        sweep_maximum(
+            rays_in_view(packets, camera, pose, s.precision), camera, planes, s.threads, s.tiles
+        )
+        for pose in poses
+    ]
+    votes, index = (np.stack(images) for images in zip(*found, strict=True))
+    return ViewVotes(votes, index, planes, poses)
+
+
+def choose_planes(
+    packets: Packets, camera: Camera, view: F64, bounds_m: tuple[float, float], s: DepthSettings
+) -> F64:
+    """Depths of the planes, metres: a fixed number, or as many as parallax tells apart."""
+    near, far = bounds_m
+    if s.plane_rule == "fixed":
+        return depth_planes(near, far, s.planes, s.plane_spacing)
+    parallax = parallax_px(packets, camera, view, near, far)
+    count = int(np.clip(np.ceil(parallax * s.planes_per_px) + 1, 3, s.planes - 2))
+    # One plane beyond either end, so that a peak on the first or last plane is a peak.
+    step = (1.0 / near - 1.0 / far) / (count - 1)
+    return np.asarray(1.0 / (1.0 / near + step * (1.0 - np.arange(count + 2))), np.float64)
+
+
+def view_depth(
+    votes: F32,
+    index: U16,
+    planes: F64,
+    bounds_m: tuple[float, float],
+    view: F64,
+    weight: float,
+    settings: DepthSettings,
+) -> ViewDepth:
+    """Depth from one reference view's maxima: threshold and median.
+
+    Parameters
+    ----------
+    votes, index : ndarray, shape (height, width)
+        Maximum along each ray and its plane.
+    planes : ndarray of float64, shape (n,)
+        Depths, metres, near to far; they may reach beyond the bounds.
+    bounds_m : tuple of float
+        Nearest and farthest depth; what lies beyond is refused, metres.
+    view : ndarray of float64, shape (4, 4)
+        Reference camera in base.
+    weight : float
+        Weight in the fusion.
+    settings : DepthSettings
+        Threshold and median.
+    """
+    s = settings
+    mask = adaptive_threshold(votes, s.threshold_c, s.threshold_kernel_px, s.full_scale_votes)
+    return masked_depth(votes, index, mask, planes, bounds_m, view, weight, s)
+
+
+def usable_planes(planes: F64, bounds_m: tuple[float, float]) -> Mask:
+    """Planes on which a peak is one: within the bounds, and not at an end."""
+    # What peaks on an end plane may lie beyond it.
+    steps = np.gradient(planes)
+    usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
+    usable[[0, -1]] = False
+    return np.asarray(usable)
+
+
+def masked_depth(
+    votes: F32,
+    index: U16,
+    mask: Mask,
+    planes: F64,
+    bounds_m: tuple[float, float],
+    view: F64,
+    weight: float,
+    s: DepthSettings,
+) -> ViewDepth:
+    """Depth of the pixels that stood out (a mask, written to); see `view_depth`."""
+    steps, usable = np.gradient(planes), usable_planes(planes, bounds_m)
+    at = np.flatnonzero(mask)
+    mask.ravel()[at] = usable[index.ravel()[at]]
+    at, level, spread = median_at(
+        index, mask, s.median_px, len(planes), s.weight_rule == "inverse_variance"
+    )
+    number = np.arange(len(planes))
+    found = np.interp(level, number, planes)
+    inside = (found >= bounds_m[0]) & (found <= bounds_m[1])
+    at, level, spread, found = at[inside], level[inside], spread[inside], found[inside]
+    # 1.349 standard deviations lie between the quartiles of a normal distribution; half a
+    # plane is the least that can be told.
+    deviation = np.maximum(spread / 1.349, 0.5)
+    variance = (np.interp(level, number, steps) * deviation) ** 2
+    scale = s.full_scale_votes or float(votes.max()) or 1.0
+    confidence = np.clip(votes.ravel()[at] / np.float32(scale), 0, 1)
+    return ViewDepth(
+        at, found.astype(np.float32), confidence, variance.astype(np.float32), view, weight
+    )

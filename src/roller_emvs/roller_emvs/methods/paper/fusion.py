@@ -1,0 +1,180 @@
+"""Depth maps of several reference views in one: warp, then average (paper, eq. fusion)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from roller_core.camera import Camera
+from roller_core.transforms import F64, inverse_pose
+from roller_emvs.rays import F32, I64
+from roller_emvs.threads import share
+
+
+@dataclass(frozen=True)
+class ViewDepth:
+    """Depth from one reference view, at the pixels that have one.
+
+    Attributes
+    ----------
+    pixels : ndarray of int64, shape (n,)
+        Flat indices in the view's image.
+    depth, confidence, variance : ndarray of float32, shape (n,)
+        Metres, 0–1, m².
+    pose : ndarray of float64, shape (4, 4)
+        Camera in base.
+    weight : float
+        Weight in the fusion.
+    """
+
+    pixels: I64
+    depth: F32
+    confidence: F32
+    variance: F32
+    pose: F64
+    weight: float
+
+
+def warp_view(view: ViewDepth, target: F64, camera: Camera) -> tuple[F32, F32, F32]:
+    """Depth of one view as seen from another (paper, eqs. back-projection to re-projection).
+
+    A point goes to the nearest pixel; where two meet the nearer one hides the other.
+
+    Parameters
+    ----------
+    view : ViewDepth
+        Depth, confidence and variance with their pose.
+    target : ndarray of float64, shape (4, 4)
+        Camera in base to warp into.
+    camera : Camera
+        Intrinsics.
+
+    Returns
+    -------
+    depth, confidence, variance : ndarray of float32, shape (height, width)
+        Depth is NaN where nothing arrives; the others mean nothing there.
+    """
+    shape = (camera.height, camera.width)
+    depth, confidence, variance = (np.empty(shape, np.float32) for _ in range(3))
+    depth.fill(np.nan)
+    if np.array_equal(view.pose, target):
+        for image, values in zip(
+            (depth, confidence, variance), (view.depth, view.confidence, view.variance), strict=True
+        ):
+            image.reshape(-1)[view.pixels] = values
+        return depth, confidence, variance
+    _splat(
+        view.pixels, view.depth, view.confidence, view.variance,
+        np.array([camera.fx, camera.fy, camera.cx, camera.cy]), inverse_pose(target) @ view.pose,
+        depth, confidence, variance,
+    )  # fmt: skip
+    return depth, confidence, variance
+
+
+def fuse_views(
+    views: Sequence[ViewDepth], target: F64, camera: Camera, rule: str
+) -> tuple[F32, F32]:
+    """Weighted mean of all views in the target view.
+
+    Where a view has no depth the others' weights are renormalised to one.
+
+    Parameters
+    ----------
+    views : sequence of ViewDepth
+        At least one.
+    target : ndarray of float64, shape (4, 4)
+        Camera in base.
+    camera : Camera
+        Intrinsics.
+    rule : str
+        `fixed` or `inverse_variance` (each weight divided by the pixel's variance).
+
+    Returns
+    -------
+    depth, confidence : ndarray of float32, shape (height, width)
+        NaN where no view has a depth.
+    """
+    warped = [warp_view(view, target, camera) for view in views]
+    return weighted_mean(warped, [view.weight for view in views], rule)
+
+
+def weighted_mean(
+    warped: Sequence[tuple[F32, F32, F32]], weights: Sequence[float], rule: str, threads: int = 1
+) -> tuple[F32, F32]:
+    """Weighted mean of views that were warped into one; see `fuse_views`.
+
+    Parameters
+    ----------
+    warped : sequence of tuple of ndarray of float32, shape (height, width)
+        Depth, confidence and variance of each view, at least one; as of `warp_view`: the others
+        count where there is a depth.
+    weights : sequence of float
+        Weight of each.
+    rule : str
+        As of `fuse_views`.
+    threads : int
+        Threads that share the rows.
+    """
+    shape, by_variance = warped[0][0].shape, rule == "inverse_variance"
+    depth, confidence = (np.empty(shape, np.float32) for _ in range(2))
+    views = tuple(zip(*warped, strict=True))
+    share_of = np.array(weights, np.float64)
+
+    def run(k: int) -> None:
+        rows = (shape[0] * k // threads, shape[0] * (k + 1) // threads)
+        _mean(*views, share_of, by_variance, rows, depth, confidence)
+
+    share(threads, threads, run)
+    return depth, confidence
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mean(depths, confidences, variances, weights, by_variance, rows, depth, confidence):  # type: ignore[no-untyped-def]
+    """Weighted means of some rows; NaN where the weight is zero."""
+    real = np.float32
+    for y in range(rows[0], rows[1]):
+        for x in range(depth.shape[1]):
+            total = real(0)
+            far = real(0)
+            sure = real(0)
+            for k in range(len(depths)):
+                z = depths[k][y, x]
+                if np.isnan(z):
+                    continue
+                w = weights[k] / variances[k][y, x] if by_variance else weights[k]
+                total = real(total + w)
+                far = real(far + w * z)
+                sure = real(sure + w * confidences[k][y, x])
+            depth[y, x] = far / total
+            confidence[y, x] = sure / total
+
+
+@njit(cache=True, nogil=True)
+def _splat(  # type: ignore[no-untyped-def]
+    pixels, depth, confidence, variance, intrinsics, relative, out_depth, out_confidence,
+    out_variance,
+):  # fmt: skip
+    """Points of a view at the pixels where another sees them; `relative` is the view in it."""
+    fx, fy, cx, cy = intrinsics
+    height, width = out_depth.shape
+    for i in range(len(pixels)):
+        z = np.float64(depth[i])
+        x = (pixels[i] % width - cx) / fx * z
+        y = (pixels[i] // width - cy) / fy * z
+        far = relative[2, 0] * x + relative[2, 1] * y + relative[2, 2] * z + relative[2, 3]
+        if not far > 0:
+            continue
+        a = relative[0, 0] * x + relative[0, 1] * y + relative[0, 2] * z + relative[0, 3]
+        b = relative[1, 0] * x + relative[1, 1] * y + relative[1, 2] * z + relative[1, 3]
+        u = fx * a / far + cx + 0.5
+        v = fy * b / far + cy + 0.5
+        if u >= 0 and u < width and v >= 0 and v < height:
+            column = int(u)
+            row = int(v)
+            if not out_depth[row, column] <= far:
+                out_depth[row, column] = far
+                out_confidence[row, column] = confidence[i]
+                out_variance[row, column] = variance[i]

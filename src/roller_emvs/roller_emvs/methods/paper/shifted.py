@@ -1,0 +1,119 @@
+"""Planes on which reference views see the same votes, moved by halves of a pixel.
+
+One round of votes then serves all views; see `votes.sweep_views`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from roller_core.camera import Camera
+from roller_core.transforms import F64, inverse_pose
+from roller_emvs.depth_settings import DepthSettings
+
+from .votes import I64
+
+#: How far along u a reference view may be put elsewhere, as a share of half the way between ends.
+_MOST_ALONG = 0.2
+
+
+@dataclass(frozen=True)
+class ShiftedPlanes:
+    """Planes on which the reference views differ by whole or half pixels.
+
+    Attributes
+    ----------
+    planes : ndarray of float64, shape (n,)
+        Depths, metres, near to far.
+    half_shifts : ndarray of int64, shape (views, n)
+        From the view that is voted in to each view, in halves of a pixel.
+    middle : ndarray of float64, shape (4, 4)
+        The view that is voted in, half-way between the ends, in the target view.
+    views : ndarray of float64, shape (views, 4, 4)
+        Where the reference views are put, in the target view.
+    """
+
+    planes: F64
+    half_shifts: I64
+    middle: F64
+    views: F64
+
+
+def shifted_planes(
+    camera: Camera, relative: F64, bounds_m: tuple[float, float], s: DepthSettings
+) -> ShiftedPlanes | None:
+    """Planes on which the reference views differ by whole or half pixels, if there are.
+
+    Two views B apart along u see a plane of inverse depth w shifted by F·B·w; planes F·B apart
+    in steps of half a pixel are one pixel of the window's parallax apart. The views are put
+    where the shifts are exact: at the ends and half-way between, axes parallel. A reference view
+    may be anywhere, so depth stays exact; only the place it is seen from is another, by no more
+    than a share of the way along u and `fast_path_max_px` in every other respect.
+
+    Parameters
+    ----------
+    camera : Camera
+        Intrinsics.
+    relative : ndarray of float64, shape (views, 4, 4)
+        Reference cameras in the target view.
+    bounds_m : tuple of float
+        Nearest and farthest depth, metres.
+    s : DepthSettings
+        `plane_rule`, `planes_per_px` and `fast_path_max_px`.
+    """
+    if s.plane_rule == "fixed" or s.planes_per_px > 1.0 or len(relative) < 2:
+        return None
+    x = relative[:, 0, 3]
+    centre, baseline = 0.5 * float(x.min() + x.max()), 0.5 * float(np.ptp(x))
+    low, high = 1.0 / bounds_m[1], 1.0 / bounds_m[0]
+    if camera.fx * baseline * (high - low) < 2.0:
+        return None
+    # Halves of a pixel by which the end views are shifted, from near to far and one beyond.
+    halves = np.arange(
+        int(np.floor(2 * camera.fx * baseline * low)) - 1,
+        int(np.ceil(2 * camera.fx * baseline * high)) + 2,
+    )[::-1]
+    if not 5 <= len(halves) <= s.planes or halves[-1] <= 0:
+        return None
+    place = np.rint((x - centre) / baseline).astype(np.int64)
+    along = np.abs(x - centre - place * baseline)
+    if along.max() > _MOST_ALONG * baseline:
+        return None
+    for was in relative:
+        put = np.eye(4)
+        put[0, 3] = was[0, 3]
+        if view_distance_px(camera, inverse_pose(put) @ was, bounds_m) > s.fast_path_max_px:
+            return None
+    views = np.tile(np.eye(4), (len(x) + 1, 1, 1))
+    views[:, 0, 3] = centre + np.append(place, 0) * baseline
+    planes = 2 * camera.fx * baseline / halves
+    return ShiftedPlanes(planes, place[:, None] * halves[None, :], views[-1], views[:-1])
+
+
+def view_distance_px(camera: Camera, relative: F64, bounds_m: tuple[float, float]) -> float:
+    """How far apart two views see a point of the volume, at most.
+
+    Parameters
+    ----------
+    camera : Camera
+        Intrinsics.
+    relative : ndarray of float64, shape (4, 4)
+        One camera in the other.
+    bounds_m : tuple of float
+        Nearest and farthest depth, metres.
+
+    Returns
+    -------
+    float
+        Most distance at the volume's corners, px.
+    """
+    u, v = np.meshgrid([0.0, camera.width - 1.0], [0.0, camera.height - 1.0])
+    corners = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, u * 0 + 1], -1)
+    points = np.concatenate([corners.reshape(-1, 3) * z for z in bounds_m])
+    seen = (points - relative[:3, 3]) @ relative[:3, :3]
+    if (seen[:, 2] <= 0).any():
+        return float("inf")
+    apart = points[:, :2] / points[:, 2:] - seen[:, :2] / seen[:, 2:]
+    return float(np.linalg.norm(apart * [camera.fx, camera.fy], axis=1).max())

@@ -1,0 +1,157 @@
+"""Votes of rays in a disparity space image, and the best plane along each pixel's ray.
+
+The dense volume is the plain form, written as the paper describes it. The sweep gives the same
+maxima without storing the volume: bands of rows, planes in the loop, a running maximum; what it
+touches stays in the cache, and bands that no ray reaches are skipped.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.camera import Camera
+from roller_core.transforms import F64
+from roller_emvs.rays import F32, RayBundle
+from roller_emvs.threads import share
+
+from . import _view_kernels as view_kernels
+from . import _vote_kernels as kernels
+from .bands import I64, Bands, sort_into_bands
+
+U16 = npt.NDArray[np.uint16]
+
+#: Rows of a band: with its planes' votes and running maxima it fits a core's cache, those of
+#: several views in bands of half as many.
+BAND_ROWS, _VIEWS_BAND_ROWS = 16, 8
+#: Rows that a bilinear vote reaches, with a margin for rounding.
+_REACH = (0.01, 1.01)
+
+
+def dense_volume(rays: RayBundle, camera: Camera, planes: F64) -> npt.NDArray[np.floating]:
+    """Disparity space image of all planes.
+
+    Parameters
+    ----------
+    rays : RayBundle
+        Events in the reference view.
+    camera : Camera
+        Intrinsics and image size.
+    planes : ndarray of float64, shape (n,)
+        Depths, metres.
+
+    Returns
+    -------
+    ndarray of the rays' type, shape (n, height, width)
+        Bilinear votes.
+    """
+    volume = np.zeros((len(planes), camera.height, camera.width), rays.rays.dtype)
+    inverse = (1.0 / planes).astype(rays.rays.dtype)
+    for k in range(len(planes)):
+        kernels._vote_plane(rays.rays, rays.limits, inverse[k], volume[k])
+    return volume
+
+
+def sweep_maximum(
+    rays: RayBundle, camera: Camera, planes: F64, threads: int = 1, tiles: bool = True
+) -> tuple[F32, U16]:
+    """Most votes along each pixel's ray and the plane that has them.
+
+    Of planes with equal votes the nearest counts. The result doesn't depend on `threads` or
+    `tiles`, and equals the maximum of the dense volume to the bit.
+
+    Parameters
+    ----------
+    rays, camera, planes
+        As for `dense_volume`; at most 65535 planes.
+    threads : int
+        Threads that share the bands.
+    tiles : bool
+        Whether bands without events are skipped.
+
+    Returns
+    -------
+    votes : ndarray of float32, shape (height, width)
+        The maximum; 0 where no ray passes.
+    index : ndarray of uint16, shape (height, width)
+        Plane of the maximum; 0 where no ray passes.
+    """
+    shape = (camera.height, camera.width)
+    inverse = 1.0 / np.asarray(planes)
+    bands, limits = _bands(rays, inverse, shape, BAND_ROWS, 0, threads)
+    dtype = rays.rays.dtype
+    votes, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
+
+    def run(first: int) -> None:
+        best = np.empty((BAND_ROWS, shape[1]), dtype)
+        kernels._sweep_bands(
+            bands.rays, limits, bands.starts, first, threads, tiles, inverse.astype(dtype),
+            np.zeros((BAND_ROWS + 4, shape[1]), dtype), kernels.chunk(dtype), best,
+            np.empty(best.shape, np.int32), votes, index,
+        )  # fmt: skip
+
+    share(threads, threads, run)
+    return votes, index
+
+
+def sweep_views(
+    rays: RayBundle,
+    camera: Camera,
+    planes: F64,
+    half_shifts: I64,
+    threads: int = 1,
+    tiles: bool = True,
+) -> tuple[F32, U16]:
+    """Maxima in several views from the votes of one, for views shifted along the image's rows.
+
+    Views with parallel axes and centres on a line along u share their planes: what one sees at
+    pixel x on plane k, the other sees at x + shift. Votes are exactly those of each view's own
+    sweep where the shifts are whole or half pixels.
+
+    Parameters
+    ----------
+    rays, camera, planes, threads, tiles
+        As for `sweep_maximum`.
+    half_shifts : ndarray of int64, shape (views, planes)
+        Pixel x of a view is pixel x + half_shifts / 2 of the view that the rays are in.
+
+    Returns
+    -------
+    votes, index : ndarray, shape (views, height, width)
+        As of `sweep_maximum`, but that votes which differ by less than a share of n / 2^22 for n
+        planes (n / 2^51 in float64) count as equal.
+    """
+    shape = (camera.height, camera.width)
+    inverse = 1.0 / np.asarray(planes)
+    pad = int(np.abs(half_shifts).max()) // 2 + 2
+    rows = _VIEWS_BAND_ROWS
+    bands, limits = _bands(rays, inverse, shape, rows, pad, threads)
+    dtype, count = rays.rays.dtype, len(half_shifts)
+    votes = np.zeros((count, *shape), np.float32)
+    index = np.zeros((count, *shape), np.uint16)
+
+    bits = np.dtype(f"i{dtype.itemsize}")
+
+    def run(first: int) -> None:
+        hats = np.zeros((2, rows + 4, 2, shape[1] + 2 * pad), dtype)
+        lines = np.empty((2, 2, shape[1] + 2 * pad), dtype)
+        best = np.empty((count, rows, shape[1]), dtype)
+        view_kernels._sweep_bands_views(
+            bands.rays, limits, bands.starts, first, threads, tiles, inverse.astype(dtype),
+            half_shifts, pad, hats, kernels.chunk(dtype), (lines, lines.view(bits)),
+            (best, best.view(bits)), votes, index,
+        )  # fmt: skip
+
+    share(threads, threads, run)
+    return votes, index
+
+
+def _bands(
+    rays: RayBundle, inverse: F64, shape: tuple[int, int], rows: int, pad: int, threads: int
+) -> tuple[Bands, npt.NDArray[np.floating]]:
+    """Rays by band, moved by `pad` columns, and their limits; none if no plane reaches any."""
+    ends = (float(inverse.min()), float(inverse.max()))
+    padded = (shape[0], shape[1] + 2 * pad)
+    limited = len(rays) > 0 and bool(rays.limits.min() <= ends[1])
+    bands = sort_into_bands(rays.rays, ends, padded, rows, _REACH, pad, threads, limited)
+    return bands, rays.limits[bands.source]

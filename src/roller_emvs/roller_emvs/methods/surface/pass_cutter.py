@@ -1,0 +1,214 @@
+"""Cutting events and poses into passes over the surface, and passes into blocks.
+
+All decisions are taken pose by pose, and a pose is looked at only when the events up to the next
+one are complete, so they depend on the data alone and not on when these arrived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from roller_core.camera import Camera
+from roller_core.event_queue import EventQueue
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseError, PoseTrack
+from roller_core.transforms import F64
+from roller_emvs.windows import RefusedWindow
+
+from .strip import Block, MotionError, Strip
+from .surface_settings import SurfaceSettings
+
+#: Travel from which the direction of a pass is taken, and over which it is watched, m.
+_START_M = 0.003
+#: Travel back, or away from the surface, that ends a pass, m.
+_BACK_M, _AWAY_M = 0.0003, 0.002
+#: Cosine of the turn that ends a pass.
+_TURN = 0.9
+
+Found = RefusedWindow | tuple[Strip, Block]
+
+
+class PassCutter:
+    """Holds events until poses cover them, and rays until their rows are out of view.
+
+    Parameters
+    ----------
+    settings : SurfaceSettings
+        Limits.
+    camera : Camera
+        Calibration.
+    track : PoseTrack
+        Camera in base; grows meanwhile.
+    """
+
+    def __init__(self, settings: SurfaceSettings, camera: Camera, track: PoseTrack) -> None:
+        self._settings = settings
+        self._camera = camera
+        self._track = track
+        table = camera.undistortion_table().astype(np.float64)
+        centre, focal = (camera.cx, camera.cy), (camera.fx, camera.fy)
+        self._rays = ((table - centre) / focal).astype(np.float32)
+        self._queue = EventQueue(settings.max_backlog_events)
+        self._at_ns: int | None = None
+        self._strip: Strip | None = None
+        self._early: list[tuple[EventArray, int, int, F64, F64]] = []
+        self._anchor: tuple[int, F64] | None = None
+        self._farthest = 0.0
+        self._turn_from = np.zeros(3)
+        self._dropped_rays = 0
+        self.events_without_pose = 0
+        self.still_events = 0
+
+    @property
+    def dropped_events(self) -> int:
+        """Events and rays beyond the backlog's limit."""
+        return self._queue.dropped + self._dropped_rays
+
+    @property
+    def held_events(self) -> int:
+        """Events and rays that wait."""
+        early = sum(len(e[0]) for e in self._early)
+        return len(self._queue) + early + (self._strip.held_rays if self._strip else 0)
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed."""
+        return self._at_ns
+
+    def add(self, events: EventArray) -> None:
+        """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
+        self._queue.add(events)
+
+    def cut(self, flush: bool = False) -> Iterator[Found]:
+        """Blocks whose rows are out of view, and what had to be refused."""
+        while len(self._queue) or self._strip is not None:
+            times = self._track.times_ns
+            # The newest pose may still be replaced by one of the same time.
+            last = len(times) - (1 if flush else 2)
+            if last < 1:
+                break
+            if self._at_ns is None:
+                if not len(self._queue):
+                    break
+                first_ns = self._queue.first_ns
+                if first_ns < times[0]:
+                    self.events_without_pose += self._queue.drop_before(int(times[0]))
+                    continue
+                start = int(np.searchsorted(times, first_ns, side="right")) - 1
+                if start >= last:
+                    break
+                self._at_ns = int(times[start])
+            k = int(np.searchsorted(times, self._at_ns))
+            if k + 1 > last:
+                break
+            t0, t1 = int(times[k]), int(times[k + 1])
+            if not flush and self._queue.newest_ns < t1:
+                break
+            yield from self._step(t0, t1)
+            self._at_ns = t1
+        if flush:
+            yield from self._end_pass()
+            self.events_without_pose += self._queue.drop_before(2**63 - 1)
+            self._at_ns = None
+
+    def _step(self, t0: int, t1: int) -> Iterator[Found]:
+        """What happened between two neighbouring poses."""
+        events = self._queue.take(self._queue.count_before(t1))
+        try:
+            self._track.check(t0, t1)
+        except PoseError as error:
+            yield from self._end_pass()
+            self.events_without_pose += len(events)
+            if len(events):
+                yield RefusedWindow(t0, t1, len(events), str(error), error)
+            return
+        pose0, pose1 = self._track.matrices([t0, t1])
+        if self._strip is not None:
+            local0, local1 = self._strip.to_strip(pose0), self._strip.to_strip(pose1)
+            if self._leaves(local1):
+                yield from self._end_pass()
+            else:
+                self._vote(self._strip, events, t0, t1, local0, local1)
+                self._strip.advance(local1)
+                yield from self._ready(self._strip, local1)
+                return
+        yield from self._approach(events, t0, t1, pose0, pose1)
+
+    def _approach(
+        self, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64
+    ) -> Iterator[Found]:
+        """Before a pass: wait until the direction of motion is known."""
+        if self._anchor is None:
+            self._anchor = (t0, pose0)
+        since, start = self._anchor
+        self._early.append((events, t0, t1, pose0, pose1))
+        motion = pose1[:3, 3] - start[:3, 3]
+        if np.linalg.norm(motion) >= _START_M:
+            try:
+                strip = Strip(self._settings, self._camera, self._rays, start, motion)
+            except MotionError as error:
+                yield from self._give_up(since, t1, str(error))
+                return
+            early, self._early, self._anchor = self._early, [], None
+            self._strip, self._farthest, self._turn_from = strip, 0.0, np.zeros(3)
+            for part, a, b, first, second in early:
+                second = strip.to_strip(second)
+                self._vote(strip, part, a, b, strip.to_strip(first), second)
+                self._leaves(second)
+                strip.advance(second)
+        elif t1 - since > self._settings.max_start_s * 1e9:
+            yield from self._give_up(
+                since,
+                t1,
+                f"the sensor moved less than {_START_M * 1e3:g} mm in "
+                f"{self._settings.max_start_s:g} s: no parallax, no depth",
+            )
+
+    def _give_up(self, start_ns: int, end_ns: int, reason: str) -> Iterator[RefusedWindow]:
+        count = sum(len(e[0]) for e in self._early)
+        self._early, self._anchor = [], None
+        if count:
+            yield RefusedWindow(start_ns, end_ns, count, reason)
+
+    def _leaves(self, pose: F64) -> bool:
+        """Whether the sensor turned back or away from the pass."""
+        here = pose[:3, 3]
+        self._farthest = max(self._farthest, float(here[0]))
+        if here[0] < self._farthest - _BACK_M or abs(here[2]) > _AWAY_M:
+            return True
+        step = here - self._turn_from
+        length = float(np.linalg.norm(step))
+        if length < 0.002:
+            return False
+        self._turn_from = here.copy()
+        return bool(step[0] < _TURN * length)
+
+    def _vote(
+        self, strip: Strip, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64
+    ) -> None:
+        """Events between two poses into the strip, unless the sensor stood still."""
+        if not len(events):
+            return
+        way = float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
+        if way < self._settings.min_speed_m_s * (t1 - t0) * 1e-9:
+            self.still_events += len(events)
+            return
+        strip.add(events, t0, t1, pose0, pose1)
+        while strip.held_rays > self._settings.max_backlog_events and len(strip.blocks) > 1:
+            self._dropped_rays += strip.drop_oldest()
+
+    def _ready(self, strip: Strip, pose: F64) -> Iterator[Found]:
+        for block in strip.take(strip.view(pose)[2]):
+            yield strip, block
+
+    def _end_pass(self) -> Iterator[Found]:
+        """The pass is over: what is left of it is done."""
+        strip, self._strip = self._strip, None
+        if self._early:
+            reason = "the sensor hardly moved before the end: no parallax, no depth"
+            yield from self._give_up(self._early[0][1], self._early[-1][2], reason)
+        if strip is not None:
+            for block in strip.take(float("inf")):
+                yield strip, block

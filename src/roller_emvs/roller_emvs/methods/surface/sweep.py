@@ -1,0 +1,179 @@
+"""Events and poses in, points of the surface out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+from roller_emvs.evidence import find_depths, measured_pixels
+from roller_emvs.patch import Patch
+from roller_emvs.stopwatch import Stopwatch
+from roller_emvs.windows import RefusedWindow
+
+from .pass_cutter import PassCutter
+from .strip import Block, Strip, block_field
+from .surface_settings import SurfaceSettings
+
+
+@dataclass(frozen=True)
+class SurfacePatch(Patch):
+    """Rows of the surface that are done, and the account of how they came about.
+
+    Attributes
+    ----------
+    start_ns, end_ns : int
+        Times of the first and last event that could reach the rows, ROS time.
+    events : int
+        Events voted.
+    milliseconds : dict
+        Time by stage, ms.
+    """
+
+    start_ns: int = 0
+    end_ns: int = 0
+    events: int = 0
+    milliseconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Middle of the time in which the rows were in view."""
+        return (self.start_ns + self.end_ns) // 2
+
+
+@dataclass(slots=True)
+class SurfaceCounts:
+    """What the sweep did so far."""
+
+    windows: int = 0
+    refused_windows: int = 0
+    events: int = 0
+    points: int = 0
+    dropped_events: int = 0
+    events_without_pose: int = 0
+    still_events: int = 0
+
+
+class SurfaceSweep:
+    """Votes events into a strip fixed to the surface; rows leave when they are out of view.
+
+    Parameters
+    ----------
+    settings : SurfaceSettings
+        Parameters.
+    camera : Camera
+        Calibration of the camera that the events are from.
+    track : PoseTrack
+        Camera optical frame in base; the caller goes on adding poses to it.
+    """
+
+    def __init__(self, settings: SurfaceSettings, camera: Camera, track: PoseTrack) -> None:
+        self.settings = settings
+        self.camera = camera
+        self.track = track
+        self.milliseconds: dict[str, float] = {}
+        self._counts = SurfaceCounts()
+        self._cutter = PassCutter(settings, camera, track)
+
+    @property
+    def counts(self) -> SurfaceCounts:
+        """What was done and lost so far."""
+        self._counts.dropped_events = self._cutter.dropped_events
+        self._counts.events_without_pose = self._cutter.events_without_pose
+        self._counts.still_events = self._cutter.still_events
+        return self._counts
+
+    @property
+    def held_events(self) -> int:
+        """Events that wait for poses, and rays that wait for their rows to be out of view."""
+        return self._cutter.held_events
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed; None while it isn't known."""
+        return self._cutter.needed_from_ns
+
+    def add_events(self, events: EventArray) -> None:
+        """Take events in order of time, ROS time.
+
+        Raises
+        ------
+        EventArrayError
+            If one lies outside the camera's image.
+        """
+        events.check_inside(self.camera.width, self.camera.height)
+        self._cutter.add(events.shown(self.settings.event_delay_s))
+
+    def results(self, flush: bool = False) -> Iterator[SurfacePatch | RefusedWindow]:
+        """Rows that are done, in order along each pass, each once.
+
+        Parameters
+        ----------
+        flush : bool
+            No more events will come: rows still in view are done too.
+        """
+        for found in self._cutter.cut(flush):
+            if isinstance(found, RefusedWindow):
+                self._counts.events += found.events
+                result: SurfacePatch | RefusedWindow = found
+            else:
+                strip, block = found
+                self._counts.events += block.events
+                try:
+                    result = self._measure(strip, block)
+                except RollerError as error:
+                    result = RefusedWindow(block.first_ns, block.last_ns, block.events, str(error))
+            if isinstance(result, RefusedWindow):
+                self._counts.refused_windows += 1
+            else:
+                self._counts.windows += 1
+                self._counts.points += len(result)
+            yield result
+
+    def _measure(self, strip: Strip, block: Block) -> SurfacePatch | RefusedWindow:
+        s, watch, begin = self.settings, Stopwatch(), time.perf_counter()
+        middle = strip.middle_m
+        with watch("arrange"):
+            field, left, top = block_field(strip, block)
+        aperture_m = field.aperture * strip.pixel_m * middle
+        if aperture_m < s.min_aperture_m:
+            return RefusedWindow(
+                block.first_ns,
+                block.last_ns,
+                block.events,
+                f"rows seen over {aperture_m * 1e3:.1f} mm of travel, "
+                f"less than {s.min_aperture_m * 1e3:g} mm: too little parallax",
+            )
+        half = 0.5 * (s.depth_max_m - s.depth_min_m)
+        with watch("votes"):
+            depths = find_depths(field, -half, half, s)
+        with watch("points"):
+            found = measured_pixels(field, depths, s)
+            x = found.column * strip.pixel_m + left
+            local = np.stack([x, found.row * strip.pixel_m + top, found.shift + middle], axis=-1)
+            keep = (x >= block.start_m) & (x < block.end_m) & (np.abs(found.shift) <= half)
+            keep &= self._seen(strip, x)
+            points = strip.to_base(local[keep])
+        watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
+        for stage, spent in watch.milliseconds.items():
+            self.milliseconds[stage] = self.milliseconds.get(stage, 0.0) + spent
+        return SurfacePatch(
+            points,
+            (points[:, 2] - s.surface_z_m).astype(np.float32),
+            found.confidence[keep],
+            block.first_ns,
+            block.last_ns,
+            block.events,
+            {k: round(v, 3) for k, v in watch.milliseconds.items()},
+        )
+
+    def _seen(self, strip: Strip, x: np.ndarray) -> np.ndarray:
+        """Rows that were in view over enough travel; near the ends of a pass some weren't."""
+        low, high = strip.slopes_seen(x)
+        return np.asarray((high - low) * strip.middle_m >= self.settings.min_aperture_m)

@@ -1,0 +1,93 @@
+"""`roller bench`: measure speed against error."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from roller_core.errors import SettingsError
+from roller_emvs.depth_settings import REPLAY_METHODS
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `bench` to the command's parser."""
+    parser = subparsers.add_parser(
+        "bench",
+        help="measure speed against error",
+        description="Measure what each depth method and setting costs and how far its depths are "
+        "from the known truth of simulated scans.",
+    )
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    parser.add_argument(
+        "--quick", action="store_true", help="two objects, one repeat, few variations"
+    )
+    parser.add_argument("--repeats", type=int, metavar="N", help="times each case is timed")
+    parser.add_argument(
+        "--objects", type=_words, metavar="A,B", help="objects of the virtual cell (default: all)"
+    )
+    parser.add_argument(
+        "--speeds",
+        type=_numbers,
+        metavar="V,W",
+        help="m/s; the first is that of all variations (default: 0.3,0.5)",
+    )
+    parser.add_argument(
+        "--methods", type=_words, metavar="A,B", help=f"of {', '.join(REPLAY_METHODS)}"
+    )
+    parser.add_argument(
+        "--slider", type=Path, metavar="FOLDER", help="public sequence slider_depth: events/s"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, write and print.
+
+    Raises
+    ------
+    RollerError
+        If the arguments make no sense or results can't be written.
+    """
+    from rich.console import Console
+
+    from roller_evaluation.bench.bench_tables import print_tables
+    from roller_evaluation.bench.options import ALL_OBJECTS, BenchOptions
+    from roller_evaluation.bench.run import run_bench
+
+    given = {
+        name: getattr(args, name)
+        for name in ("repeats", "objects", "speeds", "methods", "slider")
+        if getattr(args, name) is not None
+    }
+    _check("objects", given.get("objects", ()), ALL_OBJECTS)
+    _check("methods", given.get("methods", ()), REPLAY_METHODS)
+    if any(not 0.001 <= v <= 2.0 for v in given.get("speeds", ())):
+        raise SettingsError("--speeds: 0.001 to 2 m/s")
+    if given.get("repeats", 1) < 1:
+        raise SettingsError("--repeats: at least 1")
+    options = BenchOptions.short(**given) if args.quick else BenchOptions(**given)
+    console = Console(stderr=True)
+    with console.status("bench") as status:
+        result = run_bench(
+            options,
+            args.output,
+            lambda text, share: status.update(f"bench: {share:.0%}, {text}"),
+        )
+    print_tables(result)
+    names = ("bench.json", "bench.md", "speed_vs_error.png", "growth.png")
+    print("files: " + ", ".join(f"{args.output}/{name}" for name in names))
+    return 0
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(dict.fromkeys(float(word) for word in _words(text)))
+
+
+def _check(name: str, words: tuple[str, ...], known: tuple[str, ...]) -> None:
+    for word in words:
+        if word not in known:
+            raise SettingsError(f"--{name}: there is no '{word}'; there are {', '.join(known)}")

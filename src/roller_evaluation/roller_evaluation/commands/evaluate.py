@@ -1,0 +1,128 @@
+"""`roller evaluate`: repeat the paper's experiments on the virtual cell."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from roller_core.errors import SettingsError
+from roller_core.progress import Tell
+from roller_evaluation.plan import EXPERIMENTS, EvaluationOptions
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `evaluate` to the command's parser, with a subcommand for Braille alone."""
+    parser = subparsers.add_parser(
+        "evaluate",
+        help="repeat the paper's experiments on the virtual cell",
+        description="Repeat the paper's experiments on the virtual cell and set the results "
+        "beside the paper's: a page, index.html, and the same as JSON. A run that was broken off "
+        "goes on where it was.",
+        epilog="Experiments: " + "; ".join(f"{k}: {v}" for k, v in EXPERIMENTS.items()) + ".",
+    )
+    _add_output(parser)
+    parser.add_argument("--quick", action="store_true", help="one pass of each kind, few objects")
+    parser.add_argument("--only", type=_words, metavar="A,B", help="experiments, of those below")
+    parser.add_argument("--repeats", type=int, metavar="N", help="passes of each kind (5)")
+    parser.add_argument("--seed", type=int, help="seed of the first pass (1)")
+    _add_jobs(parser)
+    parser.set_defaults(run=_run_all)
+    _add_braille(parser.add_subparsers(dest="experiment", metavar="braille"))
+
+
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--output",
+        "-o",
+        type=Path,
+        default=Path("evaluation"),
+        metavar="DIR",
+        help="results go here (default: evaluation)",
+    )
+
+
+def _add_jobs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (all cores)"
+    )
+
+
+@contextmanager
+def _telling() -> Iterator[Tell]:
+    """Show what is being done."""
+    from rich.console import Console
+
+    with Console(stderr=True).status("evaluate") as status:
+        yield lambda text, share: status.update(f"evaluate: {share:.0%}, {text}")
+
+
+def _run_all(args: argparse.Namespace) -> int:
+    from roller_evaluation.experiments import run_evaluation
+    from roller_evaluation.tables import show_tables
+
+    given = {
+        name: getattr(args, name)
+        for name in ("only", "repeats", "seed")
+        if getattr(args, name) is not None
+    }
+    unknown = [name for name in given.get("only", ()) if name not in EXPERIMENTS]
+    if unknown:
+        raise SettingsError(f"--only: {unknown[0]!r} is none of {', '.join(EXPERIMENTS)}")
+    if given.get("repeats", 1) < 1 or args.jobs < 1 or given.get("seed", 0) < 0:
+        raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
+    options = EvaluationOptions.short(**given) if args.quick else EvaluationOptions(**given)
+    with _telling() as tell:
+        found = run_evaluation(options, args.output, args.jobs, tell)
+    show_tables(list(found.values()))
+    print(f"files: {args.output}/index.html, {args.output}/evaluation.json")
+    return 0
+
+
+def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = experiments.add_parser(
+        "braille",
+        help="error rates of reading Braille",
+        description="Character and word error rates of reading Braille by speed, noise and method, "
+        "and with a wrong speed or depth.",
+    )
+    _add_output(parser)
+    parser.add_argument("--quick", action="store_true", help="a few letters at one speed")
+    parser.add_argument("--speeds", type=_speeds, metavar="V,W", help="m/s")
+    parser.add_argument("--text", help="text of the plate: a–z, digits, spaces; \\n ends a line")
+    parser.add_argument("--seed", type=int, help="seed of all chance (default: 1)")
+    _add_jobs(parser)
+    parser.set_defaults(run=_run_braille)
+
+
+def _run_braille(args: argparse.Namespace) -> int:
+    from roller_evaluation.braille import BrailleOptions, run_braille
+    from roller_evaluation.braille_report import tables
+    from roller_evaluation.tables import show_tables
+
+    given = {
+        name: getattr(args, name) for name in ("speeds", "seed") if getattr(args, name) is not None
+    }
+    if args.text is not None:
+        given["text"] = args.text.replace("\\n", "\n")
+    speeds = given.get("speeds", (0.3,))
+    if not speeds or any(not 0.01 <= v <= 2.0 for v in speeds):
+        raise SettingsError("--speeds: 0.01 to 2 m/s, such as 0.1,0.3")
+    if args.jobs < 1:
+        raise SettingsError("--jobs: at least 1")
+    options = BrailleOptions.short(**given) if args.quick else BrailleOptions(**given)
+    with _telling() as tell:
+        result = run_braille(options, args.output, tell, args.jobs)
+    show_tables(tables(result))
+    print(f"files: {args.output}/braille.json, {args.output}/braille.png")
+    return 0
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(word for word in text.split(",") if word))
+
+
+def _speeds(text: str) -> tuple[float, ...]:
+    return tuple(dict.fromkeys(float(word) for word in text.split(",") if word.strip()))

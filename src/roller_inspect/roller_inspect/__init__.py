@@ -1,0 +1,1 @@
+"""From events and poses to a surface, its text and their files."""

@@ -1,0 +1,62 @@
+"""`roller replay`: process a recording offline."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from roller_core.progress import progress_bar
+from roller_emvs.depth_settings import REPLAY_METHODS
+
+from .options import add_recording_options
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `replay` to the command's parser."""
+    parser = subparsers.add_parser(
+        "replay",
+        help="process a recording offline",
+        description="Process a rosbag2 (folder or file), an AEDAT4 file or a folder of the public "
+        "event-camera dataset with the pipeline of the nodes.",
+    )
+    parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    parser.add_argument("--method", choices=REPLAY_METHODS, help="depth method (default: focus)")
+    add_recording_options(parser, "emvs, stitcher, surface, braille")
+    parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
+    parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay, draw the overview and say what came of it.
+
+    Raises
+    ------
+    RollerError
+        If the recording can't be opened or results can't be written.
+    """
+    from roller_core.calibration_file import refuse_other_camera
+    from roller_core.output_folder import make_folder
+    from roller_inspect.pipeline import InspectionSettings
+    from roller_inspect.replay import replay
+    from roller_inspect.results.summary import summary
+    from roller_recording.reading import open_recording
+
+    settings = InspectionSettings.load(args.params, args.method)
+    make_folder(args.output)
+    recording = open_recording(
+        args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
+    )
+    refuse_other_camera(args.params, recording.camera)
+    with progress_bar(f"replay {args.input.name}") as progress:
+        report = replay(recording, settings, args.output, args.input, not args.no_braille, progress)
+    if not args.no_picture:
+        from roller_inspect.results.overview import draw_overview
+
+        draw_overview(args.output, args.input)
+    print(summary(report, args.output))
+    for line in report.faults:
+        print(f"error: {line}", file=sys.stderr)
+    return 1 if report.faults else 0

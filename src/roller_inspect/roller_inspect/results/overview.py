@@ -1,0 +1,256 @@
+"""The picture of a run: depth, cloud from above and in profile, error, text."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from rosbags.rosbag2 import Reader
+
+from roller_core.bags import typestore
+from roller_emvs.ply import read_ply
+from roller_sim.truth import Truth
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+F64 = npt.NDArray[np.float64]
+
+_MOST_POINTS = 400_000
+_DEPTH_MAP = "turbo_r"
+_HEIGHT_MAP = "viridis"
+
+
+def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
+    """Draw `overview.png` from the files of a run.
+
+    Parameters
+    ----------
+    folder : path
+        Output folder of a run, finished.
+    source : path
+        Its input; a simulated scan has its truth beside it.
+    bag : path, optional
+        Where the depth images are; `result/` of the folder by default.
+
+    Returns
+    -------
+    path
+        The picture.
+    """
+    report = json.loads((folder / "report.json").read_text())
+    truth = None
+    if source.is_dir() and (source / "truth.yaml").is_file():
+        truth = Truth.load(source)
+    delay_ns = _delay_left_ns(report, truth)
+    cloud = _thinned(read_ply(folder / "surface.ply"))
+    figure = plt.figure(figsize=(15, 11), dpi=100, layout="constrained")
+    grid = figure.add_gridspec(4, 6, height_ratios=[1.25, 0.9, 0.8, 0.18])
+    stamps = _chosen_stamps(report)
+    if not stamps:  # the method makes no depth maps
+        above = figure.add_subplot(grid[:2, :])
+    elif len(stamps) > 1:
+        depth_axes = [figure.add_subplot(grid[0, 2 * k : 2 * k + 2]) for k in range(len(stamps))]
+        above = figure.add_subplot(grid[1, :])
+    else:
+        depth_axes = [figure.add_subplot(grid[:2, :3])]
+        above = figure.add_subplot(grid[:2, 3:])
+    if stamps:
+        _draw_depths(figure, depth_axes, bag or folder / "result", stamps, truth, delay_ns)
+    _draw_above(figure, above, cloud)
+    _draw_profile(figure.add_subplot(grid[2, :4]), cloud, truth, delay_ns)
+    _draw_errors(figure.add_subplot(grid[2, 4:]), report)
+    _draw_text(figure.add_subplot(grid[3, :]), report)
+    totals = report["totals"]
+    kind = "block" if report["method"] == "surface" else "depth map"
+    maps = f"{totals['depth_windows']} {kind}{'s' if totals['depth_windows'] != 1 else ''}"
+    figure.suptitle(
+        f"{report['title']}: {maps} by {report['method']}, "
+        f"{totals['surface_points']} surface points"
+    )
+    path = folder / "overview.png"
+    figure.savefig(path)
+    plt.close(figure)
+    return path
+
+
+def _thinned(cloud: dict[str, F64]) -> dict[str, F64]:
+    n = len(cloud["x"])
+    if n <= _MOST_POINTS:
+        return cloud
+    chosen = np.random.default_rng(0).choice(n, _MOST_POINTS, replace=False)
+    return {name: column[chosen] for name, column in cloud.items()}
+
+
+def _chosen_stamps(report: dict[str, Any]) -> list[int]:
+    """The depth maps with most points of up to three stretches of the run."""
+    if report["method"] == "surface":
+        return []
+    windows = [w for w in report["windows"] if w["points"]]
+    most = max((w["points"] for w in windows), default=0)
+    windows = [w for w in windows if w["points"] > 0.1 * most]
+    chosen = []
+    for part in np.array_split(np.arange(len(windows)), 3):
+        if len(part):
+            best = max((windows[k] for k in part), key=lambda w: w["points"])
+            chosen.append(int(best["stamp_ns"]))
+    return chosen
+
+
+def _draw_depths(
+    figure: Figure,
+    axes: list[Axes],
+    bag: Path,
+    stamps: list[int],
+    truth: Truth | None,
+    delay_ns: int,
+) -> None:
+    images = _depth_images(bag, set(stamps))
+    measured = [i[np.isfinite(i)].astype(np.float64) for i in images.values()]
+    low, high = _limits(np.concatenate(measured) if measured else np.empty(0))
+    picture = None
+    for axis, stamp in zip(axes, stamps, strict=False):
+        mm = images[stamp] * 1e3
+        picture = axis.imshow(_thick(mm), cmap=_DEPTH_MAP, vmin=low * 1e3, vmax=high * 1e3)
+        title = f"depth at {(stamp - stamps[0]) * 1e-9:+.3f} s"
+        if truth is not None:
+            error = _error_um(images[stamp], stamp, truth, delay_ns)
+            if len(error):
+                title += f", error {np.abs(error).mean():.0f} µm"
+        axis.set_title(title, fontsize=10)
+        axis.set_xlabel("u, px")
+    if picture is None:
+        return
+    axes[0].set_ylabel("v, px")
+    figure.colorbar(picture, ax=axes, label="depth, mm", shrink=0.85)
+
+
+def _thick(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Points two pixels wide, so that a semi-dense map can be seen when scaled down."""
+    out = image.copy()
+    for shift in ((0, 1), (1, 0), (1, 1)):
+        moved = np.full_like(image, np.nan)
+        moved[shift[0] :, shift[1] :] = image[
+            : image.shape[0] - shift[0], : image.shape[1] - shift[1]
+        ]
+        out = np.where(np.isnan(out), moved, out)
+    return out
+
+
+def _depth_images(bag: Path, stamps: set[int]) -> dict[int, npt.NDArray[np.float32]]:
+    store, found = typestore(), {}
+    with Reader(bag) as reader:
+        wanted = [c for c in reader.connections if c.topic == "/roller/depth/image"]
+        for connection, _, data in reader.messages(wanted):
+            message: Any = store.deserialize_cdr(data, connection.msgtype)
+            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+            if stamp in stamps:
+                pixels = np.frombuffer(message.data, np.float32)
+                found[stamp] = pixels.reshape(message.height, message.width)
+    return found
+
+
+def _delay_left_ns(report: dict[str, Any], truth: Truth | None) -> int:
+    """Delay of event stamps that the settings have not taken out."""
+    if truth is None:
+        return 0
+    section = report["settings"].get("surface" if report["method"] == "surface" else "emvs", {})
+    return truth.event_delay_ns - round(section.get("event_delay_s", 0.0) * 1e9)
+
+
+def _error_um(depth: npt.NDArray[np.float32], stamp: int, truth: Truth, delay_ns: int) -> F64:
+    v, u = np.nonzero(np.isfinite(depth))
+    pixels = np.stack([u, v], axis=-1)
+    # Stamps are later than what caused the events by a known delay, as in `truth.py`.
+    seen_ns = stamp - delay_ns
+    contact = truth.contact_at(seen_ns, pixels)
+    return np.asarray((depth[v, u] - truth.depth_at(seen_ns, pixels))[contact] * 1e6)
+
+
+def _limits(values: F64) -> tuple[float, float]:
+    if not len(values):
+        return 0.0, 1.0
+    low, high = np.percentile(values, [0.5, 99.5])
+    return float(low), float(max(high, low + 1e-6))
+
+
+def _draw_above(figure: Figure, axis: Axes, cloud: dict[str, F64]) -> None:
+    axis.set_title("surface from above", fontsize=10)
+    if not len(cloud["x"]):
+        axis.text(0.5, 0.5, "no surface points", ha="center", transform=axis.transAxes)
+        return
+    low, high = _limits(cloud["height"])
+    order = np.argsort(cloud["height"])
+    picture = axis.scatter(
+        cloud["x"][order] * 1e3, cloud["y"][order] * 1e3, c=cloud["height"][order] * 1e3,
+        s=0.4, cmap=_HEIGHT_MAP, vmin=low * 1e3, vmax=high * 1e3, linewidths=0, rasterized=True,
+    )  # fmt: skip
+    axis.set_aspect("equal")
+    axis.set_xlabel("x, mm")
+    axis.set_ylabel("y, mm")
+    figure.colorbar(picture, ax=axis, label="height, mm", shrink=0.8)
+
+
+def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None, delay_ns: int) -> None:
+    axis.set_title("profile along the middle", fontsize=10)
+    axis.set_xlabel("x, mm")
+    axis.set_ylabel("height, mm")
+    if not len(cloud["x"]):
+        return
+    middle = float(np.median(cloud["y"]))
+    if truth is not None and truth.objects:
+        regions = truth.objects.values()
+        middle = float(np.mean([(r.y0 + r.y1) / 2 for r in regions]))
+    width = 0.02 * max(float(np.ptp(cloud["y"])), 1e-6)
+    band = np.abs(cloud["y"] - middle) < width
+    axis.plot(cloud["x"][band] * 1e3, cloud["height"][band] * 1e3, ".", ms=1.2, label="measured")
+    if truth is not None:
+        x = np.linspace(cloud["x"].min(), cloud["x"].max(), 4000)
+        # The way made during that delay is behind the sensor.
+        delay_m = truth.settings.motion.speed * delay_ns * 1e-9
+        height = truth.height_at(x - delay_m, np.full_like(x, middle)) - truth.origin_m[2]
+        axis.plot(x * 1e3, height * 1e3, "k-", lw=0.8, label="truth (skin)")
+        axis.set_ylim(height.min() * 1e3 - 0.4, height.max() * 1e3 + 0.4)
+    axis.legend(loc="upper right", fontsize=8, markerscale=6)
+
+
+def _draw_errors(axis: Axes, report: dict[str, Any]) -> None:
+    truth = report["truth"]
+    if not truth:
+        spent = [w["milliseconds"]["total"] for w in report["windows"] if w["milliseconds"]]
+        axis.set_title("time by window", fontsize=10)
+        axis.plot(spent, ".-")
+        axis.set_xlabel("window")
+        axis.set_ylabel("ms")
+        axis.set_ylim(bottom=0)
+        return
+    found = {k: f for k, f in truth["objects"].items() if f["points"]}
+    found["all"] = truth["all"]
+    names = [k for k, f in found.items() if f["points"]]
+    values = [found[k]["mae_um"] for k in names]
+    bars = axis.barh(names, values, color=["tab:blue"] * (len(names) - 1) + ["tab:gray"])
+    labels = [
+        f"{found[k]['mae_um']:.0f} µm, {(found[k]['edges_measured'] or 0):.0%} of edges"
+        for k in names
+    ]
+    axis.bar_label(bars, labels, fontsize=8, padding=2)
+    axis.set_xlim(0, max([*values, 1.0]) * 1.7)
+    axis.invert_yaxis()
+    axis.set_title("mean absolute error against truth", fontsize=10)
+    axis.set_xlabel("µm")
+
+
+def _draw_text(axis: Axes, report: dict[str, Any]) -> None:
+    axis.set_axis_off()
+    lines = report["totals"]["braille_text"]
+    read = " / ".join(lines) if lines else "–"
+    text = f"text read:  {read}"
+    if report["truth"] and report["truth"]["text"]:
+        text += f"\ntext given: {report['truth']['text']}".replace("\n ", " / ")
+    axis.text(0.0, 0.9, text, family="monospace", va="top", fontsize=12)

@@ -1,0 +1,147 @@
+"""Results of a live run from its recording, in the same files as a replay's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.rosbag2 import Reader
+
+from roller_braille.cells import Cell
+from roller_braille.page import certain_dots
+from roller_braille.reader_settings import BrailleSettings
+from roller_braille.translation import ALL_DOTS, LineCell
+from roller_core.bags import typestore
+from roller_core.errors import RollerError
+from roller_emvs.depth_map import DepthMap
+from roller_emvs.methods.surface import SurfacePatch
+from roller_emvs.ply import PlyWriter
+
+from .result_writer import write_braille
+from .run_report import Report
+from .truth_tally import SurfaceTally, TruthTally
+
+_SURFACE = "/roller/surface/points"
+
+
+class RecordedResultsError(RollerError):
+    """A recording without what a live run should have published."""
+
+
+def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -> None:
+    """Write surface, text and report from a recorded graph.
+
+    Parameters
+    ----------
+    bag : path
+        rosbag2 with the /roller topics.
+    output : path
+        Folder for `surface.ply`, the Braille's files and `report.json`.
+    truth_folder : path, optional
+        Where the scan's truth lies.
+    report : Report
+        Completed with windows, truth and totals, and written; its method says whether the windows
+        are depth maps or, with `surface`, clouds.
+
+    Raises
+    ------
+    RecordedResultsError
+        If the bag holds no depth map, or with `surface` no points.
+    """
+    surface = report.method == "surface"
+    kind = SurfaceTally if surface else TruthTally
+    tally: Any = kind.beside(truth_folder) if truth_folder else None
+    store, lines, cells, points = typestore(), "", [], 0
+    confidence: dict[int, npt.NDArray[np.float32]] = {}
+    with (
+        Reader(bag) as reader,
+        PlyWriter(output / "surface.ply", ("height", "confidence"), "frame base, metres") as ply,
+    ):
+        for connection, _, data in reader.messages():
+            topic = connection.topic
+            if not topic.startswith("/roller/"):
+                continue
+            message: Any = store.deserialize_cdr(data, connection.msgtype)
+            if topic == "/roller/depth/confidence":
+                confidence[_stamp_ns(message)] = _pixels(message)
+            elif topic == "/roller/depth/image" and not surface:
+                stamp = _stamp_ns(message)
+                found = DepthMap(
+                    stamp, _pixels(message), confidence.pop(stamp, _pixels(message)),
+                    np.eye(4), stamp, stamp, 0,
+                )  # fmt: skip
+                report.add_window(found)
+                if tally is not None:
+                    tally.add(found)
+            elif topic == _SURFACE:
+                patch = _patch(message)
+                ply.write(patch.points, patch.height, patch.confidence)
+                points += len(patch)
+                if surface:
+                    report.add_window(patch)
+                    if tally is not None:
+                        tally.add(patch)
+            elif topic == "/roller/braille/text":
+                lines = message.data
+            elif topic == "/roller/braille/cells":
+                cells.append(_cell(message))
+    if not report.windows:
+        missing = "no points of the surface" if surface else "no depth map"
+        raise RecordedResultsError(f"bag {bag}: the graph published {missing}")
+    text = [line for line in lines.split("\n") if line]
+    write_braille(output, cells, _lines(cells), "grade1")
+    report.totals |= {
+        "depth_windows": len(report.windows),
+        "surface_points": points,
+        "braille_cells": len(cells),
+        "braille_text": text,
+    }
+    if tally is not None:
+        report.truth = tally.summary()
+    report.write(output / "report.json")
+
+
+def _stamp_ns(message: Any) -> int:
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def _pixels(message: Any) -> npt.NDArray[np.float32]:
+    return np.frombuffer(message.data, np.float32).reshape(message.height, message.width)
+
+
+def _patch(message: Any) -> SurfacePatch:
+    """Points of one cloud; its stamp is all that it says of their time."""
+    rows, stamp = np.frombuffer(message.data, np.float32).reshape(-1, 5), _stamp_ns(message)
+    return SurfacePatch(rows[:, :3].astype(np.float64), rows[:, 3], rows[:, 4], stamp, stamp)
+
+
+def _cell(message: Any) -> Cell:
+    def point(p: Any) -> list[float]:
+        return [p.x, p.y, p.z]
+
+    return Cell(
+        _stamp_ns(message),
+        int(message.line),
+        int(message.column),
+        int(message.mask),
+        message.character,
+        bool(message.readable),
+        np.array(point(message.position)),
+        float(message.confidence),
+        tuple(float(c) for c in message.dot_confidence),
+        np.full((6, 3), np.nan),
+    )
+
+
+def _lines(cells: list[Cell]) -> list[list[LineCell]]:
+    """Cells by line and column, blank where none was given."""
+    least = BrailleSettings.create({}).min_dot_confidence
+    lines: list[list[LineCell]] = [[] for _ in range(max((c.line for c in cells), default=-1) + 1)]
+    for cell in cells:
+        line = lines[cell.line]
+        line += [LineCell(0)] * (cell.column + 1 - len(line))
+        certain = ALL_DOTS if cell.readable else certain_dots(cell.dot_confidence, least)
+        line[cell.column] = LineCell(cell.mask, certain)
+    return lines

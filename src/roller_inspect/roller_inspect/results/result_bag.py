@@ -1,0 +1,120 @@
+"""The /roller topics of a run as a rosbag2 (MCAP)."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import serialize_message
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.errors import WriterError
+from visualization_msgs.msg import MarkerArray
+
+from roller_braille.cells import Cell
+from roller_braille.messages import cell_markers, cell_message, text_message
+from roller_braille.reader_settings import Spacing
+from roller_core.bags import bag_qos, typestore
+from roller_core.camera import Camera
+from roller_core.errors import UnwritableOutputError
+from roller_emvs.depth_map import DepthMap, pinhole
+from roller_emvs.messages import surface_message
+from roller_emvs.patch import Patch
+from roller_ros import messages
+
+_TYPES = {
+    "/roller/depth/image": "sensor_msgs/msg/Image",
+    "/roller/depth/confidence": "sensor_msgs/msg/Image",
+    "/roller/depth/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/roller/surface/points": "sensor_msgs/msg/PointCloud2",
+    "/roller/braille/cells": "roller_msgs/msg/BrailleCell",
+    "/roller/braille/text": "std_msgs/msg/String",
+    "/roller/braille/markers": "visualization_msgs/msg/MarkerArray",
+}
+_LATCHED = {"/roller/surface/points", "/roller/braille/markers"}
+
+
+class ResultBag:
+    """Writes results as the nodes would publish them.
+
+    Parameters
+    ----------
+    path : path
+        Bag folder; an earlier bag there is replaced.
+    camera : Camera
+        Of the depth maps.
+    sensor_frame, base_frame : str
+        Frames of depth images and of the surface.
+    spacing : Spacing
+        Sizes of Braille, for the markers.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written, or if what stands there is no bag.
+    """
+
+    def __init__(
+        self, path: Path, camera: Camera, sensor_frame: str, base_frame: str, spacing: Spacing
+    ) -> None:
+        self._camera = pinhole(camera)
+        self._sensor_frame = sensor_frame
+        self._base_frame = base_frame
+        self._spacing = spacing
+        self._cells = 0
+        try:
+            if path.exists():
+                if not (path / "metadata.yaml").is_file() and not list(path.glob("*.mcap")):
+                    raise UnwritableOutputError(
+                        f"{path}: stands in the way and is no bag; give another --output"
+                    )
+                shutil.rmtree(path)
+            self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+            # Depth images are mostly NaN: a tenth of their size when compressed.
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            self._writer.open()
+        except (OSError, WriterError) as error:
+            raise UnwritableOutputError(f"{path}: can't be written ({error})") from error
+        store = typestore()
+        self._connections: dict[str, Connection] = {
+            topic: self._writer.add_connection(
+                topic,
+                kind,
+                typestore=store,
+                offered_qos_profiles=bag_qos(50, reliable=True, latched=topic in _LATCHED),
+            )
+            for topic, kind in _TYPES.items()
+        }
+
+    def write_depth(self, found: DepthMap) -> None:
+        """Depth image, confidence and camera_info at the window's reference time."""
+        t, frame = found.stamp_ns, self._sensor_frame
+        self._put("/roller/depth/image", t, messages.image(found.depth, t, frame))
+        self._put("/roller/depth/confidence", t, messages.image(found.confidence, t, frame))
+        self._put("/roller/depth/camera_info", t, messages.camera_info(self._camera, t, frame))
+
+    def write_patch(self, patch: Patch, t_ns: int) -> None:
+        """Points of the surface; an empty patch is passed over."""
+        if len(patch):
+            cloud = surface_message(patch, t_ns, self._base_frame)
+            self._put("/roller/surface/points", t_ns, cloud)
+
+    def write_cell(self, cell: Cell, lines: list[str]) -> None:
+        """A Braille cell, the text so far and the cell's markers."""
+        t = cell.stamp_ns
+        self._put("/roller/braille/cells", t, cell_message(cell, self._base_frame))
+        self._put("/roller/braille/text", t, text_message(lines))
+        self._cells += 1
+        markers = cell_markers(cell, self._cells, self._base_frame, self._spacing)
+        self._put("/roller/braille/markers", t, MarkerArray(markers=markers))
+
+    def close(self) -> None:
+        """Finish the bag."""
+        self._writer.close()
+
+    def _put(self, topic: str, t_ns: int, message: Any) -> None:
+        self._writer.write(
+            self._connections[topic], int(np.int64(t_ns)), serialize_message(message)
+        )

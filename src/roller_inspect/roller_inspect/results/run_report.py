@@ -1,0 +1,136 @@
+"""The account of a run: `report.json`."""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roller_core.errors import RollerError
+from roller_emvs.depth_map import DepthMap
+from roller_emvs.methods.surface import SurfacePatch
+from roller_emvs.windows import RefusedWindow
+
+
+@dataclass
+class Report:
+    """Gathers what happened, window by window.
+
+    Parameters
+    ----------
+    source : str
+        What was processed.
+    method : str
+        Depth method.
+    settings : dict
+        All settings in force.
+    title : str
+        For pictures; the name of the source's file by default.
+    """
+
+    source: str
+    method: str
+    settings: dict[str, Any]
+    title: str = ""
+    windows: list[dict[str, Any]] = field(default_factory=list)
+    totals: dict[str, Any] = field(default_factory=dict)
+    truth: dict[str, Any] | None = None
+    _faults: Counter[str] = field(default_factory=Counter)
+    _first_fault: dict[str, str] = field(default_factory=dict)
+
+    def add_window(self, found: DepthMap | SurfacePatch | RefusedWindow) -> None:
+        """Note a depth map, rows of the surface, or a window that was refused."""
+        entry: dict[str, Any] = {
+            "start_s": found.start_ns * 1e-9,
+            "end_s": found.end_ns * 1e-9,
+        }
+        if isinstance(found, RefusedWindow):
+            stamp_ns = (found.start_ns + found.end_ns) // 2
+            entry |= {"events": found.events, "points": 0, "milliseconds": {}}
+            entry["lost"] = [found.reason]
+        else:
+            stamp_ns = found.stamp_ns
+            if isinstance(found, SurfacePatch):
+                points, lost = len(found), []
+            else:
+                points, lost = found.points, list(found.notes)
+            entry |= {"events": found.events, "points": points}
+            entry |= {"milliseconds": found.milliseconds, "lost": lost}
+        self.windows.append({"stamp_s": stamp_ns * 1e-9, "stamp_ns": stamp_ns, **entry})
+
+    def add_fault(self, fault: RollerError) -> None:
+        """Note a fault; of each kind the first line is kept and the rest counted."""
+        kind = type(fault).__name__
+        self._faults[kind] += 1
+        self._first_fault.setdefault(kind, str(fault))
+
+    @property
+    def faults(self) -> list[str]:
+        """One line a kind of fault."""
+        lines = []
+        for kind, count in self._faults.items():
+            more = f" (and {count - 1} more of this kind)" if count > 1 else ""
+            lines.append(self._first_fault[kind] + more)
+        return lines
+
+    def window_milliseconds(self) -> dict[str, float]:
+        """Median and 95th percentile of the time a window took, ms."""
+        spent = [w["milliseconds"]["total"] for w in self.windows if w["milliseconds"]]
+        if not spent:
+            return {}
+        return {
+            "median": round(float(np.median(spent)), 3),
+            "p95": round(float(np.percentile(spent, 95)), 3),
+        }
+
+    def write(self, path: Path) -> None:
+        """Write the report."""
+        data = {
+            "source": self.source,
+            "title": self.title or Path(self.source).name,
+            "method": self.method,
+            "totals": {**self.totals, "window_milliseconds": self.window_milliseconds()},
+            "truth": self.truth,
+            "faults": self.faults,
+            "windows": self.windows,
+            "settings": self.settings,
+            "versions": versions(),
+        }
+        path.write_text(json.dumps(_finite(data), indent=1, default=_plain) + "\n")
+
+
+def versions() -> dict[str, str]:
+    """Of Python, the machine and what the figures depend on."""
+    found = {"python": platform.python_version(), "machine": platform.platform()}
+    for name in ("numpy", "numba", "opencv-contrib-python-headless", "roller_emvs"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no NaN: it becomes null."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if hasattr(value, "__dataclass_fields__"):
+        return asdict(value)
+    return str(value)

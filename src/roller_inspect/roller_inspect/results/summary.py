@@ -1,0 +1,79 @@
+"""A run in a few lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .run_report import Report
+
+
+def summary(report: Report, output: Path) -> str:
+    """Table of points, errors by object where the truth is known, text, time and files."""
+    t = report.totals
+    ms = report.window_milliseconds()
+    lines = [
+        f"{t['depth_windows']} {_pieces(report)} ({report.method}), "
+        f"{t['depth_refused_windows']} windows refused, {t['events']} events, "
+        f"{t['surface_points']} surface points",
+    ]
+    if ms:
+        lines.append(
+            f"{ms['median']:.1f} ms a window (95 %: {ms['p95']:.1f} ms), "
+            f"{t['times_faster_than_recorded'] or 0:.2f} × as fast as recorded"
+        )
+    lost = {k: t[k] for k in ("lost_packets", "outside_events", "late_events") if t[k]}
+    lost |= {k: t[k] for k in ("depth_dropped_events", "depth_events_without_pose") if t[k]}
+    if lost:
+        lines.append("lost: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in lost.items()))
+    if report.truth:
+        lines += error_table(report.truth)
+    if t["braille_text"]:
+        lines += ["text read: " + " / ".join(t["braille_text"])]
+        if report.truth and report.truth["text"]:
+            given = str(report.truth["text"]).replace("\n", " / ")
+            lines.append("text given: " + given)
+    lines.append(f"results in {output}/")
+    return "\n".join(lines)
+
+
+def demo_table(report: Report, folder: Path) -> str:
+    """What the demonstration prints: points, errors, text, milliseconds, files."""
+    t = report.totals
+    surface = report.method == "surface"
+    status, piece = ("surface: points", "block") if surface else ("emvs: depth", "window")
+    figures = t["live"].get(status, {})
+    pieces = _pieces(report)
+    lines = ["", f"{t['surface_points']} surface points from {t['depth_windows']} {pieces}"]
+    if report.truth:
+        lines += error_table(report.truth)
+        lines.append("text given: " + str(report.truth["text"]).replace("\n", " / "))
+    lines.append("text read:  " + (" / ".join(t["braille_text"]) or "-"))
+    if figures:
+        median, p95 = figures[f"{piece}_ms_median"], figures[f"{piece}_ms_p95"]
+        lines.append(
+            f"{median} ms a {piece} (95 %: {p95} ms), "
+            f"{figures['lost_packets']} packets lost, {figures['dropped_events']} events dropped"
+        )
+    names = ("overview.png", "surface.ply", "braille.txt", "report.json", "bag/", "truth/")
+    lines.append("files: " + ", ".join(f"{folder}/{name}" for name in names))
+    return "\n".join(lines)
+
+
+def _pieces(report: Report) -> str:
+    return "blocks of the surface" if report.method == "surface" else "depth maps"
+
+
+def error_table(truth: dict[str, Any]) -> list[str]:
+    """Errors by object, with the share of relief edges that were measured."""
+    head = f"{'object':16s} {'points':>9s} {'MAE µm':>8s} {'median µm':>10s} {'edges seen':>11s}"
+    rows = [head, "-" * len(head)]
+    for name, f in [*truth["objects"].items(), ("all", truth["all"])]:
+        if not f["points"]:
+            rows.append(f"{name:16s} {0:9d} {'-':>8s} {'-':>10s} {'-':>11s}")
+            continue
+        seen = f"{f['edges_measured']:.0%}" if f["edges_measured"] == f["edges_measured"] else "-"
+        rows.append(
+            f"{name:16s} {f['points']:9d} {f['mae_um']:8.1f} {f['median_um']:10.1f} {seen:>11s}"
+        )
+    return rows

@@ -1,0 +1,1 @@
+"""Recordings: reading and writing them, with the nodes that record and play."""

@@ -1,0 +1,37 @@
+"""`roller info`: what a recording holds."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `info` to the command's parser."""
+    parser = subparsers.add_parser(
+        "info",
+        help="tell what a recording holds",
+        description="Decode all events of a rosbag2 or AEDAT4 file and count them.",
+    )
+    parser.add_argument("input", type=Path, metavar="INPUT", help="rosbag2 or AEDAT4 file")
+    parser.add_argument("--topic", metavar="NAME", help="count only the events of this topic (all)")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Count and print.
+
+    Raises
+    ------
+    RollerError
+        If the recording can't be read.
+    """
+    from roller_recording.reading.summary import take_census
+
+    census = take_census(args.input, args.topic)
+    for line in census.lines():
+        print(line)
+    for fault in census.faults:
+        print(f"error: {fault}", file=sys.stderr)
+    return 1 if census.faults else 0

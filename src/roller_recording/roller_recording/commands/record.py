@@ -1,0 +1,212 @@
+"""`roller record`: record the running graph."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from roller_core.progress import status_line
+
+if TYPE_CHECKING:
+    from roller_recording.recorder_node import RecorderNode
+    from roller_recording.writing import Progress
+
+#: After this long without them, s, missing inputs are told.
+_PATIENCE_S = 5.0
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `record` to the command's parser."""
+    parser = subparsers.add_parser(
+        "record",
+        help="record the running graph",
+        description="Record the whole cell into a rosbag2 (MCAP): events, camera_info, pictures, "
+        "transforms, results and diagnostics. Ctrl-C ends it; a second one doesn't wait for the "
+        "disk. The exit code is 1 if anything was lost.",
+    )
+    parser.add_argument(
+        "--output",
+        "-o",
+        type=Path,
+        metavar="DIR",
+        help="bag folder to make (recording_DATE_TIME)",
+    )
+    parser.add_argument(
+        "--duration", type=_seconds, metavar="S", help="end after so many seconds (at Ctrl-C)"
+    )
+    parser.add_argument(
+        "--raw",
+        action="store_true",
+        help="only what a replay needs: events, camera_info and transforms",
+    )
+    parser.add_argument(
+        "--topic",
+        metavar="NAME",
+        help="topic of the event packets, the camera's other topics beside it "
+        "(/event_camera/events)",
+    )
+    parser.add_argument(
+        "--compress", action="store_true", help="compress the bag (zstd); takes more of a core"
+    )
+    parser.add_argument(
+        "--queue-mb", type=float, metavar="MB", help="memory for what waits for the disk (512)"
+    )
+    parser.add_argument(
+        "--keep-free-mb", type=float, metavar="MB", help="end when the disk has less free (200)"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record until it is told to end, or something ends it.
+
+    Raises
+    ------
+    RollerError
+        If the bag can't be written at all.
+    """
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter
+    from rclpy.signals import SignalHandlerOptions
+
+    from roller_recording.recorder_node import RecorderNode
+
+    values = {
+        "output": str(args.output or time.strftime("recording_%Y-%m-%d_%H-%M-%S")),
+        "raw": args.raw,
+        "events_topic": args.topic,
+        "compress": args.compress,
+        "queue_mb": args.queue_mb,
+        "keep_free_mb": args.keep_free_mb,
+    }
+    given = [Parameter(name, value=value) for name, value in values.items() if value is not None]
+    with _interrupts() as interrupts:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        node = None
+        try:
+            node = RecorderNode(parameter_overrides=given)
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            return _record(node, executor.spin_once, args.duration, interrupts)
+        finally:
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+
+
+def _record(
+    node: RecorderNode,
+    spin_once: Callable[[float], None],
+    duration_s: float | None,
+    interrupts: _Interrupts,
+) -> int:
+    recorder, begin = node.recorder, time.monotonic()
+    end = float("inf") if duration_s is None else begin + duration_s
+    patient = True
+    with status_line() as (show, tell):
+        speed = _Speed()
+        tell(f"recording to {node.path}; Ctrl-C ends it")
+        while not interrupts.count and recorder.fault is None and time.monotonic() < end:
+            spin_once(min(0.1, max(end - time.monotonic(), 0.0)))
+            progress = recorder.progress()
+            show(speed.line(time.monotonic() - begin, progress))
+            if patient and time.monotonic() - begin > _PATIENCE_S:
+                patient = False
+                if missing := node.missing():
+                    tell(f"nothing yet on {', '.join(missing)}")
+        node.stop_taking()
+        while not recorder.drain(0.1) and interrupts.count < 2:
+            show(f"writing what waits: {recorder.progress().waiting_bytes / 1e6:.0f} MB")
+        recorder.stop()
+    print(_summary(node))
+    faults = node.faults()
+    if not recorder.progress().packets:
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        faults.append(
+            f"no event packet came on {', '.join(recorder.event_topics)} (ROS domain {domain}); "
+            "is the camera's node running?"
+        )
+    for line in faults:
+        print(f"error: {line}", file=sys.stderr)
+    return 1 if faults else 0
+
+
+def _summary(node: RecorderNode) -> str:
+    p, recorder = node.recorder.progress(), node.recorder
+    seconds = recorder.events_s
+    rate = f", {p.events / seconds * 1e-6:.2f} million a second" if seconds else ""
+    lines = [
+        f"{node.path}: {recorder.duration_s:.1f} s, {p.bytes_written / 1e6:.1f} MB, "
+        f"{sum(p.messages.values())} messages; {p.packets} event packets, {p.events} events{rate}"
+    ]
+    if missing := [name for name in node.missing() if name not in recorder.event_topics]:
+        lines.append(
+            f"nothing came on {', '.join(missing)}; a replay then needs --camera (camera_info) "
+            "or --poses (tf, tf_static)"
+        )
+    return "\n".join(lines)
+
+
+class _Speed:
+    """What the status line tells, with rates over the last second."""
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, Progress]] = deque()
+
+    def line(self, t_s: float, now: Progress) -> str:
+        seen = self._seen
+        seen.append((t_s, now))
+        while len(seen) > 2 and seen[1][0] <= t_s - 1.0:
+            seen.popleft()
+        begin_s, then = seen[0]
+        dt_s = max(t_s - begin_s, 1e-3)
+        return (
+            f"{int(t_s) // 60:02d}:{t_s % 60:04.1f}  "
+            f"{(now.events - then.events) / dt_s * 1e-6:6.2f} Mev/s  "
+            f"{(now.bytes_written - then.bytes_written) / dt_s * 1e-6:6.1f} MB/s  "
+            f"{now.bytes_written * 1e-6:8.1f} MB  "
+            f"lost packets {now.lost_before}, messages {now.lost_here}  "
+            f"waiting {now.waiting_bytes * 1e-6:.1f} MB"
+        )
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError("must be above 0")
+    return value
+
+
+class _Interrupts:
+    """Counts the signals that ask for an end."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+
+@contextmanager
+def _interrupts() -> Iterator[_Interrupts]:
+    """Count SIGINT, SIGTERM and SIGHUP instead of ending at once."""
+    seen = _Interrupts()
+
+    def note(number: int, frame: object) -> None:
+        seen.count += 1
+
+    wanted = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # else nohup keeps us alive
+        wanted.append(signal.SIGHUP)
+    before = {s: signal.signal(s, note) for s in wanted}
+    try:
+        yield seen
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,148 @@
+"""Node `player`: a bag's recorded camera and robot, published in real time."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import Field
+from rclpy.node import Node
+
+from roller_core.errors import RollerError
+from roller_core.settings import Settings
+from roller_recording.reading.bag_reader import BagReader
+from roller_recording.reading.base import RecordingError
+from roller_recording.reading.event_topic import event_topic
+from roller_ros import diagnostics, topics
+from roller_ros.listeners import wait_for_listeners
+from roller_ros.node_main import run_node
+from roller_ros.parameters import declare_settings
+
+
+class PlayerParameters(Settings):
+    """Parameters of the node."""
+
+    bag: str = Field("", description="The rosbag2 to play: its folder or its file.")
+    topic: str = Field(
+        "", description="Topic of the event packets in a bag that has several; empty: the only one."
+    )
+    rate: float = Field(
+        1.0, ge=0.001, le=1000.0, description="How fast to play it; 1 is as it was recorded."
+    )
+    subscribers: int = Field(
+        1, ge=0, le=100, description="Subscribers to the events to wait for before playing."
+    )
+    pose_subscribers: int = Field(
+        0, ge=0, le=100, description="Subscribers to /tf to wait for before playing."
+    )
+    wait_s: float = Field(
+        20.0, ge=0.0, le=600.0, description="How long to wait for them at most, s."
+    )
+    settle_s: float = Field(
+        1.0, ge=0.0, le=60.0, description="How long no subscriber may have come before playing, s."
+    )
+    exit_when_done: bool = Field(False, description="Whether to end after the last message.")
+    linger_s: float = Field(
+        4.0, ge=0.0, le=600.0, description="How long others have to finish before it ends, s."
+    )
+
+
+class PlayerNode(Node):
+    """Publishes messages as they lie in the bag, spaced as they were logged."""
+
+    def __init__(self) -> None:
+        super().__init__("player")
+        self._p = declare_settings(self, PlayerParameters)
+        if not self._p.bag:
+            raise RecordingError("parameter 'bag' is empty; name the rosbag2 to play")
+        self._reader = BagReader(Path(self._p.bag))
+        self._state = "waiting"
+        self._played = 0
+        self._late_s = 0.0
+        self._meter = diagnostics.Meter()
+        self.done = threading.Event()
+        in_bag = self._reader.topics
+        events = event_topic(in_bag, Path(self._p.bag), self._p.topic or None)
+        # Publishers by topic in the bag; a camera of another name is played as the graph's own.
+        # Not _publishers: rclpy's own.
+        self._outputs = {}
+        for topic in topics.INPUTS:
+            theirs = topics.beside(topic.name, events)
+            # The older type of event packets has the same layout.
+            if theirs == events or in_bag.get(theirs) == topic.type_name:
+                made = self.create_publisher(topic.type, topic.name, topic.qos)
+                self._outputs[theirs] = made
+        self._events = self._outputs[events]
+        self._diagnostics = diagnostics.Diagnostics(self, "playback", self._status, 0.5)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        self._timer = self.create_timer(0.2, self._end)
+
+    def destroy_node(self) -> None:
+        """Stop playing first."""
+        if hasattr(self, "_thread"):  # else the node gave up before it had one
+            self._stop.set()
+            self._thread.join(timeout=5.0)
+        super().destroy_node()
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_listeners()
+            self._play()
+        except RollerError as error:
+            self._diagnostics.fault(str(error))
+        self._state = "finished"
+        if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
+            self.done.set()
+
+    def _wait_for_listeners(self) -> None:
+        wanted = [(self._events, self._p.subscribers)]
+        if "/tf" in self._outputs:
+            wanted.append((self._outputs["/tf"], self._p.pose_subscribers))
+        missing = wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop)
+        if missing:
+            self.get_logger().warning(missing)
+
+    def _play(self) -> None:
+        self._state = "playing"
+        begin = first_ns = None
+        for item in self._reader.messages(set(self._outputs)):
+            if self._stop.is_set():
+                return
+            if isinstance(item, RecordingError):
+                self._diagnostics.fault(str(item))
+                continue
+            if begin is None or first_ns is None:
+                begin, first_ns = time.monotonic(), item.log_ns
+            due = begin + (item.log_ns - first_ns) * 1e-9 / self._p.rate
+            wait = due - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            else:
+                self._late_s = max(self._late_s, -wait)
+            self._outputs[item.topic].publish(item.data)
+            self._played += 1
+
+    def _end(self) -> None:
+        if self.done.is_set():
+            raise SystemExit(0)
+
+    def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
+        return (
+            diagnostics.OK,
+            self._state,
+            {
+                "message_rate_hz": self._meter.rates(messages=self._played)["messages"],
+                "messages": self._played,
+                "behind_real_time_s": round(self._late_s, 3),
+            },
+        )
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(PlayerNode))

@@ -1,0 +1,204 @@
+"""rosbag2 folders with the graph's topics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roller_core.bags import typestore
+from roller_core.camera import Camera
+from roller_core.codecs import CodecError
+from roller_core.errors import RollerError
+from roller_core.event_stream import EventStream
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+from roller_core.sensor_pose import SensorFrames
+
+from .bag_reader import BagReader, RawMessage
+from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
+from .event_topic import event_topic, listed
+
+_TF, _TF_STATIC = "/tf", "/tf_static"
+_TF_TYPE = "tf2_msgs/msg/TFMessage"
+_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+
+
+class BagRecording(Recording):
+    """A rosbag2 (MCAP or SQLite), healthy or damaged.
+
+    Parameters
+    ----------
+    path : path
+        Bag folder, or a storage file of one.
+    poses : path, optional
+        TUM file in ROS time, for bags without /tf.
+    camera : Camera, optional
+        Calibration, for bags without CameraInfo; goes before the bag's own.
+    max_gap_s : float
+        See `PoseTrack`.
+    topic : str, optional
+        Topic of the event packets, where there are several.
+
+    Raises
+    ------
+    MissingTopicError
+        If the bag has no events, no calibration or no poses.
+    RecordingError
+        If it can't be read at all.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        poses: Path | None = None,
+        camera: Camera | None = None,
+        max_gap_s: float = 0.1,
+        topic: str | None = None,
+    ) -> None:
+        self._path = path
+        self._reader = BagReader(path)
+        self._store = typestore()
+        try:
+            self._find(poses, camera, max_gap_s, topic)
+        except MissingTopicError as error:
+            # What is missing may have come after the cut.
+            cut = "".join(f" ({fault})" for fault in self._reader.faults[:1])
+            raise MissingTopicError(f"{error}{cut}") from error
+        self._stream = EventStream(self.camera.width, self.camera.height)
+        self.counts = self._stream.counts
+        self._newest_ns = -(2**63)
+        self.duration_s = self._reader.duration_s
+
+    def _find(
+        self, poses: Path | None, camera: Camera | None, max_gap_s: float, topic: str | None
+    ) -> None:
+        """Make sure of events, poses and calibration."""
+        path = self._path
+        self._topic = event_topic(self._reader.topics, path, topic)
+        self._frames = SensorFrames(max_gap_s=max_gap_s)
+        self.track = self._frames.track
+        self._has_tf = poses is None
+        if poses is not None:
+            self.track = PoseTrack.read_tum(poses, max_gap_s)
+        elif self._reader.topics.get(_TF) != _TF_TYPE:
+            raise MissingTopicError(
+                f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "
+                f"give --poses FILE (TUM); it has {listed(self._reader.topics)}"
+            )
+        self.camera = camera or self._calibration()
+
+    def steps(self) -> Iterator[Step]:
+        """Read message by message; a packet that can't be decoded is left out, with a fault."""
+        wanted = {self._topic} | ({_TF, _TF_STATIC} if self._has_tf else set())
+        progress = 0.0
+        for item in self._reader.messages(wanted):
+            if isinstance(item, RecordingError):
+                yield Step(EventArray.empty(), progress, (item,))
+                continue
+            progress = self._reader.progress(item.log_ns)
+            events = EventArray.empty()
+            faults: list[RollerError] = []
+            try:
+                message = self._store.deserialize_cdr(item.data, item.type)
+            except Exception as error:
+                faults.append(
+                    MalformedRecordingError(
+                        f"bag {self._path}: a message on {item.topic} at "
+                        f"{item.log_ns * 1e-9:.6f} s is malformed ({error}); it is left out"
+                    )
+                )
+                yield Step(events, progress, tuple(faults))
+                continue
+            try:
+                if item.topic == self._topic:
+                    events = self._decode(message)
+                else:
+                    self._take_transforms(message, item, faults)
+            except RollerError as error:
+                faults.append(error)
+            yield Step(events, progress, tuple(faults))
+        self._frames.finish()
+        # The last poses let the last events through.
+        yield Step(EventArray.empty(), 1.0)
+        if self._has_tf and not len(self.track):
+            yield Step(EventArray.empty(), 1.0, (self._no_poses(),))
+
+    def _decode(self, message: Any) -> EventArray:
+        """Events of a packet; none from before what was already given out."""
+        events = self._push(message)
+        if len(events) and events.t_ns[0] < self._newest_ns:
+            kept = events[int(np.searchsorted(events.t_ns, self._newest_ns)) :]
+            self.counts.late_events += len(events) - len(kept)
+            events = kept
+        if len(events):
+            self._newest_ns = int(events.t_ns[-1])
+        return events
+
+    def _push(self, message: Any) -> EventArray:
+        if message.is_bigendian and message.encoding != "evt3":  # which is little-endian always
+            raise CodecError(
+                f"event packet {message.seq} is big-endian; only little-endian ones are read"
+            )
+        return self._stream.push(
+            message.encoding,
+            message.width,
+            message.height,
+            message.seq,
+            message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec,
+            message.time_base,
+            message.events,
+        )
+
+    def _take_transforms(self, message: Any, item: RawMessage, faults: list[RollerError]) -> None:
+        for transform in message.transforms:
+            t, r = transform.transform.translation, transform.transform.rotation
+            stamp = transform.header.stamp
+            parent = transform.header.frame_id.lstrip("/")
+            child = transform.child_frame_id.lstrip("/")
+            position, rotation = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w)
+            try:
+                if item.topic == _TF_STATIC:
+                    self._frames.add_static(parent, child, position, rotation)
+                else:
+                    t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+                    self._frames.add(parent, child, t_ns, position, rotation)
+            except RollerError as error:
+                faults.append(error)
+
+    def _no_poses(self) -> RecordingError:
+        f = self._frames
+        if not f.has_robot_poses:
+            return MissingTopicError(
+                f"bag {self._path}: /tf holds no transform {f.base} -> {f.moving}; "
+                "is the robot's pose recorded?"
+            )
+        return MissingTopicError(
+            f"bag {self._path}: /tf_static holds no way from {f.moving} to {f.sensor}; "
+            "is the hand-eye calibration recorded?"
+        )
+
+    def _calibration(self) -> Camera:
+        namespace = self._topic.rsplit("/", 1)[0]
+        infos = {n for n, kind in self._reader.topics.items() if kind == _INFO_TYPE}
+        topic = f"{namespace}/camera_info"
+        if topic not in infos:
+            raise MissingTopicError(
+                f"bag {self._path}: there is no {topic} ({_INFO_TYPE}); "
+                f"give --camera FILE (ROS camera_info); it has {listed(self._reader.topics)}"
+            )
+        for item in self._reader.messages({topic}):
+            if isinstance(item, RecordingError):
+                continue  # told again when the events are read
+            try:
+                info: Any = self._store.deserialize_cdr(item.data, item.type)
+            except Exception as error:  # a damaged message raises whatever its bytes lead to
+                raise MalformedRecordingError(
+                    f"bag {self._path}: {topic} is malformed ({error}); give --camera FILE"
+                ) from error
+            return Camera.from_matrix(
+                info.width, info.height, info.k, info.d, info.distortion_model
+            )
+        raise MissingTopicError(f"bag {self._path}: {topic} holds no message; give --camera FILE")

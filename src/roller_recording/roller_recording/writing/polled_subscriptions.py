@@ -1,0 +1,175 @@
+"""Takes messages of many topics out of the middleware, many at a time.
+
+A node's executor wakes for each message; at a thousand packets a second that alone takes half a
+core. The middleware queues messages anyway, so here a thread looks every few milliseconds and
+takes all there are, with the time at which each arrived.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from event_camera_msgs.msg import EventPacket
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+from sensor_msgs.msg import Image, PointCloud2
+
+from roller_ros.topics import Topic
+
+from .raw_message import Taken
+
+_PERIOD_S = 0.005
+#: Most that is taken of a topic at once: what comes faster than it can be taken must not pile up.
+_MOST_BYTES = 50_000_000
+
+
+class _Polled(CallbackGroup):
+    """Keeps what is in it out of the executor."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+class Tap:
+    """Subscribes to topics and hands on what comes, in order of arrival.
+
+    Parameters
+    ----------
+    node : Node
+        Whose subscriptions they are.
+    topics : iterable of Topic
+        What to take.
+    take : callable
+        Takes a list of messages, in a thread of the tap.
+    on_overflow : callable
+        Told a topic and a time, ns, when the middleware's queue was full: then messages may have
+        been lost there.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topics: Iterable[Topic],
+        take: Callable[[list[Taken]], None],
+        on_overflow: Callable[[str, int], None],
+    ) -> None:
+        self._node = node
+        self._take = take
+        self._on_overflow = on_overflow
+        self._group = _Polled()
+        self._held: list[Taken] = []
+        self._stop = threading.Event()
+        asked = [(t, _patient(t)) for t in topics]
+        self._subscriptions = [(t, qos, self._subscribe(t, qos)) for t, qos in asked]
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take what has arrived and no more."""
+        self._stop.set()
+        self._thread.join()
+
+    def match_publishers(self) -> None:
+        """Ask for less where a publisher offers less; call this now and then.
+
+        A driver's camera_info need not be latched, say. A subscription that asks for more than is
+        offered gets nothing at all.
+        """
+        for k, (topic, qos, old) in enumerate(self._subscriptions):
+            for publisher in self._node.get_publishers_info_by_topic(topic.name):
+                offered = publisher.qos_profile
+                verdict, _ = qos_check_compatible(offered, qos)
+                if verdict == QoSCompatibility.ERROR:
+                    less = _lesser(qos, offered)
+                    if (less.durability, less.reliability) != (qos.durability, qos.reliability):
+                        self._subscriptions[k] = (topic, less, self._subscribe(topic, less))
+                        self._node.destroy_subscription(old)
+                        break
+
+    def _subscribe(self, topic: Topic, qos: QoSProfile) -> Any:
+        # Event callbacks would make the executor wake for each message again.
+        none = SubscriptionEventCallbacks(use_default_callbacks=False)
+        return self._node.create_subscription(
+            topic.type,
+            topic.name,
+            lambda _: None,
+            qos,
+            raw=True,
+            callback_group=self._group,
+            event_callbacks=none,
+        )
+
+    def _run(self) -> None:
+        while not self._stop.wait(_PERIOD_S):
+            self._poll()
+        self._poll(last=True)
+
+    def _poll(self, last: bool = False) -> None:
+        """Take all that has arrived; what arrived meanwhile is held, for the sake of order."""
+        now_ns = time.time_ns()
+        found, self._held = self._held, []
+        for topic, qos, subscription in list(self._subscriptions):
+            taken = _take_all(topic.name, subscription)
+            if len(taken) >= qos.depth > 1:
+                self._on_overflow(topic.name, taken[0].t_ns)
+            found += taken
+        found.sort(key=lambda message: message.t_ns)
+        if not last:
+            self._held = [m for m in found if m.t_ns > now_ns]
+            found = found[: len(found) - len(self._held)]
+        if found:
+            self._take(found)
+
+
+def _take_all(name: str, subscription: Any) -> list[Taken]:
+    found: list[Taken] = []
+    size = 0
+    handle, kind = subscription.handle, subscription.msg_type
+    try:
+        with handle:
+            while size < _MOST_BYTES and (item := handle.take_message(kind, True)) is not None:
+                data, info = item
+                size += len(data)
+                # Not every middleware says when a message arrived.
+                t_ns = info.get("received_timestamp") or time.time_ns()
+                found.append(Taken(t_ns, name, data))
+    except (_rclpy.RCLError, _rclpy.InvalidHandle):
+        pass  # the subscription was replaced, or the graph is gone
+    return found
+
+
+def _patient(topic: Topic) -> QoSProfile:
+    """A topic's quality of service with a longer queue, for a process that can be held up."""
+    depth = {EventPacket: 1000, Image: 50, PointCloud2: 50}.get(topic.type, 2000)
+    return QoSProfile(
+        depth=max(depth, topic.qos.depth),
+        durability=topic.qos.durability,
+        reliability=topic.qos.reliability,
+    )
+
+
+def _lesser(qos: QoSProfile, offered: QoSProfile) -> QoSProfile:
+    durability, reliability = qos.durability, qos.reliability
+    if offered.durability == DurabilityPolicy.VOLATILE:
+        durability = DurabilityPolicy.VOLATILE
+    if offered.reliability == ReliabilityPolicy.BEST_EFFORT:
+        reliability = ReliabilityPolicy.BEST_EFFORT
+    return QoSProfile(depth=qos.depth, durability=durability, reliability=reliability)

@@ -1,0 +1,130 @@
+"""`roller simulate`: a scan of the virtual cell, written as a bag with its truth."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from roller_core.errors import SettingsError
+from roller_core.settings import read_parameters
+from roller_sim.bag import write_bag
+from roller_sim.cell import VirtualCell
+from roller_sim.cell_settings import VirtualCellSettings
+from roller_sim.scenes import SCENES
+
+NODE = "virtual_cell"
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the subcommand `simulate`."""
+    parser = subparsers.add_parser(
+        "simulate",
+        help="simulate a scan, written as a bag",
+        description="Roll the virtual cell over a plate and write a rosbag2 with its truth.",
+    )
+    parser.add_argument("scene", help=f"{', '.join(SCENES)} or mesh:FILE.stl")
+    parser.add_argument("--output", "-o", type=Path, required=True, help="folder to make")
+    parser.add_argument("--speed", type=float, help="speed of the scan, m/s")
+    parser.add_argument("--text", help="text of Braille and letter plates")
+    parser.add_argument("--length", type=float, help="least length of the plate, mm")
+    parser.add_argument("--press", type=float, help="press depth at full contact, mm")
+    parser.add_argument(
+        "--contact", choices=["light", "medium", "full"], help="how hard it presses"
+    )
+    parser.add_argument("--threshold", type=float, help="contrast threshold of the sensor")
+    parser.add_argument("--rate-cap", type=float, help="most events read out, 10^6/s")
+    parser.add_argument("--encoding", help="mono, libcaer, libcaer_cmp or evt3")
+    parser.add_argument("--seed", type=int, help="seed of all chance")
+    parser.add_argument("--params", type=Path, help="parameter file of node virtual_cell")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="GROUP.NAME=VALUE",
+        help="any other setting, e.g. scene.dot_height_mm=0.5 or light.speckle=0",
+    )
+    parser.set_defaults(run=run)
+
+
+def settings_from(args: argparse.Namespace) -> VirtualCellSettings:
+    """Settings: defaults, then the parameter file, then the options.
+
+    Raises
+    ------
+    SettingsError
+        If an entry is unknown, of the wrong type or out of range.
+    """
+    values: dict[str, Any] = {}
+    if args.params is not None:
+        known = VirtualCellSettings.model_fields
+        values = {k: v for k, v in read_parameters(args.params, NODE).items() if k in known}
+    options = {
+        "scene.name": args.scene,
+        "scene.text": args.text,
+        "scene.length_mm": args.length,
+        "skin.press_mm": args.press,
+        "skin.contact": args.contact,
+        "motion.speed": args.speed,
+        "sensor.threshold": args.threshold,
+        "sensor.rate_cap_mev_s": args.rate_cap,
+        "packets.encoding": args.encoding,
+        "seed": args.seed,
+    }
+    for name, value in options.items():
+        if value is not None:
+            _put(values, name, value)
+    for entry in args.set:
+        name, sign, text = entry.partition("=")
+        if not sign:
+            raise SettingsError(f"--set {entry}: expected GROUP.NAME=VALUE")
+        _put(values, name, yaml.safe_load(text))
+    return VirtualCellSettings.create(values, "simulate")
+
+
+def _put(values: dict[str, Any], name: str, value: Any) -> None:
+    *groups, last = name.split(".")
+    for group in groups:
+        values = values.setdefault(group, {})
+        if not isinstance(values, dict):
+            raise SettingsError(f"unknown entry '{name}'")
+    values[last] = value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the subcommand.
+
+    Returns
+    -------
+    int
+        Exit code 0.
+
+    Raises
+    ------
+    RollerError
+        If the settings, the scene or the output folder are no good.
+    """
+    console = Console(stderr=True)
+    cell = VirtualCell(settings_from(args))
+    columns = (
+        TextColumn("simulating {task.fields[scene]}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f}%"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=1.0, scene=cell.settings.scene.name)
+        summary = write_bag(cell, args.output, lambda share: bar.update(task, completed=share))
+    speed = cell.settings.motion.speed
+    print(
+        f"{summary.path}: {summary.events} events in {summary.packets} packets, "
+        f"{summary.poses} poses, {summary.images} images; {cell.travel_px:.0f} px of travel at "
+        f"{speed:g} m/s, {summary.events / max(cell.travel_px, 1):.0f} events a pixel of travel"
+    )
+    if summary.dropped:
+        print(f"{summary.dropped} events were cut by the rate cap")
+    return 0

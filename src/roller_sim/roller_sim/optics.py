@@ -1,0 +1,180 @@
+"""Ring light, coating and the maps that the renderer reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from .cell_settings import LightSettings
+from .relief import F32, F64, HeightMap
+
+#: Depths the light is fitted over, mm.
+_Z_MID, _Z_HALF = 45.0, 2.5
+_R_SQ_UNIT = 200.0
+#: Squares of the coarse map, how far from relief they count as near it, and what counts as level.
+_COARSE_MM, _NEAR_MM, _LEVEL_MM = 0.25, 0.5, 2e-4
+
+
+def ring_field(x: F64, y: F64, z: F64, light: LightSettings) -> tuple[F64, F64, F64]:
+    """Irradiance vector of the LED ring: ring average of (L - P) / |L - P|³.
+
+    A matt surface of normal n receives n · G, so near field and fall-off with distance are in G.
+
+    Parameters
+    ----------
+    x, y, z : ndarray of float64
+        Points in the camera frame, mm.
+    light : LightSettings
+        Radius of the ring and its place before the lens.
+
+    Returns
+    -------
+    tuple of ndarray
+        Gx, Gy, Gz in mm⁻².
+    """
+    total = np.zeros((3, *np.broadcast(x, y, z).shape))
+    angles = np.arange(64) * (2 * np.pi / 64)
+    for angle in angles:
+        d = np.stack(
+            np.broadcast_arrays(
+                light.ring_radius_mm * np.cos(angle) - x,
+                light.ring_radius_mm * np.sin(angle) - y,
+                light.ring_z_mm - z,
+            )
+        )
+        total += d / np.sum(d * d, axis=0) ** 1.5
+    total /= len(angles)
+    return total[0], total[1], total[2]
+
+
+def light_vector(light: LightSettings, radius_mm: float) -> F32:
+    """Coefficients of the shading kernel.
+
+    The ring's field is symmetric about the axis: G = (-x·A, -y·A, -B) with A and B smooth
+    functions of r² and z, kept as polynomials. Scaled so that a flat plate at the image's middle
+    receives `diffuse` and `specular` from the ring.
+
+    Parameters
+    ----------
+    light : LightSettings
+        The light.
+    radius_mm : float
+        Largest distance from the axis the camera sees, mm.
+
+    Returns
+    -------
+    ndarray of float32, shape (24,)
+        As read by ``_render_kernels._shade_row``.
+    """
+    r = np.linspace(0.05, 1.0, 24) * radius_mm
+    z = _Z_MID + _Z_HALF * np.linspace(-1, 1, 9)
+    rr, zz = (a.ravel() for a in np.meshgrid(r, z))
+    gx, _, gz = ring_field(rr, np.zeros_like(rr), zz, light)
+    middle = -float(ring_field(np.zeros(1), np.zeros(1), np.full(1, _Z_MID), light)[2][0])
+    rho, zeta = rr**2 / _R_SQ_UNIT, (zz - _Z_MID) / _Z_HALF
+    basis = np.stack([rho**0, rho, rho**2, rho**3, zeta, zeta * rho, zeta * rho**2], axis=1)
+    side = np.linalg.lstsq(basis, -gx / rr / middle, rcond=None)[0]
+    front = np.linalg.lstsq(basis, -gz / middle, rcond=None)[0]
+    # Normals' slopes seen from the surface: half-way between lens and ring.
+    alpha = light.ring_radius_mm / (2 * (_Z_MID - light.ring_z_mm / 2))
+    inv_m2 = 1.0 / light.lobe_slope**2
+    at_rest = 1.0 / (1.0 + alpha**2 * inv_m2) ** 2
+    total = light.ambient + light.diffuse + light.specular
+    out = [light.ambient, light.diffuse, light.specular / at_rest, inv_m2, alpha**2]
+    out += [light.ring_z_mm / 2, _Z_MID, 1.0 / _Z_HALF, 1.0 / _R_SQ_UNIT]
+    out += [*side, *front, 0.01 * total]
+    return np.array(out, np.float32)
+
+
+def speckle(shape: tuple[int, int], step_mm: float, light: LightSettings, seed: int) -> F32:
+    """Log reflectance of the coating: smooth noise, zero mean, of the RMS and length set.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (ny, nx).
+    step_mm : float
+        Grid step.
+    light : LightSettings
+        `speckle` (RMS) and `speckle_mm` (where the correlation has fallen to 1/e).
+    seed : int
+        Seed.
+    """
+    if light.speckle == 0:
+        return np.zeros(shape, np.float32)
+    rng = np.random.default_rng([seed, 7])
+    noise = rng.standard_normal(shape, dtype=np.float32)
+    # White noise blurred by sigma has the correlation exp(-d²/4σ²).
+    sigma = max(light.speckle_mm / 2 / step_mm, 0.3)
+    noise = cv2.GaussianBlur(noise, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+    noise *= light.speckle / float(noise.std())
+    return np.asarray(np.log1p(np.maximum(noise, -0.9)), np.float32)
+
+
+def _relief_near(height: F32, n: int) -> npt.NDArray[np.uint8]:
+    """Where squares of n × n points, or any close by, are not level."""
+    rows = np.arange(0, height.shape[0], n)
+    columns = np.arange(0, height.shape[1], n)
+    high = np.maximum.reduceat(np.maximum.reduceat(height, rows, 0), columns, 1)
+    low = np.minimum.reduceat(np.minimum.reduceat(height, rows, 0), columns, 1)
+    uneven = (high - low > _LEVEL_MM).astype(np.uint8)
+    # A ray that is followed to the plate's face passes raised relief a little aside.
+    reach = int(np.ceil(_NEAR_MM / _COARSE_MM))
+    size = 2 * reach + 1
+    return np.asarray(cv2.dilate(uneven, np.ones((size, size), np.uint8)), np.uint8)
+
+
+@dataclass(frozen=True)
+class SurfaceMaps:
+    """What is fixed to the surface, interleaved for the renderer.
+
+    Parameters
+    ----------
+    values : ndarray of float32, shape (ny, nx, 4)
+        Skin height in mm, its slopes along x and y, log reflectance.
+    origin : ndarray of float64, shape (3,)
+        x, y of the first point and the step, mm.
+    active : ndarray of uint8, shape (my, mx)
+        A coarse map: 1 where the surface is not level, or that is near.
+    active_origin : ndarray of float64, shape (3,)
+        The same for the coarse map.
+    """
+
+    values: F32
+    origin: F64
+    active: npt.NDArray[np.uint8]
+    active_origin: F64
+
+    @classmethod
+    def build(cls, skin: HeightMap, light: LightSettings, seed: int) -> SurfaceMaps:
+        """Slopes and coating for a skin."""
+        height = skin.height * np.float32(1e3)
+        step = skin.step * 1e3
+        values = np.zeros((*height.shape, 4), np.float32)
+        values[..., 0] = height
+        values[:, 1:-1, 1] = (height[:, 2:] - height[:, :-2]) / np.float32(2 * step)
+        values[1:-1, :, 2] = (height[2:] - height[:-2]) / np.float32(2 * step)
+        values[..., 3] = speckle(height.shape, step, light, seed)
+        origin = np.array([skin.x0 * 1e3, skin.y0 * 1e3, step])
+        n = max(round(_COARSE_MM / step), 1)
+        coarse = np.array([origin[0], origin[1], n * step])
+        return cls(values, origin, _relief_near(height, n), coarse)
+
+    @property
+    def flat(self) -> F32:
+        """The values in one dimension."""
+        return self.values.reshape(-1)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx)."""
+        return self.values.shape[0], self.values.shape[1]
+
+
+def to_grey(log_intensity: F32, light: LightSettings) -> npt.NDArray[np.uint8]:
+    """An 8-bit picture for people: the flat plate's middle at 140."""
+    scale = 140.0 / (light.ambient + light.diffuse + light.specular)
+    return np.clip(np.exp(log_intensity) * scale, 0, 255).astype(np.uint8)

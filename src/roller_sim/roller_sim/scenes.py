@@ -1,0 +1,87 @@
+"""Scenes by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .braille import put_braille, text_size_mm
+from .cell_settings import SceneSettings
+from .errors import UnknownSceneError
+from .mesh import mesh_scene
+from .objects import LENGTHS, OBJECTS
+from .plates import letter_plate, line_array, new_plate, rivet_bent, rivet_flush, three_lines
+from .relief import Scene
+
+#: Press depth of plates with one object: the plate's face is at R less this.
+PRESS_MM = 2.0
+DEMO_PRESS_MM = 1.8
+DEMO_GAP_MM = 2.5
+DEMO_TEXT_GAP_MM = 4.0
+DEMO_TEXT = "roller"
+BRAILLE_TEXT = "roller 42"
+_MESH = "mesh:"
+
+
+def _single(name: str) -> Callable[[SceneSettings], Scene]:
+    def build(settings: SceneSettings) -> Scene:
+        plate = new_plate(settings, LENGTHS[name])
+        OBJECTS[name](plate, settings.margin_mm)
+        return plate.scene(name, PRESS_MM)
+
+    return build
+
+
+def _flat(settings: SceneSettings) -> Scene:
+    return new_plate(settings, 20.0).scene("flat", PRESS_MM)
+
+
+def _braille(settings: SceneSettings) -> Scene:
+    text = settings.text or BRAILLE_TEXT
+    plate = new_plate(settings, text_size_mm(text, settings)[0])
+    text = put_braille(plate, text, settings.margin_mm, settings)
+    return plate.scene("braille", DEMO_PRESS_MM, text)
+
+
+def _demo(settings: SceneSettings) -> Scene:
+    """A line of Braille, then the six objects one after the other."""
+    text = settings.text or DEMO_TEXT
+    line = text_size_mm(text, settings)[0]
+    gaps = DEMO_TEXT_GAP_MM + DEMO_GAP_MM * (len(OBJECTS) - 1)
+    plate = new_plate(settings, line + sum(LENGTHS.values()) + gaps)
+    text = put_braille(plate, text, settings.margin_mm, settings)
+    x = settings.margin_mm + line + DEMO_TEXT_GAP_MM
+    for put in OBJECTS.values():
+        x += put(plate, x) + DEMO_GAP_MM
+    return plate.scene("demo", DEMO_PRESS_MM, text)
+
+
+SCENES: dict[str, Callable[[SceneSettings], Scene]] = {
+    "demo": _demo,
+    "braille": _braille,
+    **{name: _single(name) for name in OBJECTS},
+    "line_array": line_array,
+    "three_lines": three_lines,
+    "letter_plate": letter_plate,
+    "rivet_flush": rivet_flush,
+    "rivet_bent": rivet_bent,
+    "flat": _flat,
+}
+
+
+def build_scene(settings: SceneSettings) -> Scene:
+    """Build the scene that the settings name.
+
+    Raises
+    ------
+    UnknownSceneError
+        If there is no such scene; the message lists the names.
+    SceneError
+        If its options make no sense.
+    """
+    if settings.name.startswith(_MESH):
+        return mesh_scene(settings.name[len(_MESH) :], settings)
+    if settings.name not in SCENES:
+        raise UnknownSceneError(
+            f"no scene '{settings.name}'; there are {', '.join(SCENES)} and mesh:FILE.stl"
+        )
+    return SCENES[settings.name](settings)

@@ -1,0 +1,298 @@
+"""What is known exactly about a simulated scan, in memory and beside a recording."""
+
+from __future__ import annotations
+
+import copy
+import json
+from dataclasses import asdict
+from functools import cached_property
+from pathlib import Path as FilePath
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from . import _render_kernels as kernels
+from .cell_settings import VirtualCellSettings
+from .errors import TruthError
+from .motion import CAMERA_DOWN, Path, hand_eye, make_camera
+from .optics import SurfaceMaps
+from .relief import F32, F64, BrailleMark, HeightMap, Region
+
+MAPS_FILE = "truth.npz"
+TEXT_FILE = "truth.yaml"
+_VERSION = 1
+#: A skin this far from the relief, m, doesn't touch it.
+_TOUCH_M = 20e-6
+
+
+class Truth:
+    """The true surface, camera way and text of a simulated scan.
+
+    Parameters
+    ----------
+    settings : VirtualCellSettings
+        All settings, with start and end of the motion filled in.
+    press_mm : float
+        Press depth below the plate's face.
+    skin, relief : HeightMap
+        Shape of the skin where it is pressed on, and the bare surface; metres over the face, in
+        the plate's frame.
+    regions : tuple of Region
+        Objects, in the plate's frame.
+    text : str
+        What the Braille says.
+    marks : tuple of BrailleMark
+        The Braille cells.
+    """
+
+    def __init__(
+        self,
+        settings: VirtualCellSettings,
+        press_mm: float,
+        skin: HeightMap,
+        relief: HeightMap,
+        regions: tuple[Region, ...],
+        text: str,
+        marks: tuple[BrailleMark, ...],
+    ) -> None:
+        self.settings, self.press_mm = settings, press_mm
+        self.skin, self.relief = skin, relief
+        self.regions, self.text, self.marks = regions, text, marks
+        self.camera = make_camera(settings.camera)
+        self.radius_mm = settings.camera.roller_radius_mm
+        self.path = Path(settings.motion, (self.radius_mm - press_mm) * 1e-3, settings.seed)
+        self.origin_m = np.asarray(settings.motion.plate_origin_m, np.float64)
+        self.start_ros_ns = round(settings.clock.start_ros_s * 1e9)
+
+    @property
+    def roller(self) -> F64:
+        """Radius, half patch length, blend width (mm), half patch angle (rad), shape (4,)."""
+        r, d = self.radius_mm, self.press_mm
+        half = np.sqrt(max(r**2 - (r - d) ** 2, 0.0)) if d > 0 else 0.0
+        return np.array([r, half, self.settings.skin.blend_mm, np.arcsin(half / r)])
+
+    @property
+    def objects(self) -> dict[str, Region]:
+        """Objects by name, in `base`, metres."""
+        ox, oy, _ = self.origin_m
+        return {
+            r.name: Region(r.name, r.x0 + ox, r.x1 + ox, r.y0 + oy, r.y1 + oy) for r in self.regions
+        }
+
+    @property
+    def hand_eye(self) -> F64:
+        """True pose of the camera in tool0_controller, 4×4."""
+        return hand_eye(self.settings.camera)
+
+    @property
+    def event_delay_ns(self) -> int:
+        """How much later than the brightness change an event's time stamp is, on average.
+
+        The pixel's low pass and latency, half a read-out frame, and the least delay of a packet,
+        which no clock map can see. At speed v the surface found lies v times this further along.
+        """
+        s = self.settings.sensor
+        low_pass_us = 1e6 / (2 * np.pi * s.bandwidth_hz) if s.bandwidth_hz > 0 else 0.0
+        total_us = low_pass_us + s.latency_us + s.readout_us / 2 + self.settings.clock.latency_us
+        return round(total_us * 1e3)
+
+    @property
+    def duration_ns(self) -> int:
+        """Length of the scan with its standstills."""
+        return round(self.path.duration_s * 1e9)
+
+    def camera_positions(self, t_ros_ns: npt.ArrayLike) -> F64:
+        """True positions of the camera in `base` at ROS times, metres, shape (n, 3)."""
+        t = (np.atleast_1d(np.asarray(t_ros_ns, np.int64)) - self.start_ros_ns) * 1e-9
+        return self.path.in_base(t)
+
+    def camera_pose(self, t_ros_ns: int) -> F64:
+        """True pose of the camera in `base`, 4×4."""
+        out = np.eye(4)
+        out[:3, :3] = CAMERA_DOWN
+        out[:3, 3] = self.camera_positions(t_ros_ns)[0]
+        return out
+
+    def height_at(
+        self, x: npt.ArrayLike, y: npt.ArrayLike, surface: Literal["skin", "relief"] = "skin"
+    ) -> F64:
+        """Height of the surface at points of `base`.
+
+        Parameters
+        ----------
+        x, y : array_like
+            Metres in `base`.
+        surface : str
+            ``skin``: what the camera sees of the surface; ``relief``: the bare object.
+
+        Returns
+        -------
+        ndarray of float64
+            z in `base`, metres (the plate's face is at ``plate_origin_m[2]``).
+        """
+        grid = self.skin if surface == "skin" else self.relief
+        ox, oy, oz = self.origin_m
+        return grid.sample(np.asarray(x) - ox, np.asarray(y) - oy) + oz
+
+    def depth_at(self, when: int | npt.ArrayLike, pixels: npt.ArrayLike) -> F64:
+        """Depth of the skin along pixels' rays.
+
+        Parameters
+        ----------
+        when : int or array_like
+            ROS time in ns, or the camera's pose in `base` (4×4, its position counts; the camera
+            looks straight down) or position (3,), metres.
+        pixels : array_like, shape (n, 2)
+            Observed u, v, px.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Metres, z of the camera frame.
+        """
+        return self._trace(when, pixels)[0]
+
+    def depth_image(self, when: int | npt.ArrayLike) -> F32:
+        """Depth of every pixel, metres, float32, shape (height, width)."""
+        depth = self.depth_at(when, self._all_pixels)
+        return depth.reshape(self.camera.height, self.camera.width).astype(np.float32)
+
+    def contact_at(self, when: int | npt.ArrayLike, pixels: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Whether the skin is pressed on the surface where the pixels look, shape (n,)."""
+        return self._trace(when, pixels)[1]
+
+    def contact_mask(self, when: int | npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """`contact_at` of every pixel, shape (height, width)."""
+        mask = self.contact_at(when, self._all_pixels)
+        return mask.reshape(self.camera.height, self.camera.width)
+
+    def touches(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Whether the pressed skin reaches the bare surface at points of `base` (no tent)."""
+        return self.height_at(x, y) - self.height_at(x, y, "relief") < _TOUCH_M
+
+    @cached_property
+    def _all_pixels(self) -> F64:
+        u, v = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
+        return np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float64)
+
+    @cached_property
+    def _maps(self) -> SurfaceMaps:
+        bare = self.settings.light.model_copy(update={"speckle": 0.0})
+        return SurfaceMaps.build(self.skin, bare, 0)
+
+    def _position_mm(self, when: int | npt.ArrayLike) -> F64:
+        value = np.asarray(when)
+        if value.ndim == 0:
+            position = self.camera_positions(value)[0]
+        elif value.shape == (4, 4):
+            position = value[:3, 3]
+        elif value.shape == (3,):
+            position = value
+        else:
+            raise TruthError(f"a time, a 4×4 pose or a position was expected, not {value.shape}")
+        return (np.asarray(position, np.float64) - self.origin_m) * 1e3
+
+    def _trace(
+        self, when: int | npt.ArrayLike, pixels: npt.ArrayLike
+    ) -> tuple[F64, npt.NDArray[np.bool_]]:
+        position = self._position_mm(when)
+        rays = self.camera.rays(self.camera.undistort(np.asarray(pixels, np.float64)))
+        xn, yn = rays[:, 0].astype(np.float32), rays[:, 1].astype(np.float32)
+        z = np.full(len(xn), position[2], np.float32)
+        scratch = np.empty((3, len(xn)), np.float32)
+        # Twice: the second call starts at the solution and ends within a fraction of its tolerance.
+        for _ in range(2):
+            kernels._trace_row(
+                xn, yn, self._maps.flat, self._maps.shape, position, self.roller,
+                self._maps.origin, z, *scratch,
+            )  # fmt: skip
+        x, y = xn * z, yn * z
+        over = self.skin.sample((position[0] + x) * 1e-3, (position[1] - y) * 1e-3) * 1e3
+        radius, _, blend, _ = self.roller
+        free = np.sqrt(np.maximum(radius**2 - x.astype(np.float64) ** 2, 0.0))
+        return z.astype(np.float64) * 1e-3, position[2] - over + blend <= free
+
+    def starting_at(self, start_ros_ns: int) -> Truth:
+        """The same scan, begun at another ROS time."""
+        out = copy.copy(self)
+        out.start_ros_ns = start_ros_ns
+        return out
+
+    def save(self, folder: FilePath | str) -> None:
+        """Write `truth.npz` and `truth.yaml` into a folder."""
+        self.save_maps(folder)
+        self.save_text(folder)
+
+    def save_maps(self, folder: FilePath | str) -> None:
+        """Write `truth.npz`, which takes a moment."""
+        file = FilePath(folder) / MAPS_FILE
+        np.savez_compressed(file, skin=self.skin.height, relief=self.relief.height)
+
+    def save_text(self, folder: FilePath | str) -> None:
+        """Write `truth.yaml`."""
+        data = {
+            "version": _VERSION,
+            "scene": self.settings.scene.name,
+            "text": self.text,
+            "press_mm": self.press_mm,
+            "grid": {
+                "file": MAPS_FILE,
+                "unit": "m",
+                "frame": "plate",
+                "rows": "y",
+                "x0": self.skin.x0,
+                "y0": self.skin.y0,
+                "step": self.skin.step,
+            },
+            "plate_origin_in_base": self.origin_m.tolist(),
+            "objects": [asdict(r) for r in self.regions],
+            "cells": [asdict(m) for m in self.marks],
+            "hand_eye": self.hand_eye.tolist(),
+            "start_ros_ns": self.start_ros_ns,
+            "duration_ns": self.duration_ns,
+            "event_delay_ns": self.event_delay_ns,
+            "settings": self.settings.model_dump(),
+        }
+        plain = json.loads(json.dumps(data))  # NumPy's floats become Python's
+        file = FilePath(folder) / TEXT_FILE
+        file.write_text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True))
+
+    @classmethod
+    def load(cls, folder: FilePath | str) -> Truth:
+        """Read the truth beside a recording.
+
+        Parameters
+        ----------
+        folder : path
+            The bag's folder.
+
+        Raises
+        ------
+        TruthError
+            If it isn't there or can't be read.
+        """
+        folder = FilePath(folder)
+        if not (folder / TEXT_FILE).is_file():
+            raise TruthError(f"{folder}: no {TEXT_FILE}; only simulated recordings have a truth")
+        try:
+            data: dict[str, Any] = yaml.safe_load((folder / TEXT_FILE).read_text())
+            grid = data["grid"]
+            where = (grid["x0"], grid["y0"], grid["step"])
+            with np.load(folder / grid["file"]) as maps:
+                skin = HeightMap(maps["skin"], *where)
+                relief = HeightMap(maps["relief"], *where)
+            truth = cls(
+                VirtualCellSettings.create(data["settings"], f"{folder / TEXT_FILE}"),
+                data["press_mm"],
+                skin,
+                relief,
+                tuple(Region(**r) for r in data["objects"]),
+                data["text"],
+                tuple(BrailleMark(**m) for m in data["cells"]),
+            )
+            truth.start_ros_ns = int(data["start_ros_ns"])
+        except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+            raise TruthError(f"{folder}: the truth can't be read ({error})") from error
+        return truth

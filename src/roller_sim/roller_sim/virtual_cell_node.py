@@ -1,0 +1,246 @@
+"""Node `virtual_cell`: a simulated camera and robot in place of the real ones."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from event_camera_msgs.msg import EventPacket
+from geometry_msgs.msg import TransformStamped
+from pydantic import Field
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
+
+from roller_core.codecs import encode
+from roller_core.errors import UnwritableOutputError
+from roller_core.pose_track import Pose
+from roller_core.settings import Settings
+from roller_core.transforms import matrix_to_quaternion
+from roller_ros import diagnostics, messages, qos
+from roller_ros.frames_settings import FrameSettings
+from roller_ros.listeners import wait_for_listeners
+from roller_ros.node_main import run_node
+from roller_ros.parameters import descriptor
+
+from .cell import Item, Packet, PoseSample, VirtualCell
+from .cell_settings import VirtualCellSettings
+
+EVENTS, INFO, IMAGE = (
+    "/event_camera/events", "/event_camera/camera_info", "/event_camera/image_raw"
+)  # fmt: skip
+
+
+class VirtualCellParameters(VirtualCellSettings, FrameSettings):
+    """Parameters of the node: the cell's settings and how the scan is played."""
+
+    rate: float = Field(1.0, ge=0.001, le=1000.0, description="Pace; 1 is real time.")
+    prepare: bool = Field(
+        True, description="Simulate all of the scan before it starts; else while it runs."
+    )
+    subscribers: int = Field(1, ge=0, le=100, description="Subscribers to events to wait for.")
+    pose_subscribers: int = Field(0, ge=0, le=100, description="Subscribers to /tf to wait for.")
+    wait_s: float = Field(20.0, ge=0.0, le=600.0, description="Longest wait for them, s.")
+    settle_s: float = Field(
+        1.0, ge=0.0, le=60.0, description="How long no subscriber may have come before the scan, s."
+    )
+    exit_when_done: bool = Field(False, description="End after the scan.")
+    linger_s: float = Field(
+        4.0, ge=0.0, le=600.0, description="Time others have to finish before it ends, s."
+    )
+    truth_output: str = Field(
+        "", description="Folder to write the scan's truth to when it starts; empty: nowhere."
+    )
+
+
+def declare_nested(node: Node, model: type[Settings], prefix: str = "") -> dict[str, Any]:
+    """Declare a parameter for each field of a model, those of models within as `group.name`."""
+    values: dict[str, Any] = {}
+    for name, field in model.model_fields.items():
+        full = prefix + name
+        kind = field.annotation
+        if isinstance(kind, type) and issubclass(kind, Settings):
+            values[name] = declare_nested(node, kind, full + ".")
+            continue
+        default = field.get_default(call_default_factory=True)
+        node.declare_parameter(full, default, descriptor(full, field))
+        value = node.get_parameter(full).value
+        values[name] = list(value) if hasattr(value, "tolist") else value
+    return values
+
+
+class VirtualCellNode(Node):
+    """Simulates a scan and publishes what camera and robot would, at the pace they would."""
+
+    def __init__(self) -> None:
+        super().__init__("virtual_cell")
+        values = declare_nested(self, VirtualCellParameters)
+        p = VirtualCellParameters.create(values, "parameters of node 'virtual_cell'")
+        self._p = p
+        self._cell = VirtualCell(
+            VirtualCellSettings.create({n: getattr(p, n) for n in VirtualCellSettings.model_fields})
+        )
+        # Not _publishers: rclpy's own.
+        self._outputs: dict[str, Publisher] = {
+            EVENTS: self.create_publisher(EventPacket, EVENTS, qos.EVENTS),
+            INFO: self.create_publisher(CameraInfo, INFO, qos.LATCHED),
+            IMAGE: self.create_publisher(Image, IMAGE, qos.PREVIEW),
+            "/tf": self.create_publisher(TFMessage, "/tf", qos.TF),
+            "/tf_static": self.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC),
+        }
+        self._state = "preparing"
+        self._packets = self._sent = self._poses = self._code = 0
+        self._meter = diagnostics.Meter()
+        self._late_s = 0.0
+        self._stop, self._done = threading.Event(), threading.Event()
+        self._diagnostics = diagnostics.Diagnostics(self, "scan", self._status, 0.5)
+        self._publish_fixed()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        self._timer = self.create_timer(0.2, self._end)
+
+    def destroy_node(self) -> None:
+        """Stop the scan first: it publishes."""
+        self._stop.set()
+        self._thread.join(timeout=5.0)
+        super().destroy_node()
+
+    def _publish_fixed(self) -> None:
+        now = self.get_clock().now().nanoseconds
+        info = messages.camera_info(self._cell.camera, now, self._p.sensor_frame)
+        self._outputs[INFO].publish(info)
+        fixed = self._cell.hand_eye
+        pose = Pose(fixed[:3, 3], matrix_to_quaternion(fixed[:3, :3]))
+        transform = messages.transform(pose, now, self._p.moving_frame, self._p.sensor_frame)
+        self._outputs["/tf_static"].publish(TFMessage(transforms=[transform]))
+
+    def _run(self) -> None:
+        try:
+            stream = self._messages()
+            if self._p.prepare:
+                stream = iter(list(stream))
+            self._save_truth(self._cell.truth.save_maps)
+            self._state = "waiting for subscribers"
+            wanted = (
+                (self._outputs[EVENTS], self._p.subscribers),
+                (self._outputs["/tf"], self._p.pose_subscribers),
+            )
+            missing = wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop)
+            if missing:
+                self.get_logger().warning(missing)
+            if not self._stop.is_set():
+                self._scan(stream)
+        except Exception as error:  # a thread that dies unseen would leave all others waiting
+            if not self.context.ok():
+                return  # interrupted: what was being published then raises
+            print(f"error: {error}", file=sys.stderr, flush=True)
+            self._diagnostics.fault(str(error))
+            self._state, self._code = "failed", 1
+            self._done.set()
+            return
+        self._state = "finished"
+        if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
+            self._done.set()
+
+    def _messages(self) -> Iterator[tuple[int, str, Any, int]]:
+        """Arrival, topic, message and number of events of all that the cell sends."""
+        for item in self._cell.run():
+            if self._stop.is_set():
+                return
+            events = len(item.events) if isinstance(item, Packet) else 0
+            yield (item.arrival_ns, *self._message(item), events)
+
+    def _message(self, item: Item) -> tuple[str, Any]:
+        if isinstance(item, Packet):
+            encoding = self._cell.settings.packets.encoding
+            data = messages.payload(encode(encoding, item.events, item.time_base_ns))
+            return EVENTS, EventPacket(
+                header=messages.header(item.stamp_ns, self._p.sensor_frame),
+                height=self._cell.camera.height,
+                width=self._cell.camera.width,
+                seq=item.seq,
+                time_base=item.time_base_ns,
+                encoding=encoding,
+                is_bigendian=False,
+                events=data,
+            )
+        if isinstance(item, PoseSample):
+            pose = Pose(item.position, item.quaternion)
+            transform = messages.transform(
+                pose, item.stamp_ns, self._p.base_frame, self._p.moving_frame
+            )
+            return "/tf", TFMessage(transforms=[transform])
+        return IMAGE, messages.image(item.image, item.stamp_ns, self._p.sensor_frame)
+
+    def _scan(self, stream: Iterator[tuple[int, str, Any, int]]) -> None:
+        self._state = "scanning"
+        start = self._cell.truth.start_ros_ns
+        # Time stamps are those of a scan that begins now.
+        shift = self.get_clock().now().nanoseconds - start
+        begin = time.monotonic()
+        self._save_truth(self._cell.truth.starting_at(start + shift).save_text)
+        for arrival, topic, message, events in stream:
+            if self._stop.is_set():
+                return
+            due = begin + (arrival - start) * 1e-9 / self._p.rate
+            wait = due - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            else:
+                self._late_s = max(self._late_s, -wait)
+            holder: EventPacket | Image | TransformStamped = (
+                message.transforms[0] if topic == "/tf" else message
+            )
+            stamp = messages.to_ns(holder.header.stamp) + shift
+            holder.header.stamp = messages.to_time(stamp)
+            self._outputs[topic].publish(message)
+            self._packets += topic == EVENTS
+            self._poses += topic == "/tf"
+            self._sent += events
+
+    def _save_truth(self, save: Callable[[Path], None]) -> None:
+        if not self._p.truth_output:
+            return
+        folder = Path(self._p.truth_output)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            save(folder)
+        except OSError as error:
+            raise UnwritableOutputError(
+                f"{folder}: can't write the truth there ({error})"
+            ) from error
+
+    def _end(self) -> None:
+        if self._done.is_set():
+            raise SystemExit(self._code)
+
+    def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
+        level = diagnostics.OK
+        rates = self._meter.rates(packets=self._packets, events=self._sent, poses=self._poses)
+        if self._cell.dropped_count:
+            level = diagnostics.WARN
+        return (
+            level,
+            self._state,
+            {
+                "scene": self._cell.settings.scene.name,
+                "simulated": f"{100 * self._cell.progress:.0f} %",
+                "packet_rate_hz": rates["packets"],
+                "event_rate_mev_s": round(rates["events"] * 1e-6, 3),
+                "pose_rate_hz": rates["poses"],
+                "packets": self._packets,
+                "events": self._cell.event_count,
+                "events_over_rate_cap": self._cell.dropped_count,
+                "behind_real_time_s": f"{self._late_s:.3f}",
+            },
+        )
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(VirtualCellNode))

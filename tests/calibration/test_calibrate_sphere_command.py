@@ -1,0 +1,302 @@
+"""`roller calibrate` with sphere, plate, caliper and poses: files, refusals, interruptions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from calibration.sphere_scan import CAMERA, sphere_pass
+from calibration.test_calibrate_others import HAND_EYE, pairs
+from roller_bringup.cli import main
+from roller_calibration import Rolled
+from roller_calibration.commands import search
+from roller_core.calibration_file import read_account
+from roller_core.camera import Camera
+from roller_core.settings import read_parameters
+from roller_driver.ur10.robot_settings import HandEyeSettings
+from roller_inspect.pipeline import InspectionSettings
+
+#: Dots are as bright as dots are: votes are scaled by their own extremes.
+PARAMETERS = {"full_scale_votes": 0.0}
+
+
+def write_recording(folder: Path, rolled: Rolled) -> Path:
+    """A pass as a folder of the public event-camera dataset."""
+    folder.mkdir()
+    e = rolled.events
+    rows = np.column_stack([e.t_ns * 1e-9, e.x, e.y, e.p])
+    np.savetxt(folder / "events.txt", rows, fmt="%.9f %d %d %d")
+    rolled.track.write_tum(folder / "groundtruth.txt")
+    c = rolled.camera
+    (folder / "calib.txt").write_text(f"{c.fx} {c.fy} {c.cx} {c.cy} 0 0 0 0 0\n")
+    return folder
+
+
+def write_parameters(path: Path, **sections: dict[str, Any]) -> Path:
+    nodes = {node: {"ros__parameters": values} for node, values in sections.items()}
+    path.write_text(yaml.safe_dump(nodes))
+    return path
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recordings, camera and parameters that all tests share."""
+    folder = tmp_path_factory.mktemp("calibrate")
+    write_recording(folder / "pass", sphere_pass())
+    write_recording(folder / "beside", sphere_pass(across_m=0.0022))
+    write_recording(folder / "plate", sphere_pass(dots=0, plate_dots=700))
+    write_recording(folder / "few", sphere_pass(dots=6, plate_dots=0))
+    CAMERA.to_yaml(folder / "camera.yaml")
+    Camera(320, 140, 900.0, 900.0, 159.5, 69.5).to_yaml(folder / "other.yaml")
+    write_parameters(folder / "params.yaml", emvs=PARAMETERS)
+    return folder
+
+
+def calibrate(world: Path, name: str, *more: str, camera: str = "camera.yaml") -> int:
+    words = ["calibrate", "sphere", str(world / name), "--radius-mm", "4"]
+    words += ["--camera", str(world / camera)]
+    if "--params" not in more:
+        words += ["--params", str(world / "params.yaml")]
+    return main([*words, *more])
+
+
+def test_sphere_gives_the_nodes_parameters_and_an_account(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "cell" / "skin.yaml"
+    assert calibrate(world, "pass", "-o", str(file), "--skin", "A 7") == 0
+    said = capsys.readouterr().out
+    assert "before: threshold_c 16" in said
+    assert "% of the contact circle" in said
+    assert "mm/px at the contact circle" in said
+    settings = InspectionSettings.load(file, "bma").depth
+    found = read_parameters(file, "emvs")
+    assert {"threshold_c", "median_px", "weights"} <= found.keys()
+    # What the parameter file said stays in force.
+    assert settings.full_scale_votes == 0.0
+    assert sum(settings.weights) == pytest.approx(1, abs=1e-5)
+    account = read_account(file, "sphere")
+    assert account is not None
+    assert account["skin"] == "A 7"
+    assert account["data"] == ["pass"]
+    assert len(account["sha256"][0]) == 64
+    assert account["camera"]["width"] == CAMERA.width
+    assert account["after"]["error_m"] < account["before"]["error_m"]
+    assert account["after"]["coverage"] >= account["before"]["coverage"]
+    assert list(file.parent.iterdir()) == [file]
+
+    # The same skin again: nothing moves, and the error is that of the file.
+    assert calibrate(world, "pass", "--previous", str(file), "--skin", "B") == 0
+    said = capsys.readouterr().out
+    assert "another skin: 'A 7' then, 'B' now" in said
+    assert f"threshold_c: {found['threshold_c']:g} -> {found['threshold_c']:g}" in said
+    then = account["after"]
+    assert f"{then['error_m'] * 1e6:.1f} µm at {then['coverage']:.1%} then" in said
+
+    # With another camera the file is of no use, to a calibration or to a replay.
+    for words in (["--previous", str(file)], ["--params", str(file)]):
+        assert calibrate(world, "pass", *words, camera="other.yaml") == 1
+        assert "calibrated with another camera" in capsys.readouterr().err
+    words = ["replay", str(world / "pass"), "--output", str(tmp_path / "result")]
+    words += ["--camera", str(world / "other.yaml"), "--params", str(file)]
+    assert main(words) == 1
+    assert "calibrated with another camera" in capsys.readouterr().err
+
+
+def test_interrupted_search_goes_on(
+    world: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, file = tmp_path / "whole.yaml", tmp_path / "skin.yaml"
+    assert calibrate(world, "pass", "-o", str(whole)) == 0
+    plain, calls = search.window_errors, []
+
+    def interrupted(*args: Any) -> Any:
+        if args[3].size > 1:
+            calls.append(args)
+            if len(calls) == 2:
+                raise KeyboardInterrupt
+        return plain(*args)
+
+    monkeypatch.setattr(search, "window_errors", interrupted)
+    assert calibrate(world, "pass", "-o", str(file)) == 130
+    assert not file.exists()
+
+    # The state is no other calibration's.
+    assert calibrate(world, "pass", "-o", str(file), "--resume", "--weight-parts", "9") == 1
+    assert "state is of other grid" in capsys.readouterr().err
+    assert calibrate(world, "beside", "-o", str(file), "--resume") == 1
+    assert "lies whole on the contact patch in no window" in capsys.readouterr().err
+
+    assert calibrate(world, "pass", "-o", str(file), "--resume") == 0
+    assert "resumed" in capsys.readouterr().out
+    # One window was known: of two, each was searched once, and one of them twice.
+    assert len(calls) == 3
+    assert read_parameters(file, "emvs") == read_parameters(whole, "emvs")
+    assert sorted(tmp_path.iterdir()) == [file, whole]
+
+
+def test_spoilt_state_is_refused(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "skin.yaml"
+    (tmp_path / "skin.yaml.state.npz").write_bytes(b"PK\x03\x04 no archive")
+    assert calibrate(world, "pass", "-o", str(file), "--resume") == 1
+    assert "leave out --resume" in capsys.readouterr().err
+
+
+def test_focus_has_parameters_of_its_own(
+    world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = search.FocusGrid((4.0, 5.0), (0.4,), (0.0, 2.5e-4))
+    monkeypatch.setattr(search, "FocusGrid", lambda: grid)
+    file = tmp_path / "focus.yaml"
+    assert calibrate(world, "pass", "--method", "focus", "-o", str(file)) == 0
+    added = {*search.NAMES["focus"], "calibrated_camera"}
+    assert set(read_parameters(file, "emvs")) - PARAMETERS.keys() == added
+    account = read_account(file, "sphere")
+    assert account is not None
+    assert account["after"]["error_m"] <= account["before"]["error_m"]
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "says"),
+    [
+        ("plate", [], "no sphere of about 4 mm radius"),
+        ("few", [], "too few events"),
+        ("beside", [], "middle of the image"),
+        ("pass", ["--radius-mm", "5"], "not 5 mm"),
+        ("pass", ["--radius-mm", "-4"], "--radius-mm -4"),
+        ("pass", ["--scale-mm-per-px", "0.0422"], "off the camera's calibration"),
+        ("pass", ["--least-coverage", "0.9"], "no parameters of the grid measure"),
+        ("pass", ["--least-coverage", "7"], "expected 0 to 1"),
+        ("pass", ["--resume"], "goes with --output"),
+        ("pass", ["--params", "{simplex}"], "simplex"),
+        ("pass", ["--previous", "{params}"], "not a calibration by a sphere"),
+        ("missing", [], "there is no such file"),
+        ("pass", ["--params", "{blind}"], "no pixel of the contact circle is measured"),
+        ("pass", ["--params", "{blind}", "--least-coverage", "0.5"], "the most is"),
+    ],
+)
+def test_what_tells_nothing_is_refused(
+    world: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    more: list[str],
+    says: str,
+) -> None:
+    simplex = write_parameters(tmp_path / "simplex.yaml", emvs={"weights": [1.0, 1.0, 1.0]})
+    blind = write_parameters(tmp_path / "blind.yaml", emvs={"full_scale_votes": 1e6})
+    names = {"simplex": simplex, "params": world / "params.yaml", "blind": blind}
+    assert calibrate(world, name, *(word.format(**names) for word in more)) == 1
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+
+
+def test_recordings_that_share_a_name_are_two(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    second = write_recording(tmp_path / "pass", sphere_pass(dots=390))
+    first = str(world / "pass")
+    words = ["--params", str(world / "params.yaml"), "--camera", str(world / "camera.yaml")]
+    words += ["--radius-mm", "4", "--weight-parts", "3"]
+    assert main(["calibrate", "sphere", first, first, *words]) == 1
+    assert "given twice" in capsys.readouterr().err
+    assert main(["calibrate", "sphere", first, str(second), *words]) == 0
+    said = capsys.readouterr().out
+    assert f"{second}: contact circle" in said
+    assert "on recordings that had no say" in said
+
+
+def test_start_that_the_grid_does_not_better_stays(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "skin.yaml"
+    start = {"threshold_c": 45.0, "median_px": 17, "weights": [0.0, 1.0, 0.0]}
+    params = write_parameters(tmp_path / "start.yaml", emvs={**PARAMETERS, **start})
+    # Beyond the range of C there are fewer points, and better ones.
+    floor = ["--least-coverage", "0.001", "--weight-parts", "2"]
+    assert calibrate(world, "pass", "--params", str(params), *floor, "-o", str(file)) == 0
+    found = read_parameters(file, "emvs")
+    account = read_account(file, "sphere")
+    assert account is not None
+    assert account["after"]["error_m"] <= account["before"]["error_m"]
+    said = capsys.readouterr().out
+    assert "the parameters stay" in said
+    assert {name: found[name] for name in start} == start
+
+
+def test_two_cameras_are_not_one(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = sphere_pass()
+    other = Rolled("other", one.events, Camera(320, 140, 900.0, 900.0, 159.5, 69.5), one.track)
+    folder = write_recording(tmp_path / "other", other)
+    words = ["calibrate", "sphere", str(world / "pass"), str(folder), "--radius-mm", "4"]
+    assert main(words) == 1
+    assert "different cameras" in capsys.readouterr().err
+
+
+def test_plate_gives_the_depth_range(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "range.yaml"
+    words = ["calibrate", "flat", str(world / "plate"), "--camera", str(world / "camera.yaml")]
+    assert main([*words, "-o", str(file), "--margin-mm", "0.4", "--reach-mm", "1.6"]) == 0
+    assert "a margin of 0.4 mm" in capsys.readouterr().out
+    settings = InspectionSettings.load(file)
+    for node in ("emvs", "surface"):
+        assert CAMERA.has_figures(read_parameters(file, node)["calibrated_camera"])
+    for part in (settings.depth, settings.surface):
+        assert part.depth_min_m == pytest.approx(0.0432, abs=5e-5)
+        assert part.depth_max_m == pytest.approx(0.0472, abs=5e-5)
+    words[2] = str(world / "pass")
+    assert main(words) == 1
+    assert "not flat" in capsys.readouterr().err
+
+
+def test_caliper_gives_the_scale(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["calibrate", "scale", "--readings-mm", "2,2,3,3,4,4,5,5", "--pixels"]
+    assert main([*words, "47.2,47.6,71,71.3,94.9,94.6,118.3,118.7"]) == 0
+    assert "0.04219 mm/px" in capsys.readouterr().out
+    for pixels, says in (("47", "8 readings in mm and 1"), ("47,x", "expected numbers")):
+        assert main([*words, pixels]) == 1
+        assert says in capsys.readouterr().err
+
+
+def test_poses_give_the_cameras_place(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from scipy.spatial.transform import Rotation
+
+    lines = ["# tool in base, target in camera"]
+    for two in zip(*pairs(8, np.ones(3)), strict=True):
+        values = [v for m in two for v in (*m[:3, 3], *Rotation.from_matrix(m[:3, :3]).as_quat())]
+        lines.append(" ".join(f"{v:.9f}" for v in values))
+    poses, file = tmp_path / "poses.txt", tmp_path / "hand_eye.yaml"
+    poses.write_text("\n".join(lines))
+    assert main(["calibrate", "hand-eye", str(poses), "-o", str(file)]) == 0
+    assert "residuals of 8 pairs" in capsys.readouterr().out
+    found = HandEyeSettings.from_yaml(file, "ur10").hand_eye
+    np.testing.assert_allclose(found.matrix, HAND_EYE, atol=1e-6)
+    scan = ["--scan", str(world / "plate"), "--camera", str(world / "camera.yaml")]
+    turned = tmp_path / "turned.yaml"
+    assert main(["calibrate", "hand-eye", *scan, "-o", str(turned)]) == 1
+    assert "give that with --params" in capsys.readouterr().err
+    assert main(["calibrate", "hand-eye", *scan, "--params", str(file), "-o", str(turned)]) == 0
+    assert "doesn't tell the camera's position" in capsys.readouterr().out
+    again = HandEyeSettings.from_yaml(turned, "ur10").hand_eye
+    np.testing.assert_allclose(again.position, found.position, atol=1e-6)
+    # The poses were right: the camera stays as it was, within half a degree.
+    np.testing.assert_allclose(again.matrix, found.matrix, atol=np.radians(0.5))
+    poses.write_text("\n".join([*lines, "1 2 3"]))
+    assert main(["calibrate", "hand-eye", str(poses)]) == 1
+    assert "line 10: expected 14 numbers" in capsys.readouterr().err

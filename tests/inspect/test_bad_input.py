@@ -1,0 +1,312 @@
+"""Bad input gets one clear line and a non-zero exit; what was good before is kept."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from recording.bags import CAMERA, Recipe, camera_track, scan, write_bag
+from roller_bringup.cli import main
+from roller_emvs.ply import read_ply
+
+PARAMS = """
+emvs:
+  ros__parameters: {window_travel_m: 0.006, focus_sigma_px: 3.0, max_pose_gap_s: 0.03}
+"""
+
+Capture = pytest.CaptureFixture[str]
+
+
+def run(tmp_path: Path, capsys: Capture, source: Path, *more: str) -> tuple[int, list[str]]:
+    """Exit code and lines on standard error."""
+    params = tmp_path / "params.yaml"
+    params.write_text(PARAMS)
+    words = ["replay", str(source), "--output", str(tmp_path / "out"), "--no-picture"]
+    code = main([*words, "--params", str(params), *more])
+    return code, [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+
+
+def on(topic: str, change: Callable[[int, Any], Any]) -> Callable[[str, int, Any], Any]:
+    """An edit of one topic's messages."""
+    return lambda name, n, message: change(n, message) if name == topic else message
+
+
+EVENTS, TF, INFO = "/event_camera/events", "/tf", "/event_camera/camera_info"
+
+#: Faults that a replay can't start with: recipe and what the line says.
+HOPELESS = {
+    "no events": (Recipe(edit=on(EVENTS, lambda n, m: None)), "no topic of type event_camera_msgs"),
+    "no camera info": (Recipe(camera=None), "no /event_camera/camera_info.*--camera"),
+    "no poses": (Recipe(tf=False, tf_static=False), "no poses .topic /tf.*--poses"),
+    "uncalibrated camera": (
+        Recipe(edit=on(INFO, lambda n, m: replace(m, k=np.zeros(9)))),
+        "calibrated",
+    ),
+}
+
+#: Faults in the middle: recipe and what the line says; good results stay.
+LATE = {
+    "odd length": (
+        Recipe(edit=on(EVENTS, lambda n, m: replace(m, events=m.events[:-1]) if n == 50 else m)),
+        "no whole number",
+    ),
+    "unknown encoding": (
+        Recipe(edit=on(EVENTS, lambda n, m: replace(m, encoding="evt9") if n > 50 else m)),
+        "'evt9'.*more of this kind",
+    ),
+    "wrong image size": (
+        Recipe(edit=on(EVENTS, lambda n, m: replace(m, width=64) if n == 50 else m)),
+        "64×120 px but the camera is calibrated for 320×120",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOPELESS)
+def test_hopeless_input(name: str, tmp_path: Path, capsys: Capture) -> None:
+    recipe, message = HOPELESS[name]
+    code, errors = run(tmp_path, capsys, write_bag(tmp_path / "scan", recipe))
+    assert code == 1
+    assert len(errors) == 1
+    assert_matches(errors[0], message)
+
+
+def assert_matches(line: str, pattern: str) -> None:
+    import re
+
+    assert line.startswith("error: ")
+    assert re.search(pattern, line), line
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_late_fault_keeps_what_is_good(name: str, tmp_path: Path, capsys: Capture) -> None:
+    recipe, message = LATE[name]
+    code, errors = run(tmp_path, capsys, write_bag(tmp_path / "scan", recipe))
+    assert code == 1
+    assert len(errors) == 1
+    assert_matches(errors[0], message)
+    assert_kept(tmp_path / "out")
+
+
+def assert_kept(output: Path) -> None:
+    report = json.loads((output / "report.json").read_text())
+    assert report["totals"]["depth_windows"] >= 1
+    assert report["faults"]
+    assert len(read_ply(output / "surface.ply")["x"]) > 300
+    assert (output / "result" / "metadata.yaml").is_file()
+
+
+def test_poses_without_hand_eye(tmp_path: Path, capsys: Capture) -> None:
+    source = write_bag(tmp_path / "scan", Recipe(tf_static=False))
+    code, errors = run(tmp_path, capsys, source)
+    assert code == 1
+    assert_matches(errors[0], "no way from tool0_controller to event_camera_optical_frame")
+
+
+def test_gap_in_the_poses(tmp_path: Path, capsys: Capture) -> None:
+    recipe = Recipe(edit=on(TF, lambda n, m: None if 6 <= n < 11 else m))
+    code, errors = run(tmp_path, capsys, write_bag(tmp_path / "scan", recipe))
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    lost = [reason for w in report["windows"] for reason in w["lost"]]
+    assert any("gap of 0.048 s, over the limit" in reason for reason in lost)
+    assert report["totals"]["depth_windows"] >= 1
+    assert code == 1
+    assert len(errors) == 1
+    assert_matches(errors[0], "gap of 0.048 s")
+
+
+def test_time_running_backwards(tmp_path: Path, capsys: Capture) -> None:
+    def back(n: int, message: Any) -> Any:
+        if n < 50:
+            return message
+        header = message.header
+        earlier = replace(header.stamp, sec=header.stamp.sec - 100)
+        base = message.time_base - 4_000_000_000
+        return replace(message, header=replace(header, stamp=earlier), time_base=base)
+
+    code, errors = run(
+        tmp_path, capsys, write_bag(tmp_path / "scan", Recipe(edit=on(EVENTS, back)))
+    )
+    assert code == 1
+    assert len(errors) == 1
+    assert_matches(errors[0], "runs backwards")
+    assert_kept(tmp_path / "out")
+
+
+def test_poses_running_backwards(tmp_path: Path, capsys: Capture) -> None:
+    def back(n: int, message: Any) -> Any:
+        if n == 8:
+            message.transforms[0].header.stamp.sec -= 10
+        return message
+
+    code, errors = run(tmp_path, capsys, write_bag(tmp_path / "scan", Recipe(edit=on(TF, back))))
+    assert code == 1
+    assert len(errors) == 1
+    assert_matches(errors[0], "pose at .* older than the one before")
+    assert_kept(tmp_path / "out")
+
+
+@pytest.mark.parametrize("with_metadata", [True, False])
+def test_truncated_bag(with_metadata: bool, tmp_path: Path, capsys: Capture) -> None:
+    source = write_bag(tmp_path / "scan")
+    file = source / "scan.mcap"
+    file.write_bytes(file.read_bytes()[: int(file.stat().st_size * 0.8)])
+    if not with_metadata:
+        (source / "metadata.yaml").unlink()
+    code, errors = run(tmp_path, capsys, source)
+    assert code == 1
+    assert_matches(errors[0], r"cut off at byte \d+, after 0.0\d\d s; the \d+ messages before")
+
+
+def test_empty_windows(tmp_path: Path, capsys: Capture) -> None:
+    """A quiet stretch in the middle is no fault."""
+    recipe = Recipe(edit=on(EVENTS, lambda n, m: None if 30 <= n < 60 else m))
+    code, _ = run(tmp_path, capsys, write_bag(tmp_path / "scan", recipe), "--method", "emvs")
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["totals"]["lost_packets"] == 30
+    assert report["totals"]["depth_windows"] >= 2
+    assert code == 0
+
+
+def test_no_events_at_all(tmp_path: Path, capsys: Capture) -> None:
+    empty = Recipe(edit=on(EVENTS, lambda n, m: replace(m, events=m.events[:0])))
+    code, _ = run(tmp_path, capsys, write_bag(tmp_path / "scan", empty))
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["totals"]["depth_windows"] == 0
+    assert code == 0
+
+
+def test_missing_input(tmp_path: Path, capsys: Capture) -> None:
+    code, errors = run(tmp_path, capsys, tmp_path / "nothing")
+    assert code == 1
+    assert_matches(errors[0], "there is no such file or folder")
+
+
+def test_a_folder_that_is_no_bag(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "folder").mkdir()
+    code, errors = run(tmp_path, capsys, tmp_path / "folder")
+    assert code == 1
+    assert_matches(errors[0], "no rosbag2 storage")
+
+
+def test_unwritable_output(tmp_path: Path, capsys: Capture) -> None:
+    source = write_bag(tmp_path / "scan")
+    (tmp_path / "out").write_text("a file stands in the way")
+    code, errors = run(tmp_path, capsys, source)
+    assert code == 1
+    assert_matches(errors[0], "results can't be written there")
+
+
+def test_a_stranger_in_the_output_is_left_alone(tmp_path: Path, capsys: Capture) -> None:
+    stranger = tmp_path / "out" / "result"
+    stranger.mkdir(parents=True)
+    (stranger / "thesis.tex").write_text("years of work")
+    code, errors = run(tmp_path, capsys, write_bag(tmp_path / "scan"))
+    assert code == 1
+    assert_matches(errors[0], "is no bag")
+    assert (stranger / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("emvs: {ros__parameters: {planes: 1}}", "'planes' = 1"),
+        ("emvs: {ros__parameters: {plane: 100}}", "unknown entry 'plane'"),
+        ("emvs: {ros__parameters: {depth_min_m: 0.05}}", "depth_min_m"),
+        ("emvs: [", "not a YAML file"),
+    ],
+)
+def test_bad_parameters(text: str, message: str, tmp_path: Path, capsys: Capture) -> None:
+    params = tmp_path / "bad.yaml"
+    params.write_text(text)
+    source = write_bag(tmp_path / "scan")
+    words = ["replay", str(source), "--output", str(tmp_path / "out"), "--params", str(params)]
+    assert main(words) == 1
+    assert_matches(capsys.readouterr().err.strip(), message)
+
+
+def dataset(folder: Path) -> Path:
+    folder.mkdir()
+    events = scan()[:20_000]
+    t_s = (events.t_ns - 5_000_000_000) * 1e-9
+    rows = np.column_stack([t_s, events.x, events.y, events.p])
+    np.savetxt(folder / "events.txt", rows, fmt="%.9f %d %d %d")
+    track = camera_track()
+    shifted = type(track)()
+    shifted.extend(track.times_ns - int(track.times_ns[0]), track.positions, track.quaternions)
+    shifted.write_tum(folder / "groundtruth.txt")
+    (folder / "calib.txt").write_text("800 800 159.5 59.5 0 0 0 0 0\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "message"),
+    [
+        ("events.txt", lambda s: s[:100_000] + "1.0 x 3\n", r"line \d+: expected 't x y p'"),
+        ("events.txt", lambda s: s + "0.001 1 1 1\n", "time runs backwards"),
+        ("groundtruth.txt", lambda s: s.replace("0 1\n", "0\n", 1), "line 1: 7 fields"),
+        ("groundtruth.txt", lambda s: "", "holds no pose"),
+        ("calib.txt", lambda s: "800 800\n", "expected 'fx fy cx cy"),
+        ("calib.txt", None, "can't be read"),
+        ("events.txt", None, "no rosbag2 storage|there is no events.txt"),
+    ],
+)
+def test_bad_dataset(
+    file: str,
+    change: Callable[[str], str] | None,
+    message: str,
+    tmp_path: Path,
+    capsys: Capture,
+) -> None:
+    folder = dataset(tmp_path / "data")
+    if change is None:
+        (folder / file).unlink()
+    else:
+        (folder / file).write_text(change((folder / file).read_text()))
+    code, errors = run(tmp_path, capsys, folder)
+    assert code == 1
+    assert len(errors) == 1
+    assert_matches(errors[0], message)
+
+
+def test_aedat4_needs_poses_and_camera(tmp_path: Path, capsys: Capture, shared_data: Path) -> None:
+    source = shared_data / "aedat4" / "davis346.aedat4"
+    code, errors = run(tmp_path, capsys, source)
+    assert code == 1
+    assert_matches(errors[0], "no poses; give --poses")
+    camera_track().write_tum(tmp_path / "poses.txt")
+    poses = ("--poses", str(tmp_path / "poses.txt"))
+    code, errors = run(tmp_path, capsys, source, *poses)
+    assert_matches(errors[0], "no calibration; give --camera")
+    CAMERA.to_yaml(tmp_path / "camera.yaml")
+    code, errors = run(tmp_path, capsys, source, *poses, "--camera", str(tmp_path / "camera.yaml"))
+    assert_matches(errors[0], "346×260 px but the camera file is for 320×120")
+
+
+def test_not_an_aedat4_file(tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "a.aedat4"
+    path.write_bytes(b"nothing of the kind")
+    code, errors = run(tmp_path, capsys, path)
+    assert code == 1
+    assert_matches(errors[0], "not a readable AEDAT4")
+
+
+def test_truncated_aedat4_keeps_what_came_before(
+    tmp_path: Path, capsys: Capture, shared_data: Path
+) -> None:
+    path = tmp_path / "cut.aedat4"
+    shutil.copyfile(shared_data / "aedat4" / "davis346.aedat4", path)
+    path.write_bytes(path.read_bytes()[:3_000_000])
+    assert main(["info", str(path)]) == 1
+    out = capsys.readouterr()
+    assert_matches(
+        out.err.strip(), r"cut off or broken after 1.\d\d\d s .*; the \d+ events before are read"
+    )
+    events = int(out.out.split("events")[1].split()[0])
+    assert 1000 < events < 78_830

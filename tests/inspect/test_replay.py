@@ -1,0 +1,270 @@
+"""Replay of every kind of input: the same scan gives the same depth."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader, StoragePlugin
+
+from emvs.scenes import CAMERA, tilted
+from recording.bags import EVENT_ARRAY, Recipe, camera_track, scan, write_bag
+from roller_bringup.cli import main
+from roller_core.bags import typestore
+from roller_emvs.ply import read_ply
+
+PARAMS = """
+emvs:
+  ros__parameters: {planes: 60, threshold_c: 6.0, median_px: 9, window_s: 0.03,
+                    full_scale_votes: 0.0, window_travel_m: 0.006, focus_sigma_px: 3.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def params(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("params") / "params.yaml"
+    path.write_text(PARAMS)
+    return path
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bag") / "scan")
+
+
+def replay(source: Path, output: Path, params: Path, *more: str) -> int:
+    return main(
+        [
+            "replay", str(source), "--output", str(output), "--params", str(params),
+            "--no-picture", *more,
+        ]
+    )  # fmt: skip
+
+
+def depth_maps(output: Path) -> dict[int, np.ndarray]:
+    store, found = typestore(), {}
+    with Reader(output / "result") as reader:
+        for connection, log_ns, data in reader.messages():
+            if connection.topic == "/roller/depth/image":
+                message: Any = store.deserialize_cdr(data, connection.msgtype)
+                assert message.encoding == "32FC1"
+                assert message.header.frame_id == "event_camera_optical_frame"
+                pixels = np.frombuffer(message.data, np.float32)
+                found[log_ns] = pixels.reshape(message.height, message.width)
+    return found
+
+
+@pytest.fixture(scope="module")
+def reference(
+    bag: Path, params: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[int, np.ndarray]]:
+    output = tmp_path_factory.mktemp("reference")
+    assert replay(bag, output, params) == 0
+    return output, depth_maps(output)
+
+
+def test_outputs_are_complete(reference: tuple[Path, dict[int, np.ndarray]]) -> None:
+    output, maps = reference
+    report = json.loads((output / "report.json").read_text())
+    windows = [w for w in report["windows"] if w["points"]]
+    assert len(maps) == len(windows) == report["totals"]["depth_windows"] >= 3
+    for window in windows:
+        assert {"stamp_s", "events", "points", "milliseconds", "lost"} <= set(window)
+        assert window["milliseconds"]["total"] > 0
+    assert report["totals"]["events"] == len(scan())
+    assert report["faults"] == []
+    assert (output / "braille.txt").read_text() == ""
+    assert json.loads((output / "braille.json").read_text())["cells"] == []
+    cloud = read_ply(output / "surface.ply")
+    assert len(cloud["x"]) == report["totals"]["surface_points"] > 1000
+    # Base: the camera looks along +z here, so z is depth.
+    error = np.abs(cloud["z"] - tilted(cloud["x"]))
+    assert np.median(error) < 1.5e-4
+    assert np.all((cloud["confidence"] > 0) & (cloud["confidence"] <= 1))
+
+
+def test_surface_in_the_bag_equals_the_file(
+    reference: tuple[Path, dict[int, np.ndarray]],
+) -> None:
+    output, _ = reference
+    store, rows = typestore(), []
+    with Reader(output / "result") as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic == "/roller/surface/points":
+                message: Any = store.deserialize_cdr(data, connection.msgtype)
+                assert message.header.frame_id == "base"
+                names = [f.name for f in message.fields]
+                assert names == ["x", "y", "z", "height", "confidence"]
+                rows.append(np.frombuffer(message.data, np.float32).reshape(-1, 5))
+    cloud = read_ply(output / "surface.ply")
+    np.testing.assert_allclose(np.concatenate(rows)[:, 2], cloud["z"], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    [
+        pytest.param(Recipe(encoding="mono"), id="mono"),
+        pytest.param(Recipe(encoding="libcaer"), id="libcaer"),
+        pytest.param(Recipe(encoding="evt3"), id="evt3"),
+        pytest.param(Recipe(storage=StoragePlugin.SQLITE3), id="sqlite"),
+        pytest.param(Recipe(event_type=EVENT_ARRAY), id="older event_array_msgs"),
+    ],
+)
+def test_every_bag_gives_the_same_depth(
+    recipe: Recipe,
+    params: Path,
+    tmp_path: Path,
+    reference: tuple[Path, dict[int, np.ndarray]],
+) -> None:
+    source = write_bag(tmp_path / "scan", recipe)
+    assert replay(source, tmp_path / "out", params) == 0
+    assert_same(depth_maps(tmp_path / "out"), reference[1])
+
+
+def assert_same(found: dict[int, np.ndarray], expected: dict[int, np.ndarray]) -> None:
+    assert list(found) == list(expected)
+    for stamp, depth in found.items():
+        np.testing.assert_array_equal(depth, expected[stamp])
+
+
+def test_a_storage_file_alone_replays(
+    bag: Path, params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
+) -> None:
+    assert replay(bag / "scan.mcap", tmp_path / "out", params) == 0
+    assert_same(depth_maps(tmp_path / "out"), reference[1])
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_metadata_without_a_storage_identifier_replays(
+    storage: StoragePlugin,
+    params: Path,
+    tmp_path: Path,
+    reference: tuple[Path, dict[int, np.ndarray]],
+) -> None:
+    source = write_bag(tmp_path / "scan", Recipe(storage=storage))
+    metadata = source / "metadata.yaml"
+    lines = metadata.read_text().splitlines()
+    kept = [("  storage_identifier: ''" if "storage_identifier" in s else s) for s in lines]
+    metadata.write_text("\n".join(kept))
+    assert replay(source, tmp_path / "out", params) == 0
+    assert_same(depth_maps(tmp_path / "out"), reference[1])
+
+
+def test_a_dataset_folder_gives_the_same_depth(
+    params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
+) -> None:
+    folder = tmp_path / "dataset"
+    folder.mkdir()
+    events = scan()
+    t_s = (events.t_ns - 5_000_000_000) * 1e-9
+    rows = np.column_stack([t_s, events.x, events.y, events.p])
+    np.savetxt(folder / "events.txt", rows, fmt="%.9f %d %d %d")
+    track = camera_track()
+    shifted = type(track)()
+    shifted.extend(track.times_ns - int(track.times_ns[0]), track.positions, track.quaternions)
+    shifted.write_tum(folder / "groundtruth.txt")
+    CAMERA.to_yaml(tmp_path / "camera.yaml")
+    code = replay(folder, tmp_path / "out", params, "--camera", str(tmp_path / "camera.yaml"))
+    assert code == 0
+    found = list(depth_maps(tmp_path / "out").values())
+    for depth, expected in zip(found, reference[1].values(), strict=True):
+        same = np.isfinite(depth) == np.isfinite(expected)
+        assert same.mean() > 0.999
+
+
+def test_aedat4_with_poses_gives_the_same_depth(
+    params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
+) -> None:
+    import dv_processing as dv
+
+    path = tmp_path / "scan.aedat4"
+    size = (CAMERA.width, CAMERA.height)
+    config = dv.io.MonoCameraWriter.EventOnlyConfig("camera", size, dv.CompressionType.LZ4)
+    writer = dv.io.MonoCameraWriter(str(path), config)
+    events, store = scan(), dv.EventStore()
+    shift_us = (1_700_000_000_000_000_000 - 5_000_000_000) // 1000
+    for k in range(0, len(events), 4):  # a quarter: the writer takes one event at a time
+        store.push_back(
+            int(events.t_ns[k]) // 1000 + shift_us, int(events.x[k]), int(events.y[k]), True
+        )
+    writer.writeEvents(store)
+    del writer
+    camera_track().write_tum(tmp_path / "poses.txt")
+    CAMERA.to_yaml(tmp_path / "camera.yaml")
+    code = replay(
+        path, tmp_path / "out", params,
+        "--poses", str(tmp_path / "poses.txt"), "--camera", str(tmp_path / "camera.yaml"),
+    )  # fmt: skip
+    assert code == 0
+    found, expected = depth_maps(tmp_path / "out"), reference[1]
+    assert list(found) == list(expected)
+    for stamp, depth in found.items():
+        both = np.isfinite(depth) & np.isfinite(expected[stamp])
+        assert both.sum() > 200
+        assert np.median(np.abs(depth - expected[stamp])[both]) < 1e-4
+
+
+def test_methods_are_selectable(bag: Path, params: Path, tmp_path: Path) -> None:
+    assert replay(bag, tmp_path / "out", params, "--method", "bma", "--no-braille") == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["method"] == "bma"
+    assert "fusion" in next(w for w in report["windows"] if w["points"])["milliseconds"]
+
+
+def test_an_earlier_result_is_replaced(
+    bag: Path, params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
+) -> None:
+    for _ in range(2):
+        assert replay(bag, tmp_path / "out", params) == 0
+    assert_same(depth_maps(tmp_path / "out"), reference[1])
+
+
+def test_a_cut_off_sqlite_bag_keeps_what_came_before(params: Path, tmp_path: Path) -> None:
+    source = write_bag(tmp_path / "scan", Recipe(storage=StoragePlugin.SQLITE3))
+    file = next(source.glob("*.db3"))
+    with sqlite3.connect(file) as database:
+        assert database.execute("SELECT count(*) FROM messages").fetchone()[0] > 80
+    file.write_bytes(file.read_bytes()[: int(file.stat().st_size * 0.6)])
+    code = replay(source, tmp_path / "out", params)
+    assert code == 1
+
+
+@pytest.mark.recordings
+def test_slider_depth(shared_data: Path, tmp_path: Path) -> None:
+    """The reference C++ code finds about 2,700 pixels, 2,600 after its outlier filter."""
+    config = Path(__file__).resolve().parents[2] / "config" / "slider_depth.yaml"
+    code = main(
+        [
+            "replay", str(shared_data / "slider_depth"), "--output", str(tmp_path),
+            "--method", "emvs", "--params", str(config),
+        ]
+    )  # fmt: skip
+    assert code == 0
+    depth = next(iter(depth_maps(tmp_path).values()))
+    measured = depth[np.isfinite(depth)]
+    assert 2300 < len(measured) < 3200
+    assert 2200 < len(read_ply(tmp_path / "surface.ply")["x"]) < 3100
+    # Planes at separate depths: nothing between the front ones and the poster behind.
+    counts, _ = np.histogram(measured, [0.47, 0.8, 1.2, 1.35, 1.6, 1.95, 2.4])
+    assert counts[0] > 200
+    assert counts[1] > 200
+    assert counts[4] + counts[5] > 800
+    assert counts[2] < 100
+    assert (tmp_path / "overview.png").stat().st_size > 50_000
+
+
+@pytest.mark.recordings
+def test_info_counts_the_recordings(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    packets = shared_data / "ros_event_packets"
+    expected = {
+        packets / "test_events_1": "343474 (125183 ON, 218291 OFF)",
+        packets / "test_data_mono_cd": "100 (50 ON, 50 OFF)",
+        shared_data / "aedat4" / "davis346.aedat4": "78830 (",
+    }
+    for path, line in expected.items():
+        assert main(["info", str(path)]) == 0
+        assert line in capsys.readouterr().out

@@ -1,0 +1,282 @@
+"""Bags as other drivers and `ros2 bag` make them."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin, Writer
+
+from emvs.scenes import CAMERA
+from recording.bags import (
+    EVENT_ARRAY,
+    EVENT_PACKET,
+    Recipe,
+    bag_messages,
+    camera_track,
+    scan,
+    write_bag,
+    write_messages,
+)
+from roller_bringup.cli import main
+from roller_core.camera import Camera
+from roller_recording.reading import RecordingError, open_recording
+from roller_recording.reading.bag_reader import BagReader, RawMessage
+
+MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
+Capture = pytest.CaptureFixture[str]
+
+
+def events_in(path: Path, **options: Any) -> int:
+    """Events that a replay of a bag gets; nothing may be wrong with it."""
+    recording = open_recording(path, **options)
+    for step in recording.steps():
+        assert step.faults == ()
+    assert recording.counts.lost_packets == 0
+    assert len(recording.track) > 0
+    return recording.counts.events
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    [
+        pytest.param(Recipe("libcaer", SQLITE), id="libcaer_driver, libcaer"),
+        pytest.param(Recipe("libcaer_cmp", MCAP), id="libcaer_driver, libcaer_cmp"),
+        pytest.param(Recipe("evt3", SQLITE), id="metavision_driver"),
+        pytest.param(Recipe("mono", MCAP, EVENT_ARRAY), id="old type, MCAP"),
+        pytest.param(Recipe("evt3", SQLITE, EVENT_ARRAY), id="old type, SQLite"),
+        pytest.param(Recipe(namespace="/camera_left"), id="another name"),
+        pytest.param(Recipe(namespace=""), id="no namespace"),
+        pytest.param(Recipe(compression=CompressionMode.STORAGE), id="zstd by chunk"),
+        pytest.param(Recipe(compression=CompressionMode.MESSAGE), id="zstd by message"),
+        pytest.param(Recipe(compression=CompressionMode.FILE), id="zstd by file"),
+        pytest.param(
+            Recipe(storage=SQLITE, compression=CompressionMode.MESSAGE), id="SQLite by message"
+        ),
+        pytest.param(Recipe(storage=SQLITE, compression=CompressionMode.FILE), id="SQLite by file"),
+    ],
+)
+@pytest.mark.parametrize("metadata", [True, False])
+def test_every_bag_gives_all_events(metadata: bool, recipe: Recipe, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", recipe)
+    if not metadata:
+        (bag / "metadata.yaml").unlink()
+    assert events_in(bag) == len(scan())
+
+
+def test_old_bags_carry_their_definition_in_mcap_only(tmp_path: Path) -> None:
+    """Both kinds must be readable, so both must be what the tests above read."""
+    for storage, there in ((MCAP, True), (SQLITE, False)):
+        bag = write_bag(tmp_path / storage.name, Recipe("mono", storage, EVENT_ARRAY))
+        if storage == SQLITE:
+            drop_definitions(next(bag.glob("*.db3")))
+        with Reader(bag) as reader:
+            (events,) = (c for c in reader.connections if c.msgtype == EVENT_ARRAY)
+            assert bool(events.msgdef.data) == there
+        assert events_in(bag) == len(scan())
+
+
+def drop_definitions(file: Path) -> None:
+    """As rosbag2 wrote SQLite bags up to Humble."""
+    import sqlite3
+
+    with sqlite3.connect(file) as database:
+        database.execute("DROP TABLE message_definitions")
+        database.execute("DROP TABLE schema")
+        database.execute("DROP TABLE metadata")
+        database.execute("ALTER TABLE topics DROP COLUMN type_description_hash")
+
+
+@pytest.mark.parametrize("events_per_packet", ["few", "many"])
+def test_packets_small_and_large(events_per_packet: str, tmp_path: Path, capsys: Capture) -> None:
+    """Drivers send by time and by size; a packet may hold a millisecond or next to nothing."""
+    many = events_per_packet == "many"
+
+    def edit(topic: str, n: int, message: Any) -> Any:
+        if topic != "/event_camera/events" or many:
+            return message
+        return replace(message, events=message.events[: 8 * (n % 3)])
+
+    bag = write_bag(tmp_path / "bag", Recipe("mono", edit=edit))
+    expected = len(scan()) if many else sum(n % 3 for n in range(80))
+    assert events_in(bag) == expected
+    assert main(["info", str(bag)]) == 0
+    assert f"events     {expected} (" in capsys.readouterr().out
+
+
+def messages_of_two_cameras() -> Iterable[tuple[int, str, str, bytes]]:
+    left = list(bag_messages(Recipe(namespace="/left")))
+    right = list(bag_messages(Recipe("mono", namespace="/right", tf=False, tf_static=False)))
+    return sorted(left + right[:40], key=lambda item: item[0])
+
+
+def test_several_cameras_need_a_choice(tmp_path: Path, capsys: Capture) -> None:
+    bag = tmp_path / "bag"
+    write_messages(Writer(bag, version=9, storage_plugin=MCAP), messages_of_two_cameras())
+    with pytest.raises(RecordingError, match="on /left/events and /right/events; choose one with"):
+        open_recording(bag)
+    with pytest.raises(RecordingError, match="/middle/events is no topic of event packets; those"):
+        open_recording(bag, topic="/middle/events")
+    assert events_in(bag, topic="/left/events") == len(scan())
+    words = ["replay", str(bag), "--output", str(tmp_path / "out"), "--no-picture"]
+    assert main([*words, "--topic", "/right/events"]) == 0
+    totals = json.loads((tmp_path / "out" / "report.json").read_text())["totals"]
+    assert 0 < totals["events"] < len(scan())
+    capsys.readouterr()
+    assert main(["info", str(bag), "--topic", "/right/events"]) == 0
+    assert f"events     {totals['events']} (" in capsys.readouterr().out
+
+
+def test_our_own_topic_goes_before_others(tmp_path: Path) -> None:
+    ours = list(bag_messages(Recipe()))
+    other = list(bag_messages(Recipe("mono", namespace="/other", tf=False, tf_static=False)))
+    bag = tmp_path / "bag"
+    items = sorted(ours + other[:20], key=lambda item: item[0])
+    write_messages(Writer(bag, version=9, storage_plugin=MCAP), items)
+    assert events_in(bag) == len(scan())
+
+
+def split(folder: Path, storage: StoragePlugin, parts: int) -> Path:
+    """A bag in several files, as `ros2 bag record --max-bag-size` makes them."""
+    suffix = ".mcap" if storage == MCAP else ".db3"
+    items = list(bag_messages(Recipe()))
+    size = -(-len(items) // parts)
+    folder.mkdir()
+    names = []
+    for k in range(parts):
+        part = folder.parent / f"part{k}"
+        writer = Writer(part, version=9, storage_plugin=storage)
+        write_messages(writer, items[k * size : (k + 1) * size])
+        names.append(f"bag_{k}{suffix}")
+        shutil.move(part / f"part{k}{suffix}", folder / names[-1])
+        metadata = yaml.safe_load((part / "metadata.yaml").read_text())
+    information = metadata["rosbag2_bagfile_information"]
+    information |= {"relative_file_paths": names, "message_count": len(items)}
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    return folder
+
+
+@pytest.mark.parametrize("storage", [MCAP, SQLITE])
+@pytest.mark.parametrize("metadata", [True, False])
+def test_a_bag_in_several_files(metadata: bool, storage: StoragePlugin, tmp_path: Path) -> None:
+    bag = split(tmp_path / "bag", storage, 12)  # bag_10 comes after bag_9
+    if not metadata:
+        (bag / "metadata.yaml").unlink()
+    assert events_in(bag) == len(scan())
+
+
+def test_a_split_bag_with_parts_missing_or_cut(tmp_path: Path) -> None:
+    bag = split(tmp_path / "bag", MCAP, 6)
+    (bag / "bag_1.mcap").unlink()
+    cut = bag / "bag_3.mcap"
+    cut.write_bytes(cut.read_bytes()[:-3000])
+    reader = BagReader(bag)
+    found = list(reader.messages(set(reader.topics)))
+    faults = [str(item) for item in found if not isinstance(item, RawMessage)]
+    assert len(faults) == 2
+    assert "bag_1.mcap is missing; the other files are read" in faults[0]
+    assert re.search(r"bag_3.mcap: cut off at byte \d+", faults[1])
+    last = [item for item in found if isinstance(item, RawMessage)][-1]
+    assert last.log_ns == list(bag_messages(Recipe()))[-1][0]
+
+
+def test_files_that_the_metadata_do_not_know_yet(tmp_path: Path) -> None:
+    bag = split(tmp_path / "bag", MCAP, 3)
+    metadata = yaml.safe_load((bag / "metadata.yaml").read_text())
+    names = metadata["rosbag2_bagfile_information"]["relative_file_paths"]
+    metadata["rosbag2_bagfile_information"]["relative_file_paths"] = names[:1]
+    (bag / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    shutil.copyfile(bag / names[0], bag / "backup.mcap")  # no part of the bag
+    assert events_in(bag) == len(scan())
+    assert "doesn't name bag_1.mcap, bag_2.mcap; read as well" in BagReader(bag).notes[0]
+
+
+def test_both_storages_without_metadata_are_ambiguous(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag")
+    other = write_bag(tmp_path / "other", Recipe(storage=SQLITE))
+    shutil.copyfile(other / "other.db3", bag / "bag.db3")
+    assert events_in(bag) == len(scan())  # the metadata name one
+    (bag / "metadata.yaml").unlink()
+    with pytest.raises(RecordingError, match=r"both .mcap and .db3"):
+        BagReader(bag)
+    assert events_in(bag / "bag.db3") == len(scan())
+
+
+def test_a_bag_without_calibration_or_poses_and_both_from_files(tmp_path: Path) -> None:
+    """What metavision_driver alone records."""
+    bag = write_bag(
+        tmp_path / "bag", Recipe("evt3", namespace="/cam", camera=None, tf=False, tf_static=False)
+    )
+    CAMERA.to_yaml(tmp_path / "camera.yaml")
+    camera_track().write_tum(tmp_path / "poses.txt")
+    given = {"poses": tmp_path / "poses.txt", "camera_file": tmp_path / "camera.yaml"}
+    with pytest.raises(RecordingError, match=r"no poses .*; give --poses FILE"):
+        open_recording(bag, camera_file=given["camera_file"])
+    with pytest.raises(RecordingError, match=r"no /cam/camera_info .*; give --camera FILE"):
+        open_recording(bag, poses=given["poses"])
+    assert events_in(bag, **given) == len(scan())
+
+
+def test_poses_of_another_clock_are_told(tmp_path: Path, capsys: Capture) -> None:
+    bag = write_bag(tmp_path / "bag")
+    (tmp_path / "poses.txt").write_text(
+        "".join(f"{k * 0.008} {k * 0.001} 0 0 0 0 0 1\n" for k in range(100))
+    )
+    words = ["replay", str(bag), "--output", str(tmp_path / "out"), "--no-picture"]
+    assert main([*words, "--poses", str(tmp_path / "poses.txt")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no event lies within the poses: events from 1700000000.0" in line
+
+
+def test_big_endian_packets_are_refused(tmp_path: Path) -> None:
+    def edit(topic: str, n: int, message: Any) -> Any:
+        big = topic == "/event_camera/events" and n == 7
+        return replace(message, is_bigendian=True) if big else message
+
+    recording = open_recording(write_bag(tmp_path / "mono", Recipe("mono", edit=edit)))
+    faults = [str(f) for step in recording.steps() for f in step.faults]
+    assert faults == ["event packet 7 is big-endian; only little-endian ones are read"]
+    # A sensor's own words are little-endian on every host.
+    assert events_in(write_bag(tmp_path / "evt3", Recipe("evt3", edit=edit))) == len(scan())
+
+
+def test_info_tells_where_packets_are_missing(tmp_path: Path, capsys: Capture) -> None:
+    def edit(topic: str, n: int, message: Any) -> Any:
+        return None if topic == "/event_camera/events" and n in (20, 21, 60) else message
+
+    assert main(["info", str(write_bag(tmp_path / "bag", Recipe(edit=edit)))]) == 0
+    out = capsys.readouterr().out
+    assert "lost       3 packets in 2 gaps: 2 before 0.023 s, 1 before 0.062 s" in out
+
+
+def test_the_type_of_packets_is_what_counts(tmp_path: Path) -> None:
+    assert EVENT_PACKET != EVENT_ARRAY
+    bag = write_bag(
+        tmp_path / "bag", Recipe(edit=lambda t, n, m: m if t.startswith("/tf") else None)
+    )
+    with pytest.raises(RecordingError, match="no topic of type event_camera_msgs/msg/EventPacket"):
+        open_recording(bag)
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize(
+    ("name", "stamp_s", "events"),
+    [("test_events_1", 1_675_956_550, 343_474), ("test_data_mono_cd", 1_639_872_000, 100)],
+)
+def test_real_bags_of_both_types(
+    name: str, stamp_s: int, events: int, shared_data: Path, tmp_path: Path
+) -> None:
+    """Of metavision_driver (evt3), and of the older type (mono)."""
+    Camera(640, 480, 500.0, 500.0, 320.0, 240.0).to_yaml(tmp_path / "camera.yaml")
+    times = [stamp_s - 1 + k * 0.008 for k in range(700)]
+    poses = "".join(f"{t:.3f} {t - stamp_s:.4f} 0 0 0 0 0 1\n" for t in times)
+    (tmp_path / "poses.txt").write_text(poses)
+    given = {"poses": tmp_path / "poses.txt", "camera_file": tmp_path / "camera.yaml"}
+    assert events_in(shared_data / "ros_event_packets" / name, **given) == events

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roller_sim import _render_kernels as kernels
+from roller_sim.cell import VirtualCell
+from roller_sim.cell_settings import LightSettings
+from roller_sim.optics import light_vector, ring_field, speckle
+from sim import virtual_twins as twins
+
+#: Every eighth pixel of a full image: wide rays at little cost.
+WIDE = {"width": 80, "height": 60, "focal_px": 1066 / 8}
+
+
+def at(cell, x_mm):
+    """ROS time at which the camera is over x."""
+    t = np.linspace(0, cell.duration_s, 4001)
+    return cell.truth.start_ros_ns + round(
+        1e9 * t[np.argmin(np.abs(cell.path.along(t) - x_mm * 1e-3))]
+    )
+
+
+def position_mm(cell, when):
+    return cell.truth.camera_positions(when)[0] * 1e3
+
+
+def rays(cell):
+    c = cell.camera
+    u, v = np.meshgrid(np.arange(c.width), np.arange(c.height))
+    return (u - c.cx) / c.fx, (v - c.cy) / c.fy
+
+
+def log_image(cell, position):
+    xn, yn = (r.astype(np.float32).ravel() for r in rays(cell))
+    z = np.full(len(xn), position[2], np.float32)
+    sx, sy, coat, out = (np.empty_like(z) for _ in range(4))
+    maps = cell._maps
+    kernels._trace_row(
+        xn, yn, maps.flat, maps.shape, position, cell.truth.roller, maps.origin, z, sx, sy, coat
+    )
+    kernels._shade_row(xn, yn, z, sx, sy, coat, cell._light, out)
+    return xn, yn, z, sx, sy, coat, out
+
+
+def test_fast_log():
+    x = np.geomspace(1e-3, 50, 20001).astype(np.float32)
+    got = np.array([kernels._fast_log.py_func(v) for v in x[::50]])
+    np.testing.assert_allclose(got, np.log(x[::50].astype(np.float64)), atol=5e-6)
+
+
+@pytest.mark.parametrize("contact", ["full", "light"])
+@pytest.mark.parametrize("scene", ["sparse_sphere", "bumps"])
+def test_rendering_equals_its_numpy_twin(scene, contact):
+    cell = VirtualCell(twins.small(scene, camera=WIDE, skin={"contact": contact}))
+    position = position_mm(cell, at(cell, 5.0))
+    xn, yn, z, sx, sy, coat, out = log_image(cell, position)
+    maps = cell._maps
+    want = twins.trace(
+        xn.astype(float), yn.astype(float), maps.values, position, cell.truth.roller, maps.origin
+    )
+    np.testing.assert_allclose(z, want[0], atol=2e-3)
+    assert np.mean(np.abs(z - want[0])) < 1e-4
+    for got, expected in zip((sx, sy, coat), want[1:], strict=True):
+        assert np.quantile(np.abs(got - expected), 0.99) < 0.02
+        assert np.mean(np.abs(got - expected)) < 2e-3
+    light = cell.settings.light
+    bright = twins.shade(xn.astype(float), yn.astype(float), *want, light)
+    assert np.quantile(np.abs(out - bright), 0.99) < 0.02
+    assert np.mean(np.abs(out - bright)) < 4e-3
+
+
+def test_light_is_fitted_within_a_percent():
+    light = LightSettings.create({"ambient": 0.0, "diffuse": 1.0, "specular": 0.0})
+    vector = light_vector(light, 17.0)
+    r = np.linspace(0.0, 16.5, 50)
+    for depth in (43.0, 45.0, 47.0):
+        z = np.full(len(r), depth, np.float32)
+        flat = np.zeros(len(r), np.float32)
+        out = np.empty(len(r), np.float32)
+        xn = (r / depth).astype(np.float32)
+        kernels._shade_row(xn, flat, z, flat, flat, flat, vector, out)
+        exact = ring_field(r, 0 * r, np.full(len(r), depth), light)[2]
+        scale = ring_field(np.zeros(1), np.zeros(1), np.full(1, 45.0), light)[2]
+        np.testing.assert_allclose(np.exp(out), exact / scale, rtol=0.01)
+
+
+@pytest.mark.parametrize("part", ["ambient", "diffuse", "specular"])
+def test_each_part_of_the_light_can_be_switched(part):
+    off = {"ambient": 0.0, "diffuse": 0.0, "specular": 0.0} | {part: 1.0}
+    vector = light_vector(LightSettings.create(off), 17.0)
+    zero, z, out = np.zeros(1, np.float32), np.full(1, 45.0, np.float32), np.empty(1, np.float32)
+    kernels._shade_row(zero, zero, z, zero, zero, zero, vector, out)
+    assert out[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_speckle_has_the_strength_and_length_set():
+    light = LightSettings.create({"speckle": 0.04, "speckle_mm": 0.2})
+    noise = speckle((400, 500), 0.02, light, 5)
+    assert noise.std() == pytest.approx(0.04, rel=0.05)
+    shifted = float(np.mean(noise[:, 10:] * noise[:, :-10])) / float(noise.var())
+    assert shifted == pytest.approx(np.exp(-1), abs=0.06)
+    assert not speckle((4, 4), 0.02, LightSettings.create({"speckle": 0.0}), 5).any()
+
+
+def test_depth_of_a_flat_plate_is_exact():
+    cell = VirtualCell(
+        twins.small("flat", camera=WIDE, skin={"press_mm": 1.0}, motion={"vibration_um": 0.0})
+    )
+    depth = cell.truth.depth_image(at(cell, 5.0)) * 1e3
+    xn, _ = rays(cell)
+    half = np.sqrt(47.0**2 - 46.0**2)
+    inside = np.abs(xn) * 46.0 < half - 0.3
+    outside = np.abs(xn) * 46.0 > half + 0.3
+    np.testing.assert_allclose(depth[inside], 46.0, atol=1e-4)
+    # Undeformed, the coating is at R cos θ on its ray.
+    np.testing.assert_allclose(depth[outside], (47.0 / np.sqrt(1 + xn**2))[outside], atol=1e-3)
+    contact = cell.truth.contact_mask(at(cell, 5.0))
+    assert contact[inside].all()
+    assert not contact[outside].any()
+
+
+def test_depth_of_stairs_is_exact_on_the_treads():
+    cell = VirtualCell(twins.small("stairs", motion={"vibration_um": 0.0}, width=81, height=49))
+    x0 = cell.scene.regions[0].x0 * 1e3
+    for tread, rise in ((0.5, 0.2), (3.5, 0.8), (4.5, 1.0), (7.5, 0.4)):
+        when = at(cell, x0 + 1.1 * tread)
+        depth = cell.truth.depth_at(when, [[40.0, 24.0]])
+        assert depth[0] == pytest.approx((45.0 - rise) * 1e-3, abs=2e-6)
+    pose = cell.truth.camera_pose(when)
+    assert cell.truth.depth_at(pose, [[40.0, 24.0]]) == depth
+    assert cell.truth.height_at(pose[0, 3], 0.0) == pytest.approx(0.4e-3, abs=1e-6)
+    assert cell.truth.touches(pose[0, 3], 0.0)
+
+
+def test_speckle_moves_with_the_surface_in_contact_and_turns_outside():
+    cell = VirtualCell(
+        twins.small("flat", camera=WIDE | {"width": 640, "height": 9, "focal_px": 1066.0},
+                    skin={"press_mm": 1.0}, light={"speckle_mm": 0.3},
+                    motion={"vibration_um": 0.0})
+    )  # fmt: skip
+    shift = 2.0
+    here = np.array([10.0, 0.0, 46.0])
+    there = here + (shift, 0, 0)
+    xn, _, z, *_, first, _ = log_image(cell, here)
+    second = log_image(cell, there)[5]
+    row = slice(4 * 640, 5 * 640)
+    x, a, b = (xn * z)[row], first[row], second[row]
+    half = float(cell.truth.roller[1])
+
+    def material(x):
+        turned = np.abs(x) - half
+        turned = 47.0 * (np.arcsin(np.abs(x) / 47.0) - np.arcsin(half / 47.0))
+        return np.where(np.abs(x) > half, np.sign(x) * (half + turned), x)
+
+    # What is seen at material coordinate m now is seen at m - shift after the camera moved on.
+    later = np.interp(material(x), material(x) + shift, b)
+    inside = (np.abs(x) < half - 0.2) & (np.abs(x - shift) < half - 0.2)
+    outside = (x > half + shift + 0.3) | ((x < -half - 0.3) & (x > x[0] + shift))
+    for part in (inside, outside):
+        assert part.sum() > 20
+        assert np.corrcoef(a[part], later[part])[0, 1] > 0.98
