@@ -198,9 +198,9 @@ import signal, sys, time
 # As at a terminal, even where the tests run under nohup or in the background.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
-from roller_core.signals import ending_in_order
+from roller_core.signals import terminate_in_order
 from roller_bringup.launching import Runner, load
-with ending_in_order(), Runner(load(sys.argv[1]), grace_s=float(sys.argv[2])) as runner:
+with terminate_in_order(), Runner(load(sys.argv[1]), grace_s=float(sys.argv[2])) as runner:
     while runner.poll() is None:
         time.sleep(0.05)
 """
@@ -234,7 +234,7 @@ def test_a_signal_leaves_no_node_running(world, number):
     process.send_signal(number)
     rest, errors = process.communicate(timeout=20)
     assert "[forever] bye" in rest
-    assert "KeyboardInterrupt" in errors or "Ended" in errors
+    assert "KeyboardInterrupt" in errors or "Terminated" in errors
     assert not alive(child)
 
 

@@ -254,7 +254,7 @@ def test_plate_gives_the_depth_range(
     assert "a margin of 0.4 mm" in capsys.readouterr().out
     settings = InspectionSettings.load(file)
     for node in ("emvs", "surface"):
-        assert CAMERA.has_figures(read_parameters(file, node)["calibrated_camera"])
+        assert CAMERA.same_intrinsics(read_parameters(file, node)["calibrated_camera"])
     for part in (settings.depth, settings.surface):
         assert part.depth_min_m == pytest.approx(0.0432, abs=5e-5)
         assert part.depth_max_m == pytest.approx(0.0472, abs=5e-5)

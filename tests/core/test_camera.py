@@ -12,11 +12,11 @@ ONE = Camera(640, 480, 1066.0, 1067.0, 319.5, 239.5, (-0.2, 0.05))
 
 
 def test_a_camera_has_its_own_figures() -> None:
-    assert ONE.has_figures(ONE.figures)
+    assert ONE.same_intrinsics(ONE.intrinsics)
     # What a calibration rounds, and coefficients that it leaves out.
-    assert ONE.has_figures([640.0, 480.0, 1066.01, 1066.99, 319.501, 239.5, -0.2, 0.05])
+    assert ONE.same_intrinsics([640.0, 480.0, 1066.01, 1066.99, 319.501, 239.5, -0.2, 0.05])
     plain = replace(ONE, distortion=())
-    assert plain.has_figures(plain.figures[:6])
+    assert plain.same_intrinsics(plain.intrinsics[:6])
 
 
 @pytest.mark.parametrize(
@@ -24,9 +24,9 @@ def test_a_camera_has_its_own_figures() -> None:
     [{"width": 320}, {"height": 240}, {"fx": 1070.0}, {"cy": 238.0}, {"distortion": (-0.2, 0.06)}],
 )
 def test_another_camera_has_not(changes: dict[str, float]) -> None:
-    assert not ONE.has_figures(replace(ONE, **changes).figures)  # type: ignore[arg-type]
+    assert not ONE.same_intrinsics(replace(ONE, **changes).intrinsics)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("figures", [(), (0.0,), (640.0, 480.0), (*ONE.figures, 0.0)])
+@pytest.mark.parametrize("figures", [(), (0.0,), (640.0, 480.0), (*ONE.intrinsics, 0.0)])
 def test_no_list_of_figures_is_no_camera(figures: tuple[float, ...]) -> None:
-    assert not ONE.has_figures(figures)
+    assert not ONE.same_intrinsics(figures)

@@ -22,7 +22,7 @@ def test_parameters_of_another_camera_are_refused(processes, watch):
     """Two nodes with the other camera's parameters stand still and say why; one goes on."""
     watcher = watch()
     for name, camera in (("emvs", OTHER), ("surface", OTHER), ("braille", CAMERA)):
-        processes.start(name, f"{{calibrated_camera: {list(camera.figures)}}}")
+        processes.start(name, f"{{calibrated_camera: {list(camera.intrinsics)}}}")
     info = watcher.node.create_publisher(CameraInfo, "/event_camera/camera_info", qos.LATCHED)
     info.publish(messages.camera_info(CAMERA, 0, "event_camera_optical_frame"))
 

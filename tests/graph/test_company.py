@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from roller_bringup.launching import LaunchPlan, NodeProcess
-from roller_bringup.live import GraphError, refuse_company
+from roller_bringup.live import GraphError, check_no_duplicate_nodes
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 
@@ -18,8 +18,8 @@ def test_a_second_graph_is_refused(watch):
     watcher = watch()
     plan = LaunchPlan(Path("test.launch.xml"))
     plan.processes.append(NodeProcess("emvs", ("true",), {}))
-    refuse_company(plan)
+    check_no_duplicate_nodes(plan)
     plan.processes.append(NodeProcess(watcher.node.get_name(), ("true",), {}))
     with pytest.raises(GraphError, match=r"already running in ROS domain .*: watcher; stop"):
-        refuse_company(plan, wait_s=5.0)
+        check_no_duplicate_nodes(plan, wait_s=5.0)
     plan.close()

@@ -19,7 +19,8 @@ from graph.graph_world import Processes
 from recording.bags import EVENT_ARRAY, Recipe, bag_messages, write_bag
 from roller_bringup.cli import main
 from roller_core.codecs import RawPacket
-from roller_recording.reading.bag_reader import BagReader, RawMessage
+from roller_recording.raw_message import RawMessage
+from roller_recording.reading.bag_reader import BagReader
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 
@@ -75,8 +76,8 @@ def packets(bag: Path) -> dict[int, int]:
     last_ns = 0
     for item in BagReader(bag).messages({EVENTS}):
         if isinstance(item, RawMessage):
-            assert item.log_ns >= last_ns
-            last_ns = item.log_ns
+            assert item.t_ns >= last_ns
+            last_ns = item.t_ns
             packet = RawPacket.parse(item.data)
             found[packet.seq] = zlib.crc32(packet.payload)
     assert list(found) == sorted(found)

@@ -16,9 +16,10 @@ from rosbags.rosbag2 import StoragePlugin
 
 from recording.bags import Recipe, bag_messages, write_bag
 from roller_bringup.cli import main
-from roller_recording.reading.bag_reader import BagReader, RawMessage
+from roller_recording.raw_message import RawMessage
+from roller_recording.reading.bag_reader import BagReader
 from roller_recording.reading.base import RecordingError
-from roller_recording.writing import BagWriter, Taken
+from roller_recording.writing import BagWriter
 from roller_ros import topics
 
 KINDS = {t.name: (t.type_name, topics.offered(t)) for t in topics.ALL}
@@ -26,8 +27,8 @@ Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
-def messages() -> list[Taken]:
-    return [Taken(t_ns, topic, data) for t_ns, topic, _, data in bag_messages(Recipe())]
+def messages() -> list[RawMessage]:
+    return [RawMessage(t_ns, topic, data) for t_ns, topic, _, data in bag_messages(Recipe())]
 
 
 class Chunked:
@@ -41,7 +42,7 @@ class Chunked:
         Where each chunk itself ends.
     """
 
-    def __init__(self, folder: Path, messages: list[Taken]) -> None:
+    def __init__(self, folder: Path, messages: list[RawMessage]) -> None:
         writer = BagWriter(folder / "bag", KINDS)
         self.ends: list[int] = []
         starts = [writer.bytes_written]
@@ -59,7 +60,7 @@ class Chunked:
 
 
 @pytest.fixture(scope="module")
-def chunked(messages: list[Taken], tmp_path_factory: pytest.TempPathFactory) -> Chunked:
+def chunked(messages: list[RawMessage], tmp_path_factory: pytest.TempPathFactory) -> Chunked:
     return Chunked(tmp_path_factory.mktemp("chunked"), messages)
 
 
@@ -82,7 +83,7 @@ def read(path: Path) -> tuple[list[bytes], list[str]]:
 )
 @given(share=st.floats(0, 1, exclude_max=True), beside=st.integers(-10, 10))
 def test_an_mcap_cut_at_any_byte(
-    share: float, beside: int, chunked: Chunked, messages: list[Taken], tmp_path: Path
+    share: float, beside: int, chunked: Chunked, messages: list[RawMessage], tmp_path: Path
 ) -> None:
     cut = int(share * len(chunked.data))
     if cut % 2:  # where a chunk or its index ends, where it is delicate
@@ -119,7 +120,7 @@ def test_what_info_says_of_a_cut(chunked: Chunked, tmp_path: Path, capsys: Captu
 
 
 def test_zeros_that_a_power_cut_leaves(
-    chunked: Chunked, messages: list[Taken], tmp_path: Path
+    chunked: Chunked, messages: list[RawMessage], tmp_path: Path
 ) -> None:
     whole, ends = chunked.data, chunked.ends
     path = tmp_path / "cut.mcap"
@@ -130,7 +131,7 @@ def test_zeros_that_a_power_cut_leaves(
 
 
 def test_a_broken_chunk_in_a_cut_file_costs_that_chunk(
-    messages: list[Taken], tmp_path: Path
+    messages: list[RawMessage], tmp_path: Path
 ) -> None:
     writer = BagWriter(tmp_path / "bag", KINDS, compress=True)
     for k, message in enumerate(messages[:40]):
@@ -177,7 +178,7 @@ def sqlite_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("share", [0.15, 0.3, 0.5, 0.75, 0.9, 0.99])
 def test_a_sqlite_file_cut_off(
-    share: float, sqlite_bag: Path, messages: list[Taken], tmp_path: Path
+    share: float, sqlite_bag: Path, messages: list[RawMessage], tmp_path: Path
 ) -> None:
     shutil.copytree(sqlite_bag, tmp_path / "bag")
     file = tmp_path / "bag" / "bag.db3"
@@ -193,7 +194,7 @@ def test_a_sqlite_file_cut_off(
 
 @pytest.mark.parametrize("mode", ["WAL", "DELETE"])
 def test_a_sqlite_file_that_was_not_closed(
-    mode: str, sqlite_bag: Path, messages: list[Taken], tmp_path: Path
+    mode: str, sqlite_bag: Path, messages: list[RawMessage], tmp_path: Path
 ) -> None:
     """Rows in a write-ahead log count; a transaction that a journal would undo doesn't."""
     source = tmp_path / "source.db3"
@@ -264,7 +265,7 @@ def renamed(text: str) -> str:
     ],
 )
 def test_metadata_that_are_missing_or_stale_cost_nothing(
-    change, note: str, messages: list[Taken], tmp_path: Path, capsys: Capture
+    change, note: str, messages: list[RawMessage], tmp_path: Path, capsys: Capture
 ) -> None:
     bag = write_bag(tmp_path / "bag")
     metadata = bag / "metadata.yaml"

@@ -27,8 +27,9 @@ from recording.bags import (
 )
 from roller_bringup.cli import main
 from roller_core.camera import Camera
+from roller_recording.raw_message import RawMessage
 from roller_recording.reading import RecordingError, open_recording
-from roller_recording.reading.bag_reader import BagReader, RawMessage
+from roller_recording.reading.bag_reader import BagReader
 
 MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 Capture = pytest.CaptureFixture[str]
@@ -184,7 +185,7 @@ def test_a_split_bag_with_parts_missing_or_cut(tmp_path: Path) -> None:
     assert "bag_1.mcap is missing; the other files are read" in faults[0]
     assert re.search(r"bag_3.mcap: cut off at byte \d+", faults[1])
     last = [item for item in found if isinstance(item, RawMessage)][-1]
-    assert last.log_ns == list(bag_messages(Recipe()))[-1][0]
+    assert last.t_ns == list(bag_messages(Recipe()))[-1][0]
 
 
 def test_files_that_the_metadata_do_not_know_yet(tmp_path: Path) -> None:

@@ -16,8 +16,9 @@ from rosbags.rosbag2 import Reader
 from recording.bags import Recipe, bag_messages, scan
 from roller_bringup.cli import main
 from roller_core.errors import UnwritableOutputError
-from roller_recording.reading.bag_reader import BagReader, RawMessage
-from roller_recording.writing import BagWriter, Recorder, Taken
+from roller_recording.raw_message import RawMessage
+from roller_recording.reading.bag_reader import BagReader
+from roller_recording.writing import BagWriter, Recorder
 from roller_recording.writing.queue import ByteQueue
 from roller_ros import topics
 
@@ -25,23 +26,25 @@ EVENTS = "/event_camera/events"
 KINDS = {t.name: (t.type_name, topics.offered(t)) for t in topics.ALL}
 
 
-def sent(encoding: str = "mono") -> list[Taken]:
-    return [Taken(t_ns, topic, data) for t_ns, topic, _, data in bag_messages(Recipe(encoding))]
+def sent(encoding: str = "mono") -> list[RawMessage]:
+    return [
+        RawMessage(t_ns, topic, data) for t_ns, topic, _, data in bag_messages(Recipe(encoding))
+    ]
 
 
-def written(path: Path) -> list[Taken]:
+def written(path: Path) -> list[RawMessage]:
     """What our reader finds; it must be whole."""
     reader = BagReader(path)
     found = []
     for item in reader.messages(set(reader.topics)):
         assert isinstance(item, RawMessage), item
-        found.append(Taken(item.log_ns, item.topic, item.data))
+        found.append(RawMessage(item.t_ns, item.topic, item.data))
     return found
 
 
 def record(
     path: Path,
-    messages: list[Taken],
+    messages: list[RawMessage],
     compress: bool = False,
     keep_free: int = 0,
     queue: int = 512_000_000,
@@ -65,7 +68,7 @@ def test_everything_is_in_the_bag(compress: bool, tmp_path: Path) -> None:
     assert progress.packets == 80
     assert progress.events == len(scan())
     with Reader(tmp_path / "bag") as reader:  # rosbags itself, with index and metadata
-        found = [Taken(t, c.topic, d) for c, t, d in reader.messages()]
+        found = [RawMessage(t, c.topic, d) for c, t, d in reader.messages()]
         offered = {c.topic: c.ext.offered_qos_profiles[0] for c in reader.connections}
         assert reader.message_count == len(messages)
     assert sorted(found) == sorted(messages)
@@ -88,7 +91,7 @@ class Slow(BagWriter):
         super().__init__(path, KINDS)
         self.go = threading.Event()
 
-    def write(self, message: Taken) -> None:
+    def write(self, message: RawMessage) -> None:
         self.go.wait()
         super().write(message)
 
@@ -117,9 +120,9 @@ def test_what_the_queue_refuses_is_counted_and_the_rest_is_written(tmp_path: Pat
 
 def test_the_queue_is_bounded_in_bytes() -> None:
     queue = ByteQueue(1_000_000)
-    large = [Taken(k, EVENTS, bytes(99_800)) for k in range(20)]
+    large = [RawMessage(k, EVENTS, bytes(99_800)) for k in range(20)]
     assert len(queue.put(large)) == 10
-    small = [Taken(k, "/tf", bytes(800)) for k in range(200)]
+    small = [RawMessage(k, "/tf", bytes(800)) for k in range(200)]
     assert len(queue.put(small)) == 100  # a tenth more for what is small
     assert queue.waiting_bytes == queue.peak_bytes == 1_100_000
     assert queue.get(0) == large[0]
@@ -165,7 +168,7 @@ def flushed_often(monkeypatch: pytest.MonkeyPatch, every: int = 5) -> None:
     write = BagWriter.write
     count = [0]
 
-    def write_and_flush(self: BagWriter, message: Taken) -> None:
+    def write_and_flush(self: BagWriter, message: RawMessage) -> None:
         write(self, message)
         count[0] += 1
         if count[0] % every == 0:

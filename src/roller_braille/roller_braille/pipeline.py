@@ -115,7 +115,7 @@ class BraillePipeline:
 
     def add_events(self, events: EventArray) -> None:
         """Take events in order of time, ROS time."""
-        self._cutter.add(events.shown(self.settings.event_delay_s))
+        self._cutter.add(events.compensate_delay(self.settings.event_delay_s))
 
     def text(self) -> list[str]:
         """Lines of text read so far.

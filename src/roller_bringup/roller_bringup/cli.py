@@ -15,7 +15,7 @@ from pathlib import Path
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
 from roller_core.opencv import one_opencv_thread
-from roller_core.signals import Ended, ending_in_order
+from roller_core.signals import Terminated, terminate_in_order
 
 #: Packages name their subcommands in this group of entry points.
 GROUP = "roller.commands"
@@ -62,14 +62,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     keep_freed_memory()
     one_opencv_thread()
     try:
-        with ending_in_order():
+        with terminate_in_order():
             return int(args.run(args))
     except RollerError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         print("interrupted", file=sys.stderr)
-        return 128 + (interrupt.number if isinstance(interrupt, Ended) else signal.SIGINT)
+        return 128 + (interrupt.number if isinstance(interrupt, Terminated) else signal.SIGINT)
 
 
 if __name__ == "__main__":

@@ -101,7 +101,7 @@ class Observer:
                 self.seen.source_done = True
 
 
-def refuse_company(plan: LaunchPlan, wait_s: float = 1.0) -> None:
+def check_no_duplicate_nodes(plan: LaunchPlan, wait_s: float = 1.0) -> None:
     """See that no node of a plan runs already; two graphs with the same topics spoil each other.
 
     Parameters

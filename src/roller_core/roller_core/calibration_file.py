@@ -198,14 +198,14 @@ def refuse_other_camera(path: Path | None, camera: Camera) -> None:
             ) from error
         if not same_camera(made, camera):
             raise OtherCameraError(
-                f"{path}: '{kind}' was calibrated with another camera ({made.in_words}) than this "
-                f"recording's ({camera.in_words}); calibrate again"
+                f"{path}: '{kind}' was calibrated with another camera ({made}) than this "
+                f"recording's ({camera}); calibrate again"
             )
 
 
 def same_camera(one: Camera, other: Camera) -> bool:
     """Whether two calibrations are of the same camera and lens."""
-    return one.model == other.model and one.has_figures(other.figures)
+    return one.model == other.model and one.same_intrinsics(other.intrinsics)
 
 
 def _sections(path: Path) -> dict[str, Any]:

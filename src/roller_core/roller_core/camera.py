@@ -86,28 +86,27 @@ class Camera:
         object.__setattr__(self, "distortion", padded)
 
     @property
-    def figures(self) -> tuple[float, ...]:
+    def intrinsics(self) -> tuple[float, ...]:
         """What tells cameras apart: width, height, fx, fy, cx, cy (px), distortion."""
         plain = (self.width, self.height, self.fx, self.fy, self.cx, self.cy)
         return tuple(map(float, plain + self.distortion))
 
-    def has_figures(self, figures: Sequence[float]) -> bool:
-        """Whether figures, as `figures` gives them, are those of this camera and lens.
+    def same_intrinsics(self, intrinsics: Sequence[float]) -> bool:
+        """Whether figures, as `intrinsics` gives them, are those of this camera and lens.
 
         Coefficients of distortion that are left out are zero.
         """
-        own = np.array(self.figures)
-        if not 6 <= len(figures) <= len(own):
+        own = np.array(self.intrinsics)
+        if not 6 <= len(intrinsics) <= len(own):
             return False
-        other = np.append(np.asarray(figures, np.float64), np.zeros(len(own) - len(figures)))
+        other = np.append(np.asarray(intrinsics, np.float64), np.zeros(len(own) - len(intrinsics)))
         return bool(
             (own[:2] == other[:2]).all()
             and np.allclose(own[2:6], other[2:6], rtol=_SAME_SHARE)
             and np.allclose(own[6:], other[6:], rtol=0, atol=_SAME_DISTORTION)
         )
 
-    @property
-    def in_words(self) -> str:
+    def __str__(self) -> str:
         """Size and intrinsics, for messages."""
         return (
             f"{self.width}×{self.height} px, F {self.fx:.1f}, {self.fy:.1f}, centre "

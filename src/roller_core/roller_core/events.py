@@ -113,7 +113,7 @@ class EventArray:
         """The same events, `offset_ns` later."""
         return EventArray(self.x, self.y, self.t_ns + np.int64(offset_ns), self.p)
 
-    def shown(self, delay_s: float) -> EventArray:
+    def compensate_delay(self, delay_s: float) -> EventArray:
         """The same events at the time of what they show, `delay_s` before their stamps."""
         return self.shifted(-round(delay_s * 1e9)) if delay_s else self
 

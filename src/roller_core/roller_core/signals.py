@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 
-class Ended(KeyboardInterrupt):
+class Terminated(KeyboardInterrupt):
     """A signal asked for the end; what is under way cleans up as after Ctrl-C.
 
     Attributes
@@ -24,8 +24,8 @@ class Ended(KeyboardInterrupt):
 
 
 @contextmanager
-def ending_in_order() -> Iterator[None]:
-    """Have SIGTERM and SIGHUP raise `Ended`, where they would end the process at once.
+def terminate_in_order() -> Iterator[None]:
+    """Have SIGTERM and SIGHUP raise `Terminated`, where they would end the process at once.
 
     Whatever started processes of its own can then stop them. Signals that are ignored, as under
     nohup, stay so; on other threads than the main one nothing changes.
@@ -35,7 +35,7 @@ def ending_in_order() -> Iterator[None]:
         return
 
     def end(number: int, _frame: FrameType | None) -> None:
-        raise Ended(number)
+        raise Terminated(number)
 
     wanted = (signal.SIGTERM, signal.SIGHUP)
     before = {s: signal.getsignal(s) for s in wanted if signal.getsignal(s) == signal.SIG_DFL}

@@ -129,7 +129,7 @@ class DepthPipeline:
             If one lies outside the camera's image.
         """
         events.check_inside(self.camera.width, self.camera.height)
-        self._cutter.add(events.shown(self.settings.event_delay_s))
+        self._cutter.add(events.compensate_delay(self.settings.event_delay_s))
 
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
         """Depth maps of all windows that are complete, in order.

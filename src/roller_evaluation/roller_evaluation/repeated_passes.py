@@ -17,7 +17,7 @@ from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings
 from roller_emvs.windows import RefusedWindow
 from roller_evaluation.bench.measure import events_for, of_object, results_of, tally_for
 from roller_evaluation.bench.scans import Scan, get_scan
-from roller_inspect.pipeline import Inspection, InspectionSettings, Mapped
+from roller_inspect.pipeline import DepthResult, Inspection, InspectionSettings
 from roller_inspect.results.truth_tally import SurfaceTally
 from roller_sim.relief import Region
 
@@ -161,7 +161,7 @@ def stitched(scan: Scan, method: str) -> SurfaceTally:
     tally = SurfaceTally(scan.truth, regions={"plate": _plate(scan), **scan.truth.objects})
     stamp_ns = 0
     for found in inspection.results(flush=True):
-        if isinstance(found, Mapped):
+        if isinstance(found, DepthResult):
             stamp_ns = found.depth_map.stamp_ns
             tally.add_points(found.patch.points, stamp_ns)
         elif isinstance(found, SurfacePatch):

@@ -107,7 +107,7 @@ class InspectionSettings:
 
 
 @dataclass(frozen=True)
-class Mapped:
+class DepthResult:
     """A depth map and the points of the surface that it completed."""
 
     depth_map: DepthMap
@@ -154,13 +154,13 @@ class Inspection:
 
     def results(
         self, flush: bool = False
-    ) -> Iterator[Mapped | SurfacePatch | RefusedWindow | Cell]:
+    ) -> Iterator[DepthResult | SurfacePatch | RefusedWindow | Cell]:
         """What is complete by now; with `flush` all that is left."""
         for found in self.depth.results(flush):
             if isinstance(found, RefusedWindow | SurfacePatch):
                 yield found
             else:
-                yield Mapped(found, self.stitcher.add(found))
+                yield DepthResult(found, self.stitcher.add(found))
         if self.braille is not None:
             yield from self.braille.results(flush)
         self._forget_poses()

@@ -17,7 +17,7 @@ from roller_inspect.results.run_report import Report
 from roller_inspect.results.truth_tally import SurfaceTally, TruthTally
 from roller_recording.reading import Recording, RecordingError
 
-from .pipeline import Inspection, InspectionSettings, Mapped
+from .pipeline import DepthResult, Inspection, InspectionSettings
 
 
 def replay(
@@ -155,7 +155,7 @@ class _Run:
                 self._report.add_window(found)
                 self._writer.write_rows(found)
                 self._compare(found)
-            elif isinstance(found, Mapped):
+            elif isinstance(found, DepthResult):
                 self._report.add_window(found.depth_map)
                 self._writer.write_mapped(found)
                 self._compare(found.depth_map)

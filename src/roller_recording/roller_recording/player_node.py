@@ -117,8 +117,8 @@ class PlayerNode(Node):
                 self._diagnostics.fault(str(item))
                 continue
             if begin is None or first_ns is None:
-                begin, first_ns = time.monotonic(), item.log_ns
-            due = begin + (item.log_ns - first_ns) * 1e-9 / self._p.rate
+                begin, first_ns = time.monotonic(), item.t_ns
+            due = begin + (item.t_ns - first_ns) * 1e-9 / self._p.rate
             wait = due - time.monotonic()
             if wait > 0:
                 time.sleep(wait)

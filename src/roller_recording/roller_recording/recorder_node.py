@@ -11,7 +11,7 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
-from roller_recording.writing.polled_subscriptions import Tap
+from roller_recording.writing.polled_subscriptions import PolledSubscriptions
 from roller_recording.writing.recorder_settings import RecorderParameters
 from roller_ros import diagnostics, topics
 from roller_ros.node_main import run_node
@@ -53,7 +53,7 @@ class RecorderNode(Node):
         self.recorder = Recorder(writer, events, int(p.queue_mb * 1e6))
         self._diagnostics = diagnostics.Diagnostics(self, "recording", self._status)
         self._told = False
-        self._tap = Tap(self, chosen, self.recorder.take, self._overflow)
+        self._tap = PolledSubscriptions(self, chosen, self.recorder.take, self._overflow)
         self.create_timer(1.0, self._tap.match_publishers)
 
     def stop_taking(self) -> None:

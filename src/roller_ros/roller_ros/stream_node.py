@@ -181,10 +181,10 @@ class StreamNode(Node, Generic[P]):
     def _take_camera(self, message: CameraInfo) -> None:
         camera = messages.camera_from_info(message)
         figures = self.parameters.calibrated_camera
-        if any(figures) and not camera.has_figures(figures):
+        if any(figures) and not camera.same_intrinsics(figures):
             self.pipeline = self.stream = None
             self._refused = (
-                f"the camera ({camera.in_words}) isn't the one that the node's parameters were "
+                f"the camera ({camera}) isn't the one that the node's parameters were "
                 "calibrated with (calibrated_camera): calibrate again, or leave params:= away"
             )
             raise OtherCameraError(self._refused)

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
     from roller_bringup.launching import load
     from roller_bringup.launching.locate import package_share
-    from roller_bringup.live import refuse_company, run_until_done
+    from roller_bringup.live import check_no_duplicate_nodes, run_until_done
     from roller_core.output_folder import fresh_folder
     from roller_inspect.results.overview import draw_overview
     from roller_inspect.results.recorded import gather
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     }
     # Before what an earlier run left is removed: that run may be the company.
     with load(launch_file, arguments) as plan:
-        refuse_company(plan)
+        check_no_duplicate_nodes(plan)
     fresh_folder(folder)
     overrides = folder / "parameters.yaml"
     # The scan starts when depth or surface, Braille and recorder are all listening, and the

@@ -16,7 +16,7 @@ from roller_core.output_folder import make_folder
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.patch import Patch
 from roller_emvs.ply import PlyWriter
-from roller_inspect.pipeline import Mapped
+from roller_inspect.pipeline import DepthResult
 
 from .result_bag import ResultBag
 
@@ -59,7 +59,7 @@ class ResultWriter:
         """Points written so far."""
         return self._ply.count
 
-    def write_mapped(self, found: Mapped) -> None:
+    def write_mapped(self, found: DepthResult) -> None:
         """A depth map and the surface points that it completed."""
         self._last_ns = found.depth_map.stamp_ns
         self._bag.write_depth(found.depth_map)

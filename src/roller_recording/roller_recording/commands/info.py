@@ -27,9 +27,9 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If the recording can't be read.
     """
-    from roller_recording.reading.summary import take_census
+    from roller_recording.reading.summary import summarise
 
-    census = take_census(args.input, args.topic)
+    census = summarise(args.input, args.topic)
     for line in census.lines():
         print(line)
     for fault in census.faults:

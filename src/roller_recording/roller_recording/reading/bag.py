@@ -16,8 +16,9 @@ from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.sensor_pose import SensorFrames
+from roller_recording.raw_message import RawMessage
 
-from .bag_reader import BagReader, RawMessage
+from .bag_reader import BagReader
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
 from .event_topic import event_topic, listed
 
@@ -98,7 +99,7 @@ class BagRecording(Recording):
             if isinstance(item, RecordingError):
                 yield Step(EventArray.empty(), progress, (item,))
                 continue
-            progress = self._reader.progress(item.log_ns)
+            progress = self._reader.progress(item.t_ns)
             events = EventArray.empty()
             faults: list[RollerError] = []
             try:
@@ -107,7 +108,7 @@ class BagRecording(Recording):
                 faults.append(
                     MalformedRecordingError(
                         f"bag {self._path}: a message on {item.topic} at "
-                        f"{item.log_ns * 1e-9:.6f} s is malformed ({error}); it is left out"
+                        f"{item.t_ns * 1e-9:.6f} s is malformed ({error}); it is left out"
                     )
                 )
                 yield Step(events, progress, tuple(faults))

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import zstandard
 
+from roller_recording.raw_message import RawMessage
+
 from .bag_folder import BagFolder
 from .base import MalformedRecordingError, RecordingError
 from .mcap_scan import McapScan
 from .sqlite_scan import SqliteScan, has_journal
-from .storage import MCAP, SQLITE, RawMessage, Storage, WholeFile
+from .storage import MCAP, SQLITE, Storage, WholeFile
 
 __all__ = ["BagReader", "RawMessage"]
 
@@ -116,7 +118,7 @@ def _unpacked(message: RawMessage, file: Path) -> RawMessage | RecordingError:
         data = zstandard.ZstdDecompressor().decompressobj().decompress(message.data)
     except zstandard.ZstdError as error:
         return MalformedRecordingError(
-            f"bag {file}: a message on {message.topic} at {message.log_ns * 1e-9:.6f} s can't be "
+            f"bag {file}: a message on {message.topic} at {message.t_ns * 1e-9:.6f} s can't be "
             f"unpacked ({error}); it is left out"
         )
-    return RawMessage(message.topic, message.type, message.log_ns, data)
+    return RawMessage(message.t_ns, message.topic, data, message.type)

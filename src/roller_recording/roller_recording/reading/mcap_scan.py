@@ -13,8 +13,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
+from roller_recording.raw_message import RawMessage
+
 from .base import MalformedRecordingError, RecordingError, TruncatedRecordingError
-from .storage import RawMessage, Storage, reason
+from .storage import Storage, reason
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
@@ -67,7 +69,7 @@ class McapScan(Storage):
                         if topics is None or channel.topic in topics:
                             schema = schemas.get(channel.schema_id)
                             kind = schema.name if schema else ""
-                            yield RawMessage(channel.topic, kind, item.log_time, item.data)
+                            yield RawMessage(item.log_time, channel.topic, item.data, kind)
             except _CutError as cut:
                 yield self._cut(cut, count, (last_ns - (start_ns or 0)) * 1e-9)
 

@@ -10,8 +10,10 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
+from roller_recording.raw_message import RawMessage
+
 from .base import RecordingError, TruncatedRecordingError
-from .storage import RawMessage, Storage, reason
+from .storage import Storage, reason
 
 _SIDECARS = ("-journal", "-wal")
 
@@ -65,7 +67,7 @@ class SqliteScan(Storage):
                     start_ns = last_ns if start_ns is None else start_ns
                     name, kind = names[topic_id]
                     if topics is None or name in topics:
-                        yield RawMessage(name, kind, log_ns, bytes(data))
+                        yield RawMessage(log_ns, name, bytes(data), kind)
         except (sqlite3.Error, OverflowError, TypeError) as error:
             fault = f"breaks off ({reason(error)})"
         if fault:

@@ -9,25 +9,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
+from roller_recording.raw_message import RawMessage
+
 from .base import RecordingError, TruncatedRecordingError
 
 MCAP, SQLITE = ".mcap", ".db3"
-
-
-@dataclass(frozen=True)
-class RawMessage:
-    """A message as it lies in the bag."""
-
-    topic: str
-    type: str
-    log_ns: int
-    data: bytes
 
 
 class Storage(ABC):
@@ -69,7 +60,7 @@ class Storage(ABC):
         """Take a message into account."""
         self.topics.setdefault(message.topic, message.type)
         self.counts[message.topic] += 1
-        log_ns = message.log_ns
+        log_ns = message.t_ns
         self.start_ns = log_ns if self.start_ns is None else min(self.start_ns, log_ns)
         self.end_ns = log_ns if self.end_ns is None else max(self.end_ns, log_ns)
 
@@ -120,7 +111,7 @@ class WholeFile(Storage):
                 if not wanted:
                     return
                 for connection, log_ns, data in reader.messages(wanted):
-                    yield RawMessage(connection.topic, connection.msgtype, log_ns, bytes(data))
+                    yield RawMessage(log_ns, connection.topic, bytes(data), connection.msgtype)
                     last_ns = log_ns
         except Exception as error:  # whatever the library meets in a damaged file
             yield TruncatedRecordingError(

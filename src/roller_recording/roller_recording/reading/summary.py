@@ -16,7 +16,7 @@ from .base import RecordingError
 
 
 @dataclass
-class Census:
+class RecordingSummary:
     """Counts of a recording.
 
     Attributes
@@ -94,7 +94,7 @@ class Census:
             self.last_ns = int(events.t_ns[-1])
 
 
-def take_census(path: Path, topic: str | None = None) -> Census:
+def summarise(path: Path, topic: str | None = None) -> RecordingSummary:
     """Count the events of a rosbag2 or AEDAT4 file.
 
     Parameters
@@ -111,7 +111,7 @@ def take_census(path: Path, topic: str | None = None) -> Census:
     """
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
-    census = Census()
+    census = RecordingSummary()
     if path.is_file() and path.suffix.lower() in (".aedat4", ".aedat"):
         from .aedat4 import event_stream, read_events
 
@@ -128,7 +128,7 @@ def take_census(path: Path, topic: str | None = None) -> Census:
     return census
 
 
-def _count_bag(path: Path, census: Census, topic: str | None) -> None:
+def _count_bag(path: Path, census: RecordingSummary, topic: str | None) -> None:
     from .bag_reader import BagReader
     from .event_topic import event_topic
 
@@ -152,7 +152,7 @@ def _count_bag(path: Path, census: Census, topic: str | None) -> None:
             continue
         try:
             message: Any = store.deserialize_cdr(item.data, item.type)
-            census.gaps.see(item.topic, message.seq, item.log_ns)
+            census.gaps.see(item.topic, message.seq, item.t_ns)
             key = (item.topic, message.encoding)
             if key not in decoders:
                 decoders[key] = PacketDecoder(message.encoding, message.width, message.height)
@@ -162,7 +162,7 @@ def _count_bag(path: Path, census: Census, topic: str | None) -> None:
             continue
         except Exception as error:  # a damaged message raises whatever its bytes lead to
             census.faults.append(
-                f"bag {path}: a message on {item.topic} at {item.log_ns * 1e-9:.6f} s is "
+                f"bag {path}: a message on {item.topic} at {item.t_ns * 1e-9:.6f} s is "
                 f"malformed ({error})"
             )
             continue

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from roller_recording.raw_message import RawMessage
+
 from .bag_writer import BagWriter
 from .losses import Losses, Progress
-from .raw_message import Taken
 from .recorder import Recorder
 
-__all__ = ["BagWriter", "Losses", "Progress", "Recorder", "Taken"]
+__all__ = ["BagWriter", "Losses", "Progress", "RawMessage", "Recorder"]

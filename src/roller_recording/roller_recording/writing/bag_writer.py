@@ -15,9 +15,9 @@ from rosbags.rosbag2.errors import WriterError
 
 from roller_core.bags import typestore
 from roller_core.errors import UnwritableOutputError
+from roller_recording.raw_message import RawMessage
 
 from .mcap_file import WholeMcapWriter
-from .raw_message import Taken
 
 #: A chunk is closed after this, s; a process that is killed loses no more.
 CHUNK_S = 0.5
@@ -115,7 +115,7 @@ class BagWriter:
         """Arrival of the first message, ns."""
         return self._writer.min_timestamp if self._connections else None
 
-    def write(self, message: Taken) -> None:
+    def write(self, message: RawMessage) -> None:
         """Write a message.
 
         Raises

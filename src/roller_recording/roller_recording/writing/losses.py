@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from roller_core.seq_gaps import SeqGaps
-
-from .raw_message import Taken
+from roller_recording.raw_message import RawMessage
 
 
 @dataclass
@@ -67,7 +66,7 @@ class Losses:
         """Everything that is known to be lost, messages."""
         return self.before.lost + self.here
 
-    def drop(self, message: Taken) -> None:
+    def drop(self, message: RawMessage) -> None:
         """Count a message that the queue had no room for."""
         self.dropped.setdefault(message.topic, Dropped()).add(message.t_ns)
 

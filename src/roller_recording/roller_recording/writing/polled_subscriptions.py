@@ -26,9 +26,8 @@ from rclpy.qos import (
 )
 from sensor_msgs.msg import Image, PointCloud2
 
+from roller_recording.raw_message import RawMessage
 from roller_ros.topics import Topic
-
-from .raw_message import Taken
 
 _PERIOD_S = 0.005
 #: Most that is taken of a topic at once: what comes faster than it can be taken must not pile up.
@@ -48,7 +47,7 @@ class _Polled(CallbackGroup):
         pass
 
 
-class Tap:
+class PolledSubscriptions:
     """Subscribes to topics and hands on what comes, in order of arrival.
 
     Parameters
@@ -68,14 +67,14 @@ class Tap:
         self,
         node: Node,
         topics: Iterable[Topic],
-        take: Callable[[list[Taken]], None],
+        take: Callable[[list[RawMessage]], None],
         on_overflow: Callable[[str, int], None],
     ) -> None:
         self._node = node
         self._take = take
         self._on_overflow = on_overflow
         self._group = _Polled()
-        self._held: list[Taken] = []
+        self._held: list[RawMessage] = []
         self._stop = threading.Event()
         asked = [(t, _patient(t)) for t in topics]
         self._subscriptions = [(t, qos, self._subscribe(t, qos)) for t, qos in asked]
@@ -139,8 +138,8 @@ class Tap:
             self._take(found)
 
 
-def _take_all(name: str, subscription: Any) -> list[Taken]:
-    found: list[Taken] = []
+def _take_all(name: str, subscription: Any) -> list[RawMessage]:
+    found: list[RawMessage] = []
     size = 0
     handle, kind = subscription.handle, subscription.msg_type
     try:
@@ -150,7 +149,7 @@ def _take_all(name: str, subscription: Any) -> list[Taken]:
                 size += len(data)
                 # Not every middleware says when a message arrived.
                 t_ns = info.get("received_timestamp") or time.time_ns()
-                found.append(Taken(t_ns, name, data))
+                found.append(RawMessage(t_ns, name, data))
     except (_rclpy.RCLError, _rclpy.InvalidHandle):
         pass  # the subscription was replaced, or the graph is gone
     return found

@@ -6,7 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable
 
-from .raw_message import Taken
+from roller_recording.raw_message import RawMessage
 
 #: What a message costs beside its data, bytes; about what the objects around it take.
 _OVERHEAD = 200
@@ -27,7 +27,7 @@ class ByteQueue:
 
     def __init__(self, limit_bytes: int) -> None:
         self._limit = limit_bytes
-        self._items: deque[Taken] = deque()
+        self._items: deque[RawMessage] = deque()
         self._bytes = 0
         self._closed = False
         self._ready = threading.Condition()
@@ -43,7 +43,7 @@ class ByteQueue:
         """Messages that wait."""
         return len(self._items)
 
-    def put(self, messages: Iterable[Taken]) -> list[Taken]:
+    def put(self, messages: Iterable[RawMessage]) -> list[RawMessage]:
         """Queue messages; those for which there is no room are given back."""
         refused = []
         with self._ready:
@@ -59,7 +59,7 @@ class ByteQueue:
             self._ready.notify()
         return refused
 
-    def get(self, timeout_s: float) -> Taken | None:
+    def get(self, timeout_s: float) -> RawMessage | None:
         """The next message; None if none came in time."""
         with self._ready:
             if not self._items and not self._closed:
@@ -81,7 +81,7 @@ class ByteQueue:
             self._closed = True
             self._ready.notify()
 
-    def clear(self) -> list[Taken]:
+    def clear(self) -> list[RawMessage]:
         """Take out everything that waits."""
         with self._ready:
             rest = list(self._items)

@@ -10,11 +10,11 @@ from collections.abc import Collection, Sequence
 
 from roller_core.codecs import CodecError, RawPacket, count_events
 from roller_core.errors import RollerError
+from roller_recording.raw_message import RawMessage
 
 from .bag_writer import BagFullError, BagWriter
 from .losses import Losses, Progress
 from .queue import ByteQueue
-from .raw_message import Taken
 
 _CHECK_S = 0.5
 _CHECK_BYTES = 16_000_000
@@ -55,7 +55,7 @@ class Recorder:
         self._thread.start()
         self._syncer.start()
 
-    def take(self, messages: Sequence[Taken]) -> None:
+    def take(self, messages: Sequence[RawMessage]) -> None:
         """Take messages in order of arrival; returns at once. For one thread."""
         for message in messages:
             if message.topic in self.event_topics:
@@ -127,7 +127,7 @@ class Recorder:
         except BagFullError as error:
             self.fault = self.fault or error
 
-    def _see(self, message: Taken) -> None:
+    def _see(self, message: RawMessage) -> None:
         try:
             packet = RawPacket.parse(message.data)
         except CodecError:
@@ -176,11 +176,11 @@ class Recorder:
             self.losses.leave_out(topic, self._written_ns, count)
         self._leave_out(self._queue.clear())
 
-    def _leave_out(self, messages: Sequence[Taken]) -> None:
+    def _leave_out(self, messages: Sequence[RawMessage]) -> None:
         for message in messages:
             self.losses.leave_out(message.topic, message.t_ns)
 
-    def _count(self, message: Taken) -> None:
+    def _count(self, message: RawMessage) -> None:
         if message.topic not in self.event_topics:
             return
         first_ns = message.t_ns if self._events_ns is None else self._events_ns[0]

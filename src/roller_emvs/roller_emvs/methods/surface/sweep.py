@@ -108,7 +108,7 @@ class SurfaceSweep:
             If one lies outside the camera's image.
         """
         events.check_inside(self.camera.width, self.camera.height)
-        self._cutter.add(events.shown(self.settings.event_delay_s))
+        self._cutter.add(events.compensate_delay(self.settings.event_delay_s))
 
     def results(self, flush: bool = False) -> Iterator[SurfacePatch | RefusedWindow]:
         """Rows that are done, in order along each pass, each once.

@@ -1,4 +1,4 @@
-"""A message on its way from the graph to the bag."""
+"""A message as it travels: from the graph to a bag, or out of one."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Taken:
-    """A serialized message and when it came; in order of time.
+class RawMessage:
+    """A serialized message and its time; in order of time.
 
     Attributes
     ----------
     t_ns : int
-        Arrival, ROS time, ns.
+        When it came, or was logged, ROS time, ns.
     topic : str
         Its topic.
     data : bytes
         The message in CDR.
+    type : str
+        Its type, where the topic alone doesn't say it.
     """
 
     t_ns: int
     topic: str
     data: bytes
+    type: str = ""
