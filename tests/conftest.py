@@ -7,6 +7,22 @@ from pathlib import Path
 
 import pytest
 
+from simulated_scans import Scans
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that simulate, or read what others simulated."""
+    for item in items:
+        if "scans" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.scan)
+
+
+@pytest.fixture(scope="session")
+def scans(request: pytest.FixtureRequest) -> Scans:
+    """Simulated scans, shared by all tests: `scans.bag("stairs", speed=0.3)`; see `Scans`."""
+    assert request.config.cache is not None
+    return Scans(Path(request.config.cache.mkdir("scans")))
+
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:

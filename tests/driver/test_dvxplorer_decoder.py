@@ -190,7 +190,7 @@ def test_reset_forgets_time_but_not_counts():
     assert decoder.counts.bad_words == 1
 
 
-@pytest.mark.slow
+@pytest.mark.scan
 def test_speed():
     """At least 50 million events a second on one core, also where each word has few events."""
     import time

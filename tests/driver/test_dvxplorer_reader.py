@@ -220,7 +220,7 @@ def test_the_preview_shows_both_polarities():
     assert np.all(preview.take() == 128)
 
 
-@pytest.mark.slow
+@pytest.mark.scan
 def test_nothing_is_lost_at_thirty_megabytes_a_second():
     events = scan(1_200_000, 2000)
     raw = encode_words(events).tobytes()
