@@ -10,10 +10,12 @@ import numpy.typing as npt
 from roller_core.events import EventArray, TriggerArray
 
 from . import _kernels
-from .errors import PacketLengthError, UnknownEncodingError
+from .errors import PacketLengthError, PacketTimeError, UnknownEncodingError
 
 Payload = bytes | bytearray | memoryview | npt.NDArray[np.uint8]
 
+#: Times from here on (146 years) are no times: sums with them would leave 64 bits.
+_MOST_NS = 2**62
 _WORD_BYTES = {"mono": 8, "trigger": 8, "libcaer": 8, "libcaer_cmp": 2, "evt3": 2}
 
 
@@ -78,7 +80,13 @@ class PacketDecoder:
         ------
         PacketLengthError
             If the payload is no whole number of words; the decoder's state is unchanged.
+        PacketTimeError
+            If `time_base` is no time.
         """
+        if not 0 <= time_base_ns < _MOST_NS:
+            raise PacketTimeError(
+                f"{self.encoding} packet with time_base {time_base_ns} ns: that is no sensor time"
+            )
         raw = np.frombuffer(payload, np.uint8)
         word = _WORD_BYTES[self.encoding]
         if len(raw) % word:

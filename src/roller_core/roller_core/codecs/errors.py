@@ -18,4 +18,4 @@ class PacketLengthError(CodecError):
 
 
 class PacketTimeError(CodecError):
-    """Event times that the encoding can't hold in one packet."""
+    """Times that are none, or that the encoding can't hold in one packet."""
