@@ -8,11 +8,11 @@ import pytest
 from braille.synthetic import CAMERA, DEPTH_M, DOWN, START_NS, roll_track
 from roller_braille.hot import HotPixels
 from roller_braille.reader_settings import BrailleSettings
-from roller_braille.rolling import Pass
 from roller_braille.strip import Kind, Strip
 from roller_braille.warp import OUTSIDE, Warp, vote, vote_numpy
 from roller_core.camera import Camera
 from roller_core.events import EventArray
+from roller_core.passes import Pass
 from roller_core.transforms import quaternion_to_matrix, rotation_vector_to_quaternion
 
 RASTER = np.array([[1e4, 0.0, 250.0], [0.0, 1e4, 110.0], [0.0, 0.0, 1.0]])

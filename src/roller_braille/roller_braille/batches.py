@@ -1,6 +1,6 @@
-"""Cutting the stream of events into the frames that are warped together.
+"""Cutting the stream of events into the batches that are warped together.
 
-A frame ends after a number of events or a travel of the sensor, or where a pass ends: all decided
+A batch ends after a number of events or a travel of the sensor, or where a pass ends: all decided
 by events and poses, never by when they arrived.
 """
 
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roller_core.event_queue import EventQueue
+from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
+from roller_core.passes import Pass, RollTracker, Span
 from roller_core.pose_track import PoseTrack
 
 from .reader_settings import BrailleSettings
-from .rolling import Pass, RollTracker, Span
 
 
 @dataclass(frozen=True)
@@ -35,39 +35,26 @@ class PassEnd:
     roll: Pass
 
 
-class BatchCutter:
-    """Holds events until their frame is complete and covered by poses.
+class BatchCutter(EventCutter):
+    """Holds events until their batch is complete and covered by poses.
 
     Parameters
     ----------
     settings : BrailleSettings
-        Events and travel a frame, limits.
+        Events and travel a batch, limits.
     track : PoseTrack
-        Camera in base; grows while frames are cut.
+        Camera in base; grows while batches are cut.
     """
 
     def __init__(self, settings: BrailleSettings, track: PoseTrack) -> None:
+        super().__init__(settings.max_backlog_events, track)
         self._settings = settings
-        self._track = track
-        self._rolls = RollTracker(settings, track)
-        self._queue = EventQueue(settings.max_backlog_events)
+        self._rolls = RollTracker(settings.roll_rule, track)
         self._span: Span | None = None
         self._start_ns = 0
-        # What the frame's end was last found for, and where it is.
+        # What the batch's end was last found for, and where it is.
         self._limit_of: tuple[int, int, int, bool] | None = None
         self._limit_ns: int | None = None
-        self.still_events = 0
-        self.events_without_pose = 0
-
-    @property
-    def held_events(self) -> int:
-        """Events that wait."""
-        return len(self._queue)
-
-    @property
-    def dropped_events(self) -> int:
-        """Events beyond the backlog's limit."""
-        return self._queue.dropped
 
     @property
     def needed_from_ns(self) -> int | None:
@@ -79,17 +66,13 @@ class BatchCutter:
             return min(known, self._start_ns)
         return min([known, *(s.start_ns for s in self._rolls.spans)])
 
-    def add(self, events: EventArray) -> None:
-        """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
-        self._queue.add(events)
-
     def cut(self, flush: bool = False) -> Batch | PassEnd | None:
-        """The next frame or end of a pass, or None while there is none complete.
+        """The next batch or end of a pass, or None while there is none complete.
 
         Parameters
         ----------
         flush : bool
-            No more events will come: what is left makes up the last frame.
+            No more events will come: what is left makes up the last batch.
         """
         self._rolls.update()
         if self._rolls.known_ns is None:
@@ -116,7 +99,7 @@ class BatchCutter:
         if not self._rolls.spans:
             self._skip(known)
             if flush:
-                self.events_without_pose += self._queue.drop_before(2**63 - 1)
+                self._drop_unplaced()
             return False
         self._span = self._rolls.spans.popleft()
         self._start_ns = self._span.start_ns
@@ -126,18 +109,18 @@ class BatchCutter:
 
     def _skip(self, t_ns: int) -> None:
         """Pass over the events of a sensor that doesn't roll."""
-        self.events_without_pose += self._queue.drop_before(min(t_ns, self._track.start_ns))
+        self._drop_unplaced(min(t_ns, self._track.start_ns))
         gaps = self._rolls.gaps
         while gaps and gaps[0][0] < t_ns:
             self.still_events += self._queue.drop_before(gaps[0][0])
-            self.events_without_pose += self._queue.drop_before(min(gaps[0][1], t_ns))
+            self._drop_unplaced(min(gaps[0][1], t_ns))
             if gaps[0][1] > t_ns:
                 break
             gaps.popleft()
         self.still_events += self._queue.drop_before(t_ns)
 
     def _cut_span(self, span: Span, flush: bool) -> Batch | None:
-        """The next frame of a span; the span is done when it has none left."""
+        """The next batch of a span; the span is done when it has none left."""
         if self._start_ns >= span.end_ns:
             if not span.open:
                 self._span = None
@@ -159,7 +142,7 @@ class BatchCutter:
         return Batch(span.roll, start, end, self._queue.take(count))
 
     def _limit(self, span: Span) -> int | None:
-        """Where the frame ends by travel or with its span; None while that isn't known."""
+        """Where the batch ends by travel or with its span; None while that isn't known."""
         known = (self._start_ns, span.end_ns, self._track.end_ns, span.open)
         if self._limit_of != known:
             self._limit_of, self._limit_ns = known, self._find_limit(span)

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from roller_core.passes import Pass
+
 from .batches import Batch
 from .contrast import Frame, WayScale
 from .dots import DotFinder, Dots
@@ -15,7 +17,6 @@ from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .previews import Preview, Previewer
 from .reader_settings import BrailleSettings, Spacing
 from .recognise import Recogniser
-from .rolling import Pass
 from .strip import Kind, Strip
 from .warp import F32, F64, Warp
 

@@ -10,6 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from roller_core.passes import RollRule
 from roller_core.timing_settings import TimingSettings
 
 #: Poses on either side over which the stamps of poses are smoothed: each costs the time between two
@@ -204,3 +205,8 @@ class BrailleSettings(TimingSettings):
             self.line_pitch_m or p.line_pitch_m,
             self.dot_diameter_m or p.dot_diameter_m,
         )
+
+    @property
+    def roll_rule(self) -> RollRule:
+        """When the sensor rolls and when its pass is over."""
+        return RollRule(self.min_speed_m_s, self.standstill_s, self.turn_back_m)

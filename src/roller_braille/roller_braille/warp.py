@@ -16,12 +16,12 @@ import numpy.typing as npt
 
 from roller_core.camera import Camera
 from roller_core.events import EventArray
+from roller_core.passes import Pass
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64, quaternion_to_matrix
 
 from . import _kernels as kernels
 from .reader_settings import BrailleSettings
-from .rolling import Pass
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""Events that wait for what they belong to, in order of time, up to a limit."""
+"""Events that wait for their poses, in order of time, up to a limit; and what became of them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 
 from .events import EventArray
+from .pose_track import PoseTrack
 
 #: Before any event.
 _NEVER_NS = -(2**62)
@@ -113,3 +114,58 @@ class EventQueue:
             else:
                 self._parts[0] = part[count:]
                 count = 0
+
+    def clear(self) -> int:
+        """Forget all events; how many."""
+        count = self._count
+        self.drop(count)
+        return count
+
+
+class EventCutter:
+    """Base of what cuts a stream of events up by poses: events that wait, and counts of the rest.
+
+    Parameters
+    ----------
+    most_events : int
+        Events that may wait; beyond it the oldest are dropped.
+    track : PoseTrack
+        Camera in base; grows while events are cut.
+
+    Attributes
+    ----------
+    events_without_pose : int
+        Events that no pose was there for.
+    still_events : int
+        Events of a sensor that didn't move.
+    """
+
+    def __init__(self, most_events: int, track: PoseTrack) -> None:
+        self._queue = EventQueue(most_events)
+        self._track = track
+        self.events_without_pose = 0
+        self.still_events = 0
+
+    @property
+    def held_events(self) -> int:
+        """Events that wait."""
+        return len(self._queue)
+
+    @property
+    def dropped_events(self) -> int:
+        """Events beyond the backlog's limit."""
+        return self._queue.dropped
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed; None while it isn't known."""
+        raise NotImplementedError
+
+    def add(self, events: EventArray) -> None:
+        """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
+        self._queue.add(events)
+
+    def _drop_unplaced(self, before_ns: int | None = None) -> None:
+        """Forget events that no pose is there for: those before a time, or all."""
+        gone = self._queue.clear() if before_ns is None else self._queue.drop_before(before_ns)
+        self.events_without_pose += gone

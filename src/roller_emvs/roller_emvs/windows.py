@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roller_core.errors import RollerError
-from roller_core.event_queue import EventQueue
+from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
 
@@ -42,7 +42,7 @@ class RefusedWindow:
     fault: RollerError | None = None
 
 
-class WindowCutter:
+class WindowCutter(EventCutter):
     """Holds events until their window is complete and covered by poses.
 
     Parameters
@@ -54,30 +54,14 @@ class WindowCutter:
     """
 
     def __init__(self, settings: DepthSettings, track: PoseTrack) -> None:
+        super().__init__(settings.max_backlog_events, track)
         self._settings = settings
-        self._track = track
-        self._queue = EventQueue(settings.max_backlog_events)
         self._start_ns: int | None = None
-        self.events_without_pose = 0
-
-    @property
-    def held_events(self) -> int:
-        """Events that wait."""
-        return len(self._queue)
-
-    @property
-    def dropped_events(self) -> int:
-        """Events beyond the backlog's limit."""
-        return self._queue.dropped
 
     @property
     def needed_from_ns(self) -> int | None:
         """Poses from before this time are no longer needed; None while it isn't known."""
         return self._start_ns
-
-    def add(self, events: EventArray) -> None:
-        """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
-        self._queue.add(events)
 
     def cut(self, flush: bool = False) -> Window | RefusedWindow | None:
         """The next window, or None while it is not complete.
@@ -115,7 +99,7 @@ class WindowCutter:
         if self._start_ns is None:
             # Events from before the first pose can't be placed.
             if first_ns < self._track.start_ns:
-                self.events_without_pose += self._queue.drop_before(self._track.start_ns)
+                self._drop_unplaced(self._track.start_ns)
                 if not len(self._queue):
                     return False
                 first_ns = self._queue.first_ns
@@ -127,7 +111,7 @@ class WindowCutter:
         if self._track.end_ns > self._start_ns:
             return True
         if flush:
-            self.events_without_pose += self._queue.drop_before(2**63 - 1)
+            self._drop_unplaced()
         return False
 
     def _length_ns(self) -> int:
@@ -153,7 +137,7 @@ class WindowCutter:
         if not flush:
             return None
         if last <= start:
-            self.events_without_pose += self._queue.drop_before(2**63 - 1)
+            self._drop_unplaced()
             return None
         if end <= track_end and end <= last:
             return end, following, reason
@@ -167,7 +151,7 @@ class WindowCutter:
         try:
             origin = self._track.at(start).position
         except PoseError as error:
-            # A gap: start anew at the first pose after it.
+            # A gap: restart at the first pose after it.
             times = self._track.times_ns
             later = times[np.searchsorted(times, start, side="right") :]
             return int(later[0]), int(later[0]), 0.0, str(error)

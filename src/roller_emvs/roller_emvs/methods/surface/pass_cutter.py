@@ -11,8 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from roller_core.camera import Camera
-from roller_core.event_queue import EventQueue
+from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
+from roller_core.passes import Heading, Progress, stands
 from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.windows import RefusedWindow
@@ -20,17 +21,17 @@ from roller_emvs.windows import RefusedWindow
 from .strip import Block, MotionError, Strip
 from .surface_settings import SurfaceSettings
 
-#: Travel from which the direction of a pass is taken, and over which it is watched, m.
+#: Travel from which the direction of a pass is taken, m.
 _START_M = 0.003
 #: Travel back, or away from the surface, that ends a pass, m.
 _BACK_M, _AWAY_M = 0.0003, 0.002
-#: Cosine of the turn that ends a pass.
-_TURN = 0.9
+#: Travel over which the direction is watched, m, and the cosine of the turn that ends a pass.
+_HEADING = 0.002, 0.9
 
-Found = RefusedWindow | tuple[Strip, Block]
+Output = RefusedWindow | tuple[Strip, Block]
 
 
-class PassCutter:
+class PassCutter(EventCutter):
     """Holds events until poses cover them, and rays until their rows are out of view.
 
     Parameters
@@ -44,22 +45,18 @@ class PassCutter:
     """
 
     def __init__(self, settings: SurfaceSettings, camera: Camera, track: PoseTrack) -> None:
+        super().__init__(settings.max_backlog_events, track)
         self._settings = settings
         self._camera = camera
-        self._track = track
         table = camera.undistortion_table().astype(np.float64)
         centre, focal = (camera.cx, camera.cy), (camera.fx, camera.fy)
         self._rays = ((table - centre) / focal).astype(np.float32)
-        self._queue = EventQueue(settings.max_backlog_events)
         self._at_ns: int | None = None
         self._strip: Strip | None = None
         self._early: list[tuple[EventArray, int, int, F64, F64]] = []
         self._anchor: tuple[int, F64] | None = None
-        self._farthest = 0.0
-        self._turn_from = np.zeros(3)
+        self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
         self._dropped_rays = 0
-        self.events_without_pose = 0
-        self.still_events = 0
 
     @property
     def dropped_events(self) -> int:
@@ -77,11 +74,7 @@ class PassCutter:
         """Poses from before this time are no longer needed."""
         return self._at_ns
 
-    def add(self, events: EventArray) -> None:
-        """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
-        self._queue.add(events)
-
-    def cut(self, flush: bool = False) -> Iterator[Found]:
+    def cut(self, flush: bool = False) -> Iterator[Output]:
         """Blocks whose rows are out of view, and what had to be refused."""
         while len(self._queue) or self._strip is not None:
             times = self._track.times_ns
@@ -94,7 +87,7 @@ class PassCutter:
                     break
                 first_ns = self._queue.first_ns
                 if first_ns < times[0]:
-                    self.events_without_pose += self._queue.drop_before(int(times[0]))
+                    self._drop_unplaced(int(times[0]))
                     continue
                 start = int(np.searchsorted(times, first_ns, side="right")) - 1
                 if start >= last:
@@ -110,10 +103,10 @@ class PassCutter:
             self._at_ns = t1
         if flush:
             yield from self._end_pass()
-            self.events_without_pose += self._queue.drop_before(2**63 - 1)
+            self._drop_unplaced()
             self._at_ns = None
 
-    def _step(self, t0: int, t1: int) -> Iterator[Found]:
+    def _step(self, t0: int, t1: int) -> Iterator[Output]:
         """What happened between two neighbouring poses."""
         events = self._queue.take(self._queue.count_before(t1))
         try:
@@ -138,7 +131,7 @@ class PassCutter:
 
     def _approach(
         self, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64
-    ) -> Iterator[Found]:
+    ) -> Iterator[Output]:
         """Before a pass: wait until the direction of motion is known."""
         if self._anchor is None:
             self._anchor = (t0, pose0)
@@ -152,7 +145,8 @@ class PassCutter:
                 yield from self._give_up(since, t1, str(error))
                 return
             early, self._early, self._anchor = self._early, [], None
-            self._strip, self._farthest, self._turn_from = strip, 0.0, np.zeros(3)
+            self._strip = strip
+            self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
             for part, a, b, first, second in early:
                 second = strip.to_strip(second)
                 self._vote(strip, part, a, b, strip.to_strip(first), second)
@@ -175,15 +169,10 @@ class PassCutter:
     def _leaves(self, pose: F64) -> bool:
         """Whether the sensor turned back or away from the pass."""
         here = pose[:3, 3]
-        self._farthest = max(self._farthest, float(here[0]))
-        if here[0] < self._farthest - _BACK_M or abs(here[2]) > _AWAY_M:
+        self._progress.advance(float(here[0]))
+        if self._progress.turned_back(float(here[0])) or abs(here[2]) > _AWAY_M:
             return True
-        step = here - self._turn_from
-        length = float(np.linalg.norm(step))
-        if length < 0.002:
-            return False
-        self._turn_from = here.copy()
-        return bool(step[0] < _TURN * length)
+        return self._heading.lost(here)
 
     def _vote(
         self, strip: Strip, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64
@@ -191,19 +180,19 @@ class PassCutter:
         """Events between two poses into the strip, unless the sensor stood still."""
         if not len(events):
             return
-        way = float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
-        if way < self._settings.min_speed_m_s * (t1 - t0) * 1e-9:
+        motion = float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
+        if stands(motion, t1 - t0, self._settings.min_speed_m_s):
             self.still_events += len(events)
             return
         strip.add(events, t0, t1, pose0, pose1)
         while strip.held_rays > self._settings.max_backlog_events and len(strip.blocks) > 1:
             self._dropped_rays += strip.drop_oldest()
 
-    def _ready(self, strip: Strip, pose: F64) -> Iterator[Found]:
+    def _ready(self, strip: Strip, pose: F64) -> Iterator[Output]:
         for block in strip.take(strip.view(pose)[2]):
             yield strip, block
 
-    def _end_pass(self) -> Iterator[Found]:
+    def _end_pass(self) -> Iterator[Output]:
         """The pass is over: what is left of it is done."""
         strip, self._strip = self._strip, None
         if self._early:

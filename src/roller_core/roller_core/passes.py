@@ -1,4 +1,4 @@
-"""When the sensor rolls, found from its poses alone.
+"""When the sensor rolls, stands, turns back or leaves its way, found from its poses alone.
 
 A pass is one roll over the surface in one direction; it ends when the sensor stands still, turns
 back, leaves its line or when poses are missing. Within a pass, spans are the times it moves on.
@@ -12,10 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roller_core.pose_track import PoseTrack
-from roller_core.transforms import F64, quaternion_to_matrix
-
-from .reader_settings import BrailleSettings
+from .pose_track import PoseTrack
+from .transforms import F64, quaternion_to_matrix
 
 #: A sensor that turns or strays further than this from where a pass began has left its line.
 _TURN_RAD = 0.05
@@ -24,6 +22,80 @@ _STRAY_M = 0.004
 _MOSTLY = 2.0
 #: Steps shorter than this are joined: over them the noise of poses would look like motion.
 _STEP_NS = 5_000_000
+
+
+def stands(motion_m: float, duration_ns: int, min_speed_m_s: float) -> bool:
+    """Whether a sensor that moved so far in so long is slower than a speed."""
+    return motion_m < min_speed_m_s * duration_ns * 1e-9
+
+
+class Progress:
+    """How far the sensor has come on a pass.
+
+    Parameters
+    ----------
+    turn_back_m : float
+        Rolling back this far ends the pass, metres.
+    """
+
+    def __init__(self, turn_back_m: float) -> None:
+        self._turn_back = turn_back_m
+        #: Furthest travel so far, metres.
+        self.furthest_m = 0.0
+
+    def advance(self, travel_m: float) -> bool:
+        """Take the travel from where the pass began; whether it is the furthest so far."""
+        further = travel_m > self.furthest_m
+        self.furthest_m = max(self.furthest_m, travel_m)
+        return further
+
+    def turned_back(self, travel_m: float) -> bool:
+        """Whether a travel lies too far behind the furthest one."""
+        return self.furthest_m - travel_m > self._turn_back
+
+
+class Heading:
+    """Whether the sensor keeps to the direction in which its pass began, its frame's x axis.
+
+    Parameters
+    ----------
+    step_m : float
+        Travel over which the direction is taken, metres: over less, noise would look like a turn.
+    cosine : float
+        Least cosine of the angle between the direction and the pass's.
+    """
+
+    def __init__(self, step_m: float, cosine: float) -> None:
+        self._step, self._cosine = step_m, cosine
+        self._since = np.zeros(3)
+
+    def lost(self, place: F64) -> bool:
+        """Take a place in the frame of the pass, shape (3,), metres; whether the sensor turned."""
+        step = place - self._since
+        length = float(np.linalg.norm(step))
+        if length < self._step:
+            return False
+        self._since = place.copy()
+        return bool(step[0] < self._cosine * length)
+
+
+@dataclass(frozen=True)
+class RollRule:
+    """When a sensor rolls and when its pass is over.
+
+    Attributes
+    ----------
+    min_speed_m_s : float
+        A slower sensor stands.
+    standstill_s : float
+        A standstill this long ends a pass.
+    turn_back_m : float
+        Rolling back this far ends a pass.
+    """
+
+    min_speed_m_s: float
+    standstill_s: float
+    turn_back_m: float
 
 
 @dataclass(frozen=True)
@@ -55,22 +127,22 @@ class Span:
 
 
 class RollTracker:
-    """Follows the poses and tells spans.
+    """Finds the spans of passes along the camera's x axis, pose by pose.
 
     Parameters
     ----------
-    settings : BrailleSettings
+    rule : RollRule
         Least speed, standstill, turning back.
     track : PoseTrack
         Camera in base; grows.
     """
 
-    def __init__(self, settings: BrailleSettings, track: PoseTrack) -> None:
-        self._settings = settings
+    def __init__(self, rule: RollRule, track: PoseTrack) -> None:
+        self._rule = rule
         self._track = track
         self._pass: Pass | None = None
         self._span: Span | None = None
-        self._furthest = 0.0
+        self._progress = Progress(rule.turn_back_m)
         self._moved_ns = 0
         #: Time of the newest pose that was looked at; None before the first two.
         self.known_ns: int | None = None
@@ -79,7 +151,7 @@ class RollTracker:
         self.gaps: deque[tuple[int, int]] = deque()
 
     def update(self) -> None:
-        """Look at the poses that came since."""
+        """Look at the poses that have come since."""
         times = self._track.times_ns
         first = 0 if self.known_ns is None else int(np.searchsorted(times, self.known_ns))
         if len(times) - first < 2:
@@ -101,9 +173,7 @@ class RollTracker:
         self._end_pass()
 
     def _step(self, a: int, b: int, p0: F64, p1: F64, r0: F64, r1: F64) -> None:
-        s = self._settings
-        seconds = (b - a) * 1e-9
-        if seconds > self._track.max_gap_s:
+        if (b - a) * 1e-9 > self._track.max_gap_s:
             self._end_pass()
             self.gaps.append((a, b))
             return
@@ -112,16 +182,15 @@ class RollTracker:
         axes = r0 if self._pass is None else self._pass.rotation
         move = (p1 - p0) @ axes
         across = float(np.hypot(move[1], move[2]))
-        rolls = abs(move[0]) >= s.min_speed_m_s * seconds and abs(move[0]) >= _MOSTLY * across
+        still = stands(abs(move[0]), b - a, self._rule.min_speed_m_s)
+        rolls = not still and abs(move[0]) >= _MOSTLY * across
         if self._pass is None:
             if not rolls:
                 return
             self._pass = Pass(r0.copy(), p0.copy(), 1 if move[0] > 0 else -1)
-            self._furthest = 0.0
+            self._progress = Progress(self._rule.turn_back_m)
         travel = float((p1 - self._pass.origin) @ axes[:, 0]) * self._pass.direction
-        forward = rolls and move[0] * self._pass.direction > 0 and travel > self._furthest
-        if forward:
-            self._furthest = travel
+        if rolls and move[0] * self._pass.direction > 0 and self._progress.advance(travel):
             self._moved_ns = b
             if self._span is None:
                 self._span = Span(self._pass, a, b)
@@ -131,8 +200,8 @@ class RollTracker:
         if self._span is not None:
             self._span.open = False
             self._span = None
-        back = self._furthest - travel > s.turn_back_m
-        if back or b - self._moved_ns >= s.standstill_s * 1e9:
+        stood = b - self._moved_ns >= self._rule.standstill_s * 1e9
+        if stood or self._progress.turned_back(travel):
             self._end_pass()
 
     def _strayed(self, p: F64, r: F64) -> bool:
