@@ -11,7 +11,7 @@ from pydantic import Field
 from roller_core.camera import Camera, CameraError
 from roller_core.clock import SensorClock
 from roller_core.errors import SettingsError
-from roller_core.settings import Settings
+from roller_core.settings import Settings, parameter_file
 
 DISTORTED = Camera(640, 480, 1066.0, 1060.0, 319.5, 239.5, (-0.14, 0.09, -3e-4, 2e-4, 0.01))
 
@@ -113,8 +113,14 @@ def test_exact_clock_is_the_identity() -> None:
     assert int(clock.to_ros_ns(10**18 + 7)) == 10**18 + 7
 
 
+class _Group(Settings):
+    sigma_px: float = Field(5.0, ge=1.0, description="Neighbourhood, px.")
+    votes: int = Field(2, description="Votes.")
+
+
 class _Demo(Settings):
     planes: int = Field(5, ge=2, le=9, description="Planes.")
+    focus: _Group = _Group(votes=4)
 
 
 def test_settings_from_yaml(tmp_path: Path) -> None:
@@ -128,7 +134,9 @@ def test_settings_from_yaml(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("emvs:\n  ros__parameters: {planes: 99}\n", "'planes' = 99"),
-        ("emvs:\n  ros__parameters: {plane: 3}\n", "unknown entry 'plane'"),
+        ("emvs:\n  ros__parameters: {plane: 3}\n", "unknown entry 'plane'; is it 'planes'"),
+        ("emvs: {ros__parameters: {focus_sigma_px: 3}}\n", "is it 'focus.sigma_px'"),
+        ("emvs: {ros__parameters: {focus: {sigma_px: 0}}}\n", "'focus.sigma_px' = 0"),
         ("emvs: {planes: 3}\n", "ros__parameters"),
         ("- 3\n", "expected"),
     ],
@@ -138,3 +146,15 @@ def test_settings_faults(tmp_path: Path, text: str, message: str) -> None:
     path.write_text(text)
     with pytest.raises(SettingsError, match=message):
         _Demo.from_yaml(path, "emvs")
+
+
+def test_a_group_given_in_part_keeps_the_rest_of_its_default(tmp_path: Path) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        "/**: {ros__parameters: {focus: {sigma_px: 3}}}\n"
+        "emvs: {ros__parameters: {focus.sigma_px: 2}}\n"
+        "other: {ros__parameters: {focus: {votes: 7}}}\n"
+    )
+    assert _Demo.from_yaml(path, "emvs").focus == _Group(sigma_px=2.0, votes=4)
+    assert _Demo.from_yaml(path, "other").focus == _Group(sigma_px=3.0, votes=7)
+    assert "      votes: 4\n" in parameter_file({"emvs": _Demo})

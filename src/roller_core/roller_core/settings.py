@@ -1,18 +1,20 @@
 """Settings: frozen, validated once at the edge, one source of defaults.
 
 A settings model is what node parameters, parameter files and the documentation are made from:
-every field carries a description and, for numbers, its range.
+every field carries a description and, for numbers, its range. A field that is itself a model is a
+group; ROS names its parameters `group.name`.
 """
 
 from __future__ import annotations
 
+import difflib
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from .errors import SettingsError
 
@@ -23,6 +25,20 @@ class Settings(BaseModel):
     """Base of all settings models."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _complete_groups(cls, values: Any) -> Any:
+        """A group given in part keeps the rest of the field's default, not of its own class."""
+        if not isinstance(values, Mapping):
+            return values
+        return {k: _completed(cls.default_of(k), v) for k, v in values.items()}
+
+    @classmethod
+    def default_of(cls, name: str) -> Any:
+        """Default of a field; None if there is no such field."""
+        field = cls.model_fields.get(name)
+        return field.get_default(call_default_factory=True) if field else None
 
     @classmethod
     def create(cls: type[S], values: Mapping[str, Any], source: str = "settings") -> S:
@@ -36,7 +52,28 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(dict(values))
         except ValidationError as error:
-            raise SettingsError(f"{source}: {_first_fault(error)}") from error
+            raise SettingsError(f"{source}: {cls._first_fault(error)}") from error
+
+    @classmethod
+    def names(cls) -> list[str]:
+        """Names of all fields as parameters, those of groups as `group.name`."""
+        found = []
+        for name in cls.model_fields:
+            default = cls.default_of(name)
+            group = type(default).names() if isinstance(default, Settings) else []
+            found += [f"{name}.{inner}" for inner in group] or [name]
+        return found
+
+    @classmethod
+    def _first_fault(cls, error: ValidationError) -> str:
+        fault = error.errors()[0]
+        where = ".".join(str(part) for part in fault["loc"]) or "the values"
+        if fault["type"] == "extra_forbidden":
+            alike = difflib.get_close_matches(where, cls.names(), 1, 0.7)
+            return f"unknown entry '{where}'" + (f"; is it '{alike[0]}'?" if alike else "")
+        if not fault["loc"]:
+            return fault["msg"].removeprefix("Value error, ")
+        return f"'{where}' = {fault['input']!r}: {fault['msg'].removeprefix('Value error, ')}"
 
     @classmethod
     def from_yaml(cls: type[S], path: Path | str, node: str) -> S:
@@ -76,8 +113,30 @@ def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
             continue
         if not isinstance(section, dict) or not isinstance(section.get("ros__parameters"), dict):
             raise SettingsError(f"parameters {path}: '{pattern}' has no 'ros__parameters'")
-        found.update(section["ros__parameters"])
+        _merge(found, section["ros__parameters"])
     return found
+
+
+def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
+    """Add parameters to those before; `group.name: 1` and `group: {name: 1}` say the same."""
+    for name, value in values.items():
+        group, dot, rest = str(name).partition(".")
+        if dot:
+            _merge(into, {group: {rest: value}})
+        elif isinstance(value, Mapping):
+            own = into.get(name)
+            into[name] = dict(own) if isinstance(own, Mapping) else {}
+            _merge(into[name], value)
+        else:
+            into[name] = value
+
+
+def _completed(default: Any, given: Any) -> Any:
+    """What is given of a group, and of groups within, on top of the default."""
+    if not isinstance(default, Settings) or not isinstance(given, Mapping):
+        return given
+    values = {name: getattr(default, name) for name in type(default).model_fields}
+    return values | {k: _completed(values.get(k), v) for k, v in given.items()}
 
 
 def parameter_file(sections: Mapping[str, type[Settings]]) -> str:
@@ -90,23 +149,22 @@ def parameter_file(sections: Mapping[str, type[Settings]]) -> str:
     """
     lines = []
     for node, model in sections.items():
-        lines += [f"{node}:", "  ros__parameters:", *_entries(model, "    ")]
+        lines += [f"{node}:", "  ros__parameters:", *_entries(model, None, "    ")]
     return "\n".join(lines) + "\n"
 
 
-def _entries(model: type[Settings], indent: str) -> list[str]:
-    """Lines of a model's defaults; models within it are groups."""
+def _entries(model: type[Settings], values: Settings | None, indent: str) -> list[str]:
+    """Lines of a model's defaults, those of `values` if given; models within it are groups."""
     lines = []
     for name, field in model.model_fields.items():
-        kind = field.annotation
-        group = kind if isinstance(kind, type) and issubclass(kind, Settings) else None
+        default = getattr(values, name) if values else model.default_of(name)
+        group = type(default) if isinstance(default, Settings) else None
         about_group = (group.__doc__ if group else None) or ""
         text = field.description or about_group.split("\n")[0]
         lines += [f"{indent}# {line}" for line in textwrap.wrap(text, 94 - len(indent))]
         if group is not None:
-            lines += [f"{indent}{name}:", *_entries(group, indent + "  ")]
+            lines += [f"{indent}{name}:", *_entries(group, default, indent + "  ")]
             continue
-        default = field.get_default(call_default_factory=True)
         if isinstance(default, tuple):
             default = list(default)
         value = yaml.safe_dump(default, default_flow_style=True, width=10_000)
@@ -114,13 +172,3 @@ def _entries(model: type[Settings], indent: str) -> list[str]:
         # ROS 2's parameter files have no null: what is not set is left out.
         lines.append(indent + (entry if default is not None else f"# {name}:"))
     return lines
-
-
-def _first_fault(error: ValidationError) -> str:
-    fault = error.errors()[0]
-    where = ".".join(str(part) for part in fault["loc"]) or "the values"
-    if fault["type"] == "extra_forbidden":
-        return f"unknown entry '{where}'"
-    if not fault["loc"]:
-        return fault["msg"].removeprefix("Value error, ")
-    return f"'{where}' = {fault['input']!r}: {fault['msg'].removeprefix('Value error, ')}"

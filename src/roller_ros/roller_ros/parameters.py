@@ -20,28 +20,38 @@ S = TypeVar("S", bound=Settings)
 def declare_settings(node: Node, model: type[S]) -> S:
     """Declare one parameter a field and return the validated settings.
 
-    Parameters are read-only: a node keeps the settings it started with, so what a bag's report
-    says holds for the whole bag.
+    Fields of a group are parameters `group.name`. Parameters are read-only: a node keeps the
+    settings it started with, so what a bag's report says holds for the whole bag.
 
     Raises
     ------
     SettingsError
         Naming the parameter that is out of range or of the wrong type.
     """
+    source = f"parameters of node '{node.get_name()}'"
+    return model.create(_declare(node, model, None, "", source), source)
+
+
+def _declare(
+    node: Node, model: type[Settings], defaults: Settings | None, prefix: str, source: str
+) -> dict[str, Any]:
+    """Values of a model's parameters by field; defaults are the model's unless given."""
     values: dict[str, Any] = {}
     for name, field in model.model_fields.items():
-        default = field.get_default(call_default_factory=True)
+        full = prefix + name
+        default = getattr(defaults, name) if defaults else model.default_of(name)
+        if isinstance(default, Settings):
+            values[name] = _declare(node, type(default), default, full + ".", source)
+            continue
         if isinstance(default, tuple):
             default = list(default)
         try:
-            node.declare_parameter(name, default, descriptor(name, field))
+            node.declare_parameter(full, default, descriptor(full, field))
         except (InvalidParameterValueException, InvalidParameterTypeException) as error:
-            raise SettingsError(
-                f"parameters of node '{node.get_name()}': '{name}': {error}"
-            ) from error
-        value = node.get_parameter(name).value
+            raise SettingsError(f"{source}: '{full}': {error}") from error
+        value = node.get_parameter(full).value
         values[name] = list(value) if hasattr(value, "tolist") else value
-    return model.create(values, f"parameters of node '{node.get_name()}'")
+    return values
 
 
 def descriptor(name: str, field: FieldInfo) -> ParameterDescriptor:

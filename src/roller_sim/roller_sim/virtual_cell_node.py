@@ -20,13 +20,12 @@ from tf2_msgs.msg import TFMessage
 from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
 from roller_core.pose_track import Pose
-from roller_core.settings import Settings
 from roller_core.transforms import matrix_to_quaternion
 from roller_ros import diagnostics, messages, qos
 from roller_ros.frames_settings import FrameSettings
 from roller_ros.listeners import wait_for_listeners
 from roller_ros.node_main import run_node
-from roller_ros.parameters import descriptor
+from roller_ros.parameters import declare_settings
 
 from .cell import Item, Packet, PoseSample, VirtualCell
 from .cell_settings import VirtualCellSettings
@@ -58,29 +57,12 @@ class VirtualCellParameters(VirtualCellSettings, FrameSettings):
     )
 
 
-def declare_nested(node: Node, model: type[Settings], prefix: str = "") -> dict[str, Any]:
-    """Declare a parameter for each field of a model, those of models within as `group.name`."""
-    values: dict[str, Any] = {}
-    for name, field in model.model_fields.items():
-        full = prefix + name
-        kind = field.annotation
-        if isinstance(kind, type) and issubclass(kind, Settings):
-            values[name] = declare_nested(node, kind, full + ".")
-            continue
-        default = field.get_default(call_default_factory=True)
-        node.declare_parameter(full, default, descriptor(full, field))
-        value = node.get_parameter(full).value
-        values[name] = list(value) if hasattr(value, "tolist") else value
-    return values
-
-
 class VirtualCellNode(Node):
     """Simulates a scan and publishes what camera and robot would, at the pace they would."""
 
     def __init__(self) -> None:
         super().__init__("virtual_cell")
-        values = declare_nested(self, VirtualCellParameters)
-        p = VirtualCellParameters.create(values, "parameters of node 'virtual_cell'")
+        p = declare_settings(self, VirtualCellParameters)
         self._p = p
         self._cell = VirtualCell(
             VirtualCellSettings.create({n: getattr(p, n) for n in VirtualCellSettings.model_fields})
