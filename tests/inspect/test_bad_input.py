@@ -200,7 +200,7 @@ def test_unwritable_output(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "out").write_text("a file stands in the way")
     code, errors = run(tmp_path, capsys, source)
     assert code == 1
-    assert_matches(errors[0], "results can't be written there")
+    assert_matches(errors[0], "is a file; give another --output")
 
 
 def test_a_stranger_in_the_output_is_left_alone(tmp_path: Path, capsys: Capture) -> None:
@@ -209,8 +209,37 @@ def test_a_stranger_in_the_output_is_left_alone(tmp_path: Path, capsys: Capture)
     (stranger / "thesis.tex").write_text("years of work")
     code, errors = run(tmp_path, capsys, write_bag(tmp_path / "scan"))
     assert code == 1
-    assert_matches(errors[0], "is no bag")
+    assert_matches(errors[0], "holds files that roller did not write")
     assert (stranger / "thesis.tex").read_text() == "years of work"
+
+
+def test_a_result_is_never_the_output_of_its_own_replay(tmp_path: Path, capsys: Capture) -> None:
+    folder = tmp_path / "out"
+    source = write_bag(folder / "result")
+    (folder / "notes.txt").write_text("beside it")
+    (tmp_path / "link").symlink_to(folder)
+    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    for output in (folder, source, source / "new", tmp_path / "link"):
+        assert main(["replay", str(source), "--output", str(output), "--no-picture"]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert_matches(line, "overlaps with the input")
+    assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
+
+
+def test_a_run_that_can_not_begin_leaves_the_earlier_result(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    assert run(tmp_path, capsys, write_bag(tmp_path / "scan"))[0] == 0
+    out = tmp_path / "out"
+    before = {file: file.read_bytes() for file in out.rglob("*") if file.is_file()}
+    for words in (
+        ["replay", str(tmp_path / "nowhere")],
+        ["demo", "--scene", "nope"],
+        ["simulate", "flat"],  # which replaces nothing, not even of ours
+    ):
+        assert main([*words, "--output", str(out)]) == 1
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert {file: file.read_bytes() for file in out.rglob("*") if file.is_file()} == before
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,310 @@
-"""Output folders."""
+"""Output folders: written aside, put in place when whole; what others made is never touched.
+
+A folder that a command wrote carries a mark, `.roller-output.json`, that lists what the command
+made there. Only what is listed, and is still as it was made, is ever replaced. A run writes to
+`.roller-partial` inside the folder (which may be a mount point) and moves each entry into place
+at its end; a run that is killed leaves the earlier result as it was. A lock keeps a second
+writer out.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
+import json
+import os
 import shutil
+import time
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 from .errors import UnwritableOutputError
 
+MARK = ".roller-output.json"
+_LOCK = ".roller-output.lock"
+_ASIDE = ".roller-partial"
+_RESERVE, _PART, _REPLACED = ".roller-reserve", ".roller-mark", ".roller-replaced"
+_FORMAT = 1
+#: Room that is held until the end, for indexes, the report and the mark.
+_RESERVE_BYTES = 8_000_000
+#: Files up to this size are compared by content, larger ones by size.
+_COMPARED_BYTES = 1_000_000
+_WAY_OUT = "give another --output"
+
+
+class OutputFolder:
+    """The folder that a command writes; a context manager.
+
+    On leaving it normally, what was written to `partial` is put in place of what an earlier run
+    made. After an exception it is thrown away, unless `publish` was called before.
+
+    Parameters
+    ----------
+    folder : path
+        Where results go; made if needed.
+    command : str
+        The command, for the mark.
+    inputs : iterable of path
+        Files and folders that the command reads; None entries are passed over.
+    new : bool
+        Whether there may be no earlier result, not even one of ours.
+
+    Attributes
+    ----------
+    path : Path
+        The folder, resolved.
+    partial : Path
+        Where to write; has the folder's name, so that a bag written there is named after it.
+
+    Raises
+    ------
+    UnwritableOutputError
+        On entering: if input and output overlap, if the folder holds what roller didn't make, if
+        another command is writing there, or if it can't be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        command: str,
+        inputs: Iterable[Path | None] = (),
+        new: bool = False,
+    ) -> None:
+        self._shown = folder
+        self._command = command
+        self._new = new
+        self._inputs = [path for path in inputs if path is not None]
+        self._published = self._settled = False
+        self._lock: int | None = None
+        self._lasting: list[str] = []
+        self.path = folder.resolve()
+        self._aside = self.path / _ASIDE
+        self.partial = self._aside / (self.path.name or "output")
+
+    def __enter__(self) -> OutputFolder:
+        for source in self._inputs:
+            refuse_overlap(source, self._shown)
+        self._made_here = not self.path.exists()
+        try:
+            if self.path.exists() and not self.path.is_dir():
+                raise UnwritableOutputError(f"{self._shown}: is a file; {_WAY_OUT}")
+            self.path.mkdir(parents=True, exist_ok=True)
+            if not _is_aside(self._aside):  # else what is there may be half replaced
+                self._check_contents()
+            self._lock = _locked(self.path / _LOCK)
+            if self._lock is None:
+                raise UnwritableOutputError(f"{self._shown}: another roller command writes there")
+            try:
+                self._settle_earlier_run()
+                self._check_contents()
+                self._begin()
+            except BaseException:
+                self._leave()
+                raise
+        except OSError as error:
+            raise UnwritableOutputError(
+                f"{self._shown}: results can't be written there ({error.strerror}); {_WAY_OUT}"
+            ) from error
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None:
+                self.publish()
+        finally:
+            self._leave()
+
+    def lasting(self, name: str) -> Path:
+        """A folder inside that is kept from run to run, such as a cache.
+
+        It is written in place; each of its files is the caller's to replace as a whole.
+
+        Raises
+        ------
+        UnwritableOutputError
+            If something that roller didn't make has this name.
+        """
+        path = self.path / name
+        made = _made(self.path)
+        if os.path.lexists(path) and made.get(name, "") is not None:
+            raise self._in_the_way(path)
+        self._lasting.append(name)
+        _write_mark(self.path, self._aside, self._command, made | {name: None})
+        path.mkdir(exist_ok=True)
+        return path
+
+    def publish(self) -> None:
+        """Put what was written in place of what an earlier run made; once only.
+
+        Raises
+        ------
+        UnwritableOutputError
+            If something of others came in the way meanwhile; the results are then kept beside
+            it, and the message says where. Or if entries can't be moved.
+        """
+        if self._published:
+            return
+        self._published = True
+        try:
+            release_reserve(self.partial)
+            made: dict[str, str | None] = {
+                path.name: fingerprint(path) for path in sorted(self.partial.iterdir())
+            }
+            made |= {name: None for name, prints in _made(self.path).items() if prints is None}
+            _write_mark(self._aside, self._aside, self._command, made, whole=True)
+            self._move_into_place()
+        except OSError as error:
+            raise UnwritableOutputError(
+                f"{self._shown}: the results can't be put in place ({error.strerror}); "
+                f"they are kept in {self.partial}"
+            ) from error
+
+    def _check_contents(self) -> None:
+        """Refuse a folder with what isn't ours, or with results of ours that were changed."""
+        names = set(os.listdir(self.path)) - {_LOCK, _ASIDE, "lost+found"}
+        if self._new and names:
+            raise UnwritableOutputError(f"{self._shown}: is there already; {_WAY_OUT}")
+        if names and not _read_mark(self.path):
+            raise UnwritableOutputError(
+                f"{self._shown}: holds files that roller did not write ({max(names)}); "
+                f"{_WAY_OUT}, or empty it"
+            )
+        for name in _made(self.path):
+            if name in names and not self._is_ours(name):
+                raise UnwritableOutputError(
+                    f"{self._shown / name}: was changed since roller wrote it; "
+                    f"move it away, or {_WAY_OUT}"
+                )
+
+    def _is_ours(self, name: str) -> bool:
+        """Whether an entry is listed and as it was made."""
+        made = _made(self.path)
+        return name in made and made[name] in (None, fingerprint(self.path / name))
+
+    def _settle_earlier_run(self) -> None:
+        """Finish what a killed run was about to put in place; throw away what it hadn't done."""
+        if not os.path.lexists(self._aside):
+            return
+        if self._aside.is_symlink() or not self._aside.is_dir() or not _is_aside(self._aside):
+            raise self._in_the_way(self._aside)
+        if _read_mark(self._aside).get("whole"):
+            self._move_into_place()
+        self._remove_aside()
+
+    def _begin(self) -> None:
+        self._aside.mkdir()
+        _write_mark(self._aside, self._aside, self._command, {})
+        with open(self._aside / _RESERVE, "wb") as file:
+            os.posix_fallocate(file.fileno(), 0, _RESERVE_BYTES)
+        self.partial.mkdir()
+
+    def _move_into_place(self) -> None:
+        """Move entries of the partial result; begun again, it goes on where it was."""
+        old, new = _made(self.path), _made(self._aside)
+        partial, gone = self.partial, self._aside / _REPLACED
+        waiting = [name for name in new if os.path.lexists(partial / name)]
+        for name in waiting:
+            if os.path.lexists(self.path / name) and not self._is_ours(name):
+                kept = self.path / time.strftime("result_%Y-%m-%d_%H-%M-%S")
+                os.rename(partial, kept)
+                self._settled = True
+                raise UnwritableOutputError(
+                    f"{self._shown / name}: roller did not write it, so it stays; "
+                    f"the results are in {kept}"
+                )
+        gone.mkdir(exist_ok=True)
+        for name, prints in old.items():
+            there = prints is not None and os.path.lexists(self.path / name)
+            if there and (name in waiting or name not in new) and self._is_ours(name):
+                os.rename(self.path / name, gone / name)
+        for name in waiting:
+            os.rename(partial / name, self.path / name)
+        _write_mark(self.path, self._aside, _read_mark(self._aside)["command"], new)
+        self._settled = True
+
+    def _remove_aside(self) -> None:
+        """The mark goes last, so that what is left of it is known as ours."""
+        for path in self._aside.iterdir() if self._aside.is_dir() else ():
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            elif path.name != MARK:
+                path.unlink(missing_ok=True)
+        (self._aside / MARK).unlink(missing_ok=True)
+        with suppress(OSError):
+            self._aside.rmdir()
+
+    def _leave(self) -> None:
+        """Remove what is not a result; a folder that was made for nothing goes too."""
+        if self._lock is None:
+            return
+        with suppress(OSError):
+            # What is whole and couldn't be put in place stays for the next run.
+            if _is_aside(self._aside) and (self._settled or not self._published):
+                self._remove_aside()
+            if set(os.listdir(self.path)) == {_LOCK}:
+                (self.path / _LOCK).unlink()
+                if self._made_here:
+                    self.path.rmdir()
+        os.close(self._lock)
+        self._lock = None
+
+    def _in_the_way(self, path: Path) -> UnwritableOutputError:
+        return UnwritableOutputError(
+            f"{path}: stands in the way and was not written by roller; {_WAY_OUT}"
+        )
+
+
+def refuse_overlap(source: Path, output: Path) -> None:
+    """Refuse an output that is, holds, or lies in what is read; links are followed.
+
+    Parameters
+    ----------
+    source : path
+        A file or folder that is read.
+    output : path
+        A file or folder that is to be written; need not exist.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If they overlap.
+    """
+    if _lies_in(source, output) or _lies_in(output, source):
+        raise UnwritableOutputError(
+            f"{output}: overlaps with the input {source}, which would be lost; {_WAY_OUT}"
+        )
+
+
+def _lies_in(path: Path, folder: Path) -> bool:
+    """Whether a path is a folder or lies in it, also by way of links and mounts."""
+    path, folder = path.resolve(), folder.resolve()
+    if not folder.exists():
+        return path.is_relative_to(folder)
+    return any(p.samefile(folder) for p in (path, *path.parents) if p.exists())
+
+
+def release_reserve(partial: Path) -> None:
+    """Give back the room that was held for the end of a run, as when the disk is full.
+
+    Parameters
+    ----------
+    partial : path
+        `OutputFolder.partial`; any other folder has no reserve, and nothing happens.
+    """
+    if _is_aside(partial.parent):
+        (partial.parent / _RESERVE).unlink(missing_ok=True)
+
 
 def make_folder(folder: Path) -> None:
-    """Make an output folder and make sure that files can be written there.
+    """Make a folder for files, in a folder that was taken by `OutputFolder`.
 
     Raises
     ------
@@ -18,33 +313,73 @@ def make_folder(folder: Path) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".writable"
-        probe.touch()
-        probe.unlink()
     except OSError as error:
         raise UnwritableOutputError(
-            f"{folder}: results can't be written there ({error.strerror}); give another --output"
+            f"{folder}: results can't be written there ({error.strerror}); {_WAY_OUT}"
         ) from error
 
 
-def fresh_folder(folder: Path) -> Path:
-    """Make a folder to run in, without what an earlier run left there.
+def fingerprint(path: Path) -> str:
+    """Tells whether a file, or anything in a folder, was changed, added or removed.
 
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
+    Names and sizes count, and the content of files up to a megabyte.
     """
-    make_folder(folder)
-    for name in ("bag", "result", "truth"):
-        shutil.rmtree(folder / name, ignore_errors=True)
-    for name in (
-        "surface.ply",
-        "braille.txt",
-        "braille.json",
-        "braille.brf",
-        "report.json",
-        "overview.png",
-    ):
-        (folder / name).unlink(missing_ok=True)
-    return folder
+    found = hashlib.blake2b(digest_size=16)
+    plain = path.is_dir() and not path.is_symlink()
+    for file in sorted(path.rglob("*")) if plain else [path]:
+        size = -1 if file.is_symlink() or not file.is_file() else file.stat().st_size
+        name = "" if file == path else file.relative_to(path)
+        found.update(f"{name}\0{file.is_symlink()}\0{size}\0".encode())
+        if 0 <= size <= _COMPARED_BYTES:
+            found.update(file.read_bytes())
+    return found.hexdigest()
+
+
+def _locked(path: Path) -> int | None:
+    """Descriptor of a lock file that is ours alone; None if another has it."""
+    while True:
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        kept = False
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Its holder may have removed it between our opening and locking it.
+            kept = path.exists() and os.path.samestat(path.stat(), os.fstat(fd))
+            if kept:
+                return fd
+        except BlockingIOError:
+            return None
+        finally:
+            if not kept:
+                os.close(fd)
+
+
+def _is_aside(folder: Path) -> bool:
+    """Whether a folder is one of ours to write in, or empty as a killed run can leave it."""
+    try:
+        return folder.name == _ASIDE and (bool(_read_mark(folder)) or not os.listdir(folder))
+    except OSError:
+        return False
+
+
+def _read_mark(folder: Path) -> dict[str, Any]:
+    """The mark of a folder; empty if there is none."""
+    try:
+        data = json.loads((folder / MARK).read_text())
+        return data if data["made_by"] == "roller" and isinstance(data["made"], dict) else {}
+    except (OSError, ValueError, LookupError, TypeError):
+        return {}
+
+
+def _made(folder: Path) -> dict[str, str | None]:
+    """Fingerprints by entry of what roller made in a folder; None for what lasts."""
+    return dict(_read_mark(folder).get("made", {}))
+
+
+def _write_mark(
+    folder: Path, aside: Path, command: str, made: dict[str, str | None], whole: bool = False
+) -> None:
+    """Write a mark, by way of a file in the folder aside."""
+    data = {"made_by": "roller", "format": _FORMAT, "command": command, "made": made}
+    part = aside / _PART
+    part.write_text(json.dumps(data | {"whole": whole}, indent=1) + "\n")
+    os.replace(part, folder / MARK)

@@ -163,21 +163,23 @@ def write_bag(
     cell : VirtualCell
         The cell, not run before.
     path : path
-        Folder to make; must not exist.
+        Folder to make; may be there if it is empty.
     progress : callable, optional
         Called now and then with the share done, 0 to 1.
 
     Raises
     ------
     UnwritableOutputError
-        If the folder exists or can't be made.
+        If the folder holds something or can't be made.
     """
     path = Path(path)
     messages = _Messages(cell)
-    if path.exists():
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise UnwritableOutputError(f"{path} is there already; give another output folder")
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     try:
+        if path.exists():
+            path.rmdir()  # the library makes its own
+        writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
         writer.open()
     except (OSError, WriterError) as error:
         raise UnwritableOutputError(f"{path}: can't write a bag there ({error})") from error

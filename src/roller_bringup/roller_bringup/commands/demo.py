@@ -39,30 +39,41 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If the graph or one of its nodes can't do its work.
     """
-    import yaml
-
     from roller_bringup.launching import load
     from roller_bringup.launching.locate import package_share
-    from roller_bringup.live import check_no_duplicate_nodes, run_until_done
-    from roller_core.output_folder import fresh_folder
-    from roller_inspect.results.overview import draw_overview
-    from roller_inspect.results.recorded import gather
-    from roller_inspect.results.run_report import Report
-    from roller_inspect.results.summary import demo_table
+    from roller_bringup.live import check_no_duplicate_nodes
+    from roller_core.output_folder import OutputFolder
+    from roller_sim.cell_settings import SceneSettings
+    from roller_sim.scenes import build_scene
 
-    folder = args.output.absolute()
+    build_scene(SceneSettings.model_validate({"name": args.scene}))
     launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
     arguments = {
         "scene": args.scene,
         "speed": str(args.speed),
         "method": args.method,
         "record": "true",
-        "output": str(folder / "bag"),
     }
-    # Before what an earlier run left is removed: that run may be the company.
+    # Before the scan: an earlier run may be the company.
     with load(launch_file, arguments) as plan:
         check_no_duplicate_nodes(plan)
-    fresh_folder(folder)
+    with OutputFolder(args.output, "demo") as output:
+        return _run(args, output.partial, launch_file, arguments)
+
+
+def _run(
+    args: argparse.Namespace, folder: Path, launch_file: Path, arguments: dict[str, str]
+) -> int:
+    import yaml
+
+    from roller_bringup.launching import load
+    from roller_bringup.live import run_until_done
+    from roller_inspect.results.overview import draw_overview
+    from roller_inspect.results.recorded import gather
+    from roller_inspect.results.run_report import Report
+    from roller_inspect.results.summary import demo_table
+
+    arguments["output"] = str(folder / "bag")
     overrides = folder / "parameters.yaml"
     # The scan starts when depth or surface, Braille and recorder are all listening, and the
     # stitcher has the robot's poses too.
@@ -84,5 +95,5 @@ def run(args: argparse.Namespace) -> int:
     report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
     gather(folder / "bag", folder, folder / "truth", report)
     draw_overview(folder, folder / "truth", folder / "bag")
-    print(demo_table(report, folder))
+    print(demo_table(report, args.output))
     return 0

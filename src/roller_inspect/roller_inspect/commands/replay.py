@@ -38,24 +38,27 @@ def run(args: argparse.Namespace) -> int:
         If the recording can't be opened or results can't be written.
     """
     from roller_core.calibration_file import refuse_other_camera
-    from roller_core.output_folder import make_folder
+    from roller_core.output_folder import OutputFolder
     from roller_inspect.pipeline import InspectionSettings
     from roller_inspect.replay import replay
     from roller_inspect.results.summary import summary
     from roller_recording.reading import open_recording
 
     settings = InspectionSettings.load(args.params, args.method)
-    make_folder(args.output)
-    recording = open_recording(
-        args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
-    )
-    refuse_other_camera(args.params, recording.camera)
-    with progress_bar(f"replay {args.input.name}") as progress:
-        report = replay(recording, settings, args.output, args.input, not args.no_braille, progress)
-    if not args.no_picture:
-        from roller_inspect.results.overview import draw_overview
+    inputs = (args.input, args.params, args.poses, args.camera)
+    with OutputFolder(args.output, "replay", inputs) as output:
+        recording = open_recording(
+            args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
+        )
+        refuse_other_camera(args.params, recording.camera)
+        with progress_bar(f"replay {args.input.name}") as progress:
+            report = replay(
+                recording, settings, output.partial, args.input, not args.no_braille, progress
+            )
+        if not args.no_picture:
+            from roller_inspect.results.overview import draw_overview
 
-        draw_overview(args.output, args.input)
+            draw_overview(output.partial, args.input)
     print(summary(report, args.output))
     for line in report.faults:
         print(f"error: {line}", file=sys.stderr)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,7 @@ class ResultBag:
     Parameters
     ----------
     path : path
-        Bag folder; an earlier bag there is replaced.
+        Bag folder to make.
     camera : Camera
         Of the depth maps.
     sensor_frame, base_frame : str
@@ -53,7 +52,7 @@ class ResultBag:
     Raises
     ------
     UnwritableOutputError
-        If it can't be written, or if what stands there is no bag.
+        If it can't be written.
     """
 
     def __init__(
@@ -65,12 +64,6 @@ class ResultBag:
         self._spacing = spacing
         self._cells = 0
         try:
-            if path.exists():
-                if not (path / "metadata.yaml").is_file() and not list(path.glob("*.mcap")):
-                    raise UnwritableOutputError(
-                        f"{path}: stands in the way and is no bag; give another --output"
-                    )
-                shutil.rmtree(path)
             self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
             # Depth images are mostly NaN: a tenth of their size when compressed.
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from roller_core.errors import SettingsError
+from roller_core.output_folder import OutputFolder
 from roller_core.settings import read_parameters
 from roller_sim.bag import write_bag
 from roller_sim.cell import VirtualCell
@@ -109,19 +110,23 @@ def run(args: argparse.Namespace) -> int:
         If the settings, the scene or the output folder are no good.
     """
     console = Console(stderr=True)
-    cell = VirtualCell(settings_from(args))
+    settings = settings_from(args)
     columns = (
         TextColumn("simulating {task.fields[scene]}"),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f}%"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=1.0, scene=cell.settings.scene.name)
-        summary = write_bag(cell, args.output, lambda share: bar.update(task, completed=share))
+    with (
+        OutputFolder(args.output, "simulate", [args.params], new=True) as output,
+        Progress(*columns, console=console, disable=not console.is_terminal) as bar,
+    ):
+        cell = VirtualCell(settings)
+        task = bar.add_task("", total=1.0, scene=settings.scene.name)
+        summary = write_bag(cell, output.partial, lambda share: bar.update(task, completed=share))
     speed = cell.settings.motion.speed
     print(
-        f"{summary.path}: {summary.events} events in {summary.packets} packets, "
+        f"{args.output}: {summary.events} events in {summary.packets} packets, "
         f"{summary.poses} poses, {summary.images} images; {cell.travel_px:.0f} px of travel at "
         f"{speed:g} m/s, {summary.events / max(cell.travel_px, 1):.0f} events a pixel of travel"
     )

@@ -1,0 +1,216 @@
+"""What a user has is never deleted: output folders are ours, whole, and have one writer."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from roller_core.errors import UnwritableOutputError
+from roller_core.output_folder import MARK, OutputFolder, refuse_overlap, release_reserve
+
+FILES = {"report.json": "first", "result/bag.mcap": "messages"}
+
+
+def fill(folder: Path, files: dict[str, str]) -> None:
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Text by name of all files but our own marks."""
+    return {
+        str(file.relative_to(folder)): file.read_text()
+        for file in folder.rglob("*")
+        if file.is_file() and not file.name.startswith(".roller")
+    }
+
+
+def made(folder: Path, files: dict[str, str] = FILES) -> Path:
+    with OutputFolder(folder, "replay") as output:
+        fill(output.partial, files)
+    return folder
+
+
+def break_off(folder: Path, files: dict[str, str], publish: bool = False) -> None:
+    """A run that an exception ends."""
+    with OutputFolder(folder, "replay") as output:
+        fill(output.partial, files)
+        if publish:
+            output.publish()
+        raise RuntimeError
+
+
+def write_into_the_way(folder: Path) -> None:
+    with OutputFolder(folder, "replay") as output:
+        fill(output.partial, {"overview.png": "ours"})
+        fill(folder, {"overview.png": "theirs"})
+
+
+def test_a_later_run_replaces_what_an_earlier_one_made(tmp_path: Path) -> None:
+    folder = made(tmp_path / "deep" / "out", {**FILES, "overview.png": "picture"})
+    fill(folder, {"notes.txt": "the user's"})
+    made(folder, {"report.json": "second", "result/other.mcap": "more"})
+    assert contents(folder) == {
+        "report.json": "second", "result/other.mcap": "more", "notes.txt": "the user's",
+    }  # fmt: skip
+    assert sorted(os.listdir(folder)) == [
+        ".roller-output.json", ".roller-output.lock", "notes.txt", "report.json", "result",
+    ]  # fmt: skip
+
+
+def test_nothing_is_seen_before_it_is_whole_and_a_fault_leaves_the_old(tmp_path: Path) -> None:
+    folder = made(tmp_path / "out")
+    with pytest.raises(RuntimeError):
+        break_off(folder, {"report.json": "second"})
+    assert contents(folder) == FILES
+    with pytest.raises(RuntimeError):
+        break_off(tmp_path / "new", FILES)
+    assert not (tmp_path / "new").exists()
+    with pytest.raises(RuntimeError):
+        break_off(folder, {"report.json": "up to the fault"}, publish=True)
+    assert contents(folder) == {"report.json": "up to the fault"}
+
+
+@pytest.mark.parametrize(
+    ("prepare", "message"),
+    [
+        (lambda f: fill(f, {"thesis.tex": "years"}), "holds files that roller did not write"),
+        (lambda f: fill(f, {MARK: "{}", "mine.txt": "x"}), "holds files that roller did not"),
+        (lambda f: fill(made(f), {"result/bag.mcap": "edited"}), "result: was changed since"),
+        (lambda f: fill(made(f), {"result/mine.txt": "added"}), "result: was changed since"),
+        (lambda f: fill(f, {".roller-partial/mine.txt": "x"}), "stands in the way"),
+        (lambda f: f.write_text("a file"), "is a file"),
+    ],
+)
+def test_what_is_not_ours_is_refused_and_left(prepare, message: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    folder = tmp_path / "out"
+    prepare(folder)
+    before = contents(tmp_path)
+    with pytest.raises(UnwritableOutputError) as caught, OutputFolder(folder, "replay"):
+        pass
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert contents(tmp_path) == before
+
+
+def test_a_new_folder_may_hold_nothing(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with OutputFolder(tmp_path / "empty", "simulate", new=True) as output:
+        fill(output.partial, FILES)
+    with (
+        pytest.raises(UnwritableOutputError, match="is there already"),
+        OutputFolder(tmp_path / "empty", "simulate", new=True),
+    ):
+        pass
+    assert contents(tmp_path / "empty") == FILES
+
+
+def test_what_comes_in_the_way_meanwhile_stays_and_so_do_the_results(tmp_path: Path) -> None:
+    folder = made(tmp_path / "out")
+    with pytest.raises(UnwritableOutputError, match=r"the results are in \S+/result_20"):
+        write_into_the_way(folder)
+    (kept,) = folder.glob("result_20*")
+    assert contents(kept) == {"overview.png": "ours"}
+    assert contents(folder) == FILES | {
+        "overview.png": "theirs",
+        f"{kept.name}/overview.png": "ours",
+    }
+
+
+def test_input_and_output_never_overlap(tmp_path: Path) -> None:
+    bag = tmp_path / "data" / "bag"
+    fill(bag, {"bag.mcap": "messages"})
+    (tmp_path / "link").symlink_to(tmp_path / "data")
+    for output in (
+        bag, bag.parent, bag / "out", tmp_path / "link", tmp_path / "link" / "bag" / "new" / "out",
+    ):  # fmt: skip
+        for source in (bag, tmp_path / "link" / "bag"):
+            with pytest.raises(UnwritableOutputError, match="overlaps with the input"):
+                refuse_overlap(source, output)
+    with pytest.raises(UnwritableOutputError, match="overlaps"):
+        refuse_overlap(bag / "bag.mcap", tmp_path / "link")
+    refuse_overlap(bag, tmp_path / "data" / "bag2")
+    with (
+        pytest.raises(UnwritableOutputError, match="overlaps"),
+        OutputFolder(bag / "out", "replay", [None, bag]),
+    ):
+        pass
+    assert contents(tmp_path / "data") == {"bag/bag.mcap": "messages"}
+    assert not (bag / "out").exists()
+
+
+def test_one_writer_at_a_time(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path / "out", "replay") as output:
+        fill(output.partial, FILES)
+        with (
+            pytest.raises(UnwritableOutputError, match="another roller command writes there"),
+            OutputFolder(tmp_path / "out", "replay"),
+        ):
+            pass
+    assert contents(tmp_path / "out") == FILES
+
+
+@pytest.mark.parametrize("at", ["writing", "os.rename", "os.replace", "shutil.rmtree"])
+def test_a_killed_run_leaves_a_whole_result(at: str, tmp_path: Path) -> None:
+    """Killed while writing: the old. Killed while entries are moved: the next run finishes."""
+    folder = made(tmp_path / "out", FILES | {"overview.png": "old"})
+    program = f"""
+import os, shutil, signal, sys
+from pathlib import Path
+from roller_core.output_folder import OutputFolder
+def kill(*a, **k): os.kill(os.getpid(), signal.SIGKILL)
+with OutputFolder(Path({str(folder)!r}), "replay") as output:
+    (output.partial / "report.json").write_text("second")
+    (output.partial / "result").mkdir()
+    (output.partial / "result" / "bag.mcap").write_text("other messages")
+    if {at!r} == "writing": kill()
+    module, name = {at!r}.split(".")
+    real, left = getattr(globals()[module], name), [2]
+    def later(*a, **k):
+        left[0] -= 1
+        return real(*a, **k) if left[0] > 0 else kill()
+    setattr(globals()[module], name, later if module == "os" else kill)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    if at == "writing":
+        assert contents(folder / ".roller-partial")  # and what a user sees is the old
+    with pytest.raises(RuntimeError):
+        break_off(folder, FILES)  # comes to nothing, but puts the earlier one in order
+    expected = {"report.json": "second", "result/bag.mcap": "other messages"}
+    if at == "writing":
+        expected = FILES | {"overview.png": "old"}
+    assert contents(folder) == expected
+    assert not (folder / ".roller-partial").exists()
+
+
+def test_a_lasting_folder_is_kept_from_run_to_run(tmp_path: Path) -> None:
+    for text in ("first", "second"):
+        with OutputFolder(tmp_path / "out", "bench") as output:
+            fill(output.lasting("scans"), {f"{text}.txt": text})
+            fill(output.partial, {"bench.json": text})
+    assert contents(tmp_path / "out") == {
+        "scans/first.txt": "first", "scans/second.txt": "second", "bench.json": "second",
+    }  # fmt: skip
+    fill(tmp_path / "out", {"passes/mine.txt": "the user's"})
+    with (
+        pytest.raises(UnwritableOutputError, match="stands in the way"),
+        OutputFolder(tmp_path / "out", "bench") as output,
+    ):
+        output.lasting("passes")
+
+
+def test_the_reserve_is_given_back_once(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path / "out", "replay") as output:
+        (reserve,) = (p for p in output.partial.parent.iterdir() if p.stat().st_size > 1_000_000)
+        release_reserve(output.partial)
+        assert not reserve.exists()
+        fill(output.partial, FILES)
+    release_reserve(tmp_path / "out")
+    assert contents(tmp_path / "out") == FILES
