@@ -20,7 +20,7 @@ CONFIG = Path(__file__).resolve().parents[2] / "config" / "braille.yaml"
 
 def test_parameter_file_is_in_step_with_the_settings() -> None:
     assert CONFIG.read_text() == parameter_file({"braille": BrailleParameters})
-    values = yaml.safe_load(CONFIG.read_text())["braille"]["ros__parameters"]
+    values = yaml.safe_load(CONFIG.read_text())["/**/braille"]["ros__parameters"]
     assert BrailleParameters.create(values) == BrailleParameters.create({})
 
 

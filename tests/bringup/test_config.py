@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from roller_core.settings import Settings, parameter_file, read_parameters
+from roller_core.settings import Settings, node_name, parameter_file, read_parameters
 from roller_inspect.pipeline import InspectionSettings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,5 +58,5 @@ def test_all_defaults_load_for_a_replay() -> None:
 def test_every_config_file_is_a_parameter_file() -> None:
     for path in (ROOT / "config").glob("*.yaml"):
         data = yaml.safe_load(path.read_text()) or {}
-        for node in data:
+        for node in map(node_name, data):
             assert isinstance(read_parameters(path, node), dict)

@@ -41,7 +41,7 @@ def parameters(process):
     for i, word in enumerate(process.command):
         if word == "--params-file":
             for key, content in yaml.safe_load(Path(process.command[i + 1]).read_text()).items():
-                if key in ("/**", process.name, f"/{process.name}"):
+                if key in ("/**", f"/**/{process.name}", process.name, f"/{process.name}"):
                     found.update(content["ros__parameters"])
     return found
 

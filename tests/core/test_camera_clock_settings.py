@@ -11,7 +11,7 @@ from pydantic import Field
 from roller_core.camera import Camera, CameraError
 from roller_core.clock import SensorClock
 from roller_core.errors import SettingsError
-from roller_core.settings import Settings, parameter_file
+from roller_core.settings import Settings, parameter_file, read_parameters
 
 DISTORTED = Camera(640, 480, 1066.0, 1060.0, 319.5, 239.5, (-0.14, 0.09, -3e-4, 2e-4, 0.01))
 
@@ -128,6 +128,18 @@ def test_settings_from_yaml(tmp_path: Path) -> None:
     path.write_text("/**:\n  ros__parameters: {planes: 3}\nemvs:\n  ros__parameters: {planes: 4}\n")
     assert _Demo.from_yaml(path, "emvs").planes == 4
     assert _Demo.from_yaml(path, "other").planes == 3
+
+
+@pytest.mark.parametrize("key", ["emvs", "/emvs", "/**/emvs", "/*/emvs", "left/emvs", "/left/emvs"])
+def test_parameters_of_a_node_in_any_namespace(tmp_path: Path, key: str) -> None:
+    path = tmp_path / "p.yaml"
+    inner = "ros__parameters: {planes: 4}"
+    # What holds for one node goes before what holds for all, wherever it stands.
+    path.write_text(f"{key}:\n  {inner}\n/**:\n  ros__parameters: {{planes: 3}}\n")
+    assert read_parameters(path, "emvs") == {"planes": 4}
+    assert read_parameters(path, "vs") == {"planes": 3}
+    path.write_text(f"left: {{{key}: {{{inner}}}}}\n")
+    assert read_parameters(path, "emvs") == {"planes": 4}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import yaml
 
 from .camera import Camera, CameraError, OtherCameraError
 from .errors import RollerError, SettingsError, UnwritableOutputError
-from .settings import read_parameters
+from .settings import node_name, read_parameters, read_sections
 
 #: Section of the account, and version of its form.
 SECTION, VERSION = "calibration", 1
@@ -138,10 +138,8 @@ def write_calibration(
         *([f"# skin: {record['skin']}"] if record["skin"] else []),
         *([f"# all else is from {base.name}"] if base else []),
     ]
-    body = "".join(
-        yaml.safe_dump({node: {"ros__parameters": values}}, sort_keys=False, allow_unicode=True)
-        for node, values in sections.items()
-    )
+    content = {_key(node): {"ros__parameters": values} for node, values in sections.items()}
+    body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")
@@ -210,8 +208,9 @@ def same_camera(one: Camera, other: Camera) -> bool:
 
 def _sections(path: Path) -> dict[str, Any]:
     """All nodes of a parameter file with their parameters."""
-    try:
-        data = yaml.safe_load(path.read_text())
-    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        raise SettingsError(f"parameters {path}: can't be read ({error})") from error
-    return {str(node): read_parameters(path, str(node)) for node in data or {}}
+    return {node: read_parameters(path, node) for node in map(node_name, read_sections(path))}
+
+
+def _key(node: str) -> str:
+    """A node's name as parameter files write it: in any namespace."""
+    return "/**" if node == "**" else f"/**/{node}"

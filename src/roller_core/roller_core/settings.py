@@ -82,14 +82,16 @@ class Settings(BaseModel):
 
 
 def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
-    """Parameters of one node in a ROS 2 parameter file.
+    """Parameters of one node in a ROS 2 parameter file, whatever namespace it names.
 
-    Entries under ``/**`` hold for every node, those under the node's name go before them.
+    As in ROS 2, entries under ``/**`` hold for every node and ``/**/node`` for one in any
+    namespace. Here the special goes before the general, wherever it stands: ``/**``, then
+    ``/**/node``, then ``node``, ``/node`` or ``/namespace/node``.
 
     Parameters
     ----------
     path : path
-        YAML file `{/**: {ros__parameters: {...}}, node: {ros__parameters: {...}}}`.
+        YAML file `{/**: {ros__parameters: {...}}, /**/node: {ros__parameters: {...}}}`.
     node : str
         Name of the node, without namespace.
 
@@ -98,23 +100,61 @@ def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
     SettingsError
         If the file can't be read or has another shape.
     """
+    found: dict[str, Any] = {}
+    sections = read_sections(path)
+    for pattern in sorted(sections, key=_generality):
+        if pattern.lstrip("/") == "**" or node_name(pattern) == node:
+            _merge(found, sections[pattern])
+    return found
+
+
+def read_sections(path: Path | str) -> dict[str, dict[str, Any]]:
+    """All of a ROS 2 parameter file: parameters by node, as the file writes its name.
+
+    Raises
+    ------
+    SettingsError
+        If the file can't be read or has another shape.
+    """
     try:
-        data = yaml.safe_load(Path(path).read_text())
+        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise SettingsError(f"parameters {path}: can't be read ({error.strerror})") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise SettingsError(f"parameters {path}: not a YAML file ({error})") from error
+        where = getattr(error, "problem_mark", None)
+        line = f", line {where.line + 1}" if where else ""
+        raise SettingsError(f"parameters {path}{line}: not a YAML file") from error
+    except RecursionError as error:
+        raise SettingsError(f"parameters {path}: nested too deeply") from error
     if not isinstance(data, dict):
         raise SettingsError(f"parameters {path}: expected a node's name and ros__parameters")
-    found: dict[str, Any] = {}
-    for pattern in ("/**", "**", node, f"/{node}"):
-        section = data.get(pattern)
+    found: dict[str, dict[str, Any]] = {}
+    # Namespaces may stand around a node: `left: {emvs: {ros__parameters: ...}}`.
+    rest = [(str(pattern), section) for pattern, section in reversed(data.items())]
+    while rest:
+        pattern, section = rest.pop()
         if section is None:
             continue
-        if not isinstance(section, dict) or not isinstance(section.get("ros__parameters"), dict):
+        if not isinstance(section, dict):
             raise SettingsError(f"parameters {path}: '{pattern}' has no 'ros__parameters'")
-        _merge(found, section["ros__parameters"])
+        if isinstance(section.get("ros__parameters"), dict):
+            found[pattern] = section["ros__parameters"]
+        elif section and "ros__parameters" not in section:
+            inner = reversed(section.items())
+            rest += [(f"{pattern}/{str(name).lstrip('/')}", below) for name, below in inner]
+        else:
+            raise SettingsError(f"parameters {path}: '{pattern}' has no 'ros__parameters'")
     return found
+
+
+def node_name(pattern: str) -> str:
+    """A node's name as a parameter file writes it, without its namespace."""
+    return pattern.rpartition("/")[2]
+
+
+def _generality(pattern: str) -> int:
+    """Order of a parameter file's sections, the most general first."""
+    return 0 if pattern.lstrip("/") == "**" else 1 if "*" in pattern else 2
 
 
 def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
@@ -140,7 +180,7 @@ def _completed(default: Any, given: Any) -> Any:
 
 
 def parameter_file(sections: Mapping[str, type[Settings]]) -> str:
-    """A ROS 2 parameter file with all defaults, each under its description.
+    """A ROS 2 parameter file with all defaults, each under its description; in any namespace.
 
     Parameters
     ----------
@@ -149,7 +189,7 @@ def parameter_file(sections: Mapping[str, type[Settings]]) -> str:
     """
     lines = []
     for node, model in sections.items():
-        lines += [f"{node}:", "  ros__parameters:", *_entries(model, None, "    ")]
+        lines += [f"/**/{node}:", "  ros__parameters:", *_entries(model, None, "    ")]
     return "\n".join(lines) + "\n"
 
 
