@@ -45,7 +45,7 @@ graph: setup ## the tests that start nodes
 format: setup ## put the code into the one style
 	@$(in_workspace) $(python) -m ruff check --fix -q . || true; $(python) -m ruff format -q .
 
-requirements: setup ## pin what requirements*.in ask for, as new as it goes
+requirements: setup ## pin what requirements*.in ask for; UPGRADE=1: as new as it goes
 	@$(in_workspace) scripts/pin.sh
 
 clean: ## remove everything that setup, builds and tests made

@@ -1,22 +1,25 @@
 #!/usr/bin/env bash
-# Pins requirements.in and requirements-dev.in for every Python from 3.10 on; expects scripts/env.sh
-# to have been sourced.
+# Pins what each requirements*.in asks for, with hashes, for every Python from 3.10 on. What is
+# pinned stays as it is unless UPGRADE=1. Expects scripts/env.sh to have been sourced.
 set -euo pipefail
 
 cd "$ROLLER_ROOT"
-work="$(mktemp -d)"
-trap 'rm -rf "$work"' EXIT
+upgrade=()
+if [[ -n "${UPGRADE:-}" ]]; then upgrade=(--upgrade); fi
 
-compile=("$ROLLER_VENV/bin/uv" pip compile -q --universal --python-version 3.10
-  --no-annotate --no-header)
-"${compile[@]}" requirements.in -o "$work/run.txt"
-"${compile[@]}" -c "$work/run.txt" requirements-dev.in requirements.in -o "$work/all.txt"
+pin() {
+  local name="$1"
+  shift
+  echo "pinning $name.in"
+  "$ROLLER_VENV/bin/uv" pip compile -q --universal --python-version 3.10 --generate-hashes \
+    --no-annotate --custom-compile-command "make requirements" "${upgrade[@]}" \
+    "$@" "$name.in" -o "$name.txt"
+}
 
-{
-  echo "# Pinned by \`make requirements\` from requirements.in, for CPython 3.10 and newer."
-  cat "$work/run.txt"
-} > requirements.txt
-{
-  echo "# Pinned by \`make requirements\` from requirements-dev.in, on top of requirements.txt."
-  grep -vxFf "$work/run.txt" "$work/all.txt"
-} > requirements-dev.txt
+pin requirements
+# What several ask for is the same in all.
+pin requirements-dev -c requirements.txt
+pin requirements-colcon -c requirements.txt
+# The wheels are for this platform alone.
+pin requirements-ros -c requirements.txt -c requirements-dev.txt
+pin requirements-uv

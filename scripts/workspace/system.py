@@ -16,6 +16,7 @@ from steps import SetupError, Steps, warn
 # Debian package of each shared library that open3d and pyusb load.
 LIBRARIES = {
     "libusb-1.0.so.0": "libusb-1.0-0",
+    "libEGL.so.1": "libegl1",
     "libGL.so.1": "libgl1",
     "libgomp.so.1": "libgomp1",
 }

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from steps import SetupError, Steps, digest
 
-UV = "uv==0.13.8"
+UV = Path(__file__).resolve().parents[2] / "requirements-uv.txt"
 
 
 class Environment:
@@ -87,9 +87,9 @@ class Environment:
         return variables
 
     def install(self, steps: Steps, files: Iterable[Path]) -> bool:
-        """Install pinned requirements."""
+        """Install pinned requirements; what is downloaded must have the hashes given there."""
         files = list(files)
-        arguments = [word for path in files for word in ("-r", str(path))]
+        arguments = _pinned(*files)
         return steps.do(
             "requirements",
             "installing requirements",
@@ -113,7 +113,7 @@ class Environment:
 
     def add(self, steps: Steps, file: Path) -> None:
         """Install one more file of requirements, as part of another step."""
-        self._pip(steps, ["-r", str(file)])
+        self._pip(steps, _pinned(file))
 
     def _pip(self, steps: Steps, arguments: list[str], pip_only: list[str] | None = None) -> None:
         """Install with uv, which is quicker, or with pip where uv doesn't work."""
@@ -122,9 +122,14 @@ class Environment:
         pip = [str(self.python), "-m", "pip", "--disable-pip-version-check", "install"]
         try:
             if not uv.exists():
-                steps.run([*pip, UV], variables)
+                steps.run([*pip, *_pinned(UV)], variables)
             steps.run(
                 [str(uv), "pip", "install", "--python", str(self.python), *arguments], variables
             )
         except SetupError:
             steps.run([*pip, *(pip_only or []), *arguments], variables)
+
+
+def _pinned(*files: Path) -> list[str]:
+    """Arguments that have pinned requirements installed."""
+    return ["--require-hashes", *(word for file in files for word in ("-r", str(file)))]
