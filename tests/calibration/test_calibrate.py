@@ -55,14 +55,14 @@ def test_subcommand_is_the_option_and_carries_parameters_over(tmp_path: Path) ->
     scan = str(recording(tmp_path / "scan", 0.2, 0.001))
     camera, params = tmp_path / "camera.yaml", tmp_path / "params.yaml"
     CAMERA.to_yaml(camera)
-    params.write_text("emvs: {ros__parameters: {threshold_c: 9.0, event_delay_s: 0.05}}")
+    params.write_text("emvs: {ros__parameters: {paper.threshold_c: 9.0, event_delay_s: 0.05}}")
     files = [tmp_path / "one.yaml", tmp_path / "two.yaml"]
     for words, file in zip((["--time-offset", scan], ["time-offset", scan]), files, strict=True):
         given = ["--camera", str(camera), "--params", str(params), "-o", str(file)]
         assert main(["calibrate", *words, *given]) == 0
     one, two = (InspectionSettings.load(file).depth for file in files)
     assert one == two
-    assert one.threshold_c == 9.0
+    assert one.paper.threshold_c == 9.0
     assert one.event_delay_s == pytest.approx(0.001, abs=4e-4)
     account = read_account(files[0], "time_offset")
     assert account is not None

@@ -45,7 +45,7 @@ from roller_emvs.methods.paper.detection import adaptive_threshold, margins, mas
 from roller_emvs.pipeline import DepthPipeline
 
 NOISE_M = 3e-5
-SETTINGS = DepthSettings.create({"method": "bma", "full_scale_votes": 0.0})
+SETTINGS = DepthSettings.create({"method": "bma", "paper.full_scale_votes": 0.0})
 
 
 def scene(*spheres: tuple[np.ndarray, float], noise_m: float = NOISE_M) -> np.ndarray:
@@ -158,20 +158,24 @@ def test_sphere_is_where_it_is(sphere: Sphere) -> None:
     "changes",
     [
         {},
-        {"threshold_c": 7.0, "median_px": 21, "weights": (0.2, 0.5, 0.3)},
-        {"fast_path": False, "plane_rule": "fixed", "planes": 90},
-        {"weights": (0.0, 1.0, 0.0)},
+        {"paper.threshold_c": 7.0, "paper.median_px": 21, "paper.weights": (0.2, 0.5, 0.3)},
+        {"paper.plane_rule": "fixed", "paper.planes": 90},
+        {"paper.weights": (0.0, 1.0, 0.0)},
     ],
     ids=["default", "other", "many planes", "one view"],
 )
 def test_errors_are_those_of_the_pipeline(changes: dict, windows: list[ContactWindow]) -> None:
     """What the search makes bit by bit, `DepthPipeline` makes as a whole."""
-    s = DepthSettings.create({**SETTINGS.model_dump(), **changes})
+    s = SETTINGS.changed(changes)
     rolled = sphere_pass()
     pipeline = DepthPipeline(s, rolled.camera, rolled.track)
     pipeline.add_events(rolled.events)
     maps = {m.stamp_ns: m for m in pipeline.results(flush=True) if isinstance(m, DepthMap)}
-    grid = PaperGrid((s.threshold_c, 5.0), (s.median_px, 11), np.array([[0, 0.5, 0.5], s.weights]))
+    grid = PaperGrid(
+        (s.paper.threshold_c, 5.0),
+        (s.paper.median_px, 11),
+        np.array([[0, 0.5, 0.5], s.paper.weights]),
+    )
     choice = int(np.ravel_multi_index((0, 0, 1), grid.shape))
     for window in windows:
         view = window.view
@@ -215,17 +219,16 @@ def test_grid_holds_the_papers_choice() -> None:
     grid = PaperGrid.of_paper()
     assert grid.shape == (16, 41, 190)
     values = [grid.values(k) for k in range(grid.size - 1, -1, -9973)]
-    assert all(5 <= v["threshold_c"] <= 20 and v["median_px"] % 2 == 1 for v in values)
+    assert all(5 <= v["paper.threshold_c"] <= 20 and v["paper.median_px"] % 2 == 1 for v in values)
     weights = np.array([4, 3, 2]) / 9
     assert np.isclose(grid.weights, weights).all(axis=1).any()
-    assert grid.at_border(0) == ["threshold_c", "median_px"]
+    assert grid.at_border(0) == ["paper.threshold_c", "paper.median_px"]
 
 
 def test_weights_off_the_simplex_are_refused() -> None:
     check_weights(SETTINGS)
-    for changes in ({"weights": (1.0, 1.0, 1.0)}, {"weight_rule": "inverse_variance"}):
-        with pytest.raises(SettingsError, match="weights"):
-            check_weights(DepthSettings.create({"method": "bma", **changes}))
+    with pytest.raises(SettingsError, match="weights"):
+        check_weights(SETTINGS.changed({"paper.weights": (1.0, 1.0, 1.0)}))
 
 
 def test_leaving_points_out_is_no_merit() -> None:
@@ -261,7 +264,7 @@ def test_search_finds_what_is_better(windows: list[ContactWindow]) -> None:
 
 
 def test_focus_is_judged_about_its_median_unless_the_top_is_known(sphere: Sphere) -> None:
-    s = DepthSettings.create({"method": "focus", "window_overlap": 0.9})
+    s = DepthSettings.create({"method": "focus", "window.overlap": 0.9})
     low = sphere.moved_to_top(float(sphere.top_m[2]) + 2e-4)
     windows = contact_windows(sphere_pass(), s, low)
     free, points = focus_errors(windows, CAMERA, s, absolute=False)
@@ -270,4 +273,6 @@ def test_focus_is_judged_about_its_median_unless_the_top_is_known(sphere: Sphere
     assert free.sum() / points.sum() < 6e-5
     assert known.sum() / points.sum() == pytest.approx(2e-4, rel=0.35)
     grid = FocusGrid()
-    assert {grid.values(k)["focus_creep_m"] for k in range(grid.size)} == set(grid.creeps_m)
+    assert {grid.values(k)["focus.edge_drift_m"] for k in range(grid.size)} == set(
+        grid.edge_drifts_m
+    )

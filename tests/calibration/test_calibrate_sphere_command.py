@@ -21,7 +21,7 @@ from roller_driver.ur10.robot_settings import HandEyeSettings
 from roller_inspect.pipeline import InspectionSettings
 
 #: Dots are as bright as dots are: votes are scaled by their own extremes.
-PARAMETERS = {"full_scale_votes": 0.0}
+PARAMETERS = {"paper": {"full_scale_votes": 0.0}}
 
 
 def write_recording(folder: Path, rolled: Rolled) -> Path:
@@ -70,15 +70,15 @@ def test_sphere_gives_the_nodes_parameters_and_an_account(
     file = tmp_path / "cell" / "skin.yaml"
     assert calibrate(world, "pass", "-o", str(file), "--skin", "A 7") == 0
     said = capsys.readouterr().out
-    assert "before: threshold_c 16" in said
+    assert "before: paper.threshold_c 16" in said
     assert "% of the contact circle" in said
     assert "mm/px at the contact circle" in said
     settings = InspectionSettings.load(file, "bma").depth
-    found = read_parameters(file, "emvs")
+    found = read_parameters(file, "emvs")["paper"]
     assert {"threshold_c", "median_px", "weights"} <= found.keys()
     # What the parameter file said stays in force.
-    assert settings.full_scale_votes == 0.0
-    assert sum(settings.weights) == pytest.approx(1, abs=1e-5)
+    assert settings.paper.full_scale_votes == 0.0
+    assert sum(settings.paper.weights) == pytest.approx(1, abs=1e-5)
     account = read_account(file, "sphere")
     assert account is not None
     assert account["skin"] == "A 7"
@@ -93,7 +93,7 @@ def test_sphere_gives_the_nodes_parameters_and_an_account(
     assert calibrate(world, "pass", "--previous", str(file), "--skin", "B") == 0
     said = capsys.readouterr().out
     assert "another skin: 'A 7' then, 'B' now" in said
-    assert f"threshold_c: {found['threshold_c']:g} -> {found['threshold_c']:g}" in said
+    assert f"paper.threshold_c: {found['threshold_c']:g} -> {found['threshold_c']:g}" in said
     then = account["after"]
     assert f"{then['error_m'] * 1e6:.1f} µm at {then['coverage']:.1%} then" in said
 
@@ -158,8 +158,9 @@ def test_focus_has_parameters_of_its_own(
     monkeypatch.setattr(search, "FocusGrid", lambda: grid)
     file = tmp_path / "focus.yaml"
     assert calibrate(world, "pass", "--method", "focus", "-o", str(file)) == 0
-    added = {*search.NAMES["focus"], "calibrated_camera"}
-    assert set(read_parameters(file, "emvs")) - PARAMETERS.keys() == added
+    found = read_parameters(file, "emvs")
+    assert found.keys() == {"focus", "paper", "calibrated_camera"}
+    assert {f"focus.{name}" for name in found["focus"]} == set(search.NAMES["focus"])
     account = read_account(file, "sphere")
     assert account is not None
     assert account["after"]["error_m"] <= account["before"]["error_m"]
@@ -192,8 +193,8 @@ def test_what_tells_nothing_is_refused(
     more: list[str],
     says: str,
 ) -> None:
-    simplex = write_parameters(tmp_path / "simplex.yaml", emvs={"weights": [1.0, 1.0, 1.0]})
-    blind = write_parameters(tmp_path / "blind.yaml", emvs={"full_scale_votes": 1e6})
+    simplex = write_parameters(tmp_path / "simplex.yaml", emvs={"paper.weights": [1.0, 1.0, 1.0]})
+    blind = write_parameters(tmp_path / "blind.yaml", emvs={"paper.full_scale_votes": 1e6})
     names = {"simplex": simplex, "params": world / "params.yaml", "blind": blind}
     assert calibrate(world, name, *(word.format(**names) for word in more)) == 1
     error = capsys.readouterr().err
@@ -221,11 +222,11 @@ def test_start_that_the_grid_does_not_better_stays(
 ) -> None:
     file = tmp_path / "skin.yaml"
     start = {"threshold_c": 45.0, "median_px": 17, "weights": [0.0, 1.0, 0.0]}
-    params = write_parameters(tmp_path / "start.yaml", emvs={**PARAMETERS, **start})
+    params = write_parameters(tmp_path / "start.yaml", emvs={"paper": PARAMETERS["paper"] | start})
     # Beyond the range of C there are fewer points, and better ones.
     floor = ["--least-coverage", "0.001", "--weight-parts", "2"]
     assert calibrate(world, "pass", "--params", str(params), *floor, "-o", str(file)) == 0
-    found = read_parameters(file, "emvs")
+    found = read_parameters(file, "emvs")["paper"]
     account = read_account(file, "sphere")
     assert account is not None
     assert account["after"]["error_m"] <= account["before"]["error_m"]

@@ -51,7 +51,7 @@ def test_masked_median_equals_its_twin(seed: int, size: int, share: float) -> No
     rng = np.random.default_rng(seed)
     index = rng.integers(0, 500, (23, 31)).astype(np.uint16)
     mask = rng.random(index.shape) < share
-    median, spread = masked_median(index, mask, size, 500)
+    median = masked_median(index, mask, size, 500)
     half = size // 2
     for y in range(index.shape[0]):
         for x in range(index.shape[1]):
@@ -60,7 +60,6 @@ def test_masked_median_equals_its_twin(seed: int, size: int, share: float) -> No
                 continue
             window = np.s_[max(y - half, 0) : y + half + 1, max(x - half, 0) : x + half + 1]
             near = np.sort(index[window][mask[window]])
-            n = len(near) - 1
             # Half of the items lie on either side, those of the median's plane spread over it.
             plane = int(np.rint(np.nextafter(median[y, x], np.inf)))
             below, same = np.sum(near < plane), np.sum(near == plane)
@@ -69,34 +68,27 @@ def test_masked_median_equals_its_twin(seed: int, size: int, share: float) -> No
                 below, same = np.sum(near < plane), np.sum(near == plane)
             expected = plane - 0.5 + (len(near) / 2 - below) / same
             assert median[y, x] == pytest.approx(expected, abs=1e-4)
-            assert spread[y, x] == near[3 * n // 4] - near[n // 4]
 
 
-def image_view(
-    depth: np.ndarray, pose: np.ndarray, weight: float, variance: float = 1e-10
-) -> ViewDepth:
+def image_view(depth: np.ndarray, pose: np.ndarray, weight: float) -> ViewDepth:
     """A view of an image's depths, NaN where there is none."""
     pixels = np.flatnonzero(np.isfinite(depth))
     found = depth.reshape(-1)[pixels].astype(np.float32)
-    return ViewDepth(
-        pixels, found, np.full_like(found, 0.5), np.full_like(found, variance), pose, weight
-    )
+    return ViewDepth(pixels, found, np.full_like(found, 0.5), pose, weight)
 
 
-def plane_view(
-    z_m: float, x_m: float, weight: float, variance: float = 1e-10, columns: slice = slice(None)
-) -> ViewDepth:
+def plane_view(z_m: float, x_m: float, weight: float, columns: slice = slice(None)) -> ViewDepth:
     """A plane seen in some columns of a camera at x."""
     depth = np.full((CAMERA.height, CAMERA.width), np.nan)
     depth[:, columns] = z_m
     pose = np.eye(4)
     pose[0, 3] = x_m
-    return image_view(depth, pose, weight, variance)
+    return image_view(depth, pose, weight)
 
 
 def test_warping_a_plane_shifts_it() -> None:
     """1 mm sideways at 45 mm is F·B/Z = 17.8 px: 18 columns of one side stay empty."""
-    depth, confidence, _ = warp_view(plane_view(0.045, 0.001, 1.0), np.eye(4), CAMERA)
+    depth, confidence = warp_view(plane_view(0.045, 0.001, 1.0), np.eye(4), CAMERA)
     seen = np.isfinite(depth)
     assert not seen[:, :18].any()
     assert seen[:, 18:].all()
@@ -106,9 +98,9 @@ def test_warping_a_plane_shifts_it() -> None:
 
 def test_a_view_at_the_target_stays_as_it_is() -> None:
     view = plane_view(0.045, 0.001, 1.0, columns=slice(3, 7))
-    depth, confidence, variance = warp_view(view, view.pose, CAMERA)
+    depth, confidence = warp_view(view, view.pose, CAMERA)
     assert np.isfinite(depth).any(axis=0).nonzero()[0].tolist() == [3, 4, 5, 6]
-    for image, values in ((depth, view.depth), (confidence, 0.5), (variance, view.variance)):
+    for image, values in ((depth, view.depth), (confidence, 0.5)):
         np.testing.assert_array_equal(image[:, 3:7].reshape(-1), values)
 
 
@@ -119,7 +111,7 @@ def test_the_nearer_point_hides_the_farther() -> None:
     target = np.eye(4)
     # Moved so that both land on one pixel.
     target[0, 3] = 1.0 / (CAMERA.fx * (1 / 0.043 - 1 / 0.047)) * 0.6
-    depth, _, _ = warp_view(view, target, CAMERA)
+    depth, _ = warp_view(view, target, CAMERA)
     assert np.nanmin(depth) == pytest.approx(0.043)
 
 
@@ -130,7 +122,7 @@ def test_weights_are_renormalised_where_a_view_is_missing() -> None:
         plane_view(0.044 + 0.001 * k, 0.0, w, columns=c)
         for k, (w, c) in enumerate(zip(weights, seen, strict=True))
     ]
-    depth, confidence = fuse_views(views, np.eye(4), CAMERA, "fixed")
+    depth, confidence = fuse_views(views, np.eye(4), CAMERA)
     np.testing.assert_allclose(depth[:, :50], 0.046, rtol=1e-6)
     expected = 0.445 * 0.044 + 0.333 * 0.045 + 0.222 * 0.046
     np.testing.assert_allclose(depth[:, 50:100], expected, rtol=1e-6)
@@ -138,18 +130,16 @@ def test_weights_are_renormalised_where_a_view_is_missing() -> None:
     assert np.isnan(confidence[:, 100:]).all()
 
 
-@pytest.mark.parametrize("rule", ["fixed", "inverse_variance"])
 @pytest.mark.parametrize(("views", "threads"), [(1, 1), (3, 2), (5, 3)])
-def test_the_mean_is_that_of_what_is_there(rule: str, views: int, threads: int) -> None:
+def test_the_mean_is_that_of_what_is_there(views: int, threads: int) -> None:
     rng = np.random.default_rng(views)
-    depth, sure, variance = rng.uniform(0.5, 1.5, (3, views, 7, 11)).astype(np.float32)
+    depth, sure = rng.uniform(0.5, 1.5, (2, views, 7, 11)).astype(np.float32)
     depth[rng.random(depth.shape) < 0.4] = np.nan
     weights = rng.uniform(0.1, 1.0, views)
     weights[-1] = 0.0 if views > 1 else 1.0
-    warped = list(zip(depth, sure, variance, strict=True))
-    found = weighted_mean(warped, weights.tolist(), rule, threads)
+    warped = list(zip(depth, sure, strict=True))
+    found = weighted_mean(warped, weights.tolist(), threads)
     w = np.where(np.isfinite(depth), weights[:, None, None], 0.0)
-    w = w / variance if rule == "inverse_variance" else w
     with np.errstate(invalid="ignore"):
         for mine, values in zip(found, (np.nan_to_num(depth), sure), strict=True):
             np.testing.assert_allclose(mine, (w * values).sum(axis=0) / w.sum(axis=0), rtol=1e-5)
@@ -157,11 +147,5 @@ def test_the_mean_is_that_of_what_is_there(rule: str, views: int, threads: int) 
 
 def test_weights_need_not_sum_to_one() -> None:
     views = [plane_view(0.044, 0.0, 3.0), plane_view(0.046, 0.0, 1.0)]
-    depth, _ = fuse_views(views, np.eye(4), CAMERA, "fixed")
+    depth, _ = fuse_views(views, np.eye(4), CAMERA)
     np.testing.assert_allclose(depth, 0.0445, rtol=1e-6)
-
-
-def test_inverse_variance_trusts_the_surer_view() -> None:
-    views = [plane_view(0.044, 0.0, 0.5, 1e-12), plane_view(0.046, 0.0, 0.5, 1e-8)]
-    depth, _ = fuse_views(views, np.eye(4), CAMERA, "inverse_variance")
-    np.testing.assert_allclose(depth, 0.044, atol=1e-6)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from roller_emvs.evidence import EvidenceSettings, RayField, find_depths
-from roller_emvs.evidence import _kernels as kernels
+from roller_emvs.evidence import CELL_PX, EvidenceSettings, RayField, coarse, find_depths, sweep
 from roller_emvs.evidence import _peak_kernels as peaks
-from roller_emvs.evidence._kernels import CELL_PX
 from roller_emvs.evidence.edge_drift import creep_depth_m
-from roller_emvs.evidence.energy import plane_shifts
+from roller_emvs.evidence.energy import all_tiles, plane_shifts
 from roller_emvs.evidence.relief import enlarge
 from roller_emvs.evidence.viewing import viewing
 
@@ -46,15 +44,14 @@ def lines_at(
     return x, y, slope, rng.random(len(slope)) < 0.5
 
 
-def settings(**values: object) -> EvidenceSettings:
-    return EvidenceSettings.create({"creep_m": 0.0, "min_parallax_px": 2.0, **values})
+SETTINGS = EvidenceSettings.create({"edge_drift_m": 0.0})
 
 
 @pytest.mark.parametrize("parts", [1, 4])
 @pytest.mark.parametrize("shift", [-0.61, 0.0, 0.37])
 def test_lines_are_found_at_their_shift(shift: float, parts: int) -> None:
     field = field_of(*lines_at(shift, np.random.default_rng(1)))
-    for found in find_depths(field, -1.0, 1.0, settings(sub_apertures=parts)):
+    for found in find_depths(field, -1.0, 1.0, SETTINGS, parts):
         known = np.isfinite(found.shift)
         # Noise of a few tens of votes a cell; a pixel of parallax is 1/20.
         assert known.sum() > 60
@@ -62,11 +59,11 @@ def test_lines_are_found_at_their_shift(shift: float, parts: int) -> None:
         assert np.mean(np.abs(found.shift[known] - shift) < 0.05) > 0.85
 
 
-def test_savings_change_nothing() -> None:
+def test_threads_change_nothing() -> None:
     field = field_of(*lines_at(0.2, np.random.default_rng(2)))
-    plain = find_depths(field, -1.0, 1.0, settings(tiles=False, threads=1))
-    for values in ({"tiles": True, "threads": 1}, {"tiles": True, "threads": 2}, {"threads": 5}):
-        for a, b in zip(plain, find_depths(field, -1.0, 1.0, settings(**values)), strict=True):
+    plain = find_depths(field, -1.0, 1.0, SETTINGS)
+    for threads in (2, 5):
+        for a, b in zip(plain, find_depths(field, -1.0, 1.0, SETTINGS, 1, threads), strict=True):
             np.testing.assert_array_equal(a.shift, b.shift)
 
 
@@ -75,7 +72,7 @@ def test_polarities_have_depths_of_their_own() -> None:
     parts = [lines_at(shift, rng) for shift in (-0.4, 0.4)]
     x, y, slope = (np.concatenate([p[k] for p in parts]) for k in range(3))
     polarity = np.repeat([0, 1], [len(p[0]) for p in parts])
-    off, on = find_depths(field_of(x, y, slope, polarity), -1.0, 1.0, settings())
+    off, on = find_depths(field_of(x, y, slope, polarity), -1.0, 1.0, SETTINGS)
     assert np.nanmedian(off.shift) == pytest.approx(-0.4, abs=0.01)
     assert np.nanmedian(on.shift) == pytest.approx(0.4, abs=0.01)
 
@@ -85,7 +82,7 @@ def test_events_from_one_direction_have_no_depth() -> None:
     rng = np.random.default_rng(4)
     x, y = rng.uniform(0, SHAPE[1], 4000), np.full(4000, 30.0)
     field = field_of(x, y, np.full(4000, 3.0), rng.random(4000) < 0.5)
-    for found in find_depths(field, -1.0, 1.0, settings()):
+    for found in find_depths(field, -1.0, 1.0, SETTINGS):
         assert not np.isfinite(found.shift).any()
 
 
@@ -99,7 +96,7 @@ def test_a_column_seen_from_one_side_has_its_edges_depth() -> None:
     field = RayField(
         field.rays, field.bounds, SHAPE, one_sided, field.lean_per_slope, 1.0, 1000.0, 0.0
     )
-    for found in find_depths(field, -1.0, 1.0, settings()):
+    for found in find_depths(field, -1.0, 1.0, SETTINGS):
         known = np.isfinite(found.shift)
         assert abs(np.median(found.shift[known]) - 0.3) < 0.02
         # Evidence lies on the lines.
@@ -112,7 +109,7 @@ def test_creep_follows_the_change_of_density(drift: float) -> None:
     """With density 1 + d·u over the aperture the mean lean moves by d/3 of its half."""
     rng = np.random.default_rng(6)
     field = field_of(*lines_at(0.0, rng, 40000, drift))
-    off = find_depths(field, -1.0, 1.0, settings())[0]
+    off = find_depths(field, -1.0, 1.0, SETTINGS)[0]
     seen = viewing(field, off.shift, 0)
     known = np.isfinite(off.shift) & (seen.count > 20)
     half_lean = HALF_APERTURE * field.lean_per_slope
@@ -125,9 +122,9 @@ def test_creep_follows_the_change_of_density(drift: float) -> None:
         # Contrast that grows with the lean makes depth look larger than it is.
         assert np.mean(np.sign(depth) == -np.sign(drift)) > 0.95
     # The correction is taken from the polarity that creeps alone.
-    corrected = find_depths(field, -1.0, 1.0, settings(creep_m=0.01))
+    corrected = find_depths(field, -1.0, 1.0, SETTINGS.changed({"edge_drift_m": 0.01}))
     np.testing.assert_array_equal(
-        corrected[1].shift, find_depths(field, -1.0, 1.0, settings())[1].shift
+        corrected[1].shift, find_depths(field, -1.0, 1.0, SETTINGS)[1].shift
     )
     moved = (corrected[0].shift - off.shift)[known]
     np.testing.assert_allclose(moved, 0.01 * depth, atol=1e-5)
@@ -135,7 +132,7 @@ def test_creep_follows_the_change_of_density(drift: float) -> None:
 
 def test_blind_pixels_hide_a_part_of_the_change() -> None:
     field = field_of(*lines_at(0.0, np.random.default_rng(7), 40000, 0.6), speed=3000.0)
-    off = find_depths(field, -1.0, 1.0, settings())[0]
+    off = find_depths(field, -1.0, 1.0, SETTINGS)[0]
     seen = viewing(field, off.shift, 0)
     known = seen.count > 20
     awake, blind = (creep_depth_m(field, seen, t)[known] for t in (0.0, 2e-4))
@@ -189,11 +186,11 @@ def test_what_is_taken_lies_between_cells() -> None:
 
 
 def test_planes_are_as_many_as_parallax_and_reach_beyond_the_ends() -> None:
-    at = plane_shifts(-1.0, 1.0, 20.0, 0.5, 500)
+    at = plane_shifts(-1.0, 1.0, 20.0, 0.5)
     assert len(at) == 13
     assert (at[1], at[-2]) == pytest.approx((-1.0, 1.0))
-    assert len(plane_shifts(-1.0, 1.0, 0.5, 0.5, 500)) == 7
-    assert len(plane_shifts(-1.0, 1.0, 1e6, 0.5, 500)) == 502
+    assert len(plane_shifts(-1.0, 1.0, 0.5, 0.5)) == 7
+    assert len(plane_shifts(-1.0, 1.0, 1e6, 0.5)) == 502
 
 
 def test_edges_seen_from_both_sides_alone_have_no_depth() -> None:
@@ -202,10 +199,10 @@ def test_edges_seen_from_both_sides_alone_have_no_depth() -> None:
     x, y, slope, polarity = lines_at(0.2, rng)
     # Of one line the middle of the aperture saw nothing.
     two_sided = (np.abs(x + slope * 0.2 - LINES[1]) < 1) & (np.abs(slope) < 0.7 * HALF_APERTURE)
-    whole = find_depths(field_of(x, y, slope, polarity), -1.0, 1.0, settings())
+    whole = find_depths(field_of(x, y, slope, polarity), -1.0, 1.0, SETTINGS)
     keep = ~two_sided
     parts = find_depths(
-        field_of(x[keep], y[keep], slope[keep], polarity[keep]), -1.0, 1.0, settings()
+        field_of(x[keep], y[keep], slope[keep], polarity[keep]), -1.0, 1.0, SETTINGS
     )
     cells = slice(int(LINES[1]) // CELL_PX - 1, int(LINES[1]) // CELL_PX + 2)
     for before, after in zip(whole, parts, strict=True):
@@ -217,24 +214,12 @@ def test_edges_seen_from_both_sides_alone_have_no_depth() -> None:
 
 
 @pytest.mark.parametrize("parts", [1, 4])
-def test_the_switch_of_tiles_reaches_every_stage(
-    parts: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Off, all tiles count on all planes; the depths are the same."""
+def test_tiles_left_out_hold_no_depth(parts: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With all tiles looked at on all planes the depths are the same."""
     field = field_of(*lines_at(0.2, np.random.default_rng(1)))
-    skipped: list[bool] = []
-    original = kernels._energy_bands
-
-    def spy(rays, starts, first, step, reach, shifts, tiles, *rest):  # type: ignore[no-untyped-def]
-        skipped.append(bool(((tiles[..., 0] > 0) | (tiles[..., 1] < len(shifts) - 1)).any()))
-        original(rays, starts, first, step, reach, shifts, tiles, *rest)
-
-    monkeypatch.setattr(kernels, "_energy_bands", spy)
-    off = find_depths(field, -1.0, 1.0, settings(sub_apertures=parts, tiles=False, threads=1))
-    assert skipped
-    assert not any(skipped)
-    on = find_depths(field, -1.0, 1.0, settings(sub_apertures=parts, tiles=True, threads=1))
-    if parts > 1:
-        assert any(skipped)
-    for a, b in zip(off, on, strict=True):
+    found = find_depths(field, -1.0, 1.0, SETTINGS, parts)
+    monkeypatch.setattr(sweep, "tiles_searched", lambda f, _a, _b, n: all_tiles(f, n))
+    for module in (sweep, coarse):
+        monkeypatch.setattr(module, "tiles_reached", lambda _r, f, at: all_tiles(f, len(at)))
+    for a, b in zip(found, find_depths(field, -1.0, 1.0, SETTINGS, parts), strict=True):
         np.testing.assert_allclose(a.shift, b.shift, atol=0.02)

@@ -13,6 +13,13 @@ from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.windows import RefusedWindow
 
 DURATION_S = 0.12
+SETTINGS = DepthSettings.create(
+    {
+        "window": {"time_s": 0.03, "travel_m": 0.012},
+        "paper": {"planes": 80, "threshold_c": 6.0, "median_px": 9, "full_scale_votes": 0.0},
+        "focus.sigma_px": 3.0,
+    }
+)
 
 
 def reconstruct(
@@ -22,14 +29,9 @@ def reconstruct(
     duration_s: float = DURATION_S,
     **values: object,
 ) -> list[DepthMap | RefusedWindow]:
-    settings = DepthSettings.create(
-        {
-            "planes": 80, "threshold_c": 6.0, "median_px": 9, "focus_sigma_px": 3.0,
-            "window_s": 0.03, "window_travel_m": 0.012,
-            "full_scale_votes": 0.0, **values,
-        }
-    )  # fmt: skip
-    pipeline = DepthPipeline(settings, CAMERA, track_of(motion, duration_s, start_ns))
+    pipeline = DepthPipeline(
+        SETTINGS.changed(values), CAMERA, track_of(motion, duration_s, start_ns)
+    )
     pipeline.add_events(events)
     return list(pipeline.results(flush=True))
 
@@ -68,9 +70,9 @@ def test_a_tilted_plane_is_found(scan: EventArray, method: str) -> None:
 def test_epoch_time_and_a_far_base_change_nothing(scan: EventArray, method: str) -> None:
     epoch = 1_790_000_000_123_456_789
     # Windows by time: a travel reached a nanosecond later would shift an event to the next one.
-    near = reconstruct(rolling(0.3), scan, method=method, window="time")
+    near = reconstruct(rolling(0.3), scan, method=method, window={"rule": "time"})
     there = rolling(0.3, (4000.0, -2500.0, 300.0))
-    far = reconstruct(there, scan.shifted(epoch), epoch, method=method, window="time")
+    far = reconstruct(there, scan.shifted(epoch), epoch, method=method, window={"rule": "time"})
     assert len(near) == len(far)
     for a, b in zip(near, far, strict=True):
         assert type(a) is type(b)
@@ -87,13 +89,7 @@ def test_epoch_time_and_a_far_base_change_nothing(scan: EventArray, method: str)
 @pytest.mark.parametrize("method", ["focus", "bma"])
 def test_results_do_not_depend_on_how_events_arrive(scan: EventArray, method: str) -> None:
     whole = reconstruct(rolling(0.3), scan, method=method)
-    settings = DepthSettings.create(
-        {
-            "planes": 80, "threshold_c": 6.0, "median_px": 9, "focus_sigma_px": 3.0,
-            "window_s": 0.03, "window_travel_m": 0.012, "full_scale_votes": 0.0,
-            "method": method, "threads": 1,
-        }
-    )  # fmt: skip
+    settings = SETTINGS.changed({"method": method, "threads": 1})
     pipeline = DepthPipeline(settings, CAMERA, track_of(rolling(0.3), DURATION_S))
     pieces = []
     for k in range(0, len(scan), 997):
@@ -136,7 +132,7 @@ def test_no_parallax_gives_no_depth(motion: Motion, window: str) -> None:
     noise = EventArray.from_arrays(
         rng.integers(0, 160, n), rng.integers(0, 120, n), t, rng.integers(0, 2, n)
     )
-    found = reconstruct(motion, noise, window=window, max_window_s=0.05)
+    found = reconstruct(motion, noise, window={"rule": window, "max_time_s": 0.05})
     assert found
     assert all(isinstance(f, RefusedWindow) for f in found)
 

@@ -14,14 +14,16 @@ from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.hot_pixels import hot_pixels
 from roller_emvs.methods.paper.shifted import shifted_planes
 from roller_emvs.pipeline import DepthPipeline
-from roller_emvs.prior import DepthPrior
 
 DURATION_S = 0.12
 BOUNDS = (0.043, 0.047)
-VALUES = {
-    "method": "bma", "threshold_c": 6.0, "median_px": 45, "window_s": 0.03,
-    "full_scale_votes": 0.0, "planes": 200,
-}  # fmt: skip
+SETTINGS = DepthSettings.create(
+    {
+        "method": "bma",
+        "window.time_s": 0.03,
+        "paper": {"threshold_c": 6.0, "full_scale_votes": 0.0, "planes": 200},
+    }
+)
 #: Depth of one pixel of parallax of these windows, m.
 PIXEL_M = 0.045**2 / (CAMERA.fx * 0.3 * 0.03)
 
@@ -33,7 +35,7 @@ def scan() -> EventArray:
 
 def maps(scan: EventArray, **values: object) -> list[DepthMap]:
     track = track_of(rolling(0.3), DURATION_S)
-    pipeline = DepthPipeline(DepthSettings.create({**VALUES, **values}), CAMERA, track)
+    pipeline = DepthPipeline(SETTINGS.changed(values), CAMERA, track)
     pipeline.add_events(scan)
     return [m for m in pipeline.results(flush=True) if isinstance(m, DepthMap)]
 
@@ -41,7 +43,7 @@ def maps(scan: EventArray, **values: object) -> list[DepthMap]:
 @pytest.mark.parametrize("method", ["bma", "left_right", "emvs"])
 def test_fewer_planes_and_shared_votes_give_the_same_depth(scan: EventArray, method: str) -> None:
     """To a quarter of a pixel of parallax at the median, a pixel at 95 % (the stated tolerance)."""
-    plain = maps(scan, method=method, plane_rule="fixed", fast_path=False, tiles=False)
+    plain = maps(scan, method=method, paper={"plane_rule": "fixed"})
     fast = maps(scan, method=method)
     assert len(plain) == len(fast) >= 3
     apart = []
@@ -55,54 +57,18 @@ def test_fewer_planes_and_shared_votes_give_the_same_depth(scan: EventArray, met
 
 
 @pytest.mark.parametrize("method", ["bma", "focus"])
-@pytest.mark.parametrize("values", [{"tiles": False}, {"threads": 1}, {"threads": 3}])
-def test_tiles_and_threads_change_nothing(
-    scan: EventArray, method: str, values: dict[str, object]
-) -> None:
+@pytest.mark.parametrize("values", [{"threads": 1}, {"threads": 3}])
+def test_threads_change_nothing(scan: EventArray, method: str, values: dict[str, object]) -> None:
     plain, other = maps(scan, method=method), maps(scan, method=method, **values)
     for a, b in zip(plain, other, strict=True):
         np.testing.assert_array_equal(a.depth, b.depth)
         np.testing.assert_array_equal(a.confidence, b.confidence)
 
 
-def test_float64_votes_give_the_same_depth(scan: EventArray) -> None:
-    for a, b in zip(maps(scan), maps(scan, precision="float64"), strict=True):
-        same = np.isfinite(a.depth) == np.isfinite(b.depth)
-        assert same.mean() > 0.999
-        both = np.isfinite(a.depth) & np.isfinite(b.depth)
-        assert np.quantile(np.abs(a.depth - b.depth)[both], 0.99) < PIXEL_M / 20
-
-
-@pytest.mark.parametrize("method", ["bma", "focus"])
-def test_bounds_from_the_window_before_keep_the_depth(scan: EventArray, method: str) -> None:
-    wide, narrow = maps(scan, method=method), maps(scan, method=method, prior_margin_m=6e-4)
-    np.testing.assert_array_equal(wide[0].depth, narrow[0].depth)
-    for a, b in zip(wide[1:], narrow[1:], strict=True):
-        both = np.isfinite(a.depth) & np.isfinite(b.depth)
-        assert both.sum() > 0.6 * np.isfinite(a.depth).sum()
-        assert np.median(np.abs(a.depth - b.depth)[both]) < PIXEL_M / 2
-
-
-def test_bounds_are_given_up_where_depths_lie_at_them() -> None:
-    prior = DepthPrior(BOUNDS, 3e-4)
-    assert list(prior.tries()) == [BOUNDS]
-    depth = np.full((20, 20), 0.045, np.float32)
-    assert prior.accepts(depth, BOUNDS)
-    narrow = next(prior.tries())
-    assert narrow == pytest.approx((0.0447, 0.0453), abs=1e-6)
-    depth[:, :2] = narrow[0] + 1e-5
-    assert not prior.accepts(depth, narrow)
-    assert list(prior.tries()) == [BOUNDS]
-    # Too few depths tell nothing, and narrow bounds may be why.
-    assert prior.accepts(np.full((20, 20), 0.045, np.float32), BOUNDS)
-    assert not prior.accepts(np.full((3, 3), 0.045, np.float32), next(prior.tries()))
-
-
 def test_views_are_shared_where_they_are_parallel() -> None:
-    settings = DepthSettings.create(VALUES)
     views = np.tile(np.eye(4), (3, 1, 1))
     views[:, 0, 3] = (-0.00452, 0.00003, 0.00448)
-    found = shifted_planes(CAMERA, views, BOUNDS, settings)
+    found = shifted_planes(CAMERA, views, BOUNDS, SETTINGS.paper)
     assert found is not None
     planes, put = found.planes, found.views
     # A plane beyond either end, and one for each pixel of the window's parallax between.
@@ -119,34 +85,32 @@ def test_views_are_shared_where_they_are_parallel() -> None:
 
 def test_views_of_a_roller_that_gains_speed_are_shared() -> None:
     """Half the time is not half the way; the middle view is put at half the way."""
-    settings = DepthSettings.create(VALUES)
     views = np.tile(np.eye(4), (3, 1, 1))
     views[:, 0, 3] = (-0.0041, 0.0, 0.0049)
-    found = shifted_planes(CAMERA, views, BOUNDS, settings)
+    found = shifted_planes(CAMERA, views, BOUNDS, SETTINGS.paper)
     assert found is not None
     np.testing.assert_allclose(found.views[:, 0, 3], (-0.0041, 0.0004, 0.0049), atol=1e-12)
     # It stood up to the middle of the window: the first two views are one.
     views[:2, 0, 3] = 0.0
-    found = shifted_planes(CAMERA, views, BOUNDS, settings)
+    found = shifted_planes(CAMERA, views, BOUNDS, SETTINGS.paper)
     assert found is not None
     np.testing.assert_allclose(found.views[:, 0, 3], (0.0, 0.0, 0.0049), atol=1e-12)
 
 
 def test_views_that_turn_or_lie_elsewhere_are_not_shared() -> None:
-    settings = DepthSettings.create(VALUES)
     views = np.tile(np.eye(4), (3, 1, 1))
     views[:, 0, 3] = (-0.0045, 0.0, 0.0045)
-    assert shifted_planes(CAMERA, views, BOUNDS, settings) is not None
+    assert shifted_planes(CAMERA, views, BOUNDS, SETTINGS.paper) is not None
     tilted_view = views.copy()
     turn = rotation_vector_to_quaternion([0.0, 0.01, 0.0])
     tilted_view[2, :3, :3] = quaternion_to_matrix(turn)
-    assert shifted_planes(CAMERA, tilted_view, BOUNDS, settings) is None
+    assert shifted_planes(CAMERA, tilted_view, BOUNDS, SETTINGS.paper) is None
     quarter = views.copy()
     quarter[1, 0, 3] = 0.002
-    assert shifted_planes(CAMERA, quarter, BOUNDS, settings) is None
+    assert shifted_planes(CAMERA, quarter, BOUNDS, SETTINGS.paper) is None
     upwards = views[:, [1, 0, 2, 3]].copy()
-    assert shifted_planes(CAMERA, upwards, BOUNDS, settings) is None
-    dense = DepthSettings.create({**VALUES, "planes_per_px": 2.0})
+    assert shifted_planes(CAMERA, upwards, BOUNDS, SETTINGS.paper) is None
+    dense = SETTINGS.changed({"paper.plane_rule": "fixed"}).paper
     assert shifted_planes(CAMERA, views, BOUNDS, dense) is None
 
 
@@ -159,7 +123,7 @@ def test_rolling_along_v_is_found_by_focus() -> None:
         return np.array([0.3 * t, 0.0, 0.0]), quarter
 
     events = events_of(lines(tilted), motion, DURATION_S, camera=upright)
-    settings = DepthSettings.create({"window_travel_m": 0.012})
+    settings = DepthSettings.create({"window.travel_m": 0.012})
     pipeline = DepthPipeline(settings, upright, track_of(motion, DURATION_S))
     pipeline.add_events(events)
     errors = []
@@ -197,5 +161,4 @@ def test_a_turning_camera_is_voted_view_by_view() -> None:
     track = track_of(turning(0.5), DURATION_S)
     poses = track.matrices([0, 50_000_000, 100_000_000])
     relative = np.linalg.inv(poses[1]) @ poses
-    settings = DepthSettings.create(VALUES)
-    assert shifted_planes(CAMERA, relative, BOUNDS, settings) is None
+    assert shifted_planes(CAMERA, relative, BOUNDS, SETTINGS.paper) is None

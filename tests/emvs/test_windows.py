@@ -46,7 +46,7 @@ def test_time_windows_are_20_ms_and_lose_nothing() -> None:
 def test_travel_windows_have_the_same_travel_at_any_speed(speed: float) -> None:
     duration = 0.035 / speed
     track = track_of(rolling(speed), duration)
-    cutter = WindowCutter(setting(window="travel", window_travel_m=0.005), track)
+    cutter = WindowCutter(setting(window={"rule": "travel", "travel_m": 0.005}), track)
     cutter.add(ticking(int(duration * 1000), step_us=1000))
     windows = cut_all(cutter)
     assert len(windows) >= 6
@@ -62,7 +62,7 @@ def test_travel_windows_have_the_same_travel_at_any_speed(speed: float) -> None:
     overlap=st.sampled_from([0.0, 0.5]),
 )
 def test_arrival_does_not_matter(cuts: list[int], rule: str, overlap: float) -> None:
-    s = setting(window=rule, window_travel_m=0.005, window_overlap=overlap)
+    s = setting(window={"rule": rule, "travel_m": 0.005, "overlap": overlap})
     events = ticking(100)
     whole = WindowCutter(s, track_of(rolling(0.3), 0.15))
     whole.add(events)
@@ -99,7 +99,7 @@ def test_a_window_waits_for_its_poses() -> None:
 
 
 def test_standstill_is_refused() -> None:
-    cutter = WindowCutter(setting(max_window_s=0.05), track_of(rolling(0.0), 0.3))
+    cutter = WindowCutter(setting(window={"max_time_s": 0.05}), track_of(rolling(0.0), 0.3))
     cutter.add(ticking(200))
     windows = cut_all(cutter)
     assert windows
@@ -115,7 +115,7 @@ def reversing(t: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_reversal_counts_the_distance_from_the_start() -> None:
     motion: Motion = reversing
     track = track_of(motion, 0.1)
-    cutter = WindowCutter(setting(window_travel_m=0.005), track)
+    cutter = WindowCutter(setting(window={"travel_m": 0.005}), track)
     cutter.add(ticking(100))
     first = cutter.cut(True)
     assert isinstance(first, Window)
@@ -130,7 +130,7 @@ def test_a_gap_in_the_poses_costs_only_its_windows(rule: str) -> None:
     for k in range(60):
         if not 15 <= k < 30:
             track.append(k * 8 * MS, [0.0024 * k, 0, 0], [0, 0, 0, 1])
-    cutter = WindowCutter(setting(window=rule, window_travel_m=0.006), track)
+    cutter = WindowCutter(setting(window={"rule": rule, "travel_m": 0.006}), track)
     cutter.add(ticking(450))
     windows = cut_all(cutter)
     refused = [w for w in windows if isinstance(w, RefusedWindow)]
@@ -170,7 +170,7 @@ def test_the_backlog_is_bounded_and_counted() -> None:
 
 
 def test_all_of_a_recording_is_one_window() -> None:
-    cutter = WindowCutter(setting(window="all"), track_of(rolling(0.1), 0.5))
+    cutter = WindowCutter(setting(window={"rule": "all"}), track_of(rolling(0.1), 0.5))
     cutter.add(ticking(400))
     assert cutter.cut() is None
     window = cutter.cut(flush=True)

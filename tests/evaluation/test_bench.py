@@ -63,9 +63,8 @@ def test_a_quick_run_writes_its_files(bench: tuple[Path, dict[str, Any]]) -> Non
     result = json.loads((folder / "bench.json").read_text(), parse_constant=pytest.fail)
     assert {"machine", "cases", "pareto", "savings", "growth", "fixed", "paper"} <= set(result)
     labels = [c["label"] for c in result["cases"]]
-    assert {"focus", "bma", "surface", "focus, no creep correction"} < set(labels)
-    assert "surface, no creep correction" in labels
-    assert "bma, weights by variance" in labels
+    assert {"focus", "bma", "surface", "focus, no edge drift correction"} < set(labels)
+    assert "surface, no edge drift correction" in labels
     for case in result["cases"]:
         assert case["time"]["windows"] > 0
         for time in ("ms", "ms_per_mev"):
@@ -242,7 +241,9 @@ def test_every_case_is_there_once() -> None:
 
 def test_the_reference_is_bma_with_every_plane(scan: Scan) -> None:
     settings = depth_settings(
-        "bma", window="all", threshold_c=4.0, plane_rule="fixed", planes=500, fast_path=False
+        "bma",
+        **{"window.rule": "all"},
+        paper={"threshold_c": 4.0, "plane_rule": "fixed", "planes": 500},
     )
     piece = densest_piece(scan, 0.02, 5000)
     pipeline = DepthPipeline(settings, scan.camera, scan.track)

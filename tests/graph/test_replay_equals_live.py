@@ -22,7 +22,7 @@ from roller_ros import qos
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 
 #: A machine that stalls for a second must not make the nodes take it for the scan's end.
-DEPTH = "{window_travel_m: 0.006, focus_sigma_px: 3.0, idle_flush_s: 4.0}"
+DEPTH = "{window.travel_m: 0.006, focus.sigma_px: 3.0, idle_flush_s: 4.0}"
 STITCHER = "{idle_flush_s: 5.5}"
 TOPICS = (
     "/roller/depth/image",

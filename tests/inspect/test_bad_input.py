@@ -18,7 +18,7 @@ from roller_emvs.ply import read_ply
 
 PARAMS = """
 emvs:
-  ros__parameters: {window_travel_m: 0.006, focus_sigma_px: 3.0, max_pose_gap_s: 0.03}
+  ros__parameters: {window.travel_m: 0.006, focus.sigma_px: 3.0, max_pose_gap_s: 0.03}
 """
 
 Capture = pytest.CaptureFixture[str]

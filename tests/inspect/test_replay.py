@@ -19,8 +19,8 @@ from roller_emvs.ply import read_ply
 
 PARAMS = """
 emvs:
-  ros__parameters: {planes: 60, threshold_c: 6.0, median_px: 9, window_s: 0.03,
-                    full_scale_votes: 0.0, window_travel_m: 0.006, focus_sigma_px: 3.0}
+  ros__parameters: {paper: {planes: 60, threshold_c: 6.0, median_px: 9, full_scale_votes: 0.0},
+                    window: {time_s: 0.03, travel_m: 0.006}, focus: {sigma_px: 3.0}}
 """
 
 

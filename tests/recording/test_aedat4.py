@@ -15,7 +15,7 @@ from roller_bringup.cli import main
 from roller_emvs.ply import read_ply
 
 Capture = pytest.CaptureFixture[str]
-PARAMS = "emvs: {ros__parameters: {window_travel_m: 0.006, focus_sigma_px: 3.0}}"
+PARAMS = "emvs: {ros__parameters: {window.travel_m: 0.006, focus.sigma_px: 3.0}}"
 
 
 def write(path: Path, streams: dict[str, int]) -> Path:

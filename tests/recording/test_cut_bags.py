@@ -159,7 +159,7 @@ def test_a_cut_bag_replays_up_to_the_cut(chunked: Chunked, tmp_path: Path, capsy
     folder.mkdir()
     (folder / "bag.mcap").write_bytes(whole[: int(ends[-1] * 0.8)])
     params = tmp_path / "params.yaml"
-    params.write_text("emvs: {ros__parameters: {window_travel_m: 0.006, focus_sigma_px: 3.0}}")
+    params.write_text("emvs: {ros__parameters: {window.travel_m: 0.006, focus.sigma_px: 3.0}}")
     words = ["replay", str(folder), "--output", str(tmp_path / "out"), "--no-picture"]
     assert main([*words, "--params", str(params)]) == 1
     out, err = capsys.readouterr()

@@ -198,8 +198,8 @@ def pass_points(rolled: Rolled, settings: DepthSettings) -> tuple[F64, F64]:
     towards : ndarray of float64, shape (3,)
         Direction in base from the surface to the camera.
     """
-    changes = {"method": "focus", "window": "auto", "window_overlap": _OVERLAP}
-    pipeline = DepthPipeline(settings.model_copy(update=changes), rolled.camera, rolled.track)
+    changes = {"method": "focus", "window.rule": "auto", "window.overlap": _OVERLAP}
+    pipeline = DepthPipeline(settings.changed(changes), rolled.camera, rolled.track)
     pipeline.add_events(rolled.events)
     parts, towards = [np.empty((0, 3))], np.zeros(3)
     for found in pipeline.results(flush=True):

@@ -1,8 +1,8 @@
 """Grid search over the parameters of `focus` that a sphere can tell.
 
-Three: the neighbourhood (`focus_sigma_px`), the least confidence (`focus_min_confidence`) and the
-creep of edges under the travelling light (`focus_creep_m`). The sphere's place is found by `focus`
-itself, so a depth that is off by the same amount everywhere can't be told: unless the height of
+Three: the neighbourhood (`focus.sigma_px`), the least confidence (`focus.min_confidence`) and the
+drift of edges under the travelling light (`focus.edge_drift_m`). `focus` itself finds the sphere's
+place, so a depth that is off by the same amount everywhere can't be told: unless the height of
 the sphere's top is known, each choice is judged by its errors about their median.
 """
 
@@ -23,7 +23,7 @@ from .contact import ContactWindow
 from .error_table import I64
 
 #: Names in `DepthSettings`, in the order of the grid.
-NAMES = ("focus_sigma_px", "focus_min_confidence", "focus_creep_m")
+NAMES = ("focus.sigma_px", "focus.min_confidence", "focus.edge_drift_m")
 
 
 @dataclass(frozen=True)
@@ -32,18 +32,18 @@ class FocusGrid:
 
     Attributes
     ----------
-    sigmas_px, confidences, creeps_m : tuple of float
+    sigmas_px, confidences, edge_drifts_m : tuple of float
         Values of `NAMES`.
     """
 
     sigmas_px: tuple[float, ...] = (3.0, 4.0, 5.0, 6.0, 8.0)
     confidences: tuple[float, ...] = (0.2, 0.3, 0.4, 0.5, 0.6)
-    creeps_m: tuple[float, ...] = (0.0, 1.25e-4, 2.5e-4, 3.75e-4, 5e-4)
+    edge_drifts_m: tuple[float, ...] = (0.0, 1.25e-4, 2.5e-4, 3.75e-4, 5e-4)
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of values of each."""
-        return len(self.sigmas_px), len(self.confidences), len(self.creeps_m)
+        return len(self.sigmas_px), len(self.confidences), len(self.edge_drifts_m)
 
     @property
     def size(self) -> int:
@@ -53,7 +53,7 @@ class FocusGrid:
     def values(self, choice: int) -> dict[str, float]:
         """Parameters of a choice, by their names in `DepthSettings`."""
         at = np.unravel_index(choice, self.shape)
-        ranges = (self.sigmas_px, self.confidences, self.creeps_m)
+        ranges = (self.sigmas_px, self.confidences, self.edge_drifts_m)
         return {name: r[k] for name, r, k in zip(NAMES, ranges, at, strict=True)}
 
     def at_border(self, choice: int) -> list[str]:
@@ -89,14 +89,12 @@ def focus_errors(
     points : ndarray of int64, shape (windows,)
         Measured pixels.
     """
-    s, evidence = settings, settings.evidence()
     found = []
     for window in windows:
         prepared, view = window.prepared, window.view
         depth, _ = focus.focus_depth(
-            prepared.packets, camera, prepared.target, (s.depth_min_m, s.depth_max_m),
-            s.patch_half_length_m, evidence, Stopwatch(),
-        )  # fmt: skip
+            prepared.packets, camera, prepared.target, settings, Stopwatch()
+        )
         miss = (view.box.of(depth) - view.depth_m)[view.mask]
         found.append(miss[np.isfinite(miss)])
     every = np.concatenate(found)

@@ -54,15 +54,15 @@ class PaperGrid:
         """Parameters of a choice, by their names in `DepthSettings`."""
         c, g, w = np.unravel_index(choice, self.shape)
         return {
-            "threshold_c": self.thresholds[c],
-            "median_px": self.medians_px[g],
-            "weights": [round(float(v), 6) for v in self.weights[w]],
+            "paper.threshold_c": self.thresholds[c],
+            "paper.median_px": self.medians_px[g],
+            "paper.weights": [round(float(v), 6) for v in self.weights[w]],
         }
 
     def at_border(self, choice: int) -> list[str]:
         """Parameters of a choice that lie at an end of their range, by name."""
         c, g, _ = np.unravel_index(choice, self.shape)
-        ends = {"threshold_c": (c, self.shape[0]), "median_px": (g, self.shape[1])}
+        ends = {"paper.threshold_c": (c, self.shape[0]), "paper.median_px": (g, self.shape[1])}
         return [name for name, (k, n) in ends.items() if n > 2 and k in (0, n - 1)]
 
 
@@ -80,15 +80,11 @@ def check_weights(settings: DepthSettings) -> None:
     Raises
     ------
     SettingsError
-        If the weights are off the simplex or aren't fixed.
+        If the weights are off the simplex.
     """
-    total = sum(settings.weights)
+    total = sum(settings.paper.weights)
     if abs(total - 1) > SIMPLEX_TOLERANCE:
         raise SettingsError(
-            f"weights {list(settings.weights)} sum up to {total:g}, not 1: they must lie on the "
-            "simplex"
-        )
-    if settings.weight_rule != "fixed":
-        raise SettingsError(
-            f"weights are calibrated for weight_rule: fixed, not {settings.weight_rule}"
+            f"weights {list(settings.paper.weights)} sum up to {total:g}, not 1: they must lie "
+            "on the simplex"
         )

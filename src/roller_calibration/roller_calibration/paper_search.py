@@ -17,7 +17,7 @@ from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.paper.bma import ViewVotes, usable_planes, view_votes
-from roller_emvs.methods.paper.detection import margins, masked_median
+from roller_emvs.methods.paper.detection import KERNEL_PX, margins, masked_median
 from roller_emvs.threads import share
 
 from . import _search_kernels as kernels
@@ -59,8 +59,7 @@ def window_errors(
         Measured pixels.
     """
     prepared, s = window.prepared, settings
-    bounds = (s.depth_min_m, s.depth_max_m)
-    voted = view_votes(prepared.packets, camera, prepared.poses, prepared.target, bounds, s)
+    voted = view_votes(prepared.packets, camera, prepared.poses, prepared.target, s)
     parts = [
         _ViewPart.cut(voted, k, camera, window, s, max(grid.medians_px) // 2)
         for k in range(len(voted.poses))
@@ -157,7 +156,7 @@ class _ViewPart:
             slice(low[1] - first[1], high[1] - first[1]),
             slice(low[0] - first[0], high[0] - first[0]),
         )
-        stand_out = margins(voted.votes[k], s.threshold_kernel_px, s.full_scale_votes)
+        stand_out = margins(voted.votes[k], KERNEL_PX, s.paper.full_scale_votes)
         index = np.ascontiguousarray(voted.index[k][own])
         usable = usable_planes(voted.planes, bounds)
         stand_out = np.where(usable[index], stand_out[own], np.float32(-np.inf))
@@ -228,7 +227,7 @@ def medians(
     found = np.empty((len(rows), len(sizes_px)), np.float32)
     if levels > _MOST_LEVELS:
         for k, size in enumerate(sizes_px):
-            found[:, k] = masked_median(index, mask, size, levels, False)[0][rows, columns]
+            found[:, k] = masked_median(index, mask, size, levels)[rows, columns]
         return found
     sums = np.zeros((index.shape[0] + 1, index.shape[1] + 1, levels), np.int32)
     kernels._sum_levels(index, mask, sums)

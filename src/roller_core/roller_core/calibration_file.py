@@ -17,7 +17,7 @@ import yaml
 
 from .camera import Camera, CameraError, OtherCameraError
 from .errors import RollerError, SettingsError, UnwritableOutputError
-from .settings import node_name, read_parameters, read_sections
+from .settings import nested, node_name, read_parameters, read_sections
 
 #: Section of the account, and version of its form.
 SECTION, VERSION = "calibration", 1
@@ -127,7 +127,7 @@ def write_calibration(
     """
     sections: dict[str, Any] = _sections(base) if base else {}
     for node, values in {**parameters, SECTION: {kind: dict(record)}}.items():
-        sections[node] = {**sections.get(node, {}), **values}
+        sections[node] = nested({**sections.get(node, {}), **values})
         if node in _CAREFUL and (camera := record.get("camera")):
             size = [float(camera["width"]), float(camera["height"])]
             sections[node]["calibrated_camera"] = size + camera["intrinsics"] + camera["distortion"]

@@ -44,15 +44,21 @@ class Settings(BaseModel):
     def create(cls: type[S], values: Mapping[str, Any], source: str = "settings") -> S:
         """Validate values; missing ones take their defaults.
 
+        Values of groups are given as `{"group": {"name": 1}}` or as `{"group.name": 1}`.
+
         Raises
         ------
         SettingsError
             Naming the first entry that is unknown, of the wrong type or out of range.
         """
         try:
-            return cls.model_validate(dict(values))
+            return cls.model_validate(nested(values))
         except ValidationError as error:
             raise SettingsError(f"{source}: {cls._first_fault(error)}") from error
+
+    def changed(self: S, values: Mapping[str, Any]) -> S:
+        """A copy with other values, by the names of `create`, and validated as there."""
+        return self.create(_completed(self, nested(values)))
 
     @classmethod
     def names(cls) -> list[str]:
@@ -155,6 +161,13 @@ def node_name(pattern: str) -> str:
 def _generality(pattern: str) -> int:
     """Order of a parameter file's sections, the most general first."""
     return 0 if pattern.lstrip("/") == "**" else 1 if "*" in pattern else 2
+
+
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values with each group a mapping of its own."""
+    found: dict[str, Any] = {}
+    _merge(found, values)
+    return found
 
 
 def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:

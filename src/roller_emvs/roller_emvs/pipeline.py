@@ -22,8 +22,7 @@ from .depth_map import DepthMap
 from .depth_settings import DepthSettings
 from .hot_pixels import hot_pixels
 from .methods import focus
-from .prior import DepthPrior
-from .rays import F32, Packets, make_packets, parallax_px
+from .rays import F32, MIN_PARALLAX_PX, Packets, make_packets, parallax_px
 from .stopwatch import Stopwatch
 from .windows import RefusedWindow, Window, WindowCutter
 
@@ -98,10 +97,6 @@ class DepthPipeline:
         self._counts = PipelineCounts()
         self._table = camera.undistortion_table()
         self._cutter = WindowCutter(settings, track)
-        self._evidence = settings.evidence()
-        self._prior = DepthPrior(
-            (settings.depth_min_m, settings.depth_max_m), settings.prior_margin_m
-        )
 
     @property
     def counts(self) -> PipelineCounts:
@@ -177,10 +172,10 @@ class DepthPipeline:
             times = [window.start_ns + round(f * span) for f, _ in s.views()]
             poses = self.track.matrices([*times, middle_ns])
         parallax = parallax_px(packets, camera, poses[-1], s.depth_min_m, s.depth_max_m)
-        if parallax < s.min_parallax_px:
+        if parallax < MIN_PARALLAX_PX:
             raise ParallaxError(
                 f"parallax of {parallax:.2f} px over the depth range is below "
-                f"{s.min_parallax_px:g} px: too little motion across the view for a depth"
+                f"{MIN_PARALLAX_PX:g} px: too little motion across the view for a depth"
             )
         return PreparedWindow(window, packets, poses[:-1], poses[-1], middle_ns, notes)
 
@@ -207,18 +202,9 @@ class DepthPipeline:
     def _depth(self, prepared: PreparedWindow, watch: Stopwatch) -> tuple[F32, F32]:
         """Depth and confidence in the middle view."""
         s, camera, packets, target = self.settings, self.camera, prepared.packets, prepared.target
-        for bounds in self._prior.tries():
-            if s.method == "focus":
-                depth, confidence = focus.focus_depth(
-                    packets, camera, target, bounds, s.patch_half_length_m, self._evidence, watch
-                )
-            else:
-                depth, confidence = paper.window_depth(
-                    packets, camera, prepared.poses, target, bounds, s, watch
-                )
-            if self._prior.accepts(depth, bounds):
-                break
-        return depth, confidence
+        if s.method == "focus":
+            return focus.focus_depth(packets, camera, target, s, watch)
+        return paper.window_depth(packets, camera, prepared.poses, target, s, watch)
 
     def _usable(self, events: EventArray) -> tuple[EventArray, tuple[str, ...]]:
         """Events of pixels that see something, where the skin sticks to the surface."""

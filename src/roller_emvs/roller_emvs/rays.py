@@ -26,6 +26,8 @@ from roller_core.transforms import F64, inverse_pose
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
 
+#: Parallax over the depth range below which there is no depth, px.
+MIN_PARALLAX_PX = 2.0
 #: Pixel of a ray that never meets a plane in front of the reference view.
 OUTSIDE = -1e9
 
@@ -137,18 +139,11 @@ def rays_in_view(
     return RayBundle(rays, limits)
 
 
-def depth_planes(near_m: float, far_m: float, count: int, spacing: str) -> F64:
-    """Depths of the planes, near to far, both ends included, shape (count,), metres."""
-    if spacing == "inverse_depth":
-        return 1.0 / np.linspace(1.0 / near_m, 1.0 / far_m, count)
-    return np.linspace(near_m, far_m, count)
-
-
 def parallax_px(packets: Packets, camera: Camera, view: F64, near_m: float, far_m: float) -> float:
     """Pixels by which nearest and farthest plane part over the places that events come from.
 
     F·B·(1/near - 1/far) for a baseline B across the optical axis: the spread of the packets'
-    camera centres, weighted by their events, so that a stray event doesn't stand for a way.
+    camera centres, weighted by their events, so that a stray event doesn't stand for a path.
     """
     centres = (inverse_pose(view) @ packets.poses)[:, :2, 3]
     weight = np.diff(packets.starts) / packets.starts[-1]

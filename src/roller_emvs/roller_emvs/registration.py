@@ -17,7 +17,14 @@ from roller_core.transforms import F64
 
 from .depth_settings import StitcherSettings
 
+#: Points further apart than this don't correspond, m.
+MAX_DISTANCE_M = 3e-4
 _MIN_PAIRS = 100
+#: Points of a depth map that are used at most.
+_MOST_POINTS = 4000
+#: Smallest to largest eigenvalue of the normal equations below which the geometry doesn't fix the
+#: pose, and the share by which the residual must fall.
+_MIN_CONDITIONING, _MIN_GAIN = 0.01, 0.05
 
 
 @dataclass(frozen=True)
@@ -55,27 +62,27 @@ def refine(points: F64, target: F64, settings: StitcherSettings) -> Refinement:
     target : ndarray of float64, shape (m, 3)
         The cloud so far near them, metres.
     settings : StitcherSettings
-        The `icp_*` entries.
+        `icp_max_correction_m`.
     """
     s = settings
     if min(len(points), len(target)) < _MIN_PAIRS:
         return _refused("too few points overlap")
     # Near the origin open3d's arithmetic keeps nanometres, wherever the robot's base is.
     origin = points.mean(axis=0)
-    step = max(len(points) // s.icp_points, 1)
+    step = max(len(points) // _MOST_POINTS, 1)
     chosen = points[::step] - origin
     # Half of the points find the correction, the other half judge it.
     finding, judging = _cloud(chosen[::2]), _cloud(chosen[1::2])
     cloud = _cloud(target - origin)
-    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(4 * s.icp_max_distance_m, 30))
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(4 * MAX_DISTANCE_M, 30))
     reg = o3d.pipelines.registration
-    before = reg.evaluate_registration(judging, cloud, s.icp_max_distance_m)
+    before = reg.evaluate_registration(judging, cloud, MAX_DISTANCE_M)
     if len(before.correspondence_set) < _MIN_PAIRS:
         return _refused("too few points overlap")
     result = reg.registration_icp(
         finding,
         cloud,
-        s.icp_max_distance_m,
+        MAX_DISTANCE_M,
         np.eye(4),
         reg.TransformationEstimationPointToPlane(),
         reg.ICPConvergenceCriteria(max_iteration=15),
@@ -87,15 +94,15 @@ def refine(points: F64, target: F64, settings: StitcherSettings) -> Refinement:
     conditioning = _conditioning(
         np.asarray(finding.points)[pairs[:, 0]], np.asarray(cloud.normals)[pairs[:, 1]]
     )
-    after = reg.evaluate_registration(judging, cloud, s.icp_max_distance_m, moved)
+    after = reg.evaluate_registration(judging, cloud, MAX_DISTANCE_M, moved)
     figures = (conditioning, float(before.inlier_rmse), float(after.inlier_rmse))
-    if conditioning < s.icp_min_conditioning:
+    if conditioning < _MIN_CONDITIONING:
         return _refused("the geometry does not fix the pose", *figures)
     # What counts is how far any point moves: a small turn far out is no small correction.
     shift = np.linalg.norm(chosen @ moved[:3, :3].T + moved[:3, 3] - chosen, axis=1).max()
     if shift > s.icp_max_correction_m:
         return _refused(f"a correction of {shift * 1e6:.0f} µm is implausible", *figures)
-    if after.inlier_rmse > before.inlier_rmse * (1 - s.icp_min_gain) or (
+    if after.inlier_rmse > before.inlier_rmse * (1 - _MIN_GAIN) or (
         after.fitness < before.fitness * 0.98
     ):
         return _refused("no better than the robot's pose", *figures)

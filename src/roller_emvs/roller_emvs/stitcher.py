@@ -13,7 +13,7 @@ from roller_core.transforms import F64, inverse_pose
 from .depth_map import DepthMap, back_project
 from .depth_settings import StitcherSettings
 from .patch import Patch
-from .registration import Refinement, refine
+from .registration import MAX_DISTANCE_M, Refinement, refine
 from .voxels import VoxelMap
 
 
@@ -58,7 +58,7 @@ class Stitcher:
             )
         points, confidence = self._points(depth_map)
         if self.settings.icp and len(points) and len(self.voxels):
-            margin = self.settings.icp_max_distance_m
+            margin = MAX_DISTANCE_M
             target = self.voxels.near(points.min(axis=0) - margin, points.max(axis=0) + margin)
             found = refine(points, target, self.settings)
             self.last_refinement = found

@@ -37,18 +37,24 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
     pixels = pixels.clip(0, _CAMERA.width - 1)
     rows, polarity = rng.integers(0, _CAMERA.height, n), rng.integers(0, 2, n)
     events = EventArray.from_arrays(pixels, rows, times, polarity)
-    track = PoseTrack()
-    for t_ns in range(0, _END_NS + 1, 4_000_000):
-        track.append(t_ns, [_SPEED_M_NS * t_ns, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
     engines: list[DepthPipeline | SurfaceSweep]
     if isinstance(settings, SurfaceSettings):
         small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.004})
-        engines = [SurfaceSweep(small, _CAMERA, track)]
+        engines = [SurfaceSweep(small, _CAMERA, _track(0.0))]
     else:
-        # Votes of every view for itself are kernels of their own.
-        changes = ({"window": "all"}, {"window": "all", "fast_path": False})
-        engines = [DepthPipeline(settings.model_copy(update=c), _CAMERA, track) for c in changes]
+        whole = settings.changed({"window.rule": "all"})
+        # A slanted travel has every view vote for itself, which are kernels of their own.
+        engines = [DepthPipeline(whole, _CAMERA, _track(slant)) for slant in (0.0, 0.1)]
     for engine in engines:
         engine.add_events(events)
         for _ in engine.results(flush=True):
             pass
+
+
+def _track(slant: float) -> PoseTrack:
+    """Poses along x, and across by a share of that."""
+    track = PoseTrack()
+    for t_ns in range(0, _END_NS + 1, 4_000_000):
+        x = _SPEED_M_NS * t_ns
+        track.append(t_ns, [x, slant * x, 0.0], [0.0, 0.0, 0.0, 1.0])
+    return track

@@ -115,7 +115,7 @@ class WindowCutter(EventCutter):
         return False
 
     def _length_ns(self) -> int:
-        return round(self._settings.window_s * 1e9)
+        return round(self._settings.window.time_s * 1e9)
 
     def _find_end(self, start: int, flush: bool) -> tuple[int, int, str] | None:
         """End of the window, start of the one after, and why it is refused, if it is."""
@@ -126,7 +126,7 @@ class WindowCutter(EventCutter):
             return (last, last, "") if flush and last > start else None
         if s.window_rule == "time":
             end = start + self._length_ns()
-            following = start + round(self._length_ns() * (1 - s.window_overlap))
+            following = start + round(self._length_ns() * (1 - s.window.overlap))
             share = (last - start) / self._length_ns()
             reason = ""
         else:
@@ -147,7 +147,7 @@ class WindowCutter(EventCutter):
     def _travel_end(self, start: int, last: int) -> tuple[int | None, int, float, str]:
         """End, following start, share reached and refusal of a window by travel."""
         s = self._settings
-        limit = start + round(s.max_window_s * 1e9)
+        limit = start + round(s.window.max_time_s * 1e9)
         try:
             origin = self._track.at(start).position
         except PoseError as error:
@@ -159,11 +159,11 @@ class WindowCutter(EventCutter):
         first = int(np.searchsorted(times, start, side="right"))
         times = times[first:]
         away = np.linalg.norm(self._track.positions[first:] - origin, axis=1)
-        end = self._reach(start, times, away, s.window_travel_m)
+        end = self._reach(start, times, away, s.window.travel_m)
         if end is not None and end <= limit:
             following = end
-            if s.window_overlap:
-                step = s.window_travel_m * (1 - s.window_overlap)
+            if s.window.overlap:
+                step = s.window.travel_m * (1 - s.window.overlap)
                 following = self._reach(start, times, away, step) or end
             return end, following, 1.0, ""
         if self._track.end_ns >= limit:
@@ -172,12 +172,12 @@ class WindowCutter(EventCutter):
                 limit,
                 0.0,
                 (
-                    f"the sensor moved less than {s.window_travel_m * 1e3:g} mm "
-                    f"in {s.max_window_s:g} s: no parallax, no depth"
+                    f"the sensor moved less than {s.window.travel_m * 1e3:g} mm "
+                    f"in {s.window.max_time_s:g} s: no parallax, no depth"
                 ),
             )
         within = away[times <= last]
-        return None, limit, float(within.max() / s.window_travel_m) if len(within) else 0.0, ""
+        return None, limit, float(within.max() / s.window.travel_m) if len(within) else 0.0, ""
 
     @staticmethod
     def _reach(start: int, times: np.ndarray, away: np.ndarray, travel: float) -> int | None:

@@ -32,7 +32,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "left_right": {"method": "left_right"},
     "bma": {"method": "bma"},
     # The paper doesn't give the weights of its five views.
-    "bma_5": {"method": "bma", "reference_views": _FIVE, "weights": (0.2,) * 5},
+    "bma_5": {"method": "bma", "paper.reference_views": _FIVE, "paper.weights": (0.2,) * 5},
     "focus": {"method": "focus"},
     "surface": {"method": "surface"},
 }

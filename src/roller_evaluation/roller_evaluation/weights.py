@@ -61,7 +61,7 @@ def weight_errors(scan: Scan, settings: DepthSettings) -> dict[str, Any]:
     settings : DepthSettings
         Method `bma`.
     """
-    grid = PaperGrid((settings.threshold_c,), (settings.median_px,), weight_choices())
+    grid = PaperGrid((settings.paper.threshold_c,), (settings.paper.median_px,), weight_choices())
     errors, points, pixels = np.zeros(grid.size), np.zeros(grid.size, np.int64), 0
     for window in _windows(scan, settings):
         found, count = window_errors(window, scan.camera, settings, grid)

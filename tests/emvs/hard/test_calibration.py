@@ -48,7 +48,7 @@ def assert_right_when_distorted(
 ) -> None:
     values: dict[str, object] = {"depth_min_m": 0.040, "depth_max_m": 0.050}
     if method != "surface":
-        values |= {"window_travel_m": TRAVEL_M, "window_s": TRAVEL_M / SPEED_M_S}
+        values |= {"window": {"travel_m": TRAVEL_M, "time_s": TRAVEL_M / SPEED_M_S}}
     track = world.poses(rolling(SPEED_M_S), DURATION_S)
     points = world.points_of(world.run(method, events, track, camera, **values), camera)
     one_pixel_m = world.pixel_m(TRAVEL_M, camera)
@@ -117,7 +117,11 @@ def test_a_mounting_must_be_of_numbers(bad: float) -> None:
 
 @pytest.mark.parametrize(
     "values",
-    [{"depth_min_m": NAN}, {"weights": (NAN, 1.0, 1.0)}, {"reference_views": (0.0, INF, 1.0)}],
+    [
+        {"depth_min_m": NAN},
+        {"paper.weights": (NAN, 1.0, 1.0)},
+        {"paper.reference_views": (0.0, INF, 1.0)},
+    ],
 )
 def test_settings_must_be_of_numbers(values: dict[str, object]) -> None:
     with pytest.raises(SettingsError):

@@ -23,8 +23,8 @@ from roller_core.transforms import (
     rotation_vector_to_quaternion,
 )
 from roller_emvs.depth_map import DepthMap
-from roller_emvs.depth_settings import METHODS, DepthSettings
-from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.depth_settings import METHODS
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.windows import RefusedWindow
 
@@ -132,9 +132,9 @@ def results_in_parts(
     full, track, k = world.poses(), PoseTrack(), 0
     engine: DepthPipeline | SurfaceSweep
     if method == "surface":
-        engine = SurfaceSweep(SurfaceSettings.create({**world.SURFACE_VALUES}), world.CAMERA, track)
+        engine = SurfaceSweep(world.SURFACE, world.CAMERA, track)
     else:
-        chosen = DepthSettings.create({**world.DEPTH_VALUES, "method": method})
+        chosen = world.DEPTH.changed({"method": method})
         engine = DepthPipeline(chosen, world.CAMERA, track)
     for a, b in pairwise([0, *sorted(set(cuts)), len(events)]):
         engine.add_events(events[a:b])
@@ -176,10 +176,10 @@ def test_depth_scales_with_the_scene(events: EventArray, method: str, factor: fl
     def larger(t: float) -> tuple[F64, F64]:
         return factor * rolling(SPEED_M_S)(t)[0], UPRIGHT
 
-    lengths = {"depth_min_m": 0.043, "depth_max_m": 0.047, "window_travel_m": world.WINDOW_M}
+    lengths = {"depth_min_m": 0.043, "depth_max_m": 0.047, "window.travel_m": world.WINDOW_M}
     values = {name: factor * length for name, length in lengths.items()}
     # As many planes in each; their number is rounded where it follows parallax.
-    fixed = {"plane_rule": "fixed"}
+    fixed = {"paper.plane_rule": "fixed"}
     expected = world.points_of(world.run(method, events, world.poses(), **fixed))
     found = world.run(method, events, world.poses(larger), **values, **fixed)
     assert_same_points(expected, world.points_of(found) / factor, TOLERANCE_M)

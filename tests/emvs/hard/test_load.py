@@ -79,7 +79,7 @@ def test_a_burst_of_a_million_events(events: EventArray, method: str) -> None:
 
 def full_scale(method: str) -> dict[str, object]:
     """The scale of the threshold is an absolute number of votes."""
-    return {"full_scale_votes": 4000.0, "threshold_c": 24.0} if method in PAPER else {}
+    return {"paper": {"full_scale_votes": 4000.0, "threshold_c": 24.0}} if method in PAPER else {}
 
 
 @pytest.mark.parametrize("method", ALL)

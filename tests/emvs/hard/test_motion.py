@@ -60,7 +60,7 @@ def seen() -> dict[str, EventArray]:
 def test_no_parallax_no_depth_in_windows_by_time(
     seen: dict[str, EventArray], method: str, name: str
 ) -> None:
-    found = world.run(method, seen[name], world.poses(MOTIONS[name]), window="time")
+    found = world.run(method, seen[name], world.poses(MOTIONS[name]), window={"rule": "time"})
     assert not len(world.points_of(found))
     # The last window may be refused for being short.
     assert all("parallax" in r.reason for r in world.refused_of(found)[:2])
@@ -71,7 +71,7 @@ def test_no_parallax_no_depth_in_windows_by_time(
 def test_no_parallax_no_depth_in_windows_by_travel(
     seen: dict[str, EventArray], method: str, name: str
 ) -> None:
-    values = {"window": "travel", "max_window_s": 0.05}
+    values = {"window": {"rule": "travel", "max_time_s": 0.05}}
     found = world.run(method, seen[name], world.poses(MOTIONS[name]), **values)
     assert not len(world.points_of(found))
     assert "parallax" in world.refused_of(found)[0].reason
@@ -100,7 +100,7 @@ def crawl_poses() -> world.PoseTrack:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_crawling_is_measured_in_windows_long_enough(crawl: EventArray, method: str) -> None:
-    values = {"window": "travel", "max_window_s": 30.0}
+    values = {"window": {"rule": "travel", "max_time_s": 30.0}}
     found = world.run(method, crawl, crawl_poses(), **values)
     world.assert_right(world.points_of(found))
 
@@ -114,7 +114,7 @@ def test_crawling_is_measured_by_the_surface_where_it_may_be(crawl: EventArray) 
 def test_crawling_has_no_parallax_in_a_window_of_33_ms(crawl: EventArray, method: str) -> None:
     """33 µm of travel are 0.05 px over the range."""
     some = dense(crawl[crawl.t_ns < 700 * MS], 100)
-    found = world.run(method, some, crawl_poses(), window="time")
+    found = world.run(method, some, crawl_poses(), window={"rule": "time"})
     assert not len(world.points_of(found))
 
 
@@ -143,7 +143,7 @@ def test_a_reversal_in_a_window_leaves_the_depth_right(method: str, window: str)
     """
     events = world.scan(there_and_back, share=1.0)
     track = world.poses(there_and_back)
-    found = world.run(method, events, track, window=window)
+    found = world.run(method, events, track, window={"rule": window})
     middle = [f for f in world.maps_of(found) if f.start_ns < 48 * MS < f.end_ns]
     assert len(middle) == 1
     points = world.points_of(list(middle))

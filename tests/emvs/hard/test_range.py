@@ -50,5 +50,5 @@ def test_depth_beyond_the_range_is_refused(usual: dict[str, int], method: str, p
 @pytest.mark.parametrize("method", PAPER)
 def test_more_planes_than_a_byte_counts(method: str) -> None:
     """600 planes: a plane's number that was cut to 8 bits would be wrong by 1 mm and more."""
-    found = world.run(method, world.scan(), world.poses(), planes=600)
+    found = world.run(method, world.scan(), world.poses(), paper={"planes": 600})
     world.assert_right(world.points_of(found))

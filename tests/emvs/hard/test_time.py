@@ -128,8 +128,8 @@ def test_a_gap_in_the_poses_costs_its_own_windows_alone(events: EventArray, meth
         # Window 2 of 3 to 5: 33–67 ms.
         if not 41 * MS < t < 63 * MS:
             gappy.append(int(t), p, q)
-    whole = world.run(method, events, full, window="time")
-    found = world.run(method, events, gappy, window="time")
+    whole = world.run(method, events, full, window={"rule": "time"})
+    found = world.run(method, events, gappy, window={"rule": "time"})
     assert len(found) == len(whole) == 3
     refusals = world.refused_of(found[:2])
     assert len(refusals) == 1
@@ -145,7 +145,7 @@ def test_after_a_gap_windows_by_travel_begin_anew(events: EventArray, method: st
     for t, p, q in zip(full.times_ns, full.positions, full.quaternions, strict=True):
         if not 41 * MS < t < 63 * MS:
             gappy.append(int(t), p, q)
-    found = world.run(method, events, gappy, window="travel")
+    found = world.run(method, events, gappy, window={"rule": "travel"})
     assert sum(isinstance(r.fault, PoseGapError) for r in world.refused_of(found)) >= 1
     maps = world.maps_of(found)
     assert [m.start_ns < 40 * MS for m in maps] == [True, False]

@@ -21,7 +21,10 @@ def events() -> EventArray:
 def first_map(events: EventArray, views: tuple[float, ...], weights: tuple[float, ...]) -> DepthMap:
     # Views that share their votes take planes of their own; here each view has the same.
     found = world.run(
-        "bma", events, world.poses(), reference_views=views, weights=weights, plane_rule="fixed"
+        "bma",
+        events,
+        world.poses(),
+        paper={"reference_views": views, "weights": weights, "plane_rule": "fixed"},
     )
     return world.maps_of(found)[0]
 

@@ -34,11 +34,14 @@ PAPER = ("bma", "left_right", "emvs")
 ALL = (*METHODS, "surface")
 
 #: Windows of the paper's methods hold the travel that those of focus do.
-DEPTH_VALUES = {
-    "planes": 100, "median_px": 15, "threshold_c": 24.0, "full_scale_votes": 128.0,
-    "window_s": WINDOW_M / SPEED_M_S, "window_travel_m": WINDOW_M, "threads": 1,
-}  # fmt: skip
-SURFACE_VALUES = {"min_aperture_m": 0.009, "threads": 1}
+DEPTH = DepthSettings.create(
+    {
+        "window": {"time_s": WINDOW_M / SPEED_M_S, "travel_m": WINDOW_M},
+        "paper": {"planes": 100, "median_px": 15, "threshold_c": 24.0, "full_scale_votes": 128.0},
+        "threads": 1,
+    }
+)
+SURFACE = SurfaceSettings.create({"min_aperture_m": 0.009, "threads": 1})
 
 Depth = Callable[[F64], F64]
 
@@ -132,10 +135,9 @@ def run(
     """All that a method makes of a whole recording."""
     engine: DepthPipeline | SurfaceSweep
     if method == "surface":
-        engine = SurfaceSweep(SurfaceSettings.create({**SURFACE_VALUES, **values}), camera, track)
+        engine = SurfaceSweep(SURFACE.changed(values), camera, track)
     else:
-        chosen = {**DEPTH_VALUES, "method": method, **values}
-        engine = DepthPipeline(DepthSettings.create(chosen), camera, track)
+        engine = DepthPipeline(DEPTH.changed({"method": method, **values}), camera, track)
     engine.add_events(events)
     return list(engine.results(flush=True))
 

@@ -25,8 +25,8 @@ from roller_emvs.depth_settings import DepthSettings
 
 #: Parameters that a calibration of each method finds.
 NAMES = {
-    "bma": ("threshold_c", "median_px", "weights"),
-    "focus": ("focus_sigma_px", "focus_min_confidence", "focus_creep_m"),
+    "bma": ("paper.threshold_c", "paper.median_px", "paper.weights"),
+    "focus": ("focus.sigma_px", "focus.min_confidence", "focus.edge_drift_m"),
 }
 #: Windows of focus are long and few: they overlap by this share.
 _FOCUS_OVERLAP = 0.75
@@ -36,8 +36,8 @@ def window_settings(settings: DepthSettings) -> DepthSettings:
     """Settings by which windows are cut for a calibration."""
     if settings.method != "focus":
         return settings
-    overlap = max(settings.window_overlap, _FOCUS_OVERLAP)
-    return settings.model_copy(update={"window_overlap": overlap})
+    overlap = max(settings.window.overlap, _FOCUS_OVERLAP)
+    return settings.changed({"window.overlap": overlap})
 
 
 class PaperSearch:
@@ -50,7 +50,7 @@ class PaperSearch:
         camera: Camera,
         weight_parts: int,
     ) -> None:
-        self.grid = PaperGrid.of_paper(len(settings.weights), weight_parts)
+        self.grid = PaperGrid.of_paper(len(settings.paper.weights), weight_parts)
         self._settings, self._windows, self._camera = settings, windows, camera
         self.table = ErrorTable.empty([w.view.pixels for w in windows], self.grid.size)
         self._state: SearchState | None = None
@@ -58,7 +58,7 @@ class PaperSearch:
     def before(self) -> Figures:
         """Error and coverage of the settings as they are."""
         s = self._settings
-        own = PaperGrid((s.threshold_c,), (s.median_px,), np.array([s.weights]))
+        own = PaperGrid((s.paper.threshold_c,), (s.paper.median_px,), np.array([s.paper.weights]))
         table = ErrorTable.empty(self.table.pixels.tolist(), 1)
         for k, window in enumerate(self._windows):
             table.errors_m[k], table.points[k] = window_errors(window, self._camera, s, own)
@@ -120,7 +120,7 @@ class FocusSearch:
 
     def grid_key(self) -> list[Any]:
         """What tells one grid from another."""
-        return [*self.grid.sigmas_px, *self.grid.confidences, *self.grid.creeps_m]
+        return [*self.grid.sigmas_px, *self.grid.confidences, *self.grid.edge_drifts_m]
 
     def run(self, output: Path | None, key: dict[str, Any], resume: bool) -> bool:
         """Try what isn't known yet; whether anything was."""
@@ -129,7 +129,7 @@ class FocusSearch:
         with progress_bar("search") as progress:
             for choice in range(self.grid.size):
                 if np.isnan(self.table.errors_m[:, choice]).any():
-                    changed = self._settings.model_copy(update=self.grid.values(choice))
+                    changed = self._settings.changed(self.grid.values(choice))
                     self._fill(self.table, choice, changed)
                     self._state.save(self.table)
                 progress((choice + 1) / self.grid.size)

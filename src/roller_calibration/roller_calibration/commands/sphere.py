@@ -185,7 +185,6 @@ def _check(args: argparse.Namespace) -> None:
 def _settings(args: argparse.Namespace) -> DepthSettings:
     """Settings of the start: the defaults, `--params`, then what `--previous` calibrated."""
     from roller_core.settings import read_parameters
-    from roller_emvs.depth_settings import DepthSettings
     from roller_inspect.pipeline import InspectionSettings
 
     from .search import NAMES
@@ -196,8 +195,9 @@ def _settings(args: argparse.Namespace) -> DepthSettings:
     if read_account(args.previous, "sphere") is None:
         raise CalibrationError(f"{args.previous}: not a calibration by a sphere")
     found = read_parameters(args.previous, "emvs")
-    kept = {name: found[name] for name in NAMES[args.method] if name in found}
-    return DepthSettings.create({**settings.model_dump(), **kept}, str(args.previous))
+    calibrated = (name.split(".") for name in NAMES[args.method])
+    kept = {f"{g}.{n}": found[g][n] for g, n in calibrated if n in found.get(g, {})}
+    return settings.changed(kept)
 
 
 def _find(

@@ -5,23 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from roller_core.transforms import F64
-from roller_emvs.methods.paper.bands import Bands
+from roller_emvs.bands import Bands
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _peak_kernels as peaks
 from .energy import Sorted, blur, by_part, energy_by_plane, everywhere, plane_shifts, tiles_reached
-from .evidence_settings import EvidenceSettings
 from .field import RayField
 
+#: Neighbourhood of the coarse depth, px.
+_SIGMA_PX = 8.0
+#: Where the coarse depth has less confidence, as in noise or where several depths fit alike, there
+#: is no depth. Tuned on the virtual cell.
+_MIN_CONFIDENCE = 0.2
 
-def coarse_planes(field: RayField, low: float, high: float, s: EvidenceSettings) -> F64:
+
+def coarse_planes(field: RayField, low: float, high: float, parts: int, per_px: float) -> F64:
     """Planes that a part's parallax tells apart."""
-    parallax = field.aperture * (high - low) / s.sub_apertures
-    return plane_shifts(low, high, parallax, s.planes_per_px, s.max_planes)
+    parallax = field.aperture * (high - low) / parts
+    return plane_shifts(low, high, parallax, per_px)
 
 
-def coarse_shift(field: RayField, bands: list[Bands], at: F64, s: EvidenceSettings) -> F32:
+def coarse_shift(field: RayField, bands: list[Bands], at: F64, parts: int, threads: int) -> F32:
     """Shift on cells from the sum of the parts' evidence; NaN where none is found.
 
     Parameters
@@ -32,10 +37,12 @@ def coarse_shift(field: RayField, bands: list[Bands], at: F64, s: EvidenceSettin
         The rays of OFF and of ON events, sorted for at least the planes.
     at : ndarray of float64, shape (planes,)
         Their shifts.
-    s : EvidenceSettings
-        `sub_apertures`, `coarse_sigma_px`, `min_coarse_confidence`.
+    parts : int
+        Parts of the aperture.
+    threads : int
+        Threads that share the work.
     """
-    parts, polarities = s.sub_apertures, len(bands)
+    polarities = len(bands)
     least, most = float(field.slopes[0].min()), float(field.slopes[1].max())
     width = max(most - least, 1e-12) / parts
     rays: list[Sorted | None] = [None] * polarities
@@ -50,17 +57,17 @@ def coarse_shift(field: RayField, bands: list[Bands], at: F64, s: EvidenceSettin
         begins, ends = own.starts[:, part], own.starts[:, part + 1]
         if (begins < ends).any():
             chosen = everywhere(own.rays, begins, ends, len(at))
-            tiles = tiles_reached(chosen, field, at, s.tiles)
+            tiles = tiles_reached(chosen, field, at)
             found[k] = energy_by_plane(chosen, field, at, len(at), tiles)
 
-    share(s.threads, polarities, arrange)
-    share(s.threads, polarities * parts, look)
+    share(threads, polarities, arrange)
+    share(threads, polarities * parts, look)
     total = np.zeros((len(at), *field.cells), np.float32)
     for energy in found:
         if energy is not None:
             total += energy
     peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
-    scores = blur(total, s.coarse_sigma_px)
+    scores = blur(total, _SIGMA_PX)
     first, last = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
-    peaks._find_peak(scores, first, last, 2.0, 0.0, s.min_coarse_confidence, peak, contrast, top)
+    peaks._find_peak(scores, first, last, 2.0, 0.0, _MIN_CONFIDENCE, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)

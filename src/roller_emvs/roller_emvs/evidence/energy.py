@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.transforms import F64
-from roller_emvs.methods.paper.bands import Bands, sort_into_bands
+from roller_emvs.bands import Bands, sort_into_bands
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
@@ -21,13 +21,15 @@ from .field import RayField
 I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
+#: Planes at most.
+_MOST_PLANES = 500
 #: Rows of a band, px: its votes fit a core's nearest cache.
 BAND_ROWS = 16
 
 
-def plane_shifts(low: float, high: float, parallax_px: float, per_px: float, most: int) -> F64:
+def plane_shifts(low: float, high: float, parallax_px: float, per_px: float) -> F64:
     """Planes over a range of shifts, spaced by parallax, one beyond either end."""
-    count = int(np.clip(np.ceil(parallax_px * per_px), 4, most - 1)) + 1
+    count = int(np.clip(np.ceil(parallax_px * per_px), 4, _MOST_PLANES - 1)) + 1
     step = (high - low) / (count - 1)
     return np.asarray(low + step * (np.arange(count + 2) - 1), np.float64)
 
@@ -124,31 +126,25 @@ def everywhere(rays: F32, begins: I64, ends: I64, planes: int) -> Sorted:
     return Sorted(rays, starts)
 
 
-def tiles_searched(field: RayField, first: I32, last: I32, planes: int, skip: bool) -> I64:
-    """First and last plane of each band's tiles, from those of their cells; last < first: none.
-
-    All planes if none are to be skipped.
-    """
-    tiles = _all_tiles(field, planes)
-    if skip:
-        tiles[:] = planes, -1
-        kernels._tiles_searched(first, last, BAND_ROWS // CELL_PX, tiles)
+def tiles_searched(field: RayField, first: I32, last: I32, planes: int) -> I64:
+    """First and last plane of each band's tiles, from those of their cells; last < first: none."""
+    tiles = all_tiles(field, planes)
+    tiles[:] = planes, -1
+    kernels._tiles_searched(first, last, BAND_ROWS // CELL_PX, tiles)
     return tiles
 
 
-def tiles_reached(rays: Sorted, field: RayField, at: F64, skip: bool) -> I64:
-    """All planes, but none for tiles that no ray reaches if those are to be skipped."""
-    tiles = _all_tiles(field, len(at))
-    if skip:
-        seen = np.zeros(tiles.shape[:2], np.bool_)
-        kernels._tiles_reached(
-            rays.rays, rays.starts[:, 0], rays.starts[:, -1], at[0], at[-1], seen
-        )
-        tiles[~seen, 1] = -1
+def tiles_reached(rays: Sorted, field: RayField, at: F64) -> I64:
+    """All planes, but none for tiles that no ray reaches."""
+    tiles = all_tiles(field, len(at))
+    seen = np.zeros(tiles.shape[:2], np.bool_)
+    kernels._tiles_reached(rays.rays, rays.starts[:, 0], rays.starts[:, -1], at[0], at[-1], seen)
+    tiles[~seen, 1] = -1
     return tiles
 
 
-def _all_tiles(field: RayField, planes: int) -> I64:
+def all_tiles(field: RayField, planes: int) -> I64:
+    """First and last plane of each band's tiles, shape (bands, tiles, 2), where all count."""
     bands, count = -(-field.shape[0] // BAND_ROWS), -(-field.cells[1] // TILE_CELLS)
     tiles = np.zeros((bands, count, 2), np.int64)
     tiles[..., 1] = planes - 1

@@ -20,6 +20,8 @@ from .fit import fit_planes
 from .sweep import Depths
 from .viewing import usual
 
+#: Neighbourhood from which the surface's slope is taken, px.
+_SLOPE_SIGMA_PX = 5.0
 #: Neighbourhood whose mean a pixel's support must exceed, cells.
 _AROUND = 9
 #: Deviation of a depth that is as good as its evidence, pixels of parallax.
@@ -48,7 +50,9 @@ class Relief:
     confidence: F32
 
 
-def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSettings) -> Relief:
+def measured_pixels(
+    field: RayField, depths: list[Depths], settings: EvidenceSettings, threads: int = 1
+) -> Relief:
     """Pixels on which events of one polarity gather, and the surface there.
 
     Parameters
@@ -58,20 +62,16 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
     depths : list of Depths
         Of OFF and of ON events.
     settings : EvidenceSettings
-        `slope_sigma_px`, `min_votes` and `min_point_confidence`.
+        `min_votes` and `min_point_confidence`.
+    threads : int
+        Threads that share the work.
     """
     s = settings
-    cells = [found.shift for found in depths]
-    resolution_px = np.float32(_RESOLUTION_PX)
-    scatter_px = np.full(field.cells, resolution_px)
-    if s.slope_sigma_px:
-        px_per_shift = max(field.aperture, 1e-12)
-        fit = fit_planes(
-            depths, s.slope_sigma_px / CELL_PX, _RESOLUTION_PX / px_per_shift, s.threads
-        )
-        fitted, nowhere = fit.shift.astype(np.float32), np.float32(np.nan)
-        cells = [np.where(np.isfinite(shift), fitted, nowhere) for shift in cells]
-        scatter_px = (fit.scatter * px_per_shift).astype(np.float32)
+    px_per_shift = max(field.aperture, 1e-12)
+    fit = fit_planes(depths, _SLOPE_SIGMA_PX / CELL_PX, _RESOLUTION_PX / px_per_shift, threads)
+    fitted, nowhere = fit.shift.astype(np.float32), np.float32(np.nan)
+    cells = [np.where(np.isfinite(found.shift), fitted, nowhere) for found in depths]
+    scatter_px = (fit.scatter * px_per_shift).astype(np.float32)
     surfaces = [np.empty((0, 0), np.float32)] * 2
     support, around = (np.zeros((2, *field.shape), np.float32) for _ in range(2))
 
@@ -83,7 +83,7 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
             kernels._warp(field.rays, first, last, surfaces[polarity], start, support[polarity])
             around[polarity] = _around(support[polarity])
 
-    share(s.threads, 2, gather)
+    share(threads, 2, gather)
     which = np.empty(field.shape, np.uint8)
     least = np.float32(max(s.min_votes, 0.5))
     count = peaks._choose(support[0], around[0], support[1], around[1], least, which)
@@ -93,12 +93,9 @@ def measured_pixels(field: RayField, depths: list[Depths], settings: EvidenceSet
     peaks._take(
         which, tuple(surfaces), confidences, scatter_px, row, column, shift, sure, spread_px
     )
-    keep = np.ones(count, np.bool_)
-    if s.slope_sigma_px:
-        spread_px = np.where(np.isfinite(spread_px), spread_px, resolution_px)
-        sure /= 1.0 + spread_px**2
-        keep = spread_px < _MOST_SCATTER_PX
-    keep &= sure >= s.min_point_confidence
+    spread_px = np.where(np.isfinite(spread_px), spread_px, np.float32(_RESOLUTION_PX))
+    sure /= 1.0 + spread_px**2
+    keep = (spread_px < _MOST_SCATTER_PX) & (sure >= s.min_point_confidence)
     row, column, shift, sure = row[keep], column[keep], shift[keep], sure[keep]
     return Relief(row, column, shift.astype(np.float64), sure)
 

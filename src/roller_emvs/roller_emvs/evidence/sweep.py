@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from roller_core.transforms import F64
-from roller_emvs.methods.paper.bands import Bands
-from roller_emvs.rays import F32
+from roller_emvs.bands import Bands
+from roller_emvs.rays import F32, MIN_PARALLAX_PX
 from roller_emvs.threads import share
 
 from . import _peak_kernels as peaks
@@ -37,6 +37,10 @@ from .evidence_settings import EvidenceSettings
 from .field import RayField
 from .viewing import usual, viewing
 
+#: The fine depth is searched this far to either side of the coarse one, px of parallax.
+_SEARCH_PX = 8.0
+#: Share of the highest peak from which on another makes it ambiguous; tuned on the virtual cell.
+_MOST_RIVAL = 0.9
 #: Energy of a single vote, in half of which its squared slopes end for a spot between pixels.
 _SPOT = 1.0
 #: Spots, and events in each, below whose energy a peak may be chance.
@@ -65,7 +69,12 @@ class Depths:
 
 
 def find_depths(
-    field: RayField, low: float, high: float, settings: EvidenceSettings
+    field: RayField,
+    low: float,
+    high: float,
+    settings: EvidenceSettings,
+    parts: int = 1,
+    threads: int = 1,
 ) -> list[Depths]:
     """Depth on the grid's cells of OFF and of ON events, between two shifts.
 
@@ -77,9 +86,13 @@ def find_depths(
         The range of shifts.
     settings : EvidenceSettings
         Planes, neighbourhoods, thresholds.
+    parts : int
+        Parts of the aperture whose evidence says where to search; 1 searches everywhere.
+    threads : int
+        Threads that share the work.
     """
     s = settings
-    at = plane_shifts(low, high, field.aperture * (high - low), s.planes_per_px, s.max_planes)
+    at = plane_shifts(low, high, field.aperture * (high - low), s.planes_per_px)
     first, last = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
     ends = (float(at[0]), float(at[-1]))
     near: F32 | None = None
@@ -88,12 +101,12 @@ def find_depths(
     def sort(k: int) -> None:
         bands[k] = sort_rays(field, k, ends)
 
-    if s.sub_apertures > 1:
-        coarse = coarse_planes(field, low, high, s)
+    if parts > 1:
+        coarse = coarse_planes(field, low, high, parts, s.planes_per_px)
         ends = (float(coarse[0]), float(coarse[-1]))
-        share(s.threads, 2, sort)
-        near = coarse_shift(field, [b for b in bands if b is not None], coarse, s)
-        reach = int(np.ceil(s.search_px * s.planes_per_px))
+        share(threads, 2, sort)
+        near = coarse_shift(field, [b for b in bands if b is not None], coarse, parts, threads)
+        reach = int(np.ceil(_SEARCH_PX * s.planes_per_px))
         number = np.nan_to_num((near - at[0]) / (at[1] - at[0]), nan=-1e6).round().astype(np.int32)
         first, last = number - reach, number + reach
     found: list[Depths | None] = [None, None]
@@ -102,16 +115,16 @@ def find_depths(
         own = bands[k] or sort_rays(field, k, ends)
         if near is None:
             rays = everywhere(own.rays, own.starts[:-1], own.starts[1:], len(at))
-            tiles, reached = tiles_reached(rays, field, at, s.tiles), len(at)
+            tiles, reached = tiles_reached(rays, field, at), len(at)
         else:
             rays = by_plane(own, near, at)
-            tiles, reached = tiles_searched(field, first, last, len(at), s.tiles), reach
+            tiles, reached = tiles_searched(field, first, last, len(at)), reach
         # Polarities are shared already.
-        energy = energy_by_plane(rays, field, at, reached, tiles, max(s.threads // 2, 1))
+        energy = energy_by_plane(rays, field, at, reached, tiles, max(threads // 2, 1))
         depths = _peaks(_follow(energy, field, at), at, first, last, field, s)
         found[k] = _checked(field, depths, k, high - low, s)
 
-    share(s.threads, 2, look)
+    share(threads, 2, look)
     return [f for f in found if f is not None]
 
 
@@ -126,12 +139,12 @@ def _checked(
     seen = viewing(field, depths.shift, polarity)
     even = seen.spread / np.maximum(field.apertures, np.float32(1e-12))
     widest = _UNUSUAL * (usual(np.where(np.isfinite(depths.shift), even, np.nan)) or 0.0)
-    refused = (seen.spread * span < s.min_parallax_px) | (even > max(_TWO_SIDED, widest))
+    refused = (seen.spread * span < MIN_PARALLAX_PX) | (even > max(_TWO_SIDED, widest))
     shift = np.where(refused, np.float32(np.nan), depths.shift)
     # A depth errs by the inverse of its parallax.
     share = np.sqrt(np.minimum(seen.spread / max(field.aperture, 1e-12), 1.0))
-    if s.creep_m and polarity == s.creep_polarity:
-        depth_m = creep_depth_m(field, seen, s.dead_time_s) * s.creep_m
+    if s.edge_drift_m and polarity == s.edge_drift_polarity:
+        depth_m = creep_depth_m(field, seen, s.dead_time_s) * s.edge_drift_m
         shift += (depth_m * field.shift_per_m).astype(np.float32)
     confidence = depths.confidence * share
     shift = np.where(confidence < s.min_seen_confidence, np.float32(np.nan), shift)
@@ -160,11 +173,11 @@ def _peaks(
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
     sigma = s.sigma_px / CELL_PX
     weakest = _SPOTS * _SPOT * _SPOT_VOTES**2 / (2 * np.pi * sigma**2)
-    limits = (s.max_rival, weakest, s.min_confidence)
+    limits = (_MOST_RIVAL, weakest, s.min_confidence)
     peaks._find_peak(scores, first, last, *limits, peak, contrast, top)
     # A column that was in view over little parallax has depth in name only.
     parallax = field.apertures * np.float32(at[-2] - at[1])
-    peak[:, parallax < s.min_parallax_px] = np.nan
+    peak[:, parallax < MIN_PARALLAX_PX] = np.nan
     shift = (at[0] + peak * (at[1] - at[0])).astype(np.float32)
     nearest = np.nan_to_num(peak, nan=-1.0).round().astype(np.int64)
     reach = int(np.ceil(2.5 * sigma))

@@ -12,8 +12,8 @@ from numba import njit
 
 from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
-from roller_emvs.evidence import EvidenceSettings, RayField, find_depths, measured_pixels
-from roller_emvs.evidence._kernels import CELL_PX
+from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.evidence import CELL_PX, RayField, find_depths, measured_pixels
 from roller_emvs.rays import F32, Packets, rays_in_view
 from roller_emvs.stopwatch import Stopwatch
 
@@ -22,9 +22,7 @@ def focus_depth(
     packets: Packets,
     camera: Camera,
     view: F64,
-    bounds_m: tuple[float, float],
-    patch_half_length_m: float,
-    settings: EvidenceSettings,
+    settings: DepthSettings,
     watch: Stopwatch,
 ) -> tuple[F32, F32]:
     """Depth and confidence of one window in a reference view.
@@ -37,12 +35,8 @@ def focus_depth(
         Intrinsics.
     view : ndarray of float64, shape (4, 4)
         Reference camera in base.
-    bounds_m : tuple of float
-        Nearest and farthest depth, metres.
-    patch_half_length_m : float
-        How far from the axis events were taken along the roll, metres; 0 for the whole image.
-    settings : EvidenceSettings
-        Planes, neighbourhoods, thresholds.
+    settings : DepthSettings
+        Depth range, patch, threads and `focus`.
     watch : Stopwatch
         Takes the time by stage.
 
@@ -51,16 +45,17 @@ def focus_depth(
     depth, confidence : ndarray of float32, shape (height, width)
         Metres and 0–1; NaN where there is no depth.
     """
-    near, far = 1.0 / bounds_m[0], 1.0 / bounds_m[1]
+    s = settings
+    near, far = 1.0 / s.depth_min_m, 1.0 / s.depth_max_m
     middle, half = 0.5 * (near + far), 0.5 * (near - far)
     with watch("rays"):
-        field, turned = window_field(packets, camera, view, middle, patch_half_length_m)
+        field, turned = window_field(packets, camera, view, middle, s.patch_half_length_m)
     with watch("votes"):
-        depths = find_depths(field, -half, half, settings)
+        depths = find_depths(field, -half, half, s.focus, threads=s.threads)
     depth = np.full((camera.height, camera.width), np.nan, np.float32)
     confidence = np.full_like(depth, np.nan)
     with watch("points"):
-        found = measured_pixels(field, depths, settings)
+        found = measured_pixels(field, depths, s.focus, s.threads)
         row, column = (found.column, found.row) if turned else (found.row, found.column)
         keep = (row < camera.height) & (column < camera.width) & (np.abs(found.shift) <= half)
         row, column = row[keep], column[keep]

@@ -16,14 +16,14 @@ from .options import BenchOptions
 #: views, and are measured as they are and at every speed.
 VARIED = ("focus", "bma", "surface")
 
-_FIXED = {"plane_rule": "fixed"}
-_ALL_OFF = {"plane_rule": "fixed", "planes": 500, "fast_path": False, "tiles": False}
+_FIXED = {"paper.plane_rule": "fixed"}
+_ALL_OFF = {**_FIXED, "paper.planes": 500}
 #: Values of a factor: name and the settings that it changes.
 Values = list[tuple[str, dict[str, Any]]]
 
 _COUNTS: Values = [
     # 500 are measured without the savings, and as one of them.
-    ("100 planes", {**_FIXED, "planes": 100}),
+    ("100 planes", {**_FIXED, "paper.planes": 100}),
 ]
 
 
@@ -36,47 +36,43 @@ _PACKETS: Values = [
     ("packets of 64", {"packet_events": 64}),
     ("packets of 1024", {"packet_events": 1024}),
 ]
-_NO_CREEP = "no creep correction"
+_NO_DRIFT = "no edge drift correction"
 
 
 def _travel(mm: int) -> tuple[str, dict[str, Any]]:
-    return f"{mm} mm", {"window": "travel", "window_travel_m": mm * 1e-3}
+    return f"{mm} mm", {"window.rule": "travel", "window.travel_m": mm * 1e-3}
 
 
 _FACTORS: dict[str, dict[str, Values]] = {
     "focus": {
-        "planes": _densities("focus_planes_per_px", 2.0, 0.25),
-        "window": [_travel(6), _travel(12), ("20 ms", {"window": "time", "window_s": 0.02})],
+        "planes": _densities("focus.planes_per_px", 2.0, 0.25),
+        "window": [
+            _travel(6),
+            _travel(12),
+            ("20 ms", {"window.rule": "time", "window.time_s": 0.02}),
+        ],
         "packet": _PACKETS,
-        "creep": [(_NO_CREEP, {"focus_creep_m": 0.0})],
+        "edge_drift": [(_NO_DRIFT, {"focus.edge_drift_m": 0.0})],
     },
     "bma": {
-        "savings": [("500 planes, no savings", _ALL_OFF)],
-        # Views that share their votes have one plane a pixel; more are voted view by view.
-        "planes": [*_densities("planes_per_px", 2.0, 4.0), *_COUNTS],
-        "window": [("10 ms", {"window": "time", "window_s": 0.01}), _travel(12)],
+        "savings": [("500 planes", _ALL_OFF)],
+        "planes": _COUNTS,
+        "window": [("10 ms", {"window.rule": "time", "window.time_s": 0.01}), _travel(12)],
         "packet": _PACKETS,
-        # `focus` has no choice of it, and one view only.
-        "precision": [("float64", {"precision": "float64"})],
-        "weights": [("weights by variance", {"weight_rule": "inverse_variance"})],
     },
     "surface": {
-        "planes": _densities("planes_per_px", 2.0, 0.25),
-        "creep": [(_NO_CREEP, {"creep_m": 0.0})],
+        "planes": _densities("evidence.planes_per_px", 2.0, 0.25),
+        "edge_drift": [(_NO_DRIFT, {"evidence.edge_drift_m": 0.0})],
     },
 }
 #: Factors of a quick run, and how many values of each.
-_QUICK_FACTORS = {"savings": 1, "planes": 1, "window": 1, "creep": 1, "weights": 1}
+_QUICK_FACTORS = {"savings": 1, "planes": 1, "window": 1, "edge_drift": 1}
 
 _ALL = ("focus", "bma", "surface")
 #: Savings of the depth engine: title, settings with it, settings without it, methods that have it.
 SAVINGS: tuple[tuple[str, dict[str, Any], dict[str, Any], tuple[str, ...]], ...] = (
     # `focus` always takes as many planes as the parallax asks for, and votes in one view.
-    ("plane count from parallax", {"plane_rule": "parallax"}, {**_FIXED, "planes": 500}, ("bma",)),
-    ("translation-only fast path", {"fast_path": True}, {"fast_path": False}, ("bma",)),
-    ("tiles without events skipped", {"tiles": True}, {"tiles": False}, _ALL),
-    # `surface` has no window before.
-    ("prior bounds of 0.5 mm", {"prior_margin_m": 5e-4}, {"prior_margin_m": 0.0}, _ALL[:2]),
+    ("plane count from parallax", {}, {**_FIXED, "paper.planes": 500}, ("bma",)),
     ("patch of ±12 mm", {"patch_half_length_m": 0.012}, {"patch_half_length_m": 0.0}, _ALL),
 )
 #: What is to be said beside them.

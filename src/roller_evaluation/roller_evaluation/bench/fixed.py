@@ -163,7 +163,9 @@ def distance(
 
 
 def _settings(method: str, options: BenchOptions) -> DepthSettings:
-    return depth_settings(method, window="time", window_s=options.fixed_window_s)
+    return depth_settings(
+        method, **{"window.rule": "time", "window.time_s": options.fixed_window_s}
+    )
 
 
 def _error(maps: Sequence[tuple[Piece, DepthMap]]) -> dict[str, Any]:

@@ -72,7 +72,14 @@ def run_growth(
             add("threads", threads, method, piece.events, scan, threads=threads)
     for planes in options.growth_planes:
         # `focus` takes as many planes as the parallax asks for.
-        add("planes", planes, "bma", piece.events, scan, plane_rule="fixed", planes=planes)
+        add(
+            "planes",
+            planes,
+            "bma",
+            piece.events,
+            scan,
+            **{"paper.plane_rule": "fixed", "paper.planes": planes},
+        )
     # Round by round, as the cases are; the first round compiles and doesn't count.
     for number in range(max(options.repeats, 1) + 1):
         for job in jobs:

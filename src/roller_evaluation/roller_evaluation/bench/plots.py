@@ -29,9 +29,7 @@ _MARKERS = {
     "planes": "^",
     "window": "s",
     "packet": "D",
-    "precision": "P",
-    "weights": "*",
-    "creep": "v",
+    "edge_drift": "v",
 }
 #: How far above or below its point a name may stand.
 _SHIFTS = (0, 13, -13, 26, -26, 39, -39, 52, -52, 65, -65, 78, -78)
@@ -41,9 +39,7 @@ _NAMED = ("base", "savings")
 _FACTOR_NAMES = {
     "base": "base configuration",
     "savings": "without the savings",
-    "precision": "float64",
-    "weights": "weights by variance",
-    "creep": "no creep correction",
+    "edge_drift": "no edge drift correction",
 }
 
 

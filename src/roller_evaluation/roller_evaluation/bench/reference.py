@@ -12,10 +12,10 @@ from numba import njit
 
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.methods.paper.detection import adaptive_threshold, median_at
+from roller_emvs.methods.paper.detection import KERNEL_PX, adaptive_threshold, median_at
 from roller_emvs.methods.paper.fusion import ViewDepth, fuse_views
 from roller_emvs.methods.paper.votes import dense_volume
-from roller_emvs.rays import depth_planes, make_packets, rays_in_view
+from roller_emvs.rays import make_packets, rays_in_view
 
 from .resampling import Piece
 
@@ -37,7 +37,7 @@ def dense_reference(piece: Piece, settings: DepthSettings) -> DepthMap:
     table = camera.undistortion_table()
     span = piece.end_ns - piece.start_ns
     middle_ns = piece.start_ns + span // 2
-    planes = depth_planes(s.depth_min_m, s.depth_max_m, PLANES, s.plane_spacing)
+    planes = np.linspace(s.depth_min_m, s.depth_max_m, PLANES)
     begin = time.perf_counter()
     packets = make_packets(piece.events, table, track, s.packet_events)
     target = track.matrices([middle_ns])[0]
@@ -48,15 +48,14 @@ def dense_reference(piece: Piece, settings: DepthSettings) -> DepthMap:
         votes = np.empty(volume.shape[1:], np.float32)
         index = np.empty(volume.shape[1:], np.uint16)
         _maximum(volume, votes, index)
-        mask = adaptive_threshold(votes, s.threshold_c, s.threshold_kernel_px, s.full_scale_votes)
+        mask = adaptive_threshold(votes, s.paper.threshold_c, KERNEL_PX, s.paper.full_scale_votes)
         # What peaks on an end plane may lie beyond it.
         mask &= (index > 0) & (index < PLANES - 1)
-        pixels, median, _ = median_at(index, mask, s.median_px, PLANES)
+        pixels, median = median_at(index, mask, s.paper.median_px, PLANES)
         far = np.interp(median, np.arange(PLANES), planes).astype(np.float32)
         sure = np.clip(votes.reshape(-1)[pixels] / np.float32(255), 0, 1)
-        # Weights are fixed, so nobody asks for the variance.
-        views.append(ViewDepth(pixels, far, sure, np.zeros_like(far), pose, weight))
-    depth, confidence = fuse_views(views, target, camera, "fixed")
+        views.append(ViewDepth(pixels, far, sure, pose, weight))
+    depth, confidence = fuse_views(views, target, camera)
     total = (time.perf_counter() - begin) * 1e3
     return DepthMap(
         middle_ns,

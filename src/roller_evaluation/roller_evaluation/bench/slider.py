@@ -17,16 +17,14 @@ from .measure import time_figures
 #: machine with two cores: 240×180 px, 100 planes, one reference view.
 CPP_MEV_S = {1: 2.29, 2: 4.33}
 _SETTINGS: dict[str, Any] = {
-    "window": "all",
+    "window.rule": "all",
     "depth_min_m": 0.47,
     "depth_max_m": 2.4,
-    "planes": 100,
-    "plane_rule": "fixed",
-    "plane_spacing": "inverse_depth",
+    "paper.planes": 100,
     "packet_events": 1024,
-    "threshold_c": 5.0,
-    "full_scale_votes": 0.0,
-    "median_px": 5,
+    "paper.threshold_c": 5.0,
+    "paper.full_scale_votes": 0.0,
+    "paper.median_px": 5,
 }
 
 

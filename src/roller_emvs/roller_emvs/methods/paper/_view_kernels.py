@@ -10,7 +10,7 @@ from ._vote_kernels import _columns, _vote
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sweep_bands_views(  # type: ignore[no-untyped-def]
-    rays, limits, starts, first, step, tiles, inverse, halves, pad, hats, chunk, lines, best, votes,
+    rays, limits, starts, first, step, inverse, halves, pad, hats, chunk, lines, best, votes,
     index,
 ):  # fmt: skip
     """Maxima of every `step`-th band from `first` on in views shifted by halves of a pixel.
@@ -24,7 +24,7 @@ def _sweep_bands_views(  # type: ignore[no-untyped-def]
     rows = keys.shape[1]
     ranks = _rank_bits(planes)
     for b in range(first, len(starts) - 1, step):
-        if tiles and starts[b] == starts[b + 1]:
+        if starts[b] == starts[b + 1]:
             continue
         keys[:] = 0
         top = b * rows

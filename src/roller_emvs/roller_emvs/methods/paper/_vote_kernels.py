@@ -40,13 +40,13 @@ def _vote_plane(rays, limits, w, plane):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sweep_bands(  # type: ignore[no-untyped-def]
-    rays, limits, starts, first, step, tiles, inverse, plane, chunk, best, number, votes, index
+    rays, limits, starts, first, step, inverse, plane, chunk, best, number, votes, index
 ):
     """Maxima of every `step`-th band from `first` on; see `_sweep_band` for the buffers."""
     height = len(votes)
     rows = len(best)
     for b in range(first, len(starts) - 1, step):
-        if tiles and starts[b] == starts[b + 1]:
+        if starts[b] == starts[b + 1]:
             continue
         best[:] = 0
         number[:] = 0

@@ -1,8 +1,7 @@
 """The paper's reconstruction: one volume a reference view, fused by fixed weights.
 
 Methods `emvs` (middle view), `left_right` (start and end) and `bma` (start, middle, end). With
-`plane_rule: fixed`, `fast_path: false` this is the reference that faster settings are measured
-against: all planes, exact packets and poses.
+`plane_rule: fixed` each view is voted for itself on all planes, as the paper has it.
 """
 
 from __future__ import annotations
@@ -14,12 +13,13 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.rays import F32, Packets, depth_planes, parallax_px, rays_in_view
+from roller_emvs.rays import F32, Packets, parallax_px, rays_in_view
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.threads import share
 
-from .detection import Mask, adaptive_threshold, median_at
+from .detection import KERNEL_PX, Mask, adaptive_threshold, median_at
 from .fusion import ViewDepth, warp_view, weighted_mean
+from .paper_settings import PaperSettings
 from .shifted import shifted_planes
 from .votes import U16, sweep_maximum, sweep_views
 
@@ -29,7 +29,6 @@ def window_depth(
     camera: Camera,
     poses: F64,
     target: F64,
-    bounds_m: tuple[float, float],
     settings: DepthSettings,
     watch: Stopwatch,
 ) -> tuple[F32, F32]:
@@ -45,10 +44,8 @@ def window_depth(
         Reference cameras in base, in the order of `settings.views()`.
     target : ndarray of float64, shape (4, 4)
         Camera in base to fuse in.
-    bounds_m : tuple of float
-        Nearest and farthest depth, metres.
     settings : DepthSettings
-        Planes, threshold, median and weights.
+        Depth range, threads and `paper`.
     watch : Stopwatch
         Takes the time by stage.
 
@@ -59,21 +56,23 @@ def window_depth(
     """
     s = settings
     with watch("votes"):
-        voted = view_votes(packets, camera, poses, target, bounds_m, s)
-    warped: list[tuple[F32, F32, F32] | None] = [None] * len(poses)
+        voted = view_votes(packets, camera, poses, target, s)
+    bounds_m = (s.depth_min_m, s.depth_max_m)
+    warped: list[tuple[F32, F32] | None] = [None] * len(poses)
     weights = [weight for _, weight in s.views()]
 
     def look(k: int) -> None:
         view = view_depth(
-            voted.votes[k], voted.index[k], voted.planes, bounds_m, voted.poses[k], weights[k], s
-        )
+            voted.votes[k], voted.index[k], voted.planes, bounds_m, voted.poses[k], weights[k],
+            s.paper,
+        )  # fmt: skip
         warped[k] = warp_view(view, target, camera)
 
     with watch("detection"):
         share(s.threads, len(poses), look)
     with watch("fusion"):
         found = [w for w in warped if w is not None]
-        return weighted_mean(found, weights, s.weight_rule, s.threads)
+        return weighted_mean(found, weights, s.threads)
 
 
 @dataclass(frozen=True)
@@ -97,27 +96,18 @@ class ViewVotes:
 
 
 def view_votes(
-    packets: Packets,
-    camera: Camera,
-    poses: F64,
-    target: F64,
-    bounds_m: tuple[float, float],
-    s: DepthSettings,
+    packets: Packets, camera: Camera, poses: F64, target: F64, s: DepthSettings
 ) -> ViewVotes:
     """Votes of a window in its reference views; arguments as for `window_depth`."""
-    relative = inverse_pose(target) @ poses
-    shifted = shifted_planes(camera, relative, bounds_m, s) if s.fast_path else None
+    bounds_m = (s.depth_min_m, s.depth_max_m)
+    shifted = shifted_planes(camera, inverse_pose(target) @ poses, bounds_m, s.paper)
     if shifted is not None:
-        rays = rays_in_view(packets, camera, target @ shifted.middle, s.precision)
-        votes, index = sweep_views(
-            rays, camera, shifted.planes, shifted.half_shifts, s.threads, s.tiles
-        )
+        rays = rays_in_view(packets, camera, target @ shifted.middle)
+        votes, index = sweep_views(rays, camera, shifted.planes, shifted.half_shifts, s.threads)
         return ViewVotes(votes, index, shifted.planes, target @ shifted.views)
-    planes = choose_planes(packets, camera, target, bounds_m, s)
+    planes = choose_planes(packets, camera, target, bounds_m, s.paper)
     found = [
-        sweep_maximum(
-            rays_in_view(packets, camera, pose, s.precision), camera, planes, s.threads, s.tiles
-        )
+        sweep_maximum(rays_in_view(packets, camera, pose), camera, planes, s.threads)
         for pose in poses
     ]
     votes, index = (np.stack(images) for images in zip(*found, strict=True))
@@ -125,14 +115,14 @@ def view_votes(
 
 
 def choose_planes(
-    packets: Packets, camera: Camera, view: F64, bounds_m: tuple[float, float], s: DepthSettings
+    packets: Packets, camera: Camera, view: F64, bounds_m: tuple[float, float], s: PaperSettings
 ) -> F64:
     """Depths of the planes, metres: a fixed number, or as many as parallax tells apart."""
     near, far = bounds_m
     if s.plane_rule == "fixed":
-        return depth_planes(near, far, s.planes, s.plane_spacing)
+        return np.linspace(near, far, s.planes)
     parallax = parallax_px(packets, camera, view, near, far)
-    count = int(np.clip(np.ceil(parallax * s.planes_per_px) + 1, 3, s.planes - 2))
+    count = int(np.clip(np.ceil(parallax) + 1, 3, s.planes - 2))
     # One plane beyond either end, so that a peak on the first or last plane is a peak.
     step = (1.0 / near - 1.0 / far) / (count - 1)
     return np.asarray(1.0 / (1.0 / near + step * (1.0 - np.arange(count + 2))), np.float64)
@@ -145,7 +135,7 @@ def view_depth(
     bounds_m: tuple[float, float],
     view: F64,
     weight: float,
-    settings: DepthSettings,
+    s: PaperSettings,
 ) -> ViewDepth:
     """Depth from one reference view's maxima: threshold and median.
 
@@ -161,11 +151,10 @@ def view_depth(
         Reference camera in base.
     weight : float
         Weight in the fusion.
-    settings : DepthSettings
+    s : PaperSettings
         Threshold and median.
     """
-    s = settings
-    mask = adaptive_threshold(votes, s.threshold_c, s.threshold_kernel_px, s.full_scale_votes)
+    mask = adaptive_threshold(votes, s.threshold_c, KERNEL_PX, s.full_scale_votes)
     return masked_depth(votes, index, mask, planes, bounds_m, view, weight, s)
 
 
@@ -186,25 +175,16 @@ def masked_depth(
     bounds_m: tuple[float, float],
     view: F64,
     weight: float,
-    s: DepthSettings,
+    s: PaperSettings,
 ) -> ViewDepth:
     """Depth of the pixels that stood out (a mask, written to); see `view_depth`."""
-    steps, usable = np.gradient(planes), usable_planes(planes, bounds_m)
+    usable = usable_planes(planes, bounds_m)
     at = np.flatnonzero(mask)
     mask.ravel()[at] = usable[index.ravel()[at]]
-    at, level, spread = median_at(
-        index, mask, s.median_px, len(planes), s.weight_rule == "inverse_variance"
-    )
-    number = np.arange(len(planes))
-    found = np.interp(level, number, planes)
+    at, level = median_at(index, mask, s.median_px, len(planes))
+    found = np.interp(level, np.arange(len(planes)), planes)
     inside = (found >= bounds_m[0]) & (found <= bounds_m[1])
-    at, level, spread, found = at[inside], level[inside], spread[inside], found[inside]
-    # 1.349 standard deviations lie between the quartiles of a normal distribution; half a
-    # plane is the least that can be told.
-    deviation = np.maximum(spread / 1.349, 0.5)
-    variance = (np.interp(level, number, steps) * deviation) ** 2
+    at, found = at[inside], found[inside]
     scale = s.full_scale_votes or float(votes.max()) or 1.0
     confidence = np.clip(votes.ravel()[at] / np.float32(scale), 0, 1)
-    return ViewDepth(
-        at, found.astype(np.float32), confidence, variance.astype(np.float32), view, weight
-    )
+    return ViewDepth(at, found.astype(np.float32), confidence, view, weight)

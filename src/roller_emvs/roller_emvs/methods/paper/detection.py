@@ -11,6 +11,9 @@ from roller_emvs.rays import F32, I64
 
 from .votes import U16
 
+#: Neighbourhood of the adaptive threshold, px (paper).
+KERNEL_PX = 5
+
 Mask = npt.NDArray[np.bool_]
 
 
@@ -92,9 +95,7 @@ def _above(gray, mean, votes, c, mask):  # type: ignore[no-untyped-def]
         mask[x] = (gray[x] > np.rint(mean[x]) + c) & (votes[x] > 0)
 
 
-def median_at(
-    index: U16, mask: Mask, size_px: int, levels: int, with_spread: bool = True
-) -> tuple[I64, F32, F32]:
+def median_at(index: U16, mask: Mask, size_px: int, levels: int) -> tuple[I64, F32]:
     """Median of the masked neighbours of each masked pixel.
 
     Values are taken as evenly spread over their plane's step, so the median lies between planes
@@ -110,8 +111,6 @@ def median_at(
         Size of the square neighbourhood, odd, px.
     levels : int
         Number of planes.
-    with_spread : bool
-        Whether the spread is wanted; else it is 0.
 
     Returns
     -------
@@ -119,8 +118,6 @@ def median_at(
         Flat indices of the masked pixels, row by row.
     median : ndarray of float32, shape (n,)
         Median plane number of each.
-    spread : ndarray of float32, shape (n,)
-        Interquartile range of the neighbours' planes.
     """
     starts = np.zeros(index.shape[1] + 1, np.int64)
     _count_columns(mask, starts)
@@ -131,24 +128,19 @@ def median_at(
     histogram = np.zeros(levels, np.int32)
     coarse = np.zeros(levels // 16 + 1, np.int32)
     last = np.empty(index.shape[1], np.int64)
-    pixels = np.empty(count, np.int64)
-    median, spread = (np.empty(count, np.float32) for _ in range(2))
+    pixels, median = np.empty(count, np.int64), np.empty(count, np.float32)
     _masked_median(
-        rows, values, starts, mask, size_px // 2, with_spread, histogram, coarse, first, last,
-        pixels, median, spread,
-    )  # fmt: skip
-    return pixels, median, spread
+        rows, values, starts, mask, size_px // 2, histogram, coarse, first, last, pixels, median
+    )
+    return pixels, median
 
 
-def masked_median(
-    index: U16, mask: Mask, size_px: int, levels: int, with_spread: bool = True
-) -> tuple[F32, F32]:
-    """As images what `median_at` gives by pixel, float32, NaN outside the mask."""
-    pixels, *found = median_at(index, mask, size_px, levels, with_spread)
-    images = np.full((2, *index.shape), np.nan, np.float32)
-    for image, values in zip(images, found, strict=True):
-        image.reshape(-1)[pixels] = values
-    return images[0], images[1]
+def masked_median(index: U16, mask: Mask, size_px: int, levels: int) -> F32:
+    """As an image what `median_at` gives by pixel, float32, NaN outside the mask."""
+    pixels, median = median_at(index, mask, size_px, levels)
+    image = np.full(index.shape, np.nan, np.float32)
+    image.reshape(-1)[pixels] = median
+    return image
 
 
 @njit(cache=True, nogil=True)
@@ -189,25 +181,9 @@ def _grouped_median(histogram, coarse, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _quantile(histogram, coarse, rank):  # type: ignore[no-untyped-def]
-    """Level of the item of a rank (from 0), by blocks of 16 levels."""
-    below = 0
-    block = 0
-    while below + coarse[block] <= rank:
-        below += coarse[block]
-        block += 1
-    level = block * 16
-    while below + histogram[level] <= rank:
-        below += histogram[level]
-        level += 1
-    return level
-
-
-@njit(cache=True, nogil=True)
 def _masked_median(  # type: ignore[no-untyped-def]
-    rows, values, starts, mask, radius, with_spread, histogram, coarse, first, last,
-    pixels, median, spread,
-):  # fmt: skip
+    rows, values, starts, mask, radius, histogram, coarse, first, last, pixels, median
+):
     height, width = mask.shape
     n = 0
     for x in range(width):
@@ -242,11 +218,6 @@ def _masked_median(  # type: ignore[no-untyped-def]
             if x >= left and mask[y, x]:
                 pixels[n] = y * width + x
                 median[n] = _grouped_median(histogram, coarse, count)
-                spread[n] = 0
-                if with_spread:
-                    low = _quantile(histogram, coarse, (count - 1) // 4)
-                    high = _quantile(histogram, coarse, 3 * (count - 1) // 4)
-                    spread[n] = high - low
                 n += 1
         # Leave the histogram empty for the next row.
         for x in range(max(right - radius, begin), end + 1):

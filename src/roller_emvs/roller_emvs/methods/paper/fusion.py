@@ -22,8 +22,8 @@ class ViewDepth:
     ----------
     pixels : ndarray of int64, shape (n,)
         Flat indices in the view's image.
-    depth, confidence, variance : ndarray of float32, shape (n,)
-        Metres, 0–1, m².
+    depth, confidence : ndarray of float32, shape (n,)
+        Metres, 0–1.
     pose : ndarray of float64, shape (4, 4)
         Camera in base.
     weight : float
@@ -33,12 +33,11 @@ class ViewDepth:
     pixels: I64
     depth: F32
     confidence: F32
-    variance: F32
     pose: F64
     weight: float
 
 
-def warp_view(view: ViewDepth, target: F64, camera: Camera) -> tuple[F32, F32, F32]:
+def warp_view(view: ViewDepth, target: F64, camera: Camera) -> tuple[F32, F32]:
     """Depth of one view as seen from another (paper, eqs. back-projection to re-projection).
 
     A point goes to the nearest pixel; where two meet the nearer one hides the other.
@@ -46,7 +45,7 @@ def warp_view(view: ViewDepth, target: F64, camera: Camera) -> tuple[F32, F32, F
     Parameters
     ----------
     view : ViewDepth
-        Depth, confidence and variance with their pose.
+        Depth and confidence with their pose.
     target : ndarray of float64, shape (4, 4)
         Camera in base to warp into.
     camera : Camera
@@ -54,29 +53,23 @@ def warp_view(view: ViewDepth, target: F64, camera: Camera) -> tuple[F32, F32, F
 
     Returns
     -------
-    depth, confidence, variance : ndarray of float32, shape (height, width)
-        Depth is NaN where nothing arrives; the others mean nothing there.
+    depth, confidence : ndarray of float32, shape (height, width)
+        Depth is NaN where nothing arrives; confidence means nothing there.
     """
     shape = (camera.height, camera.width)
-    depth, confidence, variance = (np.empty(shape, np.float32) for _ in range(3))
+    depth, confidence = (np.empty(shape, np.float32) for _ in range(2))
     depth.fill(np.nan)
     if np.array_equal(view.pose, target):
-        for image, values in zip(
-            (depth, confidence, variance), (view.depth, view.confidence, view.variance), strict=True
-        ):
-            image.reshape(-1)[view.pixels] = values
-        return depth, confidence, variance
-    _splat(
-        view.pixels, view.depth, view.confidence, view.variance,
-        np.array([camera.fx, camera.fy, camera.cx, camera.cy]), inverse_pose(target) @ view.pose,
-        depth, confidence, variance,
-    )  # fmt: skip
-    return depth, confidence, variance
+        depth.reshape(-1)[view.pixels] = view.depth
+        confidence.reshape(-1)[view.pixels] = view.confidence
+        return depth, confidence
+    intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    relative = inverse_pose(target) @ view.pose
+    _splat(view.pixels, view.depth, view.confidence, intrinsics, relative, depth, confidence)
+    return depth, confidence
 
 
-def fuse_views(
-    views: Sequence[ViewDepth], target: F64, camera: Camera, rule: str
-) -> tuple[F32, F32]:
+def fuse_views(views: Sequence[ViewDepth], target: F64, camera: Camera) -> tuple[F32, F32]:
     """Weighted mean of all views in the target view.
 
     Where a view has no depth the others' weights are renormalised to one.
@@ -89,8 +82,6 @@ def fuse_views(
         Camera in base.
     camera : Camera
         Intrinsics.
-    rule : str
-        `fixed` or `inverse_variance` (each weight divided by the pixel's variance).
 
     Returns
     -------
@@ -98,41 +89,38 @@ def fuse_views(
         NaN where no view has a depth.
     """
     warped = [warp_view(view, target, camera) for view in views]
-    return weighted_mean(warped, [view.weight for view in views], rule)
+    return weighted_mean(warped, [view.weight for view in views])
 
 
 def weighted_mean(
-    warped: Sequence[tuple[F32, F32, F32]], weights: Sequence[float], rule: str, threads: int = 1
+    warped: Sequence[tuple[F32, F32]], weights: Sequence[float], threads: int = 1
 ) -> tuple[F32, F32]:
     """Weighted mean of views that were warped into one; see `fuse_views`.
 
     Parameters
     ----------
     warped : sequence of tuple of ndarray of float32, shape (height, width)
-        Depth, confidence and variance of each view, at least one; as of `warp_view`: the others
-        count where there is a depth.
+        Depth and confidence of each view, at least one; as of `warp_view`.
     weights : sequence of float
         Weight of each.
-    rule : str
-        As of `fuse_views`.
     threads : int
         Threads that share the rows.
     """
-    shape, by_variance = warped[0][0].shape, rule == "inverse_variance"
+    shape = warped[0][0].shape
     depth, confidence = (np.empty(shape, np.float32) for _ in range(2))
     views = tuple(zip(*warped, strict=True))
     share_of = np.array(weights, np.float64)
 
     def run(k: int) -> None:
         rows = (shape[0] * k // threads, shape[0] * (k + 1) // threads)
-        _mean(*views, share_of, by_variance, rows, depth, confidence)
+        _mean(*views, share_of, rows, depth, confidence)
 
     share(threads, threads, run)
     return depth, confidence
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _mean(depths, confidences, variances, weights, by_variance, rows, depth, confidence):  # type: ignore[no-untyped-def]
+def _mean(depths, confidences, weights, rows, depth, confidence):  # type: ignore[no-untyped-def]
     """Weighted means of some rows; NaN where the weight is zero."""
     real = np.float32
     for y in range(rows[0], rows[1]):
@@ -144,7 +132,7 @@ def _mean(depths, confidences, variances, weights, by_variance, rows, depth, con
                 z = depths[k][y, x]
                 if np.isnan(z):
                     continue
-                w = weights[k] / variances[k][y, x] if by_variance else weights[k]
+                w = weights[k]
                 total = real(total + w)
                 far = real(far + w * z)
                 sure = real(sure + w * confidences[k][y, x])
@@ -154,9 +142,8 @@ def _mean(depths, confidences, variances, weights, by_variance, rows, depth, con
 
 @njit(cache=True, nogil=True)
 def _splat(  # type: ignore[no-untyped-def]
-    pixels, depth, confidence, variance, intrinsics, relative, out_depth, out_confidence,
-    out_variance,
-):  # fmt: skip
+    pixels, depth, confidence, intrinsics, relative, out_depth, out_confidence
+):
     """Points of a view at the pixels where another sees them; `relative` is the view in it."""
     fx, fy, cx, cy = intrinsics
     height, width = out_depth.shape
@@ -177,4 +164,3 @@ def _splat(  # type: ignore[no-untyped-def]
             if not out_depth[row, column] <= far:
                 out_depth[row, column] = far
                 out_confidence[row, column] = confidence[i]
-                out_variance[row, column] = variance[i]

@@ -11,12 +11,14 @@ import numpy as np
 
 from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
-from roller_emvs.depth_settings import DepthSettings
 
+from .paper_settings import PaperSettings
 from .votes import I64
 
-#: How far along u a reference view may be put elsewhere, as a share of half the way between ends.
+#: How far along u a reference view may be put elsewhere, as a share of half the travel.
 _MOST_ALONG = 0.2
+#: How far in every other respect, px; else every view is voted for itself.
+_MOST_ACROSS_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class ShiftedPlanes:
 
 
 def shifted_planes(
-    camera: Camera, relative: F64, bounds_m: tuple[float, float], s: DepthSettings
+    camera: Camera, relative: F64, bounds_m: tuple[float, float], s: PaperSettings
 ) -> ShiftedPlanes | None:
     """Planes on which the reference views differ by whole or half pixels, if there are.
 
@@ -50,7 +52,7 @@ def shifted_planes(
     in steps of half a pixel are one pixel of the window's parallax apart. The views are put
     where the shifts are exact: at the ends and half-way between, axes parallel. A reference view
     may be anywhere, so depth stays exact; only the place it is seen from is another, by no more
-    than a share of the way along u and `fast_path_max_px` in every other respect.
+    than a share of the travel along u and a pixel in every other respect.
 
     Parameters
     ----------
@@ -60,10 +62,10 @@ def shifted_planes(
         Reference cameras in the target view.
     bounds_m : tuple of float
         Nearest and farthest depth, metres.
-    s : DepthSettings
-        `plane_rule`, `planes_per_px` and `fast_path_max_px`.
+    s : PaperSettings
+        `plane_rule` and `planes`.
     """
-    if s.plane_rule == "fixed" or s.planes_per_px > 1.0 or len(relative) < 2:
+    if s.plane_rule == "fixed" or len(relative) < 2:
         return None
     x = relative[:, 0, 3]
     centre, baseline = 0.5 * float(x.min() + x.max()), 0.5 * float(np.ptp(x))
@@ -84,7 +86,7 @@ def shifted_planes(
     for was in relative:
         put = np.eye(4)
         put[0, 3] = was[0, 3]
-        if view_distance_px(camera, inverse_pose(put) @ was, bounds_m) > s.fast_path_max_px:
+        if view_distance_px(camera, inverse_pose(put) @ was, bounds_m) > _MOST_ACROSS_PX:
             return None
     views = np.tile(np.eye(4), (len(x) + 1, 1, 1))
     views[:, 0, 3] = centre + np.append(place, 0) * baseline

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from roller_core.camera import Camera
 from roller_core.transforms import F64
+from roller_emvs.bands import I64, Bands, sort_into_bands
 from roller_emvs.rays import F32, RayBundle
 from roller_emvs.threads import share
 
 from . import _view_kernels as view_kernels
 from . import _vote_kernels as kernels
-from .bands import I64, Bands, sort_into_bands
 
 U16 = npt.NDArray[np.uint16]
 
@@ -53,12 +53,12 @@ def dense_volume(rays: RayBundle, camera: Camera, planes: F64) -> npt.NDArray[np
 
 
 def sweep_maximum(
-    rays: RayBundle, camera: Camera, planes: F64, threads: int = 1, tiles: bool = True
+    rays: RayBundle, camera: Camera, planes: F64, threads: int = 1
 ) -> tuple[F32, U16]:
     """Most votes along each pixel's ray and the plane that has them.
 
-    Of planes with equal votes the nearest counts. The result doesn't depend on `threads` or
-    `tiles`, and equals the maximum of the dense volume to the bit.
+    Of planes with equal votes the nearest counts. The result doesn't depend on `threads`,
+    and equals the maximum of the dense volume to the bit.
 
     Parameters
     ----------
@@ -66,8 +66,6 @@ def sweep_maximum(
         As for `dense_volume`; at most 65535 planes.
     threads : int
         Threads that share the bands.
-    tiles : bool
-        Whether bands without events are skipped.
 
     Returns
     -------
@@ -85,7 +83,7 @@ def sweep_maximum(
     def run(first: int) -> None:
         best = np.empty((BAND_ROWS, shape[1]), dtype)
         kernels._sweep_bands(
-            bands.rays, limits, bands.starts, first, threads, tiles, inverse.astype(dtype),
+            bands.rays, limits, bands.starts, first, threads, inverse.astype(dtype),
             np.zeros((BAND_ROWS + 4, shape[1]), dtype), kernels.chunk(dtype), best,
             np.empty(best.shape, np.int32), votes, index,
         )  # fmt: skip
@@ -95,12 +93,7 @@ def sweep_maximum(
 
 
 def sweep_views(
-    rays: RayBundle,
-    camera: Camera,
-    planes: F64,
-    half_shifts: I64,
-    threads: int = 1,
-    tiles: bool = True,
+    rays: RayBundle, camera: Camera, planes: F64, half_shifts: I64, threads: int = 1
 ) -> tuple[F32, U16]:
     """Maxima in several views from the votes of one, for views shifted along the image's rows.
 
@@ -110,7 +103,7 @@ def sweep_views(
 
     Parameters
     ----------
-    rays, camera, planes, threads, tiles
+    rays, camera, planes, threads
         As for `sweep_maximum`.
     half_shifts : ndarray of int64, shape (views, planes)
         Pixel x of a view is pixel x + half_shifts / 2 of the view that the rays are in.
@@ -137,7 +130,7 @@ def sweep_views(
         lines = np.empty((2, 2, shape[1] + 2 * pad), dtype)
         best = np.empty((count, rows, shape[1]), dtype)
         view_kernels._sweep_bands_views(
-            bands.rays, limits, bands.starts, first, threads, tiles, inverse.astype(dtype),
+            bands.rays, limits, bands.starts, first, threads, inverse.astype(dtype),
             half_shifts, pad, hats, kernels.chunk(dtype), (lines, lines.view(bits)),
             (best, best.view(bits)), votes, index,
         )  # fmt: skip

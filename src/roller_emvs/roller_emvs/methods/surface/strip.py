@@ -16,8 +16,7 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.events import EventArray
 from roller_core.transforms import F64
-from roller_emvs.evidence import RayField
-from roller_emvs.evidence._kernels import CELL_PX
+from roller_emvs.evidence import CELL_PX, RayField
 from roller_emvs.rays import F32
 
 from . import _kernels

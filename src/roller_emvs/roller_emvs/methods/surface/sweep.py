@@ -21,6 +21,10 @@ from .pass_cutter import PassCutter
 from .strip import Block, Strip, block_field
 from .surface_settings import SurfaceSettings
 
+#: Parts of the image along the roll that a coarse depth is the sum of: a row crosses all of it,
+#: and over such an aperture relief that repeats has side lobes.
+_PARTS = 4
+
 
 @dataclass(frozen=True)
 class SurfacePatch(Patch):
@@ -152,9 +156,9 @@ class SurfaceSweep:
             )
         half = 0.5 * (s.depth_max_m - s.depth_min_m)
         with watch("votes"):
-            depths = find_depths(field, -half, half, s)
+            depths = find_depths(field, -half, half, s.evidence, _PARTS, s.threads)
         with watch("points"):
-            found = measured_pixels(field, depths, s)
+            found = measured_pixels(field, depths, s.evidence, s.threads)
             x = found.column * strip.pixel_m + left
             local = np.stack([x, found.row * strip.pixel_m + top, found.shift + middle], axis=-1)
             keep = (x >= block.start_m) & (x < block.end_m) & (np.abs(found.shift) <= half)

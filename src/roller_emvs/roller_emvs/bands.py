@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from roller_emvs.threads import share
+from .threads import share
 
 I64 = npt.NDArray[np.int64]
 

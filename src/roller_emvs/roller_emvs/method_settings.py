@@ -1,0 +1,40 @@
+"""Settings that every method of depth takes."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from roller_core.timing_settings import TimingSettings
+
+
+class MethodSettings(TimingSettings):
+    """Where depth is looked for, and with how much of the machine."""
+
+    depth_min_m: float = Field(0.043, gt=0.0, le=100.0, description="Nearest depth, m.")
+    depth_max_m: float = Field(0.047, gt=0.0, le=100.0, description="Farthest depth, m.")
+    patch_half_length_m: float = Field(
+        0.0,
+        ge=0.0,
+        le=10.0,
+        description="Events further than this from the camera's axis along the roll are left out, "
+        "as the skin doesn't stick to the surface there; 0 takes the whole image, m.",
+    )
+    max_backlog_events: int = Field(
+        40_000_000,
+        ge=10_000,
+        le=2_000_000_000,
+        description="Events that may wait for processing; beyond it the oldest are dropped, "
+        "counted.",
+    )
+    threads: int = Field(2, ge=1, le=64, description="Threads that share the work.")
+
+    @model_validator(mode="after")
+    def _near_before_far(self) -> Self:
+        if self.depth_min_m >= self.depth_max_m:
+            raise ValueError(
+                f"depth_min_m = {self.depth_min_m:g} must be less than "
+                f"depth_max_m = {self.depth_max_m:g}"
+            )
+        return self
