@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from roller_emvs.bands import sort_into_bands
 from roller_emvs.evidence import _kernels, _meet_kernels, _peak_kernels
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from roller_emvs.evidence.relief import enlarge
-from roller_emvs.bands import sort_into_bands
 
 HEIGHT, WIDTH = 32, 48
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
     except CoverageError as error:
         raise CalibrationError(str(error)) from error
     values, after = search.grid.values(choice), search.table.figures(choice)
-    old = {name: plain(getattr(settings, name)) for name in values}
+    old = {name: plain(attrgetter(name)(settings)) for name in values}
     border = search.grid.at_border(choice)
     lines = []
     if before.coverage >= least and after.error_m > (1 - _LEAST_GAIN) * before.error_m:
