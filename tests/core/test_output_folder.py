@@ -11,7 +11,13 @@ from pathlib import Path
 import pytest
 
 from roller_core.errors import UnwritableOutputError
-from roller_core.output_folder import MARK, OutputFolder, refuse_overlap, release_reserve
+from roller_core.output_folder import (
+    MARK,
+    OutputFolder,
+    refuse_overlap,
+    release_reserve,
+    write_marked_file,
+)
 
 FILES = {"report.json": "first", "result/bag.mcap": "messages"}
 
@@ -214,3 +220,15 @@ def test_the_reserve_is_given_back_once(tmp_path: Path) -> None:
         fill(output.partial, FILES)
     release_reserve(tmp_path / "out")
     assert contents(tmp_path / "out") == FILES
+
+
+def test_a_single_file_replaces_only_one_of_ours(tmp_path: Path) -> None:
+    path = tmp_path / "sphere.yaml"
+    for n in (1, 2):
+        write_marked_file(path, f"# roller calibrate\n{n}", "# roller calibrate")
+    assert contents(tmp_path) == {"sphere.yaml": "# roller calibrate\n2"}
+    fill(tmp_path, {"mine.yaml": "emvs: {}"})
+    with pytest.raises(UnwritableOutputError, match="so it stays; the results are in"):
+        write_marked_file(tmp_path / "mine.yaml", "# roller calibrate", "# roller calibrate")
+    assert contents(tmp_path)["mine.yaml"] == "emvs: {}"
+    assert "# roller calibrate" in contents(tmp_path).values()

@@ -7,7 +7,6 @@ want to know; no node has that name, so it changes nothing.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -16,11 +15,14 @@ from typing import Any
 import yaml
 
 from .camera import Camera, CameraError, OtherCameraError
-from .errors import RollerError, SettingsError, UnwritableOutputError
+from .errors import RollerError, SettingsError
+from .output_folder import write_marked_file
 from .settings import nested, node_name, read_parameters, read_sections
 
 #: Section of the account, and version of its form.
 SECTION, VERSION = "calibration", 1
+#: How every calibration file begins: no other file is ever replaced.
+_MARK = "# roller calibrate"
 #: Nodes that look at the camera their parameters were found with.
 _CAREFUL = ("emvs", "surface", "braille")
 
@@ -123,7 +125,7 @@ def write_calibration(
     Raises
     ------
     UnwritableOutputError
-        If it can't be written.
+        If it can't be written, or if a file that no calibration wrote stands there.
     """
     sections: dict[str, Any] = _sections(base) if base else {}
     for node, values in {**parameters, SECTION: {kind: dict(record)}}.items():
@@ -132,7 +134,7 @@ def write_calibration(
             size = [float(camera["width"]), float(camera["height"])]
             sections[node]["calibrated_camera"] = size + camera["intrinsics"] + camera["distortion"]
     head = [
-        f"# roller calibrate {kind}, {record['date']}",
+        f"{_MARK} {kind}, {record['date']}",
         *(f"# {line}" for line in told),
         f"# from {', '.join(record['data'])}",
         *([f"# skin: {record['skin']}"] if record["skin"] else []),
@@ -140,13 +142,7 @@ def write_calibration(
     ]
     content = {_key(node): {"ros__parameters": values} for node, values in sections.items()}
     body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        part.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
+    write_marked_file(path, "\n".join(head) + "\n" + body, _MARK)
 
 
 def read_account(path: Path, kind: str) -> dict[str, Any] | None:
