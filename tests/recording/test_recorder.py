@@ -91,9 +91,9 @@ class Slow(BagWriter):
         super().__init__(path, KINDS)
         self.go = threading.Event()
 
-    def write(self, message: RawMessage) -> None:
+    def write(self, topic: str, t_ns: int, data: bytes | memoryview) -> None:
         self.go.wait()
-        super().write(message)
+        super().write(topic, t_ns, data)
 
 
 def test_what_the_queue_refuses_is_counted_and_the_rest_is_written(tmp_path: Path) -> None:
@@ -168,8 +168,8 @@ def flushed_often(monkeypatch: pytest.MonkeyPatch, every: int = 5) -> None:
     write = BagWriter.write
     count = [0]
 
-    def write_and_flush(self: BagWriter, message: RawMessage) -> None:
-        write(self, message)
+    def write_and_flush(self: BagWriter, topic: str, t_ns: int, data: bytes) -> None:
+        write(self, topic, t_ns, data)
         count[0] += 1
         if count[0] % every == 0:
             self.flush()
@@ -201,7 +201,7 @@ def test_an_index_that_has_no_room(tmp_path: Path) -> None:
     messages = sent()
     writer = BagWriter(tmp_path / "bag", KINDS)
     for message in messages:
-        writer.write(message)
+        writer.write(message.topic, message.t_ns, message.data)
     writer.flush()
     with (
         file_size_limit(writer.bytes_written + 100),
@@ -263,7 +263,7 @@ def test_a_process_that_is_killed_leaves_all_but_the_last_chunk(tmp_path: Path) 
 
 
 def test_output_that_is_there_or_cannot_be(tmp_path: Path) -> None:
-    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "mine").mkdir(parents=True)
     with pytest.raises(UnwritableOutputError, match="is there already"):
         BagWriter(tmp_path / "bag", KINDS)
     (tmp_path / "file").write_text("in the way")

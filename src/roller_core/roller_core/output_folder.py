@@ -9,6 +9,7 @@ writer out.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import json
@@ -32,6 +33,8 @@ _FORMAT = 1
 _RESERVE_BYTES = 8_000_000
 #: Files up to this size are compared by content, larger ones by size.
 _COMPARED_BYTES = 1_000_000
+#: What a disk says that takes no more.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 _WAY_OUT = "give another --output"
 
 
@@ -119,6 +122,10 @@ class OutputFolder:
         try:
             if kind is None:
                 self.publish()
+            elif isinstance(value, OSError) and value.errno in _FULL:
+                raise UnwritableOutputError(
+                    f"{self._shown}: results can't be written there ({value.strerror})"
+                ) from value
         finally:
             self._leave()
 
@@ -291,7 +298,8 @@ def write_marked_file(path: Path, text: str, mark: str) -> None:
             )
         os.replace(part, path)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink()
         raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
 
 

@@ -44,29 +44,50 @@ class PlyWriter:
         head = "\n".join([*lines, "element vertex "])
         names = [f"property double {n}" for n in ("x", "y", "z")]
         names += [f"property float {n}" for n in properties]
+        self._path = path
+        self._end = 0
         try:
-            self._file = open(path, "wb")  # noqa: SIM115 (closed by close)
+            self._file = open(path, "wb", buffering=0)  # noqa: SIM115 (closed by close)
+            self._append(head.encode())
+            self._count_at = self._end
+            self._append(
+                (f"{0:<{_COUNT_WIDTH}}\n" + "\n".join([*names, "end_header"]) + "\n").encode()
+            )
         except OSError as error:
             raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
-        self._file.write(head.encode())
-        self._count_at = self._file.tell()
-        self._file.write(
-            (f"{0:<{_COUNT_WIDTH}}\n" + "\n".join([*names, "end_header"]) + "\n").encode()
-        )
 
     def write(self, points: npt.NDArray[np.float64], *properties: npt.NDArray[np.float32]) -> None:
-        """Append points, shape (n, 3), and their properties, each shape (n,)."""
+        """Append points, shape (n, 3), and their properties, each shape (n,).
+
+        Raises
+        ------
+        UnwritableOutputError
+            If the disk doesn't take them; the file then ends with the patch before.
+        """
         if not len(points):
             return
         rows = np.empty(len(points), self._kind)
         names = self._kind.names or ()
         for name, column in zip(names, [*points.T, *properties], strict=True):
             rows[name] = column
-        self._file.write(rows.tobytes())
+        try:
+            self._append(rows.tobytes())
+        except OSError as error:
+            self._file.truncate(self._end)
+            raise UnwritableOutputError(
+                f"{self._path}: can't be written ({error.strerror})"
+            ) from error
         self.count += len(points)
         self._file.seek(self._count_at)
         self._file.write(f"{self.count:<{_COUNT_WIDTH}}".encode())
-        self._file.seek(0, 2)
+
+    def _append(self, data: bytes) -> None:
+        """Write at the end; a full disk takes part of it before it says so."""
+        self._file.seek(self._end)
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
+        self._end += len(data)
 
     def close(self) -> None:
         """Finish the file."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from roller_braille.cells import Cell
 from roller_core.errors import RollerError, UnwritableOutputError
+from roller_core.output_folder import release_reserve
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
@@ -55,7 +56,7 @@ def replay(
     Raises
     ------
     UnwritableOutputError
-        If results can't be written.
+        If no results can be written; a disk that gets full is a fault in the report.
     """
     writer = ResultWriter(
         output,
@@ -79,7 +80,7 @@ def replay(
     delay_s = (settings.surface if surface else settings.depth).event_delay_s
     tally = (SurfaceTally if surface else TruthTally).beside(source, delay_s)
     run = _Run(inspection, writer, report, tally)
-    begin = time.perf_counter()
+    begin, full = time.perf_counter(), False
     try:
         for step in recording.steps():
             for fault in step.faults:
@@ -92,8 +93,11 @@ def replay(
                 progress(step.progress)
         run.collect_what_goes(flush=True)
         run.compare_clocks(recording, source)
+    except UnwritableOutputError as error:
+        report.add_fault(error)
+        full = True
     finally:
-        run.finish(recording, time.perf_counter() - begin)
+        run.finish(recording, time.perf_counter() - begin, full)
     return report
 
 
@@ -164,8 +168,14 @@ class _Run:
                 self._cells += 1
                 self._writer.write_cell(found, self._lines())
 
-    def finish(self, recording: Recording, spent_s: float) -> None:
-        self._writer.write_patch(self._inspection.finish())
+    def finish(self, recording: Recording, spent_s: float, full: bool) -> None:
+        """Write what is left and the account of all; a full disk takes only the latter."""
+        try:
+            if not full:
+                self._writer.write_patch(self._inspection.finish())
+        except UnwritableOutputError as error:
+            self._report.add_fault(error)
+        release_reserve(self._writer.folder)
         braille = self._inspection.braille
         code = self._inspection.settings.braille.code
         self._writer.close(braille.lines() if braille is not None else [], code)

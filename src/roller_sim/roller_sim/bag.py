@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from rosbags.interfaces import (
-    Connection,
     Qos,
     QosDurability,
     QosHistory,
@@ -17,11 +16,12 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
+from roller_core.bag_writer import BagWriter
 from roller_core.bags import EVENT_PACKET, typestore
 from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
+from roller_core.output_folder import release_reserve
 from roller_core.transforms import matrix_to_quaternion
 
 from .cell import Packet, Picture, PoseSample, VirtualCell
@@ -170,34 +170,20 @@ def write_bag(
     Raises
     ------
     UnwritableOutputError
-        If the folder holds something or can't be made.
+        If the folder holds something or can't be made, or if the disk gets full; what was
+        written before is then whole.
     """
     path = Path(path)
     messages = _Messages(cell)
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise UnwritableOutputError(f"{path} is there already; give another output folder")
-    try:
-        if path.exists():
-            path.rmdir()  # the library makes its own
-        writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-        writer.open()
-    except (OSError, WriterError) as error:
-        raise UnwritableOutputError(f"{path}: can't write a bag there ({error})") from error
+    writer = BagWriter(path, TOPICS)
     counts = {Packet: 0, PoseSample: 0, Picture: 0}
+
+    def put(topic: str, arrival_ns: int, message: Any) -> None:
+        data = messages.store.serialize_cdr(message, TOPICS[topic][0])
+        writer.write(topic, arrival_ns, data)
+
     try:
-        connections = {
-            topic: writer.add_connection(
-                topic, kind, typestore=messages.store, offered_qos_profiles=qos
-            )
-            for topic, (kind, qos) in TOPICS.items()
-        }
-
-        def put(topic: str, arrival_ns: int, message: Any) -> None:
-            connection: Connection = connections[topic]
-            writer.write(
-                connection, arrival_ns, messages.store.serialize_cdr(message, connection.msgtype)
-            )
-
+        writer.declare_all()
         start = cell.truth.start_ros_ns
         put("/event_camera/camera_info", start, messages.camera_info(start))
         rotation = matrix_to_quaternion(cell.hand_eye[:3, :3])
@@ -216,7 +202,11 @@ def write_bag(
                 put("/event_camera/image_raw", item.arrival_ns, messages.image(item))
             if progress is not None:
                 progress(cell.progress)
+        writer.flush()
+    except OSError as error:
+        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
     finally:
+        release_reserve(path)
         writer.close()
     return BagSummary(
         path,

@@ -7,17 +7,14 @@ from typing import Any
 
 import numpy as np
 from rclpy.serialization import serialize_message
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.rosbag2.errors import WriterError
 from visualization_msgs.msg import MarkerArray
 
 from roller_braille.cells import Cell
 from roller_braille.messages import cell_markers, cell_message, text_message
 from roller_braille.reader_settings import Spacing
-from roller_core.bags import bag_qos, typestore
+from roller_core.bag_writer import BagWriter
+from roller_core.bags import bag_qos
 from roller_core.camera import Camera
-from roller_core.errors import UnwritableOutputError
 from roller_emvs.depth_map import DepthMap, pinhole
 from roller_emvs.messages import surface_message
 from roller_emvs.patch import Patch
@@ -63,23 +60,16 @@ class ResultBag:
         self._base_frame = base_frame
         self._spacing = spacing
         self._cells = 0
-        try:
-            self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-            # Depth images are mostly NaN: a tenth of their size when compressed.
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-            self._writer.open()
-        except (OSError, WriterError) as error:
-            raise UnwritableOutputError(f"{path}: can't be written ({error})") from error
-        store = typestore()
-        self._connections: dict[str, Connection] = {
-            topic: self._writer.add_connection(
-                topic,
-                kind,
-                typestore=store,
-                offered_qos_profiles=bag_qos(50, reliable=True, latched=topic in _LATCHED),
-            )
-            for topic, kind in _TYPES.items()
-        }
+        # Depth images are mostly NaN: a tenth of their size when compressed.
+        self._writer = BagWriter(
+            path,
+            {
+                topic: (kind, bag_qos(50, reliable=True, latched=topic in _LATCHED))
+                for topic, kind in _TYPES.items()
+            },
+            compress=True,
+        )
+        self._writer.declare_all()
 
     def write_depth(self, found: DepthMap) -> None:
         """Depth image, confidence and camera_info at the window's reference time."""
@@ -104,10 +94,15 @@ class ResultBag:
         self._put("/roller/braille/markers", t, MarkerArray(markers=markers))
 
     def close(self) -> None:
-        """Finish the bag."""
+        """Finish the bag.
+
+        Raises
+        ------
+        BagFullError
+            If the disk doesn't take its end; what was written before is readable.
+        """
+        self._writer.flush()
         self._writer.close()
 
     def _put(self, topic: str, t_ns: int, message: Any) -> None:
-        self._writer.write(
-            self._connections[topic], int(np.int64(t_ns)), serialize_message(message)
-        )
+        self._writer.write(topic, int(np.int64(t_ns)), serialize_message(message))

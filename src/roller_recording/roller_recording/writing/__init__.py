@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from roller_core.bag_writer import BagWriter
 from roller_recording.raw_message import RawMessage
 
-from .bag_writer import BagWriter
 from .losses import Losses, Progress
 from .recorder import Recorder
 

@@ -8,11 +8,11 @@ import traceback
 from collections import Counter
 from collections.abc import Collection, Sequence
 
+from roller_core.bag_writer import BagFullError, BagWriter
 from roller_core.codecs import CodecError, RawPacket, count_events
 from roller_core.errors import RollerError
 from roller_recording.raw_message import RawMessage
 
-from .bag_writer import BagFullError, BagWriter
 from .losses import Losses, Progress
 from .queue import ByteQueue
 
@@ -150,7 +150,7 @@ class Recorder:
             message = self._queue.get(0.1)
             if message is not None:
                 self._written_ns = message.t_ns
-                self._writer.write(message)
+                self._writer.write(message.topic, message.t_ns, message.data)
                 self._count(message)
             self._writer.tick()
             if not self._writer.pending:

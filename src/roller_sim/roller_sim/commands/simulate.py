@@ -10,6 +10,7 @@ import yaml
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from roller_core.bag_writer import BagFullError
 from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
 from roller_core.settings import read_parameters
@@ -123,7 +124,13 @@ def run(args: argparse.Namespace) -> int:
     ):
         cell = VirtualCell(settings)
         task = bar.add_task("", total=1.0, scene=settings.scene.name)
-        summary = write_bag(cell, output.partial, lambda share: bar.update(task, completed=share))
+        try:
+            summary = write_bag(
+                cell, output.partial, lambda share: bar.update(task, completed=share)
+            )
+        except BagFullError:
+            output.publish()  # what is there is whole
+            raise
     speed = cell.settings.motion.speed
     print(
         f"{args.output}: {summary.events} events in {summary.packets} packets, "

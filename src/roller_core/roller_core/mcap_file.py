@@ -1,12 +1,13 @@
 """MCAP storage that is readable up to the last whole chunk, whatever ends the writing.
 
 `rosbags` writes the format. What is added here: a chunk reaches the file in one piece or not at
-all, and a chunk can be closed before it is full.
+all, has a checksum, and can be closed before it is full.
 """
 
 from __future__ import annotations
 
 import os
+import zlib
 from collections import deque
 from itertools import islice
 from pathlib import Path
@@ -16,11 +17,13 @@ import zstandard
 from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2.storage_mcap import McapWriter
 
+#: Where a chunk's record has its checksum, bytes.
+_CRC = slice(24, 28)
 #: Pieces that the operating system takes at once.
 _PARTS = 512
 
 
-class WholeFile:
+class AtomicFile:
     """A file to which what was written since the last flush goes whole or not at all.
 
     Parameters
@@ -32,13 +35,13 @@ class WholeFile:
     def __init__(self, path: Path) -> None:
         self._fd = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
         self._size = os.fstat(self._fd).st_size
-        self._parts: list[bytes | memoryview] = []
+        self.parts: list[bytes | memoryview] = []
         self._pending = 0
         self.closed = False
 
     def write(self, data: bytes | memoryview) -> int:
         """Keep data for the next flush; they must not change until then."""
-        self._parts.append(data)
+        self.parts.append(data)
         self._pending += len(data)
         return len(data)
 
@@ -54,8 +57,8 @@ class WholeFile:
         OSError
             If it doesn't fit; the file is then as it was before.
         """
-        rest = deque(memoryview(part) for part in self._parts)
-        size, self._parts, self._pending = self._pending, [], 0
+        rest = deque(memoryview(part) for part in self.parts)
+        size, self.parts, self._pending = self._pending, [], 0
         try:
             while rest:
                 written = os.writev(self._fd, list(islice(rest, _PARTS)))
@@ -83,7 +86,7 @@ class WholeFile:
 
     def discard(self) -> None:
         """Close without what waits."""
-        self._parts, self._pending = [], 0
+        self.parts, self._pending = [], 0
         self.close()
 
 
@@ -96,12 +99,12 @@ class WholeMcapWriter(McapWriter):
         Messages by connection of a chunk that the disk didn't take.
     """
 
-    bio: Any  # WholeFile does what McapWriter needs of a file
+    bio: Any  # AtomicFile does what McapWriter needs of a file
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         self.bio.close()
-        self.bio = WholeFile(self.path)
+        self.bio = AtomicFile(self.path)
         if self.compression:
             # At this level a core compresses more than the fastest sensor sends.
             self.compressor = zstandard.ZstdCompressor(level=1).compress
@@ -121,7 +124,10 @@ class WholeMcapWriter(McapWriter):
             If the disk doesn't take it; the file then ends with the chunk before.
         """
         counts = {cid: len(messages) for cid, messages in self.chunk.msgs.items()}
+        checksum, first = zlib.crc32(self.chunk.bio.getbuffer()), len(self.bio.parts)
         super().close_chunk()
+        # The library leaves it zero, which stands for none; before the body are opcode and length.
+        self.bio.parts[first + 2][_CRC] = checksum.to_bytes(4, "little")
         try:
             self.bio.flush()
         except OSError:

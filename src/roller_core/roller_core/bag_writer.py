@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 
@@ -13,10 +14,8 @@ from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 
-from roller_core.bags import typestore
-from roller_core.errors import UnwritableOutputError
-from roller_recording.raw_message import RawMessage
-
+from .bags import typestore
+from .errors import UnwritableOutputError
 from .mcap_file import WholeMcapWriter
 
 #: A chunk is closed after this, s; a process that is killed loses no more.
@@ -47,7 +46,7 @@ class BagWriter:
     Parameters
     ----------
     path : path
-        Bag folder to make.
+        Bag folder to make; may be there if it is empty.
     topics : mapping
         Type, such as ``tf2_msgs/msg/TFMessage``, and offered quality of service by topic.
     compress : bool
@@ -58,7 +57,7 @@ class BagWriter:
     Raises
     ------
     UnwritableOutputError
-        If the folder exists or can't be made, or if the disk is full already.
+        If the folder holds something or can't be made, or if the disk is full already.
     """
 
     def __init__(
@@ -68,20 +67,23 @@ class BagWriter:
         compress: bool = False,
         keep_free_bytes: int = 0,
     ) -> None:
-        if path.exists():
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise UnwritableOutputError(f"{path}: is there already; give another output")
         self.path = path
         self._topics = topics
         self._keep_free = keep_free_bytes
         self._store = typestore()
         self._connections: dict[str, Connection] = {}
-        self._writer = _Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-        if compress:
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         try:
+            if path.exists():
+                path.rmdir()  # the library makes its own
+            self._writer = _Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+            if compress:
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             path.parent.mkdir(parents=True, exist_ok=True)
             self._writer.open()
         except (OSError, WriterError) as error:
+            self._remove_empty()
             raise UnwritableOutputError(f"{path}: can't be written ({error})") from error
         assert isinstance(self._writer.storage, WholeMcapWriter)
         self._storage = self._writer.storage
@@ -115,8 +117,13 @@ class BagWriter:
         """Arrival of the first message, ns."""
         return self._writer.min_timestamp if self._connections else None
 
-    def write(self, message: RawMessage) -> None:
-        """Write a message.
+    def declare_all(self) -> None:
+        """Declare all topics now, so that those without a message are in the bag too."""
+        for topic in self._topics:
+            self._declare(topic)
+
+    def write(self, topic: str, t_ns: int, data: bytes | memoryview) -> None:
+        """Write a serialized message with the time at which it came, ns.
 
         Raises
         ------
@@ -124,11 +131,11 @@ class BagWriter:
             If the disk takes no more; the messages of the chunk that didn't fit are gone from
             `counts`.
         """
-        connection = self._connections.get(message.topic) or self._declare(message.topic)
+        connection = self._connections.get(topic) or self._declare(topic)
         if not self.pending:
             self._chunk_since = time.monotonic()
         try:
-            self._writer.write(connection, message.t_ns, message.data)
+            self._writer.write(connection, t_ns, data)
         except OSError as error:
             # The library counts a message once it is written.
             self._writer.counts[connection.id] += 1
@@ -183,12 +190,12 @@ class BagWriter:
             if not self._file.closed:
                 self._file.sync()
 
-    def close(self, notes: Mapping[str, str]) -> None:
+    def close(self, notes: Mapping[str, str] | None = None) -> None:
         """Write index and metadata; `flush` comes first.
 
         Parameters
         ----------
-        notes : mapping
+        notes : mapping, optional
             Goes to the metadata as `custom_data`.
 
         Raises
@@ -196,7 +203,7 @@ class BagWriter:
         BagFullError
             If they don't fit; the messages are then still readable.
         """
-        for key, value in notes.items():
+        for key, value in (notes or {}).items():
             self._writer.set_custom_data(key, value)
         with self._file_lock:
             try:
@@ -229,5 +236,7 @@ class BagWriter:
         )
 
     def _remove_empty(self) -> None:
-        self._storage.path.unlink(missing_ok=True)
-        self.path.rmdir()
+        """Leave no folder without a message, which would only block its name."""
+        with suppress(OSError):
+            (self.path / f"{self.path.name}.mcap").unlink(missing_ok=True)
+            self.path.rmdir()
