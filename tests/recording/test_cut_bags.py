@@ -42,12 +42,12 @@ class Chunked:
         Where each chunk itself ends.
     """
 
-    def __init__(self, folder: Path, messages: list[RawMessage]) -> None:
-        writer = BagWriter(folder / "bag", KINDS)
+    def __init__(self, folder: Path, messages: list[RawMessage], compress: bool = False) -> None:
+        writer = BagWriter(folder / "bag", KINDS, compress)
         self.ends: list[int] = []
         starts = [writer.bytes_written]
         for k, message in enumerate(messages):
-            writer.write(message)
+            writer.write(message.topic, message.t_ns, message.data)
             if k % 4 == 3 or k == len(messages) - 1:
                 writer.flush()
                 self.ends.append(writer.bytes_written)
@@ -135,7 +135,7 @@ def test_a_broken_chunk_in_a_cut_file_costs_that_chunk(
 ) -> None:
     writer = BagWriter(tmp_path / "bag", KINDS, compress=True)
     for k, message in enumerate(messages[:40]):
-        writer.write(message)
+        writer.write(message.topic, message.t_ns, message.data)
         if k % 4 == 3:
             writer.flush()
         if k == 19:
@@ -278,3 +278,43 @@ def test_metadata_that_are_missing_or_stale_cost_nothing(
     data, faults = read(bag)
     assert sorted(data) == sorted(m.data for m in messages)
     assert faults == []
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_damaged_chunk_is_named_and_what_is_behind_it_is_read(
+    compress: bool, messages: list[RawMessage], tmp_path: Path, capsys: Capture
+) -> None:
+    bag = Chunked(tmp_path, messages, compress)
+    file = tmp_path / "bag" / "bag.mcap"
+    assert main(["info", "--check", str(file.parent)]) == 0
+    assert "95 messages are read and decoded" in capsys.readouterr().out
+    damaged = bytearray(bag.data)
+    damaged[bag.ends[9] + 200] ^= 16  # in the middle of the eleventh chunk
+    file.write_bytes(damaged)
+    data, (fault,) = read(file.parent)
+    assert data == [m.data for m in messages[:40] + messages[44:]]
+    assert f"the chunk at byte {bag.ends[9]} is damaged" in fault
+    assert "its messages from 0.034 to 0.037 s are lost" in fault
+    for words in (["info"], ["info", "--check"], ["replay", "--output", str(tmp_path / "out")]):
+        assert main([*words, str(file.parent)]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line == f"error: {fault}"
+
+
+def test_check_holds_the_index_against_the_file(
+    chunked: Chunked, tmp_path: Path, capsys: Capture
+) -> None:
+    bag = write_bag(tmp_path / "bag")  # by the library, which writes no checksums
+    assert main(["info", "--check", str(bag)]) == 0
+    out = capsys.readouterr().out
+    assert "have no checksum; damage in them can go unseen" in out
+    # A chunk that is missing in the index.
+    path = tmp_path / "x.mcap"
+    damaged = bytearray(chunked.data)
+    (offset,) = struct.unpack_from("<Q", chunked.data, len(chunked.data) - 28)
+    while damaged[offset] != 8:
+        offset += 9 + struct.unpack_from("<Q", damaged, offset + 1)[0]
+    damaged[offset] = 0x80  # an opcode that readers pass over
+    path.write_bytes(damaged)
+    assert main(["info", "--check", str(path)]) == 1
+    assert "messages of /event_camera/events; there are" in capsys.readouterr().err

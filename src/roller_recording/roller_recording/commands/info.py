@@ -16,6 +16,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("input", type=Path, metavar="INPUT", help="rosbag2 or AEDAT4 file")
     parser.add_argument("--topic", metavar="NAME", help="count only the events of this topic (all)")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="decode every message, look at every checksum, and say what is lost; the exit code is "
+        "1 if anything is damaged",
+    )
     parser.set_defaults(run=run)
 
 
@@ -29,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from roller_recording.reading.summary import summarise
 
-    census = summarise(args.input, args.topic)
+    census = summarise(args.input, args.topic, args.check)
     for line in census.lines():
         print(line)
     for fault in census.faults:

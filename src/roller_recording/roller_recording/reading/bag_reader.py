@@ -14,7 +14,7 @@ from .bag_folder import BagFolder
 from .base import MalformedRecordingError, RecordingError
 from .mcap_scan import McapScan
 from .sqlite_scan import SqliteScan, has_journal
-from .storage import MCAP, SQLITE, Storage, WholeFile
+from .storage import MCAP, SQLITE, ScannedFile, Storage, WholeFile
 
 __all__ = ["BagReader", "RawMessage"]
 
@@ -96,6 +96,37 @@ class BagReader:
                     item = _unpacked(item, storage.shown)
                 yield item
 
+    def check(self, read: Counter[str]) -> tuple[list[RecordingError], list[str]]:
+        """Read the files once more, without their index: what is wrong, and what can't be seen.
+
+        Parameters
+        ----------
+        read : Counter
+            Messages by topic that `messages` gave.
+        """
+        there: Counter[str] = Counter()
+        faults, notes = [], []
+        for storage in self._storages:
+            scan = storage
+            if not isinstance(scan, ScannedFile):
+                scan = _scanned(storage.path, storage.shown)
+                faults += scan.faults
+            there.update(scan.counts)
+            if scan.unchecked:
+                notes.append(
+                    f"{storage.shown.name}: {scan.unchecked} {scan.unit} have no checksum; "
+                    "damage in them can go unseen"
+                )
+        faults += [
+            RecordingError(
+                f"bag {self.path}: the index leads to {read[topic]} messages of {topic}; "
+                f"there are {there[topic]}"
+            )
+            for topic in sorted(there)
+            if there[topic] != read[topic]
+        ]
+        return faults, notes
+
     def progress(self, log_ns: int) -> float:
         """Share of the recording up to a log time, 0–1."""
         if self.duration_s <= 0:
@@ -110,7 +141,11 @@ def _open(file: Path, shown: Path) -> Storage:
     try:
         return WholeFile(file, shown)
     except Exception:  # whatever the library meets in a damaged file
-        return McapScan(file, shown) if file.suffix == MCAP else SqliteScan(file, shown)
+        return _scanned(file, shown)
+
+
+def _scanned(file: Path, shown: Path) -> ScannedFile:
+    return McapScan(file, shown) if file.suffix == MCAP else SqliteScan(file, shown)
 
 
 def _unpacked(message: RawMessage, file: Path) -> RawMessage | RecordingError:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
 from roller_recording.raw_message import RawMessage
 
-from .base import RecordingError, TruncatedRecordingError
-from .storage import Storage, reason
+from .base import RecordingError
+from .storage import BreaksOffError, Items, ScannedFile, reason
 
 _SIDECARS = ("-journal", "-wal")
 
@@ -24,7 +23,7 @@ def has_journal(path: Path) -> bool:
     return any(file.is_file() and file.stat().st_size > 0 for file in beside)
 
 
-class SqliteScan(Storage):
+class SqliteScan(ScannedFile):
     """A SQLite bag row by row, in the order they were written.
 
     A database that wasn't closed is brought into order in a copy, not in place.
@@ -36,20 +35,12 @@ class SqliteScan(Storage):
     """
 
     def __init__(self, path: Path, shown: Path | None = None) -> None:
-        super().__init__(path, shown)
-        self._database = path
         self._unclosed = has_journal(path)
-        if self._unclosed:
-            self._database = self._copy()
-        self._survey(self._read(None))
+        self._database = self._copy(path, shown or path) if self._unclosed else path
+        super().__init__(path, shown)
+        self.unchecked = self.counts.total()
 
-    def messages(self, topics: set[str]) -> Iterator[RawMessage | RecordingError]:
-        """Messages of some topics; a fault, if any, comes last."""
-        yield from self._read(topics)
-
-    def _read(self, topics: set[str] | None) -> Iterator[RawMessage | RecordingError]:
-        count, start_ns, last_ns = 0, None, 0
-        fault = "was not closed" if self._unclosed else ""
+    def _contents(self) -> Items:
         try:
             with closing(self._connect()) as database:
                 names = {
@@ -61,21 +52,13 @@ class SqliteScan(Storage):
                     "SELECT topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id"
                 )
                 for topic_id, log_ns, data in rows:
-                    if topic_id not in names:
-                        continue
-                    count, last_ns = count + 1, max(last_ns, log_ns)
-                    start_ns = last_ns if start_ns is None else start_ns
-                    name, kind = names[topic_id]
-                    if topics is None or name in topics:
+                    if topic_id in names:
+                        name, kind = names[topic_id]
                         yield RawMessage(log_ns, name, bytes(data), kind)
         except (sqlite3.Error, OverflowError, TypeError) as error:
-            fault = f"breaks off ({reason(error)})"
-        if fault:
-            span_s = (last_ns - (start_ns or 0)) * 1e-9
-            yield TruncatedRecordingError(
-                f"bag {self.shown}: {fault} after {span_s:.3f} s; "
-                f"the {count} messages before are read"
-            )
+            raise BreaksOffError(f"breaks off ({reason(error)})") from error
+        if self._unclosed:
+            raise BreaksOffError("was not closed")
 
     def _connect(self) -> sqlite3.Connection:
         if self._unclosed:
@@ -85,18 +68,18 @@ class SqliteScan(Storage):
         database.execute("PRAGMA writable_schema=ON")
         return database
 
-    def _copy(self) -> Path:
+    def _copy(self, path: Path, shown: Path) -> Path:
         self._folder = tempfile.TemporaryDirectory(prefix="roller-")
-        copy = Path(self._folder.name) / self.path.name
+        copy = Path(self._folder.name) / path.name
         try:
-            shutil.copyfile(self.path, copy)
+            shutil.copyfile(path, copy)
             for suffix in _SIDECARS:
-                beside = self.path.with_name(self.path.name + suffix)
+                beside = path.with_name(path.name + suffix)
                 if beside.is_file():
                     shutil.copyfile(beside, copy.with_name(copy.name + suffix))
         except OSError as error:
             raise RecordingError(
-                f"bag {self.shown}: was not closed, and can't be copied to {copy.parent} to be "
+                f"bag {shown}: was not closed, and can't be copied to {copy.parent} to be "
                 f"brought into order ({error.strerror}); set TMPDIR to a folder with room"
             ) from error
         return copy

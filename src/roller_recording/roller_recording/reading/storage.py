@@ -6,19 +6,23 @@ by record (MCAP) or row by row (SQLite) up to where it breaks off.
 
 from __future__ import annotations
 
+import heapq
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from rosbags.interfaces import ConnectionExtRosbag2
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, msgsrc
 
 from roller_recording.raw_message import RawMessage
 
-from .base import RecordingError, TruncatedRecordingError
+from .base import MalformedRecordingError, RecordingError, TruncatedRecordingError
 
 MCAP, SQLITE = ".mcap", ".db3"
+
+Items = Iterator[RawMessage | RecordingError]
 
 
 class Storage(ABC):
@@ -53,24 +57,70 @@ class Storage(ABC):
         self.faults: list[RecordingError] = []
 
     @abstractmethod
-    def messages(self, topics: set[str]) -> Iterator[RawMessage | RecordingError]:
+    def messages(self, topics: Collection[str]) -> Items:
         """Messages of some topics, and what is wrong where it is met."""
 
-    def _see(self, message: RawMessage) -> None:
-        """Take a message into account."""
-        self.topics.setdefault(message.topic, message.type)
-        self.counts[message.topic] += 1
-        log_ns = message.t_ns
-        self.start_ns = log_ns if self.start_ns is None else min(self.start_ns, log_ns)
-        self.end_ns = log_ns if self.end_ns is None else max(self.end_ns, log_ns)
 
-    def _survey(self, contents: Iterator[RawMessage | RecordingError]) -> None:
-        """Take in all that a damaged file holds, and where it breaks off."""
-        for item in contents:
+class BreaksOffError(Exception):
+    """A file ends before it should: how, and whether that costs messages."""
+
+    def __init__(self, how: str, in_index: bool = False) -> None:
+        super().__init__(how)
+        self.in_index = in_index
+
+
+class ScannedFile(Storage):
+    """A file that is read from its beginning, in the order it was written, as far as it goes.
+
+    Attributes
+    ----------
+    unchecked : int
+        Pieces without a checksum, in which damage may go unseen.
+    unit : str
+        What a piece is.
+    """
+
+    unchecked = 0
+    unit = "messages"
+
+    def __init__(self, path: Path, shown: Path | None = None) -> None:
+        super().__init__(path, shown)
+        for item in self._read(None):
             if isinstance(item, RecordingError):
                 self.faults.append(item)
+                continue
+            self.topics.setdefault(item.topic, item.type)
+            self.counts[item.topic] += 1
+            self.start_ns = min(item.t_ns, self.start_ns or item.t_ns)
+            self.end_ns = max(item.t_ns, self.end_ns or item.t_ns)
+
+    def messages(self, topics: Collection[str]) -> Items:
+        """Messages of some topics; what is broken is passed over with a fault each."""
+        yield from self._read(topics)
+
+    @abstractmethod
+    def _contents(self) -> Items:
+        """All messages; raises BreaksOffError where the file ends too early."""
+
+    def _read(self, topics: Collection[str] | None) -> Items:
+        count, start_ns, last_ns = 0, None, 0
+        try:
+            for item in self._contents():
+                if isinstance(item, RawMessage):
+                    count, last_ns = count + 1, max(last_ns, item.t_ns)
+                    start_ns = last_ns if start_ns is None else start_ns
+                    if topics is not None and item.topic not in topics:
+                        continue
+                yield item
+        except BreaksOffError as end:
+            if end.in_index:
+                what = f" in the index; all {count} messages are read"
+            elif count:
+                span_s = (last_ns - (start_ns or 0)) * 1e-9
+                what = f" after {span_s:.3f} s; the {count} messages before are read"
             else:
-                self._see(item)
+                what = " before the first message; nothing is read"
+            yield TruncatedRecordingError(f"bag {self.shown}: {end}{what}")
 
 
 class WholeFile(Storage):
@@ -99,8 +149,8 @@ class WholeFile(Storage):
             if reader.message_count:
                 self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
 
-    def messages(self, topics: set[str]) -> Iterator[RawMessage | RecordingError]:
-        """Messages of some topics; a fault, if any, comes last."""
+    def messages(self, topics: Collection[str]) -> Items:
+        """Messages of some topics; a chunk that is damaged is left out, with a fault."""
         yield from self.faults
         last_ns = self.start_ns or 0
         try:
@@ -110,6 +160,10 @@ class WholeFile(Storage):
                 ]
                 if not wanted:
                     return
+                storage = reader.storage
+                if isinstance(storage, McapReader) and storage.chunks:
+                    yield from self._by_chunks(storage, wanted)
+                    return
                 for connection, log_ns, data in reader.messages(wanted):
                     yield RawMessage(log_ns, connection.topic, bytes(data), connection.msgtype)
                     last_ns = log_ns
@@ -117,6 +171,43 @@ class WholeFile(Storage):
             yield TruncatedRecordingError(
                 f"bag {self.shown}: breaks off {(last_ns - (self.start_ns or 0)) * 1e-9:.3f} s "
                 f"after its start ({reason(error)}); what came before is kept"
+            )
+
+    def _by_chunks(self, reader: McapReader, wanted: list[Connection]) -> Items:
+        """Messages in the order of log times, over chunks that may overlap."""
+        channels = {c.id: c for c in wanted}
+        chunks = [c for c in reader.chunks if any(c.channel_count.get(i) for i in channels)]
+        parts = [self._chunk(chunk, channels, reader) for chunk in chunks]
+        for _, item in heapq.merge(*parts, key=lambda part: part[0]):
+            if item is not None:
+                yield item
+
+    def _chunk(
+        self, chunk: ChunkInfo, channels: dict[int, Connection], reader: McapReader
+    ) -> Iterator[tuple[int, RawMessage | RecordingError | None]]:
+        first_ns, last_ns = chunk.message_start_time, chunk.message_end_time
+        yield first_ns, None  # it is read when its time has come
+        try:
+            assert reader.bio
+            for found in msgsrc(chunk, channels, first_ns, last_ns + 1, reader.bio):
+                if found.connection and found.data is not None:
+                    kind = found.connection.msgtype
+                    message = RawMessage(found.timestamp, found.connection.topic, found.data, kind)
+                    yield found.timestamp, message
+        except Exception as error:  # the checksum, or whatever damaged bytes lead to
+            names = {c.id: c.topic for c in reader.connections}
+            lost = ", ".join(
+                f"{n} of {names.get(i, 'an unknown topic')}"
+                for i, n in sorted(chunk.channel_count.items())
+            )
+            first_s, last_s = ((t - (self.start_ns or 0)) * 1e-9 for t in (first_ns, last_ns))
+            yield (
+                first_ns,
+                MalformedRecordingError(
+                    f"bag {self.shown}: the chunk at byte {chunk.chunk_start_offset} is damaged "
+                    f"({reason(error)}); its messages from {first_s:.3f} to {last_s:.3f} s are "
+                    f"lost: {lost}"
+                ),
             )
 
 

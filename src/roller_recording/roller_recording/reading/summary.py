@@ -94,7 +94,7 @@ class RecordingSummary:
             self.last_ns = int(events.t_ns[-1])
 
 
-def summarise(path: Path, topic: str | None = None) -> RecordingSummary:
+def summarise(path: Path, topic: str | None = None, check: bool = False) -> RecordingSummary:
     """Count the events of a rosbag2 or AEDAT4 file.
 
     Parameters
@@ -103,6 +103,9 @@ def summarise(path: Path, topic: str | None = None) -> RecordingSummary:
         The recording.
     topic : str, optional
         Topic of the event packets to count; all if not given. For AEDAT4 the number of the stream.
+    check : bool
+        Whether to decode the messages of all topics, and to hold a bag's index against what is
+        there.
 
     Raises
     ------
@@ -124,11 +127,11 @@ def summarise(path: Path, topic: str | None = None) -> RecordingSummary:
         except RecordingError as error:
             census.faults.append(str(error))
         return census
-    _count_bag(path, census, topic)
+    _count_bag(path, census, topic, check)
     return census
 
 
-def _count_bag(path: Path, census: RecordingSummary, topic: str | None) -> None:
+def _count_bag(path: Path, census: RecordingSummary, topic: str | None, check: bool) -> None:
     from .bag_reader import BagReader
     from .event_topic import event_topic
 
@@ -148,10 +151,13 @@ def _count_bag(path: Path, census: RecordingSummary, topic: str | None) -> None:
             census.faults.append(str(item))
             continue
         census.topics[item.topic] += 1
-        if item.type not in (EVENT_PACKET, EVENT_ARRAY) or topic not in (None, item.topic):
+        counted = item.type in (EVENT_PACKET, EVENT_ARRAY) and topic in (None, item.topic)
+        if not counted and not (check and item.type in store.fielddefs):
             continue
         try:
             message: Any = store.deserialize_cdr(item.data, item.type)
+            if not counted:
+                continue
             census.gaps.see(item.topic, message.seq, item.t_ns)
             key = (item.topic, message.encoding)
             if key not in decoders:
@@ -171,3 +177,9 @@ def _count_bag(path: Path, census: RecordingSummary, topic: str | None) -> None:
         census.add(packet.events, packet.outside)
         census.triggers_rising += int(packet.triggers.edge.sum())
         census.triggers_falling += len(packet.triggers) - int(packet.triggers.edge.sum())
+    if check:
+        faults, notes = reader.check(census.topics)
+        if not census.faults:  # else told already
+            census.faults += [str(fault) for fault in faults]
+        census.notes += notes
+        census.notes.append(f"checked: {census.topics.total()} messages are read and decoded")
