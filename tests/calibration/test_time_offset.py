@@ -4,23 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calibration.bidirectional_scan import (
+from calibration.scans import (
     DEPTH_M,
     LEVEL,
     PIXEL_M,
     scan_of,
     swinging,
     there_and_back,
+    write_scan,
 )
 from emvs.scenes import CAMERA, Motion, track_of
-from roller_calibration import Scan, TimeOffsetError, estimate_time_offset
+from roller_bringup.cli import main
+from roller_calibration.bidirectional import TimeOffsetError
+from roller_calibration.recordings import Scan
+from roller_calibration.time_offset import estimate_time_offset
+from roller_core.calibration_file import read_record
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.transforms import rotation_vector_to_quaternion
+from roller_inspect.pipeline import InspectionSettings
 
 
 @pytest.mark.parametrize("delay_s", [0.0013, -0.0007])
@@ -71,7 +78,7 @@ def test_a_camera_a_quarter_turn_round() -> None:
     e, f = level.events, CAMERA.fx
     upright = Camera(CAMERA.height, CAMERA.width, f, f, CAMERA.cy, CAMERA.cx)
     turned = EventArray.from_arrays(CAMERA.height - 1 - e.y, e.x, e.t_ns, e.p)
-    scan = Scan(turned, upright, track_of(quarter, course.duration_s))
+    scan = Scan("scan", turned, upright, track_of(quarter, course.duration_s))
     expected = estimate_time_offset([level], DEPTH_M).delay_s
     assert estimate_time_offset([scan], DEPTH_M).delay_s == pytest.approx(expected, abs=5e-6)
 
@@ -79,17 +86,17 @@ def test_a_camera_a_quarter_turn_round() -> None:
 def one_way() -> Scan:
     scan = scan_of(there_and_back(0.2), 0.0)
     half = int(np.searchsorted(scan.events.t_ns, 95_000_000))
-    return Scan(scan.events[:half], CAMERA, track_of(there_and_back(0.2).motion, 0.08))
+    return Scan("scan", scan.events[:half], CAMERA, track_of(there_and_back(0.2).motion, 0.08))
 
 
 def nothing_seen() -> Scan:
     scan = scan_of(there_and_back(0.2), 0.0)
-    return Scan(scan.events[:100], CAMERA, scan.track)
+    return Scan("scan", scan.events[:100], CAMERA, scan.track)
 
 
 def standing() -> Scan:
     scan = scan_of(there_and_back(0.2), 0.0)
-    return Scan(scan.events, CAMERA, track_of(lambda _: (np.zeros(3), LEVEL), 0.2))
+    return Scan("scan", scan.events, CAMERA, track_of(lambda _: (np.zeros(3), LEVEL), 0.2))
 
 
 def even_lines() -> Scan:
@@ -102,7 +109,7 @@ def noise() -> Scan:
     x, y = rng.integers(0, 320, n), rng.integers(0, 120, n)
     times = np.sort(rng.integers(0, 200_000_000, n))
     events = EventArray.from_arrays(x, y, times, rng.integers(0, 2, n))
-    return Scan(events, CAMERA, track_of(there_and_back(0.2).motion, 0.2))
+    return Scan("scan", events, CAMERA, track_of(there_and_back(0.2).motion, 0.2))
 
 
 @pytest.mark.parametrize(
@@ -118,3 +125,72 @@ def noise() -> Scan:
 def test_what_tells_nothing_is_refused(make: Callable[[], Scan], says: str) -> None:
     with pytest.raises(TimeOffsetError, match=says):
         estimate_time_offset([make()], DEPTH_M)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Recordings by their speed, 1.2 ms late, and their camera."""
+    folder = tmp_path_factory.mktemp("time_offset")
+    CAMERA.to_yaml(folder / "camera.yaml")
+    found = {"camera": str(folder / "camera.yaml"), "missing": str(folder / "missing")}
+    for speed in ("0.1", "0.2", "0.25"):
+        scan = scan_of(there_and_back(float(speed)), 0.0012)
+        found[speed] = str(write_scan(folder / speed, scan))
+    return found
+
+
+def test_two_scans_give_the_nodes_their_delay(
+    recorded: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "cell" / "delay.yaml"
+    words = ["calibrate", "--time-offset", recorded["0.1"], recorded["0.25"], "-o", str(file)]
+    assert main([*words, "--camera", recorded["camera"]]) == 0
+    assert "lag the poses by 1." in capsys.readouterr().out
+    settings = InspectionSettings.load(file)
+    for part in (settings.depth, settings.surface, settings.braille):
+        assert part.event_delay_s == pytest.approx(0.0012, abs=5e-5)
+
+
+def test_subcommand_is_the_option_and_carries_parameters_over(
+    recorded: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    params = tmp_path / "params.yaml"
+    params.write_text("emvs: {ros__parameters: {paper.threshold_c: 9.0, event_delay_s: 0.05}}")
+    files = [tmp_path / "one.yaml", tmp_path / "two.yaml"]
+    for word, file in zip(("--time-offset", "time-offset"), files, strict=True):
+        given = ["--camera", recorded["camera"], "--params", str(params), "-o", str(file)]
+        assert main(["calibrate", word, recorded["0.2"], *given]) == 0
+        assert "give another recording" in capsys.readouterr().out
+    one, two = (InspectionSettings.load(file).depth for file in files)
+    assert one == two
+    assert one.paper.threshold_c == 9.0
+    assert one.event_delay_s == pytest.approx(0.0012, abs=4e-4)
+    record = read_record(files[0], "time_offset")
+    assert record is not None
+    assert record["data"] == ["0.2"]
+
+
+def test_what_to_calibrate_must_be_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as fault:
+        main(["calibrate", "scan"])
+    assert fault.value.code == 2
+    assert "sphere" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["missing"], "there is no such file"),
+        (["0.2", "0.2", "--poses", "p.txt"], "goes with one recording"),
+        (["0.2", "-o", "/proc/none/delay.yaml"], "can't be written"),
+    ],
+)
+def test_faults_are_one_line(
+    recorded: dict[str, str], capsys: pytest.CaptureFixture[str], words: list[str], says: str
+) -> None:
+    given = [recorded.get(word, word) for word in words]
+    command = ["calibrate", "--time-offset", *given, "--camera", recorded["camera"]]
+    assert main(command) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("error: ")
+    assert says in line

@@ -10,8 +10,9 @@ import numpy.typing as npt
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
+
+from .recordings import Scan
 
 I64 = npt.NDArray[np.int64]
 
@@ -23,25 +24,6 @@ _GRID_NS = 1_000_000
 _MOVING = 0.2
 #: Least way that both passes have been over, metres, and events in each.
 LEAST_WAY_M, LEAST_EVENTS = 0.004, 2000
-
-
-@dataclass(frozen=True)
-class Scan:
-    """A scan that goes to and fro.
-
-    Attributes
-    ----------
-    events : EventArray
-        In order of time; see `central_events`.
-    camera : Camera
-        Calibration.
-    track : PoseTrack
-        Camera in base over the whole scan.
-    """
-
-    events: EventArray
-    camera: Camera
-    track: PoseTrack
 
 
 class TimeOffsetError(RollerError):

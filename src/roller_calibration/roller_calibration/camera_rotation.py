@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
 
-from .contact import Rolled
+from .recordings import Scan
 
 #: Largest turn about the optical axis and largest tilt that are looked for, degrees.
 MOST_TURN_DEG = 3.0
@@ -40,12 +40,12 @@ _MOST_BEND = 0.05
 _LEAST_LEVEL = 0.95
 
 
-class TurnError(RollerError):
+class CameraRotationError(RollerError):
     """A pass from which the camera's turn can't be told."""
 
 
 @dataclass(frozen=True)
-class CameraTurn:
+class CameraRotation:
     """How the camera is turned against its poses.
 
     Attributes
@@ -73,17 +73,17 @@ class CameraTurn:
         return np.asarray(turn.as_matrix(), np.float64)
 
 
-def find_turn(
-    rolled: Rolled,
+def find_camera_rotation(
+    scan: Scan,
     depth_range_m: tuple[float, float],
     tell: Callable[[float], None] = lambda _share: None,
     seed: int = 0,
-) -> CameraTurn:
+) -> CameraRotation:
     """Find the turn of a camera that rolled straight over a flat plate, level in base.
 
     Parameters
     ----------
-    rolled : Rolled
+    scan : Scan
         The pass.
     depth_range_m : tuple of float
         Between which the plate lies, metres.
@@ -94,30 +94,32 @@ def find_turn(
 
     Raises
     ------
-    TurnError
+    CameraRotationError
         If the pass is short or bent, or the plate shows too little texture.
     """
-    rays, rotations, positions = _rays(rolled, seed)
+    rays, rotations, positions = _rays(scan, seed)
     # A camera that looks down has the plate below it.
     side = float(rotations[:, 2, 2].mean())
     if abs(side) < _LEAST_LEVEL:
-        raise TurnError("the camera doesn't look along base's z: the plate isn't level in base")
+        raise CameraRotationError(
+            "the camera doesn't look along base's z: the plate isn't level in base"
+        )
     depth_m = float(np.copysign(np.mean(depth_range_m), side))
     centre = positions.mean(axis=0)
     positions = positions - centre
-    views = (rays, rotations, positions, depth_m, abs(depth_m) / rolled.camera.fx)
+    views = (rays, rotations, positions, depth_m, abs(depth_m) / scan.camera.fx)
     first = _Sharpness(*views, slice(0, _FIRST_EVENTS), _BLURS_PX[0])
     turns = np.linspace(-MOST_TURN_DEG, MOST_TURN_DEG, _TURNS)
     heights = np.copysign(np.linspace(*depth_range_m, _HEIGHTS), side)
     grid = np.array([[first(np.array([0, 0, t, h])) for h in heights] for t in turns])
     k, j = np.unravel_index(int(np.argmax(grid)), grid.shape)
     if grid.max() < _LEAST_GAIN * np.median(grid):
-        raise TurnError(
+        raise CameraRotationError(
             "the plate shows too little texture: its map is equally sharp however the camera is "
             "turned"
         )
     if k in (0, _TURNS - 1) or j in (0, _HEIGHTS - 1):
-        raise TurnError(
+        raise CameraRotationError(
             f"no plate between {depth_range_m[0] * 1e3:g} and {depth_range_m[1] * 1e3:g} mm with "
             f"the camera turned by less than {MOST_TURN_DEG:g}°: check the poses, or the range"
         )
@@ -129,31 +131,33 @@ def find_turn(
         part = _Sharpness(*views, slice(n * size, (n + 1) * size), _BLURS_PX[1])
         found[n] = part.climb(start)
     if np.abs(found[:, :3]).max() > 1.5 * MOST_TURN_DEG:
-        raise TurnError(
+        raise CameraRotationError(
             "the parts of the pass don't agree on a turn of some degrees: is the plate flat, with "
             "texture all over the image?"
         )
     vector = found[:, :3].mean(axis=0)
     scatter = found[:, :3].std(axis=0, ddof=1) / np.sqrt(_PARTS)
-    return CameraTurn(vector, scatter, float(found[:, 3].mean() + centre[2]), size * _PARTS)
+    return CameraRotation(vector, scatter, float(found[:, 3].mean() + centre[2]), size * _PARTS)
 
 
-def _rays(rolled: Rolled, seed: int) -> tuple[F64, F64, F64]:
+def _rays(scan: Scan, seed: int) -> tuple[F64, F64, F64]:
     """Directions of events in the camera, rotations and positions of the camera; shuffled."""
-    events, camera, track = rolled.events, rolled.camera, rolled.track
+    events, camera, track = scan.events, scan.camera, scan.track
     inside = (events.t_ns >= track.start_ns) & (events.t_ns <= track.end_ns)
     number = np.flatnonzero(inside)
     way = track.positions - track.positions.mean(axis=0)
     spread = np.linalg.svd(way, compute_uv=False)
     length = float(np.ptp(way @ np.linalg.svd(way, full_matrices=False)[2][0]))
     if length < _LEAST_WAY_M:
-        raise TurnError(
+        raise CameraRotationError(
             f"the pass is {length * 1e3:.1f} mm long, less than {_LEAST_WAY_M * 1e3:g} mm"
         )
     if spread[1] > _MOST_BEND * spread[0]:
-        raise TurnError("the pass isn't straight")
+        raise CameraRotationError("the pass isn't straight")
     if len(number) < _LEAST_EVENTS:
-        raise TurnError(f"{len(number)} events, fewer than {_LEAST_EVENTS}: too few events")
+        raise CameraRotationError(
+            f"{len(number)} events, fewer than {_LEAST_EVENTS}: too few events"
+        )
     rng = np.random.default_rng(seed)
     number = rng.permutation(number)[: _EVENTS * _PARTS]
     table = camera.undistortion_table()

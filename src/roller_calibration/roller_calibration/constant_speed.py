@@ -13,7 +13,7 @@ import numpy as np
 
 from roller_core.errors import RollerError
 
-from .contact import Rolled
+from .recordings import Scan
 
 #: Steps of time, and half the span over which a speed is taken (poses carry noise), ns.
 _STEP_NS, _HALF_SPAN_NS = 2_000_000, 10_000_000
@@ -22,31 +22,31 @@ _STEP_NS, _HALF_SPAN_NS = 2_000_000, 10_000_000
 _MOVING, _UNEVEN, _FINE = 0.1, 0.05, 0.02
 
 
-class UnsteadyError(RollerError):
+class SpeedError(RollerError):
     """A pass without a part at one speed."""
 
 
-def steady_part(rolled: Rolled, least_m: float) -> Rolled:
+def constant_speed_part(scan: Scan, least_m: float) -> Scan:
     """Leave out the events of ramps and standstill.
 
     Parameters
     ----------
-    rolled : Rolled
+    scan : Scan
         The pass.
     least_m : float
         Way that the part must have, metres.
 
     Returns
     -------
-    Rolled
+    Scan
         With the events of the longest way whose speed stays within a twentieth of some speed.
 
     Raises
     ------
-    UnsteadyError
+    SpeedError
         If that part is too short.
     """
-    track = rolled.track
+    track = scan.track
     first, last = track.start_ns + _HALF_SPAN_NS, track.end_ns - _HALF_SPAN_NS
     times = np.arange(first, last + 1, _STEP_NS, dtype=np.int64)
     begin, end, way_m = 0, 0, 0.0
@@ -57,15 +57,15 @@ def steady_part(rolled: Rolled, least_m: float) -> Rolled:
         # Each speed that occurs, in steps finer than what may differ.
         moving = np.log(speed[speed > _MOVING * speed.max()])
         for usual in np.exp(np.unique(np.rint(moving / _FINE)) * _FINE):
-            steady = np.abs(speed - usual) <= _UNEVEN * usual
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]])))
+            even = np.abs(speed - usual) <= _UNEVEN * usual
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]])))
             for a, b in edges.reshape(-1, 2):
                 if way[b] - way[a] > way_m:
                     begin, end, way_m = int(a), int(b), float(way[b] - way[a])
     if way_m < least_m:
-        raise UnsteadyError(
-            f"{rolled.name}: {way_m * 1e3:.1f} mm at one speed, less than {least_m * 1e3:g} mm: "
+        raise SpeedError(
+            f"{scan.name}: {way_m * 1e3:.1f} mm at one speed, less than {least_m * 1e3:g} mm: "
             "roll at a steady speed, without stops"
         )
-    cut = np.searchsorted(rolled.events.t_ns, times[[begin, end - 1]])
-    return replace(rolled, events=rolled.events[int(cut[0]) : int(cut[1])])
+    cut = np.searchsorted(scan.events.t_ns, times[[begin, end - 1]])
+    return replace(scan, events=scan.events[int(cut[0]) : int(cut[1])])

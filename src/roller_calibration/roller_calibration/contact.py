@@ -11,44 +11,17 @@ import numpy.typing as npt
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
-from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.depth_map import DepthMap, back_project
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.pipeline import DepthPipeline, PreparedWindow
 from roller_emvs.windows import RefusedWindow
 
+from .recordings import Scan
 from .sphere import Sphere, SphereError
 
 #: Windows by which the sphere is found overlap by this share.
 _OVERLAP = 0.5
-
-
-class OffPatchError(SphereError):
-    """A sphere that the contact patch doesn't hold whole."""
-
-
-@dataclass(frozen=True)
-class Rolled:
-    """A rolling pass.
-
-    Attributes
-    ----------
-    name : str
-        What to call it.
-    events : EventArray
-        All events, in order of time.
-    camera : Camera
-        Calibration.
-    track : PoseTrack
-        Camera in base over the whole pass.
-    """
-
-    name: str
-    events: EventArray
-    camera: Camera
-    track: PoseTrack
 
 
 class Box(NamedTuple):
@@ -181,12 +154,12 @@ def contact_view(sphere: Sphere, camera: Camera, pose: F64) -> ContactView | Non
     )
 
 
-def pass_points(rolled: Rolled, settings: DepthSettings) -> tuple[F64, F64]:
+def pass_points(scan: Scan, settings: DepthSettings) -> tuple[F64, F64]:
     """Points of all depth maps of a pass, by method `focus`, whichever is calibrated.
 
     Parameters
     ----------
-    rolled : Rolled
+    scan : Scan
         The pass.
     settings : DepthSettings
         Depth range, delay and the parameters of `focus`.
@@ -199,43 +172,43 @@ def pass_points(rolled: Rolled, settings: DepthSettings) -> tuple[F64, F64]:
         Direction in base from the surface to the camera.
     """
     changes = {"method": "focus", "window.rule": "auto", "window.overlap": _OVERLAP}
-    pipeline = DepthPipeline(settings.changed(changes), rolled.camera, rolled.track)
-    pipeline.add_events(rolled.events)
+    pipeline = DepthPipeline(settings.changed(changes), scan.camera, scan.track)
+    pipeline.add_events(scan.events)
     parts, towards = [np.empty((0, 3))], np.zeros(3)
     for found in pipeline.results(flush=True):
         if isinstance(found, DepthMap):
-            points, _ = back_project(found.depth, rolled.camera)
+            points, _ = back_project(found.depth, scan.camera)
             parts.append(points @ found.pose[:3, :3].T + found.pose[:3, 3])
             towards -= found.pose[:3, 2]
     length = float(np.linalg.norm(towards))
     return np.concatenate(parts), towards / length if length else np.array([0.0, 0.0, 1.0])
 
 
-def contact_windows(rolled: Rolled, settings: DepthSettings, sphere: Sphere) -> list[ContactWindow]:
+def contact_windows(scan: Scan, settings: DepthSettings, sphere: Sphere) -> list[ContactWindow]:
     """Windows of a method in whose middle view the whole contact circle is in the patch.
 
     Raises
     ------
-    OffPatchError
+    SphereError
         If there are none: the sphere lies beside the way, or the pass stops short of it.
     """
-    camera, found = rolled.camera, []
-    for prepared in _prepared(rolled, settings):
+    camera, found = scan.camera, []
+    for prepared in _prepared(scan, settings):
         view = contact_view(sphere, camera, prepared.target)
         if view is not None and _on_patch(view, camera, settings.patch_half_length_m):
-            found.append(ContactWindow(rolled.name, prepared, view))
+            found.append(ContactWindow(scan.name, prepared, view))
     if not found:
-        raise OffPatchError(
-            f"{rolled.name}: the contact circle ({sphere.contact_radius_m * 1e3:.1f} mm radius) "
+        raise SphereError(
+            f"{scan.name}: the contact circle ({sphere.contact_radius_m * 1e3:.1f} mm radius) "
             "lies whole on the contact patch in no window: roll so that the sphere passes the "
             "middle of the image"
         )
     return found
 
 
-def _prepared(rolled: Rolled, settings: DepthSettings) -> Iterator[PreparedWindow]:
-    pipeline = DepthPipeline(settings, rolled.camera, rolled.track)
-    pipeline.add_events(rolled.events)
+def _prepared(scan: Scan, settings: DepthSettings) -> Iterator[PreparedWindow]:
+    pipeline = DepthPipeline(settings, scan.camera, scan.track)
+    pipeline.add_events(scan.events)
     for window in pipeline.windows(flush=True):
         if isinstance(window, RefusedWindow):
             continue

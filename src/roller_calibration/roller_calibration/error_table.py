@@ -19,7 +19,7 @@ class CoverageError(RollerError):
 
 
 @dataclass(frozen=True)
-class Figures:
+class ErrorSummary:
     """An error with the coverage that it holds for.
 
     Attributes
@@ -61,12 +61,12 @@ class ErrorTable:
         shape = (len(pixels), choices)
         return cls(np.full(shape, np.nan), np.zeros(shape, np.int64), np.asarray(pixels, np.int64))
 
-    def figures(self, choice: int = 0, windows: Sequence[int] | None = None) -> Figures:
+    def summary(self, choice: int = 0, windows: Sequence[int] | None = None) -> ErrorSummary:
         """Error and coverage of a choice over all or some windows."""
         rows = slice(None) if windows is None else list(windows)
         points = int(self.points[rows, choice].sum())
         error = float(self.errors_m[rows, choice].sum()) / points if points else float("nan")
-        return Figures(error, points / int(self.pixels[rows].sum()))
+        return ErrorSummary(error, points / int(self.pixels[rows].sum()))
 
     def best(self, least_coverage: float, windows: Sequence[int] | None = None) -> int:
         """Choice of the least error among those that measure enough.
@@ -100,8 +100,8 @@ class ErrorTable:
             )
         return int(np.argmin(error))
 
-    def held_out(self, groups: Sequence[str], least_coverage: float) -> Figures | None:
-        """Figures of each group with the parameters that the other groups choose.
+    def held_out(self, groups: Sequence[str], least_coverage: float) -> ErrorSummary | None:
+        """Summary over each group with the parameters that the other groups choose.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class ErrorTable:
 
         Returns
         -------
-        Figures or None
+        ErrorSummary or None
             None where there is one group alone, or the others can't reach the coverage.
         """
         names = np.asarray(groups)
@@ -128,4 +128,4 @@ class ErrorTable:
             error += float(self.errors_m[own, choice].sum())
             points += float(self.points[own, choice].sum())
             pixels += float(self.pixels[own].sum())
-        return Figures(error / points, points / pixels) if points else None
+        return ErrorSummary(error / points, points / pixels) if points else None

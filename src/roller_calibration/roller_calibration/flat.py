@@ -10,7 +10,7 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
 
-from .domes import cell_medians
+from .dome_candidates import cell_medians
 
 #: Fewest points, and edge of the cells whose heights are compared, metres.
 LEAST_POINTS, CELL_M = 200, 5e-4

@@ -54,16 +54,6 @@ class HandEye:
         """Root mean square of the residuals, degrees."""
         return float(np.sqrt(np.mean(self.residuals_deg**2)))
 
-    @property
-    def position_m(self) -> F64:
-        """Position of the camera on the tool, metres."""
-        return self.pose[:3, 3]
-
-    @property
-    def quaternion(self) -> F64:
-        """Its rotation, x y z w."""
-        return np.asarray(Rotation.from_matrix(self.pose[:3, :3]).as_quat(), np.float64)
-
 
 def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
     """Camera on the tool from pairs of poses.

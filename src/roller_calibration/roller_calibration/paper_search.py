@@ -23,7 +23,7 @@ from roller_emvs.threads import share
 from . import _search_kernels as kernels
 from .contact import Box, KnownWindow
 from .error_table import I64
-from .paper_grid import PaperGrid
+from .grids import PaperGrid
 
 #: Planes up to which medians come from sums over the image, which take a number a plane.
 _MOST_LEVELS = 64

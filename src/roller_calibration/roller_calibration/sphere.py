@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
 
-from .domes import dome_places
+from .dome_candidates import dome_places
 
 #: Fewest points of a pass, and of a contact patch.
 LEAST_POINTS, LEAST_IN_CONTACT = 300, 150
@@ -37,22 +37,6 @@ _ROUNDS = 4
 
 class SphereError(RollerError):
     """A pass in which the sphere can't be told."""
-
-
-class TooFewPointsError(SphereError):
-    """Too few depths, and so too few events."""
-
-
-class NoSphereError(SphereError):
-    """Nothing in view is as round as a sphere."""
-
-
-class ManySpheresError(SphereError):
-    """More than one sphere in view."""
-
-
-class WrongRadiusError(SphereError):
-    """A dome whose radius isn't the stated one."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +108,7 @@ def find_sphere(
         Saying why: too few points, no sphere, two, or another radius.
     """
     if len(points_m) < LEAST_POINTS:
-        raise TooFewPointsError(
+        raise SphereError(
             f"{len(points_m)} depths, fewer than {LEAST_POINTS}: too few events; roll faster, "
             "lower the camera's threshold or give the skin more texture"
         )
@@ -133,18 +117,18 @@ def find_sphere(
     fitted = [_fit_dome(local, place, radius_m) for place in dome_places(local, radius_m)]
     domes = _distinct([dome for dome in fitted if dome.good])
     if not domes:
-        raise NoSphereError(
+        raise SphereError(
             f"no sphere of about {radius_m * 1e3:g} mm radius in view, or fewer than "
             f"{LEAST_IN_CONTACT} depths on it"
         )
     if len(domes) > 1:
         apart = np.hypot(*(domes[0].apex[:2] - domes[1].apex[:2]))
-        raise ManySpheresError(
+        raise SphereError(
             f"{len(domes)} spheres in view, {apart * 1e3:.1f} mm apart: roll over one alone"
         )
     dome = domes[0]
     if abs(dome.radius_m / radius_m - 1) > tolerance:
-        raise WrongRadiusError(
+        raise SphereError(
             f"the dome in view fits a radius of {dome.radius_m * 1e3:.2f} mm, not "
             f"{radius_m * 1e3:g} mm (allowed: {tolerance:.0%}); check --radius-mm and the camera's "
             "calibration"

@@ -29,12 +29,12 @@ from .bidirectional import (
     LEAST_WAY_M,
     Course,
     Pass,
-    Scan,
     TimeOffsetError,
     closing_speed,
     course_of,
     passes_of,
 )
+from .recordings import Scan
 
 I64 = npt.NDArray[np.int64]
 

@@ -1,4 +1,4 @@
-"""Calibration files: parameters that the nodes load, and an account of how they were found.
+"""Calibration files: parameters that the nodes load, and a record of how they were found.
 
 The file is a ROS 2 parameter file. Its section `calibration` holds, by kind, what a machine may
 want to know; no node has that name, so it changes nothing.
@@ -19,7 +19,7 @@ from .errors import RollerError, SettingsError
 from .output_folder import write_marked_file
 from .settings import nested, node_name, read_parameters, read_sections
 
-#: Section of the account, and version of its form.
+#: Section of the record, and version of its form.
 SECTION, VERSION = "calibration", 1
 #: How every calibration file begins: no other file is ever replaced.
 _MARK = "# roller calibrate"
@@ -31,14 +31,14 @@ class CalibrationError(RollerError):
     """A calibration that can't be made of what was given."""
 
 
-def account(
+def calibration_record(
     skin: str,
     inputs: Sequence[Path],
     camera: Camera | None,
     digests: Sequence[str] | None = None,
-    **figures: Any,
+    **results: Any,
 ) -> dict[str, Any]:
-    """What a calibration file tells of a calibration.
+    """What a calibration file says of a calibration.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def account(
         The camera they are from.
     digests : sequence of str, optional
         Of the inputs, where they are known; see `digest`.
-    figures : dict
+    results : dict
         What was found; numbers, texts, lists of one kind or dicts of them.
     """
     found: dict[str, Any] = {
@@ -68,7 +68,7 @@ def account(
             "intrinsics": [float(v) for v in (camera.fx, camera.fy, camera.cx, camera.cy)],
             "distortion": [float(v) for v in camera.distortion],
         }
-    return found | figures
+    return found | results
 
 
 def digest(path: Path) -> str:
@@ -98,14 +98,14 @@ def digest(path: Path) -> str:
 def write_calibration(
     path: Path,
     kind: str,
-    told: Sequence[str],
+    lines: Sequence[str],
     parameters: Mapping[str, Mapping[str, Any]],
     record: Mapping[str, Any],
     base: Path | None = None,
 ) -> None:
     """Write a calibration file.
 
-    Nodes that take events are told the camera that the values hold for, and refuse another.
+    Nodes that take events get the camera that the values hold for, and refuse another.
 
     Parameters
     ----------
@@ -113,12 +113,12 @@ def write_calibration(
         The file; its folder is made.
     kind : str
         What was calibrated, such as `sphere`.
-    told : sequence of str
+    lines : sequence of str
         Lines for people.
     parameters : mapping
         Values by node.
     record : mapping
-        See `account`.
+        See `calibration_record`.
     base : path, optional
         A parameter file whose entries are carried over where they aren't replaced.
 
@@ -135,7 +135,7 @@ def write_calibration(
             sections[node]["calibrated_camera"] = size + camera["intrinsics"] + camera["distortion"]
     head = [
         f"{_MARK} {kind}, {record['date']}",
-        *(f"# {line}" for line in told),
+        *(f"# {line}" for line in lines),
         f"# from {', '.join(record['data'])}",
         *([f"# skin: {record['skin']}"] if record["skin"] else []),
         *([f"# all else is from {base.name}"] if base else []),
@@ -145,8 +145,8 @@ def write_calibration(
     write_marked_file(path, "\n".join(head) + "\n" + body, _MARK)
 
 
-def read_account(path: Path, kind: str) -> dict[str, Any] | None:
-    """What a parameter file tells of a kind of calibration; None where it tells nothing.
+def read_record(path: Path, kind: str) -> dict[str, Any] | None:
+    """What a parameter file records of a kind of calibration; None where there is nothing.
 
     Raises
     ------
@@ -155,17 +155,17 @@ def read_account(path: Path, kind: str) -> dict[str, Any] | None:
     """
     found = read_parameters(path, SECTION).get(kind)
     if found is not None and not isinstance(found, dict):
-        raise SettingsError(f"parameters {path}: '{SECTION}' has no account of '{kind}'")
+        raise SettingsError(f"parameters {path}: '{SECTION}' has no record of '{kind}'")
     return found
 
 
-def refuse_other_camera(path: Path | None, camera: Camera) -> None:
+def check_same_camera(path: Path | None, camera: Camera) -> None:
     """Refuse a parameter file that was calibrated with another camera.
 
     Parameters
     ----------
     path : path or None
-        The file; without an account of a calibration it fits any camera.
+        The file; without a record of a calibration it fits any camera.
     camera : Camera
         The camera of the recording at hand.
 

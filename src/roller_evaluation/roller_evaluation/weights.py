@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from roller_calibration import Box, KnownWindow, PaperGrid, TrueDepth, simplex, window_errors
+from roller_calibration.contact import Box, KnownWindow, TrueDepth
+from roller_calibration.grids import PaperGrid, simplex
+from roller_calibration.paper_search import window_errors
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
 from roller_emvs.depth_settings import DepthSettings

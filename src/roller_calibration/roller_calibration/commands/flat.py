@@ -5,28 +5,28 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from roller_core.calibration_file import CalibrationError, account, write_calibration
-from roller_inspect.commands.options import add_recording_options, add_written_options
+from roller_core.calibration_file import CalibrationError, calibration_record
 
-from .reading import read_whole
+from .output import add_kind, write
 
 #: Nodes that search a depth range.
 _NODES = ("emvs", "surface")
-#: Way at one speed from which it takes a plate.
-_LEAST_WAY_M = 0.01
+#: Length at one speed from which it takes a plate.
+_LEAST_LENGTH_M = 0.01
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the subcommand."""
-    parser = kinds.add_parser(
-        "flat",
-        help="depth range from a flat plate",
-        description="Nearest and farthest depth to search, from a pass over a flat plate with "
-        "texture: the plate's depth over the whole image, the reach of relief and a margin. "
-        "Only the part of the pass at one speed counts.",
+    texts = (
+        "depth range from a flat plate",
+        "Nearest and farthest depth to search, from a pass over a flat plate with texture: the "
+        "plate's depth over the whole image, the reach of relief and a margin. Only the part of "
+        "the pass at one speed counts.",
     )
-    parser.add_argument("input", type=Path, metavar="RECORDING", help="a pass over a flat plate")
-    add_written_options(parser, skin=True)
+    parser = add_kind(kinds, "flat", run, "emvs", texts, skin=True)
+    parser.add_argument(
+        "inputs", type=Path, nargs=1, metavar="RECORDING", help="a pass over a flat plate"
+    )
     parser.add_argument(
         "--reach-mm", type=float, default=1.5,
         help="how far relief stands out of a plate, or sinks into it (default: 1.5)",
@@ -38,8 +38,6 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "--search-mm", type=float, nargs=2, default=(38.0, 52.0), metavar=("NEAR", "FAR"),
         help="where the plate is looked for (default: 38 52)",
     )  # fmt: skip
-    add_recording_options(parser, "emvs")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -50,7 +48,10 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If the recording can't be read or shows no flat plate.
     """
-    from roller_calibration import find_plate, pass_points, steady_part
+    from roller_calibration.constant_speed import constant_speed_part
+    from roller_calibration.contact import pass_points
+    from roller_calibration.flat import find_plate
+    from roller_calibration.recordings import read_scans
     from roller_emvs.depth_settings import DepthSettings
     from roller_inspect.pipeline import InspectionSettings
 
@@ -61,16 +62,16 @@ def run(args: argparse.Namespace) -> int:
     wide = DepthSettings.create(
         {**settings.model_dump(), "depth_min_m": near, "depth_max_m": far}, "--search-mm"
     )
-    rolled = read_whole(args.input, args, settings.max_pose_gap_s)
-    points, _ = pass_points(steady_part(rolled, _LEAST_WAY_M), wide)
-    middle_ns = int(rolled.events.t_ns[len(rolled.events) // 2])
-    plate = find_plate(points, rolled.track.matrices([middle_ns])[0], rolled.camera)
+    (scan,) = read_scans(args, settings.max_pose_gap_s)
+    points, _ = pass_points(constant_speed_part(scan, _LEAST_LENGTH_M), wide)
+    middle_ns = int(scan.events.t_ns[len(scan.events) // 2])
+    plate = find_plate(points, scan.track.matrices([middle_ns])[0], scan.camera)
     low, high = plate.depth_range_m(args.reach_mm * 1e-3, args.margin_mm * 1e-3)
     if low <= 0:
         raise CalibrationError(
             f"a reach of {args.reach_mm:g} mm passes the camera, {plate.depth_m * 1e3:.1f} mm away"
         )
-    told = [
+    lines = [
         f"plate at {plate.depth_m * 1e3:.3f} mm on the axis, {plate.nearest_m * 1e3:.2f} to "
         f"{plate.farthest_m * 1e3:.2f} mm over the image (tilt {plate.tilt_deg[0]:+.2f}° along "
         f"the rows, {plate.tilt_deg[1]:+.2f}° along the columns); {plate.points} depths, "
@@ -78,17 +79,12 @@ def run(args: argparse.Namespace) -> int:
         f"depth range {low * 1e3:.2f} to {high * 1e3:.2f} mm: the plate, {args.reach_mm:g} mm of "
         f"relief and a margin of {args.margin_mm:g} mm to either side",
     ]
-    for line in told:
-        print(line)
-    if args.output:
-        values = {"depth_min_m": round(low, 6), "depth_max_m": round(high, 6)}
-        record = account(
-            args.skin, [args.input], rolled.camera,
-            plate_m=plate.depth_m, tilt_deg=list(plate.tilt_deg), scatter_m=plate.scatter_m,
-            reach_m=args.reach_mm * 1e-3, margin_m=args.margin_mm * 1e-3,
-        )  # fmt: skip
-        write_calibration(
-            args.output, "flat", told, {node: values for node in _NODES}, record, args.params
-        )
-        print(f"written to {args.output}; give it to the nodes with params:= or --params")
+    print(*lines, sep="\n")
+    values = {"depth_min_m": round(low, 6), "depth_max_m": round(high, 6)}
+    record = calibration_record(
+        args.skin, args.inputs, scan.camera,
+        plate_m=plate.depth_m, tilt_deg=list(plate.tilt_deg), scatter_m=plate.scatter_m,
+        reach_m=args.reach_mm * 1e-3, margin_m=args.margin_mm * 1e-3,
+    )  # fmt: skip
+    write(args, "flat", lines, {node: values for node in _NODES}, record)
     return 0

@@ -7,45 +7,38 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from roller_core.calibration_file import CalibrationError, account, write_calibration
+from roller_core.calibration_file import CalibrationError, calibration_record
 from roller_core.progress import progress_bar
-from roller_inspect.commands.options import add_recording_options, add_written_options
+from roller_core.transforms import F64
 
-from .reading import read_whole
+from .output import add_kind, write
 
 _NUMBERS = 14
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the subcommand."""
-    parser = kinds.add_parser(
-        "hand-eye",
-        help="the camera's place on the tool",
-        description="The camera's place on the tool, from pairs of poses of the robot and of a "
-        "target that stands still, such as a board seen without the skin; or how the camera is "
-        "turned, from a scan.",
+    texts = (
+        "the camera's place on the tool",
+        "The camera's place on the tool, from pairs of poses of the robot and of a target that "
+        "stands still, such as a board seen without the skin; or how the camera is turned, from "
+        "a scan.",
+    )
+    parser = add_kind(
+        kinds, "hand-eye", run, "emvs; with --scan also ur10, the camera's place so far", texts
     )
     given = parser.add_mutually_exclusive_group(required=True)
     given.add_argument(
-        "pairs",
-        type=Path,
-        nargs="?",
-        metavar="FILE",
+        "pairs", type=Path, nargs="?", metavar="FILE",
         help="a pair a line: tool in base, then target in camera, each x y z qx qy qz qw "
         "(metres); # begins a comment",
-    )
+    )  # fmt: skip
     given.add_argument(
-        "--scan",
-        type=Path,
-        metavar="RECORDING",
+        "--scan", type=Path, metavar="RECORDING",
         help="a straight pass over a flat plate with texture, level in base: how the camera is "
         "turned; its position on the tool can't be told from it",
-    )
-    add_written_options(parser)
-    add_recording_options(parser, "emvs; with --scan also ur10, the camera's place so far")
-    parser.set_defaults(run=run)
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,27 +53,25 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _from_pairs(args: argparse.Namespace) -> int:
-    from roller_calibration import find_hand_eye
+    from roller_calibration.hand_eye import find_hand_eye
 
     tools, targets = _read(args.pairs)
     found = find_hand_eye(tools, targets)
     worst = int(np.argmax(found.residuals_m)) + 1
-    told = [
-        _place(found.position_m, found.quaternion),
+    residuals = (
         f"residuals of {len(tools)} pairs: {found.rms_m * 1e3:.3f} mm and {found.rms_deg:.3f}° "
         f"rms, {found.residuals_m.max() * 1e3:.3f} mm (pair {worst}) "
-        f"and {found.residuals_deg.max():.3f}° at most",
-    ]
-    record = account(
+        f"and {found.residuals_deg.max():.3f}° at most"
+    )
+    record = calibration_record(
         "", [args.pairs], None, rms_m=found.rms_m, rms_deg=found.rms_deg, pairs=len(tools)
     )
-    return _tell(args, told, found.position_m, found.quaternion, record)
+    return _finish(args, [_place(found.pose), residuals], found.pose, record)
 
 
 def _from_scan(args: argparse.Namespace) -> int:
-    from scipy.spatial.transform import Rotation
-
-    from roller_calibration import find_turn
+    from roller_calibration.camera_rotation import find_camera_rotation
+    from roller_calibration.recordings import read_scan
     from roller_core.settings import read_parameters
     from roller_driver.ur10.robot_settings import HandEyeSettings
     from roller_inspect.pipeline import InspectionSettings
@@ -95,74 +86,62 @@ def _from_scan(args: argparse.Namespace) -> int:
             "that with --params (ur10: hand_eye_m, hand_eye_quaternion), or leave out --output"
         )
     settings = InspectionSettings.load(args.params).depth
-    rolled = read_whole(args.scan, args, settings.max_pose_gap_s)
+    scan = read_scan(args.scan, args, settings.max_pose_gap_s)
     with progress_bar("turn the camera") as progress:
-        found = find_turn(rolled, (settings.depth_min_m, settings.depth_max_m), progress)
+        found = find_camera_rotation(scan, (settings.depth_min_m, settings.depth_max_m), progress)
+    axes = ("about the rows", "about the columns", "about the optical axis")
     each = ", ".join(
-        f"{v:+.3f} ± {d:.3f}° {name}"
-        for v, d, name in zip(
-            found.vector_deg,
-            found.deviation_deg,
-            ("about the rows", "about the columns", "about the optical axis"),
-            strict=True,
-        )
+        f"{v:+.3f} ± {d:.3f}° {axis}"
+        for v, d, axis in zip(found.vector_deg, found.deviation_deg, axes, strict=True)
     )
-    told = [
+    lines = [
         f"the camera is turned by {each} against its poses ({found.events} events)",
         "a scan doesn't tell the camera's position on the tool, nor a tilt of the plate from one "
         "of the camera",
     ]
-    before = known.hand_eye
-    turned = Rotation.from_matrix(before.matrix[:3, :3] @ found.rotation).as_quat()
+    pose = known.hand_eye.matrix
+    pose[:3, :3] = pose[:3, :3] @ found.rotation
     if known.hand_eye_known:
-        told.append(_place(before.position, turned))
-    record = account(
-        "",
-        [args.scan],
-        rolled.camera,
-        turn_deg=[float(v) for v in found.vector_deg],
-        deviation_deg=[float(v) for v in found.deviation_deg],
-    )
-    return _tell(args, told, before.position, turned, record)
+        lines.append(_place(pose))
+    record = calibration_record(
+        "", [args.scan], scan.camera,
+        turn_deg=found.vector_deg.tolist(), deviation_deg=found.deviation_deg.tolist(),
+    )  # fmt: skip
+    return _finish(args, lines, pose, record)
 
 
-def _place(position_m: npt.NDArray[np.float64], quaternion: npt.NDArray[np.float64]) -> str:
-    place = ", ".join(f"{v * 1e3:.3f}" for v in position_m)
-    turn = ", ".join(f"{v:.6f}" for v in quaternion)
+def _place(pose: F64) -> str:
+    from tf_transformations import quaternion_from_matrix
+
+    place = ", ".join(f"{v * 1e3:.3f}" for v in pose[:3, 3])
+    turn = ", ".join(f"{v:.6f}" for v in quaternion_from_matrix(pose))
     return f"camera on the tool: {place} mm; x y z w {turn}"
 
 
-def _tell(
-    args: argparse.Namespace,
-    told: list[str],
-    position_m: npt.NDArray[np.float64],
-    quaternion: npt.NDArray[np.float64],
-    record: dict[str, Any],
-) -> int:
+def _finish(args: argparse.Namespace, lines: list[str], pose: F64, record: dict[str, Any]) -> int:
     """Print what was found and write it."""
-    for line in told:
-        print(line)
-    if args.output:
-        values = {
-            "hand_eye_m": [round(float(v), 7) for v in position_m],
-            "hand_eye_quaternion": [round(float(v), 9) for v in quaternion],
-            "hand_eye_rotation_rad": [0.0, 0.0, 0.0],
-        }
-        write_calibration(args.output, "hand_eye", told, {"ur10": values}, record, args.params)
-        print(f"written to {args.output}; give it to the cell with hand_eye:=")
+    from tf_transformations import quaternion_from_matrix
+
+    print(*lines, sep="\n")
+    values = {
+        "hand_eye_m": [round(float(v), 7) for v in pose[:3, 3]],
+        "hand_eye_quaternion": [round(float(v), 9) for v in quaternion_from_matrix(pose)],
+        "hand_eye_rotation_rad": [0.0, 0.0, 0.0],
+    }
+    write(args, "hand_eye", lines, {"ur10": values}, record, "give it to the cell with hand_eye:=")
     return 0
 
 
-def _read(path: Path) -> tuple[list[npt.NDArray[np.float64]], list[npt.NDArray[np.float64]]]:
+def _read(path: Path) -> tuple[list[F64], list[F64]]:
     """Pairs of 4×4 poses: tool in base, target in camera."""
-    from roller_core.transforms import pose_matrix, unit_quaternion
+    from tf_transformations import quaternion_matrix
 
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(f"{path}: can't be read ({error})") from error
-    tools: list[npt.NDArray[np.float64]] = []
-    targets: list[npt.NDArray[np.float64]] = []
+    tools: list[F64] = []
+    targets: list[F64] = []
     for number, line in enumerate(lines, 1):
         words = line.partition("#")[0].replace(",", " ").split()
         if not words:
@@ -182,5 +161,7 @@ def _read(path: Path) -> tuple[list[npt.NDArray[np.float64]], list[npt.NDArray[n
                 raise CalibrationError(
                     f"{path}, line {number}: a quaternion has length {length:.3g}, not 1"
                 )
-            out.append(pose_matrix(part[:3], unit_quaternion(part[3:])))
+            pose = quaternion_matrix(part[3:])
+            pose[:3, 3] = part[:3]
+            out.append(pose)
     return tools, targets

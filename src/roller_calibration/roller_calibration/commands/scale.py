@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If a reading makes no sense.
     """
-    from roller_calibration import PAPER_MM_PER_PX, PAPER_READINGS, scale_of
+    from roller_calibration.scale import PAPER_MM_PER_PX, PAPER_READINGS, scale_of
     from roller_core.camera import Camera
 
     found = scale_of(_numbers(args.readings_mm, "--readings-mm"), _numbers(args.pixels, "--pixels"))

@@ -5,26 +5,25 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from roller_core.calibration_file import (
     CalibrationError,
-    account,
+    calibration_record,
+    check_same_camera,
     digest,
-    read_account,
-    refuse_other_camera,
-    write_calibration,
+    read_record,
 )
 from roller_core.progress import progress_bar
-from roller_inspect.commands.options import add_recording_options, add_written_options
 
-from .reading import read_all
+from .output import add_kind, write
 
 if TYPE_CHECKING:
-    from roller_calibration import ContactWindow, Figures, Rolled, Sphere
-    from roller_core.camera import Camera
+    from roller_calibration.contact import ContactWindow
+    from roller_calibration.error_table import ErrorSummary
+    from roller_calibration.recordings import Scan
+    from roller_calibration.sphere import Sphere
     from roller_emvs.depth_settings import DepthSettings
 
 METHODS = ("bma", "focus")
@@ -34,13 +33,13 @@ _LEAST_GAIN = 0.005
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the subcommand."""
-    parser = kinds.add_parser(
-        "sphere",
-        help="parameters of a method from passes over a sphere",
-        description="Grid search over the parameters of the paper's method (threshold C, median "
-        "G_f, weights of the views) or of focus, on rolling passes over a sphere of known radius: "
-        "the least mean absolute error within the contact circle that measures no less of it.",
+    texts = (
+        "parameters of a method from passes over a sphere",
+        "Grid search over the parameters of the paper's method (threshold C, median G_f, weights "
+        "of the views) or of focus, on rolling passes over a sphere of known radius: the least "
+        "mean absolute error within the contact circle that measures no less of it.",
     )
+    parser = add_kind(kinds, "sphere", run, "emvs", texts, skin=True)
     parser.add_argument(
         "inputs", type=Path, nargs="+", metavar="RECORDING", help="passes over the one sphere"
     )
@@ -48,7 +47,6 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "--method", choices=METHODS, default="bma", help="what is calibrated (default: bma)"
     )
-    add_written_options(parser, skin=True)
     parser.add_argument(
         "--previous", type=Path, metavar="FILE",
         help="an earlier calibration: where the search starts, and what it is compared with",
@@ -77,8 +75,6 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "--scale-mm-per-px", type=float, metavar="F",
         help="scale by caliper, checked against the camera's calibration",
     )  # fmt: skip
-    add_recording_options(parser, "emvs")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -92,22 +88,22 @@ def run(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
     _check(args)
     settings = _settings(args)
-    from roller_calibration import CoverageError, check_weights
+    from roller_calibration.grid_search import make_search, state_path
+    from roller_calibration.grids import check_weights
+    from roller_calibration.recordings import read_scans
 
-    from .describe import about_moves, about_spheres, listed, plain
-    from .search import make_search
+    from .sphere_report import describe_changes, describe_spheres, describe_values
 
     if args.method == "bma":
         check_weights(settings)
     # Known before the long part, as is a file that can't be hashed.
     digests = [digest(path) for path in args.inputs]
-    passes = read_all(args, settings.max_pose_gap_s)
+    passes = read_scans(args, settings.max_pose_gap_s)
     camera = passes[0].camera
-    refuse_other_camera(args.previous, camera)
+    check_same_camera(args.previous, camera)
     spheres, windows = _find(passes, settings, args)
-    told = about_spheres(passes, spheres, windows, args)
-    for line in told:
-        print(line)
+    found = describe_spheres(passes, spheres, windows, args)
+    print(*found, sep="\n")
     search = make_search(args, settings, windows, camera)
     before = search.before()
     if args.least_coverage is None and not before.coverage:
@@ -120,25 +116,21 @@ def run(args: argparse.Namespace) -> int:
         "recordings": digests,
         "settings": settings.model_dump(mode="json"),
         "options": [args.method, args.radius_mm, args.radius_tolerance, args.top_height_mm],
-        "grid": search.grid_key(),
     }
     searched = time.perf_counter()
     resumed = search.run(args.output, key, args.resume)
     search_s = time.perf_counter() - searched
-    try:
-        choice = search.table.best(least)
-    except CoverageError as error:
-        raise CalibrationError(str(error)) from error
-    values, after = search.grid.values(choice), search.table.figures(choice)
-    old = {name: plain(attrgetter(name)(settings)) for name in values}
+    choice = search.table.best(least)
+    values, after = search.grid.values(choice), search.table.summary(choice)
+    old = search.grid.of_settings(settings).values(0)
     border = search.grid.at_border(choice)
     lines = []
     if before.coverage >= least and after.error_m > (1 - _LEAST_GAIN) * before.error_m:
         values, after, border = old, before, []
         lines.append(f"no choice of the grid is better by {_LEAST_GAIN:.1%}: the parameters stay")
     lines += [
-        f"before: {listed(old)}: {before}",
-        f"after:  {listed(values)}: {after}",
+        f"before: {describe_values(old)}: {before}",
+        f"after:  {describe_values(values)}: {after}",
         f"(mean absolute error of measured pixels within the contact circle; at least {least:.1%} "
         "of it must be measured)",
     ]
@@ -150,24 +142,34 @@ def run(args: argparse.Namespace) -> int:
         if held.error_m >= before.error_m and values != old:
             lines.append("that is no better than before: more passes would make the choice firmer")
     lines += [f"{name} is at the end of its range" for name in border]
-    lines += search.notes()
-    previous = read_account(args.previous, "sphere") if args.previous else None
+    lines += search.notes
+    previous = read_record(args.previous, "sphere") if args.previous else None
     if previous is not None:
-        lines += about_moves(previous, args, old, values, before, after)
-    for line in lines:
-        print(line)
+        lines += describe_changes(previous, args, old, values, before, after)
+    print(*lines, sep="\n")
     total_s = time.perf_counter() - begin
     print(
         f"{total_s:.1f} s, of which the search of {search.grid.size} choices over {len(windows)} "
         f"windows took {search_s:.1f} s" + (", resumed" if resumed else "")
     )
+    record = calibration_record(
+        args.skin, args.inputs, camera, digests,
+        method=args.method, radius_m=args.radius_mm * 1e-3,
+        contact_radii_m=[round(s.contact_radius_m, 7) for s in spheres],
+        fitted_radii_m=[round(s.fitted_radius_m, 7) for s in spheres],
+        windows=len(windows), least_coverage=round(float(least), 6),
+        before=_rounded(before), after=_rounded(after),
+    )  # fmt: skip
+    if held is not None:
+        record["held_out"] = _rounded(held)
+    write(args, "sphere", found + lines, {"emvs": values}, record)
     if args.output:
-        record = _record(args, camera, digests, spheres, windows, before, after, held, least)
-        parameters = {"emvs": values}
-        write_calibration(args.output, "sphere", told + lines, parameters, record, args.params)
-        search.forget()
-        print(f"written to {args.output}; give it to the nodes with params:= or --params")
+        state_path(args.output).unlink(missing_ok=True)
     return 0
+
+
+def _rounded(summary: ErrorSummary) -> dict[str, float]:
+    return {"error_m": round(summary.error_m, 9), "coverage": round(summary.coverage, 6)}
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -185,15 +187,14 @@ def _check(args: argparse.Namespace) -> None:
 
 def _settings(args: argparse.Namespace) -> DepthSettings:
     """Settings of the start: the defaults, `--params`, then what `--previous` calibrated."""
+    from roller_calibration.grid_search import NAMES
     from roller_core.settings import read_parameters
     from roller_inspect.pipeline import InspectionSettings
-
-    from .search import NAMES
 
     settings = InspectionSettings.load(args.params, args.method).depth
     if args.previous is None:
         return settings
-    if read_account(args.previous, "sphere") is None:
+    if read_record(args.previous, "sphere") is None:
         raise CalibrationError(f"{args.previous}: not a calibration by a sphere")
     found = read_parameters(args.previous, "emvs")
     calibrated = (name.split(".") for name in NAMES[args.method])
@@ -202,59 +203,25 @@ def _settings(args: argparse.Namespace) -> DepthSettings:
 
 
 def _find(
-    passes: Sequence[Rolled], settings: DepthSettings, args: argparse.Namespace
+    passes: Sequence[Scan], settings: DepthSettings, args: argparse.Namespace
 ) -> tuple[list[Sphere], list[ContactWindow]]:
     """The sphere of each pass, and the windows of the method that show it whole."""
-    from roller_calibration import SphereError, contact_windows, find_sphere, pass_points
-
-    from .search import window_settings
+    from roller_calibration.contact import contact_windows, pass_points
+    from roller_calibration.grid_search import window_settings
+    from roller_calibration.sphere import SphereError, find_sphere
 
     spheres: list[Sphere] = []
     windows: list[ContactWindow] = []
     with progress_bar("find the sphere") as progress:
-        for k, rolled in enumerate(passes):
-            points, towards = pass_points(rolled, settings)
+        for k, scan in enumerate(passes):
+            points, towards = pass_points(scan, settings)
             try:
                 sphere = find_sphere(points, towards, args.radius_mm * 1e-3, args.radius_tolerance)
             except SphereError as error:
-                raise CalibrationError(f"{rolled.name}: {error}") from error
+                raise CalibrationError(f"{scan.name}: {error}") from error
             if args.top_height_mm is not None:
                 sphere = sphere.moved_to_top(args.top_height_mm * 1e-3)
             spheres.append(sphere)
-            windows += contact_windows(rolled, window_settings(settings), sphere)
+            windows += contact_windows(scan, window_settings(settings), sphere)
             progress((k + 1) / len(passes))
     return spheres, windows
-
-
-def _record(
-    args: argparse.Namespace,
-    camera: Camera,
-    digests: Sequence[str],
-    spheres: Sequence[Sphere],
-    windows: Sequence[ContactWindow],
-    before: Figures,
-    after: Figures,
-    held: Figures | None,
-    least: float,
-) -> dict[str, Any]:
-    """The account for the file."""
-
-    def both(figures: Figures) -> dict[str, float]:
-        return {"error_m": round(figures.error_m, 9), "coverage": round(figures.coverage, 6)}
-
-    held_out = {"held_out": both(held)} if held is not None else {}
-    return account(
-        args.skin,
-        args.inputs,
-        camera,
-        digests,
-        method=args.method,
-        radius_m=args.radius_mm * 1e-3,
-        contact_radii_m=[round(s.contact_radius_m, 7) for s in spheres],
-        fitted_radii_m=[round(s.fitted_radius_m, 7) for s in spheres],
-        windows=len(windows),
-        least_coverage=round(float(least), 6),
-        before=both(before),
-        after=both(after),
-        **held_out,
-    )

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from roller_calibration import Scan, TimeOffset, central_events, estimate_time_offset
-from roller_core.calibration_file import account, write_calibration
-from roller_inspect.commands.options import add_recording_options, add_written_options
+from roller_core.calibration_file import calibration_record
 
-from .reading import read_whole, refuse_shared_poses
+from .output import add_kind, write
+
+if TYPE_CHECKING:
+    from roller_calibration.time_offset import TimeOffset
 
 #: Nodes that put events together with poses.
 _NODES = ("emvs", "surface", "braille")
@@ -17,19 +19,16 @@ _NODES = ("emvs", "surface", "braille")
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the subcommand."""
-    parser = kinds.add_parser(
-        "time-offset",
-        help="delay of event stamps against poses",
-        description="By how much event stamps lag the robot's poses, from recordings of scans "
-        "that roll to and fro over a surface with relief. Two recordings at speeds that differ by "
-        "half or more tell the delay from what edges lag by themselves.",
+    texts = (
+        "delay of event stamps against poses",
+        "By how much event stamps lag the robot's poses, from recordings of scans that roll to "
+        "and fro over a surface with relief. Two recordings at speeds that differ by half or more "
+        "tell the delay from what edges lag by themselves.",
     )
+    parser = add_kind(kinds, "time-offset", run, "the depth range of emvs", texts)
     parser.add_argument(
         "inputs", type=Path, nargs="+", metavar="INPUT", help="recordings of scans that reverse"
     )
-    add_written_options(parser)
-    add_recording_options(parser, "the depth range of emvs")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -40,34 +39,27 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If a recording can't be read or tells nothing, or the file can't be written.
     """
+    from roller_calibration.bidirectional import central_events
+    from roller_calibration.recordings import read_scans
+    from roller_calibration.time_offset import estimate_time_offset
     from roller_inspect.pipeline import InspectionSettings
 
-    refuse_shared_poses(args)
     settings = InspectionSettings.load(args.params).depth
-    scans = []
-    for path in args.inputs:
-        rolled = read_whole(path, args, settings.max_pose_gap_s, central_events)
-        scans.append(Scan(rolled.events, rolled.camera, rolled.track))
-    depth_m = 0.5 * (settings.depth_min_m + settings.depth_max_m)
-    found = estimate_time_offset(scans, depth_m)
-    told = _told(found)
-    for line in told:
-        print(line)
-    if args.output:
-        delay = {"event_delay_s": round(found.delay_s, 7)}
-        record = account(
-            "", args.inputs, scans[0].camera,
-            event_delay_s=float(found.delay_s), deviation_s=float(found.deviation_s),
-            speeds_m_s=list(found.speeds_m_s),
-        )  # fmt: skip
-        write_calibration(
-            args.output, "time_offset", told, {node: delay for node in _NODES}, record, args.params
-        )
-        print(f"written to {args.output}; give it to the nodes with params:= or --params")
+    scans = read_scans(args, settings.max_pose_gap_s, central_events)
+    found = estimate_time_offset(scans, 0.5 * (settings.depth_min_m + settings.depth_max_m))
+    lines = _describe(found)
+    print(*lines, sep="\n")
+    delay = {"event_delay_s": round(found.delay_s, 7)}
+    record = calibration_record(
+        "", args.inputs, scans[0].camera,
+        event_delay_s=float(found.delay_s), deviation_s=float(found.deviation_s),
+        speeds_m_s=list(found.speeds_m_s),
+    )  # fmt: skip
+    write(args, "time_offset", lines, {node: delay for node in _NODES}, record)
     return 0
 
 
-def _told(found: TimeOffset) -> list[str]:
+def _describe(found: TimeOffset) -> list[str]:
     speeds = ", ".join(f"{v:.3g}" for v in found.speeds_m_s)
     lines = [
         f"event stamps lag the poses by {found.delay_s * 1e3:.3f} ms "

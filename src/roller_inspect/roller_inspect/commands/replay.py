@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If the recording can't be opened or results can't be written.
     """
-    from roller_core.calibration_file import refuse_other_camera
+    from roller_core.calibration_file import check_same_camera
     from roller_core.output_folder import OutputFolder
     from roller_inspect.pipeline import InspectionSettings
     from roller_inspect.replay import replay
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         recording = open_recording(
             args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
         )
-        refuse_other_camera(args.params, recording.camera)
+        check_same_camera(args.params, recording.camera)
         with progress_bar(f"replay {args.input.name}") as progress:
             report = replay(
                 recording, settings, output.partial, args.input, not args.no_braille, progress

@@ -5,38 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.sphere_scan import (
-    CAMERA,
+from calibration.scans import (
     CENTRE_M,
     CONTACT_M,
     RADIUS_M,
+    ROLLING,
     TOWARDS,
     dome_points,
     plate_points,
     sphere_pass,
 )
-from roller_calibration import (
-    ContactWindow,
-    CoverageError,
-    ErrorTable,
-    FocusGrid,
-    ManySpheresError,
-    NoSphereError,
-    OffPatchError,
-    PaperGrid,
-    Sphere,
-    TooFewPointsError,
-    WrongRadiusError,
-    check_weights,
-    contact_view,
-    contact_windows,
-    find_sphere,
-    focus_errors,
-    pass_points,
-    window_errors,
-)
-from roller_calibration.paper_grid import simplex
-from roller_calibration.paper_search import medians
+from roller_calibration.contact import ContactWindow, contact_view, contact_windows, pass_points
+from roller_calibration.error_table import CoverageError, ErrorTable
+from roller_calibration.grid_search import focus_errors
+from roller_calibration.grids import FocusGrid, PaperGrid, check_weights, simplex
+from roller_calibration.paper_search import medians, window_errors
+from roller_calibration.sphere import Sphere, SphereError, find_sphere
 from roller_core.errors import SettingsError
 from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
 from roller_emvs.depth_map import DepthMap
@@ -93,16 +77,16 @@ def ridge() -> np.ndarray:
 @pytest.mark.parametrize(
     ("points", "fault", "says"),
     [
-        (scene(), NoSphereError, "no sphere"),
-        (ridge(), NoSphereError, "no sphere"),
+        (scene(), SphereError, "no sphere"),
+        (ridge(), SphereError, "no sphere"),
         (
             scene((CENTRE_M, RADIUS_M), (CENTRE_M + [0.008, 0, 0], RADIUS_M)),
-            ManySpheresError,
+            SphereError,
             "2 spheres in view, 8.0 mm apart",
         ),
-        (scene((CENTRE_M, 0.005)), WrongRadiusError, "fits a radius of 5.0"),
-        (scene((CENTRE_M, 0.0032)), WrongRadiusError, "fits a radius of 3.2"),
-        (scene((CENTRE_M, RADIUS_M))[::100], TooFewPointsError, "too few events"),
+        (scene((CENTRE_M, 0.005)), SphereError, "fits a radius of 5.0"),
+        (scene((CENTRE_M, 0.0032)), SphereError, "fits a radius of 3.2"),
+        (scene((CENTRE_M, RADIUS_M))[::100], SphereError, "too few events"),
     ],
     ids=["none", "ridge", "two", "larger", "smaller", "few"],
 )
@@ -115,31 +99,31 @@ def test_what_is_no_calibration_sphere_is_refused(
 
 def test_contact_view_is_the_sphere_equation(sphere: Sphere) -> None:
     pose = pose_matrix([0.001, 0.0, 0.0], rotation_vector_to_quaternion([0.004, -0.03, 0.4]))
-    view = contact_view(sphere, CAMERA, pose)
+    view = contact_view(sphere, ROLLING, pose)
     assert view is not None
     v, u = np.nonzero(view.mask)
     z = view.depth_m[view.mask]
     pixels = np.column_stack([u + view.box.left, v + view.box.top])
-    points = CAMERA.rays(pixels) * z[:, None] @ pose[:3, :3].T + pose[:3, 3]
+    points = ROLLING.rays(pixels) * z[:, None] @ pose[:3, :3].T + pose[:3, 3]
     arm = points - sphere.centre_m
     np.testing.assert_allclose(np.linalg.norm(arm, axis=1), RADIUS_M, atol=1e-12)
     assert (arm @ sphere.towards > 0).all()
     across = np.linalg.norm(arm - np.outer(arm @ sphere.towards, sphere.towards), axis=1)
     assert across.max() <= sphere.contact_radius_m
     # The circle's area, in pixels of the scale at its depth.
-    area = np.pi * (sphere.contact_radius_m * CAMERA.fx / view.plane_m) ** 2
+    area = np.pi * (sphere.contact_radius_m * ROLLING.fx / view.plane_m) ** 2
     assert view.pixels == pytest.approx(area, rel=0.05)
 
 
 def test_circle_that_the_image_cuts_has_no_view(sphere: Sphere) -> None:
     for x in (-0.008, 0.008):
-        assert contact_view(sphere, CAMERA, pose_matrix([x, 0, 0], [0, 0, 0, 1])) is None
+        assert contact_view(sphere, ROLLING, pose_matrix([x, 0, 0], [0, 0, 0, 1])) is None
 
 
 def test_sphere_beside_the_way_is_off_the_patch() -> None:
     beside = sphere_pass(across_m=0.0022)
     found = find_sphere(*pass_points(beside, SETTINGS), RADIUS_M)
-    with pytest.raises(OffPatchError, match="middle of the image"):
+    with pytest.raises(SphereError, match="middle of the image"):
         contact_windows(beside, SETTINGS, found)
 
 
@@ -180,7 +164,7 @@ def test_errors_are_those_of_the_pipeline(changes: dict, windows: list[ContactWi
     for window in windows:
         view = window.view
         miss = (view.box.of(maps[window.prepared.middle_ns].depth) - view.depth_m)[view.mask]
-        errors, points = window_errors(window, CAMERA, s, grid)
+        errors, points = window_errors(window, ROLLING, s, grid)
         assert points[choice] == np.isfinite(miss).sum() > 100
         assert errors[choice] == pytest.approx(np.nansum(np.abs(miss)), rel=1e-4)
 
@@ -236,7 +220,7 @@ def test_leaving_points_out_is_no_merit() -> None:
     table.points[:] = [[90, 50, 5], [90, 50, 5]]
     table.errors_m[:] = table.points * np.array([[3e-4, 2e-4, 1e-4], [3e-4, 2e-4, 1e-4]])
     assert [table.best(floor) for floor in (0.0, 0.05, 0.06, 0.5, 0.51, 0.9)] == [2, 2, 1, 1, 0, 0]
-    assert str(table.figures(1)) == "200.0 µm at 50.0% of the contact circle"
+    assert str(table.summary(1)) == "200.0 µm at 50.0% of the contact circle"
     with pytest.raises(CoverageError, match="the most is 90"):
         table.best(0.95)
 
@@ -256,9 +240,9 @@ def test_search_finds_what_is_better(windows: list[ContactWindow]) -> None:
     grid = PaperGrid((5.0, 12.0, 20.0), (11, 31, 91), simplex(3, 4))
     table = ErrorTable.empty([w.view.pixels for w in windows], grid.size)
     for k, window in enumerate(windows):
-        table.errors_m[k], table.points[k] = window_errors(window, CAMERA, SETTINGS, grid)
-    every = [table.figures(k) for k in range(grid.size)]
-    best = table.figures(table.best(0.1))
+        table.errors_m[k], table.points[k] = window_errors(window, ROLLING, SETTINGS, grid)
+    every = [table.summary(k) for k in range(grid.size)]
+    best = table.summary(table.best(0.1))
     assert best.coverage >= 0.1
     assert best.error_m == min(f.error_m for f in every if f.coverage >= 0.1)
 
@@ -267,8 +251,8 @@ def test_focus_is_judged_about_its_median_unless_the_top_is_known(sphere: Sphere
     s = DepthSettings.create({"method": "focus", "window.overlap": 0.9})
     low = sphere.moved_to_top(float(sphere.top_m[2]) + 2e-4)
     windows = contact_windows(sphere_pass(), s, low)
-    free, points = focus_errors(windows, CAMERA, s, absolute=False)
-    known, same = focus_errors(windows, CAMERA, s, absolute=True)
+    free, points = focus_errors(windows, ROLLING, s, absolute=False)
+    known, same = focus_errors(windows, ROLLING, s, absolute=True)
     np.testing.assert_array_equal(points, same)
     assert free.sum() / points.sum() < 6e-5
     assert known.sum() / points.sum() == pytest.approx(2e-4, rel=0.35)

@@ -5,55 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 
-from calibration.sphere_scan import CAMERA, sphere_pass
-from calibration.test_calibrate_others import HAND_EYE, pairs
+from calibration.scans import ROLLING, sphere_pass, write_scan
 from roller_bringup.cli import main
-from roller_calibration import Rolled
-from roller_calibration.commands import search
-from roller_core.calibration_file import read_account
+from roller_calibration import grid_search as search
+from roller_calibration import grids
+from roller_calibration.recordings import Scan
+from roller_core.calibration_file import read_record
 from roller_core.camera import Camera
 from roller_core.settings import read_parameters
-from roller_driver.ur10.robot_settings import HandEyeSettings
 from roller_inspect.pipeline import InspectionSettings
 
 #: Dots are as bright as dots are: votes are scaled by their own extremes.
 PARAMETERS = {"paper": {"full_scale_votes": 0.0}}
 
 
-def write_recording(folder: Path, rolled: Rolled) -> Path:
-    """A pass as a folder of the public event-camera dataset."""
-    folder.mkdir()
-    e = rolled.events
-    rows = np.column_stack([e.t_ns * 1e-9, e.x, e.y, e.p])
-    np.savetxt(folder / "events.txt", rows, fmt="%.9f %d %d %d")
-    rolled.track.write_tum(folder / "groundtruth.txt")
-    c = rolled.camera
-    (folder / "calib.txt").write_text(f"{c.fx} {c.fy} {c.cx} {c.cy} 0 0 0 0 0\n")
-    return folder
-
-
 def write_parameters(path: Path, **sections: dict[str, Any]) -> Path:
     nodes = {node: {"ros__parameters": values} for node, values in sections.items()}
     path.write_text(yaml.safe_dump(nodes))
     return path
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Recordings, camera and parameters that all tests share."""
-    folder = tmp_path_factory.mktemp("calibrate")
-    write_recording(folder / "pass", sphere_pass())
-    write_recording(folder / "beside", sphere_pass(across_m=0.0022))
-    write_recording(folder / "plate", sphere_pass(dots=0, plate_dots=700))
-    write_recording(folder / "few", sphere_pass(dots=6, plate_dots=0))
-    CAMERA.to_yaml(folder / "camera.yaml")
-    Camera(320, 140, 900.0, 900.0, 159.5, 69.5).to_yaml(folder / "other.yaml")
-    write_parameters(folder / "params.yaml", emvs=PARAMETERS)
-    return folder
 
 
 def calibrate(world: Path, name: str, *more: str, camera: str = "camera.yaml") -> int:
@@ -79,12 +51,12 @@ def test_sphere_gives_the_nodes_parameters_and_an_account(
     # What the parameter file said stays in force.
     assert settings.paper.full_scale_votes == 0.0
     assert sum(settings.paper.weights) == pytest.approx(1, abs=1e-5)
-    account = read_account(file, "sphere")
+    account = read_record(file, "sphere")
     assert account is not None
     assert account["skin"] == "A 7"
     assert account["data"] == ["pass"]
     assert len(account["sha256"][0]) == 64
-    assert account["camera"]["width"] == CAMERA.width
+    assert account["camera"]["width"] == ROLLING.width
     assert account["after"]["error_m"] < account["before"]["error_m"]
     assert account["after"]["coverage"] >= account["before"]["coverage"]
     assert list(file.parent.iterdir()) == [file]
@@ -154,14 +126,14 @@ def test_spoilt_state_is_refused(
 def test_focus_has_parameters_of_its_own(
     world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    grid = search.FocusGrid((4.0, 5.0), (0.4,), (0.0, 2.5e-4))
+    grid = grids.FocusGrid((4.0, 5.0), (0.4,), (0.0, 2.5e-4))
     monkeypatch.setattr(search, "FocusGrid", lambda: grid)
     file = tmp_path / "focus.yaml"
     assert calibrate(world, "pass", "--method", "focus", "-o", str(file)) == 0
     found = read_parameters(file, "emvs")
     assert found.keys() == {"focus", "paper", "calibrated_camera"}
     assert {f"focus.{name}" for name in found["focus"]} == set(search.NAMES["focus"])
-    account = read_account(file, "sphere")
+    account = read_record(file, "sphere")
     assert account is not None
     assert account["after"]["error_m"] <= account["before"]["error_m"]
 
@@ -205,7 +177,7 @@ def test_what_tells_nothing_is_refused(
 def test_recordings_that_share_a_name_are_two(
     world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    second = write_recording(tmp_path / "pass", sphere_pass(dots=390))
+    second = write_scan(tmp_path / "pass", sphere_pass(dots=390))
     first = str(world / "pass")
     words = ["--params", str(world / "params.yaml"), "--camera", str(world / "camera.yaml")]
     words += ["--radius-mm", "4", "--weight-parts", "3"]
@@ -227,7 +199,7 @@ def test_start_that_the_grid_does_not_better_stays(
     floor = ["--least-coverage", "0.001", "--weight-parts", "2"]
     assert calibrate(world, "pass", "--params", str(params), *floor, "-o", str(file)) == 0
     found = read_parameters(file, "emvs")["paper"]
-    account = read_account(file, "sphere")
+    account = read_record(file, "sphere")
     assert account is not None
     assert account["after"]["error_m"] <= account["before"]["error_m"]
     said = capsys.readouterr().out
@@ -239,65 +211,8 @@ def test_two_cameras_are_not_one(
     world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one = sphere_pass()
-    other = Rolled("other", one.events, Camera(320, 140, 900.0, 900.0, 159.5, 69.5), one.track)
-    folder = write_recording(tmp_path / "other", other)
+    other = Scan("other", one.events, Camera(320, 140, 900.0, 900.0, 159.5, 69.5), one.track)
+    folder = write_scan(tmp_path / "other", other)
     words = ["calibrate", "sphere", str(world / "pass"), str(folder), "--radius-mm", "4"]
     assert main(words) == 1
     assert "different cameras" in capsys.readouterr().err
-
-
-def test_plate_gives_the_depth_range(
-    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "range.yaml"
-    words = ["calibrate", "flat", str(world / "plate"), "--camera", str(world / "camera.yaml")]
-    assert main([*words, "-o", str(file), "--margin-mm", "0.4", "--reach-mm", "1.6"]) == 0
-    assert "a margin of 0.4 mm" in capsys.readouterr().out
-    settings = InspectionSettings.load(file)
-    for node in ("emvs", "surface"):
-        assert CAMERA.same_intrinsics(read_parameters(file, node)["calibrated_camera"])
-    for part in (settings.depth, settings.surface):
-        assert part.depth_min_m == pytest.approx(0.0432, abs=5e-5)
-        assert part.depth_max_m == pytest.approx(0.0472, abs=5e-5)
-    words[2] = str(world / "pass")
-    assert main(words) == 1
-    assert "not flat" in capsys.readouterr().err
-
-
-def test_caliper_gives_the_scale(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["calibrate", "scale", "--readings-mm", "2,2,3,3,4,4,5,5", "--pixels"]
-    assert main([*words, "47.2,47.6,71,71.3,94.9,94.6,118.3,118.7"]) == 0
-    assert "0.04219 mm/px" in capsys.readouterr().out
-    for pixels, says in (("47", "8 readings in mm and 1"), ("47,x", "expected numbers")):
-        assert main([*words, pixels]) == 1
-        assert says in capsys.readouterr().err
-
-
-def test_poses_give_the_cameras_place(
-    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from scipy.spatial.transform import Rotation
-
-    lines = ["# tool in base, target in camera"]
-    for two in zip(*pairs(8, np.ones(3)), strict=True):
-        values = [v for m in two for v in (*m[:3, 3], *Rotation.from_matrix(m[:3, :3]).as_quat())]
-        lines.append(" ".join(f"{v:.9f}" for v in values))
-    poses, file = tmp_path / "poses.txt", tmp_path / "hand_eye.yaml"
-    poses.write_text("\n".join(lines))
-    assert main(["calibrate", "hand-eye", str(poses), "-o", str(file)]) == 0
-    assert "residuals of 8 pairs" in capsys.readouterr().out
-    found = HandEyeSettings.from_yaml(file, "ur10").hand_eye
-    np.testing.assert_allclose(found.matrix, HAND_EYE, atol=1e-6)
-    scan = ["--scan", str(world / "plate"), "--camera", str(world / "camera.yaml")]
-    turned = tmp_path / "turned.yaml"
-    assert main(["calibrate", "hand-eye", *scan, "-o", str(turned)]) == 1
-    assert "give that with --params" in capsys.readouterr().err
-    assert main(["calibrate", "hand-eye", *scan, "--params", str(file), "-o", str(turned)]) == 0
-    assert "doesn't tell the camera's position" in capsys.readouterr().out
-    again = HandEyeSettings.from_yaml(turned, "ur10").hand_eye
-    np.testing.assert_allclose(again.position, found.position, atol=1e-6)
-    # The poses were right: the camera stays as it was, within half a degree.
-    np.testing.assert_allclose(again.matrix, found.matrix, atol=np.radians(0.5))
-    poses.write_text("\n".join([*lines, "1 2 3"]))
-    assert main(["calibrate", "hand-eye", str(poses)]) == 1
-    assert "line 10: expected 14 numbers" in capsys.readouterr().err

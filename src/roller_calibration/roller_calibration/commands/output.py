@@ -1,0 +1,77 @@
+"""What the commands have in common: their options, and the file that they write."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from roller_core.calibration_file import write_calibration
+from roller_inspect.commands.options import add_recording_options, add_written_options
+
+
+def add_kind(
+    kinds: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    nodes: str,
+    texts: tuple[str, str],
+    skin: bool = False,
+) -> argparse.ArgumentParser:
+    """Add a subcommand that reads recordings and writes a parameter file.
+
+    Parameters
+    ----------
+    kinds : subparsers
+        Of `calibrate`.
+    name : str
+        The subcommand.
+    run : callable
+        What it does.
+    nodes : str
+        The nodes whose parameters count, for the help text.
+    texts : tuple of str
+        Its line in the list of subcommands, and its description.
+    skin : bool
+        Whether what is found belongs to a skin.
+    """
+    parser = kinds.add_parser(name, help=texts[0], description=texts[1])
+    add_written_options(parser, skin)
+    add_recording_options(parser, nodes)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def write(
+    args: argparse.Namespace,
+    kind: str,
+    lines: Sequence[str],
+    parameters: Mapping[str, Mapping[str, Any]],
+    record: Mapping[str, Any],
+    use: str = "give it to the nodes with params:= or --params",
+) -> None:
+    """Write what was found, if `--output` says where.
+
+    Parameters
+    ----------
+    args : Namespace
+        With the command's options.
+    kind : str
+        What was calibrated.
+    lines : sequence of str
+        For people.
+    parameters : mapping
+        Values by node.
+    record : mapping
+        See `calibration_record`.
+    use : str
+        What to do with the file.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
+    if args.output:
+        write_calibration(args.output, kind, lines, parameters, record, args.params)
+        print(f"written to {args.output}; {use}")

@@ -1,0 +1,140 @@
+"""The camera's place on the tool, from pairs of poses and from a scan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calibration.scans import ROLLING
+from emvs.scenes import events_of, track_of
+from roller_bringup.cli import main
+from roller_calibration.camera_rotation import CameraRotationError, find_camera_rotation
+from roller_calibration.hand_eye import HandEyeError, find_hand_eye
+from roller_calibration.recordings import Scan
+from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
+from roller_driver.ur10.robot_settings import HandEyeSettings
+
+HAND_EYE = pose_matrix([0.02, -0.013, 0.11], rotation_vector_to_quaternion([0.1, -0.2, 1.3]))
+TURN_DEG = np.array([0.0, 0.5, -1.1])
+
+
+def pairs(
+    count: int, about: np.ndarray, noise_m: float = 0.0, noise_rad: float = 0.0
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Tool in base and target in camera; `about` scales the turns about x, y and z."""
+    rng = np.random.default_rng(7)
+    target = pose_matrix([0.5, 0.1, 0.0], rotation_vector_to_quaternion([3.1, 0.1, 0.0]))
+    tools, targets = [], []
+    for _ in range(count):
+        turn = Rotation.from_rotvec(about * rng.uniform(-0.5, 0.5, 3))
+        turned = Rotation.from_rotvec([3.0, 0.2, 0.0]) * turn
+        tool = pose_matrix(rng.normal([0.5, 0.1, 0.3], 0.05), turned.as_quat())
+        off = pose_matrix(
+            rng.normal(0, noise_m, 3), Rotation.from_rotvec(rng.normal(0, noise_rad, 3)).as_quat()
+        )
+        tools.append(tool)
+        targets.append(inverse_pose(tool @ HAND_EYE) @ target @ off)
+    return tools, targets
+
+
+def test_hand_eye_is_found_with_its_residuals() -> None:
+    exact = find_hand_eye(*pairs(6, np.ones(3)))
+    np.testing.assert_allclose(exact.pose, HAND_EYE, atol=1e-7)
+    noisy = find_hand_eye(*pairs(20, np.ones(3), 1e-4, 1e-3))
+    assert np.linalg.norm(noisy.pose[:3, 3] - HAND_EYE[:3, 3]) < 3e-4
+    assert noisy.rms_m == pytest.approx(np.sqrt(3) * 1e-4, rel=0.4)
+    assert noisy.rms_deg == pytest.approx(np.degrees(np.sqrt(3) * 1e-3), rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (pairs(2, np.ones(3)), "2 pairs"),
+        (pairs(8, np.zeros(3)), "turns by 0.0°"),
+        (pairs(8, np.array([0.0, 0.0, 1.0])), "one axis alone"),
+        (pairs(8, np.ones(3), 2e-2, 0.1), "don't agree"),
+    ],
+    ids=["two", "no turn", "one axis", "noise"],
+)
+def test_poses_that_tell_nothing_are_refused(
+    given: tuple[list[np.ndarray], list[np.ndarray]], says: str
+) -> None:
+    with pytest.raises(HandEyeError, match=says):
+        find_hand_eye(*given)
+
+
+@pytest.fixture(scope="module")
+def turned_pass() -> Scan:
+    """A pass over a plate by a camera that is turned against what its poses say."""
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(-0.02, 0.02, 200), rng.uniform(-0.004, 0.004, 200)
+    dots = np.column_stack([x, y, np.full(200, -0.045)])
+    # Looking down: base's z points from the plate to the camera.
+    down = Rotation.from_euler("x", 180, degrees=True)
+    true = (down * Rotation.from_rotvec(np.radians(TURN_DEG))).as_quat()
+    duration_s = 0.06
+    events = events_of(
+        dots, lambda t: (np.array([0.3 * t - 0.009, 0.0, 0.0]), true), duration_s, camera=ROLLING
+    )
+    track = track_of(lambda t: (np.array([0.3 * t - 0.009, 0, 0]), down.as_quat()), duration_s)
+    return Scan("turned", events, ROLLING, track)
+
+
+def test_a_flat_pass_tells_how_the_camera_is_turned(turned_pass: Scan) -> None:
+    found = find_camera_rotation(turned_pass, (0.043, 0.047))
+    assert found.vector_deg[2] == pytest.approx(TURN_DEG[2], abs=0.05)
+    assert found.vector_deg[1] == pytest.approx(TURN_DEG[1], abs=0.3)
+    assert found.height_m == pytest.approx(-0.045, abs=2e-4)
+    assert found.deviation_deg[2] < found.deviation_deg[0]
+
+
+def test_turn_needs_way_straightness_and_events(turned_pass: Scan) -> None:
+    few = replace(turned_pass, events=turned_pass.events[:5000])
+    short, bent = (
+        track_of(lambda t, s=s, b=b: (np.array([s * t, b * t * t, 0]), [1, 0, 0, 0]), 0.06)
+        for s, b in ((0.1, 0.0), (0.3, 5.0))
+    )
+    for rolled, says in (
+        (few, "too few events"),
+        (replace(turned_pass, track=short), "long, less than"),
+        (replace(turned_pass, track=bent), "isn't straight"),
+    ):
+        with pytest.raises(CameraRotationError, match=says):
+            find_camera_rotation(rolled, (0.043, 0.047))
+
+
+def test_turn_refuses_a_plate_that_is_elsewhere(turned_pass: Scan) -> None:
+    with pytest.raises(CameraRotationError, match="no plate between"):
+        find_camera_rotation(turned_pass, (0.047, 0.051))
+
+
+def test_poses_give_the_cameras_place(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = ["# tool in base, target in camera"]
+    for two in zip(*pairs(8, np.ones(3)), strict=True):
+        values = [v for m in two for v in (*m[:3, 3], *Rotation.from_matrix(m[:3, :3]).as_quat())]
+        lines.append(" ".join(f"{v:.9f}" for v in values))
+    poses, file = tmp_path / "poses.txt", tmp_path / "hand_eye.yaml"
+    poses.write_text("\n".join(lines))
+    assert main(["calibrate", "hand-eye", str(poses), "-o", str(file)]) == 0
+    assert "residuals of 8 pairs" in capsys.readouterr().out
+    found = HandEyeSettings.from_yaml(file, "ur10").hand_eye
+    np.testing.assert_allclose(found.matrix, HAND_EYE, atol=1e-6)
+    scan = ["--scan", str(world / "plate"), "--camera", str(world / "camera.yaml")]
+    turned = tmp_path / "turned.yaml"
+    assert main(["calibrate", "hand-eye", *scan, "-o", str(turned)]) == 1
+    assert "give that with --params" in capsys.readouterr().err
+    assert main(["calibrate", "hand-eye", *scan, "--params", str(file), "-o", str(turned)]) == 0
+    assert "doesn't tell the camera's position" in capsys.readouterr().out
+    again = HandEyeSettings.from_yaml(turned, "ur10").hand_eye
+    np.testing.assert_allclose(again.position, found.position, atol=1e-6)
+    # The poses were right: the camera stays as it was, within half a degree.
+    np.testing.assert_allclose(again.matrix, found.matrix, atol=np.radians(0.5))
+    poses.write_text("\n".join([*lines, "1 2 3"]))
+    assert main(["calibrate", "hand-eye", str(poses)]) == 1
+    assert "line 10: expected 14 numbers" in capsys.readouterr().err
