@@ -7,14 +7,14 @@ import pytest
 
 from roller_emvs.evidence import CELL_PX, EvidenceSettings, RayField, coarse, find_depths, sweep
 from roller_emvs.evidence import _peak_kernels as peaks
-from roller_emvs.evidence.edge_drift import creep_depth_m
-from roller_emvs.evidence.energy import all_tiles, plane_shifts
+from roller_emvs.evidence.edge_drift import edge_drift_depth_m
+from roller_emvs.evidence.focus_measure import all_tiles, plane_offsets
 from roller_emvs.evidence.relief import enlarge
-from roller_emvs.evidence.viewing import viewing
+from roller_emvs.evidence.slope_statistics import slope_statistics
 
 SHAPE = (64, 96)
 HALF_APERTURE = 10.0
-#: Lines uneven enough that no other shift aligns them.
+#: Lines uneven enough that no other offset aligns them.
 LINES = np.array([11.0, 27.0, 49.0, 78.0])
 
 
@@ -28,18 +28,18 @@ def field_of(
     bounds = np.array([0, np.count_nonzero(~on), len(on)])
     columns = SHAPE[1] // CELL_PX
     slopes = np.tile([[-HALF_APERTURE], [HALF_APERTURE]], (1, columns))
-    # The lean grows with the slope and a metre of depth is a unit of shift.
+    # The lean grows with the slope and a metre of depth is a unit of offset.
     return RayField(ordered, bounds, SHAPE, slopes, 0.03, 1.0, 1000.0, speed)
 
 
 def lines_at(
-    shift: float, rng: np.random.Generator, n: int = 6000, drift: float = 0.0
+    offset: float, rng: np.random.Generator, n: int = 6000, drift: float = 0.0
 ) -> tuple[np.ndarray, ...]:
-    """Rays of lines that lie at a shift; `drift` of them crowd at one end of the aperture."""
+    """Rays of lines that lie at a offset; `drift` of them crowd at one end of the aperture."""
     u = rng.uniform(-1, 1, n)
     keep = rng.random(n) < 0.5 * (1 + drift * u)
     slope = u[keep] * HALF_APERTURE
-    x = rng.choice(LINES, len(slope)) - slope * shift
+    x = rng.choice(LINES, len(slope)) - slope * offset
     y = rng.uniform(0, SHAPE[0], len(slope))
     return x, y, slope, rng.random(len(slope)) < 0.5
 
@@ -48,15 +48,15 @@ SETTINGS = EvidenceSettings.create({"edge_drift_m": 0.0})
 
 
 @pytest.mark.parametrize("parts", [1, 4])
-@pytest.mark.parametrize("shift", [-0.61, 0.0, 0.37])
-def test_lines_are_found_at_their_shift(shift: float, parts: int) -> None:
-    field = field_of(*lines_at(shift, np.random.default_rng(1)))
+@pytest.mark.parametrize("offset", [-0.61, 0.0, 0.37])
+def test_lines_are_found_at_their_shift(offset: float, parts: int) -> None:
+    field = field_of(*lines_at(offset, np.random.default_rng(1)))
     for found in find_depths(field, -1.0, 1.0, SETTINGS, parts):
-        known = np.isfinite(found.shift)
+        known = np.isfinite(found.offset)
         # Noise of a few tens of votes a cell; a pixel of parallax is 1/20.
         assert known.sum() > 60
-        assert abs(np.median(found.shift[known]) - shift) < 0.02
-        assert np.mean(np.abs(found.shift[known] - shift) < 0.05) > 0.85
+        assert abs(np.median(found.offset[known]) - offset) < 0.02
+        assert np.mean(np.abs(found.offset[known] - offset) < 0.05) > 0.85
 
 
 def test_threads_change_nothing() -> None:
@@ -64,17 +64,17 @@ def test_threads_change_nothing() -> None:
     plain = find_depths(field, -1.0, 1.0, SETTINGS)
     for threads in (2, 5):
         for a, b in zip(plain, find_depths(field, -1.0, 1.0, SETTINGS, 1, threads), strict=True):
-            np.testing.assert_array_equal(a.shift, b.shift)
+            np.testing.assert_array_equal(a.offset, b.offset)
 
 
 def test_polarities_have_depths_of_their_own() -> None:
     rng = np.random.default_rng(3)
-    parts = [lines_at(shift, rng) for shift in (-0.4, 0.4)]
+    parts = [lines_at(offset, rng) for offset in (-0.4, 0.4)]
     x, y, slope = (np.concatenate([p[k] for p in parts]) for k in range(3))
     polarity = np.repeat([0, 1], [len(p[0]) for p in parts])
     off, on = find_depths(field_of(x, y, slope, polarity), -1.0, 1.0, SETTINGS)
-    assert np.nanmedian(off.shift) == pytest.approx(-0.4, abs=0.01)
-    assert np.nanmedian(on.shift) == pytest.approx(0.4, abs=0.01)
+    assert np.nanmedian(off.offset) == pytest.approx(-0.4, abs=0.01)
+    assert np.nanmedian(on.offset) == pytest.approx(0.4, abs=0.01)
 
 
 def test_events_from_one_direction_have_no_depth() -> None:
@@ -83,7 +83,7 @@ def test_events_from_one_direction_have_no_depth() -> None:
     x, y = rng.uniform(0, SHAPE[1], 4000), np.full(4000, 30.0)
     field = field_of(x, y, np.full(4000, 3.0), rng.random(4000) < 0.5)
     for found in find_depths(field, -1.0, 1.0, SETTINGS):
-        assert not np.isfinite(found.shift).any()
+        assert not np.isfinite(found.offset).any()
 
 
 def test_a_column_seen_from_one_side_has_its_edges_depth() -> None:
@@ -94,11 +94,11 @@ def test_a_column_seen_from_one_side_has_its_edges_depth() -> None:
     field = field_of(x[near], y[near], slope[near], polarity[near])
     one_sided = np.array([np.zeros(24), np.full(24, HALF_APERTURE)])
     field = RayField(
-        field.rays, field.bounds, SHAPE, one_sided, field.lean_per_slope, 1.0, 1000.0, 0.0
+        field.rays, field.bounds, SHAPE, one_sided, field.ray_slope_scale, 1.0, 1000.0, 0.0
     )
     for found in find_depths(field, -1.0, 1.0, SETTINGS):
-        known = np.isfinite(found.shift)
-        assert abs(np.median(found.shift[known]) - 0.3) < 0.02
+        known = np.isfinite(found.offset)
+        assert abs(np.median(found.offset[known]) - 0.3) < 0.02
         # Evidence lies on the lines.
         distance = np.abs(found.x[known][:, None] * 4 + 1.5 - LINES).min(axis=1)
         assert np.median(distance) < 2.5
@@ -110,12 +110,12 @@ def test_creep_follows_the_change_of_density(drift: float) -> None:
     rng = np.random.default_rng(6)
     field = field_of(*lines_at(0.0, rng, 40000, drift))
     off = find_depths(field, -1.0, 1.0, SETTINGS)[0]
-    seen = viewing(field, off.shift, 0)
-    known = np.isfinite(off.shift) & (seen.count > 20)
-    half_lean = HALF_APERTURE * field.lean_per_slope
-    mean = np.average(seen.mean[known] * field.lean_per_slope, weights=seen.count[known])
+    seen = slope_statistics(field, off.offset, 0)
+    known = np.isfinite(off.offset) & (seen.count > 20)
+    half_lean = HALF_APERTURE * field.ray_slope_scale
+    mean = np.average(seen.mean[known] * field.ray_slope_scale, weights=seen.count[known])
     assert mean == pytest.approx(drift * half_lean / 3, abs=0.03 * half_lean)
-    depth = creep_depth_m(field, seen, 0.0)[known]
+    depth = edge_drift_depth_m(field, seen, 0.0)[known]
     if drift == 0.0:
         assert abs(np.median(depth)) < 0.1
     else:
@@ -124,32 +124,32 @@ def test_creep_follows_the_change_of_density(drift: float) -> None:
     # The correction is taken from the polarity that creeps alone.
     corrected = find_depths(field, -1.0, 1.0, SETTINGS.changed({"edge_drift_m": 0.01}))
     np.testing.assert_array_equal(
-        corrected[1].shift, find_depths(field, -1.0, 1.0, SETTINGS)[1].shift
+        corrected[1].offset, find_depths(field, -1.0, 1.0, SETTINGS)[1].offset
     )
-    moved = (corrected[0].shift - off.shift)[known]
+    moved = (corrected[0].offset - off.offset)[known]
     np.testing.assert_allclose(moved, 0.01 * depth, atol=1e-5)
 
 
 def test_blind_pixels_hide_a_part_of_the_change() -> None:
     field = field_of(*lines_at(0.0, np.random.default_rng(7), 40000, 0.6), speed=3000.0)
     off = find_depths(field, -1.0, 1.0, SETTINGS)[0]
-    seen = viewing(field, off.shift, 0)
+    seen = slope_statistics(field, off.offset, 0)
     known = seen.count > 20
-    awake, blind = (creep_depth_m(field, seen, t)[known] for t in (0.0, 2e-4))
+    awake, blind = (edge_drift_depth_m(field, seen, t)[known] for t in (0.0, 2e-4))
     assert np.all(np.abs(blind) >= np.abs(awake))
     assert np.median(np.abs(blind) / np.maximum(np.abs(awake), 1e-9)) > 1.01
 
 
 def test_shear_moves_columns_between_cells() -> None:
     rng = np.random.default_rng(8)
-    energy = rng.random((3, 5, 12)).astype(np.float32)
-    offsets = rng.uniform(-3, 3, (3, 12))
-    out = np.empty_like(energy)
-    peaks._shear(energy, offsets, out)
+    measure = rng.random((3, 5, 12)).astype(np.float32)
+    moved = rng.uniform(-3, 3, (3, 12))
+    out = np.empty_like(measure)
+    peaks._shear(measure, moved, out)
     for k in range(3):
         for i in range(5):
-            padded = np.concatenate([[0, 0, 0, 0], energy[k, i], [0, 0, 0, 0, 0]])
-            expected = np.interp(np.arange(12) + offsets[k] + 4, np.arange(21), padded)
+            padded = np.concatenate([[0, 0, 0, 0], measure[k, i], [0, 0, 0, 0, 0]])
+            expected = np.interp(np.arange(12) + moved[k] + 4, np.arange(21), padded)
             np.testing.assert_allclose(out[k, i], expected, atol=1e-6)
 
 
@@ -174,11 +174,11 @@ def test_what_is_taken_lies_between_cells() -> None:
     cells[:, 2, 3] = np.nan
     count = np.count_nonzero(which)
     row, column = (np.empty(count, np.int64) for _ in range(2))
-    shift, sure, spread = (np.empty(count, np.float32) for _ in range(3))
-    peaks._take(which, surfaces, tuple(cells[:2]), cells[2], row, column, shift, sure, spread)
+    offset, sure, spread = (np.empty(count, np.float32) for _ in range(3))
+    peaks._take(which, surfaces, tuple(cells[:2]), cells[2], row, column, offset, sure, spread)
     np.testing.assert_array_equal((row, column), np.nonzero(which))
     second = which[row, column] == 2
-    for found, images in ((shift, surfaces), (sure, [enlarge(c) for c in cells[:2]])):
+    for found, images in ((offset, surfaces), (sure, [enlarge(c) for c in cells[:2]])):
         expected = np.where(second, images[1][row, column], images[0][row, column])
         np.testing.assert_allclose(found, expected, atol=1e-6)
     np.testing.assert_allclose(spread, enlarge(cells[2])[row, column], atol=1e-6)
@@ -186,11 +186,11 @@ def test_what_is_taken_lies_between_cells() -> None:
 
 
 def test_planes_are_as_many_as_parallax_and_reach_beyond_the_ends() -> None:
-    at = plane_shifts(-1.0, 1.0, 20.0, 0.5)
+    at = plane_offsets(-1.0, 1.0, 20.0, 0.5)
     assert len(at) == 13
     assert (at[1], at[-2]) == pytest.approx((-1.0, 1.0))
-    assert len(plane_shifts(-1.0, 1.0, 0.5, 0.5)) == 7
-    assert len(plane_shifts(-1.0, 1.0, 1e6, 0.5)) == 502
+    assert len(plane_offsets(-1.0, 1.0, 0.5, 0.5)) == 7
+    assert len(plane_offsets(-1.0, 1.0, 1e6, 0.5)) == 502
 
 
 def test_edges_seen_from_both_sides_alone_have_no_depth() -> None:
@@ -206,11 +206,11 @@ def test_edges_seen_from_both_sides_alone_have_no_depth() -> None:
     )
     cells = slice(int(LINES[1]) // CELL_PX - 1, int(LINES[1]) // CELL_PX + 2)
     for before, after in zip(whole, parts, strict=True):
-        assert np.isfinite(before.shift[:, cells]).sum() > 10
-        assert not np.isfinite(after.shift[:, cells]).any()
-        others = np.isfinite(after.shift)
+        assert np.isfinite(before.offset[:, cells]).sum() > 10
+        assert not np.isfinite(after.offset[:, cells]).any()
+        others = np.isfinite(after.offset)
         assert others.sum() > 40
-        assert np.mean(np.abs(after.shift[others] - 0.2) < 0.05) > 0.85
+        assert np.mean(np.abs(after.offset[others] - 0.2) < 0.05) > 0.85
 
 
 @pytest.mark.parametrize("parts", [1, 4])
@@ -222,4 +222,4 @@ def test_tiles_left_out_hold_no_depth(parts: int, monkeypatch: pytest.MonkeyPatc
     for module in (sweep, coarse):
         monkeypatch.setattr(module, "tiles_reached", lambda _r, f, at: all_tiles(f, len(at)))
     for a, b in zip(found, find_depths(field, -1.0, 1.0, SETTINGS, parts), strict=True):
-        np.testing.assert_allclose(a.shift, b.shift, atol=0.02)
+        np.testing.assert_allclose(a.offset, b.offset, atol=0.02)

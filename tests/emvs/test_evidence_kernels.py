@@ -23,12 +23,12 @@ def some_rays(n: int, rng: np.random.Generator, slope: float = 4000) -> np.ndarr
     ).astype(np.float32)
 
 
-def twin_energy(rays: np.ndarray, shift: float, top: float, rows: int) -> np.ndarray:
+def twin_energy(rays: np.ndarray, offset: float, top: float, rows: int) -> np.ndarray:
     """Squared five-tap slopes of votes that are linear along x and whole along y."""
     votes = np.zeros((rows, WIDTH), np.float64)
     for x, y, sx, sy in rays:
-        a = np.float32(x + sx * np.float32(shift))
-        b = np.float32((y + sy * np.float32(shift) - np.float32(top)) * np.float32(1 / ROW_PX))
+        a = np.float32(x + sx * np.float32(offset))
+        b = np.float32((y + sy * np.float32(offset) - np.float32(top)) * np.float32(1 / ROW_PX))
         if 0 <= a < WIDTH - 1 and 0 <= b < rows:
             j = int(a)
             votes[int(b), j] += 1 - (a - j)
@@ -40,13 +40,13 @@ def twin_energy(rays: np.ndarray, shift: float, top: float, rows: int) -> np.nda
     return (slope**2).reshape(shape).sum(axis=(1, 3))
 
 
-def energy(
-    rays: np.ndarray, starts: np.ndarray, reach: int, shifts: np.ndarray, tiles: np.ndarray
+def measure(
+    rays: np.ndarray, starts: np.ndarray, reach: int, offsets: np.ndarray, tiles: np.ndarray
 ) -> np.ndarray:
     rows = HEIGHT // ROW_PX
-    out = np.zeros((len(shifts), HEIGHT // CELL_PX, WIDTH // CELL_PX), np.float32)
-    _kernels._energy_band(
-        np.ascontiguousarray(rays.T), starts, reach, shifts, np.float32(-0.5), tiles,
+    out = np.zeros((len(offsets), HEIGHT // CELL_PX, WIDTH // CELL_PX), np.float32)
+    _kernels._measure_band(
+        np.ascontiguousarray(rays.T), starts, reach, offsets, np.float32(-0.5), tiles,
         np.empty((rows + 1, WIDTH), np.float32), _kernels.chunk(),
         np.empty(TILE_CELLS * CELL_PX, np.float32), out,
     )  # fmt: skip
@@ -56,26 +56,26 @@ def energy(
 def test_energy_is_that_of_the_votes_slopes() -> None:
     rays = some_rays(400, np.random.default_rng(1))
     rays[7, 0] = np.nan
-    shifts = np.array([-5e-4, 0.0, 7e-4], np.float32)
+    offsets = np.array([-5e-4, 0.0, 7e-4], np.float32)
     starts = np.array([0, 400, 400, 400])
     tiles = np.array([[0, 2]])
-    found = energy(rays, starts, 9, shifts, tiles)
-    for k, shift in enumerate(shifts):
+    found = measure(rays, starts, 9, offsets, tiles)
+    for k, offset in enumerate(offsets):
         np.testing.assert_allclose(
-            found[k], twin_energy(rays, float(shift), -0.5, HEIGHT // ROW_PX), rtol=2e-3, atol=2e-3
+            found[k], twin_energy(rays, float(offset), -0.5, HEIGHT // ROW_PX), rtol=2e-3, atol=2e-3
         )
 
 
 def test_rays_vote_near_their_plane_alone_and_skipped_tiles_stay_empty() -> None:
     rays = some_rays(300, np.random.default_rng(2))
-    shifts = np.linspace(-5e-4, 5e-4, 5).astype(np.float32)
+    offsets = np.linspace(-5e-4, 5e-4, 5).astype(np.float32)
     starts = np.array([0, 60, 120, 180, 240, 300])
-    found = energy(rays, starts, 1, shifts, np.array([[0, 4]]))
+    found = measure(rays, starts, 1, offsets, np.array([[0, 4]]))
     for k in range(5):
         own = rays[starts[max(k - 1, 0)] : starts[min(k + 1, 4) + 1]]
-        expected = twin_energy(own, float(shifts[k]), -0.5, HEIGHT // ROW_PX)
+        expected = twin_energy(own, float(offsets[k]), -0.5, HEIGHT // ROW_PX)
         np.testing.assert_allclose(found[k], expected, rtol=2e-3, atol=2e-3)
-    skipped = energy(rays, starts, 1, shifts, np.array([[2, 3]]))
+    skipped = measure(rays, starts, 1, offsets, np.array([[2, 3]]))
     assert not skipped[[0, 1, 4]].any()
     np.testing.assert_array_equal(skipped[2:4], found[2:4])
 
@@ -179,8 +179,8 @@ def rays_on(
 ) -> np.ndarray:
     """Rays that meet a surface, given by pixel, at pixels."""
     slopes = rng.normal(0, 4000, (len(x), 2))
-    shift = surface[y, x][:, None]
-    return np.column_stack([np.column_stack([x, y]) - slopes * shift, slopes]).astype(np.float32)
+    offset = surface[y, x][:, None]
+    return np.column_stack([np.column_stack([x, y]) - slopes * offset, slopes]).astype(np.float32)
 
 
 def test_events_meet_the_cells_they_are_of() -> None:
@@ -288,8 +288,8 @@ def test_bands_hold_every_ray_that_can_reach_them(slope: float) -> None:
         held = set(bands.source[bands.starts[b] : bands.starts[b + 1]].tolist())
         assert 3 not in held
         for i in range(len(rays)):
-            for shift in np.linspace(*ends, 9):
-                x, y = rays[i, :2] + rays[i, 2:] * shift
+            for plane in np.linspace(*ends, 9):
+                x, y = rays[i, :2] + rays[i, 2:] * plane
                 x += offset
                 touched = {np.floor(y) // rows, (np.floor(y) + 1) // rows}
                 if 0 <= x < WIDTH - 1 and 0 <= y < HEIGHT - 1 and b in touched:

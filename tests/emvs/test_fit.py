@@ -18,10 +18,10 @@ INNER = (slice(5, -5), slice(5, -5))
 
 
 def depths_of(
-    shift: np.ndarray, x: np.ndarray, y: np.ndarray, energy: np.ndarray | float = 50.0
+    offset: np.ndarray, x: np.ndarray, y: np.ndarray, measure: np.ndarray | float = 50.0
 ) -> Depths:
-    full = np.array(np.broadcast_to(energy, SHAPE), np.float32)
-    return Depths(shift.astype(np.float32), full, full, x.astype(np.float32), y.astype(np.float32))
+    full = np.array(np.broadcast_to(measure, SHAPE), np.float32)
+    return Depths(offset.astype(np.float32), full, full, x.astype(np.float32), y.astype(np.float32))
 
 
 def scattered(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -35,14 +35,14 @@ def test_kernels_are_their_plain_twins() -> None:
     x, y = scattered(rng)
     z = rng.normal(0, 1, SHAPE).astype(np.float32)
     z[rng.random(SHAPE) < 0.3] = np.nan
-    energy = rng.uniform(-1, 9, SHAPE).astype(np.float32)
+    measure = rng.uniform(-1, 9, SHAPE).astype(np.float32)
     row, column = np.empty(SHAPE, np.int32), np.empty(SHAPE, np.int32)
     weight, moments = np.empty(SHAPE), np.zeros((9, *SHAPE))
-    kernels._weigh(z, x, y, energy, row, column, weight)
+    kernels._weigh(z, x, y, measure, row, column, weight)
     kernels._add_moments(z, x, y, weight, row, column, moments)
-    known = np.isfinite(z) & (energy > 0)
+    known = np.isfinite(z) & (measure > 0)
     np.testing.assert_array_equal(weight > 0, known)
-    w, a, b, c = (v[known].astype(float) for v in (energy, x, y, z))
+    w, a, b, c = (v[known].astype(float) for v in (measure, x, y, z))
     w = w**0.75
     place = (
         np.clip(np.rint(b).astype(int), 0, SHAPE[0] - 1),
@@ -86,16 +86,16 @@ def test_a_plane_is_kept_wherever_its_evidence_lies() -> None:
     x, y = scattered(np.random.default_rng(2))
     fit = fit_planes([depths_of(0.3 * x - 0.2 * y, x, y)], SIGMA, 0.1)
     expected = 0.3 * COLUMNS - 0.2 * ROWS
-    np.testing.assert_allclose(fit.shift[INNER], expected[INNER], atol=0.02)
+    np.testing.assert_allclose(fit.offset[INNER], expected[INNER], atol=0.02)
 
 
 def test_crests_and_hollows_are_given_back() -> None:
     """A plane alone levels a parabola by half its bend times the neighbourhood's variance."""
     bend = 0.2
-    shift = 0.5 * bend * (COLUMNS - 16) ** 2
-    fit = fit_planes([depths_of(shift, COLUMNS, ROWS)], SIGMA, 0.1)
+    offset = 0.5 * bend * (COLUMNS - 16) ** 2
+    fit = fit_planes([depths_of(offset, COLUMNS, ROWS)], SIGMA, 0.1)
     levelled = 0.5 * bend * SIGMA**2
-    left = (fit.shift - shift)[INNER]
+    left = (fit.offset - offset)[INNER]
     assert np.abs(left).max() < 0.6 * levelled
     # What evidence has levelled by itself, a neighbourhood as large, is partly given back too.
     assert left.mean() < 0
@@ -106,17 +106,17 @@ def test_the_polarity_that_scatters_counts_less() -> None:
     off = depths_of(1.0 + rng.normal(0, 3, SHAPE), COLUMNS, ROWS)
     on = depths_of(rng.normal(0, 0.1, SHAPE), COLUMNS, ROWS)
     fit = fit_planes([off, on], SIGMA, 0.1)
-    assert abs(fit.shift[INNER].mean()) < 0.05
+    assert abs(fit.offset[INNER].mean()) < 0.05
     # The order of the polarities and the number of threads don't matter.
     again = fit_planes([on, off], SIGMA, 0.1, threads=2)
-    np.testing.assert_allclose(fit.shift, again.shift, atol=1e-9)
+    np.testing.assert_allclose(fit.offset, again.offset, atol=1e-9)
 
 
 @pytest.mark.parametrize("deviation", [0.2, 1.0])
 def test_scatter_is_the_deviation_of_the_depths(deviation: float) -> None:
     rng = np.random.default_rng(4)
-    shift = rng.normal(0, deviation, SHAPE)
-    even = fit_planes([depths_of(shift, COLUMNS, ROWS)], SIGMA, 0.1)
+    offset = rng.normal(0, deviation, SHAPE)
+    even = fit_planes([depths_of(offset, COLUMNS, ROWS)], SIGMA, 0.1)
     assert 0.7 * deviation < np.median(even.scatter[INNER]) < 1.2 * deviation
 
 
@@ -126,7 +126,7 @@ def test_nothing_near_is_no_surface() -> None:
     one[12, 5] = 2.0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert np.isnan(fit_planes([depths_of(none, COLUMNS, ROWS)] * 2, SIGMA, 0.1).shift).all()
+        assert np.isnan(fit_planes([depths_of(none, COLUMNS, ROWS)] * 2, SIGMA, 0.1).offset).all()
         fit = fit_planes([depths_of(none, COLUMNS, ROWS), depths_of(one, COLUMNS, ROWS)], SIGMA, 1)
-    assert fit.shift[12, 5] == pytest.approx(2.0)
-    assert np.isnan(fit.shift[:, 20:]).all()
+    assert fit.offset[12, 5] == pytest.approx(2.0)
+    assert np.isnan(fit.offset[:, 20:]).all()

@@ -1,4 +1,4 @@
-"""Pixels that fire on their own, told from those that see something."""
+"""Pixels that fire on their own, apart from those that see something."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ from roller_emvs.methods.paper import bma as paper
 
 from .depth_map import DepthMap
 from .depth_settings import DepthSettings
+from .engine import DepthEngine
 from .hot_pixels import hot_pixels
 from .methods import focus
 from .rays import F32, MIN_PARALLAX_PX, Packets, make_packets, parallax_px
@@ -28,7 +29,7 @@ from .windows import RefusedWindow, Window, WindowCutter
 
 
 class ParallaxError(RollerError):
-    """A window in which depth can't be told from the motion."""
+    """A window in which depth doesn't follow from the motion."""
 
 
 @dataclass(frozen=True)
@@ -59,19 +60,7 @@ class PreparedWindow:
     notes: tuple[str, ...]
 
 
-@dataclass(slots=True)
-class PipelineCounts:
-    """What the pipeline did so far."""
-
-    windows: int = 0
-    refused_windows: int = 0
-    events: int = 0
-    points: int = 0
-    dropped_events: int = 0
-    events_without_pose: int = 0
-
-
-class DepthPipeline:
+class DepthPipeline(DepthEngine[WindowCutter]):
     """Events and poses in, depth maps out.
 
     Parameters
@@ -91,40 +80,9 @@ class DepthPipeline:
 
     def __init__(self, settings: DepthSettings, camera: Camera, track: PoseTrack) -> None:
         refuse_surface(settings)
+        super().__init__(settings, camera, track, WindowCutter(settings, track))
         self.settings = settings
-        self.camera = camera
-        self.track = track
-        self._counts = PipelineCounts()
         self._table = camera.undistortion_table()
-        self._cutter = WindowCutter(settings, track)
-
-    @property
-    def counts(self) -> PipelineCounts:
-        """What was done and lost so far."""
-        self._counts.dropped_events = self._cutter.dropped_events
-        self._counts.events_without_pose = self._cutter.events_without_pose
-        return self._counts
-
-    @property
-    def held_events(self) -> int:
-        """Events that wait for their window to be complete."""
-        return self._cutter.held_events
-
-    @property
-    def needed_from_ns(self) -> int | None:
-        """Poses from before this time are no longer needed; None while it isn't known."""
-        return self._cutter.needed_from_ns
-
-    def add_events(self, events: EventArray) -> None:
-        """Take events in order of time, ROS time.
-
-        Raises
-        ------
-        EventArrayError
-            If one lies outside the camera's image.
-        """
-        events.check_inside(self.camera.width, self.camera.height)
-        self._cutter.add(events.compensate_delay(self.settings.event_delay_s))
 
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
         """Depth maps of all windows that are complete, in order.
@@ -136,11 +94,7 @@ class DepthPipeline:
         """
         for window in self.windows(flush):
             result = self._reconstruct(window) if isinstance(window, Window) else window
-            if isinstance(result, RefusedWindow):
-                self._counts.refused_windows += 1
-            else:
-                self._counts.windows += 1
-                self._counts.points += result.points
+            self._count(None if isinstance(result, RefusedWindow) else result.points)
             yield result
 
     def windows(self, flush: bool = False) -> Iterator[Window | RefusedWindow]:
@@ -217,8 +171,8 @@ class DepthPipeline:
             events = events[keep]
         if s.patch_half_length_m and len(events):
             middle = 0.5 * (s.depth_min_m + s.depth_max_m)
-            lean = (self._table[events.y, events.x, 0] - camera.cx) / camera.fx
-            events = events[np.abs(lean) * middle <= s.patch_half_length_m]
+            ray_slope = (self._table[events.y, events.x, 0] - camera.cx) / camera.fx
+            events = events[np.abs(ray_slope) * middle <= s.patch_half_length_m]
         return events, notes
 
 

@@ -9,7 +9,7 @@ from roller_core.transforms import F64
 
 I64 = npt.NDArray[np.int64]
 
-# 21 bits an axis, signed, around the first point: 2 million voxels each way.
+# 21 bits an axis, signed, around the first point: 2 million voxels in each direction.
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
 

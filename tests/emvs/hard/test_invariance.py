@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from emvs.hard import world
-from emvs.hard.world import ALL, SPEED_M_S, UPRIGHT
+from emvs.hard.world import ALL, METHODS, SPEED_M_S, UPRIGHT
 from emvs.scenes import MS, Motion, rolling
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -23,7 +23,6 @@ from roller_core.transforms import (
     rotation_vector_to_quaternion,
 )
 from roller_emvs.depth_map import DepthMap
-from roller_emvs.depth_settings import METHODS
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.windows import RefusedWindow

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from emvs.hard import world
-from emvs.hard.world import ALL, SPEED_M_S
+from emvs.hard.world import ALL, METHODS, SPEED_M_S
 from emvs.scenes import MS
 from roller_core.codecs import encode
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseGapError, PoseTrack
-from roller_emvs.depth_settings import METHODS
 
 EPOCH_NS = 1_790_000_000_000_000_000
 WIDTH, HEIGHT = world.CAMERA.width, world.CAMERA.height

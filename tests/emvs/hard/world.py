@@ -18,7 +18,7 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64, quaternion_to_matrix
 from roller_emvs.depth_map import DepthMap, back_project
-from roller_emvs.depth_settings import METHODS, DepthSettings
+from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.windows import RefusedWindow
@@ -30,7 +30,9 @@ MIDDLE_M = 0.045
 #: Travel in a window of each kind, m.
 WINDOW_M = 0.010
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
-PAPER = ("bma", "left_right", "emvs")
+#: Of the paper's methods `bma`: the others go through the same code with fewer views.
+PAPER = ("bma",)
+METHODS = ("focus", *PAPER)
 ALL = (*METHODS, "surface")
 
 #: Windows of the paper's methods hold the travel that those of focus do.

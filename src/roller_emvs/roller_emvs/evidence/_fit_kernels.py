@@ -10,30 +10,30 @@ _STIFFNESS = 0.05
 
 
 @njit(cache=True, nogil=True)
-def _weigh(shift, x, y, energy, row, column, weight):  # type: ignore[no-untyped-def]
+def _weigh(offset, x, y, measure, row, column, weight):  # type: ignore[no-untyped-def]
     """Weight of each depth, and the cell that its evidence lies in; weight 0 where there is none.
 
-    The power of energy lies between that of a steady count's variance, 1, and its root: bright
-    edges shouldn't silence faint ones.
+    The power of the focus measure lies between that of a steady count's variance, 1, and its
+    root: bright edges shouldn't silence faint ones.
     """
-    height, width = shift.shape
+    height, width = offset.shape
     for i in range(height):
         for j in range(width):
             weight[i, j] = 0.0
             row[i, j] = i
             column[i, j] = j
-            if np.isnan(shift[i, j]) or not energy[i, j] > 0:
+            if np.isnan(offset[i, j]) or not measure[i, j] > 0:
                 continue
-            e = np.float64(energy[i, j])
+            e = np.float64(measure[i, j])
             weight[i, j] = np.sqrt(e * np.sqrt(e))
             row[i, j] = min(max(int(np.rint(y[i, j])), 0), height - 1)
             column[i, j] = min(max(int(np.rint(x[i, j])), 0), width - 1)
 
 
 @njit(cache=True, nogil=True)
-def _add_moments(shift, x, y, weight, row, column, moments):  # type: ignore[no-untyped-def]
-    """Weighted sums of 1, x, y, z, x², xy, y², xz and yz by cell; `shift` is z."""
-    height, width = shift.shape
+def _add_moments(offset, x, y, weight, row, column, moments):  # type: ignore[no-untyped-def]
+    """Weighted sums of 1, x, y, z, x², xy, y², xz and yz by cell; `offset` is z."""
+    height, width = offset.shape
     for i in range(height):
         for j in range(width):
             w = weight[i, j]
@@ -41,7 +41,7 @@ def _add_moments(shift, x, y, weight, row, column, moments):  # type: ignore[no-
                 continue
             a = np.float64(x[i, j])
             b = np.float64(y[i, j])
-            z = np.float64(shift[i, j])
+            z = np.float64(offset[i, j])
             r = row[i, j]
             c = column[i, j]
             moments[0, r, c] += w
@@ -85,9 +85,9 @@ def _solve(moments, planes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _add_residuals(shift, x, y, weight, row, column, trust, planes, sums):  # type: ignore[no-untyped-def]
+def _add_residuals(offset, x, y, weight, row, column, trust, planes, sums):  # type: ignore[no-untyped-def]
     """Sums of w, w², w·r and w·r² by cell; r is a depth less the plane where it lies."""
-    height, width = shift.shape
+    height, width = offset.shape
     for i in range(height):
         for j in range(width):
             r = row[i, j]
@@ -96,7 +96,7 @@ def _add_residuals(shift, x, y, weight, row, column, trust, planes, sums):  # ty
             if w == 0:
                 continue
             rest = (
-                np.float64(shift[i, j])
+                np.float64(offset[i, j])
                 - planes[2, r, c]
                 - planes[3, r, c] * (np.float64(x[i, j]) - planes[0, r, c])
                 - planes[4, r, c] * (np.float64(y[i, j]) - planes[1, r, c])

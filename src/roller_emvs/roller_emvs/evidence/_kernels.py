@@ -1,4 +1,4 @@
-"""Loops over rays and votes that tell how sharp they are; each has a numpy twin in the tests."""
+"""Loops over rays and votes for how sharp they are; each has a numpy twin in the tests."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ def chunk() -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _energy_bands(  # type: ignore[no-untyped-def]
-    rays, starts, first, step, reach, shifts, tiles, votes, chunk, line, energy
+def _measure_bands(  # type: ignore[no-untyped-def]
+    rays, starts, first, step, reach, offsets, tiles, votes, chunk, line, measure
 ):
-    """Sharpness of every `step`-th band from `first` on; see `_energy_band`."""
+    """Sharpness of every `step`-th band from `first` on; see `_measure_band`."""
     rows = (len(votes) - 1) * ROW_PX
     cells = rows // CELL_PX
     for b in range(first, len(starts), step):
         if starts[b, 0] < starts[b, -1]:
             top = np.float32(b * rows - 0.5)
-            own = energy[:, b * cells : (b + 1) * cells]
-            _energy_band(rays, starts[b], reach, shifts, top, tiles[b], votes, chunk, line, own)
+            own = measure[:, b * cells : (b + 1) * cells]
+            _measure_band(rays, starts[b], reach, offsets, top, tiles[b], votes, chunk, line, own)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _vote(rays, a, b, shift, top, votes, chunk):  # type: ignore[no-untyped-def]
-    """Votes of rays a to b on the plane `shift`, each shared by two columns.
+def _vote(rays, a, b, offset, top, votes, chunk):  # type: ignore[no-untyped-def]
+    """Votes of rays a to b on the plane `offset`, each shared by two columns.
 
     Places first, in a loop that the compiler turns into vector instructions, then votes. The
     last row of `votes` takes what goes nowhere. Loops count without sign from where they begin:
@@ -62,8 +62,8 @@ def _vote(rays, a, b, shift, top, votes, chunk):  # type: ignore[no-untyped-def]
         begin = np.uint64(start)
         count = np.uint64(min(len(places), b - start))
         for i in range(count):
-            x = x0[begin + i] + dx[begin + i] * shift
-            y = (y0[begin + i] + dy[begin + i] * shift - top) * half
+            x = x0[begin + i] + dx[begin + i] * offset
+            y = (y0[begin + i] + dy[begin + i] * offset - top) * half
             # Written so that NaN fails it.
             inside = (x >= 0) & (x < right) & (y >= 0) & (y < below)
             left = np.floor(x)
@@ -76,25 +76,25 @@ def _vote(rays, a, b, shift, top, votes, chunk):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _energy_band(  # type: ignore[no-untyped-def]
-    rays, starts, reach, shifts, top, tiles, votes, chunk, line, energy
+def _measure_band(  # type: ignore[no-untyped-def]
+    rays, starts, reach, offsets, top, tiles, votes, chunk, line, measure
 ):
     """Sharpness of a band's votes on all planes, by cell.
 
     `rays`, shape (4, n), are ordered by the plane around which they vote: those of planes
     k - reach … k + reach lie between `starts[k - reach]` and `starts[k + reach + 1]`. `tiles`
-    holds the first and last plane on which each tile of columns counts. `energy`, shape (planes,
+    holds the first and last plane on which each tile of columns counts. `measure`, shape (planes,
     rows, columns) of cells, receives the sum of squared slopes along x.
     """
     width = votes.shape[1]
-    planes, cell_rows, cell_columns = energy.shape
+    planes, cell_rows, cell_columns = measure.shape
     for k in range(planes):
         a = starts[max(k - reach, 0)]
         b = starts[min(k + reach, planes - 1) + 1]
         if a == b:
             continue
         votes[:] = 0
-        _vote(rays, a, b, shifts[k], top, votes, chunk)
+        _vote(rays, a, b, offsets[k], top, votes, chunk)
         tile = 0
         while tile < len(tiles):
             # Tiles side by side that count are looked at in one go.
@@ -112,7 +112,7 @@ def _energy_band(  # type: ignore[no-untyped-def]
             line[high : last * CELL_PX] = 0
             for row in range(cell_rows):
                 _add_slopes(votes, row * CELL_PX // ROW_PX, low, high, line)
-                _add_cells(line, first, last, energy[k, row])
+                _add_cells(line, first, last, measure[k, row])
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -132,13 +132,13 @@ def _add_slopes(votes, row, low, high, line):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _add_cells(line, first, last, energy):  # type: ignore[no-untyped-def]
+def _add_cells(line, first, last, measure):  # type: ignore[no-untyped-def]
     """Sums of the columns of each cell."""
     for cell in range(np.uint64(first), np.uint64(last)):
         total = np.float32(0)
         for x in range(np.uint64(CELL_PX)):
             total += line[cell * np.uint64(CELL_PX) + x]
-        energy[cell] = total
+        measure[cell] = total
 
 
 @njit(cache=True, nogil=True)
@@ -193,7 +193,7 @@ def _tiles_searched(first, last, rows, tiles):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _tiles_reached(rays, first, last, low, high, seen):  # type: ignore[no-untyped-def]
-    """Mark the tiles of columns that a band's rays pass between the shifts `low` and `high`.
+    """Mark the tiles of columns that a band's rays pass between the offsets `low` and `high`.
 
     All of a band's where its rays are so many that looking at them takes longer than tiles do.
     """

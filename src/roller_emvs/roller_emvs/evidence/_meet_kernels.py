@@ -1,6 +1,6 @@
 """Loops over events that look for where they meet a surface; each has a twin in the tests.
 
-Where a ray meets the surface depends on the shift there: it is followed from the shift of one
+Where a ray meets the surface depends on the offset there: it is followed from the offset of one
 place to that of the next for a few rounds, which settle it.
 """
 
@@ -15,13 +15,13 @@ _ROUNDS = 4
 
 
 @njit(cache=True, nogil=True)
-def _meet(rays, first, last, shift, start, sums):  # type: ignore[no-untyped-def]
+def _meet(rays, first, last, offset, start, sums):  # type: ignore[no-untyped-def]
     """Count events, and add up their slopes along x and squares, where they meet the surface.
 
-    `shift` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere.
+    `offset` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere.
     `sums`, shape (rows, columns, 3), holds what is added to together.
     """
-    height, width = shift.shape
+    height, width = offset.shape
     right = np.float32(width)
     below = np.float32(height)
     per_px = np.float32(1.0 / CELL_PX)
@@ -43,7 +43,7 @@ def _meet(rays, first, last, shift, start, sums):  # type: ignore[no-untyped-def
             # Unsigned, as what may be negative is checked to count from the end.
             row = np.uint32(b)
             column = np.uint32(a)
-            here = shift[row, column]
+            here = offset[row, column]
             met = not np.isnan(here)
             if not met or z == here:
                 break
@@ -88,9 +88,9 @@ def _warp(rays, first, last, depth, start, support):  # type: ignore[no-untyped-
 
 @njit(cache=True, nogil=True)
 def _plane_near(rays, near, origin, step, planes, plane):  # type: ignore[no-untyped-def]
-    """Plane around which each ray is searched; -1 where it meets no coarse shift.
+    """Plane around which each ray is searched; -1 where it meets no coarse offset.
 
-    `near` is the coarse shift on cells, NaN where there is none.
+    `near` is the coarse offset on cells, NaN where there is none.
     """
     height, width = near.shape
     right = np.float32(width)

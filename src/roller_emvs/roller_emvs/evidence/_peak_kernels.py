@@ -9,17 +9,17 @@ from ._kernels import CELL_PX
 
 
 @njit(cache=True, nogil=True)
-def _shear(energy, offsets, out):  # type: ignore[no-untyped-def]
-    """Energy of each plane's columns `offsets` further on, between columns; 0 beyond the grid."""
-    planes, height, width = energy.shape
+def _shear(measure, moved, out):  # type: ignore[no-untyped-def]
+    """Focus measure `moved` columns further on, by plane, between columns; 0 beyond the grid."""
+    planes, height, width = measure.shape
     for k in range(planes):
         for j in range(width):
-            at = j + offsets[k, j]
+            at = j + moved[k, j]
             a = int(np.floor(at))
             share = np.float32(at - a)
             for i in range(height):
-                left = energy[k, i, a] if 0 <= a < width else np.float32(0)
-                right = energy[k, i, a + 1] if 0 <= a + 1 < width else np.float32(0)
+                left = measure[k, i, a] if 0 <= a < width else np.float32(0)
+                right = measure[k, i, a + 1] if 0 <= a + 1 < width else np.float32(0)
                 out[k, i, j] = left + share * (right - left)
 
 
@@ -66,7 +66,7 @@ def _find_peak(scores, first, last, rival, weakest, least, peak, contrast, top):
     NaN where it lies at an end of the search or of the range: the top was not seen. `contrast`
     tells how it stands out of the planes searched; `top` is its score. NaN also below the score
     `weakest` and the contrast `least`, and where another peak, beyond a valley, reaches the share
-    `rival` of the score: which of the two is the surface can't be told.
+    `rival` of the score: which of the two is the surface is open.
     """
     n, height, width = scores.shape
     total = np.empty(width, np.float32)
@@ -99,12 +99,12 @@ def _find_peak(scores, first, last, rival, weakest, least, peak, contrast, top):
 
 
 @njit(cache=True, nogil=True)
-def _centroids(energy, plane, weights, total, x, y):  # type: ignore[no-untyped-def]
-    """Weighted energy on each cell's own plane, and where around the cell it lies, in cells.
+def _centroids(measure, plane, weights, total, x, y):  # type: ignore[no-untyped-def]
+    """Weighted focus measure on each cell's own plane, and where around the cell it lies, in cells.
 
     `plane` is -1 where there is none. `weights` are of one axis, shape (2·reach + 1,).
     """
-    _, height, width = energy.shape
+    _, height, width = measure.shape
     reach = len(weights) // 2
     for i in range(height):
         for j in range(width):
@@ -123,7 +123,7 @@ def _centroids(energy, plane, weights, total, x, y):  # type: ignore[no-untyped-
                 for dj in range(-reach, reach + 1):
                     if j + dj < 0 or j + dj >= width:
                         continue
-                    w = weights[di + reach] * weights[dj + reach] * energy[k, i + di, j + dj]
+                    w = weights[di + reach] * weights[dj + reach] * measure[k, i + di, j + dj]
                     e += w
                     ex += w * dj
                     ey += w * di
@@ -177,7 +177,7 @@ def _between(cells, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _take(which, surfaces, confidences, scatter, row, column, shift, sure, spread):  # type: ignore[no-untyped-def]
+def _take(which, surfaces, confidences, scatter, row, column, offset, sure, spread):  # type: ignore[no-untyped-def]
     """Pixels that were chosen, with their image's surface and confidence, and the scatter there.
 
     `surfaces` are by pixel, `confidences` and `scatter` by cell.
@@ -189,7 +189,7 @@ def _take(which, surfaces, confidences, scatter, row, column, shift, sure, sprea
                 k = which[y, x] - 1
                 row[n] = y
                 column[n] = x
-                shift[n] = surfaces[k][y, x]
+                offset[n] = surfaces[k][y, x]
                 sure[n] = _between(confidences[k], y, x)
                 spread[n] = _between(scatter, y, x)
                 n += 1

@@ -10,8 +10,16 @@ from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _peak_kernels as peaks
-from .energy import Sorted, blur, by_part, energy_by_plane, everywhere, plane_shifts, tiles_reached
 from .field import RayField
+from .focus_measure import (
+    Sorted,
+    blur,
+    by_part,
+    everywhere,
+    focus_measure_by_plane,
+    plane_offsets,
+    tiles_reached,
+)
 
 #: Neighbourhood of the coarse depth, px.
 _SIGMA_PX = 8.0
@@ -23,11 +31,11 @@ _MIN_CONFIDENCE = 0.2
 def coarse_planes(field: RayField, low: float, high: float, parts: int, per_px: float) -> F64:
     """Planes that a part's parallax tells apart."""
     parallax = field.aperture * (high - low) / parts
-    return plane_shifts(low, high, parallax, per_px)
+    return plane_offsets(low, high, parallax, per_px)
 
 
-def coarse_shift(field: RayField, bands: list[Bands], at: F64, parts: int, threads: int) -> F32:
-    """Shift on cells from the sum of the parts' evidence; NaN where none is found.
+def coarse_offset(field: RayField, bands: list[Bands], at: F64, parts: int, threads: int) -> F32:
+    """Offset on cells from the sum of the parts' evidence; NaN where none is found.
 
     Parameters
     ----------
@@ -36,7 +44,7 @@ def coarse_shift(field: RayField, bands: list[Bands], at: F64, parts: int, threa
     bands : list of Bands
         The rays of OFF and of ON events, sorted for at least the planes.
     at : ndarray of float64, shape (planes,)
-        Their shifts.
+        Their offsets.
     parts : int
         Parts of the aperture.
     threads : int
@@ -58,14 +66,14 @@ def coarse_shift(field: RayField, bands: list[Bands], at: F64, parts: int, threa
         if (begins < ends).any():
             chosen = everywhere(own.rays, begins, ends, len(at))
             tiles = tiles_reached(chosen, field, at)
-            found[k] = energy_by_plane(chosen, field, at, len(at), tiles)
+            found[k] = focus_measure_by_plane(chosen, field, at, len(at), tiles)
 
     share(threads, polarities, arrange)
     share(threads, polarities * parts, look)
     total = np.zeros((len(at), *field.cells), np.float32)
-    for energy in found:
-        if energy is not None:
-            total += energy
+    for measure in found:
+        if measure is not None:
+            total += measure
     peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
     scores = blur(total, _SIGMA_PX)
     first, last = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)

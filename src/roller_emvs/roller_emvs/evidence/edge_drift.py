@@ -1,15 +1,15 @@
-"""Taking out of depth what edges creep along the surface under a light that travels along.
+"""Taking out of depth how far edges drift along the surface under a light that travels along.
 
-A pixel's event tells that brightness has changed by a threshold since the last one. Where the
+A pixel's event says that brightness has changed by a threshold since the last one. Where the
 sensor comes upon a wall that looks darker than the flat surface before it, that happens a share
 threshold / contrast down the wall's flank. Ring light and camera travel together, so a wall that
-leans away from them grows darker while it crosses the image, and the place creeps: a feature that
+leans away from them grows darker while it crosses the image, and the place drifts: a feature that
 moves along the surface looks nearer or farther than it is. Where the wall ends brightness is back
-at what it was, whatever the contrast, and nothing creeps.
+at what it was, whatever the contrast, and nothing drifts.
 
 How contrast changes shows in the events themselves: more contrast crosses more thresholds, so
-events get denser on one side of the aperture. With the rays' lean s, the relative change of
-density is (mean(s) - middle) / variance of an even spread. The way along the flank grows with the
+events get denser on one side of the aperture. With the rays' slope s, the relative change of
+density is (mean(s) - middle) / variance of an even spread. The path along the flank grows with the
 number of thresholds crossed; the factor was fitted on the virtual cell (six objects, 0.1-0.5 m/s)
 and means nothing where contrast is steady: there the correction is zero.
 """
@@ -22,9 +22,9 @@ from roller_emvs.rays import F32
 
 from ._kernels import CELL_PX
 from .field import RayField
-from .viewing import Viewing
+from .slope_statistics import SlopeStatistics
 
-#: Relative change of contrast, per unit of lean, beyond which edges are seen from one side alone
+#: Relative change of contrast, per unit of slope, beyond which edges are seen from one side alone
 #: and density no longer tells the rate of change.
 _STEEP = 2.0
 #: Width over which an edge's events lie, px.
@@ -35,22 +35,22 @@ _MOST_BLIND = 0.65
 _ENOUGH = 1.0
 
 
-def creep_depth_m(field: RayField, seen: Viewing, dead_time_s: float) -> F32:
-    """Depth to add for each metre of creep, by cell.
+def edge_drift_depth_m(field: RayField, seen: SlopeStatistics, dead_time_s: float) -> F32:
+    """Depth to add for each metre of drift, by cell.
 
     Parameters
     ----------
     field : RayField
         Rays.
-    seen : Viewing
-        Of the events that creep.
+    seen : SlopeStatistics
+        Of the events of edges that drift.
     dead_time_s : float
         Time that a pixel is blind after an event, seconds.
     """
-    low, high = field.slopes * field.lean_per_slope
+    low, high = field.slopes * field.ray_slope_scale
     middle, spread = 0.5 * (low + high), np.maximum(np.abs(high - low), 1e-9)
-    offset = np.where(seen.count > _ENOUGH, seen.mean * field.lean_per_slope - middle, 0.0)
-    change = offset / (spread**2 / 12)
+    beside = np.where(seen.count > _ENOUGH, seen.mean * field.ray_slope_scale - middle, 0.0)
+    change = beside / (spread**2 / 12)
     change /= 1.0 + (change / _STEEP) ** 2
     # Thresholds crossed at an edge: events by row and by image column that saw it.
     crossed = seen.count / (CELL_PX * field.focal_px * spread)

@@ -1,6 +1,6 @@
 """Rays on a grid of pixels, in the form that evidence is summed from.
 
-A ray meets the plane of parameter `shift` at pixel (x, y) + shift · (slope_x, slope_y). In a
+A ray meets the plane of parameter `offset` at pixel (x, y) + offset · (slope_x, slope_y). In a
 reference view the parameter is inverse depth, in a strip on the surface it is height; both are
 linear.
 """
@@ -25,17 +25,17 @@ class RayField:
     Attributes
     ----------
     rays : ndarray of float32, shape (n, 4)
-        x, y on the plane of shift 0, px, and slopes, px by unit of shift; OFF events first.
+        x, y on the plane of offset 0, px, and slopes, px by unit of offset; OFF events first.
     bounds : ndarray of int64, shape (3,)
         Where OFF and ON events begin, and the end.
     shape : tuple of int
         Rows and columns of the grid, px; multiples of `CELL_PX`.
     slopes : ndarray of float64, shape (2, columns of cells)
         Least and most slope along x from which each column was in view.
-    lean_per_slope : float
-        From a slope to the ray's lean dx/dz at the surface.
-    shift_per_m : float
-        From metres of depth, away from the camera, to shift.
+    ray_slope_scale : float
+        From a slope to the ray's slope dx/dz at the surface.
+    offset_per_m : float
+        From metres of depth, away from the camera, to the offset.
     focal_px : float
         Focal length, px.
     speed_px_s : float
@@ -46,8 +46,8 @@ class RayField:
     bounds: npt.NDArray[np.int64]
     shape: tuple[int, int]
     slopes: F64
-    lean_per_slope: float
-    shift_per_m: float
+    ray_slope_scale: float
+    offset_per_m: float
     focal_px: float
     speed_px_s: float
 
@@ -58,7 +58,7 @@ class RayField:
 
     @property
     def aperture(self) -> float:
-        """Most spread of slopes of any column: pixels of parallax by unit of shift."""
+        """Most spread of slopes of any column: pixels of parallax by unit of offset."""
         return float(max((self.slopes[1] - self.slopes[0]).max(), 0.0))
 
     @property

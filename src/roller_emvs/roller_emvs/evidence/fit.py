@@ -27,14 +27,14 @@ class Fit:
 
     Attributes
     ----------
-    shift : ndarray
+    offset : ndarray
         The surface.
     scatter : ndarray
         Deviation of the depths around from it, more where a few carry the weight. Depths of
         neighbouring cells share their evidence, so their number doesn't make it less.
     """
 
-    shift: F64
+    offset: F64
     scatter: F64
 
 
@@ -43,7 +43,7 @@ def fit_planes(depths: list[Depths], sigma: float, resolution: float, threads: i
 
     A depth belongs to where its evidence lies, which on a wall is not the cell that it was
     summed for; the slope comes from neighbouring edges. Edges of one polarity may scatter more
-    than those of the other, as those that light makes creep do: each counts by the inverse of
+    than those of the other, as those that drift with the light do: each counts by the inverse of
     its variance about its own plane.
 
     Parameters
@@ -53,11 +53,11 @@ def fit_planes(depths: list[Depths], sigma: float, resolution: float, threads: i
     sigma : float
         Neighbourhood, in cells.
     resolution : float
-        Deviation of a depth that scatters no more than its evidence can tell, in shift.
+        Deviation of a depth that scatters no more than its evidence can resolve, in offset.
     threads : int
         Threads that share the work.
     """
-    shape = depths[0].shift.shape
+    shape = depths[0].offset.shape
     count = len(depths)
     summed, trust = np.zeros((count, 9, *shape)), np.empty((count, *shape))
     weight, place = np.empty((count, *shape)), np.empty((count, 2, *shape), np.int32)
@@ -65,8 +65,8 @@ def fit_planes(depths: list[Depths], sigma: float, resolution: float, threads: i
     def judge(k: int) -> None:
         """Moments around each cell of a polarity, and the inverse of its variance there."""
         found, (row, column) = depths[k], place[k]
-        values = (found.shift, found.x, found.y)
-        kernels._weigh(*values, found.energy, row, column, weight[k])
+        values = (found.offset, found.x, found.y)
+        kernels._weigh(*values, found.focus_measure, row, column, weight[k])
         kernels._add_moments(*values, weight[k], row, column, summed[k])
         for moment in summed[k]:
             cv2.GaussianBlur(moment, (0, 0), sigma, dst=moment)
@@ -81,7 +81,7 @@ def fit_planes(depths: list[Depths], sigma: float, resolution: float, threads: i
     planes, sums = np.empty((5, *shape)), np.zeros((4, *shape))
     kernels._solve(summed.sum(axis=0), planes)
     for found, w, (row, column), t in zip(depths, weight, place, trust, strict=True):
-        kernels._add_residuals(found.shift, found.x, found.y, w, row, column, t, planes, sums)
+        kernels._add_residuals(found.offset, found.x, found.y, w, row, column, t, planes, sums)
     x, y, z, slope_x, slope_y = planes
     # Height at the cell's own centre plus slope: linear, so enlarging keeps it.
     columns, rows = np.arange(shape[1])[None, :], np.arange(shape[0])[:, None]

@@ -17,8 +17,8 @@ from ._kernels import CELL_PX
 from .evidence_settings import EvidenceSettings
 from .field import RayField
 from .fit import fit_planes
+from .slope_statistics import sample_median
 from .sweep import Depths
-from .viewing import usual
 
 #: Neighbourhood from which the surface's slope is taken, px.
 _SLOPE_SIGMA_PX = 5.0
@@ -26,7 +26,7 @@ _SLOPE_SIGMA_PX = 5.0
 _AROUND = 9
 #: Deviation of a depth that is as good as its evidence, pixels of parallax.
 _RESOLUTION_PX = 1.0
-#: Scatter from which on the depths around a place don't tell one, pixels of parallax.
+#: Scatter from which on the depths around a place give none, pixels of parallax.
 _MOST_SCATTER_PX = 1.5
 
 
@@ -38,7 +38,7 @@ class Relief:
     ----------
     row, column : ndarray of int64, shape (n,)
         Pixels.
-    shift : ndarray of float64, shape (n,)
+    offset : ndarray of float64, shape (n,)
         Parameter of the plane that the surface lies on there.
     confidence : ndarray of float32, shape (n,)
         0–1.
@@ -46,7 +46,7 @@ class Relief:
 
     row: np.ndarray
     column: np.ndarray
-    shift: F64
+    offset: F64
     confidence: F32
 
 
@@ -67,17 +67,17 @@ def measured_pixels(
         Threads that share the work.
     """
     s = settings
-    px_per_shift = max(field.aperture, 1e-12)
-    fit = fit_planes(depths, _SLOPE_SIGMA_PX / CELL_PX, _RESOLUTION_PX / px_per_shift, threads)
-    fitted, nowhere = fit.shift.astype(np.float32), np.float32(np.nan)
-    cells = [np.where(np.isfinite(found.shift), fitted, nowhere) for found in depths]
-    scatter_px = (fit.scatter * px_per_shift).astype(np.float32)
+    px_per_offset = max(field.aperture, 1e-12)
+    fit = fit_planes(depths, _SLOPE_SIGMA_PX / CELL_PX, _RESOLUTION_PX / px_per_offset, threads)
+    fitted, nowhere = fit.offset.astype(np.float32), np.float32(np.nan)
+    cells = [np.where(np.isfinite(found.offset), fitted, nowhere) for found in depths]
+    scatter_px = (fit.scatter * px_per_offset).astype(np.float32)
     surfaces = [np.empty((0, 0), np.float32)] * 2
     support, around = (np.zeros((2, *field.shape), np.float32) for _ in range(2))
 
     def gather(polarity: int) -> None:
         surfaces[polarity] = enlarge(cells[polarity])
-        start = usual(depths[polarity].shift)
+        start = sample_median(depths[polarity].offset)
         if start is not None:
             first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
             kernels._warp(field.rays, first, last, surfaces[polarity], start, support[polarity])
@@ -88,16 +88,16 @@ def measured_pixels(
     least = np.float32(max(s.min_votes, 0.5))
     count = peaks._choose(support[0], around[0], support[1], around[1], least, which)
     row, column = (np.empty(count, np.int64) for _ in range(2))
-    shift, sure, spread_px = (np.empty(count, np.float32) for _ in range(3))
+    offset, sure, spread_px = (np.empty(count, np.float32) for _ in range(3))
     confidences = tuple(found.confidence for found in depths)
     peaks._take(
-        which, tuple(surfaces), confidences, scatter_px, row, column, shift, sure, spread_px
+        which, tuple(surfaces), confidences, scatter_px, row, column, offset, sure, spread_px
     )
     spread_px = np.where(np.isfinite(spread_px), spread_px, np.float32(_RESOLUTION_PX))
     sure /= 1.0 + spread_px**2
     keep = (spread_px < _MOST_SCATTER_PX) & (sure >= s.min_point_confidence)
-    row, column, shift, sure = row[keep], column[keep], shift[keep], sure[keep]
-    return Relief(row, column, shift.astype(np.float64), sure)
+    row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
+    return Relief(row, column, offset.astype(np.float64), sure)
 
 
 def _around(support: F32) -> F32:

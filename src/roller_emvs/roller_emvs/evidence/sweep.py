@@ -20,35 +20,35 @@ from roller_emvs.threads import share
 
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
-from .coarse import coarse_planes, coarse_shift
-from .edge_drift import creep_depth_m
-from .energy import (
+from .coarse import coarse_offset, coarse_planes
+from .edge_drift import edge_drift_depth_m
+from .evidence_settings import EvidenceSettings
+from .field import RayField
+from .focus_measure import (
     I32,
     blur,
     by_plane,
-    energy_by_plane,
     everywhere,
-    plane_shifts,
+    focus_measure_by_plane,
+    plane_offsets,
     sort_rays,
     tiles_reached,
     tiles_searched,
 )
-from .evidence_settings import EvidenceSettings
-from .field import RayField
-from .viewing import usual, viewing
+from .slope_statistics import sample_median, slope_statistics
 
 #: The fine depth is searched this far to either side of the coarse one, px of parallax.
 _SEARCH_PX = 8.0
 #: Share of the highest peak from which on another makes it ambiguous; tuned on the virtual cell.
 _MOST_RIVAL = 0.9
-#: Energy of a single vote, in half of which its squared slopes end for a spot between pixels.
+#: Focus measure of a single vote, half of which is left of a spot between pixels.
 _SPOT = 1.0
-#: Spots, and events in each, below whose energy a peak may be chance.
+#: Spots, and events in each, below whose focus measure a peak may be chance.
 _SPOTS, _SPOT_VOTES = 8, 4
 #: Spread of slopes, in that of an even spread over the aperture, from which on its middle saw next
 #: to nothing; with events at the two ends alone it is the root of 3. Where the middle saw little
-#: anywhere, as behind a mask, what counts is the usual spread.
-_TWO_SIDED, _UNUSUAL = 1.2, 1.1
+#: anywhere, as behind a mask, the median spread counts.
+_TWO_SIDED, _MOST_UNEVEN = 1.2, 1.1
 #: Columns that move by less than this, in cells, stay where they are.
 _STILL = 0.05
 
@@ -57,13 +57,13 @@ _STILL = 0.05
 class Depths:
     """Depth of one polarity on the grid's cells, float32, shape (rows, columns).
 
-    `shift` is NaN where there is none; `x`, `y` is where in the neighbourhood the evidence lies,
+    `offset` is NaN where there is none; `x`, `y` is where in the neighbourhood the evidence lies,
     in cells.
     """
 
-    shift: F32
+    offset: F32
     confidence: F32
-    energy: F32
+    focus_measure: F32
     x: F32
     y: F32
 
@@ -76,14 +76,14 @@ def find_depths(
     parts: int = 1,
     threads: int = 1,
 ) -> list[Depths]:
-    """Depth on the grid's cells of OFF and of ON events, between two shifts.
+    """Depth on the grid's cells of OFF and of ON events, between two offsets.
 
     Parameters
     ----------
     field : RayField
         Rays of a window or block.
     low, high : float
-        The range of shifts.
+        The range of offsets.
     settings : EvidenceSettings
         Planes, neighbourhoods, thresholds.
     parts : int
@@ -92,7 +92,7 @@ def find_depths(
         Threads that share the work.
     """
     s = settings
-    at = plane_shifts(low, high, field.aperture * (high - low), s.planes_per_px)
+    at = plane_offsets(low, high, field.aperture * (high - low), s.planes_per_px)
     first, last = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
     ends = (float(at[0]), float(at[-1]))
     near: F32 | None = None
@@ -105,7 +105,7 @@ def find_depths(
         coarse = coarse_planes(field, low, high, parts, s.planes_per_px)
         ends = (float(coarse[0]), float(coarse[-1]))
         share(threads, 2, sort)
-        near = coarse_shift(field, [b for b in bands if b is not None], coarse, parts, threads)
+        near = coarse_offset(field, [b for b in bands if b is not None], coarse, parts, threads)
         reach = int(np.ceil(_SEARCH_PX * s.planes_per_px))
         number = np.nan_to_num((near - at[0]) / (at[1] - at[0]), nan=-1e6).round().astype(np.int32)
         first, last = number - reach, number + reach
@@ -120,8 +120,8 @@ def find_depths(
             rays = by_plane(own, near, at)
             tiles, reached = tiles_searched(field, first, last, len(at)), reach
         # Polarities are shared already.
-        energy = energy_by_plane(rays, field, at, reached, tiles, max(threads // 2, 1))
-        depths = _peaks(_follow(energy, field, at), at, first, last, field, s)
+        measure = focus_measure_by_plane(rays, field, at, reached, tiles, max(threads // 2, 1))
+        depths = _peaks(_follow(measure, field, at), at, first, last, field, s)
         found[k] = _checked(field, depths, k, high - low, s)
 
     share(threads, 2, look)
@@ -131,45 +131,47 @@ def find_depths(
 def _checked(
     field: RayField, depths: Depths, polarity: int, span: float, s: EvidenceSettings
 ) -> Depths:
-    """Depths whose own events have parallax, with their creep taken out.
+    """Depths whose own events have parallax, with the drift of edges taken out.
 
     Events that saw a place from one side alone, as those of a hot pixel do, have none. Those that
     saw it from both sides and hardly from between are of two edges that come to lie on each other.
     """
-    seen = viewing(field, depths.shift, polarity)
+    seen = slope_statistics(field, depths.offset, polarity)
     even = seen.spread / np.maximum(field.apertures, np.float32(1e-12))
-    widest = _UNUSUAL * (usual(np.where(np.isfinite(depths.shift), even, np.nan)) or 0.0)
+    widest = _MOST_UNEVEN * (
+        sample_median(np.where(np.isfinite(depths.offset), even, np.nan)) or 0.0
+    )
     refused = (seen.spread * span < MIN_PARALLAX_PX) | (even > max(_TWO_SIDED, widest))
-    shift = np.where(refused, np.float32(np.nan), depths.shift)
+    offset = np.where(refused, np.float32(np.nan), depths.offset)
     # A depth errs by the inverse of its parallax.
     share = np.sqrt(np.minimum(seen.spread / max(field.aperture, 1e-12), 1.0))
     if s.edge_drift_m and polarity == s.edge_drift_polarity:
-        depth_m = creep_depth_m(field, seen, s.dead_time_s) * s.edge_drift_m
-        shift += (depth_m * field.shift_per_m).astype(np.float32)
+        depth_m = edge_drift_depth_m(field, seen, s.dead_time_s) * s.edge_drift_m
+        offset += (depth_m * field.offset_per_m).astype(np.float32)
     confidence = depths.confidence * share
-    shift = np.where(confidence < s.min_seen_confidence, np.float32(np.nan), shift)
-    return replace(depths, shift=shift, confidence=confidence)
+    offset = np.where(confidence < s.min_seen_confidence, np.float32(np.nan), offset)
+    return replace(depths, offset=offset, confidence=confidence)
 
 
-def _follow(energy: F32, field: RayField, at: F64) -> F32:
-    """Energy of each column along the middle of the rays it was seen by.
+def _follow(measure: F32, field: RayField, at: F64) -> F32:
+    """Focus measure of each column along the middle of the rays it was seen by.
 
     A column at the image's border was seen from one side alone. From plane to plane its edges
     move as well as blur, and the sharpest plane at a fixed place would not be that of an edge.
     """
-    offsets = field.middles[None, :] * at[:, None] / CELL_PX
-    if np.abs(offsets).max() < _STILL:
-        return energy
-    out = np.empty_like(energy)
-    peaks._shear(energy, offsets, out)
+    moved = field.middles[None, :] * at[:, None] / CELL_PX
+    if np.abs(moved).max() < _STILL:
+        return measure
+    out = np.empty_like(measure)
+    peaks._shear(measure, moved, out)
     return out
 
 
 def _peaks(
-    energy: F32, at: F64, first: I32, last: I32, field: RayField, s: EvidenceSettings
+    measure: F32, at: F64, first: I32, last: I32, field: RayField, s: EvidenceSettings
 ) -> Depths:
     """Sharpest plane of each cell and where its evidence lies."""
-    scores = blur(energy, s.sigma_px)
+    scores = blur(measure, s.sigma_px)
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
     sigma = s.sigma_px / CELL_PX
     weakest = _SPOTS * _SPOT * _SPOT_VOTES**2 / (2 * np.pi * sigma**2)
@@ -178,12 +180,12 @@ def _peaks(
     # A column that was in view over little parallax has depth in name only.
     parallax = field.apertures * np.float32(at[-2] - at[1])
     peak[:, parallax < MIN_PARALLAX_PX] = np.nan
-    shift = (at[0] + peak * (at[1] - at[0])).astype(np.float32)
+    offset = (at[0] + peak * (at[1] - at[0])).astype(np.float32)
     nearest = np.nan_to_num(peak, nan=-1.0).round().astype(np.int64)
     reach = int(np.ceil(2.5 * sigma))
-    offsets = np.arange(-reach, reach + 1)
-    weights = np.exp(-0.5 * (offsets / sigma) ** 2)
+    steps = np.arange(-reach, reach + 1)
+    weights = np.exp(-0.5 * (steps / sigma) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
-    peaks._centroids(energy, nearest, weights, total, x, y)
-    x += np.nan_to_num(shift) * field.middles[None, :].astype(np.float32) / CELL_PX
-    return Depths(shift, contrast, total, x, y)
+    peaks._centroids(measure, nearest, weights, total, x, y)
+    x += np.nan_to_num(offset) * field.middles[None, :].astype(np.float32) / CELL_PX
+    return Depths(offset, contrast, total, x, y)

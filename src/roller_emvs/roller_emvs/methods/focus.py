@@ -57,9 +57,9 @@ def focus_depth(
     with watch("points"):
         found = measured_pixels(field, depths, s.focus, s.threads)
         row, column = (found.column, found.row) if turned else (found.row, found.column)
-        keep = (row < camera.height) & (column < camera.width) & (np.abs(found.shift) <= half)
+        keep = (row < camera.height) & (column < camera.width) & (np.abs(found.offset) <= half)
         row, column = row[keep], column[keep]
-        depth[row, column] = 1.0 / (middle + found.shift[keep])
+        depth[row, column] = 1.0 / (middle + found.offset[keep])
         confidence[row, column] = found.confidence[keep]
     return depth, confidence
 
@@ -67,7 +67,7 @@ def focus_depth(
 def window_field(
     packets: Packets, camera: Camera, view: F64, middle: float, patch_half_length_m: float = 0.0
 ) -> tuple[RayField, bool]:
-    """Rays of a window, their shift being inverse depth from a middle one.
+    """Rays of a window, their offset being inverse depth from a middle one.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def window_field(
     view : ndarray of float64, shape (4, 4)
         Reference camera in base.
     middle : float
-        Inverse depth of shift 0, 1/m.
+        Inverse depth of offset 0, 1/m.
     patch_half_length_m : float
         How far from the axis events were taken along the roll, metres; 0 for the whole image.
 
@@ -92,8 +92,8 @@ def window_field(
     bundle = rays_in_view(packets, camera, view)
     rays = bundle.rays.astype(np.float32, copy=False)
     centres = (inverse_pose(view) @ packets.poses)[:, :3, 3]
-    way = np.ptp(centres[:, :2] * [camera.fx, camera.fy], axis=0)
-    turned = bool(way[1] > way[0])
+    travel = np.ptp(centres[:, :2] * [camera.fx, camera.fy], axis=0)
+    turned = bool(travel[1] > travel[0])
     along = 1 if turned else 0
     focal = camera.fy if turned else camera.fx
     shape = (camera.width, camera.height) if turned else (camera.height, camera.width)
@@ -115,7 +115,7 @@ def window_field(
         ]
     )
     seconds = max((packets.end_ns - packets.start_ns) * 1e-9, 1e-9)
-    speed = float(way.max()) * middle / seconds
+    speed = float(travel.max()) * middle / seconds
     field = RayField(placed, bounds, padded, slopes, -middle / focal, -(middle**2), focal, speed)
     return field, turned
 

@@ -94,10 +94,10 @@ class Strip:
         self.middle_m = 0.5 * (s.depth_min_m + s.depth_max_m)
         self.pixel_m = self.middle_m / max(camera.fx, camera.fy)
         self._pixel_rays = rays
-        #: Way of the camera's centre: least and most x, for what each row was seen from.
+        #: Path of the camera's centre: least and most x, for what each row was seen from.
         self.seen_m = (0.0, 0.0)
         self._slopes = (np.inf, -np.inf)
-        self._way_m, self._way_ns = 0.0, 0
+        self._travel_m, self._travel_ns = 0.0, 0
         self.focal_px = float(max(camera.fx, camera.fy))
         self.blocks: dict[int, Block] = {}
         self._done = -(2**62)
@@ -112,7 +112,7 @@ class Strip:
     @property
     def speed_m_s(self) -> float:
         """Mean speed of the camera while there were events."""
-        return self._way_m / self._way_ns * 1e9 if self._way_ns else 0.0
+        return self._travel_m / self._travel_ns * 1e9 if self._travel_ns else 0.0
 
     def to_strip(self, pose: F64) -> F64:
         """A pose in base as one in the strip, shape (4, 4)."""
@@ -139,8 +139,8 @@ class Strip:
     def add(self, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64) -> None:
         """Take the events between two poses, given in the strip."""
         s = self.settings
-        self._way_m += float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
-        self._way_ns += t1 - t0
+        self._travel_m += float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
+        self._travel_ns += t1 - t0
         rays = np.empty((4, len(events)))
         _kernels._place(
             events.x,
@@ -239,7 +239,7 @@ def block_field(strip: Strip, block: Block) -> tuple[RayField, float, float]:
     Returns
     -------
     field : RayField
-        Shift is metres from the strip's middle plane.
+        Offset is metres from the strip's middle plane.
     left, top : float
         Strip coordinates of the first pixel, metres.
     """

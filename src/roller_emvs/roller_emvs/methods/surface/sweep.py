@@ -10,8 +10,8 @@ import numpy as np
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
-from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_emvs.engine import DepthEngine
 from roller_emvs.evidence import find_depths, measured_pixels
 from roller_emvs.patch import Patch
 from roller_emvs.stopwatch import Stopwatch
@@ -51,20 +51,7 @@ class SurfacePatch(Patch):
         return (self.start_ns + self.end_ns) // 2
 
 
-@dataclass(slots=True)
-class SurfaceCounts:
-    """What the sweep did so far."""
-
-    windows: int = 0
-    refused_windows: int = 0
-    events: int = 0
-    points: int = 0
-    dropped_events: int = 0
-    events_without_pose: int = 0
-    still_events: int = 0
-
-
-class SurfaceSweep:
+class SurfaceSweep(DepthEngine[PassCutter]):
     """Votes events into a strip fixed to the surface; rows leave when they are out of view.
 
     Parameters
@@ -78,41 +65,9 @@ class SurfaceSweep:
     """
 
     def __init__(self, settings: SurfaceSettings, camera: Camera, track: PoseTrack) -> None:
+        super().__init__(settings, camera, track, PassCutter(settings, camera, track))
         self.settings = settings
-        self.camera = camera
-        self.track = track
         self.milliseconds: dict[str, float] = {}
-        self._counts = SurfaceCounts()
-        self._cutter = PassCutter(settings, camera, track)
-
-    @property
-    def counts(self) -> SurfaceCounts:
-        """What was done and lost so far."""
-        self._counts.dropped_events = self._cutter.dropped_events
-        self._counts.events_without_pose = self._cutter.events_without_pose
-        self._counts.still_events = self._cutter.still_events
-        return self._counts
-
-    @property
-    def held_events(self) -> int:
-        """Events that wait for poses, and rays that wait for their rows to be out of view."""
-        return self._cutter.held_events
-
-    @property
-    def needed_from_ns(self) -> int | None:
-        """Poses from before this time are no longer needed; None while it isn't known."""
-        return self._cutter.needed_from_ns
-
-    def add_events(self, events: EventArray) -> None:
-        """Take events in order of time, ROS time.
-
-        Raises
-        ------
-        EventArrayError
-            If one lies outside the camera's image.
-        """
-        events.check_inside(self.camera.width, self.camera.height)
-        self._cutter.add(events.compensate_delay(self.settings.event_delay_s))
 
     def results(self, flush: bool = False) -> Iterator[SurfacePatch | RefusedWindow]:
         """Rows that are done, in order along each pass, each once.
@@ -133,11 +88,7 @@ class SurfaceSweep:
                     result = self._measure(strip, block)
                 except RollerError as error:
                     result = RefusedWindow(block.first_ns, block.last_ns, block.events, str(error))
-            if isinstance(result, RefusedWindow):
-                self._counts.refused_windows += 1
-            else:
-                self._counts.windows += 1
-                self._counts.points += len(result)
+            self._count(None if isinstance(result, RefusedWindow) else len(result))
             yield result
 
     def _measure(self, strip: Strip, block: Block) -> SurfacePatch | RefusedWindow:
@@ -160,8 +111,8 @@ class SurfaceSweep:
         with watch("points"):
             found = measured_pixels(field, depths, s.evidence, s.threads)
             x = found.column * strip.pixel_m + left
-            local = np.stack([x, found.row * strip.pixel_m + top, found.shift + middle], axis=-1)
-            keep = (x >= block.start_m) & (x < block.end_m) & (np.abs(found.shift) <= half)
+            local = np.stack([x, found.row * strip.pixel_m + top, found.offset + middle], axis=-1)
+            keep = (x >= block.start_m) & (x < block.end_m) & (np.abs(found.offset) <= half)
             keep &= self._seen(strip, x)
             points = strip.to_base(local[keep])
         watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3

@@ -1,4 +1,4 @@
-"""From where the events of each cell were seen."""
+"""Slopes of the rays that saw each cell: from where it was seen."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from roller_emvs.rays import F32
 from . import _meet_kernels as kernels
 from .field import RayField
 
-#: Depths, at most, of which the usual one is taken.
+#: Depths, at most, of which a median is taken.
 _SAMPLE = 1000
 
 
 @dataclass(frozen=True)
-class Viewing:
+class SlopeStatistics:
     """Slopes from which the events of a polarity saw the cells, float32, shape (rows, columns).
 
     Attributes
@@ -34,34 +34,34 @@ class Viewing:
     spread: F32
 
 
-def viewing(field: RayField, shift: F32, polarity: int) -> Viewing:
+def slope_statistics(field: RayField, offset: F32, polarity: int) -> SlopeStatistics:
     """Slopes of the events that meet the surface.
 
     Parameters
     ----------
     field : RayField
         Rays.
-    shift : ndarray of float32, shape (rows, columns)
+    offset : ndarray of float32, shape (rows, columns)
         Surface on cells, NaN where there is none.
     polarity : int
         0 for OFF, 1 for ON events.
     """
     sums = np.zeros((*field.cells, 3), np.float32)
-    start = usual(shift)
+    start = sample_median(offset)
     if start is not None:
         first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
-        kernels._meet(field.rays, first, last, _grown(shift), start, sums)
+        kernels._meet(field.rays, first, last, _grown(offset), start, sums)
     count, slope, square = cv2.split(cv2.GaussianBlur(sums, (0, 0), 1.0))
     each = np.where(count > 0, 1.0 / np.maximum(count, 1e-9), 0.0).astype(np.float32)
     mean = slope * each
     variance = np.maximum(square * each - mean * mean, 0.0)
-    return Viewing(count, mean, np.sqrt(12.0 * variance))
+    return SlopeStatistics(count, mean, np.sqrt(12.0 * variance))
 
 
-def usual(values: F32) -> np.float32 | None:
+def sample_median(values: F32) -> np.float32 | None:
     """Median of a sample of the values that are finite; None if there are none.
 
-    Of shifts it is where rays begin to look for the surface.
+    Of offsets it is where rays begin to look for the surface.
     """
     for sample in (values.ravel()[:: values.size // _SAMPLE + 1], values):
         known = sample[np.isfinite(sample)]
@@ -70,10 +70,10 @@ def usual(values: F32) -> np.float32 | None:
     return None
 
 
-def _grown(shift: F32) -> F32:
-    """Shifts of cells, and next to them the mean of their neighbours."""
-    known = np.isfinite(shift)
+def _grown(offset: F32) -> F32:
+    """Offsets of cells, and next to them the mean of their neighbours."""
+    known = np.isfinite(offset)
     weight = cv2.blur(known.astype(np.float32), (3, 3))
-    mean = cv2.blur(np.where(known, shift, 0).astype(np.float32), (3, 3))
+    mean = cv2.blur(np.where(known, offset, 0).astype(np.float32), (3, 3))
     grown = np.where(weight > 0, mean / np.maximum(weight, 1e-9), np.nan)
-    return np.where(known, shift, grown).astype(np.float32)
+    return np.where(known, offset, grown).astype(np.float32)

@@ -27,15 +27,15 @@ _MOST_PLANES = 500
 BAND_ROWS = 16
 
 
-def plane_shifts(low: float, high: float, parallax_px: float, per_px: float) -> F64:
-    """Planes over a range of shifts, spaced by parallax, one beyond either end."""
+def plane_offsets(low: float, high: float, parallax_px: float, per_px: float) -> F64:
+    """Planes over a range of offsets, spaced by parallax, one beyond either end."""
     count = int(np.clip(np.ceil(parallax_px * per_px), 4, _MOST_PLANES - 1)) + 1
     step = (high - low) / (count - 1)
     return np.asarray(low + step * (np.arange(count + 2) - 1), np.float64)
 
 
 def sort_rays(field: RayField, polarity: int, ends: tuple[float, float]) -> Bands:
-    """Rays of a polarity in the bands of rows that they reach between two shifts."""
+    """Rays of a polarity in the bands of rows that they reach between two offsets."""
     own = slice(field.bounds[polarity], field.bounds[polarity + 1])
     return sort_into_bands(field.rays[own], ends, field.shape, BAND_ROWS, (0.5, 0.5))
 
@@ -65,10 +65,10 @@ def by_part(bands: Bands, least: float, width: float, parts: int) -> Sorted:
 
 
 def by_plane(bands: Bands, near: F32, at: F64) -> Sorted:
-    """Rays by the plane nearest to the shift on cells, NaN where there is none, that they meet."""
+    """Rays by the plane nearest to the offset on cells, NaN where there is none, that they meet."""
     plane = np.empty(bands.rays.shape[1], np.int32)
-    shifts = np.float32(at[0]), np.float32(at[1] - at[0])
-    meet._plane_near(bands.rays, near, *shifts, len(at), plane)
+    offsets = np.float32(at[0]), np.float32(at[1] - at[0])
+    meet._plane_near(bands.rays, near, *offsets, len(at), plane)
     return _grouped(bands, plane, len(at))
 
 
@@ -79,7 +79,7 @@ def _grouped(bands: Bands, group: I32, groups: int) -> Sorted:
     return Sorted(out, starts)
 
 
-def energy_by_plane(
+def focus_measure_by_plane(
     rays: Sorted, field: RayField, at: F64, reach: int, tiles: I64, threads: int = 1
 ) -> F32:
     """Sharpness of the votes by plane and cell, not yet summed over neighbourhoods.
@@ -91,7 +91,7 @@ def energy_by_plane(
     field : RayField
         Grid.
     at : ndarray of float64, shape (planes,)
-        Shifts of the planes.
+        Offsets of the planes.
     reach : int
         Planes to either side of their own on which rays vote.
     tiles : ndarray of int64, shape (bands, tiles, 2)
@@ -104,19 +104,19 @@ def energy_by_plane(
     ndarray of float32, shape (planes, rows, columns)
         Sums of squared slopes along x.
     """
-    energy = np.zeros((len(at), *field.cells), np.float32)
-    shifts = at.astype(np.float32)
+    measure = np.zeros((len(at), *field.cells), np.float32)
+    offsets = at.astype(np.float32)
 
     def run(first: int) -> None:
         votes = np.zeros((BAND_ROWS // ROW_PX + 1, field.shape[1]), np.float32)
         line = np.zeros(field.shape[1], np.float32)
-        kernels._energy_bands(
-            rays.rays, rays.starts, first, threads, reach, shifts, tiles, votes,
-            kernels.chunk(), line, energy,
+        kernels._measure_bands(
+            rays.rays, rays.starts, first, threads, reach, offsets, tiles, votes,
+            kernels.chunk(), line, measure,
         )  # fmt: skip
 
     share(threads, threads, run, inner=True)
-    return energy
+    return measure
 
 
 def everywhere(rays: F32, begins: I64, ends: I64, planes: int) -> Sorted:
