@@ -12,10 +12,10 @@ import yaml
 import zstandard
 
 from .base import RecordingError, TruncatedRecordingError
-from .storage import MCAP, SQLITE
+from .storage import MCAP, ROS1, SQLITE
 
 _ZSTD = ".zstd"
-_KINDS = (MCAP, SQLITE)
+_KINDS = (MCAP, SQLITE, ROS1)
 
 
 @dataclass
@@ -62,7 +62,7 @@ class BagFolder:
             found = folder._as_listed(path, found)
         if not found:
             raise RecordingError(
-                f"{path}: holds no rosbag2 storage (.mcap or .db3), is it a bag folder?"
+                f"{path}: holds no rosbag2 storage (.mcap or .db3) and is no ROS 1 bag (.bag)"
             )
         if len({_kind(file) for file in found}) > 1:
             raise RecordingError(

@@ -8,22 +8,27 @@ from pathlib import Path
 
 import zstandard
 
+from roller_core.bags import EVENT_PACKET
 from roller_recording.raw_message import RawMessage
 
 from .bag_folder import BagFolder
 from .base import MalformedRecordingError, RecordingError
+from .dvs_messages import DVS_ARRAY, DvsPackets
 from .mcap_scan import McapScan
+from .ros1_file import Ros1File
 from .sqlite_scan import SqliteScan, has_journal
-from .storage import MCAP, SQLITE, ScannedFile, Storage, WholeFile
+from .storage import MCAP, ROS1, SQLITE, ScannedFile, Storage, WholeFile, reason
 
 __all__ = ["BagReader", "RawMessage"]
 
+#: Types that are read as another.
+_READ_AS = {DVS_ARRAY: EVENT_PACKET}
 #: How a compressed message begins; one in CDR never does.
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 class BagReader:
-    """Reads a rosbag2 folder, or a single MCAP or SQLite file of one.
+    """Reads a rosbag2 folder, a single MCAP or SQLite file of one, or a ROS 1 bag.
 
     Bags may be split into several files and compressed (zstd) by file, message or chunk.
 
@@ -69,11 +74,12 @@ class BagReader:
                 self._lost.append(error)
         if not self._storages:
             raise self._lost[-1]
-        self.topics: dict[str, str] = {}
+        kinds: dict[str, str] = {}
         self.counts: Counter[str] = Counter()
         for storage in self._storages:
-            self.topics = {**storage.topics, **self.topics}
+            kinds = {**storage.topics, **kinds}
             self.counts.update(storage.counts)
+        self.topics = {n: _READ_AS.get(kind, kind) for n, kind in kinds.items()}
         starts = [s.start_ns for s in self._storages if s.start_ns is not None]
         ends = [s.end_ns for s in self._storages if s.end_ns is not None]
         self.start_ns = min(starts, default=0)
@@ -90,10 +96,13 @@ class BagReader:
     def messages(self, topics: set[str]) -> Iterator[RawMessage | RecordingError]:
         """Messages of some topics, file by file; faults come where they are met."""
         yield from self._lost
+        dvs = DvsPackets()
         for storage in self._storages:
             for item in storage.messages(topics):
                 if isinstance(item, RawMessage) and item.data[:4] == _ZSTD_MAGIC:
                     item = _unpacked(item, storage.shown)
+                if isinstance(item, RawMessage) and item.type == DVS_ARRAY:
+                    item = _converted(item, dvs, storage.shown)
                 yield item
 
     def check(self, read: Counter[str]) -> tuple[list[RecordingError], list[str]]:
@@ -108,7 +117,7 @@ class BagReader:
         faults, notes = [], []
         for storage in self._storages:
             scan = storage
-            if not isinstance(scan, ScannedFile):
+            if isinstance(scan, WholeFile):
                 scan = _scanned(storage.path, storage.shown)
                 faults += scan.faults
             there.update(scan.counts)
@@ -136,6 +145,8 @@ class BagReader:
 
 def _open(file: Path, shown: Path) -> Storage:
     """The whole file if it is whole, else what can be read of it."""
+    if file.suffix == ROS1:
+        return Ros1File(file, shown)
     if file.suffix == SQLITE and has_journal(file):
         return SqliteScan(file, shown)  # the library reads past journals
     try:
@@ -146,6 +157,17 @@ def _open(file: Path, shown: Path) -> Storage:
 
 def _scanned(file: Path, shown: Path) -> ScannedFile:
     return McapScan(file, shown) if file.suffix == MCAP else SqliteScan(file, shown)
+
+
+def _converted(message: RawMessage, dvs: DvsPackets, file: Path) -> RawMessage | RecordingError:
+    try:
+        data = dvs.from_cdr(message.topic, message.data)
+    except Exception as error:  # a damaged message raises whatever its bytes lead to
+        return MalformedRecordingError(
+            f"bag {file}: a message on {message.topic} at {message.t_ns * 1e-9:.6f} s is "
+            f"malformed ({reason(error)}); it is left out"
+        )
+    return RawMessage(message.t_ns, message.topic, data, EVENT_PACKET)
 
 
 def _unpacked(message: RawMessage, file: Path) -> RawMessage | RecordingError:

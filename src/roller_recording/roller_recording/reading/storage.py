@@ -20,7 +20,7 @@ from roller_recording.raw_message import RawMessage
 
 from .base import MalformedRecordingError, RecordingError, TruncatedRecordingError
 
-MCAP, SQLITE = ".mcap", ".db3"
+MCAP, SQLITE, ROS1 = ".mcap", ".db3", ".bag"
 
 Items = Iterator[RawMessage | RecordingError]
 
@@ -45,7 +45,14 @@ class Storage(ABC):
         Log time of the first and the last message, ns.
     faults : list of RecordingError
         What is wrong with the file.
+    unchecked : int
+        Pieces without a checksum, in which damage may go unseen.
+    unit : str
+        What a piece is.
     """
+
+    unchecked = 0
+    unit = "messages"
 
     def __init__(self, path: Path, shown: Path | None = None) -> None:
         self.path = path
@@ -70,18 +77,7 @@ class BreaksOffError(Exception):
 
 
 class ScannedFile(Storage):
-    """A file that is read from its beginning, in the order it was written, as far as it goes.
-
-    Attributes
-    ----------
-    unchecked : int
-        Pieces without a checksum, in which damage may go unseen.
-    unit : str
-        What a piece is.
-    """
-
-    unchecked = 0
-    unit = "messages"
+    """A file that is read from its beginning, in the order it was written, as far as it goes."""
 
     def __init__(self, path: Path, shown: Path | None = None) -> None:
         super().__init__(path, shown)
