@@ -1,10 +1,38 @@
+"""A place for launch tests: packages with small shell scripts as nodes."""
+
 from __future__ import annotations
 
 import os
+import textwrap
+from pathlib import Path
 
 import pytest
 
-from bringup.launch_world import World
+
+class World:
+    """An install prefix with packages, and launch files beside it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.prefix = folder / "prefix"
+        self.files = folder / "files"
+        self.files.mkdir(parents=True)
+
+    def script(self, name: str, body: str, package: str = "demo") -> Path:
+        """Install an executable."""
+        index = self.prefix / "share/ament_index/resource_index/packages"
+        index.mkdir(parents=True, exist_ok=True)
+        (index / package).touch()
+        path = self.prefix / "lib" / package / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("#!/bin/bash\n" + textwrap.dedent(body))
+        path.chmod(0o755)
+        return path
+
+    def launch(self, body: str, name: str = "test.launch.xml") -> Path:
+        """Write a launch file; `<launch>` is put around."""
+        path = self.files / name
+        path.write_text(f"<launch>\n{textwrap.dedent(body).strip()}\n</launch>\n")
+        return path
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The runner with real ROS 2 nodes: names, remappings and parameters arrive."""
+"""The runner with real ROS 2 nodes: names, namespaces and parameters arrive."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ import pytest
 
 from roller_bringup import launching
 from roller_bringup.launching import Runner
-from roller_bringup.launching.output import Screen
+from roller_bringup.launching.process import Screen
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
 
 NODE = """
 import sys
-import rclpy
 from rclpy.node import Node
 from std_msgs.msg import String
 
@@ -28,45 +27,57 @@ from roller_ros.node_main import run_node
 class Relay(Node):
     def __init__(self):
         super().__init__("unnamed", automatically_declare_parameters_from_overrides=True)
-        value = self.get_parameter("value").value
-        self.publisher = self.create_publisher(String, "out", 10)
-        self.create_subscription(String, "in", lambda m: print("heard", m.data, flush=True), 10)
-        self.create_timer(0.1, lambda: self.publisher.publish(String(data=f"{value!r}")))
+        words = [self.get_parameter(name).value for name in ("a", "b", "c")]
+        self.publisher = self.create_publisher(String, "said", 10)
+        self.create_subscription(String, "said", lambda m: print("heard", m.data, flush=True), 10)
+        self.create_timer(0.1, lambda: self.publisher.publish(String(data=f"{words}")))
         print("I am", self.get_fully_qualified_name(), flush=True)
 
 
 sys.exit(run_node(Relay))
 """
+CELL = """
+<arg name="namespace"/>
+<group><push-ros-namespace namespace="$(var namespace)"/>
+  <node pkg="demo" exec="relay" name="relay">
+    <param from="{0}/config.yaml"/><param from="{0}/arguments.yaml" allow_substs="true"/>
+    <param from="{0}/mine.yaml"/>
+  </node>
+</group>
+"""
 
 
-def test_nodes_talk_and_stop(world, monkeypatch):
+def test_two_cells_in_one_graph(world, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(100 + os.getpid() % 100))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     program = world.files / "relay.py"
     program.write_text(NODE)
     world.script("relay", f'exec {sys.executable} {program} "$@"')
-    (world.files / "p.yaml").write_text(
-        "/**: {ros__parameters: {value: wildcard}}\nb: {ros__parameters: {value: from file}}\n"
-    )
-    path = world.launch(
-        """
-        <group><push-ros-namespace namespace="left"/>
-        <node pkg="demo" exec="relay" name="a">
-          <param name="value" value="0.5"/><remap from="in" to="/right/said"/>
-        </node></group>
-        <node pkg="demo" exec="relay" name="b">
-          <param from="$(dirname)/p.yaml"/>
-          <remap from="out" to="/right/said"/><remap from="in" to="/left/out"/>
-        </node>
-        """
+    for name, values in (
+        ("config", "{a: 1, b: 1, c: none}"),
+        ("arguments", "{b: 2, c: '$(var namespace)'}"),
+        ("mine", "{a: 3}"),
+    ):
+        path = world.files / f"{name}.yaml"
+        path.write_text(f"/**/relay:\n  ros__parameters: {values}\n")
+    part = world.launch(CELL.format(world.files), "part.launch.xml")
+    cells = (
+        f'<include file="{part}"><arg name="namespace" value="{name}"/></include>'
+        for name in ("left", "right", "")
     )
     text = io.StringIO()
-    with Runner(launching.load(path), Screen(text)) as runner:
-        deadline = time.monotonic() + 30
-        wanted = ("[a] I am /left/a", "[b] I am /b", "[a] heard 'from file'", "[b] heard 0.5")
-        while not all(line in text.getvalue() for line in wanted):
+    with Runner(launching.load(world.launch("".join(cells))), Screen(text)) as runner:
+        wanted = {
+            f"[{label}] {said}"
+            for label, cell in (("left/relay", "left"), ("right/relay", "right"), ("relay", ""))
+            for said in (f"I am /{label}", f"heard [3, 2, '{cell}']")
+        }
+        deadline = time.monotonic() + 60
+        while wanted - set(text.getvalue().splitlines()):
             assert runner.poll() is None, text.getvalue()
             assert time.monotonic() < deadline, text.getvalue()
             time.sleep(0.05)
         assert runner.stop() == 0
-    assert runner.exit_codes == {"a": 0, "b": 0}, text.getvalue()
+    heard = {line for line in text.getvalue().splitlines() if "heard" in line}
+    assert len(heard) == 3, heard
+    assert set(runner.exit_codes.values()) == {0}, text.getvalue()

@@ -11,20 +11,20 @@ import time
 
 import pytest
 
-from bringup.launch_world import World
 from roller_bringup import launching
 from roller_bringup.commands import up
 from roller_bringup.launching import LaunchError, Runner
-from roller_bringup.launching.output import Screen
+from roller_bringup.launching.process import Screen
 
-FOREVER = "trap 'echo bye; exit 0' INT TERM; echo ready; while :; do sleep 0.02; done"
-STUBBORN = "trap '' INT; echo ready; while :; do sleep 0.02; done"
-DEAF = "trap '' INT TERM; echo ready; while :; do sleep 0.02; done"
+LOOP = "while :; do sleep 0.02; done"
+FOREVER = "trap 'echo bye; exit 0' INT TERM; echo process $$; echo ready; " + LOOP
+STUBBORN = "trap '' INT; echo process $$; echo ready; " + LOOP
+DEAF = "trap '' INT TERM; echo process $$; echo ready; " + LOOP
 
 
-def node(name, required=False, more=""):
+def node(name, required=False):
     on_exit = 'on_exit="shutdown"' if required else ""
-    return f'<node pkg="demo" exec="{name}" name="{name}" {on_exit} {more}/>'
+    return f'<node pkg="demo" exec="{name}" name="{name}" {on_exit}/>'
 
 
 def run(world, body, grace_s=5.0, **arguments):
@@ -81,17 +81,6 @@ def test_another_nodes_failure_is_told_and_the_rest_goes_on(world):
     assert text.index("bad failed with exit code 3") < text.index("short finished")
 
 
-def test_respawn(world):
-    marks = world.files / "marks"
-    world.script("again", f"echo x >> {marks}")
-    world.script("short", f"while [ $(wc -l < {marks}) -lt 3 ]; do sleep 0.02; done")
-    marks.touch()
-    more = 'respawn="true" respawn_delay="0.05"'
-    code, _ = run(world, node("again", more=more) + node("short", required=True))
-    assert code == 0
-    assert marks.read_text().count("x") >= 3
-
-
 def test_harder_signals_follow_and_nothing_stays(world):
     world.script("stubborn", STUBBORN)
     world.script("deaf", f"sleep 1000 & echo child $!; {DEAF}")
@@ -109,7 +98,6 @@ def test_harder_signals_follow_and_nothing_stays(world):
     assert "deaf still runs; sending SIGKILL" in text.getvalue()
     child = int(text.getvalue().split("child ")[1].split()[0])
     until(lambda: not alive(child))
-    assert not plan.folder.exists()
 
 
 def alive(pid):
@@ -138,59 +126,23 @@ def test_starting_fails_whole(world):
     assert runner.exit_codes.keys() == {"forever"}
 
 
-def test_output_is_kept_in_files(world, tmp_path):
-    runner = Runner(launching.load(world.launch(node("talker"))), Screen(None, tmp_path / "logs"))
-    with runner:
-        until(lambda: runner.poll() is not None)
-    assert (tmp_path / "logs" / "talker.log").read_text() == "hello\n"
-
-
 def test_colours_only_on_a_terminal(monkeypatch):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
     monkeypatch.delenv("NO_COLOR", raising=False)
-    terminal = Terminal()
-    Screen(terminal).writer("a")("text")
-    assert terminal.getvalue() == "\x1b[0m[a]\x1b[0m text\n".replace("[0m[a]", "[36m[a]")
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    Screen(terminal).line("a", "text")
+    assert terminal.getvalue() == "\x1b[36m[a]\x1b[0m text\n"
 
 
-PROGRAM = """
-import argparse, sys
-from roller_bringup.commands import up
-parser = argparse.ArgumentParser()
-up.add_parser(parser.add_subparsers())
-arguments = parser.parse_args()
-sys.exit(arguments.run(arguments))
-"""
-
-
-def start(world: World, body: str) -> subprocess.Popen[str]:
-    path = world.launch(body)
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, "up", str(path)],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "AMENT_PREFIX_PATH": str(world.prefix)},
-        start_new_session=True,
-    )
-    return process
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_command_ends_well_on_a_signal(world, number):
-    world.script("forever", FOREVER)
-    process = start(world, node("forever", required=True))
-    assert process.stdout is not None
-    lines = []
-    while not lines or "ready" not in lines[-1]:
-        lines.append(process.stdout.readline())
-    # As a terminal does it: to the whole foreground group.
-    os.killpg(process.pid, number)
-    rest, _ = process.communicate(timeout=20)
-    assert process.returncode == 0, rest
-    assert "[forever] bye" in rest
+def test_a_screen_that_nobody_reads_any_more_stops_nothing(world):
+    closed = io.StringIO()
+    closed.close()
+    with pytest.raises(ValueError, match="closed"):
+        closed.write("x")
+    gone = io.StringIO()
+    screen = Screen(gone)
+    gone.close()
+    assert launching.run(launching.load(world.launch(node("talker"))), screen) == 0
 
 
 WITHIN = """
@@ -206,31 +158,41 @@ with terminate_in_order(), Runner(load(sys.argv[1]), grace_s=float(sys.argv[2]))
 """
 
 
-def start_within(world: World, body: str, grace_s: float) -> subprocess.Popen[str]:
-    """A program that runs a plan beside its own work, as the demonstration does."""
-    return subprocess.Popen(
-        [sys.executable, "-c", WITHIN, str(world.launch(body)), str(grace_s)],
+def start(world, body, code=None, *words):
+    """`roller up` in a process of its own, or a program with a file and some words; once ready.
+
+    Gives the process, and that of the node, which says its number.
+    """
+    what = ["-m", "roller_bringup.cli", "up"] if code is None else ["-c", code]
+    process = subprocess.Popen(
+        [sys.executable, *what, str(world.launch(body)), *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "AMENT_PREFIX_PATH": str(world.prefix)},
+        start_new_session=True,
     )
-
-
-def child_of(process: subprocess.Popen[str]) -> int:
-    """The process of the plan's node, once that is ready."""
-    assert process.stdout is not None
     lines = [""]
     while "ready" not in lines[-1]:
         lines.append(process.stdout.readline())
-    return next(int(line.split()[-1]) for line in lines if "] process " in line)
+    return process, next(int(line.split()[-1]) for line in lines if "] process " in line)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_ends_well_on_a_signal(world, number):
+    world.script("forever", FOREVER)
+    process, _ = start(world, node("forever", required=True))
+    # As a terminal does it: to the whole foreground group.
+    os.killpg(process.pid, number)
+    rest, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, ""), rest
+    assert "[forever] bye" in rest
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_no_node_running(world, number):
-    world.script("forever", "echo process $$; " + FOREVER)
-    process = start_within(world, node("forever"), 5.0)
-    child = child_of(process)
+    world.script("forever", FOREVER)
+    process, child = start(world, node("forever"), WITHIN, "5")
     process.send_signal(number)
     rest, errors = process.communicate(timeout=20)
     assert "[forever] bye" in rest
@@ -239,9 +201,8 @@ def test_a_signal_leaves_no_node_running(world, number):
 
 
 def test_signals_while_stopping_leave_no_node_running(world):
-    world.script("deaf", "echo process $$; " + DEAF)
-    process = start_within(world, node("deaf"), 60.0)
-    child = child_of(process)
+    world.script("deaf", DEAF)
+    process, child = start(world, node("deaf"), WITHIN, "60")
     while process.poll() is None:
         process.send_signal(signal.SIGTERM)
         time.sleep(0.3)
@@ -251,10 +212,7 @@ def test_signals_while_stopping_leave_no_node_running(world):
 
 def test_a_second_signal_hurries(world):
     world.script("deaf", DEAF)
-    process = start(world, node("deaf"))
-    assert process.stdout is not None
-    while "ready" not in process.stdout.readline():
-        pass
+    process, _ = start(world, node("deaf"))
     begin = time.monotonic()
     process.send_signal(signal.SIGINT)
     while process.poll() is None:

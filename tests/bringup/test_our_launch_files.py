@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 import yaml
 
+from bringup.test_config import FILES as MODELS
 from roller_bringup import launching
 from roller_bringup.launching import LaunchError, locate
+from roller_core.settings import read_parameters
+from roller_recording.player_node import PlayerParameters
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "launch").glob("*.launch.xml"))
@@ -23,34 +26,50 @@ NODES = {
     "virtual": ["virtual_cell", *PROCESSING],
 }
 NEEDED = {"replay": {"bag": "/recordings/one"}}
+#: How users may name a node in a parameter file of their own.
+KEYS = ("/**/{}", "{}", "/{}", "/**")
 
 
 def name_of(path):
     return path.name.removesuffix(".launch.xml")
 
 
-def load(path, **arguments):
-    if name_of(path) == "cell" and not (ROOT / "config" / "ur10.yaml").exists():
-        pytest.skip("the drivers' parameter files are yet to come")
-    return launching.load(path, {**NEEDED.get(name_of(path), {}), **arguments})
+def load(name, **arguments):
+    given = {**NEEDED.get(name, {}), **arguments}
+    return launching.load(ROOT / "launch" / f"{name}.launch.xml", given)
+
+
+def merge(into, values):
+    """Parameters over others; groups are merged."""
+    for name, value in values.items():
+        into[name] = merge(into.get(name, {}), value) if isinstance(value, dict) else value
+    return into
 
 
 def parameters(process):
-    """All parameters of a process, later files over earlier ones."""
-    found = {}
+    """All parameters of a process, as rcl takes them from its files.
+
+    A section that was there before keeps its place among the others, and so what holds against it.
+    """
+    sections = {}
     for i, word in enumerate(process.command):
         if word == "--params-file":
-            for key, content in yaml.safe_load(Path(process.command[i + 1]).read_text()).items():
-                if key in ("/**", f"/**/{process.name}", process.name, f"/{process.name}"):
-                    found.update(content["ros__parameters"])
+            content = yaml.safe_load(Path(process.command[i + 1]).read_text())
+            for key, section in content.items():
+                key = key if key.startswith("/") else f"/{key}"
+                if key in ("/**", f"/**/{process.name}", f"/{process.label}"):
+                    merge(sections.setdefault(key, {}), section["ros__parameters"])
+    found = {}
+    for section in sections.values():
+        merge(found, section)
     return found
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_starts_the_nodes_it_should(path, monkeypatch):
     monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE", raising=False)
-    with load(path) as plan:
-        assert [process.name for process in plan.processes] == NODES[name_of(path)]
+    with load(name_of(path)) as plan:
+        assert [process.label for process in plan.processes] == NODES[name_of(path)]
         assert plan.processes[0].required
         for process in plan.processes:
             assert f"__node:={process.name}" in process.command
@@ -65,76 +84,95 @@ def test_every_argument_says_what_it_is(path):
         assert argument.description, argument.name
 
 
+@pytest.mark.parametrize("method", ["focus", "surface"])
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_defaults_of_arguments_are_those_of_the_models(path, method):
+    with load(name_of(path), method=method, record="true") as plan:
+        for process in plan.processes:
+            model = {**MODELS, "player": PlayerParameters}[process.name]
+            needed = NEEDED.get(name_of(path), {}) if process.name == "player" else {}
+            chosen = {"method": method} if process.name == "emvs" else {}
+            given = model.create(parameters(process), process.name)
+            assert given == model.create({**needed, **chosen}), process.name
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_files_that_launch_files_fill_in_name_parameters_that_there_are(path):
+    for file in (ROOT / "launch").glob("*.params.yaml"):
+        for key in yaml.safe_load(file.read_text()):
+            node = key.removeprefix("/**/")
+            model = {**MODELS, "player": PlayerParameters}[node]
+            names = {name.split(".")[0] for name in read_parameters(file, node)}
+            assert names <= model.model_fields.keys()
+
+
 def test_a_profile_of_ones_own_stays(monkeypatch):
     monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", "/mine.xml")
-    with load(ROOT / "launch" / "virtual.launch.xml") as plan:
+    with load("virtual") as plan:
         assert plan.processes[0].env["FASTDDS_DEFAULT_PROFILES_FILE"] == "/mine.xml"
 
 
 def test_arguments_reach_their_nodes():
-    path = ROOT / "launch" / "virtual.launch.xml"
-    with load(path, method="bma", scene="braille", speed="0.5") as plan:
+    with load("virtual", method="bma", scene="mesh:a.stl", speed="0.5") as plan:
         cell, emvs, *_ = plan.processes
         assert parameters(emvs)["method"] == "bma"
-        given = parameters(cell)
-        assert given["scene.name"] == "braille"
-        assert given["motion.speed"] == 0.5
+        assert parameters(cell)["scene"]["name"] == "mesh:a.stl"
+        assert parameters(cell)["motion"]["speed"] == 0.5
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_the_method_surface_has_a_node_of_its_own(path):
-    with load(path, method="surface") as plan:
+    with load(name_of(path), method="surface") as plan:
         names = [process.name for process in plan.processes]
         source = [name for name in NODES[name_of(path)] if name not in PROCESSING]
         assert names == [*source, "surface", "braille"]
-        node = next(process for process in plan.processes if process.name == "surface")
-        assert node.required
-        assert parameters(node)["block_m"] == 0.004
+        assert next(p for p in plan.processes if p.name == "surface").required
 
 
-def test_a_section_surface_reaches_its_node(tmp_path):
-    mine = tmp_path / "mine.yaml"
-    mine.write_text("surface:\n  ros__parameters: {threads: 1}\n")
-    path = ROOT / "launch" / "virtual.launch.xml"
-    with load(path, params=str(mine), method="surface") as plan:
-        assert parameters(plan.processes[1])["threads"] == 1
-
-
-#: What launch files give whether or not an argument is given: nothing that a file in config/ says.
-ALWAYS = (("not_given", ""), ("base_frame", "base"), ("moving_frame", "tool0_controller"))
-
-
-def test_an_argument_not_given_leaves_the_parameter_alone():
-    with load(ROOT / "launch" / "virtual.launch.xml") as plan:
+@pytest.mark.parametrize("name", ["cell", "virtual", "replay"])
+@pytest.mark.parametrize("method", ["focus", "surface"])
+def test_two_cells_share_no_names(name, method):
+    with load(name, tf_prefix="left_", namespace="left", method=method) as plan:
         for process in plan.processes:
-            for i, word in enumerate(process.command):
-                if word == "--params-file" and "roller_launch_" in process.command[i + 1]:
-                    content = yaml.safe_load(Path(process.command[i + 1]).read_text())
-                    (given,) = content[f"/{process.name}"]["ros__parameters"].items()
-                    assert given in ALWAYS
+            assert process.label == f"left/{process.name}"
+            assert "__ns:=/left" in process.command
+            given = parameters(process)
+            if process.name == "ur10":
+                assert given["tf_prefix"] == "left_"
+            elif process.name == "event_camera":
+                assert given["camera_frame_id"] == "left_event_camera_optical_frame"
+                continue
+            elif process.name == "player":
+                continue
+            else:
+                assert given["base_frame"] == "left_base"
+                assert given["moving_frame"] == "left_tool0_controller"
+            assert given["sensor_frame"] == "left_event_camera_optical_frame"
 
 
-@pytest.mark.parametrize("method", ["", "surface"])
-def test_the_prefix_of_frames_reaches_all_nodes(method):
-    with load(ROOT / "launch" / "cell.launch.xml", tf_prefix="left_", method=method) as plan:
-        for process in plan.processes:
-            if process.name in (*PROCESSING, "surface"):
-                assert parameters(process)["base_frame"] == "left_base"
-                assert parameters(process)["moving_frame"] == "left_tool0_controller"
-            elif process.name == "ur10":
-                assert parameters(process)["tf_prefix"] == "left_"
-
-
-def test_a_parameter_file_of_ones_own_has_the_last_word(tmp_path):
+@pytest.mark.parametrize("key", KEYS)
+def test_a_parameter_file_of_ones_own_has_the_last_word(tmp_path, key):
     mine = tmp_path / "mine.yaml"
-    mine.write_text("emvs:\n  ros__parameters: {method: emvs}\n")
-    with load(ROOT / "launch" / "virtual.launch.xml", params=str(mine), method="bma") as plan:
+    mine.write_text(f"{key.format('emvs')}:\n  ros__parameters: {{method: emvs}}\n")
+    with load("virtual", params=str(mine), method="bma") as plan:
         assert parameters(plan.processes[1])["method"] == "emvs"
 
 
+def test_an_argument_goes_before_the_devices_own_file(tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("/**/ur10: {ros__parameters: {robot_ip: 10.0.0.9, tf_prefix: x_}}\n")
+    with load("cell", robot_params=str(mine)) as plan:
+        # No address is given: that of the file holds; the prefix is the argument's, for all nodes.
+        assert parameters(plan.processes[1])["robot_ip"] == "10.0.0.9"
+        assert parameters(plan.processes[1])["tf_prefix"] == ""
+    with load("cell", robot_params=str(mine), robot_ip="10.0.0.1", camera_info="file:///c") as plan:
+        camera, robot, *_ = plan.processes
+        assert parameters(robot)["robot_ip"] == "10.0.0.1"
+        assert parameters(camera)["camerainfo_url"] == "file:///c"
+
+
 def test_options_add_and_leave_out_nodes():
-    cell = ROOT / "launch" / "cell.launch.xml"
-    with load(cell, start_driver="false", braille="false", record="true") as plan:
+    with load("cell", start_driver="false", braille="false", record="true") as plan:
         names = [process.name for process in plan.processes]
     assert names == ["ur10", "emvs", "stitcher", "recorder"]
 
@@ -144,9 +182,9 @@ def test_a_missing_rviz_is_told():
         locate.package_prefix("rviz2")
     except locate.NotFoundError:
         with pytest.raises(LaunchError, match="package 'rviz2' is not installed"):
-            load(ROOT / "launch" / "virtual.launch.xml", rviz="true")
+            load("virtual", rviz="true")
     else:
-        with load(ROOT / "launch" / "virtual.launch.xml", rviz="true") as plan:
+        with load("virtual", rviz="true") as plan:
             assert plan.processes[-1].name == "rviz"
 
 
@@ -155,41 +193,59 @@ def test_replay_needs_its_bag():
         launching.load(ROOT / "launch" / "replay.launch.xml", {})
 
 
-@pytest.mark.parametrize("method", ["", "surface"])
+CASES = ({}, {"method": "surface"}, {"namespace": "left", "tf_prefix": "left_", "method": "bma"})
+
+
+@pytest.mark.parametrize("arguments", CASES, ids=["plain", "surface", "left"])
 @pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_ros2_launch_starts_the_same(path, method, monkeypatch):
-    """Where launch is installed: its commands are ours, but for temporary files' names."""
+def test_ros2_launch_starts_the_same(path, arguments, tmp_path, monkeypatch):
+    """Where launch is installed: its commands and parameters are ours."""
     pytest.importorskip("launch.frontend")
     pytest.importorskip("launch_ros.actions")
-    commands = _commands_of_launch(path, method)
-    with load(path, method=method) as plan:
-        ours = [[_plain(word) for word in process.command] for process in plan.processes]
-    assert commands == ours
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(_prefix(tmp_path)), prepend=":")
+    with load(name_of(path), **arguments) as plan:
+        ours = [_plain(process.command) for process in plan.processes]
+    given = {**NEEDED.get(name_of(path), {}), **arguments}
+    assert _commands_of_launch(path, given) == ours
 
 
-def _plain(word):
-    return "PARAMETERS" if "/launch_params_" in word or "/roller_launch_" in word else word
+def _prefix(folder):
+    """A prefix as colcon makes it, with programs that do nothing in place of the nodes."""
+    for point in metadata.entry_points(group="console_scripts"):
+        if point.name.endswith("_node") and point.module.startswith("roller_"):
+            program = folder / "lib" / point.module.split(".")[0] / point.name
+            program.parent.mkdir(parents=True, exist_ok=True)
+            program.write_text("#!/bin/sh\nexec sleep 60\n")
+            program.chmod(0o755)
+    (folder / "share").symlink_to(Path(sys.prefix) / "share")
+    return folder
 
 
-def _commands_of_launch(path, method):
-    """Let launch start the file with programs that end at once, and listen."""
+def _plain(command):
+    """A command without what differs: the program's folder, and copies of parameter files."""
+    words = [Path(command[0]).name, *command[1:]]
+    return [yaml.safe_load(Path(w).read_text()) if w.endswith(".yaml") or "launch_params_" in w
+            else w for w in words]  # fmt: skip
+
+
+def _commands_of_launch(path, arguments):
+    """Let launch start the file, and listen."""
     from launch.event_handlers import OnProcessStart
     from launch.launch_description_sources import AnyLaunchDescriptionSource
 
     import launch
 
     started = []
+
+    def take(event, _context):
+        started.append(_plain(event.cmd))
+
     service = launch.LaunchService(noninteractive=True)
     description = launch.LaunchDescription(
         [
-            launch.actions.RegisterEventHandler(
-                OnProcessStart(
-                    on_start=lambda event, _context: started.append([*map(_plain, event.cmd)])
-                )
-            ),
+            launch.actions.RegisterEventHandler(OnProcessStart(on_start=take)),
             launch.actions.IncludeLaunchDescription(
-                AnyLaunchDescriptionSource(str(path)),
-                launch_arguments=[*NEEDED.get(name_of(path), {}).items(), ("method", method)],
+                AnyLaunchDescriptionSource(str(path)), launch_arguments=list(arguments.items())
             ),
             launch.actions.TimerAction(period=1.0, actions=[launch.actions.Shutdown()]),
         ]
@@ -198,9 +254,3 @@ def _commands_of_launch(path, method):
     asyncio.set_event_loop(asyncio.new_event_loop())
     service.run()
     return started
-
-
-def test_the_module_stays_off_ros():
-    """Launching needs no ROS libraries: only the nodes it starts do."""
-    code = "import sys, roller_bringup.launching; sys.exit('rclpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

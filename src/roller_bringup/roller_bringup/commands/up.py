@@ -95,7 +95,6 @@ def show(path: Path) -> None:
         print("  none")
     for argument in arguments:
         default = "must be given" if argument.default is None else f"default: '{argument.default}'"
-        choices = f"; one of {', '.join(argument.choices)}" if argument.choices else ""
-        print(f"  {argument.name} ({default}{choices})")
+        print(f"  {argument.name} ({default})")
         if argument.description:
             print(f"      {argument.description}")

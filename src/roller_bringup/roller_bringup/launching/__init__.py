@@ -1,12 +1,12 @@
-"""Running ROS 2 launch files (XML) where `ros2 launch` is absent.
+"""Running our ROS 2 launch files (XML) where `ros2 launch` is absent.
 
-A strict subset: what it reads it does as `ros2 launch` would, with one process a node and the same
-arguments; what it doesn't know it refuses, naming file and line.
+What they use is read as `ros2 launch` reads it, with one process a node and the same arguments;
+anything else is refused, naming file and line.
 """
 
-from .arguments import Argument, list_arguments
-from .errors import LaunchError
-from .plan import LaunchPlan, NodeProcess, load
+from .document import LaunchError
+from .interpreter import Argument, list_arguments, load
+from .plan import LaunchPlan, NodeProcess
 from .runner import Runner, run
 
 __all__ = [

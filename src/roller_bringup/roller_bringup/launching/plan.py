@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-
-from .errors import LaunchError
 
 
 @dataclass(frozen=True)
@@ -18,25 +15,27 @@ class NodeProcess:
     Attributes
     ----------
     name
-        What its output is marked with: the node's name, or the executable's.
+        The node's name.
     command
         The program and its arguments, as launch_ros would give them.
     env
         The whole environment.
     required
         Whether everything stops when it ends (on_exit="shutdown").
-    respawn
-        Whether it is started again when it ends by itself.
-    respawn_delay_s
-        How long to wait before that, seconds.
+    namespace
+        The node's namespace.
     """
 
     name: str
     command: tuple[str, ...]
     env: Mapping[str, str] = field(repr=False)
     required: bool = False
-    respawn: bool = False
-    respawn_delay_s: float = 0.0
+    namespace: str = "/"
+
+    @property
+    def label(self) -> str:
+        """Name with namespace, that its output is marked with: `emvs` or `left/emvs`."""
+        return f"{self.namespace}/{self.name}".strip("/")
 
 
 class LaunchPlan:
@@ -50,10 +49,12 @@ class LaunchPlan:
         self.processes: list[NodeProcess] = []
         self._folder = tempfile.TemporaryDirectory(prefix="roller_launch_")
 
-    @property
-    def folder(self) -> Path:
-        """Where the parameter files are."""
-        return Path(self._folder.name)
+    def write(self, text: str) -> Path:
+        """Keep a parameter file for the processes."""
+        folder = Path(self._folder.name)
+        path = folder / f"parameters_{len(list(folder.iterdir()))}.yaml"
+        path.write_text(text, encoding="utf-8")
+        return path
 
     def close(self) -> None:
         """Remove the parameter files."""
@@ -64,51 +65,3 @@ class LaunchPlan:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def load(
-    path: Path | str,
-    arguments: Mapping[str, str] | None = None,
-    environment: Mapping[str, str] | None = None,
-) -> LaunchPlan:
-    """Work out what a launch file starts.
-
-    Parameters
-    ----------
-    path
-        The launch file.
-    arguments
-        Values of its arguments by name; those it gives no default must be there.
-    environment
-        The environment to start from; this process's by default.
-
-    Returns
-    -------
-    LaunchPlan
-        The processes, in the order of the file.
-
-    Raises
-    ------
-    LaunchError
-        The file has something outside the subset, an argument is missing or unknown, or a
-        package, an executable or a parameter file isn't there.
-    """
-    # The interpreter makes NodeProcess, so it can't be imported at the top.
-    from .interpreter import Interpreter
-
-    file = Path(path).absolute()
-    given = dict(arguments or {})
-    plan = LaunchPlan(file)
-    try:
-        interpreter = Interpreter(plan, given, dict(environment or os.environ))
-        interpreter.run_file(file)
-        unknown = sorted(given.keys() - interpreter.declared)
-        if unknown:
-            known = ", ".join(sorted(interpreter.declared)) or "none"
-            raise LaunchError(f"no argument '{unknown[0]}'; there are: {known}", file)
-        if not plan.processes:
-            raise LaunchError("nothing to start", file)
-    except BaseException:
-        plan.close()
-        raise
-    return plan

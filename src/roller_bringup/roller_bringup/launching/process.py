@@ -1,27 +1,45 @@
-"""One running process of a plan: its output, its end."""
+"""One running process of a plan, and the screen that shows what it says."""
 
 from __future__ import annotations
 
 import os
 import signal
 import subprocess
+import sys
 import threading
-import time
-from collections.abc import Callable
+from typing import TextIO
 
-from .errors import LaunchError
+from .document import LaunchError
 from .plan import NodeProcess
+
+_COLOURS = (36, 32, 33, 35, 34, 96, 92, 93, 95, 94)
+
+
+class Screen:
+    """Writes lines marked with where they come from, one at a time; in colour on a terminal."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream: TextIO | None = sys.stdout if stream is None else stream
+        self._lock = threading.Lock()
+        self._colours: dict[str, int] = {}
+        self._colourful = self._stream.isatty() and "NO_COLOR" not in os.environ
+
+    def line(self, name: str, text: str) -> None:
+        """Write one line."""
+        with self._lock:
+            colour = self._colours.setdefault(name, _COLOURS[len(self._colours) % len(_COLOURS)])
+            mark = f"\x1b[{colour}m[{name}]\x1b[0m" if self._colourful else f"[{name}]"
+            try:
+                if self._stream is not None:
+                    self._stream.write(f"{mark} {text}\n")
+                    self._stream.flush()
+            except (OSError, ValueError):
+                # Nobody reads any more (a closed pipe); the nodes go on.
+                self._stream = None
 
 
 class RunningProcess:
     """A process started from a plan, in a process group of its own.
-
-    Parameters
-    ----------
-    node
-        What to start.
-    write_line
-        Gets its output, line by line, from a thread.
 
     Raises
     ------
@@ -29,14 +47,13 @@ class RunningProcess:
         It can't be started.
     """
 
-    def __init__(self, node: NodeProcess, write_line: Callable[[str], None]) -> None:
+    def __init__(self, node: NodeProcess, screen: Screen) -> None:
         self.node = node
-        # A node's print would otherwise arrive in blocks, long after it happened.
-        environment = {"PYTHONUNBUFFERED": "1", **node.env}
         try:
             self._process = subprocess.Popen(
                 node.command,
-                env=environment,
+                # A node's print would otherwise arrive in blocks, long after it happened.
+                env={"PYTHONUNBUFFERED": "1", **node.env},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -45,24 +62,26 @@ class RunningProcess:
             )
         except OSError as error:
             raise LaunchError(f"can't start {node.command[0]}: {error.strerror}") from None
-        self._reader = threading.Thread(target=self._read, args=(write_line,), daemon=True)
+        self.pid = self._process.pid
+        self._reader = threading.Thread(target=self._read, args=(screen,), daemon=True)
         self._reader.start()
 
-    @property
-    def pid(self) -> int:
-        """Its process id, which is also its group's."""
-        return self._process.pid
-
-    def _read(self, write_line: Callable[[str], None]) -> None:
-        stream = self._process.stdout
-        assert stream is not None
-        with stream:
+    def _read(self, screen: Screen) -> None:
+        assert self._process.stdout is not None
+        with self._process.stdout as stream:
             for line in stream:
-                write_line(line.decode(errors="replace").rstrip("\r\n"))
+                screen.line(self.node.label, line.decode(errors="replace").rstrip("\r\n"))
 
     def poll(self) -> int | None:
-        """Give its exit code (negative: ended by that signal), or None while it runs."""
-        return self._process.poll()
+        """Give its exit code (negative: ended by that signal), or None while it runs.
+
+        At its end the rest of its output is read, and what it left running is ended.
+        """
+        if self._process.returncode is None and self._process.poll() is not None:
+            self._reader.join(1.0)
+            self.signal(signal.SIGKILL)
+            self._reader.join(1.0)
+        return self._process.returncode
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal to it and everything it started."""
@@ -72,27 +91,10 @@ class RunningProcess:
             # Gone between our looking and our sending.
             return
 
-    def wait(self, seconds: float) -> bool:
-        """Wait for its end, at most so long; tell whether it came."""
-        try:
-            self._process.wait(max(seconds, 0.0))
-        except subprocess.TimeoutExpired:
-            return False
-        return True
-
-    def finish(self, grace_s: float = 1.0) -> None:
-        """After its end: read the rest of its output and end what it left behind."""
-        deadline = time.monotonic() + grace_s
-        self._reader.join(max(deadline - time.monotonic(), 0.0))
-        self.signal(signal.SIGKILL)
-        self._reader.join(grace_s)
-
 
 def describe(code: int) -> str:
     """Say in words how a process ended."""
     if code < 0:
-        try:
-            return f"was ended by {signal.Signals(-code).name}"
-        except ValueError:
-            return f"was ended by signal {-code}"
+        known = {number.value: number.name for number in signal.Signals}
+        return f"was ended by {known.get(-code, f'signal {-code}')}"
     return "finished" if code == 0 else f"failed with exit code {code}"

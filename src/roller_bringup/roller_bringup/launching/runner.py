@@ -5,18 +5,17 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
-from .output import Screen, standard_screen
-from .plan import LaunchPlan, NodeProcess
-from .process import RunningProcess, describe
+from .plan import LaunchPlan
+from .process import RunningProcess, Screen, describe
 
 #: How a process may end once it was asked to.
 _ORDERLY = {0, -signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM}
-_STEPS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+
+_Handler = Callable[[int, FrameType | None], object]
 
 
 class Runner:
@@ -43,12 +42,10 @@ class Runner:
         self, plan: LaunchPlan, screen: Screen | None = None, grace_s: float = 5.0
     ) -> None:
         self.plan = plan
-        self.screen = screen or standard_screen()
+        self.screen = screen or Screen()
         self.grace_s = grace_s
         self.exit_codes: dict[str, int] = {}
         self._running: list[RunningProcess] = []
-        self._again: list[tuple[float, NodeProcess]] = []
-        self._result: int | None = None
         self._hurry = threading.Event()
 
     def start(self) -> None:
@@ -61,21 +58,26 @@ class Runner:
         """
         try:
             for node in self.plan.processes:
-                self._start(node)
+                self._running.append(RunningProcess(node, self.screen))
+                self._say(f"{node.label} started (process {self._running[-1].pid})")
         except BaseException:
             self.stop()
             raise
 
-    def _start(self, node: NodeProcess) -> None:
-        process = RunningProcess(node, self.screen.writer(node.name))
-        self._running.append(process)
-        self._say(f"{node.name} started (process {process.pid})")
-
     def _say(self, text: str) -> None:
         self.screen.line("launch", text)
 
+    def _sort_out(self) -> None:
+        """Take those that ended from those that run."""
+        for process in list(self._running):
+            code = process.poll()
+            if code is not None:
+                self._running.remove(process)
+                self.exit_codes[process.node.label] = code
+                self._say(f"{process.node.label} {describe(code)}")
+
     def poll(self) -> int | None:
-        """See what became of the processes; start those again that are to be.
+        """See what became of the processes.
 
         Returns
         -------
@@ -84,29 +86,12 @@ class Runner:
             process finished well, or all did; 1 when a required one failed, or, with none
             required, any did. Other processes may still run: `stop` ends them.
         """
-        if self._result is not None:
-            return self._result
-        for process in list(self._running):
-            code = process.poll()
-            if code is None:
-                continue
-            self._running.remove(process)
-            process.finish()
-            node = process.node
-            self.exit_codes[node.name] = code
-            self._say(f"{node.name} {describe(code)}")
-            if node.required:
-                self._result = 0 if code == 0 else 1
-                return self._result
-            if node.respawn:
-                self._again.append((time.monotonic() + node.respawn_delay_s, node))
-        for due, node in list(self._again):
-            if time.monotonic() >= due:
-                self._again.remove((due, node))
-                self._start(node)
-        if not self._running and not self._again:
-            self._result = 0 if all(code == 0 for code in self.exit_codes.values()) else 1
-        return self._result
+        self._sort_out()
+        codes = self.exit_codes
+        for node in self.plan.processes:
+            if node.required and node.label in codes:
+                return 0 if codes[node.label] == 0 else 1
+        return None if self._running else int(any(codes.values()))
 
     def stop(self) -> int:
         """End what still runs: SIGINT, then SIGTERM, then SIGKILL.
@@ -116,53 +101,38 @@ class Runner:
         int
             0 when all ended in order, 1 when one failed while stopping or had to be killed.
         """
-        self._again.clear()
-        stopping, self._running = self._running, []
-        if stopping:
-            self._say(f"stopping {', '.join(process.node.name for process in stopping)}")
-        clean = True
-        for step in _STEPS:
-            if not stopping:
-                break
-            for process in stopping:
+        if self._running:
+            self._say(f"stopping {', '.join(process.node.label for process in self._running)}")
+        for step in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            for process in self._running:
                 if step is not signal.SIGINT:
-                    self._say(f"{process.node.name} still runs; sending {step.name}")
+                    self._say(f"{process.node.label} still runs; sending {step.name}")
                 process.signal(step)
             deadline = time.monotonic() + self.grace_s
-            while stopping and time.monotonic() < deadline and not self._hurry.is_set():
-                stopping = [process for process in stopping if not self._ended(process)]
-                if stopping:
-                    stopping[0].wait(0.05)
+            while self._running and time.monotonic() < deadline and not self._hurry.is_set():
+                time.sleep(0.02)
+                self._sort_out()
             self._hurry.clear()
-        for process in stopping:
+        for process in self._running:
             # Killed, but not gone: it hangs in the kernel. Nothing more can be done.
-            self._say(f"{process.node.name} can't be ended")
-            clean = False
-        for node in self.plan.processes:
-            if self.exit_codes.get(node.name, 0) not in _ORDERLY:
-                clean = False
+            self._say(f"{process.node.label} can't be ended")
+        clean = not self._running and set(self.exit_codes.values()) <= _ORDERLY
+        self._running = []
         self.plan.close()
         return 0 if clean else 1
-
-    def _ended(self, process: RunningProcess) -> bool:
-        code = process.poll()
-        if code is None:
-            return False
-        process.finish()
-        self.exit_codes[process.node.name] = code
-        if code not in _ORDERLY:
-            self._say(f"{process.node.name} {describe(code)} while stopping")
-        return True
 
     def hurry(self) -> None:
         """Have a `stop` under way go on to its next, harder signal."""
         self._hurry.set()
 
     def __enter__(self) -> Runner:
+        came: list[int] = []
         try:
             # A signal between a process's start and our knowing of it would leave it running.
-            with _deferring():
+            with _handling(lambda number, _: came.append(number)):
                 self.start()
+            for number in came[:1]:
+                signal.raise_signal(number)
         except BaseException:
             self.__exit__()
             raise
@@ -201,14 +171,12 @@ def run(plan: LaunchPlan, screen: Screen | None = None, grace_s: float = 5.0) ->
                 result = runner.poll()
         finally:
             stopped = runner.stop()
-    if result is None:
-        return stopped
     # A required node's own word counts; others may have been ended on the way.
-    return result
+    return stopped if result is None else result
 
 
 @contextmanager
-def _handling(handler: Any) -> Iterator[None]:
+def _handling(handler: _Handler) -> Iterator[None]:
     """Handle the signals that ask for an end for a while (the main thread's privilege)."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -222,13 +190,3 @@ def _handling(handler: Any) -> Iterator[None]:
     finally:
         for number, previous in before.items():
             signal.signal(number, previous)
-
-
-@contextmanager
-def _deferring() -> Iterator[None]:
-    """Let signals that ask for an end count only afterwards."""
-    came: list[int] = []
-    with _handling(lambda number, _: came.append(number)):
-        yield
-    for number in came[:1]:
-        signal.raise_signal(number)
