@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from roller_braille.braille_node import BrailleParameters
+from roller_braille.braille_stage import BrailleParameters
 from roller_core.settings import Settings, parameter_file
 from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.ur10.robot_settings import Ur10Parameters
-from roller_emvs.emvs_node import EmvsParameters
-from roller_emvs.stitcher_node import StitcherParameters
-from roller_emvs.surface_node import SurfaceParameters
+from roller_emvs.depth_stage import EmvsParameters
+from roller_emvs.stitcher_stage import StitcherParameters
+from roller_emvs.surface_stage import SurfaceParameters
 from roller_recording.writing.recorder_settings import RecorderParameters
 from roller_sim.virtual_cell_node import VirtualCellParameters
 

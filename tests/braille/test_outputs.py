@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from braille.synthetic import Plate, over, read, scan
-from roller_braille.braille_node import BrailleParameters
+from roller_braille.braille_stage import BrailleParameters
 from roller_braille.cells_json import cells_to_json
 from roller_braille.reader_settings import PROFILES, BrailleSettings
 from roller_core.errors import RollerError

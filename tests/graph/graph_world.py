@@ -49,9 +49,9 @@ class Watcher:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         for topic in topics.ALL:
-            if topic.name in names:
-                keep = self.seen[topic.name].append
-                self.node.create_subscription(topic.type, topic.name, keep, topic.qos)
+            if topic.path in names:
+                keep = self.seen[topic.path].append
+                self.node.create_subscription(topic.type, topic.path, keep, topic.qos)
         self.node.create_subscription(
             DiagnosticArray, "/diagnostics", self._diagnose, qos.DIAGNOSTICS
         )

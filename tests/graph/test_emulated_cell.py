@@ -26,7 +26,8 @@ from graph.graph_world import Watcher
 from roller_bringup.launching import Runner, load
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
-from roller_inspect.pipeline import DepthResult, Inspection, InspectionSettings
+from roller_emvs.patch import Patch
+from roller_inspect.pipeline import Inspection, InspectionSettings
 from roller_ros import messages
 
 pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
@@ -85,8 +86,8 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     track = scan.camera_track((ticks_ns - took.begin_ns) * 1e-9, ticks_ns + robot_delay, MAX_GAP_S)
     inspection = Inspection(InspectionSettings.load(), scan.cell.camera, track, braille=False)
     inspection.add_events(events)
-    found = [f.patch for f in inspection.results(flush=True) if isinstance(f, DepthResult)]
-    direct = np.concatenate([p.columns() for p in [*found, inspection.finish()]])
+    found = [r.found for r in inspection.results(flush=True)]
+    direct = np.concatenate([p.columns() for p in found if isinstance(p, Patch)])
 
     distance, nearest = cKDTree(direct[:, :2]).query(took.cloud[:, :2])
     near = distance < 2e-5

@@ -83,7 +83,7 @@ def test_replay_equals_live(
     watcher = watch(POINTS)
     processes.start("surface", SURFACE)
     watcher.spin_until(lambda: bool(watcher.statuses[STATUS]), 60, "start of surface")
-    assert "waiting for /event_camera/camera_info" in watcher.messages_of(STATUS)
+    assert "waiting for event_camera/camera_info" in watcher.messages_of(STATUS)
     processes.start("player", f"{{bag: {bag}, pose_subscribers: 1}}")
     clouds = watcher.seen[POINTS]
     watcher.spin_until(lambda: len(clouds) >= len(expected), 60, "all clouds")

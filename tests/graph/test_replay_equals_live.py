@@ -150,7 +150,7 @@ def test_nodes_report_and_go_on(
     watcher = watch("/roller/depth/image")
     processes.start("emvs", DEPTH)
     watcher.spin_until(lambda: bool(watcher.statuses["emvs: depth"]), 60, "start of emvs")
-    assert "waiting for /event_camera/camera_info" in watcher.messages_of("emvs: depth")
+    assert "waiting for event_camera/camera_info" in watcher.messages_of("emvs: depth")
     processes.start("player", f"{{bag: {bag}, pose_subscribers: 1}}")
     status = "emvs: depth"
     watcher.spin_until(

@@ -22,7 +22,7 @@ from roller_recording.reading.base import RecordingError
 from roller_recording.writing import BagWriter
 from roller_ros import topics
 
-KINDS = {t.name: (t.type_name, topics.offered(t)) for t in topics.ALL}
+KINDS = {t.path: (t.type_name, topics.offered(t)) for t in topics.ALL}
 Capture = pytest.CaptureFixture[str]
 
 

@@ -23,7 +23,7 @@ from roller_recording.writing.queue import ByteQueue
 from roller_ros import topics
 
 EVENTS = "/event_camera/events"
-KINDS = {t.name: (t.type_name, topics.offered(t)) for t in topics.ALL}
+KINDS = {t.path: (t.type_name, topics.offered(t)) for t in topics.ALL}
 
 
 def sent(encoding: str = "mono") -> list[RawMessage]:

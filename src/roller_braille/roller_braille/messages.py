@@ -1,31 +1,31 @@
-"""Braille cells as messages, the same for the node and for a replay's bag."""
+"""Braille cells as messages; importing this registers them."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import Point, Vector3
 from roller_msgs.msg import BrailleCell
-from std_msgs.msg import ColorRGBA, String
-from visualization_msgs.msg import Marker
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
 
-from roller_ros.messages import header
+from roller_core.outputs import Output
+from roller_ros.messages import header, message_of
 
+from .braille_stage import CellMarkers
 from .cells import Cell
-from .reader_settings import Spacing
 from .table import UNREADABLE
 
 _READ = ColorRGBA(r=0.1, g=0.7, b=0.2, a=1.0)
 _UNREAD = ColorRGBA(r=0.9, g=0.3, b=0.1, a=1.0)
 
 
-def cell_message(cell: Cell, frame_id: str, first_line: int = 0) -> BrailleCell:
-    """Message of one cell; `first_line` lines were read before its text began."""
+@message_of.register
+def cell_message(cell: Cell, output: Output) -> BrailleCell:
+    """Message of one cell."""
     return BrailleCell(
-        header=header(cell.stamp_ns, frame_id),
-        line=cell.line + first_line,
+        header=header(output.t_ns, output.frame_id),
+        line=cell.line,
         column=cell.column,
         mask=cell.mask,
         pattern=cell.pattern,
@@ -37,32 +37,17 @@ def cell_message(cell: Cell, frame_id: str, first_line: int = 0) -> BrailleCell:
     )
 
 
-def text_message(lines: Sequence[str]) -> String:
-    """Message of all lines read so far."""
-    return String(data="\n".join(lines))
-
-
-def cell_markers(cell: Cell, number: int, frame_id: str, spacing: Spacing) -> list[Marker]:
-    """A cell's character and its raised dots for RViz; none for a blank cell.
-
-    Parameters
-    ----------
-    cell : Cell
-        What was read.
-    number : int
-        Identity of the markers; no two cells may share one.
-    frame_id : str
-        Frame of the cell's position.
-    spacing : Spacing
-        Sizes of dots and letters.
-    """
+@message_of.register
+def marker_message(shown: CellMarkers, output: Output) -> MarkerArray:
+    """A cell's character and its raised dots for RViz; none for a blank cell."""
+    cell, spacing = shown.cell, shown.spacing
     if not cell.mask and cell.readable:
-        return []
+        return MarkerArray()
     letter, dots = Marker(type=Marker.TEXT_VIEW_FACING), Marker(type=Marker.SPHERE_LIST)
     for marker, part in ((letter, "characters"), (dots, "dots")):
-        marker.header.frame_id = frame_id
+        marker.header.frame_id = output.frame_id
         marker.ns = f"braille_{part}"
-        marker.id = number
+        marker.id = shown.number
         marker.action = Marker.ADD
         marker.color = _READ if cell.readable else _UNREAD
         marker.pose.orientation.w = 1.0
@@ -74,7 +59,7 @@ def cell_markers(cell: Cell, number: int, frame_id: str, spacing: Spacing) -> li
     size = spacing.dot_diameter_m
     dots.scale = Vector3(x=size, y=size, z=size)
     dots.points = [_point(p) for i, p in enumerate(cell.dot_positions) if cell.mask >> i & 1]
-    return [letter, dots]
+    return MarkerArray(markers=[letter, dots])
 
 
 def _point(position: npt.NDArray[np.float64]) -> Point:

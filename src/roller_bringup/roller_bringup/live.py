@@ -64,7 +64,7 @@ class Observer:
             if topic.type is DiagnosticArray:
                 continue
             self._node.create_subscription(
-                topic.type, topic.name, lambda _, n=topic.name: self._count(n), topic.qos, raw=True
+                topic.type, topic.path, lambda _, n=topic.path: self._count(n), topic.qos, raw=True
             )
         self._node.create_subscription(
             DiagnosticArray, "/diagnostics", self._diagnose, qos.DIAGNOSTICS

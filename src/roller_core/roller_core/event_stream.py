@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from .clock import SensorClock
 from .codecs import CodecError, PacketDecoder
 from .errors import RollerError
 from .events import EventArray
+from .seq_gaps import SeqGaps
 
 
 class StreamError(RollerError):
@@ -67,8 +69,25 @@ class EventStream:
         self.clock = SensorClock()
         self.counts = StreamCounts()
         self._decoder: PacketDecoder | None = None
-        self._last_seq: int | None = None
+        self._gaps = SeqGaps()
         self._last_ns: int | None = None
+
+    def push_message(self, message: Any) -> EventArray:
+        """Decode an event_camera_msgs/EventPacket, of a live graph or of a bag; see `push`."""
+        if message.is_bigendian and message.encoding != "evt3":  # which is little-endian always
+            self.counts.decode_errors += 1
+            raise CodecError(
+                f"event packet {message.seq} is big-endian; only little-endian ones are read"
+            )
+        return self.push(
+            message.encoding,
+            message.width,
+            message.height,
+            message.seq,
+            message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec,
+            message.time_base,
+            message.events,
+        )
 
     def push(
         self,
@@ -120,7 +139,8 @@ class EventStream:
         except CodecError:
             self.counts.decode_errors += 1
             raise
-        self._count_gap(seq)
+        self._gaps.see("", seq, stamp_ns)
+        self.counts.lost_packets = self._gaps.lost
         events = packet.events.sorted_by_time()
         self.counts.packets += 1
         self.counts.outside_events += packet.outside
@@ -131,12 +151,6 @@ class EventStream:
         self.clock.observe(int(events.t_ns[0]), stamp_ns)
         self.counts.clock_steps += self.clock.steps - steps
         return self._in_order(events.with_times(self.clock.to_ros_ns(events.t_ns)))
-
-    def _count_gap(self, seq: int) -> None:
-        # A lower number is a driver that started anew, not a loss.
-        if self._last_seq is not None and seq > self._last_seq + 1:
-            self.counts.lost_packets += seq - self._last_seq - 1
-        self._last_seq = seq
 
     def _in_order(self, events: EventArray) -> EventArray:
         last = self._last_ns

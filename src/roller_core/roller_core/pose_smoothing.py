@@ -9,9 +9,8 @@ does meanwhile; positions stay as they are.
 from __future__ import annotations
 
 from collections import deque
+from itertools import pairwise
 from typing import Generic, TypeVar
-
-import numpy as np
 
 from .pose_track import PoseOrderError
 
@@ -67,10 +66,12 @@ class StampSmoother(Generic[T]):
     def _hand_out(self) -> tuple[int, T]:
         k = self._done
         reach = min(k, len(self._items) - 1 - k, self.neighbours)
-        stamps = np.array([self._items[j][0] for j in range(k - reach, k + reach + 1)])
         t_ns, item = self._items[k]
-        if reach and _is_even(np.diff(stamps)):
-            t_ns = int(stamps[0]) + round(float((stamps - stamps[0]).mean()))
+        if reach:
+            # In plain Python: arrays of nine numbers cost more than they save.
+            stamps = [self._items[j][0] for j in range(k - reach, k + reach + 1)]
+            if _is_even(stamps):
+                t_ns = stamps[0] + round(sum(t - stamps[0] for t in stamps) / len(stamps))
         if self._last_out is not None:
             t_ns = max(t_ns, self._last_out + 1)
         self._last_out = t_ns
@@ -81,6 +82,10 @@ class StampSmoother(Generic[T]):
         return t_ns, item
 
 
-def _is_even(steps: np.ndarray) -> bool:
-    middle = float(np.median(steps))
-    return bool(middle > 0 and np.abs(steps - middle).max() <= _UNEVEN * middle)
+def _is_even(stamps: list[int]) -> bool:
+    """Whether the steps between an odd number of stamps hardly differ from their median."""
+    steps = sorted(b - a for a, b in pairwise(stamps))
+    half = len(steps) // 2
+    middle = (steps[half - 1] + steps[half]) / 2
+    furthest = max(middle - steps[0], steps[-1] - middle)
+    return middle > 0 and furthest <= _UNEVEN * middle

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .errors import RollerError
-from .transforms import F64, RotationError, pose_matrix, slerp, unit_quaternion
+from .transforms import F64, pose_matrix, slerp
 
 I64 = npt.NDArray[np.int64]
 
@@ -145,6 +146,11 @@ class PoseTrack:
             np.asarray(t_ns), np.asarray(positions), np.asarray(quaternions), strict=True
         ):
             self.append(int(t), p, q)
+
+    def assign(self, other: PoseTrack) -> None:
+        """Take the poses of another track in place of one's own."""
+        self._n = len(other)
+        self._t, self._p, self._q = other._t.copy(), other._p.copy(), other._q.copy()
 
     def clear(self) -> None:
         """Forget all poses."""
@@ -323,12 +329,17 @@ def unit_pose(t_ns: int, position: F64, quaternion: npt.ArrayLike) -> F64:
     PoseValueError
         If the pose is not finite or its quaternion is zero.
     """
-    if not np.all(np.isfinite(position)):
+    # In plain Python: this runs for every pose of every stage.
+    if not all(map(math.isfinite, position)):
         raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s is not finite; it is left out")
-    try:
-        return unit_quaternion(quaternion)
-    except RotationError as fault:
-        raise PoseValueError(f"pose at {t_ns * 1e-9:.6f} s: {fault}; it is left out") from fault
+    x, y, z, w = map(float, np.asarray(quaternion))
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if not math.isfinite(length) or length < 1e-9:
+        raise PoseValueError(
+            f"pose at {t_ns * 1e-9:.6f} s: a quaternion is zero or not finite; expected x, y, z, w "
+            "of a rotation; it is left out"
+        )
+    return np.array([x / length, y / length, z / length, w / length])
 
 
 def seconds_to_ns(text: str) -> int:

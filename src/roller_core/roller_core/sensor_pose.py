@@ -2,30 +2,73 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .frame_settings import DEFAULT_SMOOTHING
 from .pose_smoothing import StampSmoother
 from .pose_track import PoseJumpError, PoseTrack, PoseValueError, unit_pose
 from .transforms import (
     F64,
     inverse_pose,
     matrix_to_quaternion,
-    multiply_quaternions,
     pose_matrix,
     unit_quaternion,
 )
 
-#: Poses on either side of one over which its stamp is smoothed.
-DEFAULT_SMOOTHING = 4
 #: No arm moves its tool faster; what does comes from somewhere else.
 _FASTEST_M_S = 5.0
 _SLACK_M = 1e-3
 #: A pose this much later is believed wherever it is, ns.
 _BELIEVED_AFTER_NS = 500_000_000
 _TOLD_AGAIN_NS = 1_000_000_000
+#: Other transforms that are remembered, to say what there is where the robot's pose is not.
+_MOST_OTHERS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Transform:
+    """A transform from a frame to another.
+
+    Attributes
+    ----------
+    parent, child : str
+        Frames, without leading slashes.
+    t_ns : int
+        ROS time, ns.
+    position : tuple of float, length 3
+        Metres.
+    quaternion : tuple of float, length 4
+        x, y, z, w.
+    static : bool
+        Whether it holds for all times (/tf_static).
+    """
+
+    parent: str
+    child: str
+    t_ns: int
+    position: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+    static: bool = False
+
+
+def transforms_of(message: Any, static: bool) -> Iterator[Transform]:
+    """Transforms of a tf2_msgs/TFMessage, of a live graph or of a bag."""
+    for item in message.transforms:
+        stamp, t, r = item.header.stamp, item.transform.translation, item.transform.rotation
+        yield Transform(
+            item.header.frame_id.lstrip("/"),
+            item.child_frame_id.lstrip("/"),
+            stamp.sec * 1_000_000_000 + stamp.nanosec,
+            (t.x, t.y, t.z),
+            (r.x, r.y, r.z, r.w),
+            static,
+        )
 
 
 @dataclass(slots=True)
@@ -84,8 +127,12 @@ class SensorFrames:
         self._jump_told_ns = -(2**62)
         self._static: dict[str, dict[str, F64]] = {}
         self._hand_eye: F64 | None = np.eye(4) if moving == sensor else None
+        self._turn = np.array([0.0, 0.0, 0.0, 1.0])  # its rotation
         self._waiting: list[tuple[int, tuple[F64, F64]]] = []
         self._smoother: StampSmoother[tuple[F64, F64]] = StampSmoother(smoothing)
+        self._others: dict[tuple[str, str], None] = {}
+        self._given = False
+        self._span_ns: tuple[int, int] | None = None
 
     @property
     def hand_eye(self) -> F64 | None:
@@ -95,7 +142,37 @@ class SensorFrames:
     @property
     def has_robot_poses(self) -> bool:
         """Whether any pose of the moving frame came."""
-        return bool(self._waiting or len(self.track))
+        return self._given or self.counts.poses > 0
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Times between which there were poses; None while there was none."""
+        return self._span_ns
+
+    def missing(self) -> str:
+        """What is missing for a pose of the sensor; empty: nothing."""
+        if not self.has_robot_poses:
+            there = ", ".join(f"{parent} -> {child}" for parent, child in self._others)
+            hint = f"; there is {there}: set base_frame and moving_frame" if there else ""
+            return f"no poses {self.base} -> {self.moving} on /tf{hint}"
+        if self._hand_eye is None and not self._given:
+            return f"no path {self.moving} -> {self.sensor} on /tf_static"
+        return ""
+
+    def follow(self, track: PoseTrack) -> None:
+        """Take all poses of the sensor in base at once, in place of transforms."""
+        self.track.assign(track)
+        self._given = True
+        if len(track):
+            self._span_ns = track.start_ns, track.end_ns
+
+    def take(self, transform: Transform) -> bool:
+        """Take a transform; see `add_static` and `add`."""
+        t = transform
+        if t.static:
+            self.add_static(t.parent, t.child, t.position, t.quaternion)
+            return False
+        return self.add(t.parent, t.child, t.t_ns, t.position, t.quaternion)
 
     def add_static(
         self, parent: str, child: str, position: npt.ArrayLike, quaternion: npt.ArrayLike
@@ -118,6 +195,7 @@ class SensorFrames:
         if self._hand_eye is None:
             self._hand_eye = self._find(self.moving, self.sensor)
             if self._hand_eye is not None:
+                self._turn = matrix_to_quaternion(self._hand_eye[:3, :3])
                 waiting, self._waiting = self._waiting, []
                 for t_ns, (p, q) in waiting:
                     self._append(t_ns, p, q)
@@ -144,6 +222,8 @@ class SensorFrames:
             second); the track is unchanged.
         """
         if (parent, child) != (self.base, self.moving):
+            if len(self._others) < _MOST_OTHERS:
+                self._others[parent, child] = None
             return False
         p, q = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)
         q = unit_pose(t_ns, p, q)
@@ -175,7 +255,7 @@ class SensorFrames:
         if self._newest is None:
             return False
         elapsed_ns = t_ns - self._newest[0]
-        away = float(np.linalg.norm(position - self._newest[1]))
+        away = math.dist(position, self._newest[1])
         if not 0 <= elapsed_ns < _BELIEVED_AFTER_NS:
             return False
         if away <= _SLACK_M + _FASTEST_M_S * elapsed_ns * 1e-9:
@@ -193,6 +273,8 @@ class SensorFrames:
     def _count(self, t_ns: int, position: F64) -> None:
         counts = self.counts
         counts.poses += 1
+        first, last = self._span_ns or (t_ns, t_ns)
+        self._span_ns = min(first, t_ns), max(last, t_ns)
         if self._newest is not None:
             gap_s = (t_ns - self._newest[0]) * 1e-9
             counts.gaps += gap_s > self.track.max_gap_s
@@ -209,9 +291,8 @@ class SensorFrames:
     def _append(self, t_ns: int, position: F64, quaternion: F64) -> None:
         fixed = self._hand_eye
         assert fixed is not None
-        moved = pose_matrix(position, quaternion) @ fixed
-        rotation = multiply_quaternions(quaternion, matrix_to_quaternion(fixed[:3, :3]))
-        self.track.append(t_ns, moved[:3, 3], rotation)
+        moved = _rigid(position, quaternion) @ fixed
+        self.track.append(t_ns, moved[:3, 3], _product(quaternion, self._turn))
 
     def _find(self, start: str, goal: str) -> F64 | None:
         found = {start: np.eye(4)}
@@ -222,3 +303,31 @@ class SensorFrames:
                     found[child] = found[frame] @ matrix
                     queue.append(child)
         return found.get(goal)
+
+
+# One pose at a time, in plain Python: arrays of four numbers cost ten times as much. The same
+# operations in the same order as `pose_matrix` and `multiply_quaternions`.
+
+
+def _rigid(position: F64, quaternion: F64) -> F64:
+    """The 4×4 matrix of one pose."""
+    (px, py, pz), (x, y, z, w) = position.tolist(), quaternion.tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), px],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), py],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), pz],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def _product(a: F64, b: F64) -> list[float]:
+    """Product of two quaternions: first `b` turns, then `a`."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a.tolist(), b.tolist()
+    return [
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    ]

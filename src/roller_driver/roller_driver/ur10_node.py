@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import sys
-import time
-from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
 from geometry_msgs.msg import TwistStamped, Vector3
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from tf2_msgs.msg import TFMessage
 
 from roller_core.clock import SensorClock
@@ -22,60 +19,7 @@ from roller_ros import diagnostics, messages, qos
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.shutdown import until_shutdown
-
-_WATCH_S = 1.0
-_WATCH_PAUSE_S = 5.0
-
-
-class OtherPublishers:
-    """Looks for others that publish the robot's transform, now and then: /tf can be busy.
-
-    Parameters
-    ----------
-    node : Node
-        Whose subscription it is.
-    base, tool : str
-        The transform.
-    """
-
-    def __init__(self, node: Node, base: str, tool: str) -> None:
-        self._node = node
-        self._frames = (base, tool)
-        self._subscription: Subscription | None = None
-        self._changes_at = 0.0
-        self._own: deque[int] = deque(maxlen=2000)
-        self._strange = 0
-        self.found = False
-
-    def published(self, stamp_ns: int) -> None:
-        """Take note of a stamp that this node published."""
-        self._own.append(stamp_ns)
-
-    def check(self) -> None:
-        """Call about every second."""
-        now = time.monotonic()
-        if self._subscription is not None:
-            if now < self._changes_at:
-                return
-            self._node.destroy_subscription(self._subscription)
-            self._subscription = None
-            self._changes_at = now + _WATCH_PAUSE_S
-            self.found = self._strange > 0
-        elif self._node.count_publishers("/tf") < 2:
-            self.found = False
-        elif now >= self._changes_at:
-            self._strange = 0
-            self._changes_at = now + _WATCH_S
-            self._subscription = self._node.create_subscription(
-                TFMessage, "/tf", self._take, qos.TF
-            )
-
-    def _take(self, message: TFMessage) -> None:
-        for item in message.transforms:
-            frames = (item.header.frame_id.lstrip("/"), item.child_frame_id.lstrip("/"))
-            # Any parent: a frame can have but one.
-            if frames[1] == self._frames[1] and messages.to_ns(item.header.stamp) not in self._own:
-                self._strange += 1
+from roller_ros.tf import OtherPublishers
 
 
 class Ur10Node(Node):
@@ -97,8 +41,10 @@ class Ur10Node(Node):
             now = self.get_clock().now().nanoseconds
             fixed = messages.transform(p.hand_eye, now, p.tool, p.sensor_frame)
             self._static.publish(TFMessage(transforms=[fixed]))
-        self._others = OtherPublishers(self, p.base, p.tool)
-        self._diagnostics = diagnostics.Diagnostics(self, "robot", self._status)
+        self._others = OtherPublishers(self, p.tool)
+        self._diagnostics = diagnostics.Diagnostics(
+            self, "robot", self._status, hardware_id=p.robot_ip
+        )
         self._receiver = RobotReceiver(
             p.robot_ip,
             self._take,

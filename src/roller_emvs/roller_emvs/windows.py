@@ -13,6 +13,7 @@ import numpy as np
 from roller_core.errors import RollerError
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
+from roller_core.outputs import Result
 from roller_core.pose_track import PoseError, PoseTrack
 
 from .depth_settings import DepthSettings
@@ -40,6 +41,11 @@ class RefusedWindow:
     events: int
     reason: str
     fault: RollerError | None = None
+
+    def result(self, piece: str, gives: str) -> Result:
+        """What a stage gives for it: nothing but a notice."""
+        at_s = self.start_ns * 1e-9
+        return Result(self, notice=f"{piece} at {at_s:.3f} s gives no {gives}: {self.reason}")
 
 
 class WindowCutter(EventCutter):

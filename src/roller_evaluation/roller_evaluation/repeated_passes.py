@@ -13,11 +13,14 @@ import numpy.typing as npt
 
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.depth_stage import EmvsParameters
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings
+from roller_emvs.patch import Patch
+from roller_emvs.surface_stage import SurfaceParameters
 from roller_emvs.windows import RefusedWindow
 from roller_evaluation.bench.measure import events_for, of_object, results_of, tally_for
 from roller_evaluation.bench.scans import Scan, get_scan
-from roller_inspect.pipeline import DepthResult, Inspection, InspectionSettings
+from roller_inspect.pipeline import Inspection, InspectionSettings
 from roller_inspect.results.truth_tally import SurfaceTally
 from roller_sim.relief import Region
 
@@ -153,20 +156,17 @@ def stitched(scan: Scan, method: str) -> SurfaceTally:
     """The surface of a whole pass, as the graph makes it, against the truth."""
     settings = replace(
         InspectionSettings.load(),
-        depth=DepthSettings.create({**METHODS[method], "threads": 1}),
-        surface=SurfaceSettings.create({"threads": 1}),
+        depth=EmvsParameters.create({**METHODS[method], "threads": 1}),
+        surface=SurfaceParameters.create({"threads": 1}),
     )
     inspection = Inspection(settings, scan.camera, scan.track, braille=False)
     inspection.add_events(scan.events)
     tally = SurfaceTally(scan.truth, regions={"plate": _plate(scan), **scan.truth.objects})
-    stamp_ns = 0
-    for found in inspection.results(flush=True):
-        if isinstance(found, DepthResult):
-            stamp_ns = found.depth_map.stamp_ns
-            tally.add_points(found.patch.points, stamp_ns)
-        elif isinstance(found, SurfacePatch):
-            tally.add(found)
-    tally.add_points(inspection.finish().points, stamp_ns)
+    for result in inspection.results(flush=True):
+        if isinstance(result.found, SurfacePatch):
+            tally.add(result.found)
+        elif isinstance(result.found, Patch):
+            tally.add_points(result.found.points, result.outputs[0].t_ns)
     return tally
 
 

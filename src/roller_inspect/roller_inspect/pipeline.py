@@ -1,44 +1,24 @@
-"""Depth, surface and text from one stream: what a replay runs without DDS."""
+"""Depth, surface and text from one stream: the stages of the graph, without DDS."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from roller_braille.cells import Cell
-from roller_braille.pipeline import BraillePipeline
-from roller_braille.reader_settings import BrailleSettings
+from roller_braille.braille_stage import BrailleParameters, BrailleStage
 from roller_core.camera import Camera
+from roller_core.errors import RollerError
 from roller_core.events import EventArray
+from roller_core.outputs import Result
 from roller_core.pose_track import PoseTrack
+from roller_core.sensor_pose import Transform
 from roller_core.settings import read_parameters
-from roller_emvs.depth_map import DepthMap
-from roller_emvs.depth_settings import DepthSettings, StitcherSettings
-from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
-from roller_emvs.patch import Patch
-from roller_emvs.pipeline import DepthPipeline
-from roller_emvs.stitcher import Stitcher
-from roller_emvs.windows import RefusedWindow
-
-_FRAMES = frozenset(
-    {
-        "base_frame",
-        "moving_frame",
-        "sensor_frame",
-        "pose_smoothing",
-        "idle_flush_s",
-        "calibrated_camera",
-    }
-)
-#: Parameters of the nodes that only make sense in a graph.
-_GRAPH_ONLY = {
-    "emvs": _FRAMES,
-    "stitcher": _FRAMES | {"max_pose_gap_s"},
-    "braille": _FRAMES,
-    "surface": _FRAMES,
-}
+from roller_core.stage import EventStage, Stage
+from roller_emvs.depth_stage import DepthStage, EmvsParameters
+from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
+from roller_emvs.surface_stage import SurfaceParameters, SurfaceStage
 
 #: Settings of the sweep in the surface's frame that the other parts have too.
 _SHARED = frozenset(
@@ -50,25 +30,29 @@ _SHARED = frozenset(
         "surface_z_m",
         "event_delay_s",
         "max_pose_gap_s",
+        "base_frame",
+        "moving_frame",
+        "sensor_frame",
     }
 )
 
 
 @dataclass(frozen=True)
 class InspectionSettings:
-    """Settings of the parts, as their nodes take them."""
+    """Settings of the stages, as their nodes take them."""
 
-    depth: DepthSettings
-    stitcher: StitcherSettings
-    braille: BrailleSettings
-    surface: SurfaceSettings = field(default_factory=lambda: SurfaceSettings.create({}))
+    depth: EmvsParameters
+    stitcher: StitcherParameters
+    braille: BrailleParameters
+    surface: SurfaceParameters = field(default_factory=lambda: SurfaceParameters.create({}))
 
     @classmethod
     def load(cls, path: Path | None = None, method: str | None = None) -> InspectionSettings:
         """Read a ROS 2 parameter file with sections `emvs`, `stitcher`, `braille` and `surface`.
 
-        What `surface` doesn't say of depth range, threads, times and nominal surface, `emvs` and
-        `stitcher` say for it; the node `surface` of the live graph has its own section alone.
+        What `surface` doesn't say of depth range, threads, times, frames and nominal surface,
+        `emvs` and `stitcher` say for it; the node `surface` of the live graph has its own section
+        alone.
 
         Parameters
         ----------
@@ -82,96 +66,128 @@ class InspectionSettings:
         SettingsError
             Naming the entry that is wrong.
         """
-
-        def section(node: str) -> dict[str, Any]:
-            values = read_parameters(path, node) if path else {}
-            return {k: v for k, v in values.items() if k not in _GRAPH_ONLY.get(node, _FRAMES)}
-
+        depth, stitcher, braille, surface = (
+            read_parameters(path, node) if path else {}
+            for node in ("emvs", "stitcher", "braille", "surface")
+        )
         source = str(path) if path else "settings"
-        depth = section("emvs")
         if method:
             depth["method"] = method
-        stitcher = section("stitcher")
         shared = {k: v for k, v in {**depth, **stitcher}.items() if k in _SHARED}
         return cls(
-            DepthSettings.create(depth, source),
-            StitcherSettings.create(stitcher, source),
-            BrailleSettings.create(section("braille"), source),
-            SurfaceSettings.create({**shared, **section("surface")}, source),
+            EmvsParameters.create(depth, source),
+            StitcherParameters.create(stitcher, source),
+            BrailleParameters.create(braille, source),
+            SurfaceParameters.create({**shared, **surface}, source),
         )
+
+    @property
+    def sweeps(self) -> bool:
+        """Whether the chosen method makes the surface without depth maps."""
+        return self.depth.method == "surface"
 
     @property
     def max_pose_gap_s(self) -> float:
         """Longest time between two poses to interpolate over, of the method that is chosen."""
-        return (self.surface if self.depth.method == "surface" else self.depth).max_pose_gap_s
-
-
-@dataclass(frozen=True)
-class DepthResult:
-    """A depth map and the points of the surface that it completed."""
-
-    depth_map: DepthMap
-    patch: Patch
+        return (self.surface if self.sweeps else self.depth).max_pose_gap_s
 
 
 class Inspection:
-    """Events and poses in; depth maps, surface and Braille cells out.
+    """The graph's stages, one feeding the other: what live nodes do, in one thread.
 
     Parameters
     ----------
     settings : InspectionSettings
-        Of all parts.
+        Of all stages.
     camera : Camera
         Calibration.
-    track : PoseTrack
-        Camera in base; the caller goes on adding poses.
+    poses : PoseTrack, optional
+        All poses of the camera in base, in place of transforms.
     braille : bool
         Whether to read Braille.
+    on_fault : callable, optional
+        Called with the reason when input is left out; without it, it is raised.
+
+    Raises
+    ------
+    OtherCameraError
+        If the settings are for another camera.
     """
 
     def __init__(
         self,
         settings: InspectionSettings,
         camera: Camera,
-        track: PoseTrack,
+        poses: PoseTrack | None = None,
         braille: bool = True,
+        on_fault: Callable[[RollerError], None] | None = None,
     ) -> None:
         self.settings = settings
-        self.depth: DepthPipeline | SurfaceSweep
-        if settings.depth.method == "surface":
-            self.depth = SurfaceSweep(settings.surface, camera, track)
-        else:
-            self.depth = DepthPipeline(settings.depth, camera, track)
-        self.stitcher = Stitcher(settings.stitcher, camera)
-        self.braille = BraillePipeline(settings.braille, camera, track) if braille else None
-        self._track = track
+        self.depth: DepthStage | SurfaceStage = (
+            SurfaceStage(settings.surface) if settings.sweeps else DepthStage(settings.depth)
+        )
+        self.stitcher = None if settings.sweeps else StitcherStage(settings.stitcher)
+        self.braille = BrailleStage(settings.braille) if braille else None
+        self._on_fault = on_fault
+        self._ready: list[Result] = []
+        self._of_events: list[EventStage[Any, Any]] = [self.depth]
+        if self.braille is not None:
+            self._of_events.append(self.braille)
+        self.stages: list[Stage[Any]] = [*self._of_events]
+        if self.stitcher is not None:
+            self.stages.append(self.stitcher)
+        if poses is not None:
+            for stage in self.stages:
+                stage.take_poses(poses)
+        for taker in self._of_events:
+            taker.take_camera(camera)
+
+    def take_transform(self, transform: Transform) -> None:
+        """Take a transform of /tf or /tf_static."""
+        said = self._all(self._of_events, lambda stage: stage.take_transform(transform))
+        if self.stitcher is not None:
+            if self.depth.restarted:
+                # While the stitcher still has the poses of the last depth maps.
+                self._ready += self.results()
+            said |= self._all([self.stitcher], lambda stage: stage.take_transform(transform))
+        self._report(said)
 
     def add_events(self, events: EventArray) -> None:
         """Take events in order of time, ROS time."""
-        self.depth.add_events(events)
-        if self.braille is not None:
-            self.braille.add_events(events)
+        self._report(self._all(self._of_events, lambda stage: stage.take_events(events)))
 
-    def results(
-        self, flush: bool = False
-    ) -> Iterator[DepthResult | SurfacePatch | RefusedWindow | Cell]:
+    def restart(self) -> None:
+        """Begin anew: the source of the events was started again."""
+        for stage in self._of_events:
+            stage.restart()
+
+    def results(self, flush: bool = False) -> Iterator[Result]:
         """What is complete by now; with `flush` all that is left."""
-        for found in self.depth.results(flush):
-            if isinstance(found, RefusedWindow | SurfacePatch):
-                yield found
-            else:
-                yield DepthResult(found, self.stitcher.add(found))
+        ready, self._ready = self._ready, []
+        yield from ready
+        for result in self.depth.results(flush):
+            yield result
+            if self.stitcher is not None and result.outputs:
+                for output in result.outputs:
+                    self.stitcher.take_output(output)
+                yield from self.stitcher.results()
+        if self.stitcher is not None:
+            yield from self.stitcher.results(flush)
         if self.braille is not None:
             yield from self.braille.results(flush)
-        self._forget_poses()
 
-    def finish(self) -> Patch:
-        """The last points of the surface."""
-        return self.stitcher.finish()
+    def _all(self, stages: Iterable[Any], take: Callable[[Any], None]) -> dict[str, RollerError]:
+        """Let stages take something; what several complain of is there once."""
+        said: dict[str, RollerError] = {}
+        for stage in stages:
+            try:
+                take(stage)
+            except RollerError as error:
+                said.setdefault(str(error), error)
+        return said
 
-    def _forget_poses(self) -> None:
-        needed = [self.depth.needed_from_ns]
-        if self.braille is not None:
-            needed.append(self.braille.needed_from_ns)
-        if len(self._track) > 10_000 and None not in needed:
-            self._track.discard_before(min(t for t in needed if t is not None))
+    def _report(self, said: Mapping[str, RollerError]) -> None:
+        for error in said.values():
+            if self._on_fault is None:
+                raise error
+            self._on_fault(error)

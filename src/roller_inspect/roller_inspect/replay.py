@@ -7,18 +7,19 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from roller_braille.cells import Cell
 from roller_core.errors import RollerError, UnwritableOutputError
 from roller_core.output_folder import release_reserve
+from roller_core.outputs import Result
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
-from roller_inspect.results.result_writer import ResultWriter
-from roller_inspect.results.run_report import Report
-from roller_inspect.results.truth_tally import SurfaceTally, TruthTally
 from roller_recording.reading import Recording, RecordingError
+from roller_recording.reading.base import MissingTopicError
 
-from .pipeline import DepthResult, Inspection, InspectionSettings
+from .pipeline import Inspection, InspectionSettings
+from .results.result_writer import ResultWriter
+from .results.run_report import Report
+from .results.truth_tally import SurfaceTally, TruthTally
 
 
 def replay(
@@ -58,13 +59,7 @@ def replay(
     UnwritableOutputError
         If no results can be written; a disk that gets full is a fault in the report.
     """
-    writer = ResultWriter(
-        output,
-        recording.camera,
-        recording.sensor_frame,
-        recording.base_frame,
-        settings.braille.spacing,
-    )
+    surface = settings.sweeps
     report = Report(
         str(source),
         settings.depth.method,
@@ -75,16 +70,22 @@ def replay(
             "surface": settings.surface.model_dump(),
         },
     )
-    inspection = Inspection(settings, recording.camera, recording.track, braille)
-    surface = settings.depth.method == "surface"
+    inspection = Inspection(
+        settings, recording.camera, recording.poses, braille, on_fault=report.add_fault
+    )
+    writer = ResultWriter(output, inspection.depth.settings.base_frame)
     delay_s = (settings.surface if surface else settings.depth).event_delay_s
     tally = (SurfaceTally if surface else TruthTally).beside(source, delay_s)
     run = _Run(inspection, writer, report, tally)
     begin, full = time.perf_counter(), False
     try:
-        for step in recording.steps():
+        for step in recording.items():
             for fault in step.faults:
                 report.add_fault(fault)
+            for transform in step.transforms:
+                inspection.take_transform(transform)
+            if step.restart:
+                inspection.restart()
             if len(step.events):
                 run.take_span(int(step.events.t_ns[0]), int(step.events.t_ns[-1]))
                 inspection.add_events(step.events)
@@ -92,7 +93,7 @@ def replay(
             if progress is not None:
                 progress(step.progress)
         run.collect_what_goes(flush=True)
-        run.compare_clocks(recording, source)
+        run.check_poses(recording, source)
     except UnwritableOutputError as error:
         report.add_fault(error)
         full = True
@@ -115,7 +116,6 @@ class _Run:
         self._writer = writer
         self._report = report
         self._tally = tally
-        self._cells = 0
         self._truth_s = 0.0
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -123,19 +123,28 @@ class _Run:
     def take_span(self, first_ns: int, last_ns: int) -> None:
         if self._first_ns is None:
             self._first_ns = first_ns
-        self._last_ns = last_ns
+        self._first_ns = min(self._first_ns, first_ns)
+        self._last_ns = max(self._last_ns, last_ns)
 
-    def compare_clocks(self, recording: Recording, source: Path) -> None:
-        """Report poses that none of the events falls into."""
-        track = recording.track
-        if self._first_ns is None or not len(track):
+    def check_poses(self, recording: Recording, source: Path) -> None:
+        """Report poses that are missing, that none of the events falls into, or maps without."""
+        missing = {stage.frames.missing(): None for stage in self._inspection.stages}
+        for line in filter(None, missing):
+            self._report.add_fault(MissingTopicError(f"{recording.source}: {line}"))
+        stitcher = self._inspection.stitcher
+        if stitcher is not None and stitcher.left_out:
+            self._report.add_fault(
+                RecordingError(f"{source}: {stitcher.left_out} depth maps left out: no pose")
+            )
+        span = self._inspection.depth.frames.span_ns
+        if self._first_ns is None or span is None:
             return
-        if self._last_ns < track.start_ns or self._first_ns > track.end_ns:
+        if self._last_ns < span[0] or self._first_ns > span[1]:
             self._report.add_fault(
                 RecordingError(
                     f"{source}: no event lies within the poses: events from "
                     f"{self._first_ns * 1e-9:.3f} to {self._last_ns * 1e-9:.3f} s, poses from "
-                    f"{track.start_ns * 1e-9:.3f} to {track.end_ns * 1e-9:.3f} s; "
+                    f"{span[0] * 1e-9:.3f} to {span[1] * 1e-9:.3f} s; "
                     "are they in the same clock?"
                 )
             )
@@ -143,54 +152,54 @@ class _Run:
     def collect_what_goes(self, flush: bool = False) -> None:
         """Collect; a part that fails is reported and doesn't stop the others."""
         try:
-            self.collect(flush)
+            for result in self._inspection.results(flush):
+                self._take(result)
         except UnwritableOutputError:
             raise
         except RollerError as error:
             self._report.add_fault(error)
 
-    def collect(self, flush: bool = False) -> None:
-        for found in self._inspection.results(flush):
-            if isinstance(found, RefusedWindow):
-                self._report.add_window(found)
-                if found.fault is not None:
-                    self._report.add_fault(found.fault)
-            elif isinstance(found, SurfacePatch):
-                self._report.add_window(found)
-                self._writer.write_rows(found)
-                self._compare(found)
-            elif isinstance(found, DepthResult):
-                self._report.add_window(found.depth_map)
-                self._writer.write_mapped(found)
-                self._compare(found.depth_map)
-            else:
-                assert isinstance(found, Cell)
-                self._cells += 1
-                self._writer.write_cell(found, self._lines())
+    def _take(self, result: Result) -> None:
+        found = result.found
+        if result.fault is not None:
+            self._report.add_fault(result.fault)
+        if isinstance(found, RefusedWindow | DepthMap | SurfacePatch):
+            self._report.add_window(found)
+        if isinstance(found, RefusedWindow) and found.fault is not None:
+            self._report.add_fault(found.fault)
+        self._writer.write(result)
+        if self._tally is not None and isinstance(found, DepthMap | SurfacePatch):
+            begin = time.perf_counter()
+            self._tally.add(found)  # type: ignore[arg-type]  # the tally fits the method
+            # The comparison is no part of the processing that is timed.
+            self._truth_s += time.perf_counter() - begin
 
     def finish(self, recording: Recording, spent_s: float, full: bool) -> None:
         """Write what is left and the account of all; a full disk takes only the latter."""
+        braille, stitcher = self._inspection.braille, self._inspection.stitcher
         try:
-            if not full:
-                self._writer.write_patch(self._inspection.finish())
+            if not full and stitcher is not None:  # something, where the run was interrupted
+                for result in stitcher.results(flush=True):
+                    self._take(result)
         except UnwritableOutputError as error:
             self._report.add_fault(error)
         release_reserve(self._writer.folder)
-        braille = self._inspection.braille
-        code = self._inspection.settings.braille.code
-        self._writer.close(braille.lines() if braille is not None else [], code)
-        lines = self._lines()
+        self._writer.close(
+            braille.lines() if braille is not None else [], self._inspection.settings.braille.code
+        )
         duration_s = (self._last_ns - (self._first_ns or 0)) * 1e-9
         spent_s -= self._truth_s
-        stitcher = self._inspection.stitcher
+        refined = stitcher.counts() if stitcher is not None else {}
+        pipeline = self._inspection.depth.pipeline
+        assert pipeline is not None  # the camera was there from the start
         self._report.totals = {
             **asdict(recording.counts),
-            **{f"depth_{k}": v for k, v in asdict(self._inspection.depth.counts).items()},
+            **{f"depth_{k}": v for k, v in asdict(pipeline.counts).items()},
             "surface_points": self._writer.surface_points,
-            "icp_tried": stitcher.icp_tried,
-            "icp_accepted": stitcher.icp_accepted,
-            "braille_cells": self._cells,
-            "braille_text": lines,
+            "icp_tried": refined.get("icp_tried", 0),
+            "icp_accepted": refined.get("icp_accepted", 0),
+            "braille_cells": self._writer.cells,
+            "braille_text": braille.text() if braille is not None else [],
             "recording_s": round(duration_s, 6),
             "processing_s": round(spent_s, 3),
             "times_faster_than_recorded": round(duration_s / spent_s, 3) if spent_s > 0 else None,
@@ -198,15 +207,3 @@ class _Run:
         if self._tally is not None:
             self._report.truth = self._tally.summary()
         self._report.write(self._writer.folder / "report.json")
-
-    def _lines(self) -> list[str]:
-        braille = self._inspection.braille
-        return braille.text() if braille is not None else []
-
-    def _compare(self, found: DepthMap | SurfacePatch) -> None:
-        if self._tally is None:
-            return
-        begin = time.perf_counter()
-        self._tally.add(found)  # type: ignore[arg-type]  # the tally fits the method
-        # The comparison is no part of the processing that is timed.
-        self._truth_s += time.perf_counter() - begin

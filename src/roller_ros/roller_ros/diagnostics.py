@@ -69,9 +69,13 @@ class Diagnostics:
     node : Node
         Whose health it is.
     part : str
-        Name of the part; the status is called ``<node>: <part>``.
+        Name of the part; the status is called ``<node>: <part>``, the node with its namespace.
     values : callable
         Gives (level, message, values) of the regular status.
+    period_s : float
+        Time between two regular statuses, s.
+    hardware_id : str
+        The device, or the frame of the camera, that it is of.
     """
 
     def __init__(
@@ -80,9 +84,11 @@ class Diagnostics:
         part: str,
         values: Callable[[], tuple[bytes, str, Mapping[str, object]]],
         period_s: float = 1.0,
+        hardware_id: str = "",
     ) -> None:
+        self.hardware_id = hardware_id
         self._node = node
-        self._name = f"{node.get_name()}: {part}"
+        self._name = f"{node.get_fully_qualified_name().lstrip('/')}: {part}"
         self._values = values
         self._fault = ""
         self._told: list[float] = []
@@ -116,7 +122,7 @@ class Diagnostics:
             level=level,
             name=self._name,
             message=message,
-            hardware_id="",
+            hardware_id=self.hardware_id,
             values=[KeyValue(key=str(k), value=str(v)) for k, v in values.items()],
         )
         array = DiagnosticArray(status=[status])

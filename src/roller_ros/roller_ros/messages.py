@@ -3,16 +3,35 @@
 from __future__ import annotations
 
 from array import array
+from functools import singledispatch
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 
 from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.outputs import Cloud, Output
 from roller_core.pose_track import Pose
+
+
+class ImageError(RollerError):
+    """An image of an encoding that isn't read."""
+
+
+@singledispatch
+def message_of(data: Any, output: Output) -> Any:
+    """Message of what an output holds, by its type; packages register what is their own."""
+    raise TypeError(f"{output.topic}: no message for {type(data).__name__}")
+
+
+def to_message(output: Output) -> Any:
+    """The message by which an output is published, and written to a replay's bag."""
+    return message_of(output.data, output)
 
 
 def to_ns(stamp: Time) -> int:
@@ -85,37 +104,55 @@ def image_to_array(message: Image) -> npt.NDArray[np.generic]:
 
     Raises
     ------
-    ValueError
+    ImageError
         If the encoding is another one.
     """
     kinds = {"32FC1": "<f4", "mono8": "u1"}
     if message.encoding not in kinds:
-        raise ValueError(f"image encoding '{message.encoding}' is not one of {', '.join(kinds)}")
+        raise ImageError(f"image encoding '{message.encoding}' is not one of {', '.join(kinds)}")
     kind = np.dtype(kinds[message.encoding])
     rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
     return rows[:, : message.width * kind.itemsize].view(kind)
 
 
-def point_cloud(
-    points: npt.NDArray[np.float32], names: tuple[str, ...], t_ns: int, frame_id: str
-) -> PointCloud2:
-    """PointCloud2 of float32 columns, shape (n, len(names)), the first three x, y, z in metres."""
-    n = len(names)
+def point_cloud(cloud: Cloud, t_ns: int, frame_id: str) -> PointCloud2:
+    """PointCloud2 of float32 columns."""
+    n = len(cloud.names)
     fields = [
         PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
-        for k, name in enumerate(names)
+        for k, name in enumerate(cloud.names)
     ]
     return PointCloud2(
         header=header(t_ns, frame_id),
         height=1,
-        width=len(points),
+        width=len(cloud.columns),
         fields=fields,
         is_bigendian=False,
         point_step=4 * n,
-        row_step=4 * n * len(points),
-        data=payload(points),
+        row_step=4 * n * len(cloud.columns),
+        data=payload(cloud.columns),
         is_dense=True,
     )
+
+
+@message_of.register
+def _(data: np.ndarray, output: Output) -> Image:
+    return image(data, output.t_ns, output.frame_id)
+
+
+@message_of.register
+def _(data: Camera, output: Output) -> CameraInfo:
+    return camera_info(data, output.t_ns, output.frame_id)
+
+
+@message_of.register
+def _(data: Cloud, output: Output) -> PointCloud2:
+    return point_cloud(data, output.t_ns, output.frame_id)
+
+
+@message_of.register
+def _(data: str, output: Output) -> String:
+    return String(data=data)
 
 
 def transform(pose: Pose, t_ns: int, parent: str, child: str) -> TransformStamped:

@@ -30,5 +30,6 @@ DEPTH = _profile(50, reliable=True)
 #: Patches of the surface, kept for RViz that starts late.
 SURFACE = _profile(50, reliable=True, latched=True)
 BRAILLE = _profile(100, reliable=True)
-MARKERS = _profile(1, reliable=True, latched=True)
+#: Of each cell; a page of them is kept for RViz that starts late.
+MARKERS = _profile(1000, reliable=True, latched=True)
 DIAGNOSTICS = _profile(20, reliable=True)

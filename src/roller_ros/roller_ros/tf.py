@@ -1,22 +1,26 @@
-"""The sensor's pose track from /tf and /tf_static."""
+"""Two nodes that publish the robot's poses: noticed, and but one of them followed."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from tf2_msgs.msg import TFMessage
 
-from roller_core.errors import RollerError
-from roller_core.sensor_pose import SensorFrames
+from roller_core.sensor_pose import transforms_of
 
-from .messages import to_ns
+from . import qos
 
 #: Silence after which another publisher is followed, and for which a conflict is remembered, s.
 _SILENCE_S = 0.5
 _REMEMBERED_S = 3.0
+#: How long a publisher of poses listens for others, and how long it then doesn't, s.
+_WATCH_S = 1.0
+_WATCH_PAUSE_S = 5.0
 
 
 class PoseSources:
@@ -94,40 +98,50 @@ def _name(names: Mapping[bytes, str], gid: bytes) -> str:
     return next(iter(found), "a node that is gone")
 
 
-def take_transforms(
-    frames: SensorFrames,
-    message: TFMessage,
-    static: bool,
-    on_fault: Callable[[RollerError], None],
-) -> bool:
-    """Feed a message of /tf or /tf_static to `frames`.
+class OtherPublishers:
+    """Looks for others that publish the robot's transform, now and then: /tf can be busy.
 
     Parameters
     ----------
-    frames : SensorFrames
-        Takes the transforms.
-    message : TFMessage
-        What came.
-    static : bool
-        Whether it came on /tf_static.
-    on_fault : callable
-        Called with the reason when a transform is refused.
-
-    Returns
-    -------
-    bool
-        Whether the robot moved.
+    node : Node
+        Whose subscription it is.
+    tool : str
+        The frame that it moves.
     """
-    moved = False
-    for item in message.transforms:
-        t, r = item.transform.translation, item.transform.rotation
-        parent, child = item.header.frame_id.lstrip("/"), item.child_frame_id.lstrip("/")
-        position, rotation = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w)
-        try:
-            if static:
-                frames.add_static(parent, child, position, rotation)
-            else:
-                moved |= frames.add(parent, child, to_ns(item.header.stamp), position, rotation)
-        except RollerError as error:
-            on_fault(error)
-    return moved
+
+    def __init__(self, node: Node, tool: str) -> None:
+        self._node = node
+        self._tool = tool
+        self._subscription: Subscription[Any] | None = None
+        self._changes_at = 0.0
+        self._own: deque[int] = deque(maxlen=2000)
+        self._strange = 0
+        self.found = False
+
+    def published(self, stamp_ns: int) -> None:
+        """Take note of a stamp that this node published."""
+        self._own.append(stamp_ns)
+
+    def check(self) -> None:
+        """Call about every second."""
+        now = time.monotonic()
+        if self._subscription is not None:
+            if now < self._changes_at:
+                return
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+            self._changes_at = now + _WATCH_PAUSE_S
+            self.found = self._strange > 0
+        elif self._node.count_publishers("/tf") < 2:
+            self.found = False
+        elif now >= self._changes_at:
+            self._strange = 0
+            self._changes_at = now + _WATCH_S
+            self._subscription = self._node.create_subscription(
+                TFMessage, "/tf", self._take, qos.TF
+            )
+
+    def _take(self, message: TFMessage) -> None:
+        for item in transforms_of(message, static=False):
+            # Any parent: a frame can have but one.
+            self._strange += item.child == self._tool and item.t_ns not in self._own

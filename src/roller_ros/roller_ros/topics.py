@@ -1,4 +1,4 @@
-"""The graph's topics, their types and qualities of service."""
+"""The graph's topics, their types and qualities of service: one table."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from event_camera_msgs.msg import EventPacket
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from roller_msgs.msg import BrailleCell
 from rosbags.interfaces import Qos
@@ -15,6 +17,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
+from roller_core import outputs
 from roller_core.bags import bag_qos
 
 from . import qos
@@ -22,11 +25,26 @@ from . import qos
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of the graph."""
+    """A topic of the graph.
+
+    Attributes
+    ----------
+    name : str
+        Relative to a node's namespace, or with a leading slash where all cells share it.
+    type : type
+        Of its messages.
+    qos : QoSProfile
+        Quality of service that publishers offer.
+    """
 
     name: str
     type: Any
     qos: QoSProfile
+
+    @property
+    def path(self) -> str:
+        """The name without a namespace, as bags have it."""
+        return "/" + self.name.lstrip("/")
 
     @property
     def type_name(self) -> str:
@@ -37,29 +55,36 @@ class Topic:
 
 #: What comes from camera and robot.
 INPUTS = (
-    Topic("/event_camera/events", EventPacket, qos.EVENTS),
-    Topic("/event_camera/camera_info", CameraInfo, qos.LATCHED),
-    Topic("/event_camera/image_raw", Image, qos.PREVIEW),
-    Topic("/tf", TFMessage, qos.TF),
-    Topic("/tf_static", TFMessage, qos.TF_STATIC),
+    Topic(outputs.EVENTS, EventPacket, qos.EVENTS),
+    Topic(outputs.CAMERA_INFO, CameraInfo, qos.LATCHED),
+    Topic(outputs.PREVIEW, Image, qos.PREVIEW),
+    Topic(outputs.TF, TFMessage, qos.TF),
+    Topic(outputs.TF_STATIC, TFMessage, qos.TF_STATIC),
 )
 #: What the nodes make of it.
 OUTPUTS = (
-    Topic("/roller/depth/image", Image, qos.DEPTH),
-    Topic("/roller/depth/confidence", Image, qos.DEPTH),
-    Topic("/roller/depth/camera_info", CameraInfo, qos.DEPTH),
-    Topic("/roller/surface/points", PointCloud2, qos.SURFACE),
-    Topic("/roller/braille/cells", BrailleCell, qos.BRAILLE),
-    Topic("/roller/braille/text", String, qos.BRAILLE),
-    Topic("/roller/braille/markers", MarkerArray, qos.MARKERS),
-    Topic("/diagnostics", DiagnosticArray, qos.DIAGNOSTICS),
+    Topic(outputs.DEPTH_IMAGE, Image, qos.DEPTH),
+    Topic(outputs.DEPTH_CONFIDENCE, Image, qos.DEPTH),
+    Topic(outputs.DEPTH_INFO, CameraInfo, qos.DEPTH),
+    Topic(outputs.SURFACE_POINTS, PointCloud2, qos.SURFACE),
+    Topic(outputs.BRAILLE_CELLS, BrailleCell, qos.BRAILLE),
+    Topic(outputs.BRAILLE_TEXT, String, qos.BRAILLE),
+    Topic(outputs.BRAILLE_MARKERS, MarkerArray, qos.MARKERS),
+    Topic(outputs.DIAGNOSTICS, DiagnosticArray, qos.DIAGNOSTICS),
 )
 ALL = INPUTS + OUTPUTS
-EVENTS_TOPIC = INPUTS[0].name
+BY_NAME = {topic.name: topic for topic in ALL}
+EVENTS_TOPIC = INPUTS[0].path
 EVENT_TYPE = INPUTS[0].type_name
 
 
-def recorded(raw: bool = False, events_topic: str = EVENTS_TOPIC) -> list[Topic]:
+def publisher(node: Node, name: str) -> Publisher[Any]:
+    """A node's publisher of a topic."""
+    topic = BY_NAME[name]
+    return node.create_publisher(topic.type, topic.name, topic.qos)
+
+
+def recorded(raw: bool = False, events_topic: str = outputs.EVENTS) -> list[Topic]:
     """Topics that go into a bag.
 
     Parameters
@@ -87,7 +112,7 @@ def offered(topic: Topic) -> list[Qos]:
 
 def beside(name: str, events_topic: str) -> str:
     """What a topic of the graph is called where the event packets are on `events_topic`."""
-    if name == EVENTS_TOPIC:
+    ours, theirs = (topic.rsplit("/", 1)[0] for topic in (outputs.EVENTS, events_topic))
+    if name == outputs.EVENTS:
         return events_topic
-    ours, theirs = (topic.rsplit("/", 1)[0] for topic in (EVENTS_TOPIC, events_topic))
     return theirs + name.removeprefix(ours) if name.startswith(f"{ours}/") else name

@@ -14,25 +14,24 @@ from geometry_msgs.msg import TransformStamped
 from pydantic import Field
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import Image
 from tf2_msgs.msg import TFMessage
 
 from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
+from roller_core.frame_settings import FrameSettings
+from roller_core.outputs import CAMERA_INFO as INFO
+from roller_core.outputs import EVENTS, TF, TF_STATIC
+from roller_core.outputs import PREVIEW as IMAGE
 from roller_core.pose_track import Pose
 from roller_core.transforms import matrix_to_quaternion
-from roller_ros import diagnostics, messages, qos
-from roller_ros.frames_settings import FrameSettings
+from roller_ros import diagnostics, messages, topics
 from roller_ros.listeners import wait_for_listeners
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
 from .cell import Item, Packet, PoseSample, VirtualCell
 from .cell_settings import VirtualCellSettings
-
-EVENTS, INFO, IMAGE = (
-    "/event_camera/events", "/event_camera/camera_info", "/event_camera/image_raw"
-)  # fmt: skip
 
 
 class VirtualCellParameters(VirtualCellSettings, FrameSettings):
@@ -62,25 +61,20 @@ class VirtualCellNode(Node):
 
     def __init__(self) -> None:
         super().__init__("virtual_cell")
-        p = declare_settings(self, VirtualCellParameters)
-        self._p = p
+        self._p = p = declare_settings(self, VirtualCellParameters)
         self._cell = VirtualCell(
             VirtualCellSettings.create({n: getattr(p, n) for n in VirtualCellSettings.model_fields})
         )
         # Not _publishers: rclpy's own.
         self._outputs: dict[str, Publisher] = {
-            EVENTS: self.create_publisher(EventPacket, EVENTS, qos.EVENTS),
-            INFO: self.create_publisher(CameraInfo, INFO, qos.LATCHED),
-            IMAGE: self.create_publisher(Image, IMAGE, qos.PREVIEW),
-            "/tf": self.create_publisher(TFMessage, "/tf", qos.TF),
-            "/tf_static": self.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC),
+            topic.name: topics.publisher(self, topic.name) for topic in topics.INPUTS
         }
         self._state = "preparing"
         self._packets = self._sent = self._poses = self._code = 0
         self._meter = diagnostics.Meter()
         self._late_s = 0.0
         self._stop, self._done = threading.Event(), threading.Event()
-        self._diagnostics = diagnostics.Diagnostics(self, "scan", self._status, 0.5)
+        self._diagnostics = diagnostics.Diagnostics(self, "scan", self._status, 0.5, p.sensor_frame)
         self._publish_fixed()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -99,7 +93,7 @@ class VirtualCellNode(Node):
         fixed = self._cell.hand_eye
         pose = Pose(fixed[:3, 3], matrix_to_quaternion(fixed[:3, :3]))
         transform = messages.transform(pose, now, self._p.moving_frame, self._p.sensor_frame)
-        self._outputs["/tf_static"].publish(TFMessage(transforms=[transform]))
+        self._outputs[TF_STATIC].publish(TFMessage(transforms=[transform]))
 
     def _run(self) -> None:
         try:
@@ -110,7 +104,7 @@ class VirtualCellNode(Node):
             self._state = "waiting for subscribers"
             wanted = (
                 (self._outputs[EVENTS], self._p.subscribers),
-                (self._outputs["/tf"], self._p.pose_subscribers),
+                (self._outputs[TF], self._p.pose_subscribers),
             )
             missing = wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop)
             if missing:
@@ -156,7 +150,7 @@ class VirtualCellNode(Node):
             transform = messages.transform(
                 pose, item.stamp_ns, self._p.base_frame, self._p.moving_frame
             )
-            return "/tf", TFMessage(transforms=[transform])
+            return TF, TFMessage(transforms=[transform])
         return IMAGE, messages.image(item.image, item.stamp_ns, self._p.sensor_frame)
 
     def _scan(self, stream: Iterator[tuple[int, str, Any, int]]) -> None:
@@ -176,13 +170,13 @@ class VirtualCellNode(Node):
             else:
                 self._late_s = max(self._late_s, -wait)
             holder: EventPacket | Image | TransformStamped = (
-                message.transforms[0] if topic == "/tf" else message
+                message.transforms[0] if topic == TF else message
             )
             stamp = messages.to_ns(holder.header.stamp) + shift
             holder.header.stamp = messages.to_time(stamp)
             self._outputs[topic].publish(message)
             self._packets += topic == EVENTS
-            self._poses += topic == "/tf"
+            self._poses += topic == TF
             self._sent += events
 
     def _save_truth(self, save: Callable[[Path], None]) -> None:

@@ -52,14 +52,13 @@ def run(args: argparse.Namespace) -> int:
     from roller_calibration.contact import pass_points
     from roller_calibration.flat import find_plate
     from roller_calibration.recordings import read_scans
-    from roller_emvs.depth_settings import DepthSettings
     from roller_inspect.pipeline import InspectionSettings
 
     if not (args.reach_mm >= 0 and args.margin_mm >= 0):
         raise CalibrationError("--reach-mm and --margin-mm: 0 or more")
     settings = InspectionSettings.load(args.params).depth
     near, far = (v * 1e-3 for v in args.search_mm)
-    wide = DepthSettings.create(
+    wide = type(settings).create(
         {**settings.model_dump(), "depth_min_m": near, "depth_max_m": far}, "--search-mm"
     )
     (scan,) = read_scans(args, settings.max_pose_gap_s)

@@ -9,14 +9,11 @@ from pathlib import Path
 from roller_braille.brf import to_brf
 from roller_braille.cells import Cell
 from roller_braille.cells_json import cells_to_json
-from roller_braille.reader_settings import Spacing
 from roller_braille.translation import LineCell
-from roller_core.camera import Camera
 from roller_core.output_folder import make_folder
-from roller_emvs.methods.surface import SurfacePatch
+from roller_core.outputs import Result
 from roller_emvs.patch import Patch
 from roller_emvs.ply import PlyWriter
-from roller_inspect.pipeline import DepthResult
 
 from .result_bag import ResultBag
 
@@ -28,12 +25,8 @@ class ResultWriter:
     ----------
     folder : path
         Output folder; made if needed, an earlier run's files are replaced.
-    camera : Camera
-        Of the depth maps.
-    sensor_frame, base_frame : str
-        Frames of depth images and of the surface.
-    spacing : Spacing
-        Sizes of Braille, for the markers.
+    base_frame : str
+        Frame of the surface.
 
     Raises
     ------
@@ -41,44 +34,35 @@ class ResultWriter:
         If something can't be written.
     """
 
-    def __init__(
-        self, folder: Path, camera: Camera, sensor_frame: str, base_frame: str, spacing: Spacing
-    ) -> None:
+    def __init__(self, folder: Path, base_frame: str) -> None:
         self.folder = folder
         make_folder(folder)
         self.ply_path = folder / "surface.ply"
         self._ply = PlyWriter(
             self.ply_path, ("height", "confidence"), f"frame {base_frame}, metres"
         )
-        self._bag = ResultBag(folder / "result", camera, sensor_frame, base_frame, spacing)
+        self._bag = ResultBag(folder / "result")
         self._cells: list[Cell] = []
-        self._last_ns = 0
 
     @property
     def surface_points(self) -> int:
         """Points written so far."""
         return self._ply.count
 
-    def write_mapped(self, found: DepthResult) -> None:
-        """A depth map and the surface points that it completed."""
-        self._last_ns = found.depth_map.stamp_ns
-        self._bag.write_depth(found.depth_map)
-        self.write_patch(found.patch)
+    @property
+    def cells(self) -> int:
+        """Braille cells written so far."""
+        return len(self._cells)
 
-    def write_rows(self, rows: SurfacePatch) -> None:
-        """Rows of the surface that came without a depth map."""
-        self._last_ns = rows.stamp_ns
-        self.write_patch(rows)
-
-    def write_patch(self, patch: Patch) -> None:
-        """Surface points."""
-        self._bag.write_patch(patch, self._last_ns)
-        self._ply.write(patch.points, patch.height, patch.confidence)
-
-    def write_cell(self, cell: Cell, lines: list[str]) -> None:
-        """A Braille cell and the text so far."""
-        self._cells.append(cell)
-        self._bag.write_cell(cell, lines)
+    def write(self, result: Result) -> None:
+        """Write what goes out of a result, points to the cloud and cells to the text."""
+        for output in result.outputs:
+            self._bag.write(output)
+        found = result.found
+        if isinstance(found, Patch):
+            self._ply.write(found.points, found.height, found.confidence)
+        elif isinstance(found, Cell):
+            self._cells.append(found)
 
     def close(self, lines: Sequence[Sequence[LineCell]], code: str) -> None:
         """Finish all files; `lines` are the cells read, by line."""

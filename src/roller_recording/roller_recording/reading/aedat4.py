@@ -48,6 +48,7 @@ class Aedat4Recording(Recording):
         stream: str | None = None,
     ) -> None:
         self._path = path
+        self.source = str(path)
         self._stream, width, height = event_stream(path, stream)
         if poses is None:
             raise RecordingError(
@@ -64,13 +65,13 @@ class Aedat4Recording(Recording):
                 f"{camera.width}×{camera.height} px"
             )
         self.camera = camera
-        self.track = PoseTrack.read_tum(poses, max_gap_s)
+        self.poses = self._track = PoseTrack.read_tum(poses, max_gap_s)
         self.counts = StreamCounts()
-        self.duration_s = (self.track.end_ns - self.track.start_ns) * 1e-9
+        self.duration_s = (self.poses.end_ns - self.poses.start_ns) * 1e-9
 
-    def steps(self) -> Iterator[Step]:
+    def items(self) -> Iterator[Step]:
         """Read packet by packet; a file that is cut off ends with a fault."""
-        span = max(self.track.end_ns - self.track.start_ns, 1)
+        span = max(self._track.end_ns - self._track.start_ns, 1)
         try:
             for events in read_events(self._path, self._stream):
                 inside = (events.x < self.camera.width) & (events.y < self.camera.height)
@@ -78,7 +79,7 @@ class Aedat4Recording(Recording):
                 self.counts.events += int(inside.sum())
                 self.counts.outside_events += int(len(events) - inside.sum())
                 kept = events[inside].sorted_by_time()
-                done = (int(kept.t_ns[-1]) - self.track.start_ns) / span if len(kept) else 0.0
+                done = (int(kept.t_ns[-1]) - self._track.start_ns) / span if len(kept) else 0.0
                 yield Step(kept, float(np.clip(done, 0, 1)))
         except TruncatedRecordingError as error:
             yield Step(EventArray.empty(), 1.0, (error,))

@@ -6,17 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from roller_core.bags import typestore
 from roller_core.camera import Camera
-from roller_core.codecs import CodecError
 from roller_core.errors import RollerError
-from roller_core.event_stream import EventStream
+from roller_core.event_stream import EventStream, TimeBackwardsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
-from roller_core.sensor_pose import SensorFrames
-from roller_recording.raw_message import RawMessage
+from roller_core.sensor_pose import SensorFrames, transforms_of
 
 from .bag_reader import BagReader
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
@@ -60,6 +56,7 @@ class BagRecording(Recording):
         topic: str | None = None,
     ) -> None:
         self._path = path
+        self.source = f"bag {path}"
         self._reader = BagReader(path)
         self._store = typestore()
         try:
@@ -70,7 +67,6 @@ class BagRecording(Recording):
             raise MissingTopicError(f"{error}{cut}") from error
         self._stream = EventStream(self.camera.width, self.camera.height)
         self.counts = self._stream.counts
-        self._newest_ns = -(2**63)
         self.duration_s = self._reader.duration_s
 
     def _find(
@@ -79,11 +75,9 @@ class BagRecording(Recording):
         """Make sure of events, poses and calibration."""
         path = self._path
         self._topic = event_topic(self._reader.topics, path, topic)
-        self._frames = SensorFrames(max_gap_s=max_gap_s)
-        self.track = self._frames.track
-        self._has_tf = poses is None
+        self._frames = SensorFrames(max_gap_s=max_gap_s)  # of who reads by `steps`
         if poses is not None:
-            self.track = PoseTrack.read_tum(poses, max_gap_s)
+            self.poses = PoseTrack.read_tum(poses, max_gap_s)
         elif self._reader.topics.get(_TF) != _TF_TYPE:
             raise MissingTopicError(
                 f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "
@@ -91,95 +85,37 @@ class BagRecording(Recording):
             )
         self.camera = camera or self._calibration()
 
-    def steps(self) -> Iterator[Step]:
+    def items(self) -> Iterator[Step]:
         """Read message by message; a packet that can't be decoded is left out, with a fault."""
-        wanted = {self._topic} | ({_TF, _TF_STATIC} if self._has_tf else set())
+        wanted = {self._topic} | ({_TF, _TF_STATIC} if self.poses is None else set())
         progress = 0.0
         for item in self._reader.messages(wanted):
             if isinstance(item, RecordingError):
                 yield Step(EventArray.empty(), progress, (item,))
                 continue
             progress = self._reader.progress(item.t_ns)
-            events = EventArray.empty()
-            faults: list[RollerError] = []
             try:
                 message = self._store.deserialize_cdr(item.data, item.type)
             except Exception as error:
-                faults.append(
-                    MalformedRecordingError(
-                        f"bag {self._path}: a message on {item.topic} at "
-                        f"{item.t_ns * 1e-9:.6f} s is malformed ({error}); it is left out"
-                    )
+                fault = MalformedRecordingError(
+                    f"bag {self._path}: a message on {item.topic} at {item.t_ns * 1e-9:.6f} s is "
+                    f"malformed ({error}); it is left out"
                 )
-                yield Step(events, progress, tuple(faults))
+                yield Step(EventArray.empty(), progress, (fault,))
                 continue
-            try:
-                if item.topic == self._topic:
-                    events = self._decode(message)
-                else:
-                    self._take_transforms(message, item, faults)
-            except RollerError as error:
-                faults.append(error)
-            yield Step(events, progress, tuple(faults))
-        self._frames.finish()
-        # The last poses let the last events through.
-        yield Step(EventArray.empty(), 1.0)
-        if self._has_tf and not len(self.track):
-            yield Step(EventArray.empty(), 1.0, (self._no_poses(),))
+            if item.topic == self._topic:
+                yield self._decode(message, progress)
+            else:
+                found = tuple(transforms_of(message, static=item.topic == _TF_STATIC))
+                yield Step(EventArray.empty(), progress, transforms=found)
 
-    def _decode(self, message: Any) -> EventArray:
-        """Events of a packet; none from before what was already given out."""
-        events = self._push(message)
-        if len(events) and events.t_ns[0] < self._newest_ns:
-            kept = events[int(np.searchsorted(events.t_ns, self._newest_ns)) :]
-            self.counts.late_events += len(events) - len(kept)
-            events = kept
-        if len(events):
-            self._newest_ns = int(events.t_ns[-1])
-        return events
-
-    def _push(self, message: Any) -> EventArray:
-        if message.is_bigendian and message.encoding != "evt3":  # which is little-endian always
-            raise CodecError(
-                f"event packet {message.seq} is big-endian; only little-endian ones are read"
-            )
-        return self._stream.push(
-            message.encoding,
-            message.width,
-            message.height,
-            message.seq,
-            message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec,
-            message.time_base,
-            message.events,
-        )
-
-    def _take_transforms(self, message: Any, item: RawMessage, faults: list[RollerError]) -> None:
-        for transform in message.transforms:
-            t, r = transform.transform.translation, transform.transform.rotation
-            stamp = transform.header.stamp
-            parent = transform.header.frame_id.lstrip("/")
-            child = transform.child_frame_id.lstrip("/")
-            position, rotation = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w)
-            try:
-                if item.topic == _TF_STATIC:
-                    self._frames.add_static(parent, child, position, rotation)
-                else:
-                    t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
-                    self._frames.add(parent, child, t_ns, position, rotation)
-            except RollerError as error:
-                faults.append(error)
-
-    def _no_poses(self) -> RecordingError:
-        f = self._frames
-        if not f.has_robot_poses:
-            return MissingTopicError(
-                f"bag {self._path}: /tf holds no transform {f.base} -> {f.moving}; "
-                "is the robot's pose recorded?"
-            )
-        return MissingTopicError(
-            f"bag {self._path}: /tf_static holds no way from {f.moving} to {f.sensor}; "
-            "is the hand-eye calibration recorded?"
-        )
+    def _decode(self, message: Any, progress: float) -> Step:
+        try:
+            return Step(self._stream.push_message(message), progress)
+        except TimeBackwardsError as error:
+            return Step(error.events, progress, (error,), restart=True)
+        except RollerError as error:
+            return Step(EventArray.empty(), progress, (error,))
 
     def _calibration(self) -> Camera:
         namespace = self._topic.rsplit("/", 1)[0]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_core.sensor_pose import SensorFrames, Transform
 
 
 class RecordingError(RollerError):
@@ -41,11 +42,17 @@ class Step:
         Share of the recording that has been read, 0–1.
     faults : tuple of RollerError
         What was wrong in this piece; the recording goes on if more steps come.
+    transforms : tuple of Transform
+        What came on /tf or /tf_static.
+    restart : bool
+        Whether the source of the events started again before these.
     """
 
     events: EventArray
     progress: float
-    faults: tuple[RollerError, ...] = field(default=())
+    faults: tuple[RollerError, ...] = ()
+    transforms: tuple[Transform, ...] = ()
+    restart: bool = False
 
 
 class Recording(ABC):
@@ -53,27 +60,63 @@ class Recording(ABC):
 
     Attributes
     ----------
+    source : str
+        What was opened, for messages.
     camera : Camera
         Calibration of the event camera.
-    track : PoseTrack
-        Camera optical frame in `base`; grows while `steps` runs.
+    poses : PoseTrack or None
+        Camera optical frame in base, where that is known beside the events; None where
+        transforms come with them.
     counts : StreamCounts
         What was decoded and lost so far.
     duration_s : float
         Length of the recording, seconds; 0 where it isn't known.
     """
 
+    source: str
     camera: Camera
-    track: PoseTrack
+    poses: PoseTrack | None = None
     counts: StreamCounts
     duration_s: float = 0.0
-    base_frame: str = "base"
-    sensor_frame: str = "event_camera_optical_frame"
+    _frames: SensorFrames | None = None
 
     @abstractmethod
-    def steps(self) -> Iterator[Step]:
+    def items(self) -> Iterator[Step]:
         """Read the recording piece by piece.
 
         Faults that leave the rest readable come inside a step; after one that doesn't, the
         steps end.
         """
+
+    @property
+    def track(self) -> PoseTrack:
+        """Camera optical frame in `base`; grows while `steps` runs."""
+        return self.poses if self.poses is not None else self._following().track
+
+    def steps(self) -> Iterator[Step]:
+        """Read piece by piece, and follow the camera's pose by the usual frames in `track`.
+
+        Where the source of the events started again it ends, as time would run backwards.
+        """
+        frames = self._following()
+        for step in self.items():
+            if step.restart:
+                yield Step(EventArray.empty(), step.progress, step.faults)
+                break
+            faults = list(step.faults)
+            for transform in step.transforms:
+                try:
+                    frames.take(transform)
+                except RollerError as error:
+                    faults.append(error)
+            yield replace(step, faults=tuple(faults))
+        frames.finish()
+        # The last poses let the last events through.
+        missing = "" if self.poses is not None else frames.missing()
+        last = (MissingTopicError(f"{self.source}: {missing}"),) if missing else ()
+        yield Step(EventArray.empty(), 1.0, last)
+
+    def _following(self) -> SensorFrames:
+        if self._frames is None:
+            self._frames = SensorFrames()
+        return self._frames

@@ -47,15 +47,16 @@ class DatasetRecording(Recording):
         camera: Camera | None = None,
         max_gap_s: float = 0.1,
     ) -> None:
+        self.source = str(folder)
         self._events = folder / "events.txt"
         if not self._events.is_file():
             raise RecordingError(f"{folder}: there is no events.txt (lines 't x y p')")
-        self.track = PoseTrack.read_tum(poses or folder / "groundtruth.txt", max_gap_s)
+        self.poses = PoseTrack.read_tum(poses or folder / "groundtruth.txt", max_gap_s)
         self.counts = StreamCounts()
         self.camera = camera or self._calibration(folder / "calib.txt")
-        self.duration_s = (self.track.end_ns - self.track.start_ns) * 1e-9
+        self.duration_s = (self.poses.end_ns - self.poses.start_ns) * 1e-9
 
-    def steps(self) -> Iterator[Step]:
+    def items(self) -> Iterator[Step]:
         """Read chunks of lines; stop at the first that is malformed."""
         size = max(self._events.stat().st_size, 1)
         last_ns = -(2**62)

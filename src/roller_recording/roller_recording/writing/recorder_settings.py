@@ -17,8 +17,8 @@ class RecorderParameters(Settings):
         "pictures, results and diagnostics.",
     )
     events_topic: str = Field(
-        "/event_camera/events",
-        pattern=r"^/[A-Za-z_][A-Za-z0-9_/]*$",
+        "event_camera/events",
+        pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$",
         description="Topic of the event packets; camera_info and image_raw lie beside it.",
     )
     compress: bool = Field(False, description="Compress the bag (zstd, chunk by chunk).")

@@ -1,0 +1,107 @@
+"""What node `braille` does: event packets and poses in, Braille cells and text out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from roller_core import outputs
+from roller_core.camera import Camera
+from roller_core.frame_settings import StreamSettings, smoothing_field
+from roller_core.outputs import Output, Result
+from roller_core.pose_track import PoseTrack
+from roller_core.stage import EventStage
+
+from .cells import Cell
+from .pipeline import BraillePipeline
+from .reader_settings import POSE_SMOOTHING, BrailleSettings, Spacing
+from .translation import LineCell
+from .warp import warm_up
+
+
+class BrailleParameters(BrailleSettings, StreamSettings):
+    """Parameters of the node: the reader's settings and the stage's."""
+
+    pose_smoothing: int = smoothing_field(POSE_SMOOTHING)
+
+
+@dataclass(frozen=True)
+class CellMarkers:
+    """A cell to be shown.
+
+    Attributes
+    ----------
+    cell : Cell
+        What was read.
+    number : int
+        Identity of the markers; no two cells share one.
+    spacing : Spacing
+        Sizes of dots and letters.
+    """
+
+    cell: Cell
+    number: int
+    spacing: Spacing
+
+
+class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
+    """Gives the cells of `BraillePipeline`, with each the text so far and its markers.
+
+    Text that was read before the source started again stays.
+    """
+
+    node, part = "braille", "text"
+    model = BrailleParameters
+    outputs = (outputs.BRAILLE_CELLS, outputs.BRAILLE_TEXT, outputs.BRAILLE_MARKERS)
+
+    def __init__(self, settings: BrailleParameters) -> None:
+        super().__init__(settings)
+        self._earlier: list[str] = []
+        self._earlier_lines: list[list[LineCell]] = []
+        self._cells = 0
+
+    def warm_up(self) -> None:
+        """Load the kernels."""
+        warm_up()
+
+    def text(self) -> list[str]:
+        """Lines of text read so far."""
+        return self._earlier + (self.pipeline.text() if self.pipeline is not None else [])
+
+    def lines(self) -> list[list[LineCell]]:
+        """Cells of the lines read so far."""
+        return self._earlier_lines + (self.pipeline.lines() if self.pipeline is not None else [])
+
+    def _make(self, camera: Camera, track: PoseTrack) -> BraillePipeline:
+        self._earlier, self._earlier_lines = self.text(), self.lines()
+        return BraillePipeline(self.settings, camera, track)
+
+    def _pipeline_results(self, pipeline: BraillePipeline, flush: bool) -> Iterator[Result]:
+        for found in pipeline.results(flush):
+            cell = replace(found, line=found.line + len(self._earlier))
+            self._latency_s = (self.clock_ns() - cell.stamp_ns) * 1e-9
+            yield Result(cell, self._cell_outputs(cell))
+        for reason in pipeline.refusals:
+            yield Result(None, notice=reason)
+        pipeline.refusals.clear()
+
+    def _cell_outputs(self, cell: Cell) -> tuple[Output, ...]:
+        self._cells += 1
+        markers = CellMarkers(cell, self._cells, self.settings.spacing)
+        data = (cell, "\n".join(self.text()), markers)
+        t, frame = cell.stamp_ns, self.settings.base_frame
+        return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs, data, strict=True))
+
+    def _pipeline_counts(self, pipeline: BraillePipeline) -> Mapping[str, object]:
+        counts = pipeline.counts
+        return {
+            "still_events": counts.still_events,
+            "frames": counts.frames,
+            "refused_frames": counts.refused_frames,
+            **self._times("frame", list(pipeline.milliseconds)[-1000:]),
+            "cells": counts.cells,
+            "unreadable_cells": counts.unreadable_cells,
+            "repeated_cells": counts.repeated_cells,
+            "cell_latency_s": round(self._latency_s, 4),
+            "way_scale": "" if pipeline.way_scale is None else round(pipeline.way_scale, 4),
+        }

@@ -1,0 +1,60 @@
+"""What stages take beside the settings of their numerics: frames, poses and the camera they fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field
+
+from .settings import Settings
+from .timing_settings import PoseGapSettings
+
+#: Poses on either side of one over which its stamp is smoothed.
+DEFAULT_SMOOTHING = 4
+
+
+class FrameSettings(Settings):
+    """Frames from the robot's base to the camera."""
+
+    base_frame: str = Field("base", description="Frame that surfaces are given in.")
+    moving_frame: str = Field(
+        "tool0_controller", description="Frame that the robot moves in base (on /tf)."
+    )
+    sensor_frame: str = Field(
+        "event_camera_optical_frame", description="The camera: x right, y down, z forward."
+    )
+
+
+def smoothing_field(default: int) -> Any:
+    """The parameter `pose_smoothing`, with a stage's own default."""
+    return Field(
+        default,
+        ge=0,
+        le=100,
+        description="Poses on either side over which the time stamps of the robot's poses are "
+        "smoothed where their rate is steady; 0 takes stamps as they come.",
+    )
+
+
+def idle_flush_field(default: float, what: str) -> Any:
+    """The parameter `idle_flush_s` of a stage that waits for `what`."""
+    return Field(default, ge=0.05, le=60.0, description=f"Without {what}, s.")
+
+
+class FollowedFrames(FrameSettings, PoseGapSettings):
+    """Frames of a stage that follows the robot's poses."""
+
+    pose_smoothing: int = smoothing_field(DEFAULT_SMOOTHING)
+    idle_flush_s: float = idle_flush_field(
+        1.0, "events for this long what is left is processed as it is"
+    )
+
+
+class StreamSettings(FollowedFrames):
+    """What every stage that takes events has beside its numerics."""
+
+    calibrated_camera: tuple[float, ...] = Field(
+        (0.0,),
+        description="Camera that the other parameters were calibrated with: width, height, fx, fy, "
+        "cx, cy (px), distortion; with another the node refuses to go on. A single 0: any.",
+    )

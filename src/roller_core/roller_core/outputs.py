@@ -1,0 +1,89 @@
+"""What stages give: plain data with a topic, a time and a frame.
+
+A live node publishes it and a replay writes it, by the same functions (`roller_ros.messages`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import RollerError
+
+#: Topics are relative: a node's namespace goes before them.
+EVENTS = "event_camera/events"
+CAMERA_INFO = "event_camera/camera_info"
+PREVIEW = "event_camera/image_raw"
+DEPTH_IMAGE = "roller/depth/image"
+DEPTH_CONFIDENCE = "roller/depth/confidence"
+DEPTH_INFO = "roller/depth/camera_info"
+SURFACE_POINTS = "roller/surface/points"
+BRAILLE_CELLS = "roller/braille/cells"
+BRAILLE_TEXT = "roller/braille/text"
+BRAILLE_MARKERS = "roller/braille/markers"
+#: All cells share these; frames have a prefix, and statuses the nodes' full names.
+TF, TF_STATIC, DIAGNOSTICS = "/tf", "/tf_static", "/diagnostics"
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points with named columns.
+
+    Attributes
+    ----------
+    columns : ndarray of float32, shape (n, len(names))
+        The first three are x, y, z in metres.
+    names : tuple of str
+        Of the columns.
+    """
+
+    columns: npt.NDArray[np.float32]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Output:
+    """One thing that goes out.
+
+    Attributes
+    ----------
+    topic : str
+        Relative name.
+    t_ns : int
+        What it is of, ROS time, ns.
+    frame_id : str
+        Frame of its coordinates.
+    data : object
+        An image (ndarray, shape (height, width)), a `Camera`, a `Cloud`, a text (str), or plain
+        data of the package that registered its message.
+    """
+
+    topic: str
+    t_ns: int
+    frame_id: str
+    data: Any
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a stage found, and what goes out of it.
+
+    Attributes
+    ----------
+    found : object
+        Depth map, patch of the surface, cell or window without a result; None with a fault alone.
+    outputs : tuple of Output
+        In the order in which they are published.
+    notice : str
+        What a live node warns of; empty where all is well.
+    fault : RollerError, optional
+        What went wrong with the input.
+    """
+
+    found: Any
+    outputs: tuple[Output, ...] = ()
+    notice: str = ""
+    fault: RollerError | None = None

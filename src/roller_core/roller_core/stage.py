@@ -1,0 +1,330 @@
+"""What a node does: an object that takes plain data and gives plain data with a topic.
+
+A live node feeds it with messages and publishes what it gives; a replay feeds it from a recording
+and writes the same.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from . import outputs
+from .camera import Camera, OtherCameraError
+from .errors import RollerError
+from .event_stream import EventStream, StreamCounts, TimeBackwardsError
+from .events import EventArray
+from .frame_settings import FollowedFrames, StreamSettings
+from .outputs import Result
+from .pose_track import PoseOrderError, PoseTrack
+from .sensor_pose import SensorFrames, Transform
+
+#: Packets kept while the camera's calibration hasn't come.
+_MOST_EARLY = 5000
+#: Poses this much older are of a source that started anew, s.
+_RESTART_S = 1.0
+#: Levels of health, those of diagnostic_msgs/DiagnosticStatus.
+OK, WARN, ERROR = 0, 1, 2
+
+S = TypeVar("S", bound=FollowedFrames)
+
+
+class Stage(ABC, Generic[S]):
+    """Follows the sensor's pose and a camera, and gives results.
+
+    Broken input raises and is left out; a source that starts anew is followed.
+
+    Parameters
+    ----------
+    settings : FollowedFrames
+        Parameters of its node.
+
+    Attributes
+    ----------
+    node, part : str
+        Name of its node, and of the node's status.
+    model : type
+        The node's parameters.
+    inputs, outputs : tuple of str
+        Topics that it takes and gives.
+    most_waiting : int
+        Messages that may wait for it.
+    clock_ns : callable
+        ROS time now, for latencies.
+    camera : Camera or None
+        Calibration; None before it came.
+    """
+
+    node: ClassVar[str]
+    part: ClassVar[str]
+    model: ClassVar[type[FollowedFrames]]
+    inputs: ClassVar[tuple[str, ...]]
+    outputs: ClassVar[tuple[str, ...]]
+    most_waiting: ClassVar[int] = 20_000
+
+    def __init__(self, settings: S) -> None:
+        self.settings = settings
+        self.clock_ns: Callable[[], int] = time.time_ns
+        self.camera: Camera | None = None
+        self.frames = SensorFrames(
+            settings.base_frame,
+            settings.moving_frame,
+            settings.sensor_frame,
+            settings.max_pose_gap_s,
+            settings.pose_smoothing,
+        )
+        self._left: list[Result] = []
+
+    @abstractmethod
+    def take_camera(self, camera: Camera) -> None:
+        """Take the calibration.
+
+        Raises
+        ------
+        OtherCameraError
+            If the settings are for another camera.
+        """
+
+    def take_transform(self, transform: Transform) -> None:
+        """Take a transform.
+
+        Raises
+        ------
+        PoseError, RotationError
+            If it can't be used; see `SensorFrames`. The stage begins anew where time ran backwards.
+        """
+        try:
+            self.frames.take(transform)
+        except PoseOrderError as error:
+            if error.behind_s > _RESTART_S:
+                self.restart()
+            raise
+
+    def take_poses(self, track: PoseTrack) -> None:
+        """Take all poses of the camera in base at once, in place of transforms."""
+        self.frames.follow(track)
+
+    def restart(self) -> None:
+        """Finish what there is and begin anew: the source was started again."""
+        try:
+            for result in self.results(flush=True):
+                self._left.append(result)
+        except RollerError as error:
+            self._left.append(Result(None, fault=error))
+        self.frames.restart()
+        self._begin()
+
+    def results(self, flush: bool = False) -> Iterator[Result]:
+        """What is complete by now.
+
+        Parameters
+        ----------
+        flush : bool
+            No more will come for now: all that is left.
+        """
+        left, self._left = self._left, []
+        yield from left
+        if flush:
+            self.frames.finish()
+        yield from self._results(flush)
+
+    @property
+    def lost(self) -> bool:
+        """Whether data were lost."""
+        return False
+
+    @property
+    def restarted(self) -> bool:
+        """Whether results from before a restart wait to be taken."""
+        return bool(self._left)
+
+    def health(self) -> tuple[int, str]:
+        """How it is, as a level (`OK`, `WARN`, `ERROR`), and why; empty: all is well."""
+        return OK, ""
+
+    @abstractmethod
+    def counts(self) -> Mapping[str, object]:
+        """What was done and lost so far, as the status says it."""
+
+    @abstractmethod
+    def rated(self) -> Mapping[str, float]:
+        """Counts whose growth a second the status says, by the names of the rates."""
+
+    def warm_up(self) -> None:
+        """Load what takes a second, so that it doesn't come with the first data."""
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Begin anew with the same camera."""
+
+    @abstractmethod
+    def _results(self, flush: bool) -> Iterator[Result]: ...
+
+
+class Counts(Protocol):
+    """What every pipeline counts."""
+
+    dropped_events: int
+    events_without_pose: int
+
+
+class Pipeline(Protocol):
+    """What is needed of a pipeline of events."""
+
+    camera: Camera
+
+    @property
+    def counts(self) -> Counts:
+        """What was done and lost so far."""
+
+    @property
+    def held_events(self) -> int:
+        """Events that wait."""
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed."""
+
+    def add_events(self, events: EventArray) -> None:
+        """Take events in order of time."""
+
+
+P = TypeVar("P", bound=Pipeline)
+E = TypeVar("E", bound=StreamSettings)
+
+
+class EventStage(Stage[E], Generic[E, P]):
+    """A stage that takes events and drives a pipeline with them."""
+
+    inputs = (outputs.EVENTS, outputs.CAMERA_INFO, outputs.TF, outputs.TF_STATIC)
+
+    def __init__(self, settings: E) -> None:
+        super().__init__(settings)
+        self.pipeline: P | None = None
+        self.stream: EventStream | None = None
+        #: Why the camera isn't taken; empty: it is.
+        self.refused = ""
+        self._early: deque[Any] = deque(maxlen=_MOST_EARLY)
+        self._milliseconds: deque[float] = deque(maxlen=1000)
+        self._latency_s = 0.0
+
+    def take_camera(self, camera: Camera) -> None:
+        """Take the calibration, then the packets that came before it; see `Stage`."""
+        wanted = self.settings.calibrated_camera
+        if any(wanted) and not camera.same_intrinsics(wanted):
+            self.pipeline = self.stream = self.camera = None
+            self.refused = (
+                f"the camera ({camera}) isn't the one that the node's parameters were "
+                "calibrated with (calibrated_camera): calibrate again, or leave params:= away"
+            )
+            raise OtherCameraError(self.refused)
+        self.refused = ""
+        if self.camera == camera:
+            return
+        self.camera, self.stream = camera, EventStream(camera.width, camera.height)
+        self._begin()
+        while self._early:
+            try:
+                self.take_packet(self._early.popleft())
+            except RollerError as error:
+                self._left.append(Result(None, fault=error))
+
+    def take_packet(self, packet: Any) -> None:
+        """Decode an event packet and take its events; see `EventStream.push_message`."""
+        if self.stream is None:
+            self._early.append(packet)
+            return
+        try:
+            events = self.stream.push_message(packet)
+        except TimeBackwardsError as error:
+            self.restart()
+            self.take_events(error.events)
+            raise
+        self.take_events(events)
+
+    def take_events(self, events: EventArray) -> None:
+        """Take decoded events in order of time, ROS time; the camera must have come."""
+        if self.pipeline is not None and len(events):
+            self.pipeline.add_events(events)
+
+    def health(self) -> tuple[int, str]:
+        """See `Stage`."""
+        if self.refused:
+            return ERROR, self.refused
+        if self.pipeline is None:
+            return WARN, f"waiting for {outputs.CAMERA_INFO}"
+        missing = self.frames.missing()
+        return WARN if missing else OK, missing
+
+    @property
+    def lost(self) -> bool:
+        """Whether packets or events were lost."""
+        packets = self.stream.counts.lost_packets if self.stream is not None else 0
+        return bool(packets or (self.pipeline and self.pipeline.counts.dropped_events))
+
+    def rated(self) -> Mapping[str, float]:
+        """See `Stage`."""
+        stream = self.stream.counts if self.stream is not None else StreamCounts()
+        return {
+            "event_rate_per_s": stream.events,
+            "packet_rate_hz": stream.packets,
+            "pose_rate_hz": self.frames.counts.poses,
+        }
+
+    def counts(self) -> Mapping[str, object]:
+        """See `Stage`."""
+        stream = self.stream.counts if self.stream is not None else StreamCounts()
+        found: dict[str, object] = {
+            "events": stream.events,
+            "lost_packets": stream.lost_packets,
+            "decode_errors": stream.decode_errors,
+            "late_events": stream.late_events,
+            "events_outside_image": stream.outside_events,
+        }
+        if self.pipeline is not None:
+            counts = self.pipeline.counts
+            found |= {
+                "dropped_events": counts.dropped_events,
+                "events_without_pose": counts.events_without_pose,
+                "waiting_events": self.pipeline.held_events,
+                **self._pipeline_counts(self.pipeline),
+            }
+        return found
+
+    @abstractmethod
+    def _make(self, camera: Camera, track: PoseTrack) -> P:
+        """A pipeline that begins."""
+
+    @abstractmethod
+    def _pipeline_results(self, pipeline: P, flush: bool) -> Iterator[Result]: ...
+
+    @abstractmethod
+    def _pipeline_counts(self, pipeline: P) -> Mapping[str, object]: ...
+
+    def _begin(self) -> None:
+        if self.camera is not None:
+            self.pipeline = self._make(self.camera, self.frames.track)
+
+    def _results(self, flush: bool) -> Iterator[Result]:
+        if self.pipeline is None:
+            return
+        yield from self._pipeline_results(self.pipeline, flush)
+        needed = self.pipeline.needed_from_ns
+        if needed is not None and len(self.frames.track):
+            self.frames.track.discard_before(needed)
+
+    def _took(self, milliseconds: float, end_ns: int) -> None:
+        """Note how long a result took, and how late it is."""
+        self._milliseconds.append(milliseconds)
+        self._latency_s = (self.clock_ns() - end_ns) * 1e-9
+
+    def _times(self, piece: str, milliseconds: Iterable[float]) -> dict[str, object]:
+        """Median and 95th percentile of times, and the latency, as the status says them."""
+        spent = list(milliseconds)
+        median, p95 = np.percentile(spent, [50, 95]).round(2).tolist() if spent else (0.0, 0.0)
+        return {f"{piece}_ms_median": median, f"{piece}_ms_p95": p95}

@@ -1,0 +1,70 @@
+"""What node `emvs` does: event packets and poses in, depth maps out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from roller_core import outputs
+from roller_core.camera import Camera
+from roller_core.frame_settings import StreamSettings
+from roller_core.outputs import Output, Result
+from roller_core.pose_track import PoseTrack
+from roller_core.stage import EventStage
+
+from .depth_map import DepthMap, pinhole
+from .depth_settings import DepthSettings
+from .pipeline import DepthPipeline, refuse_surface
+from .warm_up import warm_up
+from .windows import RefusedWindow
+
+
+class EmvsParameters(DepthSettings, StreamSettings):
+    """Parameters of the node: the depth engine's settings and the stage's."""
+
+
+class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
+    """Gives the depth maps of `DepthPipeline`, each with its confidence and camera.
+
+    Raises
+    ------
+    SettingsError
+        For a method that makes no depth maps.
+    """
+
+    node, part = "emvs", "depth"
+    model = EmvsParameters
+    outputs = (outputs.DEPTH_INFO, outputs.DEPTH_CONFIDENCE, outputs.DEPTH_IMAGE)
+
+    def __init__(self, settings: EmvsParameters) -> None:
+        refuse_surface(settings)
+        super().__init__(settings)
+
+    def warm_up(self) -> None:
+        """Load the kernels."""
+        warm_up(self.settings)
+
+    def _make(self, camera: Camera, track: PoseTrack) -> DepthPipeline:
+        return DepthPipeline(self.settings, camera, track)
+
+    def _pipeline_results(self, pipeline: DepthPipeline, flush: bool) -> Iterator[Result]:
+        camera = pinhole(pipeline.camera)
+        for found in pipeline.results(flush):
+            if isinstance(found, RefusedWindow):
+                yield found.result("window", "depth")
+            else:
+                self._took(found.milliseconds.get("total", 0.0), found.end_ns)
+                yield Result(found, self._depth_outputs(found, camera))
+
+    def _depth_outputs(self, found: DepthMap, camera: Camera) -> tuple[Output, ...]:
+        t, frame = found.stamp_ns, self.settings.sensor_frame
+        data = (camera, found.confidence, found.depth)
+        return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs, data, strict=True))
+
+    def _pipeline_counts(self, pipeline: DepthPipeline) -> Mapping[str, object]:
+        counts = pipeline.counts
+        return {
+            "windows": counts.windows,
+            "refused_windows": counts.refused_windows,
+            **self._times("window", self._milliseconds),
+            "window_latency_s": round(self._latency_s, 4),
+        }

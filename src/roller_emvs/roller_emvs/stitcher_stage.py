@@ -1,0 +1,170 @@
+"""What node `stitcher` does: depth maps and poses in, patches of the surface out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from roller_core import outputs
+from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.frame_settings import FollowedFrames, idle_flush_field
+from roller_core.outputs import Output, Result
+from roller_core.pose_track import PoseError, PoseExtrapolationError
+from roller_core.stage import OK, WARN, Stage
+from roller_core.transforms import F64
+
+from .depth_map import F32, DepthMap
+from .depth_settings import StitcherSettings
+from .patch import Patch, patch_output
+from .stitcher import Stitcher
+
+_MOST_PENDING = 100
+
+
+class DepthImageError(RollerError):
+    """A depth image that doesn't fit its camera."""
+
+
+class StitcherParameters(StitcherSettings, FollowedFrames):
+    """Parameters of the node: the stitcher's settings and the stage's."""
+
+    idle_flush_s: float = idle_flush_field(
+        1.5, "depth maps for this long what is in view is published too"
+    )
+
+
+@dataclass
+class _Parts:
+    """Depth and confidence of one time, which come one by one."""
+
+    image: F32 | None = None
+    confidence: F32 | None = None
+
+
+class StitcherStage(Stage[StitcherParameters]):
+    """Gives the patches of `Stitcher`: points that are out of view, each once."""
+
+    node, part = "stitcher", "surface"
+    model = StitcherParameters
+    inputs = (
+        outputs.DEPTH_INFO,
+        outputs.DEPTH_CONFIDENCE,
+        outputs.DEPTH_IMAGE,
+        outputs.TF,
+        outputs.TF_STATIC,
+    )
+    outputs = (outputs.SURFACE_POINTS,)
+    most_waiting = 5000
+
+    def __init__(self, settings: StitcherParameters) -> None:
+        super().__init__(settings)
+        self.stitcher: Stitcher | None = None
+        #: Depth maps without a pose or a part.
+        self.left_out = 0
+        self._pending: dict[int, _Parts] = {}
+        self._last_ns = 0
+        self._maps = self._points = 0
+
+    def take_camera(self, camera: Camera) -> None:
+        """Take the camera of the depth maps."""
+        if self.camera != camera:
+            self.camera = camera
+            self._begin()
+
+    def take_output(self, output: Output) -> None:
+        """Take what the depth stage gives: camera, confidence or depth."""
+        if isinstance(output.data, Camera):
+            self.take_camera(output.data)
+            return
+        parts = self._pending.setdefault(output.t_ns, _Parts())
+        if output.topic == outputs.DEPTH_IMAGE:
+            parts.image = output.data
+        else:
+            parts.confidence = output.data
+
+    def health(self) -> tuple[int, str]:
+        """See `Stage`."""
+        if self.stitcher is None:
+            return OK, "waiting for depth maps"
+        return (WARN, "depth maps were left out") if self.left_out else (OK, "")
+
+    def rated(self) -> Mapping[str, float]:
+        """See `Stage`."""
+        return {"depth_map_rate_hz": self._maps, "pose_rate_hz": self.frames.counts.poses}
+
+    def counts(self) -> Mapping[str, object]:
+        """See `Stage`."""
+        stitcher = self.stitcher
+        found = stitcher.last_refinement if stitcher is not None else None
+        return {
+            "depth_maps": self._maps,
+            "left_out": self.left_out,
+            "points": self._points,
+            "voxels_in_view": len(stitcher.voxels) if stitcher is not None else 0,
+            "waiting_maps": len(self._pending),
+            "icp_tried": stitcher.icp_tried if stitcher is not None else 0,
+            "icp_accepted": stitcher.icp_accepted if stitcher is not None else 0,
+            "icp_last": (found.reason or "accepted") if found else "",
+        }
+
+    def _begin(self) -> None:
+        self._pending.clear()
+        if self.camera is not None:
+            self.stitcher = Stitcher(self.settings, self.camera)
+
+    def _results(self, flush: bool) -> Iterator[Result]:
+        while (found := self._next()) is not None:
+            stamp, parts, pose = found
+            yield from self._give(self._add(stamp, parts, pose))
+            self.frames.track.discard_before(stamp)
+        if flush and self.stitcher is not None:
+            yield from self._give(self.stitcher.finish())
+
+    def _next(self) -> tuple[int, _Parts, F64] | None:
+        """The oldest depth map, if it is complete and its pose is known."""
+        track = self.frames.track
+        while self.stitcher is not None and self._pending and len(track):
+            stamp = min(self._pending)
+            parts = self._pending[stamp]
+            over = len(self._pending) > _MOST_PENDING
+            complete = parts.image is not None and parts.confidence is not None
+            if not complete and not over:
+                return None
+            pose = None
+            try:
+                pose = track.matrices([stamp])[0]
+            except PoseExtrapolationError:
+                if stamp > track.end_ns and not over:
+                    return None  # the pose is still to come
+            except PoseError:
+                pass
+            del self._pending[stamp]
+            if pose is not None and complete:
+                return stamp, parts, pose
+            self.left_out += 1
+        return None
+
+    def _add(self, stamp: int, parts: _Parts, pose: F64) -> Patch:
+        stitcher, depth, sure = self.stitcher, parts.image, parts.confidence
+        assert stitcher is not None
+        assert depth is not None
+        assert sure is not None
+        expected = (stitcher.camera.height, stitcher.camera.width)
+        if depth.shape != expected or sure.shape != expected:
+            raise DepthImageError(
+                f"depth image of {depth.shape} px but camera_info of {expected}; are two depth "
+                "nodes publishing?"
+            )
+        self._last_ns = stamp
+        self._maps += 1
+        depth, sure = depth.astype(np.float32, copy=False), sure.astype(np.float32, copy=False)
+        return stitcher.add(DepthMap(stamp, depth, sure, pose, stamp, stamp, 0))
+
+    def _give(self, patch: Patch) -> Iterator[Result]:
+        if len(patch):
+            self._points += len(patch)
+            cloud = patch_output(patch, self._last_ns, self.settings.base_frame)
+            yield Result(patch, (cloud,))

@@ -1,0 +1,56 @@
+"""What node `surface` does: event packets and poses in, points of the surface out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from roller_core import outputs
+from roller_core.camera import Camera
+from roller_core.frame_settings import StreamSettings
+from roller_core.outputs import Result
+from roller_core.pose_track import PoseTrack
+from roller_core.stage import EventStage
+
+from .methods.surface import SurfaceSettings, SurfaceSweep
+from .patch import patch_output
+from .warm_up import warm_up
+from .windows import RefusedWindow
+
+
+class SurfaceParameters(SurfaceSettings, StreamSettings):
+    """Parameters of the node: the sweep's settings and the stage's."""
+
+
+class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
+    """Gives the results of `SurfaceSweep`: each block of rows once, when it is out of view."""
+
+    node, part = "surface", "points"
+    model = SurfaceParameters
+    outputs = (outputs.SURFACE_POINTS,)
+
+    def warm_up(self) -> None:
+        """Load the kernels."""
+        warm_up(self.settings)
+
+    def _make(self, camera: Camera, track: PoseTrack) -> SurfaceSweep:
+        return SurfaceSweep(self.settings, camera, track)
+
+    def _pipeline_results(self, pipeline: SurfaceSweep, flush: bool) -> Iterator[Result]:
+        for found in pipeline.results(flush):
+            if isinstance(found, RefusedWindow):
+                yield found.result("block", "points")
+            else:
+                self._took(found.milliseconds.get("total", 0.0), found.end_ns)
+                cloud = patch_output(found, found.stamp_ns, self.settings.base_frame)
+                yield Result(found, (cloud,) if len(found) else ())
+
+    def _pipeline_counts(self, pipeline: SurfaceSweep) -> Mapping[str, object]:
+        counts = pipeline.counts
+        return {
+            "points": counts.points,
+            "blocks": counts.windows,
+            "refused_blocks": counts.refused_windows,
+            "still_events": counts.still_events,
+            **self._times("block", self._milliseconds),
+            "block_latency_s": round(self._latency_s, 4),
+        }
