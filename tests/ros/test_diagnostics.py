@@ -18,8 +18,8 @@ class FakeNode:
     def __init__(self):
         self.sent, self.logged = [], []
 
-    def get_name(self):
-        return "emvs"
+    def get_fully_qualified_name(self):
+        return "/emvs"
 
     def create_publisher(self, kind, topic, quality):
         return self

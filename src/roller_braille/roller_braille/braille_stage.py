@@ -92,16 +92,17 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
         t, frame = cell.stamp_ns, self.settings.base_frame
         return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs, data, strict=True))
 
-    def _pipeline_counts(self, pipeline: BraillePipeline) -> Mapping[str, object]:
-        counts = pipeline.counts
+    def _pipeline_counts(
+        self, pipeline: BraillePipeline, totals: Mapping[str, int]
+    ) -> Mapping[str, object]:
         return {
-            "still_events": counts.still_events,
-            "frames": counts.frames,
-            "refused_frames": counts.refused_frames,
+            "still_events": totals["still_events"],
+            "frames": totals["frames"],
+            "refused_frames": totals["refused_frames"],
             **self._times("frame", list(pipeline.milliseconds)[-1000:]),
-            "cells": counts.cells,
-            "unreadable_cells": counts.unreadable_cells,
-            "repeated_cells": counts.repeated_cells,
+            "cells": totals["cells"],
+            "unreadable_cells": totals["unreadable_cells"],
+            "repeated_cells": totals["repeated_cells"],
             "cell_latency_s": round(self._latency_s, 4),
             "way_scale": "" if pipeline.way_scale is None else round(pipeline.way_scale, 4),
         }

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -166,21 +167,14 @@ class Stage(ABC, Generic[S]):
     def _results(self, flush: bool) -> Iterator[Result]: ...
 
 
-class Counts(Protocol):
-    """What every pipeline counts."""
-
-    dropped_events: int
-    events_without_pose: int
-
-
 class Pipeline(Protocol):
     """What is needed of a pipeline of events."""
 
     camera: Camera
 
     @property
-    def counts(self) -> Counts:
-        """What was done and lost so far."""
+    def counts(self) -> Any:
+        """What was done and lost so far, a dataclass; `dropped_events`, `events_without_pose`."""
 
     @property
     def held_events(self) -> int:
@@ -212,6 +206,7 @@ class EventStage(Stage[E], Generic[E, P]):
         self._early: deque[Any] = deque(maxlen=_MOST_EARLY)
         self._milliseconds: deque[float] = deque(maxlen=1000)
         self._latency_s = 0.0
+        self._past: Counter[str] = Counter()
 
     def take_camera(self, camera: Camera) -> None:
         """Take the calibration, then the packets that came before it; see `Stage`."""
@@ -265,7 +260,7 @@ class EventStage(Stage[E], Generic[E, P]):
     def lost(self) -> bool:
         """Whether packets or events were lost."""
         packets = self.stream.counts.lost_packets if self.stream is not None else 0
-        return bool(packets or (self.pipeline and self.pipeline.counts.dropped_events))
+        return bool(packets or self.totals().get("dropped_events"))
 
     def rated(self) -> Mapping[str, float]:
         """See `Stage`."""
@@ -287,14 +282,19 @@ class EventStage(Stage[E], Generic[E, P]):
             "events_outside_image": stream.outside_events,
         }
         if self.pipeline is not None:
-            counts = self.pipeline.counts
+            totals = self.totals()
             found |= {
-                "dropped_events": counts.dropped_events,
-                "events_without_pose": counts.events_without_pose,
+                "dropped_events": totals["dropped_events"],
+                "events_without_pose": totals["events_without_pose"],
                 "waiting_events": self.pipeline.held_events,
-                **self._pipeline_counts(self.pipeline),
+                **self._pipeline_counts(self.pipeline, totals),
             }
         return found
+
+    def totals(self) -> dict[str, int]:
+        """What the pipeline counted, with those before a restart."""
+        current = Counter(asdict(self.pipeline.counts)) if self.pipeline is not None else Counter()
+        return {name: n + self._past[name] for name, n in current.items()}
 
     @abstractmethod
     def _make(self, camera: Camera, track: PoseTrack) -> P:
@@ -304,9 +304,12 @@ class EventStage(Stage[E], Generic[E, P]):
     def _pipeline_results(self, pipeline: P, flush: bool) -> Iterator[Result]: ...
 
     @abstractmethod
-    def _pipeline_counts(self, pipeline: P) -> Mapping[str, object]: ...
+    def _pipeline_counts(self, pipeline: P, totals: Mapping[str, int]) -> Mapping[str, object]:
+        """What the status says of the pipeline, of its totals and of its state."""
 
     def _begin(self) -> None:
+        if self.pipeline is not None:
+            self._past.update(asdict(self.pipeline.counts))
         if self.camera is not None:
             self.pipeline = self._make(self.camera, self.frames.track)
 

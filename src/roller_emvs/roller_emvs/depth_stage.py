@@ -60,11 +60,12 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
         data = (camera, found.confidence, found.depth)
         return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs, data, strict=True))
 
-    def _pipeline_counts(self, pipeline: DepthPipeline) -> Mapping[str, object]:
-        counts = pipeline.counts
+    def _pipeline_counts(
+        self, pipeline: DepthPipeline, totals: Mapping[str, int]
+    ) -> Mapping[str, object]:
         return {
-            "windows": counts.windows,
-            "refused_windows": counts.refused_windows,
+            "windows": totals["windows"],
+            "refused_windows": totals["refused_windows"],
             **self._times("window", self._milliseconds),
             "window_latency_s": round(self._latency_s, 4),
         }

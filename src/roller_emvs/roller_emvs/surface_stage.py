@@ -44,13 +44,14 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
                 cloud = patch_output(found, found.stamp_ns, self.settings.base_frame)
                 yield Result(found, (cloud,) if len(found) else ())
 
-    def _pipeline_counts(self, pipeline: SurfaceSweep) -> Mapping[str, object]:
-        counts = pipeline.counts
+    def _pipeline_counts(
+        self, pipeline: SurfaceSweep, totals: Mapping[str, int]
+    ) -> Mapping[str, object]:
         return {
-            "points": counts.points,
-            "blocks": counts.windows,
-            "refused_blocks": counts.refused_windows,
-            "still_events": counts.still_events,
+            "points": totals["points"],
+            "blocks": totals["windows"],
+            "refused_blocks": totals["refused_windows"],
+            "still_events": totals["still_events"],
             **self._times("block", self._milliseconds),
             "block_latency_s": round(self._latency_s, 4),
         }

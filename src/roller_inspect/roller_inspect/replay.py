@@ -190,11 +190,9 @@ class _Run:
         duration_s = (self._last_ns - (self._first_ns or 0)) * 1e-9
         spent_s -= self._truth_s
         refined = stitcher.counts() if stitcher is not None else {}
-        pipeline = self._inspection.depth.pipeline
-        assert pipeline is not None  # the camera was there from the start
         self._report.totals = {
             **asdict(recording.counts),
-            **{f"depth_{k}": v for k, v in asdict(pipeline.counts).items()},
+            **{f"depth_{k}": v for k, v in self._inspection.depth.totals().items()},
             "surface_points": self._writer.surface_points,
             "icp_tried": refined.get("icp_tried", 0),
             "icp_accepted": refined.get("icp_accepted", 0),
