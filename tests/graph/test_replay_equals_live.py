@@ -254,7 +254,7 @@ def ten_seconds_earlier(topic: str, n: int, message: Any) -> Any:
 @pytest.mark.parametrize(
     ("name", "parameters", "message"),
     [
-        ("emvs", "{planes: 1}", "planes"),
+        ("emvs", "{paper.planes: 1}", "planes"),
         ("emvs", "{depth_min_m: 0.05}", "depth_min_m"),
         ("emvs", "{method: magic}", "method"),
         ("emvs", "{method: surface}", "it has a node of its own, 'surface'"),

@@ -247,7 +247,7 @@ def test_a_run_that_can_not_begin_leaves_the_earlier_result(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("emvs: {ros__parameters: {planes: 1}}", "'planes' = 1"),
+        ("emvs: {ros__parameters: {paper.planes: 1}}", "'paper.planes' = 1"),
         ("emvs: {ros__parameters: {plane: 100}}", "unknown entry 'plane'"),
         ("emvs: {ros__parameters: {depth_min_m: 0.05}}", "depth_min_m"),
         ("emvs: [", "not a YAML file"),
