@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from own import ros_domain
 from simulated_scans import Scans
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -27,8 +31,18 @@ def scans(request: pytest.FixtureRequest) -> Scans:
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Real recordings, kept beside the checkout or where ROLLER_SHARED_DATA says."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
+    beside = ROOT.parent / "shared" / "data"
     folder = Path(os.environ.get("ROLLER_SHARED_DATA", beside))
     if not folder.is_dir():
         pytest.skip(f"no recordings at {folder}; set ROLLER_SHARED_DATA to their folder")
     return folder
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS domain of the test's own, on loopback, also for the processes it starts."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", str(ROOT / "config" / "fastdds.xml"))
+    with ros_domain() as number:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        yield number

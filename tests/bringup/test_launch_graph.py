@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import sys
 import time
 
@@ -14,7 +13,7 @@ from roller_bringup.launching import Runner
 from roller_bringup.launching.process import Screen
 
 pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 NODE = """
 import sys
@@ -47,9 +46,7 @@ CELL = """
 """
 
 
-def test_two_cells_in_one_graph(world, monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(100 + os.getpid() % 100))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+def test_two_cells_in_one_graph(world, domain):
     program = world.files / "relay.py"
     program.write_text(NODE)
     world.script("relay", f'exec {sys.executable} {program} "$@"')

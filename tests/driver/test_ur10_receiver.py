@@ -13,6 +13,7 @@ import pytest
 
 from driver.emulation import rtde_controller
 from driver.emulation.controller_process import ControllerProcess
+from own import LOOPBACK
 from roller_core.clock import SensorClock
 from roller_driver.ur10.errors import (
     MissingLibraryError,
@@ -29,10 +30,8 @@ from roller_driver.ur10.receiver import (
 from roller_driver.ur10.rtde import ask_controller
 
 pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
-# One after the other: the library knows port 30004 only.
-pytestmark = pytest.mark.xdist_group("rtde")
 
-HOST = "127.0.0.1"
+HOST = LOOPBACK
 
 
 class Running:

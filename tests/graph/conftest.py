@@ -10,21 +10,12 @@ pytest.importorskip("rclpy")
 
 from driver.emulation import usb_backend
 from driver.emulation.camera_words import encode_words
-from graph.graph_world import Processes, Watcher, own_domain
+from graph.graph_world import Processes, Watcher
 from roller_core.events import EventArray
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """A ROS domain of the test's own, on loopback."""
-    config = Path(__file__).resolve().parents[2] / "config" / "fastdds.xml"
-    monkeypatch.setenv("ROS_DOMAIN_ID", own_domain(len(request.node.nodeid)))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", str(config))
-
-
-@pytest.fixture
-def processes(domain: None, tmp_path: Path) -> Iterator[Processes]:
+def processes(domain: int, tmp_path: Path) -> Iterator[Processes]:
     """Nodes; those that still run at the end are stopped."""
     made = Processes(tmp_path)
     yield made
@@ -32,7 +23,7 @@ def processes(domain: None, tmp_path: Path) -> Iterator[Processes]:
 
 
 @pytest.fixture
-def watch(domain: None) -> Iterator[Callable[..., Watcher]]:
+def watch(domain: int) -> Iterator[Callable[..., Watcher]]:
     """Make a watcher of the topics named."""
     made: list[Watcher] = []
 

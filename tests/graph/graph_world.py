@@ -149,11 +149,6 @@ class Processes:
         return codes
 
 
-def own_domain(offset: int) -> str:
-    """A ROS domain that no other test on this machine uses."""
-    return str(1 + (os.getpid() + offset) % 100)
-
-
 def check_keys(status: str, values: dict[str, str]) -> None:
     """Hold a status to the page that describes it."""
     expected = documented_keys(status)

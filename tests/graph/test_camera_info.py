@@ -11,7 +11,7 @@ from sensor_msgs.msg import CameraInfo
 from roller_core.camera import Camera
 from roller_ros import messages, qos
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
 OTHER = Camera(640, 480, 900.0, 900.0, 319.5, 239.5)

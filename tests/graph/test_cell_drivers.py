@@ -17,12 +17,13 @@ from tf2_msgs.msg import TFMessage
 from driver.emulation.camera_words import in_order
 from driver.emulation.controller_process import ControllerProcess
 from graph.graph_world import EMULATED_CAMERA, MODULES
+from own import LOOPBACK
 from roller_core.camera import Camera
 from roller_core.codecs import PacketDecoder
 from roller_core.events import EventArray
 from roller_ros import messages, qos
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 EVENTS, INFO = "/event_camera/events", "/event_camera/camera_info"
 IMAGE = "/event_camera/image_raw"
@@ -44,7 +45,7 @@ def test_events_and_poses_come(emulated_camera, processes, watch, tmp_path):
         )
         processes.start(
             "ur10",
-            "{robot_ip: 127.0.0.1, hand_eye_m: [0.01, 0.0, 0.08], "
+            f"{{robot_ip: {LOOPBACK}, hand_eye_m: [0.01, 0.0, 0.08], "
             "hand_eye_rotation_rad: [0.0, 0.0, 0.7], retry_interval: 0.1}",
         )
         seen = watcher.seen
@@ -129,7 +130,7 @@ def test_a_second_publisher_of_the_robot_is_told(processes, watch):
     watcher = watch()
     other = watcher.node.create_publisher(TFMessage, "/tf", qos.TF)
     with ControllerProcess():
-        processes.start("ur10", "{robot_ip: 127.0.0.1, tf_prefix: left_}")
+        processes.start("ur10", f"{{robot_ip: {LOOPBACK}, tf_prefix: left_}}")
 
         def told():
             transform = messages.transform(
@@ -154,7 +155,7 @@ def _identity():
 def test_a_controller_whose_clock_is_set_back_and_one_that_refuses(processes, watch):
     watcher = watch("/tf")
     with ControllerProcess() as controller:
-        processes.start("ur10", "{robot_ip: 127.0.0.1, retry_interval: 0.1}")
+        processes.start("ur10", f"{{robot_ip: {LOOPBACK}, retry_interval: 0.1}}")
         watcher.spin_until(lambda: len(watcher.seen["/tf"]) > 200, 30, "poses")
         controller.tell("step_back 100")
         watcher.spin_until(
@@ -214,7 +215,7 @@ def test_without_devices_the_nodes_say_so_and_stay(processes, watch, tmp_path, m
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     watcher = watch()
     processes.start("event_camera", "{backend: 'nothing:none'}")
-    processes.start("ur10", "{robot_ip: 127.0.0.1, retry_interval: 0.1, connect_timeout: 0.5}")
+    processes.start("ur10", f"{{robot_ip: {LOOPBACK}, retry_interval: 0.1, connect_timeout: 0.5}}")
     watcher.spin_until(
         lambda: (
             any("no DVXplorer Mini is plugged in" in m for m in watcher.messages_of(CAMERA))

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 from roller_bringup.launching import LaunchPlan, NodeProcess
 from roller_bringup.live import GraphError, check_no_duplicate_nodes
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 
 def test_a_second_graph_is_refused(watch):

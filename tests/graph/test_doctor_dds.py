@@ -12,7 +12,7 @@ import pytest
 
 from roller_bringup.doctor import dds
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 CODE = (
     "from roller_bringup.doctor import dds; from dataclasses import asdict; import json; "

@@ -23,6 +23,7 @@ from driver.emulation import usb_backend
 from driver.emulation.controller_process import ControllerProcess
 from driver.emulation.scan import EmulatedScan
 from graph.graph_world import Watcher
+from own import LOOPBACK
 from roller_bringup.launching import Runner, load
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
@@ -30,7 +31,7 @@ from roller_emvs.patch import Patch
 from roller_inspect.pipeline import Inspection, InspectionSettings
 from roller_ros import messages
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 I64 = npt.NDArray[np.int64]
 ROOT = Path(__file__).parents[2]
@@ -134,7 +135,7 @@ def take_scan(
     nodes = {"event_camera": camera, "ur10": robot, "emvs": gap, "stitcher": gap}
     overrides.write_text(json.dumps({n: {"ros__parameters": p} for n, p in nodes.items()}))
     arguments = {
-        "robot_ip": "127.0.0.1",
+        "robot_ip": LOOPBACK,
         "camera_info": f"file://{folder / 'camera.yaml'}",
         "params": str(overrides),
         "braille": "false",

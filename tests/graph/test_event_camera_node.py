@@ -20,7 +20,7 @@ from graph.graph_world import EMULATED_CAMERA, Watcher
 from roller_core.events import EventArray
 from roller_ros import qos
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 EVENTS, CAMERA = "/event_camera/events", "event_camera: camera"
 

@@ -21,7 +21,7 @@ from roller_emvs.ply import read_ply
 from roller_inspect.results.recorded import gather
 from roller_inspect.results.run_report import Report
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 LAUNCH = Path(__file__).resolve().parents[2] / "launch" / "virtual.launch.xml"
 POINTS = "/roller/surface/points"
@@ -29,7 +29,7 @@ SURFACE = "{min_aperture_m: 0.009, threads: 1}"
 STATUS = "surface: points"
 
 
-def test_virtual_cell_to_surface(domain: None, tmp_path: Path) -> None:
+def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     """Virtual cell, surface and recorder: near the truth, nothing lost."""
     overrides = tmp_path / "overrides.yaml"
     cell = (

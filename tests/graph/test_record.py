@@ -22,7 +22,7 @@ from roller_core.codecs import RawPacket
 from roller_recording.raw_message import RawMessage
 from roller_recording.reading.bag_reader import BagReader
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 EVENTS = "/event_camera/events"
 SOURCE = Path(__file__).with_name("event_source.py")
@@ -49,7 +49,7 @@ class Recording:
 
 
 @pytest.fixture
-def recording(domain: None, tmp_path: Path) -> Iterator[type[Recording]]:
+def recording(domain: int, tmp_path: Path) -> Iterator[type[Recording]]:
     """The class; what still runs at the end is killed."""
     made: list[Recording] = []
 
@@ -165,7 +165,7 @@ def test_a_bag_of_another_driver_played_and_recorded(
 
 
 def test_nothing_to_record_is_said(
-    domain: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["record", "--output", str(tmp_path / "bag"), "--duration", "0.5"]) == 1
     err = capsys.readouterr().err
@@ -186,7 +186,7 @@ def test_nothing_to_record_is_said(
 def test_wrong_options_get_one_line(
     options: tuple[str, ...],
     message: str,
-    domain: None,
+    domain: int,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:

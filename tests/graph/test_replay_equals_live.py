@@ -19,7 +19,7 @@ from roller_core.bags import typestore
 from roller_emvs.ply import read_ply
 from roller_ros import qos
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 #: A machine that stalls for a second must not make the nodes take it for the scan's end.
 DEPTH = "{window.travel_m: 0.006, focus.sigma_px: 3.0, idle_flush_s: 4.0}"

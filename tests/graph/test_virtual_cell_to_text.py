@@ -17,7 +17,7 @@ from roller_inspect.results.recorded import gather
 from roller_inspect.results.run_report import Report
 from roller_ros import qos
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 LAUNCH = Path(__file__).resolve().parents[2] / "launch" / "virtual.launch.xml"
 
@@ -64,7 +64,7 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
     assert way_scale == "" or float(way_scale) == pytest.approx(1.0, abs=0.03)
 
 
-def test_publishers_offer_what_the_contract_says(domain: None, tmp_path: Path) -> None:
+def test_publishers_offer_what_the_contract_says(domain: int, tmp_path: Path) -> None:
     """Reliability and durability of every topic, asked of the graph itself."""
     from graph.graph_world import Processes
 

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -23,7 +22,7 @@ from roller_core.event_stream import EventStream
 from roller_ros import messages, qos
 from roller_sim.truth import Truth
 
-pytestmark = [pytest.mark.graph, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.graph
 
 NODE = "import sys; from roller_sim.virtual_cell_node import main; main()"
 PARAMETERS = """
@@ -42,10 +41,7 @@ virtual_cell:
 class Cell:
     """The node in a process of its own, and an observer of its topics."""
 
-    def __init__(self, tmp_path, monkeypatch, scene="three_lines", leave=False):
-        domain = str(1 + os.getpid() % 100)
-        monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    def __init__(self, tmp_path, domain, scene="three_lines", leave=False):
         self.truth = tmp_path / "truth"
         file = tmp_path / "cell.yaml"
         text = PARAMETERS.format(scene=scene, truth=self.truth, exit=str(leave).lower())
@@ -56,7 +52,7 @@ class Cell:
             text=True,
         )
         self.context = Context()
-        rclpy.init(context=self.context, domain_id=int(domain))
+        rclpy.init(context=self.context, domain_id=domain)
         self.node = Node("observer", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
@@ -98,8 +94,8 @@ class Cell:
         return self.process.returncode
 
 
-def test_node_scans_and_says_when_it_is_done(tmp_path, monkeypatch):
-    cell = Cell(tmp_path, monkeypatch)
+def test_node_scans_and_says_when_it_is_done(tmp_path, domain):
+    cell = Cell(tmp_path, domain)
     try:
         cell.spin(lambda: "finished" in cell.seen["states"])
         assert cell.seen["states"][-1] == "finished"
@@ -128,8 +124,8 @@ def test_node_scans_and_says_when_it_is_done(tmp_path, monkeypatch):
     assert abs(truth.start_ros_ns - time.time_ns()) < 60e9
 
 
-def test_node_ends_by_itself_when_told_to(tmp_path, monkeypatch):
-    cell = Cell(tmp_path, monkeypatch, leave=True)
+def test_node_ends_by_itself_when_told_to(tmp_path, domain):
+    cell = Cell(tmp_path, domain, leave=True)
     try:
         cell.spin(lambda: cell.process.poll() is not None)
         assert cell.process.poll() == 0
@@ -137,8 +133,8 @@ def test_node_ends_by_itself_when_told_to(tmp_path, monkeypatch):
         cell.close()
 
 
-def test_node_refuses_an_unknown_scene_in_one_line(tmp_path, monkeypatch):
-    cell = Cell(tmp_path, monkeypatch, scene="cube")
+def test_node_refuses_an_unknown_scene_in_one_line(tmp_path, domain):
+    cell = Cell(tmp_path, domain, scene="cube")
     try:
         assert cell.process.wait(40) == 1
         assert "error: no scene 'cube'; there are demo" in cell.process.stderr.read()

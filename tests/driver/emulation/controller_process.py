@@ -1,19 +1,19 @@
 """Starts the emulated controller in a process of its own and tells it what to do.
 
-The robot's library always uses port 30004, so only one controller can run at a time: tests that
-use it wait for each other at a lock file.
+The robot's library always uses port 30004, so each process of pytest has a controller at a
+loopback address of its own, `own.LOOPBACK`.
 """
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
+
+from own import LOOPBACK
 
 TESTS = Path(__file__).parents[2]
 
@@ -28,20 +28,22 @@ class ControllerProcess:
         self.begin_s = 0.0
 
     def __enter__(self) -> ControllerProcess:
-        self._lock = open(Path(tempfile.gettempdir()) / "roller_test_rtde.lock", "w")
-        fcntl.flock(self._lock, fcntl.LOCK_EX)
         self.start(**self._settings)
         return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()
-        self._lock.close()
 
     def start(self, **settings: Any) -> None:
         """Start it, perhaps with other settings than before."""
         paths = [str(TESTS), os.environ.get("PYTHONPATH", "")]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "driver.emulation.rtde_controller", json.dumps(settings)],
+            [
+                sys.executable,
+                "-m",
+                "driver.emulation.rtde_controller",
+                json.dumps({"host": LOOPBACK, **settings}),
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

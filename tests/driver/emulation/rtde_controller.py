@@ -70,6 +70,7 @@ class Settings:
     clock_start_s: float = 1234.0
     refuse_protocol: bool = False
     missing: list[str] = field(default_factory=list)
+    host: str = "127.0.0.1"
     port: int = 30004
 
 
@@ -175,7 +176,7 @@ class ControllerModel:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self.server = socket.create_server(("127.0.0.1", settings.port), reuse_port=False)
+        self.server = socket.create_server((settings.host, settings.port), reuse_port=False)
         self.clients: list[Client] = []
         self.safety = NORMAL
         self.late_s = 0.0
