@@ -8,7 +8,7 @@ MAKEFLAGS += --no-print-directory
 export ROLLER_ROOT := $(CURDIR)
 export ROLLER_NAME := make
 
-# Processes of the tests that need no ROS graph; the graph's own run one at a time.
+# Processes that run tests.
 JOBS ?= 2
 # More for pytest, such as PYTEST="-k braille".
 PYTEST ?=
@@ -16,7 +16,7 @@ PYTEST ?=
 in_workspace := source scripts/env.sh;
 python := "$$ROLLER_VENV/bin/python"
 
-.PHONY: help setup demo test unit graph lint format requirements clean
+.PHONY: help setup demo check test lint format requirements clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## (.*)/make \1|\2/' | column -t -s '|' 2>/dev/null || grep -hE '^[a-z]+:.*##' Makefile
@@ -27,7 +27,11 @@ setup: ## install what is needed into .venv and build the packages; again only w
 demo: setup ## roll the virtual cell over a plate and show what was measured
 	@./roller demo
 
-test: lint unit graph ## every check and every test
+check: lint ## while developing: style, types, and the tests that need neither scan nor graph
+	@$(in_workspace) scripts/pytest.sh -n $(JOBS) -m "not graph and not scan" $(PYTEST)
+
+test: lint ## every check and every test
+	@$(in_workspace) scripts/pytest.sh -n $(JOBS) $(PYTEST)
 
 lint: setup ## style, types and the packages' dependencies
 	@$(in_workspace) \
@@ -35,12 +39,6 @@ lint: setup ## style, types and the packages' dependencies
 	$(python) -m ruff format --check -q . || { echo "lint: run make format"; exit 1; }; \
 	$(python) -m mypy; \
 	"$$ROLLER_VENV/bin/lint-imports" --no-cache | tail -n 7
-
-unit: setup ## the tests that start no nodes
-	@$(in_workspace) scripts/pytest.sh -n $(JOBS) --dist loadgroup -m "not graph" $(PYTEST)
-
-graph: setup ## the tests that start nodes
-	@$(in_workspace) scripts/pytest.sh -m graph $(PYTEST)
 
 format: setup ## put the code into the one style
 	@$(in_workspace) $(python) -m ruff check --fix -q . || true; $(python) -m ruff format -q .
@@ -50,4 +48,4 @@ requirements: setup ## pin what requirements*.in ask for; UPGRADE=1: as new as i
 
 clean: ## remove everything that setup, builds and tests made
 	rm -rf .venv build install log .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
-	find . -name __pycache__ -prune -exec rm -rf {} + ; find . -name '*.egg-info' -prune -exec rm -rf {} +
+	find src tests scripts underlay \( -name __pycache__ -o -name '*.egg-info' \) -prune -exec rm -rf {} +

@@ -7,10 +7,8 @@ cd "$ROLLER_ROOT"
 # Only the plugins we pin: others on the machine (dash brings one, ROS 2's launch another) may not
 # suit our pytest.
 export PYTEST_DISABLE_PLUGIN_AUTOLOAD=1
-plugins=(-p xdist -p pytest_timeout -p _hypothesis_pytestplugin)
+# With worksteal each process takes a run of neighbours, so that they share what a module sets up.
+options=(-q -p xdist -p pytest_timeout -p _hypothesis_pytestplugin --dist worksteal)
+if [[ -n "${CI:-}" ]]; then options+=(--durations=20); fi
 
-code=0
-"$ROLLER_VENV/bin/python" -m pytest "${plugins[@]}" "$@" || code=$?
-# 5: nothing selected, which is fine when the tests are run in parts.
-[[ $code == 5 ]] && code=0
-exit "$code"
+exec "$ROLLER_VENV/bin/python" -m pytest "${options[@]}" "$@"

@@ -142,7 +142,7 @@ class Processes:
         codes = {}
         for name, process in self.running.items():
             try:
-                codes[name] = process.wait(timeout=10)
+                codes[name] = process.wait(timeout=60)
             except subprocess.TimeoutExpired:
                 process.kill()
                 codes[name] = process.wait()
