@@ -7,7 +7,7 @@ import pytest
 
 from braille.synthetic import CAMERA, DEPTH_M, SETTINGS, Plate, over, read, scan
 from roller_braille.batches import Batch, BatchCutter
-from roller_braille.contrast import Frame, Sample, WayScale, contrasts, contrasts_numpy
+from roller_braille.contrast import MappedBatch, Sample, TravelScale, contrasts, contrasts_numpy
 from roller_braille.reader_settings import BrailleSettings
 from roller_braille.warp import Knots, Warp
 from roller_core.events import EventArray
@@ -25,17 +25,19 @@ def stretched(track: PoseTrack, factor: float) -> PoseTrack:
     return out
 
 
-def found(events: EventArray, track: PoseTrack, settings: BrailleSettings = SETTINGS) -> WayScale:
+def found(
+    events: EventArray, track: PoseTrack, settings: BrailleSettings = SETTINGS
+) -> TravelScale:
     """The scale found over a scan."""
-    cutter, warp, way = BatchCutter(settings, track), Warp(settings, CAMERA, track), None
+    cutter, warp, travel = BatchCutter(settings, track), Warp(settings, CAMERA, track), None
     cutter.add(events)
     while (batch := cutter.cut(flush=True)) is not None:
         if isinstance(batch, Batch):
-            way = WayScale(settings) if way is None else way
+            travel = TravelScale(settings) if travel is None else travel
             knots = warp.knots(batch.roll, batch.start_ns, batch.end_ns)
-            way.add(Frame(batch.events, knots), warp.table)
-    assert way is not None
-    return way
+            travel.add(MappedBatch(batch.events, knots), warp.table)
+    assert travel is not None
+    return travel
 
 
 def test_the_kernel_counts_as_its_twin() -> None:
@@ -52,16 +54,16 @@ def test_the_kernel_counts_as_its_twin() -> None:
 def test_the_factor_between_speed_and_events_is_found(factor: float) -> None:
     plate = Plate().text(TEXT)
     track = over(plate)
-    way = found(scan(plate, track, noise=20_000), stretched(track, factor))
-    assert way.scale == pytest.approx(factor, abs=0.005)
+    travel = found(scan(plate, track, noise=20_000), stretched(track, factor))
+    assert travel.scale == pytest.approx(factor, abs=0.005)
 
 
 def test_a_wrong_depth_is_found_too() -> None:
     plate = Plate().text(TEXT)
     track = over(plate)
     settings = BrailleSettings.create({"depth_m": DEPTH_M * 1.05})
-    way = found(scan(plate, track), track, settings)
-    assert way.scale == pytest.approx(1 / 1.05, abs=0.005)
+    travel = found(scan(plate, track), track, settings)
+    assert travel.scale == pytest.approx(1 / 1.05, abs=0.005)
 
 
 def test_noise_alone_says_nothing() -> None:
@@ -96,16 +98,16 @@ def test_text_is_read_at_a_wrong_depth(error_m: float) -> None:
     assert pipeline.text() == [TEXT]
 
 
-def test_frames_come_out_in_order_and_all_of_them() -> None:
-    way, given = WayScale(SETTINGS), []
+def test_batches_come_out_in_order_and_all_of_them() -> None:
+    travel, given = TravelScale(SETTINGS), []
     for n in range(12):
         times = np.array([n, n + 1], np.int64) * 1_000_000
         along = np.array([n, n + 1.0]) * 3e-3
         knots = Knots(times, np.tile(np.eye(3), (2, 1, 1)), along)
-        given += way.add(Frame(EventArray.empty(), knots), np.zeros((1, 1, 2), np.float32))
+        given += travel.add(MappedBatch(EventArray.empty(), knots), np.zeros((1, 1, 2), np.float32))
         # What waits is bounded by travel.
         assert n + 1 - len(given) <= 8
-    given += way.release()
+    given += travel.release()
     assert [int(f.knots.times_ns[0]) for f in given] == [n * 1_000_000 for n in range(12)]
 
 

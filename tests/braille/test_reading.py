@@ -165,7 +165,7 @@ def test_standstill_gives_no_text() -> None:
     events = scan(Plate(), track, noise=50_000)
     cells, pipeline = read(events, track)
     assert cells == []
-    assert pipeline.counts.frames == 0
+    assert pipeline.counts.batches == 0
     assert pipeline.counts.still_events == len(events)
 
 

@@ -1,4 +1,4 @@
-"""Passes and frames from poses and events alone."""
+"""Passes and batches from poses and events alone."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def directions(items: list[Batch | PassEnd]) -> list[int]:
     return [i.roll.direction for i in items if isinstance(i, PassEnd)]
 
 
-def test_frames_end_by_events_or_travel() -> None:
+def test_batches_end_by_events_or_travel() -> None:
     track = roll_track([0.0, 0.1], [0.0, 1.0])
     by_travel = [b for b in cut(track, clockwork(track)) if isinstance(b, Batch)]
     assert all(len(b.events) < 20_000 for b in by_travel)

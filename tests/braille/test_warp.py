@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from braille.synthetic import CAMERA, DEPTH_M, DOWN, START_NS, roll_track
-from roller_braille.hot import HotPixels
+from roller_braille.pixel_table import PixelTable
 from roller_braille.reader_settings import BrailleSettings
 from roller_braille.strip import Kind, Strip
 from roller_braille.warp import OUTSIDE, Warp, vote, vote_numpy
@@ -145,14 +145,14 @@ def test_strip_makes_up_for_a_view_that_was_short() -> None:
 def test_hot_pixels_are_found_and_those_that_see_something_kept() -> None:
     rng = np.random.default_rng(0)
     table = CAMERA.undistortion_table()
-    hot = HotPixels(table)
+    pixels = PixelTable(table)
     for _ in range(5):
         n = 40_000
         x, y = rng.integers(0, CAMERA.width, n), rng.integers(0, CAMERA.height, n)
         # A busy row, as of a line of dots, and a hot pixel in a quiet one.
         y[: n // 4] = 100
         x[-10:], y[-10:] = 77, 200
-        hot.add(EventArray.from_arrays(x, y, np.arange(n), np.zeros(n)))
-    assert hot.count == 1
-    assert hot.table[200, 77, 0] == OUTSIDE
-    assert np.count_nonzero(hot.table != table) == 1
+        pixels.add(EventArray.from_arrays(x, y, np.arange(n), np.zeros(n)))
+    assert pixels.hot_pixels == 1
+    assert pixels.table[200, 77, 0] == OUTSIDE
+    assert np.count_nonzero(pixels.table != table) == 1

@@ -8,10 +8,10 @@ import pytest
 from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of, turning
 from roller_core.camera import Camera
 from roller_core.events import EventArray
+from roller_core.hot_pixels import hot_pixels
 from roller_core.transforms import quaternion_to_matrix, rotation_vector_to_quaternion
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.hot_pixels import hot_pixels
 from roller_emvs.methods.paper.shifted import shifted_planes
 from roller_emvs.pipeline import DepthPipeline
 

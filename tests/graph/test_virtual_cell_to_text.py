@@ -60,8 +60,8 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
     for status in ("virtual_cell: scan", "braille: text"):
         check_keys(status, seen.statuses[status][1])
     # Four letters give hardly enough to see the factor by; if it is found, it is right.
-    way_scale = seen.statuses["braille: text"][1]["way_scale"]
-    assert way_scale == "" or float(way_scale) == pytest.approx(1.0, abs=0.03)
+    travel_scale = seen.statuses["braille: text"][1]["travel_scale"]
+    assert travel_scale == "" or float(travel_scale) == pytest.approx(1.0, abs=0.03)
 
 
 def test_publishers_offer_what_the_contract_says(domain: int, tmp_path: Path) -> None:

@@ -52,13 +52,6 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
 
 
 @numba.njit(cache=True, nogil=True)
-def _tally(x, y, counts):  # type: ignore[no-untyped-def]
-    """Count events by pixel. x, y: uint16 (n,); counts: float32 (h, w)."""
-    for i in range(len(x)):
-        counts[y[i], x[i]] += 1.0
-
-
-@numba.njit(cache=True, nogil=True)
 def _contrasts(along, offset, down, scales, px, first, image, out):  # type: ignore[no-untyped-def]
     """Contrast of the image of warped events at each of some scales of their offset.
 

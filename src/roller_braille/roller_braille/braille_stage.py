@@ -95,14 +95,15 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
     def _pipeline_counts(
         self, pipeline: BraillePipeline, totals: Mapping[str, int]
     ) -> Mapping[str, object]:
+        scale = pipeline.travel_scale
         return {
             "still_events": totals["still_events"],
-            "frames": totals["frames"],
-            "refused_frames": totals["refused_frames"],
-            **self._times("frame", list(pipeline.milliseconds)[-1000:]),
+            "batches": totals["batches"],
+            "refused_batches": totals["refused_batches"],
+            **self._times("batch", list(pipeline.milliseconds)[-1000:]),
             "cells": totals["cells"],
             "unreadable_cells": totals["unreadable_cells"],
             "repeated_cells": totals["repeated_cells"],
             "cell_latency_s": round(self._latency_s, 4),
-            "way_scale": "" if pipeline.way_scale is None else round(pipeline.way_scale, 4),
+            "travel_scale": "" if scale is None else round(scale, 4),
         }

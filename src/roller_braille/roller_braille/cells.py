@@ -67,7 +67,7 @@ class Seen:
     certain : bool
         Whether every dot is certain.
     dots : ndarray, shape (6, 2)
-        Its dots, raised or not, in the pass's mosaic: travel along the roll and way down the
+        Its dots, raised or not, in the pass's mosaic: travel along the roll and place down the
         image, metres.
     stamp_ns : int
         As in `Cell`.

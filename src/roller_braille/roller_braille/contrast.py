@@ -1,4 +1,4 @@
-"""Contrast maximisation: by how much the way through the image differs from what poses say.
+"""Contrast maximisation: by how much the travel in the image differs from the poses'.
 
 The camera passes a point of the surface at X from places C, and sees it at u, which says that it
 lies Z (u - c_x) / F ahead. If the poses' speed or the depth is off, that is too far or too near by
@@ -6,7 +6,7 @@ one factor, and the warped events of a point smear over the width of the view ti
 factor at which the image of warped events is sharpest, with the largest sum of squares, is what the
 events say (Gallego, Rebecq and Scaramuzza 2018).
 
-Which of the two is wrong can't be told from it. The camera's way is scaled, not the depth: an error
+Which of the two is wrong can't be told from it. The travel is scaled, not the depth: an error
 of 1 mm in depth then leaves all distances 2 % too long or short, which the lattice follows, and one
 of 10 % in speed leaves none.
 """
@@ -24,19 +24,19 @@ from . import _kernels as kernels
 from .reader_settings import BrailleSettings
 from .warp import F32, F64, OUTSIDE, Knots
 
-#: Travel over which frames are held back, over which events are looked at, how often, and that is
+#: Travel over which batches are held back, over which events are looked at, how often, and that is
 #: needed to see a smear at all.
 _HOLD_M, _WINDOW_M, _LOOK_M, _LEAST_TRAVEL_M = 0.02, 0.015, 0.005, 0.008
-#: OFF events of a frame and of all that are looked at, and the fewest that will do. The trail
+#: OFF events of a batch and of all that are looked at, and the fewest that will do. The trail
 #: behind a dot, which isn't fixed to the surface, is mostly ON.
-_FRAME_EVENTS, _MOST_EVENTS, _LEAST_EVENTS = 2000, 10_000, 1000
+_BATCH_EVENTS, _MOST_EVENTS, _LEAST_EVENTS = 2000, 10_000, 1000
 #: Steps of the search, and pixels of its images.
 _COARSE, _WIDE, _NEAR = 0.02, np.linspace(-0.03, 0.03, 13), np.linspace(-0.015, 0.015, 7)
 _COARSE_PX_M, _PX_M = 0.00024, 0.00012
 #: How much sharper the image must be than at most factors: noise alone is as sharp at any.
 _LEAST_RATIO = 1.15
 #: Errors up to this blur a dot by less than a quarter of its size and are left: what the light does
-#: to the way of edges is as large.
+#: to the motion of edges is as large.
 _LEAST_ERROR = 0.015
 #: Share of a change that is followed at a time.
 _FOLLOW = 0.25
@@ -44,7 +44,7 @@ _FOLLOW = 0.25
 
 @dataclass(frozen=True)
 class Sample:
-    """Warped events of a frame: metres, all float64 of shape (n,).
+    """Warped events of a batch: metres, all float64 of shape (n,).
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Sample:
 
 
 def warp_sample(events: EventArray, table: F32, knots: Knots, most: int) -> Sample:
-    """Warp evenly chosen events of a frame.
+    """Warp evenly chosen events of a batch.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def warp_sample(events: EventArray, table: F32, knots: Knots, most: int) -> Samp
     pixel, t = pixel[inside], t[inside]
     k = np.clip(np.searchsorted(knots.times_ns, t, "right") - 1, 0, len(knots.times_ns) - 2)
     f = (t - knots.times_ns[k]) / (knots.times_ns[k + 1] - knots.times_ns[k])
-    # Within half a millisecond the maps differ by the camera's way alone, next to nothing else.
+    # Within half a millisecond the maps differ by the camera's travel alone, next to nothing else.
     h = np.einsum("nij,nj->ni", knots.maps[k], np.column_stack([pixel, np.ones(len(pixel))]))
     along = knots.along[k] + f * (knots.along[k + 1] - knots.along[k])
     return Sample(along, h[:, 0] / h[:, 2] - knots.along[k], h[:, 1] / h[:, 2])
@@ -104,7 +104,7 @@ def contrasts(sample: Sample, scales: F64, px_m: float) -> F64:
     -------
     ndarray of float64, shape (k,)
     """
-    first, shape = _frame(sample, scales, px_m)
+    first, shape = _grid(sample, scales, px_m)
     out = np.empty(len(scales))
     kernels._contrasts(
         sample.along, sample.offset, sample.down, scales, px_m, first, np.empty(shape), out
@@ -114,7 +114,7 @@ def contrasts(sample: Sample, scales: F64, px_m: float) -> F64:
 
 def contrasts_numpy(sample: Sample, scales: F64, px_m: float) -> F64:
     """The same as `contrasts`, without a compiled kernel."""
-    first, shape = _frame(sample, scales, px_m)
+    first, shape = _grid(sample, scales, px_m)
     rows = np.floor((sample.down - first[1]) / px_m + 0.5).astype(np.int64)
     out = []
     for scale in scales:
@@ -127,7 +127,7 @@ def contrasts_numpy(sample: Sample, scales: F64, px_m: float) -> F64:
     return np.array(out)
 
 
-def _frame(sample: Sample, scales: F64, px_m: float) -> tuple[F64, tuple[int, int]]:
+def _grid(sample: Sample, scales: F64, px_m: float) -> tuple[F64, tuple[int, int]]:
     """Place of the image's first pixel, and its rows and columns: room for all events."""
     ends = sample.along + np.multiply.outer([scales.min(), scales.max()], sample.offset)
     first = np.array([ends.min(), sample.down.min()]) - px_m
@@ -136,17 +136,17 @@ def _frame(sample: Sample, scales: F64, px_m: float) -> tuple[F64, tuple[int, in
 
 
 @dataclass(frozen=True)
-class Frame:
+class MappedBatch:
     """Events with the maps to warp them by."""
 
     events: EventArray
     knots: Knots
 
 
-class WayScale:
-    """Finds, over a pass, the factor between the poses' way and the one that the events show.
+class TravelScale:
+    """Finds, over a pass, the factor between the poses' travel and the one that the events show.
 
-    Frames are held back until the factor is known, `_HOLD_M` of travel at most: on a bare plate
+    Batches are held back until the factor is known, `_HOLD_M` of travel at most: on a bare plate
     there is nothing to see it by, and nothing that would be smeared. Once found it is followed
     slowly.
 
@@ -158,38 +158,38 @@ class WayScale:
 
     def __init__(self, settings: BrailleSettings) -> None:
         self._most = settings.max_scale_error
-        self._held: deque[Frame] = deque()
+        self._held: deque[MappedBatch] = deque()
         self._samples: deque[Sample] = deque()
         self._looked = -np.inf
         self._poses: list[float] = []
         self._events: list[float] = []
-        #: The poses' way by the events'; None while it isn't known.
+        #: The poses' travel by the events'; None while it isn't known.
         self.scale: float | None = None if self._most else 1.0
 
-    def add(self, frame: Frame, table: F32) -> list[Frame]:
-        """Take a frame; those that are no longer held back, in order, in the events' scale.
+    def add(self, batch: MappedBatch, table: F32) -> list[MappedBatch]:
+        """Take a batch; those that are no longer held back, in order, in the events' scale.
 
         Parameters
         ----------
-        frame : Frame
+        batch : MappedBatch
             Maps in the poses' scale.
         table : ndarray of float32, shape (height, width, 2)
             See `warp.vote`.
         """
-        self._held.append(frame)
+        self._held.append(batch)
         if self._most:
-            self._look(frame, table)
+            self._look(batch, table)
         if self.scale is not None:
             return self.release()
         out = []
-        newest = float(frame.knots.along[-1])
+        newest = float(batch.knots.along[-1])
         while newest - float(self._held[0].knots.along[0]) > _HOLD_M:
             out.append(self._scaled(self._held.popleft()))
         return out
 
-    def release(self) -> list[Frame]:
-        """All frames held back: the factor was found, or no more will come."""
-        out = [self._scaled(frame) for frame in self._held]
+    def release(self) -> list[MappedBatch]:
+        """All batches held back: the factor was found, or no more will come."""
+        out = [self._scaled(batch) for batch in self._held]
         self._held.clear()
         return out
 
@@ -210,25 +210,25 @@ class WayScale:
             return 1.0
         return self.scale
 
-    def _scaled(self, frame: Frame) -> Frame:
-        knots, scale = frame.knots, self._applied
+    def _scaled(self, batch: MappedBatch) -> MappedBatch:
+        knots, scale = batch.knots, self._applied
         if not self._poses:
             self._poses.append(float(knots.along[0]))
             self._events.append(float(knots.along[0]))
         along = self._events[-1] + (knots.along - self._poses[-1]) / scale
-        # The way back of a vibration is no travel.
+        # What a vibration moves back is no travel.
         if knots.along[-1] > self._poses[-1]:
             self._poses.append(float(knots.along[-1]))
             self._events.append(float(along[-1]))
         maps = knots.maps.copy()
         maps[:, 0] += (along - knots.along)[:, None] * maps[:, 2]
-        return replace(frame, knots=replace(knots, maps=maps, along=along))
+        return replace(batch, knots=replace(knots, maps=maps, along=along))
 
-    def _look(self, frame: Frame, table: F32) -> None:
+    def _look(self, batch: MappedBatch, table: F32) -> None:
         """Search for the factor, or follow it."""
-        off = frame.events[frame.events.p == 0]
-        self._samples.append(warp_sample(off, table, frame.knots, _FRAME_EVENTS))
-        newest = float(frame.knots.along[-1])
+        off = batch.events[batch.events.p == 0]
+        self._samples.append(warp_sample(off, table, batch.knots, _BATCH_EVENTS))
+        newest = float(batch.knots.along[-1])
         while len(self._samples) > 1 and (
             newest - float(self._samples[0].along.max(initial=-np.inf)) > _WINDOW_M
         ):

@@ -29,7 +29,7 @@ class Dots:
     Attributes
     ----------
     along, down : ndarray of float64, shape (n,)
-        Place: travel along the roll and way down the image, metres.
+        Place: travel along the roll and place down the image, metres.
     votes : ndarray of float64, shape (n,)
         Events in the spot above those around it.
     """

@@ -37,7 +37,7 @@ _ROW_M, _TURN_DOTS, _STRAIGHT = 4e-4, 4, 0.1
 
 @dataclass(frozen=True)
 class Lattice:
-    """Nodes of a line, in travel along the roll and way down the image, metres.
+    """Nodes of a line, in travel along the roll and place down the image, metres.
 
     Attributes
     ----------
@@ -62,13 +62,13 @@ class Lattice:
         Returns
         -------
         ndarray of float64, shape (6, 2)
-            Travel along the roll and way down the image, metres.
+            Travel along the roll and place down the image, metres.
         """
         column, row = np.repeat([0, 1], 3), np.tile([0, 1, 2], 2)
         return self.places(n * self.cell + column * self.dot_along, row * self.dot_down)
 
     def places(self, along: npt.ArrayLike, down: npt.ArrayLike) -> F64:
-        """Travel and way down the image, shape (n, 2), of places in the line's own axes."""
+        """Travel and place down the image, shape (n, 2), of places in the line's own axes."""
         x, y = np.asarray(along, np.float64), np.asarray(down, np.float64)
         c, s = np.cos(self.angle), np.sin(self.angle)
         return np.stack([self.along + c * x - s * y, self.down + s * x + c * y], axis=-1)

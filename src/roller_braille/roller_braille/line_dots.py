@@ -6,7 +6,7 @@ import numpy as np
 
 from .dots import Dots
 from .lattice import FAINT, REACH, Lattice, no_dust
-from .recognise import Reference, completeness
+from .recognise import Reference, certainty, completeness
 from .warp import F64
 
 #: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
@@ -16,13 +16,13 @@ _LEAST_DOTS = 4
 _TYPICAL = 0.35
 #: Share of a spot's events that what lies around it must leave it, or it is no dot.
 _ALONE = 0.5
-#: And that of a weak one.
-_WEAK = 0.1
 #: Spread of the logarithms of dots' strengths where nothing is known, and the dots that this counts
 #: for; how many times the spread the faintest dot lies below a typical one.
 _USUAL, _USUAL_DOTS, _FAINTEST = 0.35, 4, 2.6
 #: Strength, against the least that is found, at which the faintest dot is lost, and surely seen.
 _HIDDEN, _VISIBLE = 1.0, 2.0
+#: Share of dots that are less complete than most, and the least that these are taken for.
+_LESS, _LEAST_COMPLETE = 0.1, 0.6
 #: A side of a dot is taken to hold at least this share of its events.
 _LEAST_SHARE = 0.2
 
@@ -107,13 +107,12 @@ class LineDots:
         whole = float(np.quantile(wholes, _TYPICAL))
         if whole < least:
             return None
-        weak = float(np.quantile(wholes, _WEAK)) / whole
         # Spread of the logarithms, drawn to what is usual where there are few dots.
         n = len(wholes)
         spread = np.sqrt((n * np.var(np.log(wholes)) + _USUAL_DOTS * _USUAL**2) / (n + _USUAL_DOTS))
         faintest = whole * float(np.exp(-_FAINTEST * spread))
-        visible = float(np.clip((faintest / least - _HIDDEN) / (_VISIBLE - _HIDDEN), 0.0, 1.0))
+        visible = float(certainty(faintest / least, _HIDDEN, _VISIBLE))
         own = halves[at] / np.maximum(wholes, 1e-9)[:, None]
         shares = np.maximum(np.median(own, axis=0), _LEAST_SHARE)
-        complete = float(np.quantile(completeness(own, shares), _WEAK))
-        return Reference(whole, weak, shares, complete, visible)
+        complete = max(float(np.quantile(completeness(own, shares), _LESS)), _LEAST_COMPLETE)
+        return Reference(whole, faintest, shares, complete, visible)

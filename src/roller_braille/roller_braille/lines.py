@@ -15,7 +15,7 @@ from .lattice import Lattice
 from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
 from .reader_settings import BrailleSettings, Spacing
-from .recognise import FILLED, Energies, Recogniser, Reference, share
+from .recognise import Energies, Recogniser, Reference, share
 from .strip import Kind, Strip, image_around
 from .warp import F32, F64
 
@@ -32,8 +32,8 @@ _SPOILT, _CLEAN, _FEW_CELLS = 0.7, 0.85, 3
 _LIFTS = 0.5
 #: A dot is measured where it was found, if that is no further off its node, along and down.
 _MOST_SHIFT_M = 0.0001
-#: Times that a line is begun anew on a lattice a row or a column further.
-_MOST_ANEW = 3
+#: Times that a line is restarted on a lattice a row or a column further.
+_MOST_RESTARTS = 3
 #: Least confidence of dots by which a line's first cells are given before the line is known.
 _NO_DOUBT = 0.6
 _UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
@@ -68,7 +68,7 @@ class LineReader:
     direction : int
         +1 when the sensor rolls along the camera's x axis, -1 against it.
     view : tuple of float
-        First and last way down the image that is fully seen, metres.
+        First and last place down the image that is fully seen, metres.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class LineReader:
         self._direction = direction
         self._view = view
         self._dots = LineDots()
-        self._anew = 0
+        self._restarts = 0
         self._confirmed = lattice.begin
         #: Events of a typical dot where it was last read.
         self.typical = 0.0
@@ -159,7 +159,7 @@ class LineReader:
 
     def early(self, complete: int) -> list[Seen]:
         """Its cells before a column, if nothing that was read of it is in doubt; else none."""
-        if not self.accepted or self.closed or self._anew or self._unusual:
+        if not self.accepted or self.closed or self._restarts or self._unusual:
             return []
         if self.cells[0].number or min(min(c.dot_confidence) for c in self.cells) < _NO_DOUBT:
             return []
@@ -177,7 +177,7 @@ class LineReader:
         reference = self._reference(self.lattice)
         if reference is None:
             return
-        if (self._measure(self.lattice)[3].whole > FILLED * reference.whole).any():
+        if (self._measure(self.lattice)[3].whole > reference.trace).any():
             self.cells += self._pending
             self._pending = []
 
@@ -199,7 +199,7 @@ class LineReader:
         dots = 0
         for n in range(self._settings.lookahead_cells + 1):
             found = self._measure(self.lattice.moved(n))[3]
-            filled = found.whole > FILLED * reference.whole
+            filled = found.whole > reference.trace
             dots += int(filled.sum())
             held += float(found.whole[filled].sum())
             total += max(found.total, 0.0)
@@ -245,17 +245,17 @@ class LineReader:
             self.close()
 
     def _judge(self, final: bool) -> bool:
-        """Accept the line, or begin anew where its rows or columns are not those thought.
+        """Accept the line, or restart where its rows or columns are not those thought.
 
         Parameters
         ----------
         final : bool
-            Whether no more will be read: then it is not begun anew.
+            Whether no more will be read: then it is not restarted.
 
         Returns
         -------
         bool
-            Whether it was begun anew.
+            Whether it was restarted.
         """
         if self._raised < self._settings.min_line_dots or 2 * self._circles < self._raised:
             return False
@@ -272,8 +272,8 @@ class LineReader:
         else:
             self.accepted = True
             return False
-        self._anew += 1
-        if self._anew > _MOST_ANEW or final:
+        self._restarts += 1
+        if self._restarts > _MOST_RESTARTS or final:
             return False
         self._begin(o)
         return True

@@ -1,7 +1,7 @@
-"""Telling text that is upside down, and turning it.
+"""Finding out whether text is upside down, and turning it.
 
 Every cell turned by 180° is another cell, and of most letters one that stands for none: print reads
-as print one way only. What cells say is weighed by how often they occur, one way against the other.
+as print only upright. What cells say is weighed by how often they occur, upright and upside down.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _FREQUENCY = {
 _LETTER, _SIGN, _NONE, _CONTRACTED = 0.005, 0.005, 0.001, 0.01
 _UPPER_ROW, _UPPER_TWO, _LOWER_ROW = 0b001001, 0b011011, 0b100100
 _LEFT = 0b000111
-#: Log odds at which a way round is taken, at first and when no more will come, and cells after
+#: Log odds at which an orientation is taken, at first and when no more will come, and cells after
 #: which the question is dropped.
 SURE, LIKELY, MOST_CELLS = 7.0, 3.5, 12
 
@@ -71,7 +71,7 @@ def log_odds(cells: Sequence[Seen], code: str) -> float:
 
 
 def upside_down(cells: Sequence[Seen], least: float) -> list[Seen]:
-    """The cells of a line as the other way round has them, in the order they were seen.
+    """The cells of a line as they are when it is turned, in the order they were seen.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def _lowest(lines: Sequence[LineReader]) -> LineReader:
     return max(lines, key=lambda line: line.top_at(at))
 
 
-class _Open:
+class _OpenLine:
     """A line whose cells are being given: how many were, and where the next one goes."""
 
     def __init__(self, reader: LineReader) -> None:
@@ -73,7 +73,7 @@ class Page:
         self._read_line = line_reader(settings.code)
         self._known: F64 = np.empty((0, 3))
         self._where: list[tuple[int, int]] = []
-        self._open: list[_Open] = []
+        self._open: list[_OpenLine] = []
         # Cells given before their line was known, which come again with it.
         self._early: set[int] = set()
         self.repeated = 0
@@ -133,7 +133,7 @@ class Page:
             if self._one_above(reader, preview.line, begun):
                 return
             begun.append(preview.line)
-            place = _Open(preview.line)
+            place = _OpenLine(preview.line)
             for seen in preview.cells:
                 before = len(self._known)
                 yield from self._give(place, seen, reader, early=True)
@@ -149,7 +149,7 @@ class Page:
             first = _lowest(ready) if turned else _upper(ready)
             if not over and self._one_above(reader, first, begun):
                 return
-            self._open.append(_Open(first))
+            self._open.append(_OpenLine(first))
 
     def _one_above(self, reader: PassReader, line: LineReader, begun: list[LineReader]) -> bool:
         """Whether a line above one, which is to come first, may begin or be accepted yet."""
@@ -158,16 +158,16 @@ class Page:
         if reader.reach_m < line.start + ahead and reader.room_above(line):
             # Right below one that has begun there is none.
             below = [line.top_at(line.start) - x.top_at(line.start) for x in begun]
-            if not any(0 < way < _ROOM_BETWEEN * spacing.line_pitch_m for way in below):
+            if not any(0 < gap < _ROOM_BETWEEN * spacing.line_pitch_m for gap in below):
                 return True
         waiting = [x for x in reader.lines if not x.accepted]
         return any(_upper([x, line]) is x for x in waiting)
 
     def _give(
-        self, place: _Open, seen: Seen, reader: PassReader, early: bool = False
+        self, place: _OpenLine, seen: Seen, reader: PassReader, early: bool = False
     ) -> Iterator[Cell]:
         depth = self._warp.depth_at(reader.roll)
-        along = reader.way.in_poses_scale(seen.dots[:, 0])
+        along = reader.travel.in_poses_scale(seen.dots[:, 0])
         dots = self._warp.surface_points(reader.roll, along, seen.dots[:, 1], depth)
         position = dots.mean(axis=0)
         known = self._find(position)

@@ -9,7 +9,7 @@ import numpy as np
 from roller_core.passes import Pass
 
 from .batches import Batch
-from .contrast import Frame, WayScale
+from .contrast import MappedBatch, TravelScale
 from .dots import DotFinder, Dots
 from .lattice import FAINT, Lattice, find_lattice, find_turn, no_dust
 from .lines import LineReader
@@ -55,8 +55,8 @@ class PassReader:
         self._warp = warp
         self.roll = roll
         self.strip = Strip(settings, warp.half_height_m)
-        #: Scale of the poses' way; the strip and all that is found in it are in the events'.
-        self.way = WayScale(settings)
+        #: Scale of the poses' travel; the strip and all that is found in it are in the events'.
+        self.travel = TravelScale(settings)
         self._table = warp.table
         self._finder = DotFinder(settings)
         self._recogniser = Recogniser(settings)
@@ -84,7 +84,7 @@ class PassReader:
         self._view = (-warp.half_height_m + reach, warp.half_height_m - reach)
 
     def add(self, batch: Batch, table: F32) -> None:
-        """Take a frame of events; `table` holds the pixels to use, see `vote`.
+        """Take a batch of events; `table` holds the pixels to use, see `vote`.
 
         Raises
         ------
@@ -93,16 +93,16 @@ class PassReader:
         """
         knots = self._warp.knots(self.roll, batch.start_ns, batch.end_ns)
         self._table = table
-        self._count(self.way.add(Frame(batch.events, knots), table))
+        self._count(self.travel.add(MappedBatch(batch.events, knots), table))
 
-    def _count(self, frames: list[Frame]) -> None:
-        for frame in frames:
-            self.strip.add(frame.events, self._table, frame.knots)
+    def _count(self, batches: list[MappedBatch]) -> None:
+        for batch in batches:
+            self.strip.add(batch.events, self._table, batch.knots)
 
     def advance(self, final: bool = False) -> None:
         """Read what was seen for long enough; all that was seen if the pass is over."""
         if final:
-            self._count(self.way.release())
+            self._count(self.travel.release())
         first, end = self.strip.seen
         if end == first:
             return
@@ -136,7 +136,7 @@ class PassReader:
         self.strip.forget_before(self._needed())
 
     def saw(self, places: F64) -> bool:
-        """Whether all of some places, travel and way down the image in metres, were in view."""
+        """Whether all of some places, travel and place down the image in metres, were in view."""
         inside = (places[:, 1] >= self._view[0]) & (places[:, 1] <= self._view[1])
         return bool((inside & self.strip.shown(places[:, 0])).all())
 
@@ -160,7 +160,7 @@ class PassReader:
             line.may_lift = self.upside_down is not False
 
     def _preview(self, upto: int) -> list[Preview]:
-        """Lines that can't be begun yet, if it is sure which way round they are."""
+        """Lines that can't be begun yet, if it is sure that they are upright."""
         if self.roll.direction < 0 or self.upside_down:
             return []
         known = {kind: self._free(loose) for kind, loose in self._loose.items()}
@@ -230,9 +230,9 @@ class PassReader:
         """Forget the first dots if they are far weaker than those after them or in lines."""
         near, ahead = (
             np.sort(
-                np.concatenate([dots.votes[dots.along < start + way] for dots in free.values()])
+                np.concatenate([dots.votes[dots.along < start + reach] for dots in free.values()])
             )
-            for way in (ahead_m / 2, ahead_m)
+            for reach in (ahead_m / 2, ahead_m)
         )
         least = FAINT * float(near[-min(_STRONG, len(near))])
         # Where a line's very first dots come into view, they are fewer than that.

@@ -16,9 +16,9 @@ from roller_core.pose_track import PoseError, PoseTrack
 
 from .batches import Batch, BatchCutter, PassEnd
 from .cells import Cell
-from .hot import HotPixels
 from .page import Page
 from .pass_reader import PassReader
+from .pixel_table import PixelTable
 from .reader_settings import BrailleSettings
 from .translation import LineCell
 from .warp import Warp, warm_up
@@ -32,10 +32,10 @@ class BrailleCounts:
 
     Attributes
     ----------
-    frames, events : int
-        Frames warped and the events in them.
-    refused_frames : int
-        Frames left out because poses were missing.
+    batches, events : int
+        Batches warped and the events in them.
+    refused_batches : int
+        Batches left out because poses were missing.
     passes, dots : int
         Passes over the surface, spots that may be dots.
     cells, unreadable_cells, repeated_cells : int
@@ -47,8 +47,8 @@ class BrailleCounts:
         Pixels that are left out because they fire on their own.
     """
 
-    frames: int = 0
-    refused_frames: int = 0
+    batches: int = 0
+    refused_batches: int = 0
     events: int = 0
     passes: int = 0
     dots: int = 0
@@ -81,15 +81,15 @@ class BraillePipeline:
         self._counts = BrailleCounts()
         self._cutter = BatchCutter(settings, track)
         self._warp = Warp(settings, camera, track)
-        self._hot = HotPixels(self._warp.table)
+        self._pixels = PixelTable(self._warp.table)
         self._page = Page(settings, self._warp)
         self._reader: PassReader | None = None
-        #: The poses' way by that which the events show, where it was last known; None before.
-        self.way_scale: float | None = None
+        #: The poses' travel by that which the events show, where it was last known; None before.
+        self.travel_scale: float | None = None
         warm_up()
-        #: Why the newest frames left out were so.
+        #: Why the newest batches left out were so.
         self.refusals: deque[str] = deque(maxlen=100)
-        #: Time that each of the newest frames took, ms.
+        #: Time that each of the newest batches took, ms.
         self.milliseconds: deque[float] = deque(maxlen=_MOST_TIMES)
 
     @property
@@ -99,7 +99,7 @@ class BraillePipeline:
         counts.still_events = cutter.still_events
         counts.events_without_pose = cutter.events_without_pose
         counts.dropped_events = cutter.dropped_events
-        counts.hot_pixels = self._hot.count
+        counts.hot_pixels = self._pixels.hot_pixels
         counts.repeated_cells = self._page.repeated
         return counts
 
@@ -135,12 +135,12 @@ class BraillePipeline:
         Parameters
         ----------
         flush : bool
-            No more events will come for now: what is left makes up the last frame, and lines end
+            No more events will come for now: what is left makes up the last batch, and lines end
             here.
         """
         while (item := self._cutter.cut(flush)) is not None:
             begin = time.perf_counter()
-            cells = self._end(item) if isinstance(item, PassEnd) else self._frame(item)
+            cells = self._end(item) if isinstance(item, PassEnd) else self._read(item)
             if isinstance(item, Batch):
                 self.milliseconds.append((time.perf_counter() - begin) * 1e3)
             for cell in cells:
@@ -148,24 +148,24 @@ class BraillePipeline:
                 self._counts.unreadable_cells += not cell.readable
                 yield cell
 
-    def _frame(self, batch: Batch) -> list[Cell]:
+    def _read(self, batch: Batch) -> list[Cell]:
         if self._reader is None:
             self._reader = PassReader(self.settings, self._warp, batch.roll)
             self._counts.passes += 1
         reader = self._reader
         try:
-            self._hot.add(batch.events)
-            reader.add(batch, self._hot.table)
+            self._pixels.add(batch.events)
+            reader.add(batch, self._pixels.table)
         except PoseError as error:
-            self._counts.refused_frames += 1
+            self._counts.refused_batches += 1
             self.refusals.append(str(error))
             return []
-        self._counts.frames += 1
+        self._counts.batches += 1
         self._counts.events += len(batch.events)
         before = reader.dots
         reader.advance()
-        if self.settings.max_scale_error and reader.way.scale is not None:
-            self.way_scale = reader.way.scale
+        if self.settings.max_scale_error and reader.travel.scale is not None:
+            self.travel_scale = reader.travel.scale
         self._counts.dots += reader.dots - before
         return list(self._page.collect(reader, over=False))
 

@@ -82,10 +82,10 @@ class BrailleSettings(TimingSettings):
         0.0, ge=-10.0, le=10.0, description="Height of the plate in base with source surface, m."
     )
     batch_events: int = Field(
-        100_000, ge=100, le=1_000_000, description="Most events of a frame (paper: 20 000)."
+        100_000, ge=100, le=1_000_000, description="Most events of a batch (paper: 20 000)."
     )
     batch_travel_m: float = Field(
-        0.0015, ge=0.0005, le=0.1, description="Travel of the sensor that ends a frame too, m."
+        0.0015, ge=0.0005, le=0.1, description="Travel of the sensor that ends a batch too, m."
     )
     view_half_width_m: float = Field(
         0.0125,
@@ -154,32 +154,6 @@ class BrailleSettings(TimingSettings):
     )
     min_dot_confidence: float = Field(
         0.4, ge=0.0, le=1.0, description="A cell with a dot less certain than this isn't read."
-    )
-    hough_weight: float = Field(
-        0.2,
-        ge=0.0,
-        le=1.0,
-        description="Weight of the Hough circle in a dot's evidence, beside its energy and shape.",
-    )
-    bilateral_px: int = Field(
-        5, ge=1, le=31, description="Bilateral filter of a cell's image: diameter, px; 1 is off."
-    )
-    bilateral_sigma: float = Field(
-        60.0, ge=0.1, le=255.0, description="Bilateral filter: spread in grey levels."
-    )
-    clahe_clip: float = Field(2.0, ge=0.0, le=100.0, description="CLAHE: clip limit; 0 is off.")
-    clahe_tiles: int = Field(2, ge=1, le=16, description="CLAHE: tiles along each side.")
-    threshold: float = Field(
-        0.3, ge=0.0, le=1.0, description="Binary threshold as a share of full scale."
-    )
-    morphology_px: int = Field(
-        3, ge=1, le=15, description="Opening and closing: diameter of the element, px; 1 is off."
-    )
-    hough_votes: float = Field(
-        6.0, ge=0.5, le=100.0, description="Hough circles: votes that a centre needs."
-    )
-    hough_radius_tolerance: float = Field(
-        0.35, ge=0.01, le=0.9, description="Hough circles: radius may differ by this share."
     )
     max_backlog_events: int = Field(
         20_000_000,

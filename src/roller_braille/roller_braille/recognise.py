@@ -1,9 +1,9 @@
 """Telling which dots of a cell are raised.
 
-A cell's part of the mosaic is cleaned (bilateral filter, CLAHE, threshold, opening, closing), cut
-into six squares and each searched for a circle, as the paper does. Beside that stands the evidence
-of the events themselves: how many lie within a dot's place, and whether all its sides have them,
-both against what the dots of the same line have. A dot is raised or not only where these agree.
+A raised dot has events on all its sides, about as many as the dots of its line have; their
+logarithms are spread about a typical one's. An empty place has next to none. What lies between is
+neither, a worn dot or other relief, and is not guessed. Beside that stands what the paper does: the
+circles found in the cleaned image, without which a cell is none of Braille.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from .circles import CircleFinder
 from .dots import SPOT
 from .reader_settings import BrailleSettings
 from .warp import F32, F64
 
-#: Share of a dot's events at which a place is certainly empty, and at which it certainly is not, at
-#: least; with dots that are alike, it is this share of a weak one.
-EMPTY, FILLED, _OF_WEAK = 0.1, 0.3, 0.75
-#: How much more that has to be, for the share of events that lies between dots.
-_OF_SMEAR = 1.5
-#: Completeness at which a dot is certainly complete (within limits, that share of a less complete
-#: one of its line), and the part of it at which it certainly is broken.
-_COMPLETE, _BROKEN = (0.25, 0.6), 0.35
+#: Share of a typical dot's events that any dot has, and share of the faintest dot's that may be
+#: left of a worn one: with less than both a place is empty, surely so with half of that.
+_LEAST, _LEFT = 0.3, 0.6
+#: Events by those of the line's faintest dot at which a spot is no dot, and surely one.
+_NO_DOT, _DOT = 0.75, 1.0
+#: Most of what lies beside a cell's dots that may lie in one place.
+_IN_ONE_PLACE = 0.5
+#: What a dot's weakest side has by what the line's less complete dots have there: half a dot, and
+#: surely a whole one.
+_HALF, _WHOLE = 0.4, 0.7
+#: A side of a typical dot with less than this share of its events tells nothing.
 _TELLING = 0.3
-#: Strength of a line's weak dots, against typical ones, at which dots differ much, and are alike.
-_UNLIKE, _ALIKE = 0.4, 0.7
-#: Events over the background, in units of their chance variation, that are noise and something.
-_NOISE, _SOMETHING = 3.0, 8.0
-#: Share of a typical dot's events that is next to nothing, and that may be a very faint dot.
-_TRACE, _SLIGHT = 0.04, 0.12
-#: How far off its node a dot may lie, and where it is none of the cell's.
+#: How far off its node a dot may lie, and where it is none of the cell's, metres: the widest cells
+#: in use put dots 0.2 mm off the middle of the range, and a seventh of the pitch is no such error.
 _IN_PLACE_M, _ASTRAY_M = 2e-4, 3.2e-4
-#: Share of a typical dot's events that may be left by others, and that of a worn dot.
-_LEFT_OVER, _WORN = 0.15, 0.3
-#: Evidence at which a dot is as likely raised as not, and that of a sure one.
-_EVEN, _SURE = 0.5, 1.0
+
+
+def certainty(value: npt.ArrayLike, none: float, full: float) -> F64:
+    """0 at one limit, 1 at the other, straight in between and level beyond."""
+    return np.asarray(np.clip((np.asarray(value) - none) / (full - none), 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ class Reference:
     ----------
     whole : float
         Events of a typical dot.
-    weak : float
-        Those of a weak one, as a share of that.
+    faintest : float
+        Those of the faintest dot that the line may have, by the spread of its dots.
     shares : ndarray, shape (4,)
         What a dot's halves (see `Energies`) hold of its events.
     complete : float
@@ -87,10 +87,15 @@ class Reference:
     """
 
     whole: float
-    weak: float
+    faintest: float
     shares: F64
     complete: float
     visible: float
+
+    @property
+    def trace(self) -> float:
+        """Events from which on a place is not empty."""
+        return min(_LEAST * self.whole, _LEFT * self.faintest)
 
 
 @dataclass(frozen=True)
@@ -124,16 +129,13 @@ class Recogniser:
     Parameters
     ----------
     settings : BrailleSettings
-        Filters, thresholds, weights.
+        Spacing and pixel size.
     """
 
     def __init__(self, settings: BrailleSettings) -> None:
-        self._settings = settings
         s = settings.spacing
         px = settings.strip_px_m
-        self._px = px
-        self._radius_px = s.dot_diameter_m / 2 / px
-        spot = self._radius_px * SPOT
+        spot = s.dot_diameter_m / 2 / px * SPOT
         n = int(np.ceil(spot))
         y, x = np.mgrid[-n : n + 1, -n : n + 1]
         inside = np.hypot(x, y) <= spot
@@ -147,12 +149,7 @@ class Recogniser:
         )
         self._masks = (halves * inside).astype(np.float32)
         self.area = float(inside.sum())
-        self._square = round(s.dot_pitch_m / px)
-        size = settings.morphology_px
-        self._element = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        self._clahe = cv2.createCLAHE(
-            settings.clahe_clip, (settings.clahe_tiles, settings.clahe_tiles)
-        )
+        self._circles = CircleFinder(s, px)
 
     def measure(self, image: F32, at: F64, tile: F64, level: float) -> Energies:
         """Count events at the nodes of a cell.
@@ -200,38 +197,22 @@ class Recogniser:
         reference : Reference
             What raised dots of this line have.
         """
-        whole = np.clip(energies.whole / reference.whole, 0.0, None)
+        # What lies about between dots may lie on an empty place as well.
+        found = float(energies.whole[energies.whole > reference.trace].sum())
+        astray = _IN_ONE_PLACE * max(energies.total - found, 0.0)
         shares = energies.halves / np.maximum(energies.whole, 1e-9)[:, None]
-        enough = float(np.clip(_OF_WEAK * reference.complete, *_COMPLETE))
-        broken = enough * _BROKEN
-        complete = completeness(shares, reference.shares)
-        complete = np.clip((complete - broken) / (enough - broken), 0.0, 1.0)
-        # Where all dots are alike, half of one is none; where they differ, it may be a weak one.
-        # And what lies about between dots may lie on an empty place as well.
-        found = energies.whole[whole > EMPTY].sum()
-        smear = 1.0 - share(float(found), energies.total)
-        least = min(FILLED + _OF_SMEAR * smear, _OF_WEAK)
-        full = np.clip(_OF_WEAK * reference.weak, least, _OF_WEAK)
-        filled = np.clip((whole - EMPTY) / (full - EMPTY), 0.0, 1.0)
-        circles = self._circles(image, at, reference)
-        w = self._settings.hough_weight
-        evidence = filled * ((1 - w) * complete + w * circles)
-        sure = np.clip((evidence - _EVEN) / (_SURE - _EVEN), 0.0, 1.0)
-        placed = np.clip((_ASTRAY_M - energies.off_m) / (_ASTRAY_M - _IN_PLACE_M), 0.0, 1.0)
-        # Where dots differ much, one may be hardly there: a place is empty that holds but noise, or
-        # next to nothing.
-        odds = energies.whole / np.sqrt(energies.background + 1.0)
-        noise = np.clip((_SOMETHING - odds) / (_SOMETHING - _NOISE), 0.0, 1.0)
-        alike = np.clip((reference.weak - _UNLIKE) / (_ALIKE - _UNLIKE), 0.0, 1.0)
-        trace = np.clip((_SLIGHT - whole) / (_SLIGHT - _TRACE), 0.0, 1.0)
-        empty = np.minimum(1.0 - filled, np.maximum(np.maximum(noise, trace), alike))
-        # Part of a dot is neither: a worn dot perhaps.
-        empty = np.minimum(empty, np.clip((_WORN - whole) / (_WORN - _LEFT_OVER), 0.0, 1.0))
-        raised = sure > empty
-        confidence = np.where(raised, (sure - empty) * placed, (empty - sure) * reference.visible)
-        # A cell in which hardly a circle shows is too faint to be sure of its empty places either.
-        shown = 2 * circles[raised].sum() / max(raised.sum(), 1)
-        confidence = confidence * (min(shown, 1.0) if raised.any() else 1.0)
+        faintest = max(reference.faintest, _LEAST * reference.whole, astray)
+        dot = certainty(energies.whole / faintest, _NO_DOT, _DOT)
+        complete = completeness(shares, reference.shares) / reference.complete
+        dot = dot * certainty(complete, _HALF, _WHOLE)
+        empty = certainty(energies.whole, reference.trace, reference.trace / 2)
+        raised = dot > empty
+        in_place = certainty(energies.off_m, _ASTRAY_M, _IN_PLACE_M)
+        confidence = np.where(raised, dot * in_place, (empty - dot) * reference.visible)
+        # A cell of which not even half the dots show as circles is too faint to be sure of.
+        circles = self._circles.find(image, at, 4.0 * reference.whole / self.area)
+        if raised.any():
+            confidence = confidence * min(2.0 * float(circles[raised].mean()), 1.0)
         held = float(np.maximum(energies.whole, 0.0)[raised].sum())
         return Reading(
             raised,
@@ -240,45 +221,6 @@ class Recogniser:
             energies.total / reference.whole,
             int(circles[raised].sum()),
         )
-
-    def clean(self, image: F32, reference: Reference) -> npt.NDArray[np.uint8]:
-        """The paper's preprocessing: uint8 image of 0 and 255, shape as `image`."""
-        s = self._settings
-        full = 4.0 * reference.whole / self.area
-        grey = np.clip(image * (255.0 / max(full, 1e-9)), 0, 255).astype(np.uint8)
-        if s.bilateral_px > 1:
-            grey = cv2.bilateralFilter(grey, s.bilateral_px, s.bilateral_sigma, s.bilateral_px)
-        if s.clahe_clip > 0:
-            grey = self._clahe.apply(grey)
-        binary = cv2.threshold(grey, 255 * s.threshold, 255, cv2.THRESH_BINARY)[1]
-        if s.morphology_px > 1:
-            binary = cv2.morphologyEx(binary, cv2.MORPH_CLOSE, self._element)
-            binary = cv2.morphologyEx(binary, cv2.MORPH_OPEN, self._element)
-        return np.asarray(binary, np.uint8)
-
-    def _circles(self, image: F32, at: F64, reference: Reference) -> F64:
-        """Whether a circle the size of a dot is found in each of the six squares."""
-        s = self._settings
-        half = self._square // 2
-        binary = self.clean(image, reference)
-        padded = cv2.copyMakeBorder(binary, half, half, half, half, cv2.BORDER_CONSTANT)
-        low = self._radius_px * (1 - s.hough_radius_tolerance)
-        high = self._radius_px * (1 + s.hough_radius_tolerance)
-        found = np.zeros(len(at))
-        for i, (c, r) in enumerate(np.floor(at + 0.5).astype(int)):
-            if not (0 <= c < image.shape[1] and 0 <= r < image.shape[0]):
-                continue
-            square = np.ascontiguousarray(padded[r : r + 2 * half + 1, c : c + 2 * half + 1])
-            if not square.any():
-                continue
-            circles = cv2.HoughCircles(
-                square, cv2.HOUGH_GRADIENT, 1, minDist=4 * half, param1=200,
-                param2=s.hough_votes, minRadius=int(low), maxRadius=int(np.ceil(high)),
-            )  # fmt: skip
-            if circles is not None:
-                x, y, _ = circles[0, 0]
-                found[i] = float(np.hypot(x - half, y - half) <= half / 2)
-        return found
 
 
 def completeness(shares: F64, expected: F64) -> F64:

@@ -16,7 +16,7 @@ from .warp import F32, F64, I64, Knots, vote
 #: Columns seen over less than this share of the full travel are not made up for.
 _LEAST_EXPOSURE = 0.25
 _MARGIN_M = 0.002
-#: Frames' ends by which the pace is told.
+#: Batches' ends by which the pace is measured.
 _NEWEST = 5
 #: Blocks whose emptier ones are background, px, and parts of the mosaic that it is taken from.
 _BLOCK_PX, _PARTS = 20, 8
@@ -35,9 +35,9 @@ class Strip:
 
     OFF and ON events are counted apart; an image takes one kind or both.
 
-    Columns run along the travel of the sensor, whichever way it rolls, rows down the image. A
-    column is numbered by its place: column c is at c times the pixel's size from where the pass
-    began.
+    Columns run along the travel of the sensor, in whichever direction it rolls, rows down the
+    image. A column is numbered by its place: column c is at c times the pixel's size from where the
+    pass began.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Strip:
         self._half = settings.view_half_width_m
         self._read_at = min(settings.read_at_m, self._half)
         self._rows = int(np.ceil(2 * (half_height_m + _MARGIN_M) / self.px_m))
-        #: Way down the image of the first row, metres.
+        #: Place down the image of the first row, metres.
         self.top_m = -self._rows / 2 * self.px_m
         self._first = 0
         self._counts: F32 = np.zeros((2, self._rows, 0), np.float32)
@@ -63,7 +63,7 @@ class Strip:
         self.events = 0
         self._rates: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
         # How long the sensor had rolled when it had come so far.
-        self._way: list[float] = []
+        self._travel: list[float] = []
         self._clock: list[float] = []
 
     @property
@@ -88,9 +88,9 @@ class Strip:
 
     @property
     def pace_s_m(self) -> float:
-        """Seconds that a metre took over the newest frames; 0 before the first."""
-        way, clock = self._way[-_NEWEST:], self._clock[-_NEWEST:]
-        return (clock[-1] - clock[0]) / max(way[-1] - way[0], 1e-9) if way else 0.0
+        """Seconds that a metre took over the newest batches; 0 before the first."""
+        travel, clock = self._travel[-_NEWEST:], self._clock[-_NEWEST:]
+        return (clock[-1] - clock[0]) / max(travel[-1] - travel[0], 1e-9) if travel else 0.0
 
     @property
     def half_seen(self) -> int:
@@ -111,11 +111,11 @@ class Strip:
         return a, int(np.floor((self._end + self._half) / self.px_m)) + 1
 
     def row(self, down_m: F64) -> F64:
-        """Rows of ways down the image."""
+        """Rows of places down the image."""
         return np.asarray((down_m - self.top_m) / self.px_m)
 
     def add(self, events: EventArray, table: F32, knots: Knots) -> None:
-        """Warp a frame of events and count them."""
+        """Warp a batch of events and count them."""
         if self._begin is None:
             self._begin = float(knots.along[0])
             self._first = int(np.floor((self._begin - self._half) / self.px_m))
@@ -165,17 +165,19 @@ class Strip:
     def _seconds(self, a: int, b: int) -> float:
         """Mean time that columns were in view, made up to the full travel, seconds."""
         place = np.linspace(a, b, 5, dtype=np.float64) * self.px_m
-        way, clock = np.array(self._way), np.array(self._clock)
-        seen = np.interp(place + self._half, way, clock) - np.interp(place - self._half, way, clock)
+        travel, clock = np.array(self._travel), np.array(self._clock)
+        seen = np.interp(place + self._half, travel, clock) - np.interp(
+            place - self._half, travel, clock
+        )
         share = np.maximum(self._share_at(place), _LEAST_EXPOSURE)
         return float((seen / share).mean())
 
     def _log(self, knots: Knots) -> None:
         rolled = self.rolled_s
         seconds = rolled + (knots.times_ns[[0, -1]] - knots.times_ns[0]) * 1e-9
-        way = np.maximum(knots.along[[0, -1]], self._way[-1] if self._way else -np.inf)
-        first = 1 if self._way else 0
-        self._way += way[first:].tolist()
+        travel = np.maximum(knots.along[[0, -1]], self._travel[-1] if self._travel else -np.inf)
+        first = 1 if self._travel else 0
+        self._travel += travel[first:].tolist()
         self._clock += seconds[first:].tolist()
 
     def forget_before(self, column: int) -> None:
@@ -188,9 +190,9 @@ class Strip:
             self._newest[:-keep] = self._newest[keep:].copy()
             self._newest[-keep:] = 0
             self._first = column
-            gone = int(np.searchsorted(self._way, column * self.px_m - self._half)) - 1
+            gone = int(np.searchsorted(self._travel, column * self.px_m - self._half)) - 1
             if gone > 0:
-                del self._way[:gone], self._clock[:gone]
+                del self._travel[:gone], self._clock[:gone]
 
     def image(self, a: int, b: int, kind: Kind) -> F32:
         """Counts of columns a to b (b excluded), as if all were seen over the full travel.

@@ -3,8 +3,8 @@
 A point of the surface at depth Z moves through the image at u̇ = -F·v/Z. Over a time in which the
 camera moves ΔX along the roll, an event at u is thus warped to u + F·ΔX/Z at the reference time,
 and a pixel of the warped image is the place X + Z·(u - c_x)/F of the surface. Instead of a constant
-speed times the time, ΔX is the way between the poses themselves, so ramps and vibration are right;
-and the two steps are one map from pixel to surface, a homography, linear in time between knots.
+speed times the time, ΔX is the travel between the poses, so ramps and vibration are right; and the
+two steps are one map from pixel to surface, a homography, linear in time between knots.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from roller_core.camera import Camera
 from roller_core.events import EventArray
+from roller_core.hot_pixels import count_events
 from roller_core.passes import Pass
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64, quaternion_to_matrix
@@ -40,7 +41,7 @@ class Knots:
     times_ns : ndarray of int64, shape (k,)
         At least two.
     maps : ndarray of float64, shape (k, 3, 3)
-        Ideal pixel to travel along the roll and way down the image, metres, in the pass's frame.
+        Ideal pixel to travel along the roll and place down the image, metres, in the pass's axes.
     along : ndarray of float64, shape (k,)
         Travel of the camera itself, metres.
     """
@@ -121,7 +122,7 @@ class Warp:
         roll : Pass
             The pass.
         along, down : array_like, shape (n,)
-            Travel along the roll and way down the image, metres.
+            Travel along the roll and place down the image, metres.
         z : float
             Depth of the surface below the origin of the pass, metres.
         """
@@ -169,7 +170,7 @@ def warm_up() -> None:
     vote(EventArray.empty(), np.zeros((1, 1, 2), np.float32), knots, np.eye(3), strip, newest)
     no = np.zeros(0)
     kernels._contrasts(no, no, no, no, 1.0, np.zeros(2), np.zeros((1, 1)), no)
-    kernels._tally(np.zeros(0, np.uint16), np.zeros(0, np.uint16), np.zeros((1, 1), np.float32))
+    count_events(EventArray.empty(), np.zeros((1, 1), np.float32))
 
 
 def vote_numpy(

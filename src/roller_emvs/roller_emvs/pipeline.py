@@ -14,6 +14,7 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.errors import RollerError, SettingsError
 from roller_core.events import EventArray
+from roller_core.hot_pixels import hot_pixels
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.methods.paper import bma as paper
@@ -21,7 +22,6 @@ from roller_emvs.methods.paper import bma as paper
 from .depth_map import DepthMap
 from .depth_settings import DepthSettings
 from .engine import DepthEngine
-from .hot_pixels import hot_pixels
 from .methods import focus
 from .rays import F32, MIN_PARALLAX_PX, Packets, make_packets, parallax_px
 from .stopwatch import Stopwatch

@@ -1,0 +1,79 @@
+"""Pixels that fire on their own, as against those that see something."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from .events import EventArray
+
+#: Neighbours along a row or column that a pixel is compared with, px.
+_NEAR_PX = 41
+#: A hot pixel has so many events more than so many times its neighbours' mean.
+_LEAST, _TIMES = 12.0, 4.0
+
+
+def count_events(events: EventArray, counts: npt.NDArray[np.float32]) -> None:
+    """Add a pixel's events to its count.
+
+    Parameters
+    ----------
+    events : EventArray
+        Events inside the image.
+    counts : ndarray of float32, shape (height, width)
+        Counted into.
+    """
+    _count(events.x, events.y, counts)
+
+
+def find_hot_pixels(
+    counts: npt.NDArray[np.float32], columns_too: bool
+) -> npt.NDArray[np.bool_] | None:
+    """Pixels with many more events than those beside them; None if there are none.
+
+    As the sensor travels, pixels beside each other along the roll see the same, one after the
+    other. One that goes on firing more than they do sees nothing, and its events would make a
+    trail.
+
+    Parameters
+    ----------
+    counts : ndarray of float32, shape (height, width)
+        Events by pixel; see `count_events`.
+    columns_too : bool
+        Whether the sensor may travel along the columns of the image as well as along its rows.
+
+    Returns
+    -------
+    ndarray of bool, shape (height, width), or None
+    """
+    if counts.max(initial=0.0) <= _LEAST:
+        return None
+    near = cv2.blur(counts, (_NEAR_PX, 1))
+    if columns_too:
+        near = np.maximum(near, cv2.blur(counts, (1, _NEAR_PX)))
+    hot = counts > _TIMES * near + _LEAST
+    return hot if hot.any() else None
+
+
+def hot_pixels(events: EventArray, shape: tuple[int, int]) -> npt.NDArray[np.bool_] | None:
+    """Hot pixels by the events of one window, for any direction of travel.
+
+    Parameters
+    ----------
+    events : EventArray
+        Of a window.
+    shape : tuple of int
+        Rows and columns of the image.
+    """
+    counts = np.zeros(shape, np.float32)
+    count_events(events, counts)
+    return find_hot_pixels(counts, columns_too=True)
+
+
+@njit(cache=True, nogil=True)
+def _count(x, y, counts):  # type: ignore[no-untyped-def]
+    """Count events by pixel. x, y: uint16 (n,); counts: float32 (h, w)."""
+    for i in range(len(x)):
+        counts[y[i], x[i]] += 1.0
