@@ -7,7 +7,7 @@ NAME = "tf_transformations"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Quaternions (x, y, z, w) and 4x4 matrices over transforms3d",
+    description="Rotations as quaternions (x, y, z, w) and 4x4 matrices, as in ROS distributions",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
