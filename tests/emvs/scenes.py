@@ -47,21 +47,21 @@ def events_of(
     track = track_of(motion, duration_s)
     last = np.full(len(points), -1)
     parts = []
+    # Twice what the pinhole sees; what is farther out need not be projected.
+    reach = np.array([camera.width / camera.fx, camera.height / camera.fy])
     for t in np.arange(0.0, duration_s, step_s):
         t_ns = round(t * 1e9)
         to_camera = inverse_pose(track.at(t_ns).matrix)
         local = points @ to_camera[:3, :3].T + to_camera[:3, 3]
-        pixel = np.rint(camera.project(local)).astype(int)
-        inside = (
-            (local[:, 2] > 0)
-            & (pixel >= 0).all(axis=1)
-            & (pixel[:, 0] < camera.width)
-            & (pixel[:, 1] < camera.height)
-        )
-        number = np.where(inside, pixel[:, 1] * camera.width + pixel[:, 0], -1)
-        new = np.flatnonzero(inside & (number != last))
+        near = np.flatnonzero((np.abs(local[:, :2]) < reach * local[:, 2:]).all(axis=1))
+        pixel = np.rint(camera.project(local[near])).astype(int)
+        inside = ((pixel >= 0) & (pixel < (camera.width, camera.height))).all(axis=1)
+        number = np.full(len(points), -1)
+        number[near[inside]] = pixel[inside, 1] * camera.width + pixel[inside, 0]
+        new = np.flatnonzero((number >= 0) & (number != last))
         last = number
-        parts.append((pixel[new, 0], pixel[new, 1], np.full(len(new), start_ns + t_ns)))
+        y, x = np.divmod(number[new], camera.width)
+        parts.append((x, y, np.full(len(new), start_ns + t_ns)))
     x, y, t_all = (np.concatenate(column) for column in zip(*parts, strict=True))
     return EventArray.from_arrays(x, y, t_all, np.ones(len(x)))
 
