@@ -1,4 +1,4 @@
-"""AEDAT4 files, with poses and calibration from files beside them."""
+"""Events of AEDAT4 files."""
 
 from __future__ import annotations
 
@@ -9,80 +9,11 @@ from typing import Any
 import aedat
 import numpy as np
 
-from roller_core.camera import Camera
-from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
 
-from .base import Recording, RecordingError, Step, TruncatedRecordingError
+from .base import RecordingError, TruncatedRecordingError
 
-
-class Aedat4Recording(Recording):
-    """Events of an AEDAT4 file; poses and camera in the same clock and of the same sensor.
-
-    Parameters
-    ----------
-    path : path
-        The AEDAT4 file.
-    poses : path, optional
-        TUM file, camera optical frame in base.
-    camera : Camera, optional
-        Calibration.
-    max_gap_s : float
-        See `PoseTrack`.
-    stream : str, optional
-        Number of the stream of events, where there are several.
-
-    Raises
-    ------
-    RecordingError
-        If the file isn't AEDAT4, holds no events, or poses or camera are missing.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        poses: Path | None = None,
-        camera: Camera | None = None,
-        max_gap_s: float = 0.1,
-        stream: str | None = None,
-    ) -> None:
-        self._path = path
-        self.source = str(path)
-        self._stream, width, height = event_stream(path, stream)
-        if poses is None:
-            raise RecordingError(
-                f"{path}: an AEDAT4 file holds no poses; "
-                "give --poses FILE (TUM: t x y z qx qy qz qw)"
-            )
-        if camera is None:
-            raise RecordingError(
-                f"{path}: an AEDAT4 file holds no calibration; give --camera FILE (ROS camera_info)"
-            )
-        if (width, height) != (camera.width, camera.height):
-            raise RecordingError(
-                f"{path}: events are of {width}×{height} px but the camera file is for "
-                f"{camera.width}×{camera.height} px"
-            )
-        self.camera = camera
-        self.poses = self._track = PoseTrack.read_tum(poses, max_gap_s)
-        self.counts = StreamCounts()
-        self.duration_s = (self.poses.end_ns - self.poses.start_ns) * 1e-9
-
-    def items(self) -> Iterator[Step]:
-        """Read packet by packet; a file that is cut off ends with a fault."""
-        span = max(self._track.end_ns - self._track.start_ns, 1)
-        try:
-            for events in read_events(self._path, self._stream):
-                inside = (events.x < self.camera.width) & (events.y < self.camera.height)
-                self.counts.packets += 1
-                self.counts.events += int(inside.sum())
-                self.counts.outside_events += int(len(events) - inside.sum())
-                kept = events[inside].sorted_by_time()
-                done = (int(kept.t_ns[-1]) - self._track.start_ns) / span if len(kept) else 0.0
-                yield Step(kept, float(np.clip(done, 0, 1)))
-        except TruncatedRecordingError as error:
-            yield Step(EventArray.empty(), 1.0, (error,))
+ENCODING = "aedat4"
 
 
 def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from roller_core.camera import Camera
 
 from .base import Recording, RecordingError
+from .event_file import EventFileRecording, reader_of
 
 
 def open_recording(
@@ -16,7 +17,7 @@ def open_recording(
     max_gap_s: float = 0.1,
     topic: str | None = None,
 ) -> Recording:
-    """Open a rosbag2, an AEDAT4 file or a folder of the public event-camera dataset.
+    """Open a bag, a file of events, or a folder of the public event-camera dataset.
 
     Parameters
     ----------
@@ -44,10 +45,8 @@ def open_recording(
         from .dataset import DatasetRecording
 
         return DatasetRecording(path, poses, camera, max_gap_s)
-    if path.is_file() and path.suffix.lower() in (".aedat4", ".aedat"):
-        from .aedat4 import Aedat4Recording
-
-        return Aedat4Recording(path, poses, camera, max_gap_s, topic)
+    if reader_of(path) is not None:
+        return EventFileRecording(path, poses, camera, max_gap_s, topic)
     from .bag import BagRecording
 
     return BagRecording(path, poses, camera, max_gap_s, topic)

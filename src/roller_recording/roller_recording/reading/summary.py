@@ -13,6 +13,7 @@ from roller_core.errors import RollerError
 from roller_core.seq_gaps import SeqGaps
 
 from .base import RecordingError
+from .event_file import reader_of
 
 
 @dataclass
@@ -95,7 +96,7 @@ class RecordingSummary:
 
 
 def summarise(path: Path, topic: str | None = None, check: bool = False) -> RecordingSummary:
-    """Count the events of a rosbag2 or AEDAT4 file.
+    """Count the events of a bag or of a file of events.
 
     Parameters
     ----------
@@ -115,14 +116,12 @@ def summarise(path: Path, topic: str | None = None, check: bool = False) -> Reco
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
     census = RecordingSummary()
-    if path.is_file() and path.suffix.lower() in (".aedat4", ".aedat"):
-        from .aedat4 import event_stream, read_events
-
-        stream, *size = event_stream(path, topic)
+    if (reader := reader_of(path)) is not None:
+        stream, *size = reader.event_stream(path, topic)
         census.size = (size[0], size[1])
-        census.encodings.add("aedat4")
+        census.encodings.add(reader.ENCODING)
         try:
-            for events in read_events(path, stream):
+            for events in reader.read_events(path, stream):
                 census.add(events)
         except RecordingError as error:
             census.faults.append(str(error))

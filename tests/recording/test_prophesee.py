@@ -1,0 +1,67 @@
+"""Prophesee files: EVT 3.0 with poses; what else they may be is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recording.bags import CAMERA, scan
+from roller_bringup.cli import main
+from roller_core.codecs import encode
+from roller_core.events import EventArray
+from roller_recording.reading import RecordingError, open_recording
+
+SIZE = f"{CAMERA.width}x{CAMERA.height}"
+
+
+def from_zero() -> EventArray:
+    """Some events of the scan, as the file has them: 24 bits of microseconds, from zero."""
+    events = scan()[:60_000]
+    return events.with_times((events.t_ns - events.t_ns[0]) // 1000 * 1000)
+
+
+def write(path: Path, header: str, events: EventArray) -> Path:
+    path.write_bytes(header.encode() + encode("evt3", events, 0).tobytes())
+    return path
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        f"% evt 3.0\n% format EVT3;height={CAMERA.height};width={CAMERA.width}\n% end\n",
+        f"% camera_integrator_name Prophesee\n% evt 3.0\n% geometry {SIZE}\n",
+        "% evt 3.0\n",  # old ones don't tell their size
+    ],
+)
+def test_events_come_back(header: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = from_zero()
+    path = write(tmp_path / "scan.raw", header, own)
+    poses, camera = tmp_path / "poses.txt", tmp_path / "camera.yaml"
+    poses.write_text("0 0 0 0 0 0 0 1\n1 0.3 0 0 0 0 0 1\n")
+    CAMERA.to_yaml(camera)
+    steps = list(open_recording(path, poses, camera).steps())
+    found = EventArray.concatenate([step.events for step in steps if len(step.events)])
+    for name in ("x", "y", "t_ns", "p"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(own, name))
+    assert main(["info", "--check", str(path)]) == 0
+    assert f"events     {len(own)} (" in capsys.readouterr().out
+    path.write_bytes(path.read_bytes()[:-1])
+    assert main(["info", str(path)]) == 1
+    assert "in the middle of a word; what came before is read" in capsys.readouterr().err
+    with pytest.raises(RecordingError, match="holds no poses; give --poses"):
+        open_recording(path, None, camera)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        (f"% evt 2.0\n% geometry {SIZE}\n", r"is not of EVT 3.0 \(2.0\)"),
+        ("% format EVT21;height=720;width=1280\n", r"is not of EVT 3.0 \(EVT21\)"),
+        ("", "its header names no format"),
+    ],
+)
+def test_what_can_not_be_read_is_named(header: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=message):
+        open_recording(write(tmp_path / "scan.raw", header, from_zero()[:10]))
