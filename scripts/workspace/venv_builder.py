@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -123,11 +124,21 @@ class Environment:
         try:
             if not uv.exists():
                 steps.run([*pip, *_pinned(UV)], variables)
+            index = self._pip_index(variables)
+            if index and not variables.keys() & {"UV_DEFAULT_INDEX", "UV_INDEX_URL"}:
+                variables["UV_DEFAULT_INDEX"] = index
             steps.run(
                 [str(uv), "pip", "install", "--python", str(self.python), *arguments], variables
             )
         except SetupError:
             steps.run([*pip, *(pip_only or []), *arguments], variables)
+
+    def _pip_index(self, variables: dict[str, str]) -> str:
+        """Tell the index that pip is set to, which uv doesn't read; empty if none is."""
+        command = [str(self.python), "-m", "pip", "config", "list"]
+        said = subprocess.run(command, capture_output=True, text=True, check=False, env=variables)
+        found = dict(re.findall(r"^(\S+)\.index-url='(.*)'$", said.stdout, re.MULTILINE))
+        return next((found[k] for k in (":env:", "install", "global") if k in found), "")
 
 
 def _pinned(*files: Path) -> list[str]:

@@ -23,9 +23,11 @@ def modules(monkeypatch):
     import distribution
     import steps
     import system
+    import venv_builder
     import wheels
 
-    yield {"steps": steps, "system": system, "wheels": wheels, "distribution": distribution}
+    found = (steps, system, venv_builder, wheels, distribution)
+    yield {module.__name__: module for module in found}
     for name in names:
         sys.modules.pop(name, None)
 
@@ -225,7 +227,33 @@ def test_a_sourced_distribution_stays_out_of_wheels(checkout):
 
 
 def test_the_scripts_are_sound():
-    for script in ["roller", ".ci/run", *map(str, (ROOT / "scripts").glob("*.sh"))]:
+    for script in [
+        "roller",
+        ".ci/run",
+        ".ci/minimal_debian",
+        *map(str, (ROOT / "scripts").glob("*.sh")),
+    ]:
         path = ROOT / script
         assert subprocess.run(["bash", "-n", str(path)], check=False).returncode == 0
         assert path.name == "env.sh" or os.access(path, os.X_OK), script
+
+
+def test_uv_asks_the_index_that_pip_is_set_to(modules, tmp_path):
+    config = tmp_path / "pip.conf"
+    config.write_text("[global]\nindex-url = https://mirror.example/simple\n")
+    environment = modules["venv_builder"].Environment(tmp_path, "wheels")
+    environment.python = Path(sys.executable)
+    plain = {k: v for k, v in os.environ.items() if not k.startswith("PIP_")}
+    assert environment._pip_index({**plain, "PIP_CONFIG_FILE": os.devnull}) == ""
+    told = environment._pip_index({**plain, "PIP_CONFIG_FILE": str(config)})
+    assert told == "https://mirror.example/simple"
+    told = environment._pip_index({**plain, "PIP_INDEX_URL": "https://other.example/simple"})
+    assert told == "https://other.example/simple"
+
+
+def test_all_that_is_installed_is_pinned_with_hashes(modules):
+    for name in (*modules["wheels"].REQUIREMENTS, modules["distribution"].COLCON):
+        text = (ROOT / name).read_text().replace("\\\n", "")
+        pins = [line for line in text.splitlines() if line and not line.startswith(("#", " "))]
+        assert pins
+        assert all("==" in line and "--hash=sha256:" in line for line in pins), name
