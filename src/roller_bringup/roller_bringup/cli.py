@@ -6,19 +6,17 @@ import argparse
 import ast
 import importlib
 import importlib.util
+import os
 import signal
 import sys
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from roller_core.errors import RollerError
-from roller_core.memory import keep_freed_memory
-from roller_core.opencv import one_opencv_thread
-from roller_core.signals import Terminated, terminate_in_order
-
 #: Packages name their subcommands in this group of entry points.
 GROUP = "roller.commands"
+#: Set to 1, it has a fault of ours shown where it happened.
+TRACEBACK = "ROLLER_TRACEBACK"
 
 
 def find_commands() -> dict[str, str]:
@@ -44,32 +42,72 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 if all was well; 1 after a fault, told in one line; 2 for wrong usage; 128 and a
         signal's number when that ended it (130 after Ctrl-C).
     """
-    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        for stream in (sys.stdout, sys.stderr):
+            if hasattr(stream, "reconfigure"):
+                # A file's name may hold bytes that are no text.
+                stream.reconfigure(errors="backslashreplace")
+        return _run(list(sys.argv[1:] if argv is None else argv))
+    except KeyboardInterrupt as interrupt:
+        print("interrupted", file=sys.stderr)
+        return 128 + getattr(interrupt, "number", signal.SIGINT)
+    except BrokenPipeError:
+        # Whoever read our output has gone; Python would say so once more at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+    except Exception as error:
+        if os.environ.get(TRACEBACK) == "1":
+            raise
+        print(f"error: {_describe(error)}", file=sys.stderr)
+        return 1
+
+
+def _run(words: list[str]) -> int:
+    """Read the words and do what they say; heavy imports belong to the subcommand."""
+    from roller_core.errors import RollerError
+    from roller_core.signals import terminate_in_order
+
     parser = argparse.ArgumentParser(
         prog="roller", description="Surface inspection with an event-camera tactile roller."
     )
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     chosen = next((w for w in words if not w.startswith("-")), None)
     commands = find_commands()
-    if chosen in commands:
-        command = importlib.import_module(commands[chosen])
-        command.add_parser(subparsers)
-        words = getattr(command, "rewritten", list)(words)
-    else:
-        for name, module in commands.items():
-            subparsers.add_parser(name, help=_summary(module))
-    args = parser.parse_args(words)
-    keep_freed_memory()
-    one_opencv_thread()
-    try:
-        with terminate_in_order():
+    with terminate_in_order():
+        if chosen in commands:
+            command = importlib.import_module(commands[chosen])
+            command.add_parser(subparsers)
+            words = getattr(command, "rewritten", list)(words)
+        else:
+            for name, module in commands.items():
+                subparsers.add_parser(name, help=_summary(module))
+        args = parser.parse_args(words)
+        from roller_core.memory import keep_freed_memory
+        from roller_core.opencv import one_opencv_thread
+
+        keep_freed_memory()
+        one_opencv_thread()
+        try:
             return int(args.run(args))
-    except RollerError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt as interrupt:
-        print("interrupted", file=sys.stderr)
-        return 128 + (interrupt.number if isinstance(interrupt, Terminated) else signal.SIGINT)
+        except RollerError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 1
+
+
+def _describe(error: Exception) -> str:
+    """In one line what went wrong that no command foresaw."""
+    text = " ".join(str(error).split())
+    if isinstance(error, OSError) and error.strerror:
+        name = f"{error.filename}: " if error.filename else ""
+        return f"{name if len(name) < 200 else name[:99] + '...: '}{error.strerror}"
+    if isinstance(error, ImportError):
+        return f"{text}; see what `roller doctor` says, or run `make setup`"
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory{' (' + text + ')' if text else ''}"
+    return (
+        f"{type(error).__name__}: {text} (a fault of roller: please report it; "
+        f"{TRACEBACK}=1 shows where)"
+    )
 
 
 if __name__ == "__main__":

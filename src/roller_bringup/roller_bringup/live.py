@@ -39,19 +39,29 @@ class Observation:
         Messages of all ERROR statuses, each once.
     received : dict
         Messages by output topic.
-    source_done : bool
-        Whether the source said that it is finished.
+    last_output : float
+        When the last of them came, by the monotonic clock, s.
     """
 
     statuses: dict[str, tuple[str, dict[str, str]]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
     received: dict[str, int] = field(default_factory=dict)
-    source_done: bool = False
     last_output: float = 0.0
+
+    @property
+    def source(self) -> str:
+        """What the source says of itself; empty before it did."""
+        return next((self.statuses[name][0] for name in SOURCES if name in self.statuses), "")
+
+    @property
+    def drained(self) -> bool:
+        """Whether no node says that it has messages waiting."""
+        every = (values for _, values in self.statuses.values())
+        return all(values.get("waiting_messages", "0") == "0" for values in every)
 
 
 class Observer:
-    """A node of its own context that watches diagnostics and outputs."""
+    """A node of its own context that watches diagnostics and outputs; a context manager."""
 
     def __init__(self) -> None:
         self.seen = Observation()
@@ -61,11 +71,9 @@ class Observer:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         for topic in topics.OUTPUTS:
-            if topic.type is DiagnosticArray:
-                continue
-            self._node.create_subscription(
-                topic.type, topic.path, lambda _, n=topic.path: self._count(n), topic.qos, raw=True
-            )
+            if topic.type is not DiagnosticArray:
+                count = self._counter(topic.path)
+                self._node.create_subscription(topic.type, topic.path, count, topic.qos, raw=True)
         self._node.create_subscription(
             DiagnosticArray, "/diagnostics", self._diagnose, qos.DIAGNOSTICS
         )
@@ -77,18 +85,24 @@ class Observer:
             self._executor.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
 
     def node_names(self) -> set[str]:
-        """Names of the nodes seen by now."""
-        return set(self._node.get_node_names())
+        """Names of the nodes seen by now, with their namespaces: `emvs`, `left/emvs`."""
+        found = self._node.get_node_names_and_namespaces()
+        return {f"{namespace}/{name}".strip("/") for name, namespace in found}
 
-    def close(self) -> None:
-        """Leave the graph."""
+    def __enter__(self) -> Observer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
 
-    def _count(self, name: str) -> None:
-        self.seen.received[name] = self.seen.received.get(name, 0) + 1
-        self.seen.last_output = time.monotonic()
+    def _counter(self, name: str) -> Callable[[Any], None]:
+        def count(_: Any) -> None:
+            self.seen.received[name] = self.seen.received.get(name, 0) + 1
+            self.seen.last_output = time.monotonic()
+
+        return count
 
     def _diagnose(self, message: Any) -> None:
         for status in message.status:
@@ -97,8 +111,6 @@ class Observer:
                 self.seen.statuses[status.name] = (status.message, values)
             if status.level >= b"\x02" and status.message not in self.seen.faults:
                 self.seen.faults.append(status.message)
-            if status.name in SOURCES and status.message == "finished":
-                self.seen.source_done = True
 
 
 def check_no_duplicate_nodes(plan: LaunchPlan, wait_s: float = 1.0) -> None:
@@ -116,12 +128,9 @@ def check_no_duplicate_nodes(plan: LaunchPlan, wait_s: float = 1.0) -> None:
     GraphError
         If there is one.
     """
-    observer = Observer()
-    try:
+    with Observer() as observer:
         observer.spin(wait_s)
-        there = sorted(observer.node_names() & {node.name for node in plan.processes})
-    finally:
-        observer.close()
+        there = sorted(observer.node_names() & {node.label for node in plan.processes})
     if there:
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         raise GraphError(
@@ -154,37 +163,21 @@ def run_until_done(
     GraphError
         If a required node ended or time ran out.
     """
-    observer = Observer()
-    seen = observer.seen
-    try:
-        with Runner(plan) as runner:
-            begin = time.monotonic()
-            done_at = 0.0
-            state = ""
-            while True:
-                observer.spin(0.1)
-                now = time.monotonic()
-                for name in SOURCES:
-                    message = seen.statuses.get(name, ("", {}))[0]
-                    if message and message != state:
-                        state = message
-                        tell(f"{name.split(':')[0]}: {message}")
-                if seen.source_done:
-                    done_at = done_at or now
-                    if now - max(seen.last_output, done_at) > quiet_s and _drained(seen):
-                        return seen
-                if runner.poll() is not None:
-                    raise GraphError(f"the graph ended early: {_ended(runner)}")
-                if now - begin > timeout_s:
-                    raise GraphError(f"the graph was not done after {timeout_s:.0f} s")
-    finally:
-        observer.close()
-
-
-def _drained(seen: Observation) -> bool:
-    """Whether no node says that it has messages waiting."""
-    return all(values.get("waiting_messages", "0") == "0" for _, values in seen.statuses.values())
-
-
-def _ended(runner: Runner) -> str:
-    return ", ".join(f"{name} exited with {code}" for name, code in runner.exit_codes.items())
+    with Observer() as observer, Runner(plan) as runner:
+        seen, begin, source = observer.seen, time.monotonic(), ""
+        done_at = None
+        while True:
+            observer.spin(0.1)
+            now = time.monotonic()
+            if seen.source != source:
+                source = seen.source
+                tell(f"source: {source}")
+            if source == "finished":
+                done_at = done_at or now
+                if now - max(seen.last_output, done_at) > quiet_s and seen.drained:
+                    return seen
+            if runner.poll() is not None:
+                ended = (f"{name} exited with {code}" for name, code in runner.exit_codes.items())
+                raise GraphError(f"the graph ended early: {', '.join(ended)}")
+            if now - begin > timeout_s:
+                raise GraphError(f"the graph was not done after {timeout_s:.0f} s")

@@ -37,55 +37,53 @@ def run(args: argparse.Namespace) -> int:
     Raises
     ------
     RollerError
-        If the graph or one of its nodes can't do its work.
+        If scene or speed are no good, or the graph or one of its nodes can't do its work.
     """
-    from roller_bringup.launching import load
-    from roller_bringup.launching.locate import package_share
-    from roller_bringup.live import check_no_duplicate_nodes
     from roller_core.output_folder import OutputFolder
-    from roller_sim.cell_settings import SceneSettings
+    from roller_sim.cell_settings import VirtualCellSettings
     from roller_sim.scenes import build_scene
 
-    build_scene(SceneSettings.model_validate({"name": args.scene}))
-    launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
+    # Before anything is started, or an earlier result is touched.
+    scan = {"scene": {"name": args.scene}, "motion": {"speed": args.speed}}
+    build_scene(VirtualCellSettings.create(scan, "demo").scene)
+    with OutputFolder(args.output, "demo") as output:
+        _run(args, output.partial)
+    return 0
+
+
+def _run(args: argparse.Namespace, folder: Path) -> None:
+    import yaml
+
+    from roller_bringup.launching import load
+    from roller_bringup.launching.locate import package_share
+    from roller_bringup.live import check_no_duplicate_nodes, run_until_done
+    from roller_inspect.results.recorded import gather
+    from roller_inspect.results.run_report import Report
+    from roller_inspect.results.summary import demo_table
+
+    parameters = folder / "parameters.yaml"
+    # The scan starts when depth or surface, Braille and recorder are all listening, and the
+    # stitcher has the robot's poses too.
+    cell = {
+        "truth_output": str(folder / "truth"),
+        "subscribers": 3,
+        "pose_subscribers": 3 if args.method == "surface" else 4,
+    }
+    nodes = {"/**/virtual_cell": cell, "/**/recorder": {"output": str(folder / "bag")}}
+    parameters.write_text(
+        yaml.safe_dump({node: {"ros__parameters": values} for node, values in nodes.items()})
+    )
     arguments = {
         "scene": args.scene,
         "speed": str(args.speed),
         "method": args.method,
         "record": "true",
+        "params": str(parameters),
     }
-    # Before the scan: an earlier run may be the company.
+    launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
     with load(launch_file, arguments) as plan:
         check_no_duplicate_nodes(plan)
-    with OutputFolder(args.output, "demo") as output:
-        return _run(args, output.partial, launch_file, arguments)
-
-
-def _run(
-    args: argparse.Namespace, folder: Path, launch_file: Path, arguments: dict[str, str]
-) -> int:
-    import yaml
-
-    from roller_bringup.launching import load
-    from roller_bringup.live import run_until_done
-    from roller_inspect.results.overview import draw_overview
-    from roller_inspect.results.recorded import gather
-    from roller_inspect.results.run_report import Report
-    from roller_inspect.results.summary import demo_table
-
-    arguments["output"] = str(folder / "bag")
-    overrides = folder / "parameters.yaml"
-    # The scan starts when depth or surface, Braille and recorder are all listening, and the
-    # stitcher has the robot's poses too.
-    poses = 3 if args.method == "surface" else 4
-    cell = {
-        "truth_output": str(folder / "truth"),
-        "subscribers": 3,
-        "pose_subscribers": poses,
-    }
-    overrides.write_text(yaml.safe_dump({"virtual_cell": {"ros__parameters": cell}}))
-    arguments["params"] = str(overrides)
-    seen = run_until_done(load(launch_file, arguments), tell=print)
+        seen = run_until_done(plan, tell=print)
     report = Report(
         "virtual cell, live",
         args.method,
@@ -94,6 +92,7 @@ def _run(
     )
     report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
     gather(folder / "bag", folder, folder / "truth", report)
+    from roller_inspect.results.overview import draw_overview
+
     draw_overview(folder, folder / "truth", folder / "bag")
     print(demo_table(report, args.output))
-    return 0

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from roller_bringup.doctor.examination import Request, examine
-    from roller_bringup.doctor.table import as_json, as_table
+    from roller_bringup.doctor.result import as_json, as_table
 
     request = Request(args.camera, args.robot_ip, args.output, args.backend)
     with Console(stderr=True).status("looking") as status:

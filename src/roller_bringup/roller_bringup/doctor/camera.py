@@ -13,7 +13,7 @@ from roller_driver.dvxplorer.errors import (
     CameraNotFoundError,
 )
 
-from .result import Level, Result
+from .result import Level, Result, ok
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def judge_camera(found: CameraFacts | CameraFault, asked: bool = False) -> Resul
     """Whether the driver will stream."""
     name = "camera"
     if isinstance(found, CameraFacts):
-        return Result(name=name, level="OK", found=f"{found.name}, firmware {found.firmware}")
+        return ok(name, f"{found.name}, firmware {found.firmware}")
     missing = isinstance(found, CameraNotFoundError | CameraBusyError | BackendError)
     level: Level = "warning" if missing and not asked else "fault"
     text = str(found)

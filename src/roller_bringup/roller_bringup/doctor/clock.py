@@ -6,7 +6,7 @@ import ctypes
 import time
 from dataclasses import dataclass
 
-from .result import Result
+from .result import Result, fault, ok, warning
 
 _STA_UNSYNC = 0x0040
 _TIME_ERROR = 5
@@ -80,34 +80,30 @@ def judge_clock(facts: ClockFacts) -> Result:
     name = "clock"
     rate = f"{facts.rate_ppm:+.1f} ppm against the hardware's"
     if abs(facts.step_s) > _STEP_S:
-        return Result(
-            name=name,
-            level="fault",
-            found=f"it jumped by {facts.step_s:.3f} s while it was watched",
-            advice="see who sets it (timedatectl; date); let chrony or systemd-timesyncd do it "
+        return fault(
+            name,
+            f"it jumped by {facts.step_s:.3f} s while it was watched",
+            "see who sets it (timedatectl; date); let chrony or systemd-timesyncd do it "
             "alone, and not while a scan runs",
         )
     if abs(facts.rate_ppm) > _MOST_PPM:
-        return Result(
-            name=name,
-            level="warning",
-            found=f"it is being pulled: {rate}",
-            advice="wait until NTP has set it right: stamps of events and poses lag meanwhile",
+        return warning(
+            name,
+            f"it is being pulled: {rate}",
+            "wait until NTP has set it right: stamps of events and poses lag meanwhile",
         )
     if facts.synchronised is None:
-        return Result(name=name, level="OK", found=f"{rate}; the kernel tells no more")
+        return ok(name, f"{rate}; the kernel tells no more")
     if not facts.synchronised:
-        return Result(
-            name=name,
-            level="warning",
-            found=f"not set by NTP or PTP; {rate}",
-            advice="fine on one machine; for bags of several, install chrony or switch on "
+        return warning(
+            name,
+            f"not set by NTP or PTP; {rate}",
+            "fine on one machine; for bags of several, install chrony or switch on "
             "systemd-timesyncd (timedatectl set-ntp true)",
         )
-    return Result(
-        name=name,
-        level="OK",
-        found=f"set by NTP or PTP, error below {facts.max_error_s * 1e3:.1f} ms; {rate}",
+    return ok(
+        name,
+        f"set by NTP or PTP, error below {facts.max_error_s * 1e3:.1f} ms; {rate}",
     )
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from .dds_peer import LARGE, MESSAGES, SMALL
-from .result import Result
+from .result import Result, fault, ok, warning
 
 PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
 _TIMEOUT_S = 20.0
@@ -94,36 +94,32 @@ def judge_transport(facts: TransportFacts) -> Result:
     name = "DDS set-up"
     found = f"discovery {facts.discovery}, domain {facts.domain}"
     if not facts.profile:
-        return Result(
-            name=name,
-            level="warning",
-            found=f"{found}; no Fast DDS profile is set",
-            advice=f"launch files set one; for nodes started by hand: export {PROFILE}="
+        return warning(
+            name,
+            f"{found}; no Fast DDS profile is set",
+            f"launch files set one; for nodes started by hand: export {PROFILE}="
             "…/config/fastdds.xml, or depth images are lost",
         )
     if facts.profile_text is None:
-        return Result(
-            name=name,
-            level="fault",
-            found=f"{found}; the Fast DDS profile {facts.profile} can't be read",
-            advice=f"export {PROFILE}=…/config/fastdds.xml",
+        return fault(
+            name,
+            f"{found}; the Fast DDS profile {facts.profile} can't be read",
+            f"export {PROFILE}=…/config/fastdds.xml",
         )
     if "segment_size" not in facts.profile_text:
-        return Result(
-            name=name,
-            level="warning",
-            found=f"{found}; the profile {facts.profile} doesn't enlarge the shared memory",
-            advice="take config/fastdds.xml, or its transport: messages above 0.5 MB are lost",
+        return warning(
+            name,
+            f"{found}; the profile {facts.profile} doesn't enlarge the shared memory",
+            "take config/fastdds.xml, or its transport: messages above 0.5 MB are lost",
         )
     if 0 < facts.shared_memory_bytes < _SHARED_MEMORY:
-        return Result(
-            name=name,
-            level="warning",
-            found=f"{found}; {facts.shared_memory_bytes / 1e6:.0f} MB of shared memory are free",
-            advice="give /dev/shm 512 MB (docker: --shm-size=512m), and remove /dev/shm/fastrtps_* "
+        return warning(
+            name,
+            f"{found}; {facts.shared_memory_bytes / 1e6:.0f} MB of shared memory are free",
+            "give /dev/shm 512 MB (docker: --shm-size=512m), and remove /dev/shm/fastrtps_* "
             "that dead nodes left",
         )
-    return Result(name=name, level="OK", found=f"{found}, profile {facts.profile}")
+    return ok(name, f"{found}, profile {facts.profile}")
 
 
 def exchange_messages(
@@ -199,13 +195,12 @@ def judge_exchange(found: Exchange) -> Result:
     """Whether the nodes will hear each other."""
     name = "DDS messages"
     if found.fault:
-        return Result(name=name, level="fault", found=found.fault, advice="see ROS 2, above")
+        return fault(name, found.fault, "see ROS 2, above")
     if not found.small and not found.large:
-        return Result(
-            name=name,
-            level="fault",
-            found="two processes on this machine don't hear each other",
-            advice="look at ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE and the firewall (UDP on "
+        return fault(
+            name,
+            "two processes on this machine don't hear each other",
+            "look at ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE and the firewall (UDP on "
             "the loopback); remove /dev/shm/fastrtps_* that dead nodes left",
         )
     text = (
@@ -214,18 +209,16 @@ def judge_exchange(found: Exchange) -> Result:
     )
     # The small ones are sent again until they come; behind lost large ones they don't.
     if found.small < MESSAGES or found.large < MESSAGES // 2:
-        return Result(
-            name=name,
-            level="fault",
-            found=text,
-            advice="depth images and poses will be lost: set "
+        return fault(
+            name,
+            text,
+            "depth images and poses will be lost: set "
             f"{PROFILE} to config/fastdds.xml and give /dev/shm room",
         )
     if found.large < MESSAGES:
-        return Result(
-            name=name,
-            level="warning",
-            found=text,
-            advice="the machine was busy, or its shared memory is short; try again",
+        return warning(
+            name,
+            text,
+            "the machine was busy, or its shared memory is short; try again",
         )
-    return Result(name=name, level="OK", found=text)
+    return ok(name, text)

@@ -47,7 +47,10 @@ def examine(request: Request, tell: Callable[[str], None] = lambda what: None) -
     tell : callable
         Told what is being looked at.
     """
-    share = _share()
+    try:
+        share: Path | None = package_share("roller_bringup")
+    except NotFoundError:
+        share = None
     for name, check in _CHECKS.items():
         tell(name)
         try:
@@ -95,16 +98,11 @@ def _robot(request: Request, share: Path | None) -> Iterator[Result]:
     yield robot.judge_robot(answer, host, bool(request.robot_ip))
 
 
-def _disk(request: Request, share: Path | None) -> Iterator[Result]:
-    from . import disk
-
-    yield disk.judge_disk(disk.find_disk(request.output))
-
-
 def _machine(request: Request, share: Path | None) -> Iterator[Result]:
     from . import machine
 
     yield machine.judge_machine(machine.find_machine())
+    yield machine.judge_disk(machine.find_disk(request.output))
 
 
 def _clock(request: Request, share: Path | None) -> Iterator[Result]:
@@ -122,14 +120,6 @@ _CHECKS: dict[str, Callable[[Request, Path | None], Iterator[Result]]] = {
     "DDS": _dds,
     "camera": _camera,
     "robot": _robot,
-    "disk": _disk,
-    "machine": _machine,
+    "machine and disk": _machine,
     "clock": _clock,
 }
-
-
-def _share() -> Path | None:
-    try:
-        return package_share("roller_bringup")
-    except NotFoundError:
-        return None

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 
-from .result import Result, worst
+from .result import Level, Result, ok
 
 _PYTHONS = ">=3.10,<3.14"
 
@@ -110,15 +110,10 @@ def judge_libraries(
             advice.append(f"'{library.package}{library.versions}'")
     if not wrong:
         some = ", ".join(f"{lib.package} {v}" for lib, v in list(found.items())[:3])
-        return Result(
-            name="libraries", level="OK", found=f"Python {python}, {len(found)} libraries: {some}…"
-        )
-    return Result(
-        name="libraries",
-        level=worst(levels),  # type: ignore[arg-type]  # literals all
-        found="; ".join(wrong),
-        advice=f"run `make setup`, or pip install {' '.join(advice)}" if advice else "",
-    )
+        return ok("libraries", f"Python {python}, {len(found)} libraries: {some}…")
+    level: Level = "fault" if "fault" in levels else "warning"
+    repair = f"run `make setup`, or pip install {' '.join(advice)}" if advice else ""
+    return Result("libraries", level, "; ".join(wrong), repair)
 
 
 def _fits(version: str, versions: str) -> bool:

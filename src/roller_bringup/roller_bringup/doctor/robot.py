@@ -11,7 +11,7 @@ from roller_driver.ur10.receiver import VARIABLES
 from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_driver.ur10.rtde import PORT, Controller, ask_controller
 
-from .result import Level, Result
+from .result import Level, Result, ok, warning
 
 _TIMEOUT_S = 1.5
 
@@ -41,14 +41,13 @@ def judge_robot(
     """Whether poses will come; `found` is None where no robot was looked for."""
     name = "robot"
     if found is None:
-        return Result(
-            name=name,
-            level="warning",
-            found="not looked for",
+        return warning(
+            name,
+            "not looked for",
             advice="give --robot-ip, or set robot_ip in config/ur10.yaml",
         )
     if isinstance(found, Controller):
-        return Result(name=name, level="OK", found=f"{host}: controller {found}")
+        return ok(name, f"{host}: controller {found}")
     # The node's faults say what to do.
     text, _, advice = str(found).partition("; ")
     level: Level = "fault" if asked else "warning"

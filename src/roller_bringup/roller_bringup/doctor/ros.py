@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 
-from .result import Result
+from .result import Result, fault, ok, warning
 
 MESSAGES = (
     "diagnostic_msgs", "event_camera_msgs", "geometry_msgs", "roller_msgs", "sensor_msgs",
@@ -71,39 +71,35 @@ def judge_ros(facts: RosFacts) -> Result:
     """Whether nodes can run."""
     name = "ROS 2"
     if not facts.rmw:
-        return Result(
-            name=name,
-            level="fault",
-            found=f"rclpy can't be imported ({facts.fault})",
-            advice="source a ROS 2 distribution or leave it, then run `make setup` again",
+        return fault(
+            name,
+            f"rclpy can't be imported ({facts.fault})",
+            "source a ROS 2 distribution or leave it, then run `make setup` again",
         )
     source = f"wheels (Kilted, rclpy {facts.wheels})" if facts.wheels else facts.distribution
     found = f"{source or 'a distribution that is not named'}, {facts.rmw}"
     if facts.missing:
-        return Result(
-            name=name,
-            level="fault",
-            found=f"{found}; no messages of {', '.join(facts.missing)}",
-            advice="run `make setup`; on a distribution: apt install "
+        return fault(
+            name,
+            f"{found}; no messages of {', '.join(facts.missing)}",
+            "run `make setup`; on a distribution: apt install "
             + " ".join(f"ros-$ROS_DISTRO-{m.replace('_', '-')}" for m in facts.missing),
         )
     if facts.rmw != _FAST_DDS:
-        return Result(
-            name=name,
-            level="warning",
-            found=found,
-            advice=f"set RMW_IMPLEMENTATION={_FAST_DDS}: no other is tried, and config/fastdds.xml "
+        return warning(
+            name,
+            found,
+            f"set RMW_IMPLEMENTATION={_FAST_DDS}: no other is tried, and config/fastdds.xml "
             "holds for it alone",
         )
     if not facts.wheels and facts.distribution not in KNOWN_DISTRIBUTIONS:
-        return Result(
-            name=name,
-            level="warning",
-            found=found,
-            advice=f"known to work: {', '.join(KNOWN_DISTRIBUTIONS)}",
+        return warning(
+            name,
+            found,
+            f"known to work: {', '.join(KNOWN_DISTRIBUTIONS)}",
         )
     note = "; for development and demonstration, not for a cell" if facts.wheels else ""
-    return Result(name=name, level="OK", found=found + note)
+    return ok(name, found + note)
 
 
 def find_rviz() -> str:
@@ -114,11 +110,10 @@ def find_rviz() -> str:
 def judge_rviz(path: str) -> Result:
     """Whether the surface can be watched."""
     if path:
-        return Result(name="RViz", level="OK", found=path)
-    return Result(
-        name="RViz",
-        level="warning",
-        found="rviz2 is not installed",
-        advice="apt install ros-$ROS_DISTRO-rviz2 to watch a scan; replay and demo draw "
+        return ok("RViz", path)
+    return warning(
+        "RViz",
+        "rviz2 is not installed",
+        "apt install ros-$ROS_DISTRO-rviz2 to watch a scan; replay and demo draw "
         "overview.png without it",
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from roller_driver.dvxplorer import protocol
 from roller_driver.dvxplorer.discovery import UDEV_RULE
 
-from .result import Result
+from .result import Result, fault, ok, warning
 
 RULES = ("/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d")
 DEVICES = "/sys/bus/usb/devices"
@@ -57,30 +57,17 @@ def judge_usb(facts: UsbFacts, asked: bool = False) -> Result:
         advice = _INSTALL
         if facts.rules:
             advice = "plug the camera in again; over ssh be a member of plugdev"
-        return Result(
-            name=name,
-            level="fault",
-            found=f"{', '.join(closed)} may not be opened, {why}",
-            advice=advice,
-        )
+        return fault(name, f"{', '.join(closed)} may not be opened, {why}", advice)
     slow = [node for node in facts.nodes if 0 < node.speed_mbit < _SUPER_SPEED_MBIT]
     if slow:
-        return Result(
-            name=name,
-            level="warning",
-            found=f"{slow[0].path} runs at {slow[0].speed_mbit:g} Mbit/s: busy scans lose events",
-            advice="plug the camera into a USB 3 port, with a USB 3 cable",
-        )
+        found = f"{slow[0].path} runs at {slow[0].speed_mbit:g} Mbit/s: busy scans lose events"
+        return warning(name, found, "plug the camera into a USB 3 port, with a USB 3 cable")
     if facts.nodes:
-        return Result(name=name, level="OK", found=f"{facts.nodes[0].path} may be opened")
+        return ok(name, f"{facts.nodes[0].path} may be opened")
     if facts.rules:
-        return Result(name=name, level="OK", found=f"rule {facts.rules[0]}")
-    return Result(
-        name=name,
-        level="fault" if asked and not facts.root else "warning",
-        found="no udev rule for the camera is installed: only root may open it",
-        advice=_INSTALL,
-    )
+        return ok(name, f"rule {facts.rules[0]}")
+    missing = "no udev rule for the camera is installed: only root may open it"
+    return (fault if asked and not facts.root else warning)(name, missing, _INSTALL)
 
 
 def _find_rules(folders: Sequence[str]) -> Iterable[str]:

@@ -1,0 +1,132 @@
+"""The command: one line and an exit code, whatever it is given."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import os
+import subprocess
+import sys
+import types
+
+import pytest
+
+from roller_bringup import cli
+from roller_core.errors import RollerError
+
+
+def run_with(monkeypatch, fault):
+    """Run a subcommand that raises."""
+    module = types.ModuleType("roller_command_of_a_test")
+
+    def run(_args):
+        raise fault
+
+    module.add_parser = lambda subparsers: subparsers.add_parser("try").set_defaults(run=run)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(cli, "find_commands", lambda: {"try": module.__name__})
+    return cli.main(["try"])
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "says"),
+    [
+        (RollerError("no bag"), 1, "error: no bag\n"),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "x" * 999), 1, ": File name too long"),
+        (ImportError("No module named 'aedat'"), 1, "No module named 'aedat'; see what"),
+        (MemoryError(), 1, "error: there is not enough memory\n"),
+        (KeyError("x\ny"), 1, r"error: KeyError: 'x\ny' (a fault of roller: please report it;"),
+        (KeyboardInterrupt(), 130, "interrupted\n"),
+    ],
+)
+def test_every_fault_is_one_line(monkeypatch, capsys, fault, code, says):
+    monkeypatch.delenv(cli.TRACEBACK, raising=False)
+    assert run_with(monkeypatch, fault) == code
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n"), says in err) == ("", 1, True), err
+    assert len(err) < 300
+
+
+def test_a_fault_of_ours_can_be_seen_where_it_happened(monkeypatch):
+    monkeypatch.setenv(cli.TRACEBACK, "1")
+    with pytest.raises(KeyError):
+        run_with(monkeypatch, KeyError("x"))
+
+
+def test_ctrl_c_while_a_command_is_loaded(monkeypatch, capsys):
+    def interrupted(_name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli.importlib, "import_module", interrupted)
+    assert cli.main(["info", "x"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [b"\xff"],
+        ["info", b"\xff"],
+        ["up", b"\xff"],
+        ["up", b"a" * 5000],
+        ["demo", "--scene", b"\xff"],
+    ],
+)
+def test_names_that_are_none(words, tmp_path):
+    command = [sys.executable, "-m", "roller_bringup.cli", *words]
+    done = subprocess.run(command, capture_output=True, check=False, cwd=tmp_path)
+    assert done.returncode in (1, 2)
+    assert b"Traceback" not in done.stderr
+    assert b"error: " in done.stderr.splitlines()[-1]
+    assert not list(tmp_path.iterdir())
+
+
+def test_whoever_reads_may_go():
+    code = f"import sys; {BROKEN}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+BROKEN = (
+    "import os; r, w = os.pipe(); os.close(r); os.dup2(w, 1); "
+    "from roller_bringup import cli; cli._run = lambda words: print('x', flush=True); "
+    "sys.exit(cli.main())"
+)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--scene", "nope"], "no scene 'nope'; there are demo, braille"),
+        (["--scene", "mesh:none.stl"], "mesh none.stl: no such file"),
+        (["--speed", "-1"], "'motion.speed' = -1.0"),
+        (["--speed", "nan"], "'motion.speed' = nan"),
+    ],
+)
+def test_the_demo_looks_at_what_it_is_given_first(tmp_path, capsys, words, says):
+    earlier = tmp_path / "bag"
+    earlier.mkdir()
+    assert cli.main(["demo", "--output", str(tmp_path), *words]) == 1
+    assert says in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["bag"]
+
+
+def test_every_command_says_what_it_does():
+    for name, module in cli.find_commands().items():
+        parser = argparse.ArgumentParser()
+        cli.importlib.import_module(module).add_parser(parser.add_subparsers())
+        assert cli._summary(module), name
+
+
+HEAVY = {"open3d", "matplotlib.pyplot", "rclpy"}
+
+
+def test_what_commands_do_not_need_is_not_loaded():
+    code = (
+        "import sys, roller_bringup.cli as cli\n"
+        "for name in ('replay', 'simulate', 'info', 'demo', 'doctor', 'up'):\n"
+        "    try: cli.main([name, '--help'])\n"
+        "    except SystemExit: pass\n"
+        f"sys.exit(bool({HEAVY!r} & sys.modules.keys()))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
