@@ -6,68 +6,57 @@ import json
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.text import Text
 
 from roller_bringup.cli import main
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_emvs.methods.surface import SurfaceSettings
 from roller_emvs.pipeline import DepthPipeline
-from roller_evaluation.bench.cases import Case, depth_settings, plan
-from roller_evaluation.bench.measure import CaseRun
-from roller_evaluation.bench.options import BenchOptions
-from roller_evaluation.bench.pareto import pareto_front
-from roller_evaluation.bench.plots import speed_vs_error
-from roller_evaluation.bench.reference import dense_reference
-from roller_evaluation.bench.resampling import densest_piece, resample, scaled, window_pieces
-from roller_evaluation.bench.run import PAPER, front_of, run_bench
-from roller_evaluation.bench.scans import CROSSING_M, Scan, get_scan
-from roller_evaluation.bench.slider import run_slider
+from roller_evaluation.bench import PAPER, front_of, pareto_front, run_bench, summarise
+from roller_evaluation.bench_plan import BenchOptions, depth_cases
+from roller_evaluation.bench_plots import speed_vs_error
+from roller_evaluation.cases import Case, ScanCase, depth_settings
+from roller_evaluation.dense_reference import dense_reference
+from roller_evaluation.measures import measure_depth
+from roller_evaluation.pictures import png
+from roller_evaluation.scans import Scan
+from roller_evaluation.slider import run_slider
+from roller_evaluation.windows import densest_piece, resample, scaled, window_pieces
 
-#: A small image and a short hold: few events, and the same plate.
-CELL = {
-    "camera": {"width": 320, "height": 240, "focal_px": 533.0},
-    "scene": {"step_mm": 0.05},
-    "motion": {"hold_s": 0.02},
-}
-OPTIONS = BenchOptions.short(
-    objects=("stairs",),
-    fixed_events=3000,
-    fixed_windows=2,
-    growth_events=(1000, 3000),
-    growth_planes=(20,),
-    growth_scales=(1.0, 2.0),
-    growth_threads=(1,),
-    cell=CELL,
-)
+Result = tuple[Path, dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def bench(tmp_path_factory: pytest.TempPathFactory, cell: dict[str, Any]) -> Result:
     folder = tmp_path_factory.mktemp("bench")
-    return folder, run_bench(OPTIONS, folder)
+    options = BenchOptions.short(
+        objects=("stairs",),
+        fixed_speed=0.3,
+        fixed_events=1500,
+        fixed_windows=2,
+        scaling_events=(1000, 1500),
+        scaling_planes=(20,),
+        scaling_sizes=(1.0, 2.0),
+        scaling_threads=(1,),
+        cell=cell,
+    )
+    return folder, run_bench(options, folder)
 
 
-@pytest.fixture(scope="module")
-def scan(bench: tuple[Path, dict[str, Any]]) -> Scan:
-    return get_scan(bench[0] / "scans", "stairs", 0.3, CELL)
-
-
-def test_a_quick_run_writes_its_files(bench: tuple[Path, dict[str, Any]]) -> None:
+def test_a_quick_run_writes_its_files(bench: Result) -> None:
     folder, _ = bench
     for name in ("speed_vs_error.png", "growth.png"):
         assert (folder / name).stat().st_size > 15_000
     result = json.loads((folder / "bench.json").read_text(), parse_constant=pytest.fail)
-    assert {"machine", "cases", "pareto", "savings", "growth", "fixed", "paper"} <= set(result)
     labels = [c["label"] for c in result["cases"]]
-    assert {"focus", "bma", "surface", "focus, no edge drift correction"} < set(labels)
-    assert "surface, no edge drift correction" in labels
+    for name in ("focus", "surface"):
+        assert {name, f"{name}, edge drift not corrected"} < set(labels)
+    assert {"bma", "bma, 500 planes"} < set(labels)
     for case in result["cases"]:
         assert case["time"]["windows"] > 0
-        for time in ("ms", "ms_per_mev"):
+        for time in ("ms", "ms_per_mev", "cpu_ms"):
             low, middle, high = (case["time"][time + end] for end in ("_low", "", "_high"))
             assert 0 < low <= middle <= high
         assert 0 < case["error"]["mae_um"] < 2000
@@ -78,39 +67,20 @@ def test_a_quick_run_writes_its_files(bench: tuple[Path, dict[str, Any]]) -> Non
         assert front
         assert set(front) <= set(labels)
     assert not any(name.startswith("surface") for name in result["pareto"]["ms"])
-    for row in result["savings"]:
-        assert row["times_faster"] > 0
-    events = [(r["method"], r["events"]) for r in result["growth"]["events"]]
-    assert events == [("focus", 1000), ("focus", 3000), ("bma", 1000), ("bma", 3000)]
-    assert [r["image"] for r in result["growth"]["image"][:2]] == [[320, 240], [640, 480]]
-    fixed = result["fixed"]
-    assert fixed["windows"] >= 2
-    assert set(fixed["methods"]) == {"focus", "bma"}
-    assert fixed["methods"]["bma"]["ratio"] > 0
-    assert fixed["bma_from_reference"]["mask_iou"] > 0.2
+    events = [(r["method"], r["events"]) for r in result["growth"] if r["quantity"] == "events"]
+    assert events == [("focus", 1000), ("focus", 1500), ("bma", 1000), ("bma", 1500)]
+    images = [r["image"] for r in result["growth"] if r["quantity"] == "image"]
+    assert images[:2] == ["320×96", "640×192"]
+    fixed = {row["method"]: row for row in result["fixed"]}
+    assert list(fixed) == ["focus", "bma", "3 dense volumes of 500 planes"]
+    assert fixed["bma"]["windows"] == 2
+    assert fixed["bma"]["faster"] > 1
+    assert fixed["bma"]["mask_iou"] > 0.2
     text = (folder / "bench.md").read_text()
     assert "| bma" in text
-    assert "Fixed case: 3,000 events in 20 ms" in text
-
-
-def test_scans_are_kept_and_made_anew_for_other_settings(tmp_path: Path) -> None:
-    small = {**CELL, "camera": {"width": 40, "height": 30, "focal_px": 66.6}}
-    first = get_scan(tmp_path, "stairs", 0.5, small)
-    asked = tmp_path / "stairs_0.5" / "asked.yaml"
-    written = asked.stat().st_mtime_ns
-    again = get_scan(tmp_path, "stairs", 0.5, small)
-    assert asked.stat().st_mtime_ns == written
-    np.testing.assert_array_equal(first.events.t_ns, again.events.t_ns)
-    get_scan(tmp_path, "stairs", 0.5, {**small, "sensor": {"hot_hz": 1.0}})
-    assert asked.stat().st_mtime_ns > written
-
-
-def test_a_crossing_is_as_long_as_it_says(scan: Scan) -> None:
-    crossing = scan.crossing()
-    x = scan.truth.camera_positions(crossing.t_ns[[0, -1]])[:, 0]
-    assert abs(x[1] - x[0] - CROSSING_M) < 2e-4
-    region = scan.truth.objects["stairs"]
-    assert abs(x.mean() - 0.5 * (region.x0 + region.x1)) < 2e-4
+    assert "Fixed case: 1,500 events in 20 ms" in text
+    count = len(result["cases"]) + len(result["growth"]) + 3
+    assert (folder / "rows.csv").read_text().count("\n") == count + 1
 
 
 def events_of(n: int) -> EventArray:
@@ -139,11 +109,11 @@ def test_resampling_keeps_order_and_is_deterministic(count: int) -> None:
         assert not np.array_equal(drawn.x, other.x)
 
 
-def test_pieces_hold_what_they_should(scan: Scan) -> None:
-    pieces = window_pieces(scan, 0.02, 0.01, 2000)
+def test_pieces_hold_what_they_should(stairs: Scan) -> None:
+    pieces = window_pieces(stairs, 0.02, 0.01, 1500)
     assert pieces
-    for piece in [*pieces, densest_piece(scan, 0.02, 2000)]:
-        assert len(piece.events) == 2000
+    for piece in [*pieces, densest_piece(stairs, 0.02, 1500)]:
+        assert len(piece.events) == 1500
         assert piece.events.t_ns[0] == piece.start_ns
         assert piece.events.t_ns[-1] == piece.end_ns - 1
         assert piece.end_ns - piece.start_ns == 20_000_000
@@ -186,34 +156,39 @@ def test_the_front_leaves_out_what_measures_little() -> None:
     assert front_of(rows, 0.3, "ms") == ["good"]
 
 
-def test_blocks_of_the_bare_plate_are_not_timed(scan: Scan) -> None:
-    run = CaseRun(Case("surface", "base", "base", 0.3, {}), [scan])
-    run.go()
-    run.go()
-    times = run.figures()["time"]
-    (region,) = scan.truth.objects.values()
+def test_blocks_of_the_bare_plate_are_not_timed(stairs: Scan) -> None:
+    case = Case(ScanCase("stairs", 0.3), "depth", "surface")
+    (row,) = measure_depth(case, stairs)
+    (region,) = stairs.truth.objects.values()
     blocks = (region.x1 - region.x0) / SurfaceSettings.create({}).block_m
-    assert times["repeats"] == 2
-    assert 2 * blocks <= times["windows"] <= 2 * (blocks + 2)
     # All of the pass is in the time of a million events, so it is more than these blocks took.
-    of_blocks = times["ms_low"] * times["windows"] / len(scan.events) * 1e6
-    assert times["ms_per_mev"] > 0.3 * of_blocks
+    assert row["windows"] > blocks + 2
+    assert row["spent_ms"] > row["ms"] * blocks
+    assert row["ms_per_mev"] == pytest.approx(row["spent_ms"] / row["events"] * 1e6, rel=1e-3)
 
 
-def test_names_in_the_figure_lie_beside_each_other(bench: tuple[Path, dict[str, Any]]) -> None:
-    figure, *axes = speed_vs_error(bench[1])
-    figure.canvas.draw()
-    for axis in axes:
-        inside = axis.get_window_extent()
-        boxes = [Text.get_window_extent(text) for text in axis.texts]
-        assert len(boxes) >= 3
-        for k, box in enumerate(boxes):
-            assert inside.x0 <= box.x0 < box.x1 <= inside.x1
-            assert not any(box.overlaps(other) for other in boxes[:k])
-    plt.close(figure)
+def test_cases_are_summed_up_over_objects_and_runs() -> None:
+    figures = {"median_um": 1.0, "bias_um": 1.0, "within_100_um": 1.0, "mae_um": 1.0,
+               "windows": 2, "refused": 0, "ms_p95": 1.0, "ms_per_mev": 1.0, "cpu_ms": 1.0,
+               "cpu_ms_per_mev": 1.0}  # fmt: skip
+    about = {"label": "bma", "method": "bma", "factor": "base", "value": "base", "speed": 0.3}
+    rows = [
+        {**about, **figures, "object": name, "run": run, "ms": ms + run, "points": points,
+         "near_edge_mae_um": um, "edges_measured": edges}
+        for run in (0, 1, 2)
+        for name, ms, points, um, edges in (("a", 1.0, 9, 10.0, 0.5), ("b", 3.0, 1, 30.0, 0.7),
+                                            ("c", 2.0, 0, None, 0.0))
+    ]  # fmt: skip
+    (case,) = summarise(rows)
+    assert [case["time"][k] for k in ("ms_low", "ms", "ms_high")] == [2.0, 3.0, 4.0]
+    assert (case["time"]["repeats"], case["time"]["windows"]) == (3, 6)
+    # An object without any point has no error, and its edges are not measured.
+    assert case["error"]["near_edge_mae_um"] == 20.0
+    assert case["error"]["objects"] == 2
+    assert case["objects"]["b"]["near_edge_mae_um"] == 30.0
 
 
-def test_the_paper_is_in_the_figure(bench: tuple[Path, dict[str, Any]]) -> None:
+def test_the_paper_is_in_the_picture(bench: Result) -> None:
     figure, axis, _ = speed_vs_error(bench[1])
     drawn = [
         tuple(float(v[0]) for v in line.get_data())
@@ -223,34 +198,37 @@ def test_the_paper_is_in_the_figure(bench: tuple[Path, dict[str, Any]]) -> None:
     assert (PAPER["ms"], PAPER["error_um"]) in drawn
     texts = [text.get_text() for text in axis.texts]
     assert any(str(PAPER["label"]) in text for text in texts)
+    assert any(text.startswith("focus") for text in texts)
     assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
     low, high = axis.get_xlim()
     assert low < PAPER["ms"] < high
-    plt.close(figure)
+    assert png(figure).startswith(b"\x89PNG")
 
 
 def test_every_case_is_there_once() -> None:
-    cases = plan(BenchOptions())
-    keys = [case.key for case in cases]
-    assert len(set(keys)) == len(keys)
-    for method in BenchOptions().methods:
-        assert Case(method, "base", "base", 0.3, {}) in cases
-        assert any(c.method == method and c.speed == 0.5 for c in cases)
-    assert len(plan(BenchOptions.short())) < len(cases)
+    options = BenchOptions()
+    cases = depth_cases(options)
+    assert len({case.key for case in cases}) == len(cases)
+    for method in options.methods:
+        for speed in options.speeds:
+            assert any(c.method == method and c.scan.speed == speed for c in cases)
+    for case in cases:
+        assert case.depth
+    assert len(depth_cases(BenchOptions.short())) < len(cases) / 3
 
 
-def test_the_reference_is_bma_with_every_plane(scan: Scan) -> None:
+def test_the_reference_is_bma_with_every_plane(stairs: Scan) -> None:
     settings = depth_settings(
         "bma",
         **{"window.rule": "all"},
         paper={"threshold_c": 4.0, "plane_rule": "fixed", "planes": 500},
     )
-    piece = densest_piece(scan, 0.02, 5000)
-    pipeline = DepthPipeline(settings, scan.camera, scan.track)
+    piece = densest_piece(stairs, 0.02, 3000)
+    pipeline = DepthPipeline(settings, stairs.camera, stairs.track)
     pipeline.add_events(piece.events)
     (fast,) = pipeline.results(flush=True)
     plain = dense_reference(piece, settings)
-    assert plain.points > 300
+    assert plain.points > 200
     np.testing.assert_array_equal(np.isfinite(fast.depth), np.isfinite(plain.depth))
     np.testing.assert_allclose(fast.depth, plain.depth, atol=2e-6)
 
@@ -265,8 +243,8 @@ def test_wrong_names_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.recordings
 def test_slider_depth_gives_events_a_second(shared_data: Path) -> None:
     found = run_slider(shared_data / "slider_depth", 1)
-    assert found["events"] > 1_000_000
-    assert [row["threads"] for row in found["threads"]] == [1, 2]
-    for row in found["threads"]:
+    assert [row["threads"] for row in found] == [1, 2]
+    for row in found:
+        assert row["events"] > 1_000_000
         assert row["votes_mev_s"] >= row["depth_map_mev_s"] > 0
         assert 2300 < row["points"] < 3200

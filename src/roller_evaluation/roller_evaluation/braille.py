@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import re
 import string
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from roller_braille.reader_settings import BrailleSettings
-from roller_core.output_folder import make_folder
 from roller_core.progress import Tell, tell_nobody
-from roller_sim.cell_settings import SensorSettings, VirtualCellSettings
+from roller_sim.cell_settings import SensorSettings
 
-from .alignment import Score, score
-from .braille_scans import BrailleScan, Reading, dot_contrast, read, simulate
-from .jobs import Job, do_jobs
+from .cases import Case, ScanCase
+from .rows import where
+from .run import run
 from .tables import write_json
 
 _SENSOR = SensorSettings.create({})
@@ -60,10 +55,6 @@ PUBLISHED: tuple[dict[str, Any], ...] = (
     {"name": "Müller-Cleve et al. (LSTM)", "speed": 0.01, "accuracy": 0.97},
     {"name": "the paper", "speed": 0.5, "accuracy": 1.0, "ms": 19.26},
 )
-#: To be raised when the reader or its figures change: what an older form left is read anew.
-_FORM = 2
-#: The paper's frame, to which times are scaled.
-FRAME_EVENTS = 20_000
 
 
 @dataclass(frozen=True)
@@ -131,7 +122,7 @@ def run_braille(
     output : path
         Folder for the results.
     tell : callable
-        Told what is being done and the share done, 0–1.
+        Takes what is being done and the share done, 0–1.
     jobs : int
         Processes.
 
@@ -149,122 +140,52 @@ def run_braille(
     """
     from .braille_plot import draw
 
-    make_folder(output / "passes")
-    first = options.conditions[0]
-    hard = set(options.hard_speeds) & set(options.speeds) or set(options.speeds)
-    asked = [(c, v) for c in options.conditions for v in options.speeds if c == first or v in hard]
-    at = min(options.speeds, key=lambda v: abs(v - options.fault_speed))
-    threads = 0 if jobs == 1 else 1
-    work = [_job(options, c, v, (c, v) == (first, at), threads) for c, v in asked]
-    # The slowest takes longest, and begins first.
-    found = do_jobs(
-        [job for _, job in sorted(zip(asked, work, strict=True), key=lambda w: w[0][1])],
-        output / "passes", jobs, tell,
-    )  # fmt: skip
+    rows = run(braille_cases(options), output / "passes", jobs, tell)
     result = {
-        "version": 1,
+        "version": 2,
         "options": asdict(options),
         "published": list(PUBLISHED),
-        "rows": [row for job in work for row in found[job.name]["rows"]],
-        "faults": [row for job in work for row in found[job.name]["faults"]],
+        "rows": where(rows, fault=None),
+        "faults": [row for row in rows if row["fault"] is not None],
     }
     write_json(result, output / "braille.json")
     draw(result, output / "braille.png")
     return result
 
 
-def _job(
-    options: BrailleOptions, condition: str, speed: float, with_faults: bool, threads: int
-) -> Job:
-    """Reading of one scan."""
-    changes = CONDITIONS[condition]
-    cell = {**options.cell, **{k: {**options.cell.get(k, {}), **v} for k, v in changes.items()}}
-    asked = {
-        "form": _FORM,
-        "options": asdict(options) | {"speeds": [], "conditions": [], "hard_speeds": []},
-        "cell": cell,
-        "speed": speed,
-        "faults": with_faults,
-        "reader": BrailleSettings.create({}).model_dump(mode="json"),
-    }
-    name = "braille_" + re.sub(r"\W+", "_", f"{condition} {speed:g}")
-    arguments = (options, condition, speed, with_faults, {**cell, "threads": threads})
-    return Job(name, json.loads(json.dumps(asked)), read_plate, arguments)
+def braille_cases(options: BrailleOptions) -> list[Case]:
+    """Every condition, speed and method; at one speed also wrong speeds and depths."""
+    o, cases = options, []
+    first = o.conditions[0]
+    hard = set(o.hard_speeds) & set(o.speeds) or set(o.speeds)
+    at = min(o.speeds, key=lambda v: abs(v - o.fault_speed))
+    for condition in o.conditions:
+        for speed in o.speeds if condition == first else sorted(hard):
+            scan = ScanCase("braille", speed, o.seed, o.cell)
+            scan = scan.changed(**CONDITIONS[condition], scene={"text": o.text})
+            for method in o.methods:
+                labels = {"condition": condition, "fault": None}
+                cases.append(Case(scan, "braille", method, {"reader": METHODS[method]}, labels))
+            if (condition, speed) == (first, at):
+                cases += _faults(scan, o)
+    return cases
 
 
-def read_plate(
-    options: BrailleOptions, condition: str, speed: float, with_faults: bool, cell: dict[str, Any]
-) -> dict[str, Any]:
-    """Figures of one scan by method, and with faults.
-
-    Parameters
-    ----------
-    options : BrailleOptions
-        Text, methods, faults.
-    condition : str
-        Of `CONDITIONS`.
-    speed : float
-        m/s.
-    with_faults : bool
-        Whether to try wrong speeds and depths.
-    cell : dict
-        Settings of the virtual cell.
-    """
-    scan = simulate(options.text, speed, cell, options.seed)
-    light = {
-        "threshold": VirtualCellSettings.create(cell).sensor.threshold,
-        "dot_contrast": dot_contrast(cell, options.seed),
-    }
-    rows = [
-        {
-            "condition": condition,
-            "speed": speed,
-            "method": method,
-            **light,
-            **_figures(scan, read(scan, METHODS[method])),
-        }
-        for method in options.methods
-    ]
-    return {"rows": rows, "faults": _faults(scan, speed, options) if with_faults else []}
-
-
-def _faults(scan: BrailleScan, speed: float, options: BrailleOptions) -> list[dict[str, Any]]:
+def _faults(scan: ScanCase, o: BrailleOptions) -> list[Case]:
     """Readings with a wrong speed or a wrong depth."""
     depth_m = BrailleSettings.create({}).depth_m
-    wrong: list[tuple[str, dict[str, Any], float]] = [
-        (f"speed {error:+.0%}", {}, 1.0 + error) for error in options.speed_errors
-    ]
+    wrong: list[tuple[str, dict[str, Any], float]] = [("none", {}, 1.0)]
+    wrong += [(f"speed {error:+.0%}", {}, 1.0 + error) for error in o.speed_errors]
     wrong += [
         (f"depth {error:+g} mm", {"depth_m": depth_m + error * 1e-3}, 1.0)
-        for error in options.depth_errors_mm
+        for error in o.depth_errors_mm
     ]
     return [
-        {
-            "fault": name,
-            "refined": refined,
-            "speed": speed,
-            **_figures(scan, read(scan, {**settings, **REFINED[refined]}, factor)),
-        }
-        for name, settings, factor in [("none", {}, 1.0), *wrong]
+        Case(
+            scan, "braille", "auto",
+            {"reader": {**reader, **REFINED[refined]}, "speed_factor": factor},
+            {"fault": name, "refined": refined},
+        )
+        for name, reader, factor in wrong
         for refined in REFINED
-    ]
-
-
-def _figures(scan: BrailleScan, reading: Reading) -> dict[str, Any]:
-    result: Score = score(reading.lines, scan.lines)
-    ms = np.array(reading.milliseconds or [0.0])
-    # Frames end after some travel too; the cost of the same work in frames of the paper's size.
-    frames = max(reading.events / FRAME_EVENTS, 1e-9)
-    return {
-        **asdict(result),
-        "misread": result.misread,
-        "character_accuracy": result.character_accuracy,
-        "character_error_rate": result.character_error_rate,
-        "word_error_rate": result.word_error_rate,
-        "frames": len(reading.milliseconds),
-        "events": reading.events,
-        "ms_mean": float(ms.mean()),
-        "ms_p95": float(np.quantile(ms, 0.95)),
-        "ms_20000_events": float(ms.sum() / frames),
-        "text": reading.lines,
-    }
+    ]  # fmt: skip

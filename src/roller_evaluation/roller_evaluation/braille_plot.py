@@ -5,15 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from roller_core.errors import UnwritableOutputError
-
-from .braille_report import too_faint
+from .braille_tables import too_faint
+from .pictures import write_picture
 
 _COLOURS = (
     "tab:blue", "tab:orange", "tab:red", "tab:green", "tab:purple", "tab:brown", "tab:cyan",
@@ -45,12 +41,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
     _draw_times(axes[2], result)
     title = "Braille on the virtual cell, beside what others published of real sensors"
     figure.suptitle("\n".join([title, *too_faint(result)]), fontsize=11)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
-    finally:
-        plt.close(figure)
+    write_picture(figure, path)
 
 
 def _series(axis: Axes, result: dict[str, Any], value: str, factor: float) -> None:

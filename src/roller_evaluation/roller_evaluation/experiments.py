@@ -1,130 +1,156 @@
-"""All experiments of the paper: measured, beside its figures, as a page and as JSON."""
+"""The paper's experiments: which scans they take, and what is measured on them."""
 
 from __future__ import annotations
 
-import json
-import platform
-from dataclasses import asdict
-from importlib.metadata import version
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from roller_core.output_folder import make_folder
-from roller_core.progress import Tell, tell_nobody
+from roller_sim.objects import OBJECTS
 
-from .braille import BrailleOptions, run_braille
-from .braille_report import tables as braille_tables
-from .measured import measure
-from .page import page
-from .paper_plots import draw_object, draw_speed
-from .paper_tables import tables
-from .plan import EXPERIMENTS, FUSIONS, OURS, SPEED, EvaluationOptions, passes
-from .repeated_passes import Pass, pictured, scan_of, settings_of
-from .tables import Table, write_json, write_text
-from .timing import time_table, window_times
+from .cases import Case, ScanCase
+from .paper_values import LARGE_UM
 
-#: What runs besides the passes, as a share of the whole.
-_AFTER = 0.2
-_LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless")
-#: The paper's colours, and one in which equal steps look equal.
-_COLOURS = ("jet", "cividis")
+#: Speed of all experiments but those on speed, m/s.
+SPEED = 0.3
+FAST = 0.5
+#: Objects that the paper's weights were found and compared on.
+CALIBRATION_SET = ("stairs", "sphere", "sparse_sphere")
+FUSIONS = ("emvs", "left_right", "bma", "focus", "surface")
+OURS = ("bma", "focus", "surface")
+CONTACTS = ("light", "medium", "full")
+#: Threads of the methods that are timed.
+THREADS = 2
+#: Experiments by name, in the order of the report.
+EXPERIMENTS = {
+    "weights": "Weights of the views, found on one object and tried on all",
+    "fusion": "Depth methods on the calibration set",
+    "objects": "The six objects",
+    "speed": "Error against speed, on the sphere",
+    "views": "Three and five reference views",
+    "lines": "Spread of depth over three equal lines",
+    "force": "Contact force",
+    "large": "Large surfaces",
+    "sensors": "Sensors that roll",
+    "time": "Processing time",
+    "braille": "Braille by speed",
+}
 
 
-def run_evaluation(
-    options: EvaluationOptions, output: Path, jobs: int = 1, tell: Tell = tell_nobody
-) -> dict[str, Table]:
-    """Run experiments, and write `index.html` and `evaluation.json`.
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """Size of an evaluation.
 
-    What was measured is kept in `passes` and taken again by a run with the same settings, so a
-    run that was broken off goes on.
-
-    Parameters
+    Attributes
     ----------
-    options : EvaluationOptions
-        Which, and how many passes.
-    output : path
-        Folder for the results.
-    jobs : int
-        Processes.
-    tell : callable
-        Told what is being done and the share done, 0–1.
-
-    Returns
-    -------
-    dict of Table
-        Tables by experiment.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If results can't be written.
-    RollerError
-        If a setting is no good.
+    only : tuple of str
+        Experiments to run, of `EXPERIMENTS`.
+    repeats : int
+        Passes of each kind, each with a seed of its own.
+    seed : int
+        Seed of the first.
+    objects : tuple of str
+        The single objects.
+    speeds : tuple of float
+        Of the experiment on speed, m/s.
+    large : tuple of str
+        The large plates.
+    cell : mapping
+        Settings of the virtual cell that differ from its defaults.
+    quick : bool
+        Whether this is the short form.
+    pictures : bool
+        Draw depth maps and clouds of the objects.
     """
-    make_folder(output / "passes")
-    wanted = passes(options)
 
-    def told(text: str, share: float) -> None:
-        tell(text, (1 - _AFTER) * share)
+    only: tuple[str, ...] = tuple(EXPERIMENTS)
+    repeats: int = 5
+    seed: int = 1
+    objects: tuple[str, ...] = tuple(OBJECTS)
+    speeds: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
+    large: tuple[str, ...] = tuple(LARGE_UM)
+    cell: Mapping[str, Any] = field(default_factory=dict)
+    quick: bool = False
+    pictures: bool = True
 
-    measured = measure(wanted, options.cell, output / "passes", jobs, told)
-    found = tables(measured, options)
-    result: dict[str, Any] = {"options": asdict(options), "passes": measured.as_json()}
-    figures: dict[str, list[tuple[str, bytes]]] = {}
-    if "speed" in options.only:
-        figures["speed"] = [("Error and coverage by speed", draw_speed(measured, options))]
-    if "objects" in options.only:
-        tell("pictures", 1 - _AFTER)
-        figures["objects"] = _pictures(options)
-    if "time" in options.only:
-        tell("times", 1 - 0.6 * _AFTER)
-        name = options.objects[0]
-        scan = scan_of(Pass(name, SPEED, options.seed), options.cell, threads=0)
-        result["time"] = window_times(scan, 2 if options.quick else 5)
-        found["time"] = time_table(result["time"], name)
-    braille: list[Table] = []
-    if "braille" in options.only:
+    @classmethod
+    def short(cls, **changes: Any) -> EvaluationOptions:
+        """One pass of each kind, over two objects at two speeds."""
+        small = cls(
+            repeats=1,
+            objects=("stairs", "sphere"),
+            speeds=(0.3, 0.5),
+            large=("line_array",),
+            cell={"scene": {"step_mm": 0.04}},
+            quick=True,
+        )
+        return replace(small, **changes)
 
-        def told_braille(text: str, share: float) -> None:
-            tell(text, 1 - 0.5 * _AFTER * (1 - share))
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Seeds of the passes."""
+        return tuple(range(self.seed, self.seed + self.repeats))
 
-        kind = BrailleOptions.short if options.quick else BrailleOptions
-        result["braille"] = run_braille(kind(seed=options.seed), output, told_braille, jobs)
-        braille = braille_tables(result["braille"])
-        found["braille"] = braille[0]
-        figures["braille"] = [("Braille by speed", (output / "braille.png").read_bytes())]
-    sections = [
-        (title, braille if name == "braille" else [found[name]], figures.get(name, []))
-        for name, title in EXPERIMENTS.items()
-        if name in options.only
-    ]
-    facts = _facts(options)
-    write_json({"facts": facts, **result}, output / "evaluation.json")
-    write_text(output / "index.html", page(sections, facts, _settings(options)))
-    return {name: found[name] for name in EXPERIMENTS if name in found}
+    @property
+    def calibration_set(self) -> tuple[str, ...]:
+        """Of the paper's three objects those that are looked at."""
+        return tuple(name for name in CALIBRATION_SET if name in self.objects)
 
 
-def _pictures(options: EvaluationOptions) -> list[tuple[str, bytes]]:
-    out = []
-    for name in options.objects:
-        scan = scan_of(Pass(name, SPEED, options.seed), options.cell, threads=0)
-        shown = {method: pictured(scan, method) for method in OURS}
-        for colours in _COLOURS:
-            out.append((f"{name}, depth maps and clouds, {colours}", draw_object(shown, colours)))
-    return out
+def experiment_cases(options: EvaluationOptions) -> list[Case]:
+    """What the experiments measure, pass by pass; what several of them take is there once."""
+    o = options
+    cases: dict[str, Case] = {}
+
+    def add(scan: ScanCase, measure: str, *methods: str, contact: str = "full") -> None:
+        pressed = scan.changed(skin={"contact": contact})
+        for method in methods:
+            case = Case(pressed, measure, method, {}, {"contact": contact})
+            cases.setdefault(case.key, case)
+
+    for seed in o.seeds:
+
+        def scan(name: str, speed: float = SPEED, seed: int = seed) -> ScanCase:
+            return ScanCase(name, speed, seed, o.cell)
+
+        if "weights" in o.only:
+            for name in o.calibration_set:
+                add(scan(name), "weights", "bma")
+                add(scan(name), "depth", "focus", "surface")
+        if "fusion" in o.only:
+            for name in o.calibration_set:
+                add(scan(name), "depth", *FUSIONS)
+        if "objects" in o.only:
+            for name in o.objects:
+                add(scan(name), "depth", *OURS)
+        if "speed" in o.only:
+            for speed in o.speeds:
+                add(scan("sphere", speed), "depth", *FUSIONS)
+        if "views" in o.only:
+            add(scan("sphere"), "depth", "bma", "bma_5", "focus", "surface")
+        if "lines" in o.only:
+            add(scan("three_lines"), "plate", *FUSIONS)
+        if "force" in o.only:
+            for contact in CONTACTS:
+                add(scan("bumps"), "depth", *OURS, contact=contact)
+        if "large" in o.only:
+            for plate in o.large:
+                add(scan(plate), "plate", *OURS)
+        if "sensors" in o.only:
+            for name in o.objects:
+                add(scan(name, FAST), "depth", *OURS)
+    return list(cases.values())
 
 
-def _facts(options: EvaluationOptions) -> dict[str, Any]:
-    return {
-        "passes of each kind": options.repeats,
-        "seeds": ", ".join(map(str, options.seeds)),
-        "machine": f"{platform.processor() or platform.machine()}, {platform.system()}",
-        "Python": platform.python_version(),
-        **{name: version(name) for name in _LIBRARIES},
-        "form": "quick: few passes, coarse scenes" if options.quick else "full",
-    }
-
-
-def _settings(options: EvaluationOptions) -> str:
-    shown = {name: settings_of(name).model_dump(mode="json") for name in FUSIONS}
-    return json.dumps({"cell, beside defaults": dict(options.cell), "methods": shown}, indent=1)
+def timed_cases(options: EvaluationOptions) -> list[Case]:
+    """Cases of the experiment on processing time."""
+    labels = {"factor": "base", "value": "base"}
+    return [
+        Case(
+            ScanCase(name, speed, options.seed, options.cell), "depth", method,
+            {"threads": THREADS}, {"label": method, **labels},
+        )
+        for speed in (SPEED, FAST)
+        for name in options.objects
+        for method in FUSIONS
+    ]  # fmt: skip

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
-from .measured import Measured
-from .paper_tables import NAMES
-from .plan import FUSIONS, EvaluationOptions
-from .repeated_passes import Pass
+from .bench_plots import COLOURS
+from .experiments import FUSIONS, EvaluationOptions
+from .paper_tables import NAMES, of_object
+from .pictures import png
+from .rows import Row, deviation, mean
 
-_COLOURS = dict(zip(FUSIONS, ("tab:gray", "tab:brown", "tab:blue", "tab:green", "tab:red"),
-                    strict=True))  # fmt: skip
 #: What the colours span beyond the relief, mm.
 _AROUND_MM = 0.1
 #: Depth of the plate where no depth map tells it, mm.
@@ -29,26 +23,25 @@ _MIDDLE_MM = 45.0
 _MOST_POINTS = 20_000
 
 
-def draw_speed(m: Measured, o: EvaluationOptions) -> bytes:
+def draw_speed(rows: Sequence[Row], o: EvaluationOptions) -> bytes:
     """Error against speed on the sphere, and the share of edges measured."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.2), dpi=100, layout="constrained")
     for method in FUSIONS:
-        own = [[Pass("sphere", v, seed) for seed in o.seeds] for v in o.speeds]
-        found = [(v, p) for v, p in zip(o.speeds, own, strict=True)
-                 if m.mean(p, method, "mae_um") is not None]  # fmt: skip
-        x = [v for v, _ in found]
-        mean = [m.mean(p, method, "mae_um") or 0.0 for _, p in found]
-        about = [m.deviation(p, method, "mae_um") or 0.0 for _, p in found]
-        seen = [100 * (m.mean(p, method, "edges_measured") or 0.0) for _, p in found]
-        style: dict[str, Any] = {"color": _COLOURS[method], "label": NAMES[method]}
-        left.errorbar(x, mean, about, marker="o", ms=4, capsize=3, **style)
+        own = [(v, of_object(rows, "sphere", method, v)) for v in o.speeds]
+        own = [(v, each) for v, each in own if mean(each, "mae_um") is not None]
+        x = [v for v, _ in own]
+        middle = [mean(each, "mae_um") or 0.0 for _, each in own]
+        about = [deviation(each, "mae_um") or 0.0 for _, each in own]
+        seen = [100 * (mean(each, "edges_measured") or 0.0) for _, each in own]
+        style: dict[str, Any] = {"color": COLOURS[method], "label": NAMES[method]}
+        left.errorbar(x, middle, about, marker="o", ms=4, capsize=3, **style)
         right.plot(x, seen, marker="o", ms=4, **style)
     left.set(xlabel="speed, m/s", ylabel="mean absolute error, µm", ylim=(0, None))
     right.set(xlabel="speed, m/s", ylabel="relief edges measured, %", ylim=(0, 100))
     left.legend()
     for axis in (left, right):
         axis.grid(alpha=0.3)
-    return _png(figure)
+    return png(figure)
 
 
 def draw_object(pictures: Mapping[str, Mapping[str, npt.NDArray[Any]]], colours: str) -> bytes:
@@ -87,7 +80,7 @@ def draw_object(pictures: Mapping[str, Mapping[str, npt.NDArray[Any]]], colours:
         _draw_cloud(cloud, points_mm, colours, (plate - limits[1], plate - limits[0]))
     if shown is not None:
         figure.colorbar(shown, ax=figure.axes, location="bottom", label="depth, mm", shrink=0.4)
-    return _png(figure)
+    return png(figure)
 
 
 def _draw_cloud(
@@ -104,12 +97,3 @@ def _draw_cloud(
     axis.set_box_aspect((np.ptp(x) or 1, np.ptp(y) or 1, 3.5), zoom=1.2)
     axis.set_zlim(heights_mm)
     axis.set_zticks([])
-
-
-def _png(figure: Figure) -> bytes:
-    out = io.BytesIO()
-    try:
-        figure.savefig(out, format="png", metadata={"Software": None})
-    finally:
-        plt.close(figure)
-    return out.getvalue()

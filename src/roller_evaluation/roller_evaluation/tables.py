@@ -1,4 +1,4 @@
-"""Tables of results: on the screen, as Markdown; and figures as JSON."""
+"""Results on the screen and in files: tables and JSON."""
 
 from __future__ import annotations
 
@@ -59,10 +59,51 @@ def write_text(path: Path, text: str) -> None:
     UnwritableOutputError
         If it can't be written.
     """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file of results.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
     try:
-        path.write_text(text)
+        path.write_bytes(data)
     except OSError as error:
         raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
+
+
+def write_markdown(title: str, about: str, found: Sequence[Table], path: Path) -> None:
+    """Write tables as a page.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
+    parts = [f"# {title}", about, *(markdown(table) for table in found)]
+    write_text(path, "\n\n".join(parts) + "\n")
+
+
+def markdown(table: Table) -> str:
+    """A table with its title and note."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (table.head, *table.rows)]
+    lines.insert(1, "|" + "---|" * len(table.head))
+    note = f"\n\n{table.note}" if table.note else ""
+    return f"## {table.title}\n\n" + "\n".join(lines) + note
+
+
+def number(value: float | None, digits: int = 1) -> str:
+    """A number for a cell."""
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def share(value: float | None) -> str:
+    """A share for a cell, in per cent."""
+    return "–" if value is None else f"{value:.0%}"
 
 
 def show_tables(shown_tables: Sequence[Table]) -> None:

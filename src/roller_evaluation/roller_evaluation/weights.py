@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,10 @@ from roller_core.transforms import F64
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.windows import RefusedWindow
-from roller_evaluation.bench.scans import Scan
+
+from .cases import Case
+from .rows import Row
+from .scans import Scan
 
 #: Weights are whole multiples of its inverse; 18 hold the paper's 8, 6 and 4.
 PARTS = 18
@@ -51,66 +53,67 @@ class BestWeights:
     measured: tuple[float, ...]
 
 
-def weight_errors(scan: Scan, settings: DepthSettings) -> dict[str, Any]:
-    """Errors of each of `weight_choices` over an object.
+def measure_weights(case: Case, scan: Scan) -> list[Row]:
+    """Errors of each of `weight_choices` over an object, one row each.
 
     `mae_um` is the mean absolute error, `points` the measured pixels, of `pixels` in contact.
-
-    Parameters
-    ----------
-    scan : Scan
-        A pass over the object.
-    settings : DepthSettings
-        Method `bma`.
     """
-    grid = PaperGrid((settings.paper.threshold_c,), (settings.paper.median_px,), weight_choices())
+    settings, choices = case.depth, weight_choices()
+    assert isinstance(settings, DepthSettings)
+    grid = PaperGrid((settings.paper.threshold_c,), (settings.paper.median_px,), choices)
     errors, points, pixels = np.zeros(grid.size), np.zeros(grid.size, np.int64), 0
     for window in _windows(scan, settings):
         found, count = window_errors(window, scan.camera, settings, grid)
         errors += found
         points += count
         pixels += window.view.pixels
-    each = np.divide(errors, points, out=np.full(len(errors), np.nan), where=points > 0)
-    mae_um = [round(float(v) * 1e6, 3) for v in each]
-    return {"mae_um": mae_um, "points": points.tolist(), "pixels": pixels}
+    rows = []
+    for k, (start, middle, end) in enumerate(choices.tolist()):
+        mae_um = round(float(errors[k] / points[k]) * 1e6, 3) if points[k] else None
+        row = {"object": scan.name, "choice": k, "start": start, "middle": middle, "end": end}
+        rows.append(row | {"mae_um": mae_um, "points": int(points[k]), "pixels": pixels})
+    return rows
 
 
-def cross_validated(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[BestWeights]:
+def cross_validated(rows: Sequence[Row], names: Sequence[str]) -> list[BestWeights]:
     """The best weights of each object, tried on all.
 
     As the paper does it: mean over an object's passes first, then over the objects.
 
     Parameters
     ----------
-    found : mapping
-        By object, `weight_errors` of its passes.
+    rows : sequence of dict
+        Of `measure_weights`.
+    names : sequence of str
+        The objects.
     """
     choices = weight_choices()
     error: dict[str, F64] = {}
     share: dict[str, F64] = {}
     usable = np.ones(len(choices), bool)
-    for name, passes in found.items():
-        error[name] = np.nanmean([p["mae_um"] for p in passes], axis=0)
-        points = np.sum([p["points"] for p in passes], axis=0)
-        share[name] = points / sum(p["pixels"] for p in passes)
+    for name in names:
+        own = sorted((r for r in rows if r["object"] == name), key=lambda r: r["choice"])
+        shape = len(choices), -1
+        mae = np.array([r["mae_um"] for r in own], np.float64).reshape(shape)
+        points = np.array([r["points"] for r in own]).reshape(shape).sum(axis=1)
+        pixels = np.array([r["pixels"] for r in own]).reshape(shape).sum(axis=1)
+        error[name], share[name] = np.nanmean(mae, axis=1), points / pixels
         usable &= points >= _LEAST_POINTS * points.max()
-    rows = []
-    for name, own in error.items():
-        best = int(np.nanargmin(np.where(usable, own, np.nan)))
-        rows.append(
-            BestWeights(
-                name,
-                tuple(choices[best].tolist()),
-                tuple(float(e[best]) for e in error.values()),
-                tuple(float(s[best]) for s in share.values()),
-            )
+    best = {name: int(np.nanargmin(np.where(usable, e, np.nan))) for name, e in error.items()}
+    return [
+        BestWeights(
+            name,
+            tuple(choices[k].tolist()),
+            tuple(float(e[k]) for e in error.values()),
+            tuple(float(s[k]) for s in share.values()),
         )
-    return rows
+        for name, k in best.items()
+    ]
 
 
 def _windows(scan: Scan, settings: DepthSettings) -> Iterator[KnownWindow]:
     pipeline = DepthPipeline(settings, scan.camera, scan.track)
-    pipeline.add_events(scan.crossing())
+    pipeline.add_events(scan.crossing)
     for window in pipeline.windows(flush=True):
         if isinstance(window, RefusedWindow):
             continue

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from roller_core.errors import SettingsError
 from roller_emvs.depth_settings import REPLAY_METHODS
+from roller_evaluation.commands import numbers, words
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -23,16 +24,16 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--repeats", type=int, metavar="N", help="times each case is timed")
     parser.add_argument(
-        "--objects", type=_words, metavar="A,B", help="objects of the virtual cell (default: all)"
+        "--objects", type=words, metavar="A,B", help="objects of the virtual cell (default: all)"
     )
     parser.add_argument(
         "--speeds",
-        type=_numbers,
+        type=numbers,
         metavar="V,W",
         help="m/s; the first is that of all variations (default: 0.3,0.5)",
     )
     parser.add_argument(
-        "--methods", type=_words, metavar="A,B", help=f"of {', '.join(REPLAY_METHODS)}"
+        "--methods", type=words, metavar="A,B", help=f"of {', '.join(REPLAY_METHODS)}"
     )
     parser.add_argument(
         "--slider", type=Path, metavar="FOLDER", help="public sequence slider_depth: events/s"
@@ -50,9 +51,10 @@ def run(args: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
-    from roller_evaluation.bench.bench_tables import print_tables
-    from roller_evaluation.bench.options import ALL_OBJECTS, BenchOptions
-    from roller_evaluation.bench.run import run_bench
+    from roller_evaluation.bench import run_bench
+    from roller_evaluation.bench_plan import ALL_OBJECTS, BenchOptions
+    from roller_evaluation.bench_tables import tables
+    from roller_evaluation.tables import show_tables
 
     given = {
         name: getattr(args, name)
@@ -73,21 +75,13 @@ def run(args: argparse.Namespace) -> int:
             args.output,
             lambda text, share: status.update(f"bench: {share:.0%}, {text}"),
         )
-    print_tables(result)
-    names = ("bench.json", "bench.md", "speed_vs_error.png", "growth.png")
+    show_tables(tables(result))
+    names = ("bench.json", "bench.md", "rows.csv", "speed_vs_error.png", "growth.png")
     print("files: " + ", ".join(f"{args.output}/{name}" for name in names))
     return 0
 
 
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
-
-
-def _numbers(text: str) -> tuple[float, ...]:
-    return tuple(dict.fromkeys(float(word) for word in _words(text)))
-
-
-def _check(name: str, words: tuple[str, ...], known: tuple[str, ...]) -> None:
-    for word in words:
+def _check(name: str, given: tuple[str, ...], known: tuple[str, ...]) -> None:
+    for word in given:
         if word not in known:
             raise SettingsError(f"--{name}: there is no '{word}'; there are {', '.join(known)}")

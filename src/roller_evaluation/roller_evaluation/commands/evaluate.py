@@ -7,10 +7,12 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from roller_core.errors import SettingsError
 from roller_core.progress import Tell
-from roller_evaluation.plan import EXPERIMENTS, EvaluationOptions
+from roller_evaluation.commands import numbers, words
+from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -25,9 +27,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     _add_output(parser)
     parser.add_argument("--quick", action="store_true", help="one pass of each kind, few objects")
-    parser.add_argument("--only", type=_words, metavar="A,B", help="experiments, of those below")
+    parser.add_argument("--only", type=words, metavar="A,B", help="experiments, of those below")
     parser.add_argument("--repeats", type=int, metavar="N", help="passes of each kind (5)")
     parser.add_argument("--seed", type=int, help="seed of the first pass (1)")
+    parser.add_argument(
+        "--results", type=Path, metavar="FILE",
+        help="also write a page (Markdown) of objects, sensors, time and braille, with its picture",
+    )  # fmt: skip
     _add_jobs(parser)
     parser.set_defaults(run=_run_all)
     _add_braille(parser.add_subparsers(dest="experiment", metavar="braille"))
@@ -60,7 +66,8 @@ def _telling() -> Iterator[Tell]:
 
 
 def _run_all(args: argparse.Namespace) -> int:
-    from roller_evaluation.experiments import run_evaluation
+    from roller_evaluation.evaluation import run_evaluation
+    from roller_evaluation.results_page import write_results
     from roller_evaluation.tables import show_tables
 
     given = {
@@ -75,10 +82,23 @@ def _run_all(args: argparse.Namespace) -> int:
         raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
     options = EvaluationOptions.short(**given) if args.quick else EvaluationOptions(**given)
     with _telling() as tell:
-        found = run_evaluation(options, args.output, args.jobs, tell)
-    show_tables(list(found.values()))
-    print(f"files: {args.output}/index.html, {args.output}/evaluation.json")
+        result = run_evaluation(options, args.output, args.jobs, tell)
+    show_tables([table for tables in result["tables"].values() for table in tables])
+    names = [args.output / name for name in ("index.html", "evaluation.json", "rows.csv")]
+    if args.results is not None:
+        write_results(result, options, _command_line(args, given), args.results)
+        names.append(args.results)
+    print("files: " + ", ".join(map(str, names)))
     return 0
+
+
+def _command_line(args: argparse.Namespace, given: dict[str, Any]) -> list[str]:
+    """What makes the same figures again."""
+    out = ["roller", "evaluate", "--results", args.results.name]
+    out += ["--quick"] if args.quick else []
+    for name, value in given.items():
+        out += [f"--{name}", ",".join(map(str, value)) if name == "only" else str(value)]
+    return out
 
 
 def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -90,7 +110,7 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
     )
     _add_output(parser)
     parser.add_argument("--quick", action="store_true", help="a few letters at one speed")
-    parser.add_argument("--speeds", type=_speeds, metavar="V,W", help="m/s")
+    parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s")
     parser.add_argument("--text", help="text of the plate: a–z, digits, spaces; \\n ends a line")
     parser.add_argument("--seed", type=int, help="seed of all chance (default: 1)")
     _add_jobs(parser)
@@ -99,7 +119,7 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
 
 def _run_braille(args: argparse.Namespace) -> int:
     from roller_evaluation.braille import BrailleOptions, run_braille
-    from roller_evaluation.braille_report import tables
+    from roller_evaluation.braille_tables import tables
     from roller_evaluation.tables import show_tables
 
     given = {
@@ -118,11 +138,3 @@ def _run_braille(args: argparse.Namespace) -> int:
     show_tables(tables(result))
     print(f"files: {args.output}/braille.json, {args.output}/braille.png")
     return 0
-
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(word for word in text.split(",") if word))
-
-
-def _speeds(text: str) -> tuple[float, ...]:
-    return tuple(dict.fromkeys(float(word) for word in text.split(",") if word.strip()))

@@ -8,7 +8,7 @@ from .tables import Table
 
 _HEAD = (
     "characters", "right", "CER", "WER", "unreadable", "misread", "missed",
-    "ms a frame", "95 %", "ms/20 000 ev.",
+    "ms a batch", "95 %", "ms/20 000 ev.",
 )  # fmt: skip
 
 
@@ -48,7 +48,7 @@ def tables(result: dict[str, Any]) -> list[Table]:
     out.append(
         Table(
             "Published readers",
-            ("", "m/s", "characters right", "ms a frame"),
+            ("", "m/s", "characters right", "ms a batch"),
             published,
             "Real sensors, each on plates of its own: beside the figures above, not below them.",
         )

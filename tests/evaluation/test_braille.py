@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,12 @@ import pytest
 
 from roller_braille.table import UNREADABLE
 from roller_bringup.cli import main
-from roller_evaluation import braille
-from roller_evaluation.alignment import Score, align, score
-from roller_evaluation.braille import CONDITIONS, BrailleOptions, run_braille
+from roller_evaluation.braille import CONDITIONS, BrailleOptions, braille_cases, run_braille
 from roller_evaluation.braille_plot import draw
-from roller_evaluation.braille_report import tables
-from roller_evaluation.braille_scans import dot_contrast
+from roller_evaluation.braille_reading import dot_contrast
+from roller_evaluation.braille_score import Score, align, score
+from roller_evaluation.braille_tables import tables
+from roller_evaluation.cases import ScanCase
 from roller_evaluation.tables import show_tables
 
 
@@ -58,7 +57,7 @@ def test_a_line_that_is_missing_costs_its_own_characters_alone() -> None:
     assert (result.right, result.missed, result.wrong) == (10, 5, 0)
 
 
-SMALL = BrailleOptions.short(text="lazy dog", conditions=("default",))
+SMALL = BrailleOptions.short(text="fox", conditions=("default",), fault_speed=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -76,45 +75,26 @@ def test_a_quick_run_reads_its_plate_and_writes_its_files(
     assert [r["method"] for r in result["rows"]] == ["auto", "all events"]
     for row in result["rows"] + result["faults"]:
         parts = ("right", "wrong", "unreadable", "missed")
-        assert sum(row[p] for p in parts) == row["characters"] == len("lazy dog")
-        assert row["frames"] > 0
+        assert sum(row[p] for p in parts) == row["characters"] == len("fox")
+        assert row["batches"] > 0
         assert row["ms_20000_events"] > 0
     auto = result["rows"][0]
-    assert (auto["text"], auto["character_error_rate"], auto["misread"]) == (["lazy dog"], 0.0, 0)
+    assert (auto["text"], auto["character_error_rate"], auto["misread"]) == (["fox"], 0.0, 0)
     faults = {(r["fault"], r["refined"]): r["character_error_rate"] for r in result["faults"]}
     assert faults["speed -10%", True] == 0.0 < faults["speed -10%", False]
     assert (folder / "braille.png").stat().st_size > 15_000
 
 
-def test_a_run_that_was_broken_off_goes_on(
-    quick: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder, found = quick
-
-    def never(*_: object) -> None:
-        raise AssertionError("read again")
-
-    monkeypatch.setattr(braille, "simulate", never)
-    again = run_braille(SMALL, folder)
-    assert json.loads(json.dumps(again)) == json.loads(json.dumps(found))
-    for changes in ({"text": "other"}, {"seed": 2}, {"cell": {}}):
-        with pytest.raises(AssertionError, match="read again"):
-            run_braille(replace(SMALL, **changes), folder)
-
-
-def test_processes_find_what_one_finds(quick: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
-    two = replace(SMALL, speeds=(0.3, 0.5))
-    found = run_braille(two, tmp_path, jobs=2)
-    timed = {"ms_mean", "ms_p95", "ms_20000_events"}
-    plain = [
-        [
-            {k: v for k, v in row.items() if k not in timed}
-            for row in result["rows"] + result["faults"]
-        ]
-        for result in (found, quick[1])
-    ]
-    assert [row for row in plain[0] if row["speed"] == 0.3] == plain[1]
-    assert {row["speed"] for row in plain[0]} == {0.3, 0.5}
+def test_every_condition_is_read_at_its_speeds() -> None:
+    options = BrailleOptions()
+    cases = braille_cases(options)
+    scans = {case.scan.key for case in cases}
+    hard = len(options.conditions) - 1
+    assert len(scans) == len(options.speeds) + hard * len(options.hard_speeds)
+    assert len({case.key for case in cases}) == len(cases)
+    faults = [case for case in cases if case.labels["fault"] is not None]
+    assert {case.scan.speed for case in faults} == {options.fault_speed}
+    assert len(faults) == 2 * 5
 
 
 def test_the_tables_hold_every_row_and_the_published_figures(
@@ -133,7 +113,10 @@ def test_the_tables_hold_every_row_and_the_published_figures(
 def test_what_a_dot_changes_in_each_light_is_told_beside_the_threshold(
     quick: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = {name: dot_contrast({**SMALL.cell, **c}, seed=1) for name, c in CONDITIONS.items()}
+    found = {
+        name: dot_contrast(ScanCase("braille", 0.3, cell=SMALL.cell).changed(**CONDITIONS[name]))
+        for name in ("default", "10 × noise", "strong light")
+    }
     assert found["default"] == found["10 × noise"] == pytest.approx(0.30, abs=0.04)
     assert found["strong light"] == pytest.approx(2 * found["default"], rel=0.15)
     faint = {**quick[1]["rows"][0], "condition": "half contrast", "threshold": 0.44}
@@ -157,7 +140,9 @@ def test_a_plot_without_faults_can_be_drawn(
 def test_bad_arguments_are_refused_in_a_line(
     options: list[str], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["evaluate", "braille", "--quick", "--output", str(tmp_path), *options]) == 1
+    assert (
+        main(["evaluate", "braille", "--quick", "--jobs=1", f"--output={tmp_path}", *options]) == 1
+    )
     error = capsys.readouterr().err
     assert word in error
     assert error.count("\n") == 1

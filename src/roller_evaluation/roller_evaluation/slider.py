@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.pipeline import DepthPipeline
 from roller_recording.reading import open_recording
 
 from .cases import depth_settings
-from .measure import time_figures
+from .rows import Row
 
 #: 10^6 events/s of the reference C++ code (-O3) on this sequence by number of threads, on a
 #: machine with two cores: 240×180 px, 100 planes, one reference view.
@@ -20,6 +22,7 @@ _SETTINGS: dict[str, Any] = {
     "window.rule": "all",
     "depth_min_m": 0.47,
     "depth_max_m": 2.4,
+    "paper.plane_rule": "fixed",
     "paper.planes": 100,
     "packet_events": 1024,
     "paper.threshold_c": 5.0,
@@ -28,7 +31,7 @@ _SETTINGS: dict[str, Any] = {
 }
 
 
-def run_slider(folder: Path, repeats: int) -> dict[str, Any]:
+def run_slider(folder: Path, repeats: int) -> list[Row]:
     """Time the votes of the whole sequence with one thread and with two.
 
     Parameters
@@ -40,9 +43,9 @@ def run_slider(folder: Path, repeats: int) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        Events, and a row by number of threads: 10^6 events/s voting (poses and rays included, as
-        in the C++ figures) and to the finished depth map.
+    list of dict
+        A row by number of threads: 10^6 events/s voting (poses and rays included, as in the C++
+        figures) and to the finished depth map.
 
     Raises
     ------
@@ -64,15 +67,19 @@ def run_slider(folder: Path, repeats: int) -> dict[str, Any]:
                     voting.append(stages.get("packets", 0.0) + stages["votes"])
                     whole.append(stages["total"])
                     count, points = found.events, found.points
-        votes, total = time_figures([voting[1:]]), time_figures([whole[1:]])
+        votes, total = (count * 1e-3 / np.median(ms[1:]) for ms in (voting, whole))
         rows.append(
             {
+                "measure": "slider_depth",
+                "method": "emvs",
                 "threads": threads,
-                "votes_mev_s": round(count * 1e-3 / votes["ms"], 3),
-                "depth_map_mev_s": round(count * 1e-3 / total["ms"], 3),
-                "cpp_mev_s": cpp,
-                "ratio": round(count * 1e-3 / votes["ms"] / cpp, 3),
+                "events": count,
+                "planes": _SETTINGS["paper.planes"],
                 "points": points,
+                "votes_mev_s": round(float(votes), 3),
+                "depth_map_mev_s": round(float(total), 3),
+                "cpp_mev_s": cpp,
+                "ratio": round(float(votes / cpp), 3),
             }
         )
-    return {"events": count, "planes": _SETTINGS["planes"], "threads": rows}
+    return rows

@@ -17,7 +17,7 @@ from roller_emvs.methods.paper.fusion import ViewDepth, fuse_views
 from roller_emvs.methods.paper.votes import dense_volume
 from roller_emvs.rays import make_packets, rays_in_view
 
-from .resampling import Piece
+from .windows import Piece
 
 #: Planes of the paper.
 PLANES = 500
@@ -33,7 +33,7 @@ def dense_reference(piece: Piece, settings: DepthSettings) -> DepthMap:
     settings : DepthSettings
         Depth range, views, threshold, median and fusion of method `bma`; its savings don't count.
     """
-    s, camera, track = settings, piece.scan.camera, piece.track
+    s, camera, track = settings, piece.scan.camera, piece.scan.track
     table = camera.undistortion_table()
     span = piece.end_ns - piece.start_ns
     middle_ns = piece.start_ns + span // 2

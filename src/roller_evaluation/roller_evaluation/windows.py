@@ -8,7 +8,6 @@ import numpy as np
 
 from roller_core.camera import Camera
 from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
 
 from .scans import Scan, between
 
@@ -31,11 +30,6 @@ class Piece:
     end_ns: int
     events: EventArray
     scan: Scan
-
-    @property
-    def track(self) -> PoseTrack:
-        """Camera in base."""
-        return self.scan.track
 
 
 def resample(events: EventArray, count: int, seed: int = 0) -> EventArray:
@@ -74,10 +68,10 @@ def window_pieces(scan: Scan, length_s: float, step_s: float, count: int) -> lis
         Events a window.
     """
     length, step = round(length_s * 1e9), round(step_s * 1e9)
-    first, last = int(scan.events.t_ns[0]), int(scan.events.t_ns[-1])
+    first, last = int(scan.even.t_ns[0]), int(scan.even.t_ns[-1])
     pieces = []
     for start in range(first, last - length + 1, step):
-        inside = between(scan.events, start, start + length)
+        inside = between(scan.even, start, start + length)
         if len(inside) >= count:
             pieces.append(_piece(scan, inside, start, start + length, count))
     return pieces
@@ -86,11 +80,11 @@ def window_pieces(scan: Scan, length_s: float, step_s: float, count: int) -> lis
 def densest_piece(scan: Scan, length_s: float, count: int) -> Piece:
     """The window of a scan with most events, resampled to a number of events."""
     length = round(length_s * 1e9)
-    times = scan.events.t_ns
+    times = scan.even.t_ns
     ends = np.searchsorted(times, times + length)
     inside = np.where(times + length <= times[-1], ends - np.arange(len(times)), 0)
     start = int(times[int(np.argmax(inside))])
-    events = between(scan.events, start, start + length)
+    events = between(scan.even, start, start + length)
     return _piece(scan, events, start, start + length, count)
 
 

@@ -1,0 +1,179 @@
+"""A whole benchmark: depth cases, scaling, the fixed case; files of results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from roller_core.output_folder import make_folder
+from roller_core.progress import Tell, tell_nobody
+
+from .bench_plan import BenchOptions, depth_cases, fixed_cases
+from .bench_plots import draw_scaling, draw_speed_vs_error
+from .bench_tables import tables
+from .figures import ERRORS
+from .rows import Row, mean, provenance, values, where, write_rows
+from .run import run_timed
+from .scaling import scaling_cases
+from .scans import ScanStore
+from .slider import run_slider
+from .tables import write_json, write_markdown
+
+#: The paper: ms a window (EMVS, laptop with an i7-1365U) and µm (mean absolute error).
+PAPER = {"ms": 377.41, "error_um": 62.0, "label": "paper: 377 ms, 62 µm"}
+#: A case is on the Pareto front only if it measures this share of the edges that the best does:
+#: leaving out what is hard is no merit.
+_LEAST_EDGES = 0.5
+_TIMES = ("ms", "ms_p95", "ms_per_mev", "cpu_ms", "cpu_ms_per_mev")
+
+
+def run_bench(options: BenchOptions, output: Path, tell: Tell = tell_nobody) -> dict[str, Any]:
+    """Measure everything and write `bench.json`, `bench.md`, `rows.csv` and the pictures.
+
+    Parameters
+    ----------
+    options : BenchOptions
+        Size of the run.
+    output : path
+        Folder for the results; scans are kept in `scans` there.
+    tell : callable
+        Takes what is being done and the share done, 0–1.
+
+    Returns
+    -------
+    dict
+        What `bench.json` holds.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If results can't be written.
+    RollerError
+        If an object or the slider's folder is no good.
+    """
+    make_folder(output)
+    o = options
+    scans = ScanStore(output / "scans", hold=len(o.objects) * (len(o.speeds) + 1), threads=0)
+
+    def part(first: float, last: float) -> Tell:
+        return lambda text, share: tell(text, first + (last - first) * share)
+
+    rows = run_timed(depth_cases(o), scans, o.repeats, o.case_budget_s, part(0.0, 0.7))
+    scaling = scaling_cases(o.scan(o.dense[0], o.fixed_speed), o)
+    # The first round compiles and doesn't count.
+    grown = run_timed(scaling, scans, o.repeats + 1, tell=part(0.7, 0.85))
+    fixed = run_timed(fixed_cases(o), scans, 1, tell=part(0.85, 0.95))
+    cases = summarise(rows)
+    result: dict[str, Any] = {
+        "version": 3,
+        "machine": provenance(),
+        "options": {k: v for k, v in asdict(o).items() if k != "slider"},
+        "paper": PAPER,
+        "cases": cases,
+        "pareto": fronts(cases, o.speeds[0]),
+        "growth": [r for r in grown if r["run"]],
+        "fixed": fixed,
+        "slider": run_slider(o.slider, o.repeats) if o.slider is not None else [],
+    }
+    tell("results", 1.0)
+    write_rows([*rows, *result["growth"], *fixed, *result["slider"]], output / "rows.csv")
+    write_json(result, output / "bench.json")
+    about = f"{result['machine']['processor']}, {result['machine']['cores']} cores."
+    write_markdown("Speed against error", about, tables(result), output / "bench.md")
+    draw_speed_vs_error(result, output / "speed_vs_error.png")
+    draw_scaling(result["growth"], output / "growth.png")
+    return result
+
+
+def summarise(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Rows of `measure_depth` by configuration and speed, over objects and runs.
+
+    Returns
+    -------
+    list of dict
+        `time`: of each column the mean over the objects of the median over runs, with the
+        spread of the runs as `_low` and `_high`; `error`: mean over the objects, each counting
+        the same however many points it has; `objects`: each one's errors.
+    """
+    found: dict[tuple[str, float], list[Row]] = {}
+    for row in rows:
+        found.setdefault((row["label"], row["speed"]), []).append(row)
+    out = []
+    for own in found.values():
+        first = [r for r in own if r["run"] == 0]
+        measured = [r for r in first if r["points"]]
+        error = {k: _rounded(mean(measured, k), 4) for k in ERRORS if k != "points"}
+        keys = ("label", "method", "factor", "value", "speed")
+        case = {k: own[0][k] for k in keys}
+        counts = {k: int(sum(values(first, k))) for k in ("windows", "refused")}
+        out.append(
+            case
+            | {
+                "time": _times(own) | counts,
+                "error": {"objects": len(measured), **error},
+                "objects": {r["object"]: {k: r[k] for k in ERRORS} for r in first},
+            }
+        )
+    return out
+
+
+def _times(rows: Sequence[Row]) -> dict[str, Any]:
+    names = dict.fromkeys(r["object"] for r in rows)
+    runs = min(len(where(rows, object=name)) for name in names)
+    out: dict[str, Any] = {"repeats": runs}
+    for column in _TIMES:
+        each = sorted(v for k in range(runs) if (v := mean(where(rows, run=k), column)) is not None)
+        for end, place in (("_low", 0), ("", len(each) // 2), ("_high", -1)):
+            out[column + end] = _rounded(each[place] if each else None, 3)
+    return out
+
+
+def fronts(cases: Sequence[dict[str, Any]], speed: float) -> dict[str, list[str]]:
+    """Labels of the cases at one speed that no other beats, by column of time."""
+    # A block of `surface` is no window.
+    windows = [c for c in cases if c["method"] != "surface"]
+    return {
+        "ms": front_of(windows, speed, "ms"),
+        "ms_per_mev": front_of(cases, speed, "ms_per_mev"),
+    }
+
+
+def front_of(cases: Sequence[dict[str, Any]], speed: float, time: str) -> list[str]:
+    """Labels of the cases on the Pareto front of a time and the error, at one speed."""
+    here = [
+        c
+        for c in cases
+        if c["speed"] == speed and c["time"][time] and c["error"]["near_edge_mae_um"] is not None
+    ]
+    most = max((c["error"]["edges_measured"] or 0.0 for c in here), default=0.0)
+    here = [c for c in here if (c["error"]["edges_measured"] or 0.0) >= _LEAST_EDGES * most]
+    points = [(float(c["time"][time]), float(c["error"]["near_edge_mae_um"])) for c in here]
+    return [here[k]["label"] for k in pareto_front(points)]
+
+
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
+    """Points that no other is as good as in both coordinates and better in one.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Less is better.
+
+    Returns
+    -------
+    list of int
+        Their places in the sequence, by the first coordinate. Points that are equal to each
+        other are all on the front or all off it.
+    """
+    order = sorted(range(len(points)), key=lambda k: points[k])
+    front: list[int] = []
+    for k in order:
+        if not front or points[k][1] < points[front[-1]][1] or points[k] == points[front[-1]]:
+            front.append(k)
+    return front
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)

@@ -1,1 +1,0 @@
-"""Speed against error: what each method and setting costs and what it gives for it."""

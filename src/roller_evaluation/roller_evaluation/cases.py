@@ -1,0 +1,158 @@
+"""What is measured: a scan, a method with its settings and a measure, as plain data."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import importlib.util
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.methods.surface import SurfaceSettings
+from roller_sim.cell_settings import VirtualCellSettings
+
+Overrides = Mapping[str, Any]
+
+#: Methods by the name that tables give them: settings that differ from the defaults.
+METHODS: dict[str, dict[str, Any]] = {
+    "emvs": {"method": "emvs"},
+    "left_right": {"method": "left_right"},
+    "bma": {"method": "bma"},
+    # The paper doesn't give the weights of its five views.
+    "bma_5": {
+        "method": "bma",
+        "paper.reference_views": (0.0, 0.25, 0.5, 0.75, 1.0),
+        "paper.weights": (0.2,) * 5,
+    },
+    "focus": {"method": "focus"},
+    "surface": {"method": "surface"},
+}
+
+
+def depth_settings(method: str, **changes: Any) -> DepthSettings:
+    """Settings of a method that makes depth maps, one of `METHODS`."""
+    return DepthSettings.create({**METHODS[method], **changes}, method)
+
+
+@dataclass(frozen=True)
+class ScanCase:
+    """A scan of the virtual cell.
+
+    Attributes
+    ----------
+    scene : str
+        Scene of the virtual cell.
+    speed : float
+        m/s.
+    seed : int
+        Seed of all chance.
+    cell : mapping
+        Other settings of the virtual cell that differ from its defaults, by group as in a
+        parameter file: light, sensor, contact.
+    """
+
+    scene: str
+    speed: float
+    seed: int = 1
+    cell: Overrides = field(default_factory=dict, hash=False)
+
+    def settings(self, threads: int = 1) -> VirtualCellSettings:
+        """Settings of the virtual cell in full; threads change nothing but the time it takes.
+
+        Raises
+        ------
+        SettingsError
+            If one of them is no good.
+        """
+        values: dict[str, Any] = copy.deepcopy(dict(self.cell))
+        values.setdefault("scene", {})["name"] = self.scene
+        values.setdefault("motion", {})["speed"] = self.speed
+        # Pictures for people would only take time.
+        values.setdefault("clock", {})["image_rate_hz"] = 0.0
+        return VirtualCellSettings.create(
+            {**values, "seed": self.seed, "threads": threads}, "evaluation"
+        )
+
+    def changed(self, **groups: Overrides) -> ScanCase:
+        """The same scan with other settings of the virtual cell, group by group."""
+        cell = {k: {**self.cell.get(k, {}), **v} for k, v in groups.items()}
+        return replace(self, cell={**self.cell, **cell})
+
+    @property
+    def key(self) -> str:
+        """The same for scans that come to the same events."""
+        return digest(self.settings().model_dump(mode="json"))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A measurement.
+
+    Attributes
+    ----------
+    scan : ScanCase
+        The scan.
+    measure : str
+        What is measured, of `measures.MEASURES`.
+    method : str
+        Of `METHODS`, or of what else the measure knows.
+    settings : mapping
+        Settings of the method, or of the measure, that differ from the defaults.
+    labels : mapping
+        Columns of the case's rows by which tables know it; they change no figure.
+    """
+
+    scan: ScanCase
+    measure: str
+    method: str
+    settings: Overrides = field(default_factory=dict, hash=False)
+    labels: Overrides = field(default_factory=dict, hash=False)
+
+    @property
+    def depth(self) -> DepthSettings | SurfaceSettings:
+        """Settings of the depth method in full; one thread unless said otherwise.
+
+        Raises
+        ------
+        SettingsError
+            If one of them is no good.
+        """
+        changes = {"threads": 1, **self.settings}
+        if self.method == "surface":
+            return SurfaceSettings.create(changes, self.method)
+        return depth_settings(self.method, **changes)
+
+    @property
+    def key(self) -> str:
+        """The same for cases that come to the same figures."""
+        return digest([self.scan.key, self.measure, self.method, dict(self.settings)])
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """What of the case stands in each of its rows."""
+        scan = self.scan
+        own = {"scene": scan.scene, "speed": scan.speed, "seed": scan.seed}
+        return {**own, "measure": self.measure, "method": self.method, **self.labels}
+
+
+def digest(value: Any) -> str:
+    """Digest of plain data, the same in every process."""
+    text = json.dumps(value, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+@cache
+def source_digest(*packages: str) -> str:
+    """Digest of packages' source: what older code left is measured again."""
+    found = hashlib.sha256()
+    for package in packages:
+        spec = importlib.util.find_spec(package)
+        for folder in (spec.submodule_search_locations or []) if spec else []:
+            for file in sorted(Path(folder).rglob("*.py")):
+                found.update(file.relative_to(folder).as_posix().encode() + file.read_bytes())
+    return found.hexdigest()[:24]

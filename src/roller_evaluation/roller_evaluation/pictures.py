@@ -1,0 +1,35 @@
+"""Pictures in files and in memory."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from .tables import write_bytes
+
+
+def write_picture(figure: Figure, path: Path) -> None:
+    """Write a picture as PNG and close it.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
+    write_bytes(path, png(figure))
+
+
+def png(figure: Figure) -> bytes:
+    """A picture as PNG; it is closed."""
+    out = io.BytesIO()
+    try:
+        figure.savefig(out, format="png", metadata={"Software": None})
+    finally:
+        plt.close(figure)
+    return out.getvalue()

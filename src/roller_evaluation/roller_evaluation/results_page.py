@@ -1,0 +1,84 @@
+"""`docs/results.md`: what a run measured, with the machine, the date and the command line."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .bench import PAPER, fronts, summarise
+from .bench_plots import draw_speed_vs_error
+from .experiments import FAST, SPEED, EvaluationOptions
+from .paper_tables import objects, processing_time
+from .rows import Row, where
+from .tables import Table, share, write_markdown
+
+#: Experiments that the page shows.
+EXPERIMENTS = ("objects", "sensors", "time", "braille")
+
+
+def write_results(
+    result: dict[str, Any], options: EvaluationOptions, words: Sequence[str], path: Path
+) -> None:
+    """Write the page, and its picture `speed_vs_error.png` beside it.
+
+    Parameters
+    ----------
+    result : dict
+        Of `run_evaluation`; what it didn't measure is left out.
+    options : EvaluationOptions
+        Of the run.
+    words : sequence of str
+        The command line.
+    path : path
+        Markdown file.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If it can't be written.
+    """
+    found = []
+    for name, speed in (("objects", SPEED), ("sensors", FAST)):
+        if name in options.only:
+            found.append(objects(result["rows"], options, speed))
+    picture = ""
+    if "time" in result:
+        cases = summarise(result["time"])
+        drawn = {"cases": cases, "pareto": fronts(cases, SPEED), "paper": PAPER}
+        drawn["options"] = {"speeds": [SPEED], "objects": options.objects}
+        draw_speed_vs_error(drawn, path.with_name("speed_vs_error.png"))
+        picture = "\n\n![error against time, with the Pareto front](speed_vs_error.png)"
+        found.append(processing_time(result["time"]))
+    if "braille" in result:
+        found.append(_braille(result["braille"]["rows"]))
+    facts = result["facts"]
+    kinds = f"{facts['passes of each kind']} passes of each kind" if options.repeats > 1 else (
+        "one pass of each kind"
+    )  # fmt: skip
+    versions = [k for k in facts if k not in ("processor", "cores", "system", "date", "form")][2:]
+    about = (
+        "Measured on the virtual cell, whose depths are known; the paper's figures are of a real "
+        "sensor. Compare methods within a table, and orders of magnitude with the paper.\n\n"
+        f"{facts['date']}, {facts['processor']}, {facts['cores']} cores, {facts['system']}; "
+        + ", ".join(f"{name} {facts[name]}" for name in versions)
+        + f"; {kinds}. Written by\n\n```\n{shlex.join(words)}\n```{picture}"
+    )
+    write_markdown("Results", about, found, path)
+
+
+def _braille(rows: Sequence[Row]) -> Table:
+    """Character error rates by condition and speed."""
+    auto = where(rows, method="auto")
+    speeds = sorted({r["speed"] for r in auto})
+    cells = []
+    for condition in dict.fromkeys(r["condition"] for r in auto):
+        own = {r["speed"]: r for r in where(auto, condition=condition)}
+        rates = [own[v]["character_error_rate"] if v in own else None for v in speeds]
+        cells.append((condition, *map(share, rates)))
+    note = (
+        "Character error rate (changed, missed and extra characters by true ones) with the "
+        "default settings; – was not tried."
+    )
+    return Table("Braille by speed", ("condition", *(f"{v:g} m/s" for v in speeds)), cells, note)
