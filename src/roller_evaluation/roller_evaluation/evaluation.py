@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +94,8 @@ def run_evaluation(
     if "braille" in only:
         kind = BrailleOptions.short if o.quick else BrailleOptions
         braille = kind(seed=o.seed)
+        if o.conditions:
+            braille = replace(braille, conditions=o.conditions)
         result["braille"] = run_braille(braille, output, part(1 - 0.5 * _AFTER, 1.0), jobs)
         shown["braille"] = braille_tables(result["braille"])
         figures["braille"] = [("Braille by speed", (output / "braille.png").read_bytes())]

@@ -59,6 +59,8 @@ class EvaluationOptions:
         Settings of the virtual cell that differ from its defaults.
     quick : bool
         Whether this is the short form.
+    conditions : tuple of str
+        Light and sensor that Braille is read in, of `braille.CONDITIONS`; all if empty.
     pictures : bool
         Draw depth maps and clouds of the objects.
     """
@@ -71,6 +73,7 @@ class EvaluationOptions:
     large: tuple[str, ...] = tuple(LARGE_UM)
     cell: Mapping[str, Any] = field(default_factory=dict)
     quick: bool = False
+    conditions: tuple[str, ...] = ()
     pictures: bool = True
 
     @classmethod

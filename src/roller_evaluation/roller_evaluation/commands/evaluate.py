@@ -31,6 +31,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--repeats", type=int, metavar="N", help="passes of each kind (5)")
     parser.add_argument("--seed", type=int, help="seed of the first pass (1)")
     parser.add_argument(
+        "--conditions", type=words, metavar="A,B", help="Braille: light and sensor (all)"
+    )
+    parser.add_argument(
         "--results", type=Path, metavar="FILE",
         help="also write a page (Markdown) of objects, sensors, time and braille, with its picture",
     )  # fmt: skip
@@ -66,18 +69,22 @@ def _telling() -> Iterator[Tell]:
 
 
 def _run_all(args: argparse.Namespace) -> int:
+    from roller_evaluation.braille import CONDITIONS
     from roller_evaluation.evaluation import run_evaluation
     from roller_evaluation.results_page import write_results
     from roller_evaluation.tables import show_tables
 
     given = {
         name: getattr(args, name)
-        for name in ("only", "repeats", "seed")
+        for name in ("only", "repeats", "seed", "conditions")
         if getattr(args, name) is not None
     }
     unknown = [name for name in given.get("only", ()) if name not in EXPERIMENTS]
     if unknown:
         raise SettingsError(f"--only: {unknown[0]!r} is none of {', '.join(EXPERIMENTS)}")
+    unknown = [name for name in given.get("conditions", ()) if name not in CONDITIONS]
+    if unknown:
+        raise SettingsError(f"--conditions: {unknown[0]!r} is none of {', '.join(CONDITIONS)}")
     if given.get("repeats", 1) < 1 or args.jobs < 1 or given.get("seed", 0) < 0:
         raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
     options = EvaluationOptions.short(**given) if args.quick else EvaluationOptions(**given)
@@ -94,10 +101,10 @@ def _run_all(args: argparse.Namespace) -> int:
 
 def _command_line(args: argparse.Namespace, given: dict[str, Any]) -> list[str]:
     """What makes the same figures again."""
-    out = ["roller", "evaluate", "--results", args.results.name]
+    out = ["roller", "evaluate", "--results", str(args.results)]
     out += ["--quick"] if args.quick else []
     for name, value in given.items():
-        out += [f"--{name}", ",".join(map(str, value)) if name == "only" else str(value)]
+        out += [f"--{name}", ",".join(value) if isinstance(value, tuple) else str(value)]
     return out
 
 
