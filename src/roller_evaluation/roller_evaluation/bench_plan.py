@@ -99,6 +99,10 @@ def _densities(name: str) -> Values:
     return [(f"{d:g} planes a px", {name: d}) for d in (2.0, 0.25)]
 
 
+def _time(ms: int) -> tuple[str, dict[str, Any]]:
+    return f"{ms} ms", {"window.rule": "time", "window.time_s": ms * 1e-3}
+
+
 def _travel(mm: int) -> tuple[str, dict[str, Any]]:
     return f"{mm} mm", {"window.rule": "travel", "window.travel_m": mm * 1e-3}
 
@@ -108,7 +112,11 @@ def _travel(mm: int) -> tuple[str, dict[str, Any]]:
 FACTORS: dict[str, dict[str, Values]] = {
     "focus": {
         "planes": _densities("focus.planes_per_px"),
-        "window": [_travel(6), _travel(12), ("20 ms", {"window.rule": "time", "window.time_s": 0.02})],
+        "window": [
+            _travel(6),
+            _travel(12),
+            _time(20),
+        ],
         "edge drift": [("edge drift not corrected", {"focus.edge_drift_m": 0.0})],
     },
     "bma": {
@@ -116,7 +124,7 @@ FACTORS: dict[str, dict[str, Values]] = {
             ("500 planes", {"paper.plane_rule": "fixed", "paper.planes": 500}),
             ("100 planes", {"paper.plane_rule": "fixed", "paper.planes": 100}),
         ],
-        "window": [("10 ms", {"window.rule": "time", "window.time_s": 0.01}), _travel(12)],
+        "window": [_time(10), _travel(12)],
         "packet": [("packets of 1024", {"packet_events": 1024})],
     },
     "surface": {
