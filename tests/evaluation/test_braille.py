@@ -11,7 +11,6 @@ import pytest
 from roller_braille.table import UNREADABLE
 from roller_bringup.cli import main
 from roller_evaluation.braille import CONDITIONS, BrailleOptions, braille_cases, run_braille
-from roller_evaluation.braille_plot import draw
 from roller_evaluation.braille_reading import dot_contrast
 from roller_evaluation.braille_score import Score, align, score
 from roller_evaluation.braille_tables import tables
@@ -124,13 +123,6 @@ def test_what_a_dot_changes_in_each_light_is_told_beside_the_threshold(
     printed = " ".join(capsys.readouterr().out.split())
     assert "half contrast: a dot changes log intensity by 0.30, less than the threshold" in printed
     assert printed.count("less than the threshold") == 1
-
-
-def test_a_plot_without_faults_can_be_drawn(
-    quick: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
-    draw({**quick[1], "faults": []}, tmp_path / "plot.png")
-    assert (tmp_path / "plot.png").stat().st_size > 15_000
 
 
 @pytest.mark.parametrize(

@@ -36,8 +36,8 @@ class BenchOptions:
     fixed_events, fixed_window_s, fixed_speed, fixed_windows, reference_windows
         The fixed case: events and length of a window, speed of the scan, number of windows an
         object, and how many of them the dense reference works through.
-    scaling_events, scaling_planes, scaling_sizes, scaling_threads
-        Steps by which the work grows; sizes are shares of the image's sides.
+    scaling_events, scaling_planes, scaling_threads
+        Steps by which the work grows.
     cell : mapping
         Settings of the virtual cell that differ from its defaults.
     slider : path, optional
@@ -57,7 +57,6 @@ class BenchOptions:
     reference_windows: int = 5
     scaling_events: tuple[int, ...] = (10_000, 30_000, 100_000, 300_000, 1_000_000)
     scaling_planes: tuple[int, ...] = (50, 100, 250, 500)
-    scaling_sizes: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0)
     scaling_threads: tuple[int, ...] = (1, 2)
     cell: Mapping[str, Any] = field(default_factory=dict)
     slider: Path | None = None
@@ -75,7 +74,6 @@ class BenchOptions:
             "reference_windows": 1,
             "scaling_events": (10_000, 100_000),
             "scaling_planes": (100, 500),
-            "scaling_sizes": (0.5, 1.0),
         }
         return cls(**{**quick, **changes})
 

@@ -127,7 +127,7 @@ def _legend(figure: Figure, cases: Sequence[dict[str, Any]]) -> None:
 
 
 def draw_scaling(rows: Sequence[Row], path: Path) -> None:
-    """Draw milliseconds a window against events, image size, planes and threads.
+    """Draw milliseconds a window against events, planes and threads.
 
     Parameters
     ----------
@@ -141,9 +141,8 @@ def draw_scaling(rows: Sequence[Row], path: Path) -> None:
     UnwritableOutputError
         If it can't be written.
     """
-    figure, axes = plt.subplots(1, 4, figsize=(14, 3.8), dpi=80, layout="constrained")
-    names = {"events": "events a window", "image": "size of the image's sides"}
-    for axis, quantity in zip(axes, ("events", "planes", "image", "threads"), strict=True):
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), dpi=80, layout="constrained")
+    for axis, quantity in zip(axes, ("events", "planes", "threads"), strict=True):
         grown = [r for r in where(rows, quantity=quantity) if r["ms"] is not None]
         for method in dict.fromkeys(r["method"] for r in grown):
             own = where(grown, method=method)
@@ -153,7 +152,12 @@ def draw_scaling(rows: Sequence[Row], path: Path) -> None:
             spread = [[m - each[0] for m, each in zip(y, spent, strict=True)],
                       [each[-1] - m for m, each in zip(y, spent, strict=True)]]  # fmt: skip
             axis.errorbar(x, y, yerr=spread, fmt="o-", color=COLOURS[method], label=method)
-        axis.set(xlabel=names.get(quantity, quantity), xscale="log", yscale="log")
+        label = "events a window" if quantity == "events" else quantity
+        axis.set(xlabel=label, xscale="log", yscale="log")
+            xlabel="events a window" if quantity == "events" else quantity,
+            xscale="log",
+            yscale="log",
+        )
         axis.grid(True, which="both", alpha=0.25)
         _plain_ticks(axis)
         axis.legend(fontsize=8)

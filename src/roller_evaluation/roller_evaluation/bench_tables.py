@@ -98,11 +98,10 @@ def _scaling(rows: Sequence[Row]) -> Table:
         quantity, value, method = key
         own = where(rows, quantity=quantity, value=value, method=method)
         spent = sorted(values(own, "ms"))
-        text = own[0]["image"] if quantity == "image" else f"{value:,}"
         middle = spent[len(spent) // 2] if spent else None
         spread = _spread(spent[0], spent[-1]) if spent else "–"
         cpu_ms = number(mean(own, "cpu_ms"), 1)
-        cells.append((f"{quantity}: {text}", method, number(middle, 1), cpu_ms, spread))
+        cells.append((f"{quantity}: {value:,}", method, number(middle, 1), cpu_ms, spread))
     note = f"The densest window of {rows[0]['object']} at {rows[0]['speed']:g} m/s."
     return Table("Cost as the work grows", ("quantity", "method", "ms", "CPU ms", "spread"), cells,
                  note)  # fmt: skip

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -25,36 +23,27 @@ BATCH_EVENTS = 20_000
 _DOTS = "qqq"
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What the reader made of a scan.
-
-    Attributes
-    ----------
-    lines : list of str
-        Text.
-    milliseconds : list of float
-        Time of each batch of events.
-    events : int
-        Events in the batches.
-    """
-
-    lines: list[str]
-    milliseconds: list[float]
-    events: int
-
-
 def measure_braille(case: Case, scan: Scan) -> list[Row]:
     """How well and how fast a plate is read, and the contrast of its dots.
 
     The case's settings: `reader`, those of the reader that aren't the defaults, and
     `speed_factor`, the poses' speed by the true one.
     """
-    reading = read(scan, case.settings["reader"], case.settings.get("speed_factor", 1.0))
-    result = score(reading.lines, scan.truth.text.split("\n"))
-    ms = np.array(reading.milliseconds or [0.0])
+    reader = BrailleSettings.create(dict(case.settings["reader"]))
+    # The pipeline forgets poses that it no longer needs.
+    track = with_wrong_speed(scan.track, case.settings.get("speed_factor", 1.0))
+    pipeline = BraillePipeline(reader, scan.camera, track)
+    for events in scan.packets:
+        pipeline.add_events(events)
+        for _ in pipeline.results():
+            pass
+    for _ in pipeline.results(flush=True):
+        pass
+    lines, count = pipeline.text(), pipeline.counts.events
+    result = score(lines, scan.truth.text.split("\n"))
+    ms = np.array(list(pipeline.milliseconds) or [0.0])
     # Batches end after some travel too; the cost of the same work in batches of the paper's size.
-    batches = max(reading.events / BATCH_EVENTS, 1e-9)
+    batches = max(count / BATCH_EVENTS, 1e-9)
     row = {
         "threshold": scan.truth.settings.sensor.threshold,
         "dot_contrast": dot_contrast(case.scan),
@@ -63,43 +52,14 @@ def measure_braille(case: Case, scan: Scan) -> list[Row]:
         "character_accuracy": result.character_accuracy,
         "character_error_rate": result.character_error_rate,
         "word_error_rate": result.word_error_rate,
-        "batches": len(reading.milliseconds),
-        "events": reading.events,
+        "batches": len(pipeline.milliseconds),
+        "events": count,
         "ms_mean": float(ms.mean()),
         "ms_p95": float(np.quantile(ms, 0.95)),
         "ms_20000_events": float(ms.sum() / batches),
-        "text": reading.lines,
+        "text": lines,
     }
     return [row]
-
-
-def read(scan: Scan, settings: Mapping[str, Any], speed_factor: float = 1.0) -> Reading:
-    """Read a scan.
-
-    Parameters
-    ----------
-    scan : Scan
-        The scan.
-    settings : mapping
-        Settings of the reader that aren't the defaults.
-    speed_factor : float
-        The poses' speed by the true one.
-
-    Raises
-    ------
-    SettingsError
-        If a setting is no good.
-    """
-    # The pipeline forgets poses that it no longer needs.
-    track = with_wrong_speed(scan.track, speed_factor)
-    pipeline = BraillePipeline(BrailleSettings.create(dict(settings)), scan.camera, track)
-    for events in scan.packets:
-        pipeline.add_events(events)
-        for _ in pipeline.results():
-            pass
-    for _ in pipeline.results(flush=True):
-        pass
-    return Reading(pipeline.text(), list(pipeline.milliseconds), pipeline.counts.events)
 
 
 def with_wrong_speed(track: PoseTrack, factor: float) -> PoseTrack:

@@ -40,13 +40,15 @@ def page(
     settings : str
         All settings, as text.
     """
+    told = Table("This run", ("", ""), [(k, str(v)) for k, v in facts.items()])
     parts = [
         "<!doctype html>", '<html lang="en"><head><meta charset="utf-8">',
         "<title>Evaluation of the roller</title>", f"<style>{_STYLE}</style></head><body>",
         "<h1>Evaluation of the roller</h1>",
         "<p>The paper's experiments on the virtual cell, beside the paper's figures of a real "
         "sensor. The virtual cell was not fitted to them: compare methods within a table, and "
-        "orders of magnitude with the paper.</p>", _facts(facts),
+        "orders of magnitude with the paper.</p>",
+        f"<details><summary>This run</summary>{_table(told)}</details>",
     ]  # fmt: skip
     for title, tables, figures in sections:
         parts.append(f"<h2>{escape(title)}</h2>")
@@ -56,13 +58,6 @@ def page(
         f"<details><summary>Settings</summary><pre>{escape(settings)}</pre></details></body></html>"
     )
     return "\n".join(parts) + "\n"
-
-
-def _facts(facts: Mapping[str, Any]) -> str:
-    rows = "".join(
-        f"<tr><td>{escape(str(k))}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items()
-    )
-    return f"<details><summary>This run</summary><table>{rows}</table></details>"
 
 
 def _table(table: Table) -> str:

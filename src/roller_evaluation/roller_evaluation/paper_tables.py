@@ -61,10 +61,10 @@ def weights(rows: Sequence[Row], o: EvaluationOptions) -> Table:
         for name, (values, mean_um) in paper.WEIGHTS.items()
         if name in names
     ]  # fmt: skip
-    for best in cross_validated(where(rows, measure="weights"), names):
-        each = [f"{e:.1f} ({v:.1%})" for e, v in zip(best.error_um, best.measured, strict=True)]
-        over_all = f"{np.mean(best.error_um):.1f} ({np.mean(best.measured):.1%})"
-        cells.append((best.name, *(f"{w:.3f}" for w in best.weights), over_all, *each))
+    for name, best, um, seen in cross_validated(where(rows, measure="weights"), names):
+        each = [f"{e:.1f} ({v:.1%})" for e, v in zip(um, seen, strict=True)]
+        over_all = f"{um.mean():.1f} ({seen.mean():.1%})"
+        cells.append((name, *(f"{w:.3f}" for w in best), over_all, *each))
     for method in ("focus", "surface"):
         own = [of_object(rows, name, method) for name in names]
         cells.append(

@@ -1,9 +1,8 @@
-"""Cost as the work grows: events a window, planes, image size, threads."""
+"""Cost as the work grows: events a window, planes, threads."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from typing import Any
 
 from roller_emvs.depth_map import DepthMap
@@ -14,7 +13,7 @@ from .cases import Case, ScanCase, depth_settings
 from .figures import time_columns
 from .rows import Row
 from .scans import Scan
-from .windows import densest_piece, scaled
+from .windows import densest_piece
 
 METHODS = ("focus", "bma")
 
@@ -31,8 +30,6 @@ def scaling_cases(scan: ScanCase, options: BenchOptions) -> list[Case]:
     for method in METHODS:
         for count in o.scaling_events:
             add("events", count, method, events=count)
-        for scale in o.scaling_sizes:
-            add("image", scale, method, scale=scale)
         for threads in o.scaling_threads:
             add("threads", threads, method, depth={"threads": threads})
     for planes in o.scaling_planes:
@@ -42,22 +39,18 @@ def scaling_cases(scan: ScanCase, options: BenchOptions) -> list[Case]:
 
 
 def measure_window(case: Case, scan: Scan) -> list[Row]:
-    """Time of the densest window of a scan, with as many events and pixels as a case says.
+    """Time of the densest window of a scan, with as many events as a case says.
 
-    Its settings: `window_s`, `events`, `scale` of the image's sides, and `depth`, those of the
-    method.
+    Its settings: `window_s`, `events` and `depth`, those of the method.
     """
     s = case.settings
     piece = densest_piece(scan, s["window_s"], s["events"])
-    events, camera = scaled(piece.events, scan.camera, s.get("scale", 1.0))
-    where = replace(scan, camera=camera)
     settings = depth_settings(case.method, **{"window.rule": "all"}, **s.get("depth", {}))
-    pipeline = DepthPipeline(settings, where.camera, where.track)
-    pipeline.add_events(events)
+    pipeline = DepthPipeline(settings, scan.camera, scan.track)
+    pipeline.add_events(piece.events)
     cpu = time.process_time()
     found = [m for m in pipeline.results(flush=True) if isinstance(m, DepthMap)]
     cpu_ms = round(1e3 * (time.process_time() - cpu), 3)
     spent = [depth_map.milliseconds["total"] for depth_map in found]
-    size = f"{camera.width}×{camera.height}"
-    row = {"object": scan.name, "events": len(events), "image": size, "cpu_ms": cpu_ms}
+    row = {"object": scan.name, "events": len(piece.events), "cpu_ms": cpu_ms}
     return [row | time_columns(spent) | {"spent_ms": sum(spent)}]

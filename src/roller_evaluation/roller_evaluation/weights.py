@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,28 +30,6 @@ def weight_choices() -> F64:
     return simplex(3, PARTS)
 
 
-@dataclass(frozen=True)
-class BestWeights:
-    """The best weights of an object, tried on all objects.
-
-    Attributes
-    ----------
-    name : str
-        The object that they are the best of.
-    weights : tuple of float
-        Of start, middle and end.
-    error_um : tuple of float
-        Mean absolute error of each object with them.
-    measured : tuple of float
-        Share of each object's pixels in contact that have a depth.
-    """
-
-    name: str
-    weights: tuple[float, ...]
-    error_um: tuple[float, ...]
-    measured: tuple[float, ...]
-
-
 def measure_weights(case: Case, scan: Scan) -> list[Row]:
     """Errors of each of `weight_choices` over an object, one row each.
 
@@ -75,7 +52,7 @@ def measure_weights(case: Case, scan: Scan) -> list[Row]:
     return rows
 
 
-def cross_validated(rows: Sequence[Row], names: Sequence[str]) -> list[BestWeights]:
+def cross_validated(rows: Sequence[Row], names: Sequence[str]) -> list[tuple[str, F64, F64, F64]]:
     """The best weights of each object, tried on all.
 
     As the paper does it: mean over an object's passes first, then over the objects.
@@ -86,6 +63,12 @@ def cross_validated(rows: Sequence[Row], names: Sequence[str]) -> list[BestWeigh
         Of `measure_weights`.
     names : sequence of str
         The objects.
+
+    Returns
+    -------
+    list of (str, ndarray, ndarray, ndarray)
+        An object, the best weights of start, middle and end for it, the mean absolute error of
+        each object with them, µm, and the share of each one's pixels in contact with a depth.
     """
     choices = weight_choices()
     error: dict[str, F64] = {}
@@ -100,15 +83,8 @@ def cross_validated(rows: Sequence[Row], names: Sequence[str]) -> list[BestWeigh
         error[name], share[name] = np.nanmean(mae, axis=1), points / pixels
         usable &= points >= _LEAST_POINTS * points.max()
     best = {name: int(np.nanargmin(np.where(usable, e, np.nan))) for name, e in error.items()}
-    return [
-        BestWeights(
-            name,
-            tuple(choices[k].tolist()),
-            tuple(float(e[k]) for e in error.values()),
-            tuple(float(s[k]) for s in share.values()),
-        )
-        for name, k in best.items()
-    ]
+    errors, shares = np.array(list(error.values())), np.array(list(share.values()))
+    return [(name, choices[k], errors[:, k], shares[:, k]) for name, k in best.items()]
 
 
 def _windows(scan: Scan, settings: DepthSettings) -> Iterator[KnownWindow]:

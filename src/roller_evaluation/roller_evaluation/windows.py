@@ -1,4 +1,4 @@
-"""Real windows with another number of events or another image size."""
+"""Real windows with another number of events."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roller_core.camera import Camera
 from roller_core.events import EventArray
 
 from .scans import Scan, between
@@ -94,41 +93,3 @@ def _piece(scan: Scan, events: EventArray, start_ns: int, end_ns: int, count: in
     t_ns = drawn.t_ns.copy()
     t_ns[0], t_ns[-1] = start_ns, end_ns - 1
     return Piece(start_ns, end_ns, drawn.with_times(t_ns), scan)
-
-
-def scaled(events: EventArray, camera: Camera, scale: float) -> tuple[EventArray, Camera]:
-    """The same window seen with an image of another size.
-
-    Parameters
-    ----------
-    events : EventArray
-        Events of the camera.
-    camera : Camera
-        Calibration.
-    scale : float
-        Of both sides of the image. Events of a larger image lie anywhere in the pixel they had.
-    """
-    if scale == 1.0:
-        return events, camera
-    rng = np.random.default_rng(0)
-    width, height = round(camera.width * scale), round(camera.height * scale)
-    x = ((events.x + rng.random(len(events))) * scale).astype(np.uint16)
-    y = ((events.y + rng.random(len(events))) * scale).astype(np.uint16)
-    moved = EventArray(
-        np.minimum(x, np.uint16(width - 1)),
-        np.minimum(y, np.uint16(height - 1)),
-        events.t_ns,
-        events.p,
-    )
-    # Pixel centres are whole numbers, so the corner of the image is at -0.5.
-    larger = Camera(
-        width,
-        height,
-        camera.fx * scale,
-        camera.fy * scale,
-        (camera.cx + 0.5) * scale - 0.5,
-        (camera.cy + 0.5) * scale - 0.5,
-        camera.distortion,
-        camera.model,
-    )
-    return moved, larger
