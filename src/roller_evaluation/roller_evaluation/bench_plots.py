@@ -154,10 +154,6 @@ def draw_scaling(rows: Sequence[Row], path: Path) -> None:
             axis.errorbar(x, y, yerr=spread, fmt="o-", color=COLOURS[method], label=method)
         label = "events a window" if quantity == "events" else quantity
         axis.set(xlabel=label, xscale="log", yscale="log")
-            xlabel="events a window" if quantity == "events" else quantity,
-            xscale="log",
-            yscale="log",
-        )
         axis.grid(True, which="both", alpha=0.25)
         _plain_ticks(axis)
         axis.legend(fontsize=8)
