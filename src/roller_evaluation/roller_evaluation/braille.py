@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from roller_braille.reader_settings import BrailleSettings
+from roller_braille.reader_settings import POSE_SMOOTHING, BrailleSettings
 from roller_core.progress import Tell, tell_nobody
 from roller_sim.cell_settings import SensorSettings
 
@@ -161,7 +161,7 @@ def braille_cases(options: BrailleOptions) -> list[Case]:
     at = min(o.speeds, key=lambda v: abs(v - o.fault_speed))
     for condition in o.conditions:
         for speed in o.speeds if condition == first else sorted(hard):
-            scan = ScanCase("braille", speed, o.seed, o.cell)
+            scan = ScanCase("braille", speed, o.seed, o.cell, POSE_SMOOTHING)
             scan = scan.changed(**CONDITIONS[condition], scene={"text": o.text})
             for method in o.methods:
                 labels = {"condition": condition, "fault": None}

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from roller_core.pose_smoothing import DEFAULT_SMOOTHING
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.surface import SurfaceSettings
 from roller_sim.cell_settings import VirtualCellSettings
@@ -54,12 +55,15 @@ class ScanCase:
     cell : mapping
         Other settings of the virtual cell that differ from its defaults, by group as in a
         parameter file: light, sensor, contact.
+    pose_smoothing : int
+        Poses on either side over which the stamps of poses are smoothed, as the node does it.
     """
 
     scene: str
     speed: float
     seed: int = 1
     cell: Overrides = field(default_factory=dict, hash=False)
+    pose_smoothing: int = DEFAULT_SMOOTHING
 
     def settings(self, threads: int = 1) -> VirtualCellSettings:
         """Settings of the virtual cell in full; threads change nothing but the time it takes.
@@ -86,7 +90,7 @@ class ScanCase:
     @property
     def key(self) -> str:
         """The same for scans that come to the same events."""
-        return digest(self.settings().model_dump(mode="json"))
+        return digest([self.settings().model_dump(mode="json"), self.pose_smoothing])
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,18 @@ import numpy.typing as npt
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.depth_stage import EmvsParameters
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.patch import Patch
 from roller_emvs.pipeline import DepthPipeline
+from roller_emvs.surface_stage import SurfaceParameters
 from roller_emvs.windows import RefusedWindow
-from roller_inspect.pipeline import DepthResult, Inspection, InspectionSettings
+from roller_inspect.pipeline import Inspection, InspectionSettings
 from roller_inspect.results.truth_tally import SurfaceTally, TruthTally
 from roller_sim.relief import Region
 
 from .braille_reading import measure_braille
-from .cases import Case
+from .cases import METHODS, Case
 from .figures import object_errors, time_columns
 from .fixed_window import measure_fixed_window
 from .rows import Row
@@ -91,23 +94,24 @@ def measure_plate(case: Case, scan: Scan) -> list[Row]:
 
 def stitched(case: Case, scan: Scan) -> SurfaceTally:
     """The surface of a whole pass, as the graph makes it, against the truth."""
-    settings, depth = InspectionSettings.load(), case.depth
-    if isinstance(depth, SurfaceSettings):
-        chosen = DepthSettings.create({"method": "surface", "threads": depth.threads})
-        settings = replace(settings, depth=chosen, surface=depth)
+    depth: dict[str, Any] = {"method": case.method}
+    changes = {"threads": 1, **case.settings}
+    surface = SurfaceParameters.create({"threads": 1})
+    if case.method == "surface":
+        surface = SurfaceParameters.create(changes)
     else:
-        settings = replace(settings, depth=depth)
+        depth = {**METHODS[case.method], **changes}
+    settings = replace(
+        InspectionSettings.load(), depth=EmvsParameters.create(depth), surface=surface
+    )
     inspection = Inspection(settings, scan.camera, scan.track, braille=False)
     inspection.add_events(scan.even)
     tally = SurfaceTally(scan.truth, regions={"plate": _plate(scan), **scan.truth.objects})
-    stamp_ns = 0
-    for found in inspection.results(flush=True):
-        if isinstance(found, DepthResult):
-            stamp_ns = found.depth_map.stamp_ns
-            tally.add_points(found.patch.points, stamp_ns)
-        elif isinstance(found, SurfacePatch):
-            tally.add(found)
-    tally.add_points(inspection.finish().points, stamp_ns)
+    for result in inspection.results(flush=True):
+        if isinstance(result.found, SurfacePatch):
+            tally.add(result.found)
+        elif isinstance(result.found, Patch):
+            tally.add_points(result.found.points, result.outputs[0].t_ns)
     return tally
 
 

@@ -109,7 +109,7 @@ def simulate(case: ScanCase, threads: int = 1) -> Scan:
         If a setting is no good or the scan holds no events.
     """
     cell = VirtualCell(case.settings(threads))
-    frames = SensorFrames()
+    frames = SensorFrames(smoothing=case.pose_smoothing)
     fixed = cell.hand_eye
     frames.add_static(
         frames.moving, frames.sensor, fixed[:3, 3], matrix_to_quaternion(fixed[:3, :3])
