@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from roller_core.pose_smoothing import DEFAULT_SMOOTHING
+from roller_core.frame_settings import DEFAULT_SMOOTHING
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.surface import SurfaceSettings
 from roller_sim.cell_settings import VirtualCellSettings
