@@ -9,27 +9,14 @@ from pathlib import Path
 import pytest
 
 from own import ros_domain
-from simulated_scans import Scans
+from simulated_scans import LONG_TESTS, Scans
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
-#: Files and folders of tests that simulate or compute for seconds: `make check` leaves them out.
-LONG = (
-    "braille/test_simulated.py",
-    "calibration/test_calibrate_",
-    "emvs/hard/",
-    "emvs/test_pipeline.py",
-    "emvs/test_savings.py",
-    "emvs/test_surface_sweep.py",
-    "evaluation/",
-    "inspect/test_replay",
-)
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that take long, and those that read what others simulated."""
-    long = tuple(str(ROOT / "tests" / name) for name in LONG)
+    long = tuple(str(ROOT / "tests" / name) for name in LONG_TESTS)
     for item in items:
         if "scans" in getattr(item, "fixturenames", ()) or str(item.path).startswith(long):
             item.add_marker(pytest.mark.scan)

@@ -27,6 +27,17 @@ from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import VirtualCellSettings
 from roller_sim.truth import Truth
 
+#: Files and folders of tests that simulate or compute for seconds: `make check` leaves them out.
+LONG_TESTS = (
+    "braille/test_simulated.py",
+    "calibration/",
+    "emvs/hard/",
+    "emvs/test_pipeline.py",
+    "emvs/test_savings.py",
+    "emvs/test_surface_sweep.py",
+    "evaluation/",
+    "inspect/test_replay",
+)
 #: What scans depend on besides their settings.
 _SOURCES = [Path(str(package.__file__)).parent for package in (roller_core, roller_sim)]
 

@@ -45,3 +45,8 @@ def test_a_scan_is_read_as_a_replay_reads_it(scans: Scans) -> None:
     assert scan.camera.width == 64
     assert scan.truth.start_ros_ns <= scan.events.t_ns[0] < scan.track.end_ns
     assert scans.events("three_lines", 0.5, **SMALL) is scan.events
+
+
+def test_long_tests_are_there() -> None:
+    for name in simulated_scans.LONG_TESTS:
+        assert any(Path(__file__).parent.glob(name.rstrip("/") + "*")), name
