@@ -197,19 +197,22 @@ with OutputFolder(Path({str(folder)!r}), "replay") as output:
 
 
 def test_a_lasting_folder_is_kept_from_run_to_run(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
     for text in ("first", "second"):
-        with OutputFolder(tmp_path / "out", "bench") as output:
-            fill(output.lasting("scans"), {f"{text}.txt": text})
-            fill(output.partial, {"bench.json": text})
-    assert contents(tmp_path / "out") == {
+        with OutputFolder(folder, "bench", lasting=["scans"]) as output:
+            fill(output.partial, {f"scans/{text}.txt": text, "bench.json": text})
+    with pytest.raises(RuntimeError), OutputFolder(folder, "bench", lasting=["scans"]):
+        raise RuntimeError
+    assert contents(folder) == {
         "scans/first.txt": "first", "scans/second.txt": "second", "bench.json": "second",
     }  # fmt: skip
-    fill(tmp_path / "out", {"passes/mine.txt": "the user's"})
+    fill(folder, {"passes/mine.txt": "the user's"})
     with (
         pytest.raises(UnwritableOutputError, match="stands in the way"),
-        OutputFolder(tmp_path / "out", "bench") as output,
+        OutputFolder(folder, "bench", lasting=["passes"]),
     ):
-        output.lasting("passes")
+        pass
+    assert contents(folder)["passes/mine.txt"] == "the user's"
 
 
 def test_the_reserve_is_given_back_once(tmp_path: Path) -> None:

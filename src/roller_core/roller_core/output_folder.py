@@ -54,6 +54,9 @@ class OutputFolder:
         Files and folders that the command reads; None entries are passed over.
     new : bool
         Whether there may be no earlier result, not even one of ours.
+    lasting : iterable of str
+        Names of folders that are kept from run to run, such as caches; in `partial` each is a
+        link to it. They are written in place: their files are the caller's to replace as a whole.
 
     Attributes
     ----------
@@ -75,6 +78,7 @@ class OutputFolder:
         command: str,
         inputs: Iterable[Path | None] = (),
         new: bool = False,
+        lasting: Iterable[str] = (),
     ) -> None:
         self._shown = folder
         self._command = command
@@ -82,7 +86,7 @@ class OutputFolder:
         self._inputs = [path for path in inputs if path is not None]
         self._published = self._settled = False
         self._lock: int | None = None
-        self._lasting: list[str] = []
+        self._lasting = list(lasting)
         self.path = folder.resolve()
         self._aside = self.path / _ASIDE
         self.partial = self._aside / (self.path.name or "output")
@@ -129,25 +133,6 @@ class OutputFolder:
         finally:
             self._leave()
 
-    def lasting(self, name: str) -> Path:
-        """A folder inside that is kept from run to run, such as a cache.
-
-        It is written in place; each of its files is the caller's to replace as a whole.
-
-        Raises
-        ------
-        UnwritableOutputError
-            If something that roller didn't make has this name.
-        """
-        path = self.path / name
-        made = _made(self.path)
-        if os.path.lexists(path) and made.get(name, "") is not None:
-            raise self._in_the_way(path)
-        self._lasting.append(name)
-        _write_mark(self.path, self._aside, self._command, made | {name: None})
-        path.mkdir(exist_ok=True)
-        return path
-
     def publish(self) -> None:
         """Put what was written in place of what an earlier run made; once only.
 
@@ -162,6 +147,8 @@ class OutputFolder:
         self._published = True
         try:
             release_reserve(self.partial)
+            for name in self._lasting:
+                (self.partial / name).unlink(missing_ok=True)
             made: dict[str, str | None] = {
                 path.name: fingerprint(path) for path in sorted(self.partial.iterdir())
             }
@@ -212,6 +199,13 @@ class OutputFolder:
         with open(self._aside / _RESERVE, "wb") as file:
             os.posix_fallocate(file.fileno(), 0, _RESERVE_BYTES)
         self.partial.mkdir()
+        for name in self._lasting:
+            path, made = self.path / name, _made(self.path)
+            if os.path.lexists(path) and made.get(name, "") is not None:
+                raise self._in_the_way(path)
+            _write_mark(self.path, self._aside, self._command, made | {name: None})
+            path.mkdir(exist_ok=True)
+            (self.partial / name).symlink_to(path)
 
     def _move_into_place(self) -> None:
         """Move entries of the partial result; begun again, it goes on where it was."""
