@@ -101,10 +101,7 @@ def judge_clock(facts: ClockFacts) -> Result:
             "fine on one machine; for bags of several, install chrony or switch on "
             "systemd-timesyncd (timedatectl set-ntp true)",
         )
-    return ok(
-        name,
-        f"set by NTP or PTP, error below {facts.max_error_s * 1e3:.1f} ms; {rate}",
-    )
+    return ok(name, f"set by NTP or PTP, error below {facts.max_error_s * 1e3:.1f} ms; {rate}")
 
 
 def _ask_kernel() -> tuple[bool | None, float]:

@@ -216,9 +216,5 @@ def judge_exchange(found: Exchange) -> Result:
             f"{PROFILE} to config/fastdds.xml and give /dev/shm room",
         )
     if found.large < MESSAGES:
-        return warning(
-            name,
-            text,
-            "the machine was busy, or its shared memory is short; try again",
-        )
+        return warning(name, text, "the machine was busy, or its shared memory is short; try again")
     return ok(name, text)

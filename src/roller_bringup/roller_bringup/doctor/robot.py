@@ -42,9 +42,7 @@ def judge_robot(
     name = "robot"
     if found is None:
         return warning(
-            name,
-            "not looked for",
-            advice="give --robot-ip, or set robot_ip in config/ur10.yaml",
+            name, "not looked for", advice="give --robot-ip, or set robot_ip in config/ur10.yaml"
         )
     if isinstance(found, Controller):
         return ok(name, f"{host}: controller {found}")

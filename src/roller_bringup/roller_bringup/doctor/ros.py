@@ -93,11 +93,7 @@ def judge_ros(facts: RosFacts) -> Result:
             "holds for it alone",
         )
     if not facts.wheels and facts.distribution not in KNOWN_DISTRIBUTIONS:
-        return warning(
-            name,
-            found,
-            f"known to work: {', '.join(KNOWN_DISTRIBUTIONS)}",
-        )
+        return warning(name, found, f"known to work: {', '.join(KNOWN_DISTRIBUTIONS)}")
     note = "; for development and demonstration, not for a cell" if facts.wheels else ""
     return ok(name, found + note)
 
