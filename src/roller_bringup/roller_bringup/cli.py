@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import ast
 import importlib
 import importlib.util
 import os
 import signal
 import sys
 from collections.abc import Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 
 #: Packages name their subcommands in this group of entry points.
@@ -21,11 +19,16 @@ TRACEBACK = "ROLLER_TRACEBACK"
 
 def find_commands() -> dict[str, str]:
     """Modules of the subcommands by name, as the installed packages name them."""
+    # Imports that take time are made where Ctrl-C is answered in one line.
+    from importlib.metadata import entry_points
+
     return {point.name: point.value for point in sorted(entry_points(group=GROUP))}
 
 
 def _summary(module: str) -> str:
     """What a subcommand does, from the first line of its module, which isn't loaded for it."""
+    import ast
+
     found = importlib.util.find_spec(module)
     if found is None or found.origin is None:
         return ""

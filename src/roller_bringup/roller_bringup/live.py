@@ -143,7 +143,7 @@ def run_until_done(
     plan: LaunchPlan,
     quiet_s: float = 3.0,
     timeout_s: float = 600.0,
-    tell: Callable[[str], None] = lambda line: None,
+    report: Callable[[str], None] = lambda line: None,
 ) -> Observation:
     """Run a graph until its source is finished and the outputs have been quiet for a while.
 
@@ -155,7 +155,7 @@ def run_until_done(
         How long outputs must be quiet, s; longer than the nodes' idle flush.
     timeout_s : float
         Give up after this, s.
-    tell : callable
+    report : callable
         Told in a line what is going on.
 
     Raises
@@ -171,7 +171,7 @@ def run_until_done(
             now = time.monotonic()
             if seen.source != source:
                 source = seen.source
-                tell(f"source: {source}")
+                report(f"source: {source}")
             if source == "finished":
                 done_at = done_at or now
                 if now - max(seen.last_output, done_at) > quiet_s and seen.drained:

@@ -83,7 +83,7 @@ def _run(args: argparse.Namespace, folder: Path) -> None:
     launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
     with load(launch_file, arguments) as plan:
         check_no_duplicate_nodes(plan)
-        seen = run_until_done(plan, tell=print)
+        seen = run_until_done(plan, report=print)
     report = Report(
         "virtual cell, live",
         args.method,

@@ -37,14 +37,14 @@ class Request:
     backend: str = ""
 
 
-def examine(request: Request, tell: Callable[[str], None] = lambda what: None) -> Iterator[Result]:
+def examine(request: Request, report: Callable[[str], None] = lambda _: None) -> Iterator[Result]:
     """Run all checks.
 
     Parameters
     ----------
     request : Request
         What is asked for.
-    tell : callable
+    report : callable
         Told what is being looked at.
     """
     try:
@@ -52,7 +52,7 @@ def examine(request: Request, tell: Callable[[str], None] = lambda what: None) -
     except NotFoundError:
         share = None
     for name, check in _CHECKS.items():
-        tell(name)
+        report(name)
         try:
             yield from check(request, share)
         except ImportError as error:
