@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
+from numba import njit
 
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
-from roller_core.transforms import inverse_pose, rotation_vector_to_quaternion
+from roller_core.transforms import rotation_vector_to_quaternion
 
 CAMERA = Camera(320, 120, 800.0, 800.0, 159.5, 59.5)
 MS = 1_000_000
@@ -44,26 +46,46 @@ def events_of(
     camera: Camera = CAMERA,
 ) -> EventArray:
     """An event wherever a point (in base, metres, shape (n, 3)) enters another pixel."""
-    track = track_of(motion, duration_s)
-    last = np.full(len(points), -1)
-    parts = []
-    # Twice what the pinhole sees; what is farther out need not be projected.
-    reach = np.array([camera.width / camera.fx, camera.height / camera.fy])
-    for t in np.arange(0.0, duration_s, step_s):
-        t_ns = round(t * 1e9)
-        to_camera = inverse_pose(track.at(t_ns).matrix)
-        local = points @ to_camera[:3, :3].T + to_camera[:3, 3]
-        near = np.flatnonzero((np.abs(local[:, :2]) < reach * local[:, 2:]).all(axis=1))
-        pixel = np.rint(camera.project(local[near])).astype(int)
-        inside = ((pixel >= 0) & (pixel < (camera.width, camera.height))).all(axis=1)
-        number = np.full(len(points), -1)
-        number[near[inside]] = pixel[inside, 1] * camera.width + pixel[inside, 0]
-        new = np.flatnonzero((number >= 0) & (number != last))
-        last = number
-        y, x = np.divmod(number[new], camera.width)
-        parts.append((x, y, np.full(len(new), start_ns + t_ns)))
-    x, y, t_all = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return EventArray.from_arrays(x, y, t_all, np.ones(len(x)))
+    assert not camera.is_distorted
+    times = np.rint(np.arange(0.0, duration_s, step_s) * 1e9).astype(np.int64)
+    to_camera = np.linalg.inv(track_of(motion, duration_s).matrices(times))
+    intrinsics = (camera.fx, camera.fy, camera.cx, camera.cy)
+    size = (camera.width, camera.height)
+    entered = np.empty((len(times), len(points)), np.int32)
+    _pixels_entered(points.astype(float), to_camera, intrinsics, size, entered)
+    step, point = np.nonzero(entered >= 0)
+    y, x = np.divmod(entered[step, point], camera.width)
+    return EventArray.from_arrays(x, y, start_ns + times[step], np.ones(len(x)))
+
+
+@njit(cache=True)
+def _pixels_entered(points, to_camera, intrinsics, size, out):  # type: ignore[no-untyped-def]
+    """Number of the pixel that each point enters at each time; -1 where it enters none."""
+    fx, fy, cx, cy = intrinsics
+    width, height = size
+    for i in range(len(points)):
+        last = -1
+        for k in range(len(to_camera)):
+            m = to_camera[k]
+            x, y, z = m[:3, 3]
+            for j in range(3):
+                x += m[0, j] * points[i, j]
+                y += m[1, j] * points[i, j]
+                z += m[2, j] * points[i, j]
+            number = -1
+            if z > 0:
+                u = np.rint(fx * x / z + cx)
+                v = np.rint(fy * y / z + cy)
+                if 0 <= u < width and 0 <= v < height:
+                    number = int(v) * width + int(u)
+            out[k, i] = number if number != last else -1
+            last = number
+
+
+@cache
+def tilted_scan(duration_s: float) -> EventArray:
+    """Lines on the plate `tilted`, seen while rolling at 0.3 m/s."""
+    return events_of(lines(tilted), rolling(0.3), duration_s)
 
 
 def lines(depth: Callable[[np.ndarray], np.ndarray], pitch_m: float = 0.0013) -> np.ndarray:

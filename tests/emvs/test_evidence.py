@@ -28,7 +28,7 @@ def field_of(
     bounds = np.array([0, np.count_nonzero(~on), len(on)])
     columns = SHAPE[1] // CELL_PX
     slopes = np.tile([[-HALF_APERTURE], [HALF_APERTURE]], (1, columns))
-    # The lean grows with the slope and a metre of depth is a unit of offset.
+    # The ray slope grows with the slope and a metre of depth is a unit of offset.
     return RayField(ordered, bounds, SHAPE, slopes, 0.03, 1.0, 1000.0, speed)
 
 
@@ -105,23 +105,23 @@ def test_a_column_seen_from_one_side_has_its_edges_depth() -> None:
 
 
 @pytest.mark.parametrize("drift", [-0.6, 0.0, 0.6])
-def test_creep_follows_the_change_of_density(drift: float) -> None:
-    """With density 1 + d·u over the aperture the mean lean moves by d/3 of its half."""
+def test_edge_drift_follows_the_change_of_density(drift: float) -> None:
+    """With density 1 + d·u over the aperture the mean ray slope moves by d/3 of its half."""
     rng = np.random.default_rng(6)
     field = field_of(*lines_at(0.0, rng, 40000, drift))
     off = find_depths(field, -1.0, 1.0, SETTINGS)[0]
     seen = slope_statistics(field, off.offset, 0)
     known = np.isfinite(off.offset) & (seen.count > 20)
-    half_lean = HALF_APERTURE * field.ray_slope_scale
+    half_slope = HALF_APERTURE * field.ray_slope_scale
     mean = np.average(seen.mean[known] * field.ray_slope_scale, weights=seen.count[known])
-    assert mean == pytest.approx(drift * half_lean / 3, abs=0.03 * half_lean)
+    assert mean == pytest.approx(drift * half_slope / 3, abs=0.03 * half_slope)
     depth = edge_drift_depth_m(field, seen, 0.0)[known]
     if drift == 0.0:
         assert abs(np.median(depth)) < 0.1
     else:
-        # Contrast that grows with the lean makes depth look larger than it is.
+        # Contrast that grows with the slope makes depth look larger than it is.
         assert np.mean(np.sign(depth) == -np.sign(drift)) > 0.95
-    # The correction is taken from the polarity that creeps alone.
+    # The correction is taken from the polarity that drifts alone.
     corrected = find_depths(field, -1.0, 1.0, SETTINGS.changed({"edge_drift_m": 0.01}))
     np.testing.assert_array_equal(
         corrected[1].offset, find_depths(field, -1.0, 1.0, SETTINGS)[1].offset

@@ -23,7 +23,7 @@ def some_rays(n: int, rng: np.random.Generator, slope: float = 4000) -> np.ndarr
     ).astype(np.float32)
 
 
-def twin_energy(rays: np.ndarray, offset: float, top: float, rows: int) -> np.ndarray:
+def twin_measure(rays: np.ndarray, offset: float, top: float, rows: int) -> np.ndarray:
     """Squared five-tap slopes of votes that are linear along x and whole along y."""
     votes = np.zeros((rows, WIDTH), np.float64)
     for x, y, sx, sy in rays:
@@ -53,7 +53,7 @@ def measure(
     return out
 
 
-def test_energy_is_that_of_the_votes_slopes() -> None:
+def test_focus_measure_is_that_of_the_votes_slopes() -> None:
     rays = some_rays(400, np.random.default_rng(1))
     rays[7, 0] = np.nan
     offsets = np.array([-5e-4, 0.0, 7e-4], np.float32)
@@ -62,7 +62,10 @@ def test_energy_is_that_of_the_votes_slopes() -> None:
     found = measure(rays, starts, 9, offsets, tiles)
     for k, offset in enumerate(offsets):
         np.testing.assert_allclose(
-            found[k], twin_energy(rays, float(offset), -0.5, HEIGHT // ROW_PX), rtol=2e-3, atol=2e-3
+            found[k],
+            twin_measure(rays, float(offset), -0.5, HEIGHT // ROW_PX),
+            rtol=2e-3,
+            atol=2e-3,
         )
 
 
@@ -73,7 +76,7 @@ def test_rays_vote_near_their_plane_alone_and_skipped_tiles_stay_empty() -> None
     found = measure(rays, starts, 1, offsets, np.array([[0, 4]]))
     for k in range(5):
         own = rays[starts[max(k - 1, 0)] : starts[min(k + 1, 4) + 1]]
-        expected = twin_energy(own, float(offsets[k]), -0.5, HEIGHT // ROW_PX)
+        expected = twin_measure(own, float(offsets[k]), -0.5, HEIGHT // ROW_PX)
         np.testing.assert_allclose(found[k], expected, rtol=2e-3, atol=2e-3)
     skipped = measure(rays, starts, 1, offsets, np.array([[2, 3]]))
     assert not skipped[[0, 1, 4]].any()
@@ -87,7 +90,7 @@ def test_peak_is_searched_between_limits_and_refused_at_them() -> None:
     first, last = np.array([[0, 2, 7, 1]]), np.array([[19, 9, 11, 0]])
     peak, contrast, top = (np.empty((1, 4), np.float32) for _ in range(3))
     _peak_kernels._find_peak(scores, first, last, 2.0, 0.0, 0.0, peak, contrast, top)
-    # The highest of all; the prior's; none, as the scores rise at the limit; none to search.
+    # The highest of all; the other within limits; none: scores rise at the limit; none to search.
     np.testing.assert_allclose(peak[0, :2], [14.6, 5.3], atol=0.05)
     assert np.isnan(peak[0, 2:]).all()
     for j in range(2):
@@ -194,12 +197,12 @@ def test_events_meet_the_cells_they_are_of() -> None:
     sums = np.zeros((*cells.shape, 3), np.float32)
     _meet_kernels._meet(rays, 10, 390, cells, np.float32(0), sums)
     count, slope, square = np.moveaxis(sums, -1, 0)
-    expected, leaning, squared = (np.zeros_like(cells) for _ in range(3))
+    expected, summed, squared = (np.zeros_like(cells) for _ in range(3))
     np.add.at(expected, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), 1)
-    np.add.at(leaning, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2])
+    np.add.at(summed, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2])
     np.testing.assert_array_equal(count, expected)
     np.add.at(squared, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2] ** 2)
-    np.testing.assert_allclose(slope, leaning, rtol=1e-4, atol=1)
+    np.testing.assert_allclose(slope, summed, rtol=1e-4, atol=1)
     np.testing.assert_allclose(square, squared, rtol=1e-4)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of, turning
+from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, tilted_scan, track_of, turning
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.hot_pixels import hot_pixels
@@ -30,7 +30,7 @@ PIXEL_M = 0.045**2 / (CAMERA.fx * 0.3 * 0.03)
 
 @pytest.fixture(scope="module")
 def scan() -> EventArray:
-    return events_of(lines(tilted), rolling(0.3), DURATION_S)
+    return tilted_scan(DURATION_S)
 
 
 def maps(scan: EventArray, **values: object) -> list[DepthMap]:
@@ -57,9 +57,8 @@ def test_fewer_planes_and_shared_votes_give_the_same_depth(scan: EventArray, met
 
 
 @pytest.mark.parametrize("method", ["bma", "focus"])
-@pytest.mark.parametrize("values", [{"threads": 1}, {"threads": 3}])
-def test_threads_change_nothing(scan: EventArray, method: str, values: dict[str, object]) -> None:
-    plain, other = maps(scan, method=method), maps(scan, method=method, **values)
+def test_threads_change_nothing(scan: EventArray, method: str) -> None:
+    plain, other = (maps(scan, method=method, threads=threads) for threads in (1, 3))
     for a, b in zip(plain, other, strict=True):
         np.testing.assert_array_equal(a.depth, b.depth)
         np.testing.assert_array_equal(a.confidence, b.confidence)
@@ -84,7 +83,7 @@ def test_views_are_shared_where_they_are_parallel() -> None:
 
 
 def test_views_of_a_roller_that_gains_speed_are_shared() -> None:
-    """Half the time is not half the way; the middle view is put at half the way."""
+    """Half the time is not half the travel; the middle view is put at half the travel."""
     views = np.tile(np.eye(4), (3, 1, 1))
     views[:, 0, 3] = (-0.0041, 0.0, 0.0049)
     found = shifted_planes(CAMERA, views, BOUNDS, SETTINGS.paper)

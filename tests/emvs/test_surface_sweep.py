@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from emvs.scenes import CAMERA, MS, Motion, events_of, lines, rolling, tilted, track_of, turning
+from emvs.scenes import (
+    CAMERA,
+    MS,
+    rolling,
+    tilted,
+    tilted_scan,
+    track_of,
+)
 from roller_core.errors import SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -40,7 +47,7 @@ def points_of(patches: list[SurfacePatch]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def scan() -> EventArray:
-    return events_of(lines(tilted), rolling(0.3), DURATION_S)
+    return tilted_scan(DURATION_S)
 
 
 def test_a_tilted_plane_is_found(scan: EventArray) -> None:
@@ -65,8 +72,8 @@ def test_a_tilted_plane_is_found(scan: EventArray) -> None:
     assert all(a <= b + 1e-9 for a, b in zip(ends, starts[1:], strict=False))
 
 
-@pytest.mark.parametrize("batch_ms", [1, 17])
-def test_results_depend_on_the_data_alone(scan: EventArray, batch_ms: int) -> None:
+def test_poses_that_are_no_longer_needed_may_go(scan: EventArray) -> None:
+    batch_ms = 17
     whole = points_of(sweep(scan, track_of(rolling(0.3), DURATION_S))[0])
     track = PoseTrack()
     engine = SurfaceSweep(settings(), CAMERA, track)
@@ -94,44 +101,6 @@ def test_threads_change_nothing(scan: EventArray) -> None:
     track = track_of(rolling(0.3), DURATION_S)
     one, two = (points_of(sweep(scan, track, threads=n)[0]) for n in (1, 2))
     np.testing.assert_array_equal(one, two)
-
-
-def test_epoch_time_and_a_far_base_change_nothing(scan: EventArray) -> None:
-    epoch, offset = 1_790_000_000_123_456_789, np.array([4000.0, -2500.0, 300.0])
-    near = points_of(sweep(scan, track_of(rolling(0.3), DURATION_S))[0])
-    there = track_of(rolling(0.3, tuple(offset)), DURATION_S, epoch)
-    far = points_of(sweep(scan.shifted(epoch), there)[0]) - offset
-    assert abs(len(near) - len(far)) < 0.02 * len(near)
-    assert abs(np.median(near[:, 2] - tilted(near[:, 0]))) < 70e-6
-    assert abs(np.median(far[:, 2] - tilted(far[:, 0]))) < 70e-6
-
-
-def test_the_way_back_is_a_pass_of_its_own() -> None:
-    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([0.3 * (t if t < 0.08 else 0.16 - t), 0, 0]), UPRIGHT
-
-    events = events_of(lines(tilted), motion, 0.16)
-    patches, _, engine = sweep(events, track_of(motion, 0.16))
-    points = points_of(patches)
-    assert np.median(np.abs(points[:, 2] - tilted(points[:, 0]))) < 70e-6
-    middle = [p for p in patches if p.stamp_ns < 80 * MS]
-    assert middle
-    assert len(middle) < len(patches)
-    assert engine.held_events == 0
-
-
-def along_axis(t: float) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([0.0, 0.0, 0.02 * t]), UPRIGHT
-
-
-@pytest.mark.parametrize("motion", [rolling(0.0), turning(1.0), along_axis])
-def test_without_parallax_there_is_no_depth(motion: Motion) -> None:
-    events = events_of(lines(tilted), motion, 0.2, step_s=1e-3)
-    patches, refused, engine = sweep(events, track_of(motion, 0.2), max_start_s=0.1)
-    assert not len(points_of(patches))
-    assert refused
-    assert "parallax" in refused[0].reason
-    assert engine.held_events == 0
 
 
 def test_a_gap_in_poses_ends_the_pass(scan: EventArray) -> None:
@@ -176,15 +145,6 @@ def test_rays_held_are_bounded_too(scan: EventArray) -> None:
     track = track_of(rolling(0.3), DURATION_S)
     _, _, engine = sweep(scan, track, max_backlog_events=10_000)
     assert engine.counts.dropped_events > 0
-
-
-def test_a_single_event_and_none() -> None:
-    track = track_of(rolling(0.3), DURATION_S)
-    one = EventArray.from_arrays([100], [50], [60 * MS], [1])
-    patches, refused, _ = sweep(one, track)
-    assert not len(points_of(patches))
-    assert len(refused) >= 1
-    assert sweep(EventArray.empty(), track)[:2] == ([], [])
 
 
 def test_stairs_of_the_virtual_cell() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from braille.synthetic import Plate, over, read, scan
-from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of
+from emvs.scenes import CAMERA, rolling, tilted_scan, track_of
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
@@ -18,7 +18,7 @@ DELAY_S, DELAY_NS = 0.0017, 1_700_000
 
 @pytest.fixture(scope="module")
 def events() -> EventArray:
-    return events_of(lines(tilted), rolling(0.3), 0.08)
+    return tilted_scan(0.08)
 
 
 @pytest.mark.parametrize("method", ["focus", "bma"])
