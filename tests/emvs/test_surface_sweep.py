@@ -118,7 +118,7 @@ def test_a_gap_in_poses_ends_the_pass(scan: EventArray) -> None:
     assert np.median(np.abs(points[:, 2] - tilted(points[:, 0]))) < 70e-6
 
 
-def test_a_stop_on_the_way_adds_nothing(scan: EventArray) -> None:
+def test_a_stop_in_a_pass_adds_nothing(scan: EventArray) -> None:
     def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
         return np.array([0.3 * (t if t < 0.064 else max(0.064, t - 0.5)), 0, 0]), UPRIGHT
 

@@ -22,7 +22,7 @@ STEP_M = 0.0108
 @pytest.mark.parametrize("pitch_m", [0.0003, 0.0006, 0.0013])
 @pytest.mark.parametrize("method", ALL)
 def test_lines_at_a_constant_pitch(method: str, pitch_m: float) -> None:
-    """Seen all the way, neighbours align at one depth alone; at others they smear."""
+    """Seen from end to end, neighbours align at one depth alone; at others they smear."""
     lines = np.arange(-0.012, 0.045, pitch_m)
     events = world.scan(lines=lines, depth=world.flat(world.MIDDLE_M))
     points = world.points_of(world.run(method, events, world.poses()))
@@ -99,7 +99,7 @@ def test_icp_leaves_a_grating_alone() -> None:
 
 @pytest.mark.parametrize("shift_px", [8, 12, 16])
 def test_icp_does_not_slide_to_the_next_of_bumps_that_repeat(shift_px: int) -> None:
-    """An egg box of 24 px = 1.35 mm, moved by a third to two thirds of that: the way to the
+    """An egg box of 24 px = 1.35 mm, moved by a third to two thirds of that: the distance to the
     nearest fit, the right one or its neighbour, is further than a robot errs."""
     bumps = 0.045 + 2e-4 * np.sin(2 * np.pi * X / 24) * np.sin(2 * np.pi * Y / 24)
     _, found = stitched(bumps, np.roll(bumps, shift_px, axis=1))
@@ -123,5 +123,5 @@ def test_a_blank_plate_gives_no_depth(method: str) -> None:
     x, y = rng.integers(0, CAMERA.width, n), rng.integers(0, CAMERA.height, n)
     noise = EventArray.from_arrays(x, y, t, rng.integers(0, 2, n))
     points = world.points_of(world.run(method, noise, world.poses()))
-    # The usual scan, of twice as many events, gives 200 and more.
+    # The default scan, of twice as many events, gives 200 and more.
     assert len(points) <= 20

@@ -88,7 +88,7 @@ CRAWL_M_S = 0.001
 
 @pytest.fixture(scope="module")
 def crawl() -> EventArray:
-    """The usual scan at 1 mm/s: the same events, 300 times slower."""
+    """The default scan at 1 mm/s: the same events, 300 times slower."""
     events = world.scan()
     return events.with_times(events.t_ns * round(SPEED_M_S / CRAWL_M_S))
 
@@ -128,7 +128,7 @@ def test_crawling_is_refused_by_default(crawl: EventArray, method: str) -> None:
 def there_and_back(t: float) -> tuple[F64, F64]:
     """Turns round at 48 ms, about the middle of the second window by time.
 
-    At a pose: between two, the straight way from one to the next would cut the corner.
+    At a pose: between two, the straight path from one to the next would cut the corner.
     """
     return np.array([SPEED_M_S * min(t, 0.096 - t), 0.0, 0.0]), UPRIGHT
 
@@ -138,7 +138,7 @@ def there_and_back(t: float) -> tuple[F64, F64]:
 def test_a_reversal_in_a_window_leaves_the_depth_right(method: str, window: str) -> None:
     """What counts is how far the places that the window saw from lie apart: 5 mm at least.
 
-    On the way back a line enters a pixel from its other side, so the two ways differ by a pixel.
+    On the return a line enters a pixel from its other side, so the two paths differ by a pixel.
     """
     events = world.scan(there_and_back, share=1.0)
     track = world.poses(there_and_back)
@@ -215,20 +215,20 @@ def ramp_error_m(method: str, ramp: EventArray, delay_s: float) -> tuple[float, 
     points = points[points[:, 0] > 0.005]  # seen from 0.2 m/s on
     assert len(points) > 50
     speed = np.sqrt(0.1**2 + 2 * RAMP_M_S2 * np.clip(points[:, 0], 0.0, None))
-    told = np.median(points[:, 2] * RAMP_M_S2 * (DELAY_S - delay_s) / speed)
-    return float(np.median(points[:, 2] - world.tilted(points[:, 0]))), float(told)
+    expected = np.median(points[:, 2] * RAMP_M_S2 * (DELAY_S - delay_s) / speed)
+    return float(np.median(points[:, 2] - world.tilted(points[:, 0]))), float(expected)
 
 
 @pytest.mark.parametrize("method", ALL)
 def test_depth_in_a_ramp_is_right_where_the_delay_is_known(ramp: EventArray, method: str) -> None:
-    found, told = ramp_error_m(method, ramp, DELAY_S)
-    assert told == 0.0
+    found, expected = ramp_error_m(method, ramp, DELAY_S)
+    assert expected == 0.0
     assert abs(found) < 0.5 * world.pixel_m()
 
 
 @pytest.mark.parametrize("method", ALL)
 def test_an_unknown_delay_scales_depth_in_a_ramp(ramp: EventArray, method: str) -> None:
     """As HARD_CASES.md says: by acceleration × delay / speed."""
-    found, told = ramp_error_m(method, ramp, 0.0)
-    assert told > world.pixel_m()
-    assert found == pytest.approx(told, abs=0.5 * world.pixel_m())
+    found, expected = ramp_error_m(method, ramp, 0.0)
+    assert expected > world.pixel_m()
+    assert found == pytest.approx(expected, abs=0.5 * world.pixel_m())

@@ -121,7 +121,7 @@ def test_poses_may_jitter(events: EventArray, method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_gap_in_the_poses_costs_its_own_windows_alone(events: EventArray, method: str) -> None:
-    """The way of the surface is in test_surface_sweep: a gap ends its pass."""
+    """For the surface see test_surface_sweep: a gap ends its pass."""
     full, gappy = world.poses(max_gap_s=0.01), PoseTrack(max_gap_s=0.01)
     for t, p, q in zip(full.times_ns, full.positions, full.quaternions, strict=True):
         # Window 2 of 3 to 5: 33–67 ms.
@@ -139,7 +139,7 @@ def test_a_gap_in_the_poses_costs_its_own_windows_alone(events: EventArray, meth
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_after_a_gap_windows_by_travel_begin_anew(events: EventArray, method: str) -> None:
+def test_after_a_gap_windows_by_travel_restart(events: EventArray, method: str) -> None:
     full, gappy = world.poses(max_gap_s=0.01), PoseTrack(max_gap_s=0.01)
     for t, p, q in zip(full.times_ns, full.positions, full.quaternions, strict=True):
         if not 41 * MS < t < 63 * MS:

@@ -49,7 +49,7 @@ def focus_depth(
     near, far = 1.0 / s.depth_min_m, 1.0 / s.depth_max_m
     middle, half = 0.5 * (near + far), 0.5 * (near - far)
     with watch("rays"):
-        field, turned = window_field(packets, camera, view, middle, s.patch_half_length_m)
+        field, turned = _window_field(packets, camera, view, middle, s.patch_half_length_m)
     with watch("votes"):
         depths = find_depths(field, -half, half, s.focus, threads=s.threads)
     depth = np.full((camera.height, camera.width), np.nan, np.float32)
@@ -64,30 +64,13 @@ def focus_depth(
     return depth, confidence
 
 
-def window_field(
-    packets: Packets, camera: Camera, view: F64, middle: float, patch_half_length_m: float = 0.0
+def _window_field(
+    packets: Packets, camera: Camera, view: F64, middle: float, patch_half_length_m: float
 ) -> tuple[RayField, bool]:
-    """Rays of a window, their offset being inverse depth from a middle one.
+    """Rays of a window on the pixels of the reference view; their offset is inverse depth.
 
-    Parameters
-    ----------
-    packets : Packets
-        Events of the window.
-    camera : Camera
-        Intrinsics.
-    view : ndarray of float64, shape (4, 4)
-        Reference camera in base.
-    middle : float
-        Inverse depth of offset 0, 1/m.
-    patch_half_length_m : float
-        How far from the axis events were taken along the roll, metres; 0 for the whole image.
-
-    Returns
-    -------
-    field : RayField
-        On the pixels of the reference view.
-    turned : bool
-        Whether rows and columns have changed places, as planes part along the image's columns.
+    `middle` is the inverse depth of offset 0, 1/m. True where rows and columns have changed
+    places, as planes part along the image's columns.
     """
     bundle = rays_in_view(packets, camera, view)
     rays = bundle.rays.astype(np.float32, copy=False)

@@ -155,29 +155,6 @@ def view_depth(
         Threshold and median.
     """
     mask = adaptive_threshold(votes, s.threshold_c, KERNEL_PX, s.full_scale_votes)
-    return masked_depth(votes, index, mask, planes, bounds_m, view, weight, s)
-
-
-def usable_planes(planes: F64, bounds_m: tuple[float, float]) -> Mask:
-    """Planes on which a peak is one: within the bounds, and not at an end."""
-    # What peaks on an end plane may lie beyond it.
-    steps = np.gradient(planes)
-    usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
-    usable[[0, -1]] = False
-    return np.asarray(usable)
-
-
-def masked_depth(
-    votes: F32,
-    index: U16,
-    mask: Mask,
-    planes: F64,
-    bounds_m: tuple[float, float],
-    view: F64,
-    weight: float,
-    s: PaperSettings,
-) -> ViewDepth:
-    """Depth of the pixels that stood out (a mask, written to); see `view_depth`."""
     usable = usable_planes(planes, bounds_m)
     at = np.flatnonzero(mask)
     mask.ravel()[at] = usable[index.ravel()[at]]
@@ -188,3 +165,12 @@ def masked_depth(
     scale = s.full_scale_votes or float(votes.max()) or 1.0
     confidence = np.clip(votes.ravel()[at] / np.float32(scale), 0, 1)
     return ViewDepth(at, found.astype(np.float32), confidence, view, weight)
+
+
+def usable_planes(planes: F64, bounds_m: tuple[float, float]) -> Mask:
+    """Planes on which a peak is one: within the bounds, and not at an end."""
+    # What peaks on an end plane may lie beyond it.
+    steps = np.gradient(planes)
+    usable = (planes > bounds_m[0] - 0.5 * steps) & (planes < bounds_m[1] + 0.5 * steps)
+    usable[[0, -1]] = False
+    return np.asarray(usable)
