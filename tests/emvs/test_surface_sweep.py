@@ -16,11 +16,9 @@ from emvs.scenes import (
 from roller_core.errors import SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
-from roller_core.transforms import matrix_to_quaternion
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.windows import RefusedWindow
-from roller_sim.cell import VirtualCell
-from roller_sim.cell_settings import VirtualCellSettings
+from simulated_scans import Scans
 
 DURATION_S = 0.12
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -147,24 +145,14 @@ def test_rays_held_are_bounded_too(scan: EventArray) -> None:
     assert engine.counts.dropped_events > 0
 
 
-def test_stairs_of_the_virtual_cell() -> None:
-    speed = 0.3
-    cell = VirtualCell(
-        VirtualCellSettings.create({"scene": {"name": "stairs"}, "motion": {"speed": speed}})
-    )
-    truth, track = cell.truth, PoseTrack()
-    start = truth.start_ros_ns
-    events = EventArray.concatenate([e for _, e in cell.raw_events()]).sorted_by_time()
-    for t in range(start, start + truth.duration_ns, 4 * MS):
-        pose = truth.camera_pose(t)
-        track.append(t, pose[:3, 3], matrix_to_quaternion(pose[:3, :3]))
-    engine = SurfaceSweep(SurfaceSettings(), truth.camera, track)
-    engine.add_events(events.shifted(start))
+def test_stairs_of_the_virtual_cell(scans: Scans) -> None:
+    scan = scans.scan("stairs", speed=0.3)
+    engine = SurfaceSweep(SurfaceSettings.create({}), scan.camera, scan.track)
+    engine.add_events(scan.events)
     points = points_of([f for f in engine.results(flush=True) if isinstance(f, SurfacePatch)])
-    region = truth.objects["stairs"]
-    # Events are later than what caused them, and not by the packets' delay.
-    delay_s = (truth.event_delay_ns - truth.settings.clock.latency_us * 1e3) * 1e-9
-    x, y = points[:, 0] - speed * delay_s, points[:, 1]
+    truth, region = scan.truth, scan.truth.objects["stairs"]
+    # Events are later than what caused them.
+    x, y = points[:, 0] - 0.3 * truth.event_delay_ns * 1e-9, points[:, 1]
     on = (x > region.x0) & (x < region.x1) & (y > region.y0) & (y < region.y1)
     errors = np.abs(points[:, 2] - truth.height_at(x, y))[on]
     assert on.sum() > 8000
