@@ -22,7 +22,6 @@ _SETTINGS: dict[str, Any] = {
     "window.rule": "all",
     "depth_min_m": 0.47,
     "depth_max_m": 2.4,
-    "paper.plane_rule": "fixed",
     "paper.planes": 100,
     "packet_events": 1024,
     "paper.threshold_c": 5.0,
