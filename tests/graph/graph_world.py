@@ -160,8 +160,8 @@ def check_keys(status: str, values: dict[str, str]) -> None:
 
 def documented_keys(status: str) -> set[str]:
     """Keys of a status, with those of the sections that it names after `With`."""
-    page = (Path(__file__).parents[2] / "docs" / "diagnostics.md").read_text()
-    sections = {part.split("\n")[0].strip(" `"): part for part in page.split("\n## ")}
+    page = (Path(__file__).parents[2] / "docs" / "graph.md").read_text()
+    sections = {part.split("\n")[0].strip(" `"): part for part in page.split("\n### ")}
     own = sections[status]
     keys = set(re.findall(r"^\| `(\w+)` \|", own, re.MULTILINE))
     shared = re.search(r"^With (.*?)\.", own, re.MULTILINE)

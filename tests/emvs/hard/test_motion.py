@@ -228,7 +228,7 @@ def test_depth_in_a_ramp_is_right_where_the_delay_is_known(ramp: EventArray, met
 
 @pytest.mark.parametrize("method", ALL)
 def test_an_unknown_delay_scales_depth_in_a_ramp(ramp: EventArray, method: str) -> None:
-    """As HARD_CASES.md says: by acceleration × delay / speed."""
+    """As docs/hard_cases.md says: by acceleration × delay / speed."""
     found, expected = ramp_error_m(method, ramp, 0.0)
     assert expected > world.pixel_m()
     assert found == pytest.approx(expected, abs=0.5 * world.pixel_m())
