@@ -27,7 +27,7 @@ LEAST_WAY_M, LEAST_EVENTS = 0.004, 2000
 
 
 class TimeOffsetError(RollerError):
-    """A recording from which the offset can't be told."""
+    """A recording from which the offset can't be found."""
 
 
 def central_events(events: EventArray, camera: Camera) -> EventArray:
@@ -43,7 +43,7 @@ class Course:
 
     along: F64
     grid_ns: I64
-    way_m: F64
+    travel_m: F64
     speed_m_s: F64
 
 
@@ -112,7 +112,7 @@ def passes_of(scan: Scan, course: Course, depth_m: float, delay_s: float) -> tup
     lean = component(along)
     # The middle ray's own lean is the camera's, not the pixel's.
     inside &= np.abs(lean - np.median(along @ rotations[:, :, 2].T)) <= MOST_LEAN
-    s = np.interp(times, grid, course.way_m) + depth_m * lean
+    s = np.interp(times, grid, course.travel_m) + depth_m * lean
     r = np.interp(times, grid, positions @ across) + depth_m * component(across)
     v = np.interp(times, grid, speed)
     found = []
@@ -134,8 +134,8 @@ def closing_speed(course: Course, at_m: F64) -> F64:
     # The camera is over what it sees: its place and the place seen are one for the middle ray.
     for sign in (1.0, -1.0):
         moving = sign * course.speed_m_s > _MOVING * np.abs(course.speed_m_s).max()
-        order = np.argsort(course.way_m[moving])
-        way, speed = course.way_m[moving][order], sign * course.speed_m_s[moving][order]
+        order = np.argsort(course.travel_m[moving])
+        way, speed = course.travel_m[moving][order], sign * course.speed_m_s[moving][order]
         both &= (at_m >= way[0]) & (at_m <= way[-1])
         total += np.interp(at_m, way, speed)
     return np.where(both, total, 0.0)

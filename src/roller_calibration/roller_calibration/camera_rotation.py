@@ -3,7 +3,7 @@
 Events put on the plate's plane by the right poses draw a sharp map of its texture; a turn blurs it.
 A turn about the optical axis moves what crosses the image sideways and shows at once. A tilt moves
 everything alike, but for the perspective, and shows a twentieth as well. The camera's position on
-the tool moves the whole map and can't be told, nor can a tilt of the plate itself from one of the
+the tool moves the whole map and can't be found, nor can a tilt of the plate itself from one of the
 camera: the plate counts as level in base.
 """
 
@@ -41,7 +41,7 @@ _LEAST_LEVEL = 0.95
 
 
 class CameraRotationError(RollerError):
-    """A pass from which the camera's turn can't be told."""
+    """A pass from which the camera's turn can't be found."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class CameraRotation:
 def find_camera_rotation(
     scan: Scan,
     depth_range_m: tuple[float, float],
-    tell: Callable[[float], None] = lambda _share: None,
+    report: Callable[[float], None] = lambda _share: None,
     seed: int = 0,
 ) -> CameraRotation:
     """Find the turn of a camera that rolled straight over a flat plate, level in base.
@@ -87,8 +87,8 @@ def find_camera_rotation(
         The pass.
     depth_range_m : tuple of float
         Between which the plate lies, metres.
-    tell : callable
-        Told the share done.
+    report : callable
+        Gets the share done.
     seed : int
         Of the choice of events.
 
@@ -127,7 +127,7 @@ def find_camera_rotation(
     size = min(_EVENTS, len(rays) // _PARTS)
     found = np.empty((_PARTS, 4))
     for n in range(_PARTS):
-        tell((n + 1) / (_PARTS + 1))
+        report((n + 1) / (_PARTS + 1))
         part = _Sharpness(*views, slice(n * size, (n + 1) * size), _BLURS_PX[1])
         found[n] = part.climb(start)
     if np.abs(found[:, :3]).max() > 1.5 * MOST_TURN_DEG:

@@ -49,7 +49,7 @@ def constant_speed_part(scan: Scan, least_m: float) -> Scan:
     track = scan.track
     first, last = track.start_ns + _HALF_SPAN_NS, track.end_ns - _HALF_SPAN_NS
     times = np.arange(first, last + 1, _STEP_NS, dtype=np.int64)
-    begin, end, way_m = 0, 0, 0.0
+    begin, end, length_m = 0, 0, 0.0
     if len(times):
         ends = [track.sample(times + side * _HALF_SPAN_NS)[0] for side in (-1, 1)]
         speed = np.linalg.norm(ends[1] - ends[0], axis=1) / (2e-9 * _HALF_SPAN_NS)
@@ -60,11 +60,11 @@ def constant_speed_part(scan: Scan, least_m: float) -> Scan:
             even = np.abs(speed - usual) <= _UNEVEN * usual
             edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]])))
             for a, b in edges.reshape(-1, 2):
-                if way[b] - way[a] > way_m:
-                    begin, end, way_m = int(a), int(b), float(way[b] - way[a])
-    if way_m < least_m:
+                if way[b] - way[a] > length_m:
+                    begin, end, length_m = int(a), int(b), float(way[b] - way[a])
+    if length_m < least_m:
         raise SpeedError(
-            f"{scan.name}: {way_m * 1e3:.1f} mm at one speed, less than {least_m * 1e3:g} mm: "
+            f"{scan.name}: {length_m * 1e3:.1f} mm at one speed, less than {least_m * 1e3:g} mm: "
             "roll at a steady speed, without stops"
         )
     cut = np.searchsorted(scan.events.t_ns, times[[begin, end - 1]])

@@ -25,7 +25,7 @@ _ROUNDS = 6
 
 
 class FlatError(RollerError):
-    """A pass over something from which the depth of a flat plate can't be told."""
+    """A pass over something from which the depth of a flat plate can't be found."""
 
 
 @dataclass(frozen=True)

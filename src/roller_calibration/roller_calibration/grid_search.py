@@ -1,9 +1,9 @@
 """The searches behind `calibrate sphere`: what is tried, how far it is, and what is kept.
 
-Of the parameters of `focus` a sphere can tell the neighbourhood, the least confidence and the drift
-of edges. The sphere's place is found by `focus` itself, so a depth that is off by the same amount
-everywhere can't be told: unless the height of the sphere's top is known, each choice is judged by
-its errors about their median.
+Of the parameters of `focus` a sphere determines the neighbourhood, the least confidence and the
+drift of edges. The sphere's place is found by `focus` itself, so a depth that is off by the same
+amount everywhere can't be seen: unless the height of the sphere's top is known, each choice is
+judged by its errors about their median.
 """
 
 from __future__ import annotations
@@ -162,14 +162,14 @@ class GridSearch(ABC):
         with progress_bar("search") as progress:
             for k in range(self._parts):
 
-                def tell(share: float, done: int = k) -> None:
+                def report(share: float, done: int = k) -> None:
                     progress((done + share) / self._parts)
 
                 where = self._where(k)
                 if np.isnan(table.errors_m[where]).any():
-                    table.errors_m[where], table.points[where] = self._errors(k, tell)
+                    table.errors_m[where], table.points[where] = self._errors(k, report)
                     save()
-                tell(1.0)
+                report(1.0)
 
     @property
     @abstractmethod
@@ -181,7 +181,7 @@ class GridSearch(ABC):
         """Index of a part in the table."""
 
     @abstractmethod
-    def _errors(self, part: int, tell: Callable[[float], None]) -> tuple[F64, I64]:
+    def _errors(self, part: int, report: Callable[[float], None]) -> tuple[F64, I64]:
         """Errors and points of a part; tells the share done."""
 
 
@@ -195,8 +195,8 @@ class PaperSearch(GridSearch):
     def _where(self, part: int) -> Any:
         return part
 
-    def _errors(self, part: int, tell: Callable[[float], None]) -> tuple[F64, I64]:
-        return window_errors(self._windows[part], self._camera, self._settings, self.grid, tell)
+    def _errors(self, part: int, report: Callable[[float], None]) -> tuple[F64, I64]:
+        return window_errors(self._windows[part], self._camera, self._settings, self.grid, report)
 
 
 class FocusSearch(GridSearch):
@@ -212,7 +212,7 @@ class FocusSearch(GridSearch):
     def _where(self, part: int) -> Any:
         return slice(None), part
 
-    def _errors(self, part: int, tell: Callable[[float], None]) -> tuple[F64, I64]:
+    def _errors(self, part: int, report: Callable[[float], None]) -> tuple[F64, I64]:
         settings = self._settings.changed(self.grid.values(part))
         return focus_errors(self._windows, self._camera, settings, self.absolute)
 

@@ -52,7 +52,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class FocusGrid(Grid):
-    """Choices for `focus`: what a sphere can tell of its parameters.
+    """Choices for `focus`: the parameters that a sphere determines.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ _M_PER_RAD = 0.045
 
 
 class HandEyeError(RollerError):
-    """Poses from which the camera's place can't be told."""
+    """Poses from which the camera's place can't be found."""
 
 
 @dataclass(frozen=True)

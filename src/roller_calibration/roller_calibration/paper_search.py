@@ -34,7 +34,7 @@ def window_errors(
     camera: Camera,
     settings: DepthSettings,
     grid: PaperGrid,
-    tell: Callable[[float], None] = lambda _share: None,
+    report: Callable[[float], None] = lambda _share: None,
 ) -> tuple[F64, I64]:
     """Errors of all choices of the grid over what is known of one window.
 
@@ -48,8 +48,8 @@ def window_errors(
         Method `bma`; everything that the grid doesn't hold.
     grid : PaperGrid
         Choices.
-    tell : callable
-        Told the share done.
+    report : callable
+        Gets the share done.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def window_errors(
                 part.warp(rows, columns, z[:, g], row)
             kernels._tally(depth, truth, normalised, counts, errors[c, g], points[c, g])
         done.append(c)
-        tell(len(done) / len(grid.thresholds))
+        report(len(done) / len(grid.thresholds))
 
     share(s.threads, len(grid.thresholds), run)
     return errors.reshape(-1), points.reshape(-1)

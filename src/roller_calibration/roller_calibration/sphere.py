@@ -36,7 +36,7 @@ _ROUNDS = 4
 
 
 class SphereError(RollerError):
-    """A pass in which the sphere can't be told."""
+    """A pass in which the sphere can't be found."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Sphere:
     contact_radius_m : float
         Of the contact circle, about the axis through the centre, metres.
     fitted_radius_m : float
-        Radius that the points alone tell, metres.
+        Radius that the points alone give, metres.
     scatter_m : float
         Median distance of the points in contact from the sphere, metres.
     points : int

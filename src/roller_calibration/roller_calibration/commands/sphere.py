@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     Raises
     ------
     RollerError
-        With the reason why nothing can be told.
+        With the reason why nothing can be found.
     """
     begin = time.perf_counter()
     _check(args)
