@@ -25,6 +25,29 @@ class FrameSettings(Settings):
     )
 
 
+class RobotFrames(FrameSettings):
+    """Frames of a node that publishes the robot's poses."""
+
+    base_frame: str = Field("base", description="The robot's base, in the controller's axes.")
+    moving_frame: str = Field(
+        "tool0_controller", description="The tool (TCP) as the controller reports it."
+    )
+    tf_prefix: str = Field(
+        "",
+        description="Put before base_frame and moving_frame, as the robot's own driver does.",
+    )
+
+    @property
+    def base(self) -> str:
+        """Name of the base's frame."""
+        return self.tf_prefix + self.base_frame
+
+    @property
+    def tool(self) -> str:
+        """Name of the tool's frame."""
+        return self.tf_prefix + self.moving_frame
+
+
 def smoothing_field(default: int) -> Any:
     """The parameter `pose_smoothing`, with a stage's own default."""
     return Field(

@@ -8,7 +8,6 @@ and streams. A camera that is missing, busy or unplugged is no reason to end: th
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -31,7 +30,6 @@ from roller_driver.dvxplorer.errors import CameraFault
 from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.dvxplorer.packets import EventPart
 from roller_driver.dvxplorer.preview import Preview
-from roller_driver.dvxplorer.rates import Rates
 from roller_ros import diagnostics, messages, qos
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
@@ -58,12 +56,11 @@ class EventCameraNode(LifecycleNode):
         self._preview = Preview()
         self._watched = False
         self._clock_map = SensorClock()
-        self._steps_told = 0
+        self._steps_reported = 0
         self._sequence = 0
         self._sent = 0
         self._dropped = 0
-        self._rates = Rates()
-        self._log_rates = Rates()
+        self._meter, self._log_meter = diagnostics.Meter(), diagnostics.Meter()
         self._error: RollerError | None = None
         self._diagnostics = diagnostics.Diagnostics(self, "camera", self._status)
         if self._p.statistics_print_interval > 0:
@@ -231,19 +228,23 @@ class EventCameraNode(LifecycleNode):
     def _print_statistics(self) -> None:
         if self._reader is None:
             return
-        rates = self._log_rates.since_last(self._reader.status, time.monotonic())
+        s = self._reader.status
+        rates = self._log_meter.rates(events=s.decoder.events, bytes=s.usb.bytes, packets=s.packets)
         self.get_logger().info(
-            f"{rates.events / 1e6:.3f} Mev/s, {rates.bytes / 1e6:.2f} MB/s over USB, "
-            f"{rates.packets:.0f} packets/s, {rates.errors} decode errors"
+            f"{rates['events'] / 1e6:.3f} Mev/s, {rates['bytes'] / 1e6:.2f} MB/s over USB, "
+            f"{rates['packets']:.0f} packets/s, {s.decoder.errors} decode errors since the start"
         )
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         if self._reader is None:
             return diagnostics.OK, "inactive", {}
         s = self._reader.status
-        rates = self._rates.since_last(s, time.monotonic())
+        rates = self._meter.rates(
+            events=s.decoder.events, bytes=s.usb.bytes, packets=s.packets,
+            faults=s.decoder.errors + s.usb.overruns,
+        )  # fmt: skip
         steps = self._clock_map.steps
-        jumped, self._steps_told = steps > self._steps_told, steps
+        jumped, self._steps_reported = steps > self._steps_reported, steps
         queue, dropped = 0, self._dropped
         if self._worker is not None:
             queue, dropped = self._worker.waiting, dropped + self._worker.dropped
@@ -254,7 +255,7 @@ class EventCameraNode(LifecycleNode):
             level, text = diagnostics.WARN, s.fault
         elif jumped:
             level, text = diagnostics.WARN, "streaming; the camera's clock has jumped"
-        elif rates.errors or rates.overruns:
+        elif rates["faults"]:
             level, text = diagnostics.WARN, "streaming, with faults of the stream"
         elif self._camera is None:
             level, text = diagnostics.WARN, "streaming, not calibrated: set camerainfo_url"
@@ -265,9 +266,9 @@ class EventCameraNode(LifecycleNode):
                 "state": s.state,
                 "camera": s.camera,
                 "firmware": s.firmware,
-                "event_rate_mev_s": f"{rates.events / 1e6:.3f}",
-                "usb_mb_s": f"{rates.bytes / 1e6:.2f}",
-                "packet_rate_hz": f"{rates.packets:.0f}",
+                "event_rate_mev_s": f"{rates['events'] / 1e6:.3f}",
+                "usb_mb_s": f"{rates['bytes'] / 1e6:.2f}",
+                "packet_rate_hz": f"{rates['packets']:.0f}",
                 "packets_sent": self._sent,
                 "queue": queue,
                 "packets_dropped": dropped,

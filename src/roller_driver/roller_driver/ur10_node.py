@@ -12,7 +12,6 @@ from tf2_msgs.msg import TFMessage
 
 from roller_core.clock import SensorClock
 from roller_core.pose_track import Pose
-from roller_core.transforms import rotation_vector_to_quaternion
 from roller_driver.ur10.receiver import SEARCHING, RobotReceiver, RobotSample
 from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_ros import diagnostics, messages, qos
@@ -20,6 +19,7 @@ from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.shutdown import until_shutdown
 from roller_ros.tf import OtherPublishers
+from tf_transformations import quaternion_about_axis
 
 
 class Ur10Node(Node):
@@ -31,7 +31,7 @@ class Ur10Node(Node):
         self._clock_map = SensorClock()
         self._published = 0
         self._last_ns = 0
-        self._missed_told = self._steps_told = 0
+        self._missed_reported = self._steps_reported = 0
         self._meter = diagnostics.Meter()
         # Not _publishers: rclpy's own.
         self._tf = self.create_publisher(TFMessage, "/tf", qos.TF) if p.publish_tf else None
@@ -77,7 +77,8 @@ class Ur10Node(Node):
     def _publish(self, sample: RobotSample, stamp_ns: int) -> None:
         p = self._p
         if self._tf is not None:
-            rotation = rotation_vector_to_quaternion(sample.pose[3:])
+            angle = float(np.linalg.norm(sample.pose[3:]))
+            rotation = quaternion_about_axis(angle, sample.pose[3:] if angle else (0, 0, 1))
             pose = Pose(np.array(sample.pose[:3]), rotation)
             self._others.published(stamp_ns)
             self._tf.publish(
@@ -95,9 +96,9 @@ class Ur10Node(Node):
         s, p = self._receiver.status, self._p
         if self._tf is not None:
             self._others.check()
-        missed, self._missed_told = s.missed - self._missed_told, s.missed
+        missed, self._missed_reported = s.missed - self._missed_reported, s.missed
         steps = self._clock_map.steps
-        jumped, self._steps_told = steps > self._steps_told, steps
+        jumped, self._steps_reported = steps > self._steps_reported, steps
         level, text = diagnostics.OK, s.state
         if s.state == SEARCHING:
             level, text = diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"

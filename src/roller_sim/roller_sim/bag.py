@@ -8,17 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags.interfaces import Qos
 
 from roller_core.bag_writer import BagWriter
-from roller_core.bags import EVENT_PACKET, typestore
+from roller_core.bags import EVENT_PACKET, bag_qos, typestore
 from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
 from roller_core.output_folder import release_reserve
@@ -27,32 +20,13 @@ from roller_core.transforms import matrix_to_quaternion
 from .cell import Packet, Picture, PoseSample, VirtualCell
 
 BASE, TOOL, CAMERA = "base", "tool0_controller", "event_camera_optical_frame"
-_FOREVER = QosTime(9223372036, 854775807)
-
-
-def _qos(depth: int, reliable: bool = True, latched: bool = False) -> list[Qos]:
-    return [
-        Qos(
-            QosHistory.KEEP_LAST,
-            depth,
-            QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
-            QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-            _FOREVER,
-            _FOREVER,
-            QosLiveliness.AUTOMATIC,
-            _FOREVER,
-            False,
-        )
-    ]
-
-
 #: Topic: type and offered quality of service.
 TOPICS: dict[str, tuple[str, list[Qos]]] = {
-    "/event_camera/events": (EVENT_PACKET, _qos(1000, reliable=False)),
-    "/event_camera/camera_info": ("sensor_msgs/msg/CameraInfo", _qos(1, latched=True)),
-    "/event_camera/image_raw": ("sensor_msgs/msg/Image", _qos(10)),
-    "/tf": ("tf2_msgs/msg/TFMessage", _qos(100)),
-    "/tf_static": ("tf2_msgs/msg/TFMessage", _qos(1, latched=True)),
+    "/event_camera/events": (EVENT_PACKET, bag_qos(1000, reliable=False)),
+    "/event_camera/camera_info": ("sensor_msgs/msg/CameraInfo", bag_qos(1, latched=True)),
+    "/event_camera/image_raw": ("sensor_msgs/msg/Image", bag_qos(10)),
+    "/tf": ("tf2_msgs/msg/TFMessage", bag_qos(100)),
+    "/tf_static": ("tf2_msgs/msg/TFMessage", bag_qos(1, latched=True)),
 }
 
 

@@ -26,6 +26,10 @@ from .truth import Truth
 _CHUNK = 32
 _IMAGE_LATENCY_NS = 3_000_000
 _MAP_MARGIN_MM = 0.5
+#: Travel between rendered frames, px, and the longest time between them, s.
+_STEP_PX, _MAX_STEP_S = 0.5, 1e-3
+#: Longest packet, ns, and the mean of what delays one beyond the least, µs.
+_PACKET_NS, _ARRIVAL_JITTER_US = 1_000_000, 80.0
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,7 @@ class VirtualCell:
         use_threads(self.settings.threads)
         s = self.settings.sensor
         rate = 1.0 + self.settings.clock.drift_ppm * 1e-6
-        true_s = self.path.frame_times(s.step_px * self._px_mm * 1e-3, s.max_step_ms * 1e-3)
+        true_s = self.path.frame_times(_STEP_PX * self._px_mm * 1e-3, _MAX_STEP_S)
         times = np.round(true_s * rate * 1e9).astype(np.int64)
         cameras = self.path.over_plate(true_s) * 1e3
         sensor = EventSensor(
@@ -251,7 +255,7 @@ class _Packer:
 
     def __init__(self, cell: VirtualCell) -> None:
         self._cell = cell
-        self._span = round(cell.settings.packets.time_ms * 1e6)
+        self._span = _PACKET_NS
         self._rest = EventArray.empty()
         self._rng = np.random.default_rng([cell.settings.seed, 23])
         self._seq = 0
@@ -285,7 +289,7 @@ class _Packer:
 
     def _packet(self, events: EventArray) -> Packet:
         clock = self._cell.settings.clock
-        delay = round((clock.latency_us + self._rng.exponential(clock.arrival_jitter_us)) * 1e3)
+        delay = round((clock.latency_us + self._rng.exponential(_ARRIVAL_JITTER_US)) * 1e3)
         first, last = self._cell.sensor_to_ros_ns([events.t_ns[0], events.t_ns[-1]])
         base = round(clock.start_sensor_s * 1e9)
         self._arrival = max(self._arrival, int(last) + delay)

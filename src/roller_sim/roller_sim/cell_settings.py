@@ -82,11 +82,7 @@ class SkinSettings(Settings):
     press_mm: float = Field(
         0.0, ge=0.0, le=4.5, description="Press depth at full contact, mm; 0: the scene's own."
     )
-    smoothing_mm: float = Field(
-        0.08, ge=0.0, le=1.0, description="Gaussian smoothing of edges, mm."
-    )
     max_slope: float = Field(2.0, ge=0.1, le=3.0, description="Steepest skin beside a wall.")
-    blend_mm: float = Field(0.05, ge=0.001, le=1.0, description="Rounding at the patch border, mm.")
 
 
 class LightSettings(Settings):
@@ -118,7 +114,6 @@ class SensorSettings(Settings):
     background_hz: float = Field(
         0.3, ge=0.0, le=1000.0, description="Noise events a pixel and second."
     )
-    background_on: float = Field(0.6, ge=0.0, le=1.0, description="Share of ON among noise events.")
     hot_share: float = Field(1e-4, ge=0.0, le=0.1, description="Share of hot pixels.")
     hot_hz: float = Field(500.0, ge=0.0, le=1e4, description="Median rate of a hot pixel.")
     latency_us: float = Field(100.0, ge=0.0, le=1e4, description="Pixel's delay, µs.")
@@ -129,8 +124,6 @@ class SensorSettings(Settings):
     rate_cap_mev_s: float = Field(
         165.0, ge=0.0, le=1e4, description="Most events read out, 10^6/s; 0: no cap."
     )
-    step_px: float = Field(0.5, ge=0.02, le=2.0, description="Travel between rendered frames, px.")
-    max_step_ms: float = Field(1.0, ge=0.01, le=10.0, description="Longest time between them, ms.")
 
 
 class MotionSettings(Settings):
@@ -163,15 +156,11 @@ class ClockSettings(Settings):
     )
     drift_ppm: float = Field(15.0, ge=-200.0, le=200.0, description="Sensor clock's rate error.")
     latency_us: float = Field(150.0, ge=0.0, le=1e5, description="Least delay of a packet, µs.")
-    arrival_jitter_us: float = Field(
-        80.0, ge=0.0, le=1e5, description="Mean of what comes on top, µs."
-    )
     pose_rate_hz: float = Field(125.0, ge=5.0, le=1000.0, description="Poses a second.")
     pose_offset_us: float = Field(0.0, ge=-1e5, le=1e5, description="Error of all pose stamps, µs.")
     pose_jitter_us: float = Field(
         30.0, ge=0.0, le=1e4, description="RMS error of a pose stamp, µs."
     )
-    pose_latency_us: float = Field(1500.0, ge=0.0, le=1e5, description="Mean delay of a pose, µs.")
     pose_noise_um: float = Field(2.0, ge=0.0, le=500.0, description="RMS noise of positions, µm.")
     pose_noise_urad: float = Field(
         5.0, ge=0.0, le=5000.0, description="RMS noise of rotations, µrad."
@@ -185,7 +174,6 @@ class PacketSettings(Settings):
     encoding: Literal["mono", "libcaer", "libcaer_cmp", "evt3"] = Field(
         "libcaer_cmp", description="Encoding of event packets."
     )
-    time_ms: float = Field(1.0, ge=0.1, le=50.0, description="Longest packet, ms.")
     max_events: int = Field(48000, ge=100, le=1000000, description="Most events a packet.")
 
 

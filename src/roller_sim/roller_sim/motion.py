@@ -23,6 +23,8 @@ I64 = npt.NDArray[np.int64]
 #: The camera looks straight down: its x is base x, its y is base -y, its z is base -z.
 CAMERA_DOWN = np.diag([1.0, -1.0, -1.0])
 _TONES = 5
+#: Mean delay of a pose, µs.
+_POSE_LATENCY_US = 1500.0
 
 
 class Path:
@@ -198,7 +200,7 @@ class PoseStream:
         start = round(clock.start_ros_s * 1e9)
         error_us = clock.pose_offset_us + clock.pose_jitter_us * rng.normal(0.0, 1.0, len(t))
         stamp = start + np.round(t * 1e9 + error_us * 1e3).astype(np.int64)
-        delay_us = clock.pose_latency_us * (0.7 + 0.3 * rng.exponential(1.0, len(t)))
+        delay_us = _POSE_LATENCY_US * (0.7 + 0.3 * rng.exponential(1.0, len(t)))
         arrival = start + np.round(t * 1e9 + delay_us * 1e3).astype(np.int64)
         return cls(
             np.maximum.accumulate(stamp), np.maximum.accumulate(arrival), position, quaternion

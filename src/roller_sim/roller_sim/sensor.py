@@ -18,6 +18,8 @@ U64 = npt.NDArray[np.uint64]
 I64 = npt.NDArray[np.int64]
 _MASK_11 = np.uint64(0x7FF)
 _CAP_FRAME_NS = 200_000
+#: Share of ON among noise events.
+_ON_SHARE = 0.6
 #: Events one row's buffer holds, in units of what a group of frames may give.
 _BUFFER_GROUPS = 2
 
@@ -99,7 +101,7 @@ class EventSensor:
         self._time = 0
         self._seed = np.uint64((seed * 0x9E3779B97F4A7C15 + 0x1234567) % 2**64)
         timing = (s.latency_us, s.jitter_us, s.refractory_us, s.readout_us)
-        self._timing = (*(np.int64(round(v * 1e3)) for v in timing), float(s.background_on))
+        self._timing = (*(np.int64(round(v * 1e3)) for v in timing), _ON_SHARE)
         self._out = np.empty(
             (h, w * kernels.MAX_PER_STEP * kernels.GROUP * _BUFFER_GROUPS), np.uint64
         )

@@ -20,6 +20,8 @@ from .relief import F32, HeightMap
 
 #: Widths of the smoothing passes after which contact is restored, in units of the last one.
 _PYRAMID = (2.0, 1.0)
+#: Width of the last one at full contact, mm.
+_SMOOTHING_MM = 0.08
 #: Share of the full press depth, and with it the reach of the skin.
 CONTACT = {"light": 0.2, "medium": 0.55, "full": 1.0}
 
@@ -101,7 +103,7 @@ def skin_over(relief: HeightMap, settings: SkinSettings) -> HeightMap:
     step_mm = relief.step * 1e3
     envelope = relief.height.copy()
     _envelope(envelope, settings.max_slope * pressure * relief.step)
-    sigma = settings.smoothing_mm / pressure / step_mm
+    sigma = _SMOOTHING_MM / pressure / step_mm
     skin = envelope
     for scale in _PYRAMID:
         skin = np.maximum(_blur(skin, scale * sigma), envelope)

@@ -25,6 +25,15 @@ TEXT_FILE = "truth.yaml"
 _VERSION = 1
 #: A skin this far from the relief, m, doesn't touch it.
 _TOUCH_M = 20e-6
+#: Rounding of the skin at the border of the patch, mm.
+_BLEND_MM = 0.05
+#: Settings of older files that are constants now.
+_RETIRED = {
+    "skin": ("smoothing_mm", "blend_mm"),
+    "sensor": ("background_on", "step_px", "max_step_ms"),
+    "clock": ("arrival_jitter_us", "pose_latency_us"),
+    "packets": ("time_ms",),
+}
 
 
 class Truth:
@@ -71,7 +80,7 @@ class Truth:
         """Radius, half patch length, blend width (mm), half patch angle (rad), shape (4,)."""
         r, d = self.radius_mm, self.press_mm
         half = np.sqrt(max(r**2 - (r - d) ** 2, 0.0)) if d > 0 else 0.0
-        return np.array([r, half, self.settings.skin.blend_mm, np.arcsin(half / r)])
+        return np.array([r, half, _BLEND_MM, np.arcsin(half / r)])
 
     @property
     def objects(self) -> dict[str, Region]:
@@ -283,6 +292,9 @@ class Truth:
             with np.load(folder / grid["file"]) as maps:
                 skin = HeightMap(maps["skin"], *where)
                 relief = HeightMap(maps["relief"], *where)
+            for group, names in _RETIRED.items():
+                for name in names:
+                    data["settings"][group].pop(name, None)
             truth = cls(
                 VirtualCellSettings.create(data["settings"], f"{folder / TEXT_FILE}"),
                 data["press_mm"],

@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
-from roller_core.frame_settings import FrameSettings
+from roller_core.frame_settings import RobotFrames
 from roller_core.outputs import CAMERA_INFO as INFO
 from roller_core.outputs import EVENTS, TF, TF_STATIC
 from roller_core.outputs import PREVIEW as IMAGE
@@ -34,7 +34,7 @@ from .cell import Item, Packet, PoseSample, VirtualCell
 from .cell_settings import VirtualCellSettings
 
 
-class VirtualCellParameters(VirtualCellSettings, FrameSettings):
+class VirtualCellParameters(VirtualCellSettings, RobotFrames):
     """Parameters of the node: the cell's settings and how the scan is played."""
 
     rate: float = Field(1.0, ge=0.001, le=1000.0, description="Pace; 1 is real time.")
@@ -92,7 +92,7 @@ class VirtualCellNode(Node):
         self._outputs[INFO].publish(info)
         fixed = self._cell.hand_eye
         pose = Pose(fixed[:3, 3], matrix_to_quaternion(fixed[:3, :3]))
-        transform = messages.transform(pose, now, self._p.moving_frame, self._p.sensor_frame)
+        transform = messages.transform(pose, now, self._p.tool, self._p.sensor_frame)
         self._outputs[TF_STATIC].publish(TFMessage(transforms=[transform]))
 
     def _run(self) -> None:
@@ -147,9 +147,7 @@ class VirtualCellNode(Node):
             )
         if isinstance(item, PoseSample):
             pose = Pose(item.position, item.quaternion)
-            transform = messages.transform(
-                pose, item.stamp_ns, self._p.base_frame, self._p.moving_frame
-            )
+            transform = messages.transform(pose, item.stamp_ns, self._p.base, self._p.tool)
             return TF, TFMessage(transforms=[transform])
         return IMAGE, messages.image(item.image, item.stamp_ns, self._p.sensor_frame)
 

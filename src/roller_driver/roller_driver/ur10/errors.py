@@ -23,7 +23,3 @@ class RobotLostError(RobotFault):
 
 class MissingLibraryError(RobotFault):
     """The robot's library is not installed."""
-
-
-class HandEyeError(RobotFault):
-    """The camera's place on the tool makes no sense."""

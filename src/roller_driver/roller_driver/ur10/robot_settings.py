@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field, model_validator
 
+from roller_core.frame_settings import RobotFrames
 from roller_core.pose_track import Pose
 from roller_core.settings import Settings
 from roller_core.transforms import rotation_vector_to_quaternion, unit_quaternion
@@ -58,21 +59,10 @@ class HandEyeSettings(Settings):
         return Pose(np.array(self.hand_eye_m), rotation)
 
 
-class Ur10Parameters(HandEyeSettings):
+class Ur10Parameters(HandEyeSettings, RobotFrames):
     """Where the robot is and what is published of it."""
 
     robot_ip: str = Field("192.168.56.101", description="Address of the robot's controller.")
-    tf_prefix: str = Field(
-        "",
-        description="Put before the names of the robot's frames, as the robot's own driver does.",
-    )
-    base_frame: str = Field("base", description="The robot's base, in the controller's axes.")
-    moving_frame: str = Field(
-        "tool0_controller", description="The tool (TCP) as the controller reports it."
-    )
-    sensor_frame: str = Field(
-        "event_camera_optical_frame", description="The camera: x right, y down, z forward."
-    )
     publish_tf: bool = Field(
         True,
         description="Publish base -> tool on /tf; false where the robot's own driver does.",
@@ -87,13 +77,3 @@ class Ur10Parameters(HandEyeSettings):
     silence_timeout: float = Field(
         0.5, ge=0.05, le=10.0, description="The connection is made anew after this silence, s."
     )
-
-    @property
-    def base(self) -> str:
-        """Name of the base's frame."""
-        return self.tf_prefix + self.base_frame
-
-    @property
-    def tool(self) -> str:
-        """Name of the tool's frame."""
-        return self.tf_prefix + self.moving_frame
