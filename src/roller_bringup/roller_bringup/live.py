@@ -35,8 +35,6 @@ class Observation:
     ----------
     statuses : dict
         Last diagnostics by status name: message and values.
-    faults : list of str
-        Messages of all ERROR statuses, each once.
     received : dict
         Messages by output topic.
     last_output : float
@@ -44,7 +42,6 @@ class Observation:
     """
 
     statuses: dict[str, tuple[str, dict[str, str]]] = field(default_factory=dict)
-    faults: list[str] = field(default_factory=list)
     received: dict[str, int] = field(default_factory=dict)
     last_output: float = 0.0
 
@@ -109,8 +106,6 @@ class Observer:
             values = {item.key: item.value for item in status.values}
             if values or status.name not in self.seen.statuses:
                 self.seen.statuses[status.name] = (status.message, values)
-            if status.level >= b"\x02" and status.message not in self.seen.faults:
-                self.seen.faults.append(status.message)
 
 
 def check_no_duplicate_nodes(plan: LaunchPlan, wait_s: float = 1.0) -> None:

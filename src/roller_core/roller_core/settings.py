@@ -20,6 +20,9 @@ from .errors import SettingsError
 
 S = TypeVar("S", bound="Settings")
 
+#: Most namespaces around a node; an alias in YAML can stand in itself.
+_DEEPEST = 6
+
 
 class Settings(BaseModel):
     """Base of all settings models."""
@@ -145,7 +148,7 @@ def read_sections(path: Path | str) -> dict[str, dict[str, Any]]:
             raise SettingsError(f"parameters {path}: '{pattern}' has no 'ros__parameters'")
         if isinstance(section.get("ros__parameters"), dict):
             found[pattern] = section["ros__parameters"]
-        elif section and "ros__parameters" not in section:
+        elif section and "ros__parameters" not in section and pattern.count("/") < _DEEPEST:
             inner = reversed(section.items())
             rest += [(f"{pattern}/{str(name).lstrip('/')}", below) for name, below in inner]
         else:
