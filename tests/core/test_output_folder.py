@@ -70,6 +70,13 @@ def test_a_later_run_replaces_what_an_earlier_one_made(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_what_another_command_made_stays(tmp_path: Path) -> None:
+    folder = made(tmp_path / "out")
+    with OutputFolder(folder, "evaluate") as output:
+        fill(output.partial, {"index.html": "page", "report.json": "second"})
+    assert contents(folder) == FILES | {"index.html": "page", "report.json": "second"}
+
+
 def test_nothing_is_seen_before_it_is_whole_and_a_fault_leaves_the_old(tmp_path: Path) -> None:
     folder = made(tmp_path / "out")
     with pytest.raises(RuntimeError):

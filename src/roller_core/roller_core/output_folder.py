@@ -152,7 +152,10 @@ class OutputFolder:
             made: dict[str, str | None] = {
                 path.name: fingerprint(path) for path in sorted(self.partial.iterdir())
             }
-            made |= {name: None for name, prints in _made(self.path).items() if prints is None}
+            # What another command made stays where this one has nothing of that name.
+            other = _read_mark(self.path).get("command") != self._command
+            old = _made(self.path).items()
+            made = {name: prints for name, prints in old if prints is None or other} | made
             _write_mark(self._aside, self._aside, self._command, made, whole=True)
             self._move_into_place()
         except OSError as error:

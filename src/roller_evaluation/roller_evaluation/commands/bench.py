@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from roller_core.errors import SettingsError
+from roller_core.output_folder import OutputFolder
 from roller_emvs.depth_settings import REPLAY_METHODS
 from roller_evaluation.commands import numbers, words
 
@@ -69,10 +70,13 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("--repeats: at least 1")
     options = BenchOptions.short(**given) if args.quick else BenchOptions(**given)
     console = Console(stderr=True)
-    with console.status("bench") as status:
+    with (
+        OutputFolder(args.output, "bench", [args.slider], lasting=["scans"]) as output,
+        console.status("bench") as status,
+    ):
         result = run_bench(
             options,
-            args.output,
+            output.partial,
             lambda text, share: status.update(f"bench: {share:.0%}, {text}"),
         )
     show_tables(tables(result))

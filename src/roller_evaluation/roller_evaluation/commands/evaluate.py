@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.errors import SettingsError
+from roller_core.output_folder import OutputFolder
 from roller_core.progress import Tell
 from roller_evaluation.commands import numbers, words
 from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
@@ -88,8 +89,11 @@ def _run_all(args: argparse.Namespace) -> int:
     if given.get("repeats", 1) < 1 or args.jobs < 1 or given.get("seed", 0) < 0:
         raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
     options = EvaluationOptions.short(**given) if args.quick else EvaluationOptions(**given)
-    with _telling() as tell:
-        result = run_evaluation(options, args.output, args.jobs, tell)
+    with (
+        OutputFolder(args.output, "evaluate", lasting=["passes"]) as output,
+        _telling() as tell,
+    ):
+        result = run_evaluation(options, output.partial, args.jobs, tell)
     show_tables([table for tables in result["tables"].values() for table in tables])
     names = [args.output / name for name in ("index.html", "evaluation.json", "rows.csv")]
     if args.results is not None:
@@ -140,8 +144,11 @@ def _run_braille(args: argparse.Namespace) -> int:
     if args.jobs < 1:
         raise SettingsError("--jobs: at least 1")
     options = BrailleOptions.short(**given) if args.quick else BrailleOptions(**given)
-    with _telling() as tell:
-        result = run_braille(options, args.output, tell, args.jobs)
+    with (
+        OutputFolder(args.output, "evaluate braille", lasting=["passes"]) as output,
+        _telling() as tell,
+    ):
+        result = run_braille(options, output.partial, tell, args.jobs)
     show_tables(tables(result))
     print(f"files: {args.output}/braille.json, {args.output}/braille.png")
     return 0
