@@ -87,7 +87,7 @@ def _run(args: argparse.Namespace, folder: Path) -> None:
     report = Report(
         "virtual cell, live",
         args.method,
-        {"launch": arguments},
+        {"launch": arguments | {"params": parameters.name}},
         f"scene {args.scene} at {args.speed:g} m/s, live",
     )
     report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
