@@ -65,7 +65,7 @@ class Running:
 def test_every_sample_comes_untorn_at_the_controllers_rate(rate, period_ns):
     settings = {"rate_hz": rate, "speed_m_s": 0.5, "profile": "circle"}
     with ControllerProcess(**settings), Running() as running:
-        running.wait_for(rate)
+        running.wait_for(60)
     samples, status = running.samples, running.receiver.status
     times = np.array([s.controller_ns for s in samples])
     steps = np.diff(times)
@@ -83,55 +83,48 @@ def test_every_sample_comes_untorn_at_the_controllers_rate(rate, period_ns):
     assert (status.safety, status.stopped_for_safety) == ("normal", False)
 
 
-def test_a_protective_stop_and_its_end():
-    with ControllerProcess() as controller, Running() as running:
+def test_the_receiver_follows_a_controller_through_its_troubles():
+    with ControllerProcess() as controller, Running(silence_s=0.15) as running:
+        status, samples = running.receiver.status, running.samples
         running.wait_for(20)
+
         controller.tell("protective_stop")
-        running.wait(lambda: running.receiver.status.stopped_for_safety)
-        assert running.receiver.status.safety == "protective stop"
-        count = len(running.samples)
-        running.wait_for(count + 20)
-        assert running.samples[-1].speed == (0.0,) * 6
+        running.wait(lambda: status.stopped_for_safety)
+        assert status.safety == "protective stop"
+        running.wait_for(len(samples) + 10)
+        assert samples[-1].speed == (0.0,) * 6
         controller.tell("normal")
-        running.wait(lambda: not running.receiver.status.stopped_for_safety)
+        running.wait(lambda: not status.stopped_for_safety)
 
+        controller.tell("step_back 10")
+        running.wait(lambda: status.steps_back == 1)
+        running.wait_for(len(samples) + 10)
 
-def test_disconnected_and_connected_again():
-    with ControllerProcess() as controller, Running() as running:
-        running.wait_for(20)
+        controller.tell("silence 0.5")
+        running.wait(lambda: "nothing came for 0.15 s" in str(running.changes))
+        running.wait_for(len(samples) + 10)
+
+        connects = status.connects
         controller.tell("disconnect")
-        running.wait(lambda: running.receiver.status.state == SEARCHING)
-        count = len(running.samples)
-        running.wait_for(count + 50)
-        assert running.receiver.status.connects == 2
-    states = [state for state, _ in running.changes]
-    assert states == [SEARCHING, RECEIVING, SEARCHING, RECEIVING, "stopped"]
+        running.wait(lambda: "the connection was lost" in str(running.changes))
+        running.wait_for(len(samples) + 10)
+        assert status.connects > connects
 
-
-def test_a_controller_that_restarts():
-    with ControllerProcess() as controller, Running() as running:
-        running.wait_for(20)
         controller.stop()
-        running.wait(lambda: "can't be reached" in running.receiver.status.fault)
+        running.wait(lambda: "can't be reached" in status.fault)
         controller.start(clock_start_s=5.0)
-        running.wait(lambda: running.samples[-1].controller_ns < 100e9)
-
-
-def test_silence_is_noticed():
-    with ControllerProcess() as controller, Running(silence_s=0.2) as running:
-        running.wait_for(20)
-        controller.tell("silence 1.0")
-        running.wait(lambda: "nothing came for 0.2 s" in str(running.changes))
-        count = len(running.samples)
-        running.wait_for(count + 20)
+        running.wait(lambda: samples[-1].controller_ns < 100e9)
+    states = [state for state, _ in running.changes]
+    assert states[:3] == [SEARCHING, RECEIVING, SEARCHING]
+    assert states[-2:] == [RECEIVING, "stopped"]
 
 
 def test_late_packets_do_not_move_the_clock():
     with ControllerProcess(clock_ppm=50) as controller, Running() as running:
-        for _ in range(4):
-            running.wait_for(len(running.samples) + 60)
+        for _ in range(2):
+            running.wait_for(len(running.samples) + 40)
             controller.tell("late 0.05")
-        running.wait_for(len(running.samples) + 60)
+        running.wait_for(len(running.samples) + 40)
     clock = SensorClock()
     late = []
     for sample in running.samples:
@@ -144,14 +137,6 @@ def test_late_packets_do_not_move_the_clock():
     assert max(late) > 0.02 or running.receiver.status.missed > 0
     assert np.median(late) < 4e-3
     assert clock.steps == 0
-
-
-def test_a_clock_that_steps_back_is_counted():
-    with ControllerProcess() as controller, Running() as running:
-        running.wait_for(20)
-        controller.tell("step_back 10")
-        running.wait(lambda: running.receiver.status.steps_back == 1)
-        running.wait_for(len(running.samples) + 20)
 
 
 def test_a_refused_protocol_version_is_told():
