@@ -101,6 +101,15 @@ class Watcher:
         while time.monotonic() < end:
             self._executor.spin_once(timeout_sec=0.05)
 
+    def call(self, name: str, kind: Any, request: Any) -> Any:
+        """Answer of a service."""
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready, 30, f"service {name}")
+        answer = client.call_async(request)
+        self.spin_until(answer.done, 30, f"answer of {name}")
+        self.node.destroy_client(client)
+        return answer.result()
+
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown()

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rosbags.rosbag2 import Reader
 from tf2_msgs.msg import TFMessage
 
 from graph.graph_world import Processes, Watcher
-from recording.bags import Recipe, write_bag
+from recording.bags import write_bag
 from roller_bringup.cli import main
 from roller_core.bags import typestore
 from roller_emvs.ply import read_ply
@@ -63,6 +64,11 @@ def test_replay_equals_live(
         and sum(m.width for m in seen[TOPICS[3]]) == watcher.value(stitched, "points") > 0,
         60, "the surface",
     )  # fmt: skip
+    check_parameters(watcher, "emvs", "stitcher", "player", "recorder")
+    late = watch(TOPICS[3])
+    late.spin_until(
+        lambda: len(late.seen[TOPICS[3]]) >= len(seen[TOPICS[3]]), 20, "the clouds for RViz"
+    )
     watcher.check_keys(
         "emvs: depth", "stitcher: surface", "player: playback", "recorder: recording"
     )
@@ -94,6 +100,24 @@ def test_replay_equals_live(
     check_recording(tmp_path / "live", bag)
 
 
+def check_parameters(watcher: Watcher, *nodes: str) -> None:
+    """Every node lists, describes and gives its parameters over its services."""
+    for node in nodes:
+        listed = watcher.call(f"/{node}/list_parameters", ListParameters, ListParameters.Request())
+        names = listed.result.names
+        assert len(names) > 3, node
+        described = watcher.call(
+            f"/{node}/describe_parameters",
+            DescribeParameters,
+            DescribeParameters.Request(names=names),
+        )
+        assert [d.name for d in described.descriptors] == names
+        values = watcher.call(
+            f"/{node}/get_parameters", GetParameters, GetParameters.Request(names=names)
+        ).values
+        assert len(values) == len(names)
+
+
 def check_recording(recorded: Path, bag: Path) -> None:
     """The recorder wrote every packet, and its bag replays."""
     counts = []
@@ -122,49 +146,6 @@ def replayed_depths(output: Path) -> dict[int, np.ndarray]:
                 message = store.deserialize_cdr(data, connection.msgtype)
                 found[stamp_of(message)] = pixels_of(message)
     return found
-
-
-def test_nodes_report_and_go_on(
-    processes: Processes, watch: Callable[..., Watcher], tmp_path: Path
-) -> None:
-    """Broken packets and a gap in the poses: a diagnostic each, and depth before and after."""
-    from dataclasses import replace
-
-    def edit(topic: str, n: int, message: Any) -> Any:
-        if topic == "/event_camera/events" and n == 5:
-            return replace(message, events=message.events[:-1])
-        if topic == "/event_camera/events" and n == 6:
-            return replace(message, encoding="evt9")
-        if topic == "/event_camera/events" and n == 7:
-            return replace(message, width=64)
-        if topic == "/event_camera/events" and n == 8:
-            return None
-        if topic == "/tf" and n == 4:
-            message.transforms[0].transform.rotation.w = 0.0
-            message.transforms[0].transform.rotation.x = 0.0
-            message.transforms[0].transform.rotation.y = 0.0
-            message.transforms[0].transform.rotation.z = 0.0
-        return message
-
-    bag = write_bag(tmp_path / "scan", Recipe(edit=edit))
-    watcher = watch("/roller/depth/image")
-    processes.start("emvs", DEPTH)
-    watcher.spin_until(lambda: bool(watcher.statuses["emvs: depth"]), 60, "start of emvs")
-    assert "waiting for event_camera/camera_info" in watcher.messages_of("emvs: depth")
-    processes.start("player", f"{{bag: {bag}, pose_subscribers: 1}}")
-    status = "emvs: depth"
-    watcher.spin_until(
-        lambda: len(watcher.seen["/roller/depth/image"]) >= 3, 60, "depth in spite of faults"
-    )
-    watcher.spin(1.5)
-    said = " / ".join(watcher.messages_of(status))
-    for part in ("no whole number", "'evt9'", "64×120 px", "quaternion is zero"):
-        assert part in said, said
-    # One packet is missing; the broken ones and the one between decoders count as lost too.
-    assert watcher.value(status, "lost_packets") >= 1
-    assert watcher.value(status, "faults") == 4
-    assert watcher.value(status, "decode_errors") == 3
-    assert processes.stop()["emvs"] == 0
 
 
 def test_two_that_publish_the_robots_poses_are_told_and_one_is_followed(
@@ -215,59 +196,3 @@ def test_two_that_publish_the_robots_poses_are_told_and_one_is_followed(
     assert list(live) == list(expected)
     for stamp, depth in live.items():
         np.testing.assert_array_equal(depth, expected[stamp])
-
-
-def test_a_source_that_starts_again_is_followed(
-    processes: Processes, watch: Callable[..., Watcher], tmp_path: Path
-) -> None:
-    """The same bag played twice into one graph: time jumps back, depth comes twice."""
-    bag = write_bag(tmp_path / "scan")
-    watcher = watch("/roller/depth/image")
-    processes.start("emvs", DEPTH)
-    watcher.spin_until(lambda: bool(watcher.statuses["emvs: depth"]), 60, "start of emvs")
-    processes.start(
-        "player", f"{{bag: {bag}, pose_subscribers: 1, exit_when_done: true, linger_s: 6.0}}"
-    )
-    player = processes.running["player"]
-    watcher.spin_until(lambda: player.poll() is not None, 60, "end of the first playing")
-    assert player.poll() == 0
-    first = [stamp_of(m) for m in watcher.seen["/roller/depth/image"]]
-    assert len(first) >= 3
-    # A later recording of the same: everything ten seconds earlier.
-    earlier = write_bag(tmp_path / "earlier", Recipe(edit=ten_seconds_earlier))
-    processes.start("player", f"{{bag: {earlier}, pose_subscribers: 1}}")
-    watcher.spin_until(
-        lambda: len(watcher.seen["/roller/depth/image"]) >= 2 * len(first), 60, "depth once more"
-    )
-    again = [stamp_of(m) for m in watcher.seen["/roller/depth/image"]][len(first) :]
-    assert [s + 10 * 10**9 for s in again] == first
-
-
-def ten_seconds_earlier(topic: str, n: int, message: Any) -> Any:
-    stamped = message.transforms if hasattr(message, "transforms") else [message]
-    headers = [item.header for item in stamped]
-    for header in headers:
-        header.stamp.sec -= 10
-    return message
-
-
-@pytest.mark.parametrize(
-    ("name", "parameters", "message"),
-    [
-        ("emvs", "{paper.planes: 1}", "planes"),
-        ("emvs", "{depth_min_m: 0.05}", "depth_min_m"),
-        ("emvs", "{method: magic}", "method"),
-        ("emvs", "{method: surface}", "it has a node of its own, 'surface'"),
-        ("surface", "{depth_min_m: 0.05}", "depth_min_m"),
-        ("player", "{bag: /nowhere}", "there is no such file or folder"),
-        ("player", "{}", "'bag' is empty"),
-        ("recorder", "{output: /proc/nowhere}", "can't be written"),
-    ],
-)
-def test_bad_parameters_stop_a_node_with_one_line(
-    processes: Processes, watch: Callable[..., Watcher], name: str, parameters: str, message: str
-) -> None:
-    processes.start(name, parameters)
-    assert processes.running[name].wait(timeout=60) == 1
-    assert message in processes.log(name)
-    assert "Traceback" not in processes.log(name)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .frame_settings import DEFAULT_SMOOTHING
 from .pose_smoothing import StampSmoother
-from .pose_track import PoseJumpError, PoseTrack, PoseValueError, unit_pose
+from .pose_track import PoseJumpError, PoseOrderError, PoseTrack, PoseValueError, unit_pose
 from .transforms import (
     F64,
     inverse_pose,
@@ -227,6 +227,9 @@ class SensorFrames:
             return False
         p, q = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)
         q = unit_pose(t_ns, p, q)
+        if self._newest is not None and t_ns < self._newest[0]:
+            # Also where the smoother has let all out: else poses of a new start would be lost.
+            raise PoseOrderError.between(t_ns, self._newest[0])
         if self._jumps(t_ns, p):
             return False
         self._take(self._smoother.push(t_ns, (p, q)))

@@ -1,0 +1,101 @@
+"""What holds for every node: its names, its topics, and how it refuses bad parameters."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+
+from roller_core import outputs
+from roller_ros import topics
+
+SRC = Path(__file__).resolve().parents[2] / "src"
+NODES = sorted(p for p in SRC.glob("*/*/**/*node.py") if "underlay" not in p.parts)
+#: Methods that rclpy means to be extended.
+EXTENDED = {"destroy_node"}
+
+
+@pytest.fixture(scope="module")
+def taken() -> set[str]:
+    """Names that rclpy.Node uses itself."""
+    context = Context()
+    rclpy.init(context=context)
+    node = Node("bare", context=context)
+    names = set(dir(node))
+    node.destroy_node()
+    context.try_shutdown()
+    return names
+
+
+@pytest.mark.parametrize("path", NODES, ids=lambda p: p.stem)
+def test_no_node_takes_a_name_of_rclpy(path: Path, taken: set[str]) -> None:
+    """`self._parameters` is rclpy's own: with it taken, `ros2 param list` kills the node."""
+    for kind in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(kind, ast.ClassDef):
+            continue
+        if not any(isinstance(base, ast.Name) and base.id.endswith("Node") for base in kind.bases):
+            continue
+        own = {item.name for item in kind.body if isinstance(item, ast.FunctionDef)}
+        own |= {
+            node.attr
+            for node in ast.walk(kind)
+            if isinstance(node, ast.Attribute)
+            and isinstance(node.ctx, ast.Store)
+            and isinstance(node.value, ast.Name)
+            and node.value.id == "self"
+        }
+        assert not {n for n in own & taken if not n.startswith("__")} - EXTENDED
+
+
+def test_topics_follow_a_namespace() -> None:
+    """All but what cells share is relative; no node goes past the table."""
+    absolute = {topic.name for topic in topics.ALL if topic.name.startswith("/")}
+    assert absolute == {outputs.TF, outputs.TF_STATIC, outputs.DIAGNOSTICS}
+    for path in NODES:
+        assert not re.findall(r'"/(?:roller|event_camera)/\w+', path.read_text()), path
+
+
+@pytest.fixture
+def own_process_state() -> Iterator[None]:
+    """A node's end leaves SIGINT ignored, as its process is over then."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("own_process_state")
+@pytest.mark.parametrize(
+    ("module", "parameter", "message"),
+    [
+        ("roller_emvs.emvs_node", "paper.planes:=1", "planes"),
+        ("roller_emvs.emvs_node", "depth_min_m:=0.05", "depth_min_m"),
+        ("roller_emvs.emvs_node", "method:=magic", "method"),
+        ("roller_emvs.emvs_node", "method:=surface", "it has a node of its own, 'surface'"),
+        ("roller_emvs.surface_node", "depth_min_m:=0.05", "depth_min_m"),
+        ("roller_recording.player_node", "bag:=/nowhere", "there is no such file or folder"),
+        ("roller_recording.player_node", "rate:=1.0", "'bag' is empty"),
+        ("roller_recording.recorder_node", "output:=/proc/nowhere", "can't be written"),
+    ],
+)
+def test_bad_parameters_stop_a_node_with_one_line(
+    module: str,
+    parameter: str,
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("sys.argv", ["node", "--ros-args", "-p", parameter])
+    with pytest.raises(SystemExit) as end:
+        importlib.import_module(module).main()
+    assert end.value.code == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("error: ")
+    assert message in line
