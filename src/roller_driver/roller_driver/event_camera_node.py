@@ -239,6 +239,7 @@ class EventCameraNode(LifecycleNode):
         if self._reader is None:
             return diagnostics.OK, "inactive", {}
         s = self._reader.status
+        self._diagnostics.hardware_id = s.camera
         rates = self._meter.rates(
             events=s.decoder.events, bytes=s.usb.bytes, packets=s.packets,
             faults=s.decoder.errors + s.usb.overruns,
