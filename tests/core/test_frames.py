@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from roller_core.pose_track import PoseJumpError, PoseOrderError
-from roller_core.sensor_pose import SensorFrames
+from roller_core.pose_track import PoseJumpError, PoseOrderError, PoseTrack
+from roller_core.sensor_pose import SensorFrames, Transform
 
 UP = (0.0, 0.0, 0.0, 1.0)
 MS = 1_000_000
@@ -74,3 +74,27 @@ def test_time_that_runs_backwards_is_told_as_such(frames: SensorFrames) -> None:
         put(frames, 50, 0.5)
     frames.restart()
     assert put(frames, 50, 0.5)
+
+
+def test_poses_given_at_once_outlast_a_restart(frames: SensorFrames) -> None:
+    track = PoseTrack()
+    for k in range(10):
+        track.append(k * 1_000_000, [k * 1e-3, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+    frames.follow(track)
+    assert frames.missing() == ""
+    assert frames.span_ns == (0, 9_000_000)
+    frames.track.discard_before(5_000_000)
+    assert len(track) == 10
+    frames.restart()
+    np.testing.assert_array_equal(frames.track.times_ns, track.times_ns)
+
+
+def test_what_is_missing_is_named() -> None:
+    fresh = SensorFrames()
+    assert fresh.missing() == "no poses base -> tool0_controller on /tf"
+    fresh.take(Transform("left_base", "left_tool", 0, (0.0, 0.0, 0.0), UP))
+    assert "there is left_base -> left_tool: set base_frame and moving_frame" in fresh.missing()
+    fresh.take(Transform("base", "tool0_controller", 0, (0.0, 0.0, 0.0), UP))
+    assert fresh.missing() == (
+        "no path tool0_controller -> event_camera_optical_frame on /tf_static"
+    )

@@ -131,7 +131,7 @@ class SensorFrames:
         self._waiting: list[tuple[int, tuple[F64, F64]]] = []
         self._smoother: StampSmoother[tuple[F64, F64]] = StampSmoother(smoothing)
         self._others: dict[tuple[str, str], None] = {}
-        self._given = False
+        self._given: PoseTrack | None = None
         self._span_ns: tuple[int, int] | None = None
 
     @property
@@ -142,7 +142,7 @@ class SensorFrames:
     @property
     def has_robot_poses(self) -> bool:
         """Whether any pose of the moving frame came."""
-        return self._given or self.counts.poses > 0
+        return self._given is not None or self.counts.poses > 0
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -155,14 +155,14 @@ class SensorFrames:
             there = ", ".join(f"{parent} -> {child}" for parent, child in self._others)
             hint = f"; there is {there}: set base_frame and moving_frame" if there else ""
             return f"no poses {self.base} -> {self.moving} on /tf{hint}"
-        if self._hand_eye is None and not self._given:
+        if self._hand_eye is None and self._given is None:
             return f"no path {self.moving} -> {self.sensor} on /tf_static"
         return ""
 
     def follow(self, track: PoseTrack) -> None:
         """Take all poses of the sensor in base at once, in place of transforms."""
         self.track.assign(track)
-        self._given = True
+        self._given = track
         if len(track):
             self._span_ns = track.start_ns, track.end_ns
 
@@ -241,10 +241,12 @@ class SensorFrames:
         self._take(self._smoother.finish())
 
     def restart(self) -> None:
-        """Forget all poses; fixed transforms stay."""
+        """Forget all poses; fixed transforms stay, and poses that were given at once."""
         self._smoother.finish()
         self._waiting.clear()
         self.track.clear()
+        if self._given is not None:
+            self.track.assign(self._given)
         self._newest = None
 
     def _jumps(self, t_ns: int, position: F64) -> bool:
