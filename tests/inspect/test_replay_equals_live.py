@@ -45,8 +45,8 @@ STORE = typestore()
 
 @pytest.fixture(scope="module")
 def bag(scans: Scans, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scan over a letter of Braille, recorded with `tf_prefix`."""
-    source = scans.bag("braille", scene={"text": "f", "margin_mm": 3.0})
+    """A scan over four letters of Braille, recorded with `tf_prefix`."""
+    source = scans.bag("braille", scene={"text": "dfhj", "margin_mm": 3.0})
     path = tmp_path_factory.mktemp("prefixed") / "scan"
     connections: dict[str, Any] = {}
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
@@ -143,7 +143,7 @@ def test_all_that_goes_out_is_the_same(method: str, bag: Path, tmp_path: Path) -
     assert expected["/roller/surface/points"]
     assert len(expected["/roller/depth/image"]) >= 2 or method == "surface"
     if reads:
-        assert (tmp_path / "out" / "braille.txt").read_text() == "f\n"
+        assert (tmp_path / "out" / "braille.txt").read_text() == "dfhj\n"
         assert len(expected["/roller/braille/markers"]) == len(expected["/roller/braille/cells"])
     head = (tmp_path / "out" / "surface.ply").read_bytes()[:300]
     assert b"frame left_base" in head
