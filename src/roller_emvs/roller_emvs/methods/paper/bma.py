@@ -62,10 +62,7 @@ def window_depth(
     weights = [weight for _, weight in s.views()]
 
     def look(k: int) -> None:
-        view = view_depth(
-            voted.votes[k], voted.index[k], voted.planes, bounds_m, voted.poses[k], weights[k],
-            s.paper,
-        )  # fmt: skip
+        view = view_depth(voted, k, bounds_m, weights[k], s.paper)
         warped[k] = warp_view(view, target, camera)
 
     with watch("detection"):
@@ -129,31 +126,24 @@ def choose_planes(
 
 
 def view_depth(
-    votes: F32,
-    index: U16,
-    planes: F64,
-    bounds_m: tuple[float, float],
-    view: F64,
-    weight: float,
-    s: PaperSettings,
+    voted: ViewVotes, k: int, bounds_m: tuple[float, float], weight: float, s: PaperSettings
 ) -> ViewDepth:
-    """Depth from one reference view's maxima: threshold and median.
+    """Depth from the maxima of reference view `k`: threshold and median.
 
     Parameters
     ----------
-    votes, index : ndarray, shape (height, width)
-        Maximum along each ray and its plane.
-    planes : ndarray of float64, shape (n,)
-        Depths, metres, near to far; they may reach beyond the bounds.
+    voted : ViewVotes
+        Of all views; the planes may reach beyond the bounds.
+    k : int
+        The view.
     bounds_m : tuple of float
         Nearest and farthest depth; what lies beyond is refused, metres.
-    view : ndarray of float64, shape (4, 4)
-        Reference camera in base.
     weight : float
         Weight in the fusion.
     s : PaperSettings
         Threshold and median.
     """
+    votes, index, planes = voted.votes[k], voted.index[k], voted.planes
     mask = adaptive_threshold(votes, s.threshold_c, KERNEL_PX, s.full_scale_votes)
     usable = usable_planes(planes, bounds_m)
     at = np.flatnonzero(mask)
@@ -164,7 +154,7 @@ def view_depth(
     at, found = at[inside], found[inside]
     scale = s.full_scale_votes or float(votes.max()) or 1.0
     confidence = np.clip(votes.ravel()[at] / np.float32(scale), 0, 1)
-    return ViewDepth(at, found.astype(np.float32), confidence, view, weight)
+    return ViewDepth(at, found.astype(np.float32), confidence, voted.poses[k], weight)
 
 
 def usable_planes(planes: F64, bounds_m: tuple[float, float]) -> Mask:

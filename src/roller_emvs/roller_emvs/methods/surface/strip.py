@@ -143,19 +143,9 @@ class Strip:
         self._travel_ns += t1 - t0
         rays = np.empty((4, len(events)))
         _kernels._place(
-            events.x,
-            events.y,
-            events.t_ns,
-            self._pixel_rays,
-            t0,
-            t1,
-            pose0[:3, 3],
-            pose1[:3, 3],
-            pose0[:3, :3],
-            pose1[:3, :3],
-            self.middle_m,
-            rays,
-        )
+            events.x, events.y, events.t_ns, self._pixel_rays, t0, t1, pose0[:3, 3], pose1[:3, 3],
+            pose0[:3, :3], pose1[:3, :3], self.middle_m, rays,
+        )  # fmt: skip
         half_length = s.patch_half_length_m or np.inf
         x_min, x_max, steepest = _kernels._span(rays, half_length / self.middle_m)
         if x_min > x_max:
