@@ -110,10 +110,14 @@ def over(plate: Plate, speed: float = 0.3, back: bool = False, y: float = 0.0) -
 
 
 def read(
-    events: EventArray, track: PoseTrack, chunks: int = 1, **settings: object
+    events: EventArray,
+    track: PoseTrack,
+    chunks: int = 1,
+    camera: Camera = CAMERA,
+    **settings: object,
 ) -> tuple[list[Cell], BraillePipeline]:
     """Cells read from a scan whose events come in chunks."""
-    pipeline = BraillePipeline(BrailleSettings.create(settings), CAMERA, track)
+    pipeline = BraillePipeline(BrailleSettings.create(settings), camera, track)
     cells: list[Cell] = []
     edges = np.linspace(0, len(events), chunks + 1).astype(int)
     for a, b in pairwise(edges):

@@ -31,7 +31,7 @@ def dots_of(text: str, scale: float = 1.0, slope: float = 0.0, noise_m: float = 
 @pytest.mark.parametrize("scale", [0.975, 1.0, 1.025])
 def test_lattice_is_found(text: str, scale: float) -> None:
     dots = dots_of(text, scale, slope=0.01, noise_m=5e-5)
-    found = find_lattice(dots, SPACING, 0.04, left_first=True)
+    found = find_lattice(dots, SPACING, left_first=True)
     assert found is not None
     on, index = found.assign(dots)
     assert on.all()
@@ -42,8 +42,8 @@ def test_lattice_is_found(text: str, scale: float) -> None:
 def test_left_column_and_upper_row_are_taken_where_it_is_open() -> None:
     """`a` and `c` alone could be other cells one row down or one column to the right."""
     dots = dots_of("a a a")
-    first = find_lattice(dots, SPACING, 0.04, left_first=True)
-    second = find_lattice(dots, SPACING, 0.04, left_first=False)
+    first = find_lattice(dots, SPACING, left_first=True)
+    second = find_lattice(dots, SPACING, left_first=False)
     assert first is not None
     assert second is not None
     np.testing.assert_allclose(first.nodes(0)[0], [0.01, -0.002], atol=1e-4)
@@ -53,13 +53,13 @@ def test_left_column_and_upper_row_are_taken_where_it_is_open() -> None:
 def test_dust_does_not_move_the_lattice() -> None:
     dots = dots_of("abc")
     dust = Dots(np.array([0.012, 0.018]), np.array([-0.0043, -0.0043]), np.array([40.0, 30.0]))
-    found = find_lattice(dots.joined(dust), SPACING, 0.04, left_first=True)
+    found = find_lattice(dots.joined(dust), SPACING, left_first=True)
     assert found is not None
     np.testing.assert_allclose(found.nodes(0)[0], [0.01, -0.002], atol=1e-4)
 
 
 def test_no_dots_no_lattice() -> None:
-    assert find_lattice(Dots.none(), SPACING, 0.04, left_first=True) is None
+    assert find_lattice(Dots.none(), SPACING, left_first=True) is None
 
 
 def test_cells_and_nodes() -> None:

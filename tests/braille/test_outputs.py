@@ -38,8 +38,8 @@ def test_own_spacing_goes_before_the_profile() -> None:
 
 
 def test_wrong_settings_are_named() -> None:
-    with pytest.raises(RollerError, match="strip_px_m"):
-        BrailleSettings.create({"strip_px_m": -1.0})
+    with pytest.raises(RollerError, match="depth_m"):
+        BrailleSettings.create({"depth_m": -1.0})
 
 
 def test_cells_as_json() -> None:

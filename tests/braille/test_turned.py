@@ -139,7 +139,7 @@ def test_turn_and_lattice_of_dots(degrees: float) -> None:
     dots = Dots(x[order], -y[order], np.full(len(x), 1000.0))
     angle = find_turn(dots, SPACING)
     assert np.degrees(angle) == pytest.approx(-degrees, abs=1.0)
-    lattice = find_lattice(dots, SPACING, 0.04, left_first=True, angle=angle)
+    lattice = find_lattice(dots, SPACING, left_first=True, angle=angle)
     assert lattice is not None
     assert lattice.assign(dots)[0].all()
     assert np.degrees(lattice.angle) == pytest.approx(-degrees, abs=0.3)

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .reader_settings import BrailleSettings
-from .strip import Kind, Strip
+from .reader_settings import Spacing
+from .strip import PX_M, Kind, Strip
 from .warp import F32, F64
 
 #: Pixel in which dots are searched.
@@ -20,6 +20,8 @@ SPOT = 1.25
 _RIM = 1.35
 #: A spot must stand out from what chance gives by so many times the root of what lies around.
 CHANCE = 6.0
+#: Events, above those around it, that a spot needs.
+LEAST_VOTES = 40.0
 
 
 @dataclass(frozen=True)
@@ -72,15 +74,13 @@ class DotFinder:
 
     Parameters
     ----------
-    settings : BrailleSettings
-        Spacing and least votes.
+    spacing : Spacing
+        Pitch and diameter of dots.
     """
 
-    def __init__(self, settings: BrailleSettings) -> None:
-        self._settings = settings
-        self._factor = max(round(_COARSE_M / settings.strip_px_m), 1)
-        px = self._factor * settings.strip_px_m
-        spacing = settings.spacing
+    def __init__(self, spacing: Spacing) -> None:
+        self._factor = max(round(_COARSE_M / PX_M), 1)
+        px = self._factor * PX_M
         inner = spacing.dot_diameter_m / 2 * SPOT
         rim = spacing.dot_diameter_m / 2 * _RIM
         outer = max(spacing.dot_pitch_m - inner, rim + px)
@@ -127,7 +127,7 @@ class DotFinder:
         peak = cv2.dilate(votes, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, size))
         # Chance varies as the root of what is counted.
         gain = strip.gain(lo, hi).reshape(-1, f).mean(axis=1)
-        least = self._settings.min_dot_votes + CHANCE * np.sqrt(np.maximum(around, 0.0))
+        least = LEAST_VOTES + CHANCE * np.sqrt(np.maximum(around, 0.0))
         least *= gain  # what was seen shortly is made up, and its chance variation with it
         found = (votes >= peak) & (votes >= least)
         r, c = np.nonzero(found)

@@ -13,7 +13,8 @@ from .warp import F64
 
 #: A dot this far off its node, in dot pitches, has no part in it.
 REACH = 0.25
-_SCALES = 7
+#: Largest error of the pitches that is looked for, as a share, and the pitches that are tried.
+_TOLERANCE, _SCALES = 0.04, 7
 #: Spots weaker than this, against the strong ones (the third strongest), are dust.
 FAINT = 0.06
 _STRONG = 3
@@ -187,7 +188,7 @@ def no_dust(votes: F64) -> npt.NDArray[np.bool_]:
 
 
 def find_lattice(
-    dots: Dots, spacing: Spacing, tolerance: float, left_first: bool, angle: float = 0.0
+    dots: Dots, spacing: Spacing, left_first: bool, angle: float = 0.0
 ) -> Lattice | None:
     """The lattice on which the most dots of one line lie.
 
@@ -197,8 +198,6 @@ def find_lattice(
         Dots of a few cells; of several lines perhaps, and others.
     spacing : Spacing
         Expected pitches.
-    tolerance : float
-        Largest error of the pitches, as a share.
     left_first : bool
         Whether the left column of a cell comes first in travel.
     angle : float
@@ -214,7 +213,7 @@ def find_lattice(
     # Dust is no dot; left in, it could move the rows.
     dots = dots.where(no_dust(dots.votes))
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
-    scales = np.linspace(1 - tolerance, 1 + tolerance, _SCALES)
+    scales = np.linspace(1 - _TOLERANCE, 1 + _TOLERANCE, _SCALES)
     width = REACH * spacing.dot_pitch_m
     pitches = spacing.cell_pitch_m, spacing.dot_pitch_m, spacing.dot_pitch_m
     axes = Lattice(float(dots.along[0]), float(dots.down[0]), *pitches, angle)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .cells import Seen
-from .dots import CHANCE, Dots
+from .dots import CHANCE, LEAST_VOTES, Dots
 from .lattice import Lattice
 from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
@@ -19,6 +19,15 @@ from .recognise import Energies, Recogniser, Reference, share
 from .strip import Kind, Strip, image_around
 from .warp import F32, F64
 
+#: Cells seen beyond its first dot before a line is begun; lines above that are indented by less
+#: come first.
+LOOKAHEAD_CELLS = 2
+#: Fewer dots are not taken for a line.
+LEAST_DOTS = 3
+#: Share of a cell's events that its dots hold at least; less is other relief.
+LEAST_EXPLAINED = 0.6
+#: More blank or foreign cells than this end a line.
+_MOST_SPACES = 8
 #: Cells behind whose dots hold the lattice.
 _FIT_CELLS = 12
 #: A tile with less than this, in a dot's events, is blank.
@@ -197,13 +206,13 @@ class LineReader:
             return 0.0
         held = total = 0.0
         dots = 0
-        for n in range(self._settings.lookahead_cells + 1):
+        for n in range(LOOKAHEAD_CELLS + 1):
             found = self._measure(self.lattice.moved(n))[3]
             filled = found.whole > reference.trace
             dots += int(filled.sum())
             held += float(found.whole[filled].sum())
             total += max(found.total, 0.0)
-            if dots >= self._settings.min_line_dots:
+            if dots >= LEAST_DOTS:
                 return share(held, total)
         return 0.0
 
@@ -225,23 +234,22 @@ class LineReader:
         if self.may_lift:
             self._lift()
         kind, seen = self._read()
-        s = self._settings
         if kind is _Kind.READ:
             if seen.certain:
                 self._raised += seen.mask.bit_count()
             self.cells += [*self._pending, seen]
             self._pending = []
             self._unusual = 0
-        elif self.cells or kind is _Kind.FOREIGN or self._next > s.lookahead_cells:
+        elif self.cells or kind is _Kind.FOREIGN or self._next > LOOKAHEAD_CELLS:
             self._pending.append(seen)
             self._unusual += kind is _Kind.FOREIGN
         self._follow()
         if not self.accepted:
-            enough = bool(self.cells) and self._next - self.cells[0].number > s.lookahead_cells
+            enough = bool(self.cells) and self._next - self.cells[0].number > LOOKAHEAD_CELLS
             if (enough or self._unusual) and self._judge(final=False):
                 return
         most = _FOREIGN if self.accepted else 0
-        if self._unusual > most or len(self._pending) > s.max_spaces:
+        if self._unusual > most or len(self._pending) > _MOST_SPACES:
             self.close()
 
     def _judge(self, final: bool) -> bool:
@@ -257,7 +265,7 @@ class LineReader:
         bool
             Whether it was restarted.
         """
-        if self._raised < self._settings.min_line_dots or 2 * self._circles < self._raised:
+        if self._raised < LEAST_DOTS or 2 * self._circles < self._raised:
             return False
         raised = 0
         for seen in self.cells:
@@ -294,7 +302,7 @@ class LineReader:
 
     def _reference(self, lattice: Lattice) -> Reference | None:
         noise = self._background(lattice) * self._recogniser.area
-        least = self._settings.min_dot_votes + CHANCE * np.sqrt(max(noise, 0.0))
+        least = LEAST_VOTES + CHANCE * np.sqrt(max(noise, 0.0))
         return self._dots.reference(lattice, least)
 
     def _measure(self, lattice: Lattice) -> tuple[F64, F32, F64, Energies]:
@@ -327,7 +335,7 @@ class LineReader:
         mask = int((reading.raised << np.arange(6)).sum())
         if not reading.raised.any() and reading.filled < _BLANK:
             return _Kind.BLANK, self._seen(0, confidence, nodes, stamp)
-        if reading.explained < self._settings.min_explained:
+        if reading.explained < LEAST_EXPLAINED:
             # Its dots, if they are dots, are not to be trusted.
             doubt = reading.explained * self._settings.min_dot_confidence
             return _Kind.FOREIGN, self._seen(mask, confidence * doubt, nodes, stamp)

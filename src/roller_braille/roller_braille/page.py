@@ -9,7 +9,7 @@ import numpy as np
 
 from . import table
 from .cells import Cell, Seen
-from .lines import LineReader
+from .lines import LOOKAHEAD_CELLS, LineReader
 from .orientation import upside_down
 from .pass_reader import PassReader
 from .reader_settings import BrailleSettings
@@ -154,7 +154,7 @@ class Page:
     def _one_above(self, reader: PassReader, line: LineReader, begun: list[LineReader]) -> bool:
         """Whether a line above one, which is to come first, may begin or be accepted yet."""
         spacing = self._settings.spacing
-        ahead = (self._settings.lookahead_cells + 2) * spacing.cell_pitch_m
+        ahead = (LOOKAHEAD_CELLS + 2) * spacing.cell_pitch_m
         if reader.reach_m < line.start + ahead and reader.room_above(line):
             # Right below one that has begun there is none.
             below = [line.top_at(line.start) - x.top_at(line.start) for x in begun]

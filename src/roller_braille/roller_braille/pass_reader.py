@@ -12,7 +12,7 @@ from .batches import Batch
 from .contrast import MappedBatch, TravelScale
 from .dots import DotFinder, Dots
 from .lattice import FAINT, Lattice, find_lattice, find_turn, no_dust
-from .lines import LineReader
+from .lines import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS, LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .previews import Preview, Previewer
 from .reader_settings import BrailleSettings, Spacing
@@ -58,8 +58,8 @@ class PassReader:
         #: Scale of the poses' travel; the strip and all that is found in it are in the events'.
         self.travel = TravelScale(settings)
         self._table = warp.table
-        self._finder = DotFinder(settings)
-        self._recogniser = Recogniser(settings)
+        self._finder = DotFinder(settings.spacing)
+        self._recogniser = Recogniser(settings.spacing)
         self._searched: int | None = None
         self._looked_s = 0.0
         self._kinds = (
@@ -195,7 +195,7 @@ class PassReader:
 
     def _begin_lines(self, upto: int, final: bool) -> None:
         s = self._settings
-        ahead = (s.lookahead_cells + 1) * s.spacing.cell_pitch_m
+        ahead = (LOOKAHEAD_CELLS + 1) * s.spacing.cell_pitch_m
         while True:
             free = {kind: self._free(loose) for kind, loose in self._loose.items()}
             starts = [float(dots.along[0]) for dots in free.values() if len(dots)]
@@ -261,7 +261,7 @@ class PassReader:
     ) -> tuple[float, LineReader | None]:
         """A line that begins with the first of dots, and the share of events that it explains."""
         dots = dots.where(dots.along < end)
-        if len(dots) < self._settings.min_line_dots:
+        if len(dots) < LEAST_DOTS:
             return 0.0, None
         solid = dots.where(no_dust(dots.votes))
         if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
@@ -284,7 +284,7 @@ class PassReader:
         fits = [
             (lattice.fit_of(solid), lattice, spacing)
             for spacing in ((self._spacing,) if self._spacing else s.spacings)
-            if (lattice := find_lattice(dots, spacing, s.pitch_tolerance, left_first, turn))
+            if (lattice := find_lattice(dots, spacing, left_first, turn))
         ]
         if not fits:
             return 0.0, None
@@ -295,14 +295,14 @@ class PassReader:
         on, index = lattice.assign(dots)
         if not on.any() or dots.along[on].min() > start + s.spacing.dot_pitch_m / 2:
             return 0.0, None  # what the window begins with is none of its dots
-        if int(on.sum()) < s.min_line_dots or not self._whole(lattice, index[on, 2]):
+        if int(on.sum()) < LEAST_DOTS or not self._whole(lattice, index[on, 2]):
             return 0.0, None
         line = LineReader(
             s, self.strip, self._recogniser, lattice, spacing, kind, self.roll.direction, self._view
         )
         line.take(dots)
         explained = line.explained()
-        return (explained, line) if explained >= s.min_explained else (0.0, None)
+        return (explained, line) if explained >= LEAST_EXPLAINED else (0.0, None)
 
     def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
         """Whether no row of the line can lie outside the view."""

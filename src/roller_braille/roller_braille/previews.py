@@ -16,7 +16,7 @@ import numpy as np
 from .cells import Seen
 from .dots import DotFinder, Dots
 from .lattice import FAINT, Lattice
-from .lines import LineReader
+from .lines import LOOKAHEAD_CELLS, LineReader
 from .reader_settings import BrailleSettings
 from .strip import Kind, Strip
 
@@ -56,7 +56,7 @@ class Previewer:
     Parameters
     ----------
     settings : BrailleSettings
-        Spacing, cells that a line needs.
+        Spacing.
     strip : Strip
         The pass's mosaic.
     finder : DotFinder
@@ -66,7 +66,7 @@ class Previewer:
     def __init__(self, settings: BrailleSettings, strip: Strip, finder: DotFinder) -> None:
         self._strip, self._finder = strip, finder
         self._cell = settings.spacing.cell_pitch_m
-        self._window = (settings.lookahead_cells + 1) * self._cell
+        self._window = (LOOKAHEAD_CELLS + 1) * self._cell
         self._looked_s = 0.0
         # Place up to which must be seen for another look to give anything, metres.
         self._due = -np.inf

@@ -59,12 +59,6 @@ class BrailleSettings(TimingSettings):
     dot_diameter_m: float = Field(
         0.0, ge=0.0, le=0.01, description="Diameter of a dot's base, m; 0: the profile's."
     )
-    pitch_tolerance: float = Field(
-        0.04,
-        ge=0.0,
-        le=0.1,
-        description="Largest error of the pitches that is measured and put right, as a share.",
-    )
     code: Literal["grade1", "ueb1", "ueb2"] = Field(
         "grade1",
         description="How cells are read as print: grade1 by our own table; ueb1 and ueb2 as "
@@ -113,44 +107,16 @@ class BrailleSettings(TimingSettings):
         description="Events that make up the image: both, as in the paper; off or on; or auto, "
         "line by line the kind that is better confined to dots.",
     )
-    strip_px_m: float = Field(
-        0.00006, ge=0.00001, le=0.001, description="Pixel of the surface's mosaic, m."
-    )
     min_speed_m_s: float = Field(
         0.005, ge=0.0, le=1.0, description="Events of a sensor slower than this are noise, m/s."
     )
     standstill_s: float = Field(
         1.0, ge=0.05, le=60.0, description="A standstill this long ends the line, s."
     )
-    turn_back_m: float = Field(
-        0.002, ge=0.0001, le=0.1, description="Rolling back this far ends the line, m."
-    )
-    lookahead_cells: int = Field(
-        2,
-        ge=1,
-        le=20,
-        description="Cells seen beyond its first dot before a line is begun; lines above that are "
-        "indented by less come first.",
-    )
     line_order: Literal["seen", "reading"] = Field(
         "seen",
         description="Of lines in view together, seen: cells of all come as they pass, told apart "
         "by line and column; reading: those of the lower one come after the upper one's last.",
-    )
-    min_line_dots: int = Field(
-        3, ge=1, le=100, description="Fewer dots than this are not taken for a line."
-    )
-    min_dot_votes: float = Field(
-        40.0, ge=0.0, le=1e9, description="Events, above the background, that a dot needs."
-    )
-    max_spaces: int = Field(
-        8, ge=1, le=100, description="More blank or foreign cells than this end a line."
-    )
-    min_explained: float = Field(
-        0.6,
-        ge=0.0,
-        le=1.0,
-        description="Share of a cell's events that its dots must hold; less is other relief.",
     )
     min_dot_confidence: float = Field(
         0.4, ge=0.0, le=1.0, description="A cell with a dot less certain than this isn't read."
@@ -183,4 +149,4 @@ class BrailleSettings(TimingSettings):
     @property
     def roll_rule(self) -> RollRule:
         """When the sensor rolls and when its pass is over."""
-        return RollRule(self.min_speed_m_s, self.standstill_s, self.turn_back_m)
+        return RollRule(self.min_speed_m_s, self.standstill_s)

@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from .circles import CircleFinder
 from .dots import SPOT
-from .reader_settings import BrailleSettings
+from .reader_settings import Spacing
+from .strip import PX_M
 from .warp import F32, F64
 
 #: Share of a typical dot's events that any dot has, and share of the faintest dot's that may be
@@ -128,14 +129,12 @@ class Recogniser:
 
     Parameters
     ----------
-    settings : BrailleSettings
-        Spacing and pixel size.
+    spacing : Spacing
+        Pitches and diameter of dots.
     """
 
-    def __init__(self, settings: BrailleSettings) -> None:
-        s = settings.spacing
-        px = settings.strip_px_m
-        spot = s.dot_diameter_m / 2 / px * SPOT
+    def __init__(self, spacing: Spacing) -> None:
+        spot = spacing.dot_diameter_m / 2 / PX_M * SPOT
         n = int(np.ceil(spot))
         y, x = np.mgrid[-n : n + 1, -n : n + 1]
         inside = np.hypot(x, y) <= spot
@@ -144,12 +143,12 @@ class Recogniser:
         )
         self._reach = n
         #: Columns and rows to cut out around nodes, so that a cell's tile lies within.
-        self.margin = int(
-            np.ceil(max(s.cell_pitch_m - s.dot_pitch_m, s.line_pitch_m - 2 * s.dot_pitch_m) / px)
-        )
+        between = spacing.cell_pitch_m - spacing.dot_pitch_m
+        between_lines = spacing.line_pitch_m - 2 * spacing.dot_pitch_m
+        self.margin = int(np.ceil(max(between, between_lines) / PX_M))
         self._masks = (halves * inside).astype(np.float32)
         self.area = float(inside.sum())
-        self._circles = CircleFinder(s, px)
+        self._circles = CircleFinder(spacing, PX_M)
 
     def measure(self, image: F32, at: F64, tile: F64, level: float) -> Energies:
         """Count events at the nodes of a cell.

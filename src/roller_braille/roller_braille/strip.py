@@ -13,6 +13,8 @@ from roller_core.events import EventArray
 from .reader_settings import BrailleSettings
 from .warp import F32, F64, I64, Knots, vote
 
+#: Pixel of the mosaic, metres: a dot has some 24 across, a sensor's pixel shows 43 micrometres.
+PX_M = 6e-5
 #: Columns seen over less than this share of the full travel are not made up for.
 _LEAST_EXPOSURE = 0.25
 _MARGIN_M = 0.002
@@ -48,7 +50,7 @@ class Strip:
     """
 
     def __init__(self, settings: BrailleSettings, half_height_m: float) -> None:
-        self.px_m = settings.strip_px_m
+        self.px_m = PX_M
         self._half = settings.view_half_width_m
         self._read_at = min(settings.read_at_m, self._half)
         self._rows = int(np.ceil(2 * (half_height_m + _MARGIN_M) / self.px_m))

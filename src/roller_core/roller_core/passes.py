@@ -95,7 +95,7 @@ class RollRule:
 
     min_speed_m_s: float
     standstill_s: float
-    turn_back_m: float
+    turn_back_m: float = 0.002
 
 
 @dataclass(frozen=True)
