@@ -120,3 +120,19 @@ def test_lines_cut_by_the_border_of_the_view(y_mm: float) -> None:
     for cell in read(scan(plate, track), track)[0]:
         n = round((cell.position[0] - DOT / 2) / CELL)
         assert not cell.readable or cell.mask == truth[n]
+
+
+def test_a_line_that_breaks_off_goes_on_in_its_own_row() -> None:
+    """Relief over a few cells ends a line; what comes after it is no line of its own."""
+    text = "first half second"
+    plate = Plate().text(text, y0=5e-3).text("the lower line", y0=-5e-3)
+    rng = np.random.default_rng(4)
+    begin, end = (n * CELL - (CELL - DOT) / 2 for n in (6, 10))
+    plate.dots = [d for d in plate.dots if d[1] < 0 or not begin < d[0] < end]
+    spots = rng.uniform([begin + 1e-3, 2e-3], [end - 1e-3, 8e-3], (60, 2))
+    plate.dots += [(x, y, *RING, 200) for x, y in spots]
+    track = over(plate)
+    upper, lower = read(scan(plate, track), track)[1].text()
+    assert lower == "the lower line"
+    assert (upper[:6], upper[-6:], len(upper)) == (text[:6], text[-6:], len(text))
+    assert set(upper[6:10]) == {UNREADABLE}

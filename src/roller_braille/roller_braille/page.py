@@ -20,6 +20,8 @@ from .warp import F64, Warp
 _SAME = 0.4
 #: Lines nearer to each other than this, in line pitches, have none between them.
 _ROOM_BETWEEN = 1.6
+#: A line that broke off goes on after this many cells at most, on its lattice to within so many.
+_MOST_GAP, _IN_ROW = 6, 0.1
 
 
 def certain_dots(confidence: Sequence[float], least: float) -> int:
@@ -178,11 +180,15 @@ class Page:
             return
         known_dots = self._line_cell(seen)
         if place.line is None:
-            place.line = len(self._columns)
-            self._columns.append({})
-            self._decoders.append(table.Decoder())
-            if not self._saw_before(seen, reader):
-                known_dots = replace(known_dots, after_unseen=True)
+            broken_off = self._broken_off(dots, place.reader.spacing.cell_pitch_m)
+            if broken_off is not None:
+                place.line, place.column = broken_off
+            else:
+                place.line = len(self._columns)
+                self._columns.append({})
+                self._decoders.append(table.Decoder())
+                if not self._saw_before(seen, reader):
+                    known_dots = replace(known_dots, after_unseen=True)
         character, readable = self._decode(place.line, known_dots)
         cell = Cell(
             seen.stamp_ns,
@@ -201,6 +207,30 @@ class Page:
         self._where.append((place.line, place.column))
         place.column += 1
         yield cell
+
+    def _broken_off(self, dots: F64, pitch_m: float) -> tuple[int, int] | None:
+        """Line and column of a cell that continues the row of a line which broke off before it.
+
+        The cells between, other relief perhaps, stand in the line as unreadable.
+        """
+        if not len(self._known):
+            return None
+        right, down = dots[3] - dots[0], dots[1] - dots[0]
+        away = (dots.mean(axis=0) - self._known) / pitch_m
+        along, across = (away @ axis / np.linalg.norm(axis) for axis in (right, down))
+        gap = np.round(along)
+        in_row = (gap >= 1) & (gap <= _MOST_GAP) & (np.hypot(along - gap, across) < _IN_ROW)
+        if not in_row.any():
+            return None
+        nearest = int(np.argmin(np.where(in_row, gap, np.inf)))
+        line, last = self._where[nearest]
+        column = last + int(gap[nearest])
+        if max(self._columns[line]) != last:
+            return None
+        for between in range(last + 1, column):
+            self._columns[line][between] = LineCell(0, 0)
+            self._decoders[line].skip(0, 0)
+        return line, column
 
     def _saw_before(self, seen: Seen, reader: PassReader) -> bool:
         """Whether the place of the cell before one, in reading order, was in view."""
