@@ -78,7 +78,7 @@ def test_a_turned_plate_is_read(scans: Scans) -> None:
 
 
 def test_a_coarse_coating_makes_no_other_letters(scans: Scans) -> None:
-    """Speckle of 8 %, over twice the default's: its events come from everywhere."""
+    """Speckle of 5 % for the default's 3 %: its events come from everywhere."""
     cells, _, truth = read_plate(scans, "quick jazz", light={"speckle": 0.05})
     readable = [c for c in cells if c.readable and c.mask]
     for c in readable:

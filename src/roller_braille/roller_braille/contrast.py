@@ -33,7 +33,8 @@ _BATCH_EVENTS, _MOST_EVENTS, _LEAST_EVENTS = 2000, 10_000, 1000
 #: Steps of the search, and pixels of its images.
 _COARSE, _WIDE, _NEAR = 0.02, np.linspace(-0.03, 0.03, 13), np.linspace(-0.015, 0.015, 7)
 _COARSE_PX_M, _PX_M = 0.00024, 0.00012
-#: How much sharper the image must be than at most factors: noise alone is as sharp at any.
+#: How much sharper the image must be than at most factors: noise alone is as sharp at any. Tuned
+#: on the virtual cell.
 _LEAST_RATIO = 1.15
 #: Errors up to this blur a dot by less than a quarter of its size and are left: what the light does
 #: to the motion of edges is as large.

@@ -15,7 +15,8 @@ from .warp import F64
 REACH = 0.25
 #: Largest error of the pitches that is looked for, as a share, and the pitches that are tried.
 _TOLERANCE, _SCALES = 0.04, 7
-#: Spots weaker than this, against the strong ones (the third strongest), are dust.
+#: Spots weaker than this, against the strong ones (the third strongest), are dust. Tuned on the
+#: virtual cell.
 FAINT = 0.06
 _STRONG = 3
 _STEP_M = 0.0001
@@ -184,7 +185,12 @@ class Lattice:
 
 def no_dust(votes: F64) -> npt.NDArray[np.bool_]:
     """Which spots are not far weaker than the strong ones among them, shape (n,)."""
-    return np.asarray(votes >= FAINT * np.sort(votes)[-min(_STRONG, len(votes))])
+    return np.asarray(votes >= dust(votes))
+
+
+def dust(votes: F64) -> float:
+    """Events below which spots are dust beside the strong ones of some, shape (n,), n > 0."""
+    return FAINT * float(np.sort(votes)[-min(_STRONG, len(votes))])
 
 
 def find_lattice(

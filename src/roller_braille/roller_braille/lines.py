@@ -35,7 +35,7 @@ _BLANK = 1.0
 #: Cells of other relief between two that are read which an accepted line may hold.
 _FOREIGN = 2
 #: Share of its events that a cell's dots hold, against that of the cells before, at which something
-#: else lies in it, and at which nothing does; cells that this needs.
+#: else lies in it, and at which nothing does; cells that this needs. Tuned on the virtual cell.
 _SPOILT, _CLEAN, _FEW_CELLS = 0.7, 0.85, 3
 #: Share of a typical dot's events that one above the line needs.
 _LIFTS = 0.5

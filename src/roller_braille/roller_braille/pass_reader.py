@@ -11,7 +11,7 @@ from roller_core.passes import Pass
 from .batches import Batch
 from .contrast import MappedBatch, TravelScale
 from .dots import DotFinder, Dots
-from .lattice import FAINT, Lattice, find_lattice, find_turn, no_dust
+from .lattice import FAINT, Lattice, dust, find_lattice, find_turn, no_dust
 from .lines import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS, LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .previews import Preview, Previewer
@@ -20,6 +20,7 @@ from .recognise import Recogniser
 from .strip import Kind, Strip
 from .warp import F32, F64, Warp
 
+#: Where no line begins, dots so many times as strong stay. Tuned on the virtual cell.
 _STRONGER = 3.0
 #: Angles nearer to each other than this are one, radians.
 _SAME_TURN = 0.03
@@ -27,9 +28,8 @@ _SAME_TURN = 0.03
 _STEP, _STEP_S = 0.25, 0.012
 #: Lines are no nearer to each other than this, in line pitches.
 _LEAST_LINE_PITCH = 0.8
-#: Dust is told by the strongest dots but these.
-_STRONG = 3
-#: Share of what two dots ahead have below which a spot is dust in any case.
+#: Share of what two dots ahead have below which a spot is dust in any case. Tuned on the virtual
+#: cell.
 _DUST = 0.02
 
 
@@ -234,7 +234,7 @@ class PassReader:
             )
             for reach in (ahead_m / 2, ahead_m)
         )
-        least = FAINT * float(near[-min(_STRONG, len(near))])
+        least = dust(near)
         # Where a line's very first dots come into view, they are fewer than that.
         least = max(least, _DUST * float(ahead[-min(2, len(ahead))]))
         if any(_at(d, start) and float(d.votes[0]) >= least for d in free.values()):

@@ -15,7 +15,7 @@ import numpy as np
 
 from .cells import Seen
 from .dots import DotFinder, Dots
-from .lattice import FAINT, Lattice
+from .lattice import Lattice, dust
 from .lines import LOOKAHEAD_CELLS, LineReader
 from .reader_settings import BrailleSettings
 from .strip import Kind, Strip
@@ -24,10 +24,9 @@ from .strip import Kind, Strip
 _AGAIN_S = 0.03
 #: Wait for a line's third cell below which looking would cost as much time as it saves, seconds.
 _WORTH_S = 0.06
-#: Strength of dots, against the median, outside which they may be dust or other relief.
+#: Strength of dots, against the median, outside which they may be dust or other relief. Tuned on
+#: the virtual cell.
 _ALIKE = (0.4, 2.5)
-#: Dust is told by the strongest dots but these.
-_STRONG = 3
 
 #: Finds the line from a place to another that explains dots best, and which of dots no line has.
 FindLine = Callable[[dict[Kind, Dots], float, float], LineReader | None]
@@ -105,8 +104,8 @@ class Previewer:
             for kind, before in known.items()
         }
         votes = np.concatenate([part.votes for part in dots.values()])
-        dust = FAINT * float(np.sort(votes)[-min(_STRONG, len(votes))])
-        dots = {kind: part.where(part.votes >= dust) for kind, part in dots.items()}
+        least = dust(votes)
+        dots = {kind: part.where(part.votes >= least) for kind, part in dots.items()}
         out: list[Preview] = []
         while (start := _first(dots)) <= last:
             line = find_line(dots, start, start + self._window)
