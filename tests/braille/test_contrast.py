@@ -109,12 +109,3 @@ def test_batches_come_out_in_order_and_all_of_them() -> None:
         assert n + 1 - len(given) <= 8
     given += travel.release()
     assert [int(f.knots.times_ns[0]) for f in given] == [n * 1_000_000 for n in range(12)]
-
-
-def test_results_do_not_depend_on_how_events_come() -> None:
-    plate = Plate().text(TEXT)
-    track = over(plate)
-    events, poses = scan(plate, track, noise=5000), stretched(track, 1.08)
-    whole, _ = read(events, poses)
-    parts, _ = read(events, poses, chunks=37)
-    assert [(c.mask, *c.position) for c in whole] == [(c.mask, *c.position) for c in parts]

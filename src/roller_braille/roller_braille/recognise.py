@@ -34,8 +34,8 @@ _IN_ONE_PLACE = 0.5
 _HALF, _WHOLE = 0.4, 0.7
 #: A side of a typical dot with less than this share of its events tells nothing.
 _TELLING = 0.3
-#: How far off its node a dot may lie, and where it is none of the cell's, metres: of dots of the
-#: virtual cell that are read, one in a hundred lies further off than the first.
+#: How far off its node a dot may lie, and where it is none of the cell's, metres: of the
+#: virtual cell's dots at 70 % contrast one in a hundred lies further off than the first.
 _IN_PLACE_M, _ASTRAY_M = 2e-4, 3.2e-4
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import deque
 
 import numpy as np
@@ -122,7 +123,7 @@ class EventQueue:
         return count
 
 
-class EventCutter:
+class EventCutter(ABC):
     """Base of what cuts a stream of events up by poses: events that wait, and counts of the rest.
 
     Parameters
@@ -157,9 +158,9 @@ class EventCutter:
         return self._queue.dropped
 
     @property
+    @abstractmethod
     def needed_from_ns(self) -> int | None:
         """Poses from before this time are no longer needed; None while it isn't known."""
-        raise NotImplementedError
 
     def add(self, events: EventArray) -> None:
         """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
