@@ -35,7 +35,10 @@ if [[ -z "${ROS_LOG_DIR:-}" && ! -w "${ROS_HOME:-${HOME:-/nonexistent}}" ]]; the
   export ROS_LOG_DIR="$ROLLER_ROOT/log/ros"
 fi
 
-# Compiled kernels stay out of the source tree.
-if [[ -z "${NUMBA_CACHE_DIR:-}" && -w "$ROLLER_VENV" ]]; then
-  export NUMBA_CACHE_DIR="$ROLLER_VENV/cache/numba"
+# Compiled kernels and bytecode stay out of the source tree. Without bytecode every process would
+# compile its libraries anew, which takes seconds.
+if [[ -w "$ROLLER_VENV" ]]; then
+  export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-$ROLLER_VENV/cache/numba}"
+  unset PYTHONDONTWRITEBYTECODE
+  export PYTHONPYCACHEPREFIX="${PYTHONPYCACHEPREFIX:-$ROLLER_VENV/cache/bytecode}"
 fi
