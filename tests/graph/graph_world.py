@@ -65,6 +65,10 @@ class Watcher:
         """All messages that a status had."""
         return [message for message, _ in self.statuses[status]]
 
+    def has_said(self, status: str, words: str) -> bool:
+        """Whether any message that a status had holds some words."""
+        return any(words in message for message in self.messages_of(status))
+
     def value(self, status: str, key: str) -> float:
         """The newest figure of a status; -1 while there is none."""
         for _, values in reversed(self.statuses[status]):
@@ -124,14 +128,20 @@ class Processes:
         self._folder = folder
         self.running: dict[str, subprocess.Popen[str]] = {}
 
-    def start(self, name: str, parameters: str = "") -> None:
-        """Start a node with parameters given as the lines of its `ros__parameters`."""
+    def start(self, name: str, parameters: str = "", namespace: str = "") -> None:
+        """Start a node with parameters given as the lines of its `ros__parameters`.
+
+        In a namespace it is known here as namespace/name.
+        """
         code = f"from {MODULES[name]} import main; main()"
         words = [sys.executable, "-c", code]
+        words += ["--ros-args", "-r", f"__ns:=/{namespace}"]
+        name = f"{namespace}/{name}" if namespace else name
+        (self._folder / namespace).mkdir(exist_ok=True)
         if parameters:
             file = self._folder / f"{name}.yaml"
-            file.write_text(f"{name}:\n  ros__parameters: {parameters}\n")
-            words += ["--ros-args", "--params-file", str(file)]
+            file.write_text(f"/**:\n  ros__parameters: {parameters}\n")
+            words += ["--params-file", str(file)]
         # Emulated devices are modules of the tests.
         path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(_TESTS)]))
         log = open(self._folder / f"{name}.log", "w")  # noqa: SIM115 (lives with the process)
