@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 
 import rclpy
@@ -16,9 +18,12 @@ from roller_core.opencv import one_opencv_thread
 
 from .worker import CRASHED
 
+#: Set to 1, it has a fault of ours shown where it happened.
+TRACEBACK = "ROLLER_TRACEBACK"
+
 
 def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Spin a node until it is interrupted.
+    """Spin a node until it is interrupted or its worker gives up.
 
     Returns
     -------
@@ -33,7 +38,9 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
     code = 0
     try:
         node = make()
-        rclpy.spin(node)
+        rclpy.spin_until_future_complete(node, CRASHED)
+        if CRASHED.done():
+            code = _give_up(CRASHED.result())
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except SystemExit as done:
@@ -41,14 +48,28 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
     except RollerError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         code = 1
-    except Exception:
+    except Exception as error:
         # An interrupt shuts the context down at once; what was being published then raises.
         if rclpy.ok():
-            raise
+            code = _give_up(error)
     finally:
         # A second SIGINT in the middle of teardown would turn a clean end into a failure.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-    return 1 if CRASHED.is_set() else code
+    return code
+
+
+def _give_up(error: BaseException | None) -> int:
+    """Say in one line which fault of ours ends the node; the exit code."""
+    if os.environ.get(TRACEBACK) == "1":
+        traceback.print_exception(error)
+    text = " ".join(str(error).split())
+    print(
+        f"error: {type(error).__name__}: {text} (a fault of roller, the node ends: please report "
+        f"it; {TRACEBACK}=1 shows where)",
+        file=sys.stderr,
+        flush=True,
+    )
+    return 1

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 import rclpy
+from rclpy.task import Future
 
 T = TypeVar("T")
 
 #: Longest time that the thread waits at once, s.
 _WAIT_S = 0.1
-#: Set when a worker of this process ended by an error of the program.
-CRASHED = threading.Event()
+#: Done, with the error, when a worker of this process ended by an error of the program.
+CRASHED: Future[BaseException] = Future()
 
 
 class Worker(Generic[T]):
@@ -95,13 +95,12 @@ class Worker(Generic[T]):
     def _run(self) -> None:
         try:
             self._work()
-        except Exception:
+        except BaseException as error:  # also a panic of a library in Rust, which is no Exception
             if not rclpy.ok():
                 return  # the graph is gone, what was being published could not be
-            # A fault of ours: a node that stands still without a word would be worse.
-            traceback.print_exc()
-            CRASHED.set()
-            rclpy.try_shutdown()
+            # A fault of ours: a node that stands still without a word would be worse. The thread
+            # that spins ends the node; from here, its end would wait for this thread.
+            CRASHED.set_result(error)
 
     def _work(self) -> None:
         # Idle time is the sum of short waits in vain, each counted as no longer than it was to be.
