@@ -36,7 +36,7 @@ if [[ -z "${ROS_LOG_DIR:-}" && ! -w "${ROS_HOME:-${HOME:-/nonexistent}}" ]]; the
 fi
 
 # Compiled kernels and bytecode stay out of the source tree. Without bytecode every process would
-# compile its libraries anew, which takes seconds.
+# compile its libraries again, which takes seconds.
 if [[ -w "$ROLLER_VENV" ]]; then
   export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-$ROLLER_VENV/cache/numba}"
   unset PYTHONDONTWRITEBYTECODE

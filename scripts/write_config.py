@@ -1,4 +1,4 @@
-"""Write config/*.yaml anew from the settings models; tests hold the files to them."""
+"""Write config/*.yaml from the settings models; tests hold the files to them."""
 
 from __future__ import annotations
 

@@ -82,8 +82,8 @@ def scan(plate: Plate, track: PoseTrack, seed: int = 0, noise: int = 0, p: int =
     px, py = np.concatenate([*xs, []]), np.concatenate([*ys, []])
     # A moving point fires where it is seen: spread over the travel, not over the time.
     moves = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(track.positions[:, 0])))])
-    way = rng.uniform(0.0, max(moves[-1], 1e-9), (8, len(px)))
-    clock = np.interp(way, moves, (track.times_ns - t0).astype(float))
+    travel = rng.uniform(0.0, max(moves[-1], 1e-9), (8, len(px)))
+    clock = np.interp(travel, moves, (track.times_ns - t0).astype(float))
     t = t0 + clock.astype(np.int64)
     where = track.sample(t.ravel())[0].reshape(*t.shape, 3)
     u = CAMERA.cx + CAMERA.fx * (px - where[..., 0]) / DEPTH_M

@@ -60,8 +60,8 @@ def test_a_scratch_spoils_its_cells_alone(degrees: int) -> None:
     text = "plain scratch text"
     plate = Plate().text(text)
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    for way, side in np.ndindex(160, 2):
-        along, across = way * 5e-5 - 4e-3, side * 4e-4 - 2e-4
+    for step, side in np.ndindex(160, 2):
+        along, across = step * 5e-5 - 4e-3, side * 4e-4 - 2e-4
         # Part of a ring that is but a point.
         x, y = 7.4 * CELL + along * c - across * s, along * s + across * c
         plate.dots.append((x - SPACING.dot_diameter_m / 2, y, 0.0, 0.0, 15))

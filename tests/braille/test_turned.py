@@ -52,8 +52,8 @@ def test_a_line_that_leaves_the_view_is_not_guessed_beyond() -> None:
     c, s = np.cos(np.radians(10.0)), np.sin(np.radians(10.0))
     masks = to_masks(text)
     for cell in cells:
-        way = c * cell.position[0] + s * cell.position[1] - SPACING.dot_pitch_m / 2
-        n = round(way / SPACING.cell_pitch_m)
+        distance = c * cell.position[0] + s * cell.position[1] - SPACING.dot_pitch_m / 2
+        n = round(distance / SPACING.cell_pitch_m)
         assert not cell.readable or cell.mask == masks[n]
 
 

@@ -245,10 +245,10 @@ def test_uv_asks_the_index_that_pip_is_set_to(modules, tmp_path):
     environment.python = Path(sys.executable)
     plain = {k: v for k, v in os.environ.items() if not k.startswith("PIP_")}
     assert environment._pip_index({**plain, "PIP_CONFIG_FILE": os.devnull}) == ""
-    told = environment._pip_index({**plain, "PIP_CONFIG_FILE": str(config)})
-    assert told == "https://mirror.example/simple"
-    told = environment._pip_index({**plain, "PIP_INDEX_URL": "https://other.example/simple"})
-    assert told == "https://other.example/simple"
+    index = environment._pip_index({**plain, "PIP_CONFIG_FILE": str(config)})
+    assert index == "https://mirror.example/simple"
+    index = environment._pip_index({**plain, "PIP_INDEX_URL": "https://other.example/simple"})
+    assert index == "https://other.example/simple"
 
 
 def test_all_that_is_installed_is_pinned_with_hashes(modules):

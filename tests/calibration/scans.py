@@ -80,7 +80,7 @@ PIXEL_M = DEPTH_M / CAMERA.fx
 
 @dataclass(frozen=True)
 class Course:
-    """To and fro over `TRAVEL_M` along x: where at a time, and when at a place on the way there."""
+    """To and fro over `TRAVEL_M` along x: where at a time, and when at a place going there."""
 
     duration_s: float
     place_m: Callable[[float], float]
@@ -107,27 +107,27 @@ def swinging(period_s: float) -> Course:
 
 
 def uneven(seed: int = 3) -> np.ndarray:
-    """Places of lines across the way, metres."""
+    """Places of lines across the path, metres."""
     return np.cumsum(np.random.default_rng(seed).uniform(0.0006, 0.0019, 60)) - 0.02
 
 
 def scan_of(course: Course, delay_s: float, lines_m: np.ndarray | None = None) -> Scan:
     """Lines that pass a camera, an event as each enters a pixel, its stamp too late.
 
-    What brightens a pixel on the way there darkens it on the way back.
+    What brightens a pixel going there darkens it coming back.
     """
     lines_m = uneven() if lines_m is None else lines_m
     columns = np.arange(CAMERA.width)
     rows = np.arange(0, CAMERA.height, 3)
     found = []
-    for way in (1, -1):
+    for sign in (1, -1):
         # Going there the image moves to the left: pixels are entered from the right.
-        edge = (columns + 0.5 * way - CAMERA.cx) * PIXEL_M
+        edge = (columns + 0.5 * sign - CAMERA.cx) * PIXEL_M
         x = lines_m[:, None] - edge[None, :]
         line, column = np.nonzero((x > 0) & (x < TRAVEL_M))
         t = course.time_s(x[line, column])
         found.append(
-            (t if way > 0 else course.duration_s - t, column, (line % 2 == 0) == (way > 0))
+            (t if sign > 0 else course.duration_s - t, column, (line % 2 == 0) == (sign > 0))
         )
     t, column, on = (np.concatenate(parts) for parts in zip(*found, strict=True))
     order = np.argsort(t, kind="stable")

@@ -65,7 +65,7 @@ def test_what_is_no_flat_plate_is_refused(points: np.ndarray, says: str) -> None
 
 
 def stop_and_go(t: float) -> float:
-    """Way at a time: 30 ms of standstill, 20 ms of ramp, 60 ms at 0.3 m/s, then slower."""
+    """Travel at a time: 30 ms of standstill, 20 ms of ramp, 60 ms at 0.3 m/s, then slower."""
     ramp, even, after = np.clip(t - 0.03, 0, 0.02), np.clip(t - 0.05, 0, 0.06), max(t - 0.11, 0)
     return float(7.5 * ramp**2 + 0.3 * even + 0.2 * after)
 

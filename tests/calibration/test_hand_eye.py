@@ -130,7 +130,7 @@ def test_poses_give_the_cameras_place(
     assert main(["calibrate", "hand-eye", *scan, "-o", str(turned)]) == 1
     assert "give that with --params" in capsys.readouterr().err
     assert main(["calibrate", "hand-eye", *scan, "--params", str(file), "-o", str(turned)]) == 0
-    assert "doesn't tell the camera's position" in capsys.readouterr().out
+    assert "doesn't show the camera's position" in capsys.readouterr().out
     again = HandEyeSettings.from_yaml(turned, "ur10").hand_eye
     np.testing.assert_allclose(again.position, found.position, atol=1e-6)
     # The poses were right: the camera stays as it was, within half a degree.

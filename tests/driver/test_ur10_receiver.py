@@ -88,24 +88,24 @@ def test_the_receiver_follows_a_controller_through_its_troubles():
         status, samples = running.receiver.status, running.samples
         running.wait_for(20)
 
-        controller.tell("protective_stop")
+        controller.send("protective_stop")
         running.wait(lambda: status.stopped_for_safety)
         assert status.safety == "protective stop"
         running.wait_for(len(samples) + 10)
         assert samples[-1].speed == (0.0,) * 6
-        controller.tell("normal")
+        controller.send("normal")
         running.wait(lambda: not status.stopped_for_safety)
 
-        controller.tell("step_back 10")
+        controller.send("step_back 10")
         running.wait(lambda: status.steps_back == 1)
         running.wait_for(len(samples) + 10)
 
-        controller.tell("silence 0.5")
+        controller.send("silence 0.5")
         running.wait(lambda: "nothing came for 0.15 s" in str(running.changes))
         running.wait_for(len(samples) + 10)
 
         connects = status.connects
-        controller.tell("disconnect")
+        controller.send("disconnect")
         running.wait(lambda: "the connection was lost" in str(running.changes))
         running.wait_for(len(samples) + 10)
         assert status.connects > connects
@@ -123,7 +123,7 @@ def test_late_packets_do_not_move_the_clock():
     with ControllerProcess(clock_ppm=50) as controller, Running() as running:
         for _ in range(2):
             running.wait_for(len(running.samples) + 40)
-            controller.tell("late 0.05")
+            controller.send("late 0.05")
         running.wait_for(len(running.samples) + 40)
     clock = SensorClock()
     late = []

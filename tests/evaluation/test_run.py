@@ -90,9 +90,9 @@ def test_a_scan_is_its_packets_and_its_crossing(stairs: Scan) -> None:
 def test_a_run_that_was_broken_off_goes_on(
     cases: list[Case], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
-    found = run(cases, tmp_path, tell=lambda text, _: told.append(text))
-    assert told == ["stairs at 0.3 m/s", "stairs at 0.5 m/s"]
+    reported: list[str] = []
+    found = run(cases, tmp_path, on_progress=lambda text, _: reported.append(text))
+    assert reported == ["stairs at 0.3 m/s", "stairs at 0.5 m/s"]
     assert [(r["method"], r["speed"]) for r in found] == [
         (c.method, c.scan.speed) for c in cases
     ]  # fmt: skip

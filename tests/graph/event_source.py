@@ -1,4 +1,4 @@
-"""Publishes event packets at a rate, with poses and calibration; tells what it sent.
+"""Publishes event packets at a rate, with poses and calibration; reports what it sent.
 
 Also for measuring a recorder: ``python tests/graph/event_source.py --rate 10 --seconds 60``.
 """

@@ -140,11 +140,11 @@ def take_scan(
         "params": str(overrides),
         "braille": "false",
     }
-    way = scan.write_trajectory(folder / "way.npz")
+    path = scan.write_trajectory(folder / "path.npz")
     seen = watcher.seen
     with (
         ControllerProcess(
-            trajectory=str(way), clock_ppm=ROBOT_PPM, clock_start_s=CONTROLLER_START_S
+            trajectory=str(path), clock_ppm=ROBOT_PPM, clock_start_s=CONTROLLER_START_S
         ) as controller,
         load(ROOT / "launch" / "cell.launch.xml", arguments) as plan,
         Runner(plan) as runner,
@@ -168,7 +168,7 @@ def take_scan(
         assert runner.poll() is None, runner.exit_codes
         start_s = time.monotonic() + 0.5
         to_ros_ns = time.time_ns() - time.monotonic_ns()
-        controller.tell(f"start {start_s!r}")
+        controller.send(f"start {start_s!r}")
         # Written elsewhere first: the camera reads the file as soon as it is there.
         (folder / "start.new").write_text(repr(start_s))
         (folder / "start.new").rename(folder / "start")
@@ -220,7 +220,7 @@ def decoded(packets: list[Any], scan: EmulatedScan) -> tuple[EventArray, I64, I6
 def delay_of(mapped_ns: I64, true_ns: I64, begin_ns: int, what: str) -> int:
     """The constant by which stamps are late while the robot moves; it must be one.
 
-    It is the least delay on the way to the host, which no map between clocks can see and a cell
+    It is the least delay to the host, which no map between clocks can see and a cell
     calibrates.
     """
     moving = (true_ns > begin_ns + HOLD_S * 1e9) & (true_ns < begin_ns + (HOLD_S + 0.42) * 1e9)

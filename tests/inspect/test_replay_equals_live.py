@@ -187,9 +187,9 @@ def test_faults_are_reported_and_it_goes_on(tmp_path: Path) -> None:
     live = Live(tmp_path / "params.yaml", DepthStage)
     assert live.stages[0].health() == (1, "waiting for event_camera/camera_info")
     live.play(write_analytic_bag(tmp_path / "scan", Recipe(edit=edit)))
-    told = " / ".join(map(str, live.faults))
+    reported = " / ".join(map(str, live.faults))
     for part in ("no whole number", "'evt9'", "64×120 px", "quaternion is zero"):
-        assert part in told, told
+        assert part in reported, reported
     assert len(live.faults) == 4
     assert len(live.published["/roller/depth/image"]) >= 3
     counts = live.stages[0].counts()

@@ -155,8 +155,8 @@ def test_braille_can_be_turned_on_the_plate(turn_deg: float):
     straight = scene("braille", text="lab", width_mm=40.0)
     turned = scene("braille", text="lab", width_mm=40.0, turn_deg=turn_deg)
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
-    way = [(m.x - straight.marks[0].x, m.y - straight.marks[0].y) for m in straight.marks]
-    for mark, (x, y) in zip(turned.marks, way, strict=True):
+    places = [(m.x - straight.marks[0].x, m.y - straight.marks[0].y) for m in straight.marks]
+    for mark, (x, y) in zip(turned.marks, places, strict=True):
         first = turned.marks[0]
         assert (mark.x - first.x, mark.y - first.y) == pytest.approx((c * x - s * y, s * x + c * y))
         # Dot 1 of each letter.

@@ -68,8 +68,8 @@ def test_envelope_kernel_equals_its_numpy_twin():
     best = np.full(height.shape, -np.inf)
     for a, b in np.ndindex(height.shape):
         dy, dx = np.abs(i - a), np.abs(j - b)
-        # Shortest way over direct and diagonal neighbours.
-        way = np.maximum(dx, dy) + (np.sqrt(2) - 1) * np.minimum(dx, dy)
-        best = np.maximum(best, height[a, b] - limit * way)
+        # Shortest path over direct and diagonal neighbours.
+        path = np.maximum(dx, dy) + (np.sqrt(2) - 1) * np.minimum(dx, dy)
+        best = np.maximum(best, height[a, b] - limit * path)
     _envelope(height, limit)
     np.testing.assert_allclose(height, best, atol=1e-5)

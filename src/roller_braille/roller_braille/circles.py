@@ -1,4 +1,4 @@
-"""The paper's way to tell a dot: its circle in the cleaned image of a cell."""
+"""How the paper recognises a dot: its circle in the cleaned image of a cell."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ one factor, and the warped events of a point smear over the width of the view ti
 factor at which the image of warped events is sharpest, with the largest sum of squares, is what the
 events say (Gallego, Rebecq and Scaramuzza 2018).
 
-Which of the two is wrong can't be told from it. The travel is scaled, not the depth: an error
+Which of the two is wrong can't be seen from it. The travel is scaled, not the depth: an error
 of 1 mm in depth then leaves all distances 2 % too long or short, which the lattice follows, and one
 of 10 % in speed leaves none.
 """

@@ -113,7 +113,7 @@ class Lattice:
         return float(along), float(down)
 
     def top_at(self, along: float) -> float:
-        """Way down the image of the top row at a place along the roll, metres."""
+        """Distance down the image of the top row at a place along the roll, metres."""
         return self.down + float(np.tan(self.angle)) * (along - self.along)
 
     def assign(self, dots: Dots) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:

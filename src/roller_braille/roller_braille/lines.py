@@ -123,7 +123,7 @@ class LineReader:
         self.cells: list[Seen] = []
 
     def top_at(self, along: float) -> float:
-        """Way down the image of the top row at a place along the roll, metres."""
+        """Distance down the image of the top row at a place along the roll, metres."""
         return self._origin.top_at(along)
 
     @property

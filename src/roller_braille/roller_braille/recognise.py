@@ -32,7 +32,7 @@ _IN_ONE_PLACE = 0.5
 #: What a dot's weakest side has by what the line's less complete dots have there: half a dot, and
 #: surely a whole one.
 _HALF, _WHOLE = 0.4, 0.7
-#: A side of a typical dot with less than this share of its events tells nothing.
+#: A side of a typical dot with less than this share of its events says nothing.
 _TELLING = 0.3
 #: How far off its node a dot may lie, and where it is none of the cell's, metres: of the
 #: virtual cell's dots at 70 % contrast one in a hundred lies further off than the first.
@@ -85,8 +85,8 @@ class Reference:
     complete : float
         Completeness of a dot that is less complete than most, see `completeness`.
     visible : float
-        How sure it is, 0 to 1, that the faintest dot of the line would be told from noise. Where
-        it might not, a place without events may hold a dot.
+        How sure it is, 0 to 1, that the faintest dot of the line stands out of noise. Where it
+        might not, a place without events may hold a dot.
     """
 
     whole: float
@@ -232,7 +232,7 @@ def completeness(shares: F64, expected: F64) -> F64:
     shares : ndarray, shape (n, 4)
         What the halves of dots hold of their events.
     expected : ndarray, shape (4,)
-        What they hold of a typical dot's; a side that has few events at all tells nothing.
+        What they hold of a typical dot's; a side that has few events at all says nothing.
     """
     telling = expected >= _TELLING
     return np.asarray(np.where(telling, shares / expected, 1.0).min(axis=1))

@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 if all was well; 1 after a fault, told in one line; 2 for wrong usage; 128 and a
+        0 if all was well; 1 after a fault, reported in one line; 2 for wrong usage; 128 and a
         signal's number when that ended it (130 after Ctrl-C).
     """
     try:

@@ -151,7 +151,7 @@ def run_until_done(
     timeout_s : float
         Give up after this, s.
     report : callable
-        Told in a line what is going on.
+        Takes a line about what is going on.
 
     Raises
     ------

@@ -16,14 +16,14 @@ from .recordings import Scan
 
 I64 = npt.NDArray[np.int64]
 
-#: Rays that lean further along the way are left out: relief moves them, dx/dz.
+#: Rays that lean further along the path are left out: relief moves them, dx/dz.
 MOST_LEAN = 0.1
 #: Poses are interpolated between grid points this far apart, ns.
 _GRID_NS = 1_000_000
 #: A pass is where the speed is above this share of its highest.
 _MOVING = 0.2
-#: Least way that both passes have been over, metres, and events in each.
-LEAST_WAY_M, LEAST_EVENTS = 0.004, 2000
+#: Least travel that both passes have been over, metres, and events in each.
+LEAST_TRAVEL_M, LEAST_EVENTS = 0.004, 2000
 
 
 class TimeOffsetError(RollerError):
@@ -31,7 +31,7 @@ class TimeOffsetError(RollerError):
 
 
 def central_events(events: EventArray, camera: Camera) -> EventArray:
-    """Events near the image's middle row or column: all that can count, whichever the way."""
+    """Events near the image's middle row or column: all that can count, whichever the direction."""
     reach_u, reach_v = MOST_LEAN * camera.fx, MOST_LEAN * camera.fy
     u, v = events.x.astype(np.float64), events.y.astype(np.float64)
     return events[(np.abs(u - camera.cx) <= reach_u) | (np.abs(v - camera.cy) <= reach_v)]
@@ -39,7 +39,7 @@ def central_events(events: EventArray, camera: Camera) -> EventArray:
 
 @dataclass(frozen=True)
 class Course:
-    """The way of a scan: its direction in base, and place and speed along it on a grid of times."""
+    """A scan's path: its direction in base, and place and speed along it on a grid of times."""
 
     along: F64
     grid_ns: I64
@@ -49,7 +49,7 @@ class Course:
 
 @dataclass(frozen=True)
 class Pass:
-    """Places of one pass: along and across the way, metres; which events are ON."""
+    """Places of one pass: along and across the path, metres; which events are ON."""
 
     along_m: F64
     across_m: F64
@@ -57,7 +57,7 @@ class Pass:
 
 
 def course_of(scan: Scan) -> Course:
-    """Way and speed of a scan along its main direction.
+    """Travel and speed of a scan along its main direction.
 
     Raises
     ------
@@ -70,21 +70,21 @@ def course_of(scan: Scan) -> Course:
     centred = track.positions - track.positions.mean(axis=0)
     along = np.linalg.svd(centred, full_matrices=False)[2][0]
     grid = np.arange(track.start_ns, track.end_ns, _GRID_NS, dtype=np.int64)
-    if len(grid) < 50 or np.ptp(centred @ along) < LEAST_WAY_M:
+    if len(grid) < 50 or np.ptp(centred @ along) < LEAST_TRAVEL_M:
         raise TimeOffsetError(
-            f"the sensor moves by less than {LEAST_WAY_M * 1e3:g} mm: roll it to and fro"
+            f"the sensor moves by less than {LEAST_TRAVEL_M * 1e3:g} mm: roll it to and fro"
         )
-    way = track.sample(grid)[0] @ along
+    travel = track.sample(grid)[0] @ along
     # Poses carry noise of micrometres: the slope over 20 ms.
-    smooth = np.convolve(np.pad(way, 10, mode="edge"), np.full(21, 1 / 21), mode="valid")
+    smooth = np.convolve(np.pad(travel, 10, mode="edge"), np.full(21, 1 / 21), mode="valid")
     speed = np.gradient(smooth, _GRID_NS * 1e-9)
     for sign in (1.0, -1.0):
         moving = sign * speed > _MOVING * np.abs(speed).max()
-        if not moving.any() or np.ptp(way[moving]) < LEAST_WAY_M:
+        if not moving.any() or np.ptp(travel[moving]) < LEAST_TRAVEL_M:
             raise TimeOffsetError(
                 "the scan rolls one way only: roll to and fro over the same place"
             )
-    return Course(along, grid, way, speed)
+    return Course(along, grid, travel, speed)
 
 
 def passes_of(scan: Scan, course: Course, depth_m: float, delay_s: float) -> tuple[Pass, Pass]:
@@ -135,7 +135,7 @@ def closing_speed(course: Course, at_m: F64) -> F64:
     for sign in (1.0, -1.0):
         moving = sign * course.speed_m_s > _MOVING * np.abs(course.speed_m_s).max()
         order = np.argsort(course.travel_m[moving])
-        way, speed = course.travel_m[moving][order], sign * course.speed_m_s[moving][order]
-        both &= (at_m >= way[0]) & (at_m <= way[-1])
-        total += np.interp(at_m, way, speed)
+        travel, speed = course.travel_m[moving][order], sign * course.speed_m_s[moving][order]
+        both &= (at_m >= travel[0]) & (at_m <= travel[-1])
+        total += np.interp(at_m, travel, speed)
     return np.where(both, total, 0.0)

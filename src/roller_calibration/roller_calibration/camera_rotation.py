@@ -26,7 +26,7 @@ from .recordings import Scan
 MOST_TURN_DEG = 3.0
 #: Events that are looked at, in the first search and in each of the parts that are compared.
 _FIRST_EVENTS, _EVENTS, _PARTS = 30_000, 80_000, 4
-_LEAST_EVENTS, _LEAST_WAY_M = 20_000, 0.01
+_LEAST_EVENTS, _LEAST_TRAVEL_M = 20_000, 0.01
 #: Steps of the first search, and blur of its map and the last one's, px.
 _TURNS, _HEIGHTS, _BLURS_PX = 21, 11, (3.0, 1.5)
 #: Edge of the map's cells, of the blur: no whole px, so that rows of pixels lie in them in all
@@ -34,7 +34,7 @@ _TURNS, _HEIGHTS, _BLURS_PX = 21, 11, (3.0, 1.5)
 _CELL, _PAD_PX = 0.488, 120.0
 #: The best map must be this much sharper than the usual one of the first search.
 _LEAST_GAIN = 1.05
-#: The most that a pass may deviate from a straight line, as a share of its way.
+#: The most that a pass may deviate from a straight line, as a share of its path.
 _MOST_BEND = 0.05
 #: Cosine of the largest angle between the optical axis and base's z.
 _LEAST_LEVEL = 0.95
@@ -145,12 +145,12 @@ def _rays(scan: Scan, seed: int) -> tuple[F64, F64, F64]:
     events, camera, track = scan.events, scan.camera, scan.track
     inside = (events.t_ns >= track.start_ns) & (events.t_ns <= track.end_ns)
     number = np.flatnonzero(inside)
-    way = track.positions - track.positions.mean(axis=0)
-    spread = np.linalg.svd(way, compute_uv=False)
-    length = float(np.ptp(way @ np.linalg.svd(way, full_matrices=False)[2][0]))
-    if length < _LEAST_WAY_M:
+    centered = track.positions - track.positions.mean(axis=0)
+    spread = np.linalg.svd(centered, compute_uv=False)
+    length = float(np.ptp(centered @ np.linalg.svd(centered, full_matrices=False)[2][0]))
+    if length < _LEAST_TRAVEL_M:
         raise CameraRotationError(
-            f"the pass is {length * 1e3:.1f} mm long, less than {_LEAST_WAY_M * 1e3:g} mm"
+            f"the pass is {length * 1e3:.1f} mm long, less than {_LEAST_TRAVEL_M * 1e3:g} mm"
         )
     if spread[1] > _MOST_BEND * spread[0]:
         raise CameraRotationError("the pass isn't straight")
@@ -195,9 +195,9 @@ class _Sharpness:
 
     def _places(self, values: F64) -> F64:
         turn = Rotation.from_rotvec(np.radians(values[:3])).as_matrix()
-        way = np.einsum("nij,nj->ni", self._rotations, self._rays @ turn.T)
-        reach = (values[3] - self._positions[:, 2]) / way[:, 2]
-        return np.asarray((self._positions + reach[:, None] * way)[:, :2] / self._cell_m)
+        rays = np.einsum("nij,nj->ni", self._rotations, self._rays @ turn.T)
+        reach = (values[3] - self._positions[:, 2]) / rays[:, 2]
+        return np.asarray((self._positions + reach[:, None] * rays)[:, :2] / self._cell_m)
 
     def __call__(self, values: F64) -> float:
         place = self._places(values) - self._origin

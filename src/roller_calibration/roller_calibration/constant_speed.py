@@ -2,7 +2,7 @@
 
 Where the roller speeds up, a delay of the event stamps that isn't known yet scales depth by
 acceleration × delay / speed: 0.4 ms at 15 m/s² and 0.3 m/s are 1 mm of 45. And between two poses
-the way is taken as straight, which puts a track of 125 Hz off by 0.1 mm at 15 m/s².
+the path is taken as straight, which puts a track of 125 Hz off by 0.1 mm at 15 m/s².
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ def constant_speed_part(scan: Scan, least_m: float) -> Scan:
     scan : Scan
         The pass.
     least_m : float
-        Way that the part must have, metres.
+        Travel that the part must have, metres.
 
     Returns
     -------
     Scan
-        With the events of the longest way whose speed stays within a twentieth of some speed.
+        With the events of the longest path whose speed stays within a twentieth of some speed.
 
     Raises
     ------
@@ -53,15 +53,15 @@ def constant_speed_part(scan: Scan, least_m: float) -> Scan:
     if len(times):
         ends = [track.sample(times + side * _HALF_SPAN_NS)[0] for side in (-1, 1)]
         speed = np.linalg.norm(ends[1] - ends[0], axis=1) / (2e-9 * _HALF_SPAN_NS)
-        way = np.concatenate([[0.0], np.cumsum(speed)]) * _STEP_NS * 1e-9
+        travel = np.concatenate([[0.0], np.cumsum(speed)]) * _STEP_NS * 1e-9
         # Each speed that occurs, in steps finer than what may differ.
         moving = np.log(speed[speed > _MOVING * speed.max()])
         for usual in np.exp(np.unique(np.rint(moving / _FINE)) * _FINE):
             even = np.abs(speed - usual) <= _UNEVEN * usual
             edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]])))
             for a, b in edges.reshape(-1, 2):
-                if way[b] - way[a] > length_m:
-                    begin, end, length_m = int(a), int(b), float(way[b] - way[a])
+                if travel[b] - travel[a] > length_m:
+                    begin, end, length_m = int(a), int(b), float(travel[b] - travel[a])
     if length_m < least_m:
         raise SpeedError(
             f"{scan.name}: {length_m * 1e3:.1f} mm at one speed, less than {least_m * 1e3:g} mm: "

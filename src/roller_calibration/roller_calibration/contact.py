@@ -190,7 +190,7 @@ def contact_windows(scan: Scan, settings: DepthSettings, sphere: Sphere) -> list
     Raises
     ------
     SphereError
-        If there are none: the sphere lies beside the way, or the pass stops short of it.
+        If there are none: the sphere lies beside the path, or the pass stops short of it.
     """
     camera, found = scan.camera, []
     for prepared in _prepared(scan, settings):

@@ -97,7 +97,7 @@ def find_plate(points_m: F64, pose: F64, camera: Camera) -> FlatPlate:
     if len(cells) < _LEAST_CELLS or (high - low).min() < _LEAST_REACH_M:
         raise FlatError(
             f"depths over {(high - low)[0] * 1e3:.1f} × {(high - low)[1] * 1e3:.1f} mm alone: too "
-            "little of the plate to tell a plane"
+            "little of the plate to find a plane"
         )
     design = np.column_stack([np.ones(len(cells)), cells[:, :2]])
     weight = np.ones(len(cells))

@@ -182,7 +182,7 @@ class GridSearch(ABC):
 
     @abstractmethod
     def _errors(self, part: int, report: Callable[[float], None]) -> tuple[F64, I64]:
-        """Errors and points of a part; tells the share done."""
+        """Errors and points of a part; reports the share done."""
 
 
 class PaperSearch(GridSearch):
@@ -256,7 +256,7 @@ def _load(path: Path, key: Mapping[str, Any], table: ErrorTable) -> None:
     if other or errors.shape != table.errors_m.shape or not np.array_equal(pixels, table.pixels):
         raise CalibrationError(
             f"{path}: the state is of other {', '.join(other) or 'windows'}; give the same, or "
-            "leave out --resume to start anew"
+            "leave out --resume to start again"
         )
     table.errors_m[:], table.points[:] = errors, points
 

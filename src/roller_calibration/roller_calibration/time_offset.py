@@ -1,15 +1,15 @@
 """How far event stamps lag the robot's poses, from scans that go to and fro.
 
-An event stamped `delay` too late is put `delay` times the speed too far along the way. Going
-back over the same place it is put too far the other way. What brightens a pixel on the way there
-darkens it on the way back: ON events of one pass are compared with OFF events of the other.
+An event stamped `delay` too late is put `delay` times the speed too far along the path. Going
+back over the same place it is put too far the other direction. What brightens a pixel going there
+darkens it coming back: ON events of one pass are compared with OFF events of the other.
 
 A pixel fires when brightness has changed by its threshold, which is past the middle of a soft
-edge, from either side. That lag is a way, not a time. So the passes' maps lie
+edge, from either side. That lag is a length, not a time. So the passes' maps lie
 
     lag = 2 · late + (forward + backward speed) · delay
 
-apart, and two speeds tell the two from each other: those of two scans, or of a ramp and a steady
+apart, and two speeds separate the two: those of two scans, or of a ramp and a steady
 stretch of one.
 """
 
@@ -26,7 +26,7 @@ from roller_core.transforms import F64
 
 from .bidirectional import (
     LEAST_EVENTS,
-    LEAST_WAY_M,
+    LEAST_TRAVEL_M,
     Course,
     Pass,
     TimeOffsetError,
@@ -45,7 +45,7 @@ _WIDE_PX = 20.0
 #: Least correlation of the two passes, and share of it that a second place may reach.
 _LEAST_CORRELATION, _MOST_RIVAL = 0.1, 0.9
 #: Stretches whose speeds differ by more than this ratio are judged apart; and the ratio from
-#: which on a way can be told from a time.
+#: which a travel can be distinguished from a time.
 _ALIKE, _APART = 1.25, 1.5
 _ROUNDS = 6
 #: A lag is no better than this share of a pixel, however well strips agree.
@@ -63,7 +63,7 @@ class TimeOffset:
     deviation_s : float
         Standard error by the scatter of strips of the image, seconds.
     late_m : float or None
-        Way past an edge at which its events come, metres; None where one speed can't tell it:
+        Travel past an edge at which its events come, metres; None where one speed can't show it:
         then the delay holds it too.
     speeds_m_s : tuple of float
         Mean speeds that were compared, m/s.
@@ -115,7 +115,7 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float, most_s: float = 
                 f"no offset within ±{most_s * 1e3:g} ms makes the passes agree; are poses and "
                 "events of the same clock?"
             )
-    # Larger than strips of the image tell where the stretches themselves don't agree.
+    # Larger than strips of the image say where the stretches themselves don't agree.
     rest = target - design @ solution
     spread = np.sqrt((rest @ rest) / max(len(lags) - len(solution), 1)) if len(lags) > 2 else 1.0
     deviation = float(np.sqrt(np.linalg.inv(design.T @ design)[0, 0])) * max(float(spread), 1.0)
@@ -144,10 +144,10 @@ def _lags(scan: Scan, course: Course, depth_m: float, delay_s: float, most_s: fl
     pixel_m = depth_m / scan.camera.fx
     low = max(forward.along_m.min(), back.along_m.min())
     high = min(forward.along_m.max(), back.along_m.max())
-    if high - low < LEAST_WAY_M:
+    if high - low < LEAST_TRAVEL_M:
         raise TimeOffsetError(
-            f"the two passes share {max(high - low, 0) * 1e3:.1f} mm of the way, less than "
-            f"{LEAST_WAY_M * 1e3:g} mm: roll back over the same place"
+            f"the two passes share {max(high - low, 0) * 1e3:.1f} mm of the path, less than "
+            f"{LEAST_TRAVEL_M * 1e3:g} mm: roll back over the same place"
         )
     top = min(forward.across_m.min(), back.across_m.min())
     bottom = max(forward.across_m.max(), back.across_m.max())
@@ -168,7 +168,7 @@ def _lags(scan: Scan, course: Course, depth_m: float, delay_s: float, most_s: fl
     for k in np.unique(level[closing > 0]):
         own = level == k
         events = int(counts[own].sum())
-        if own.sum() * pixel_m < LEAST_WAY_M / 2 or events < 2 * LEAST_EVENTS:
+        if own.sum() * pixel_m < LEAST_TRAVEL_M / 2 or events < 2 * LEAST_EVENTS:
             continue
         speed = float(np.average(closing[own], weights=counts[own]))
         lag = _compare([(a, b * own) for a, b in maps], pixel_m, speed, most_s)

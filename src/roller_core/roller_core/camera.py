@@ -87,7 +87,7 @@ class Camera:
 
     @property
     def intrinsics(self) -> tuple[float, ...]:
-        """What tells cameras apart: width, height, fx, fy, cx, cy (px), distortion."""
+        """What distinguishes cameras: width, height, fx, fy, cx, cy (px), distortion."""
         plain = (self.width, self.height, self.fx, self.fy, self.cx, self.cy)
         return tuple(map(float, plain + self.distortion))
 

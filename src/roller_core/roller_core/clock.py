@@ -36,13 +36,13 @@ _MAX_SLEW = 200e-6
 _FLOOR = 0.1
 #: A message may be early by what a young map is wrong; by more the clock has jumped.
 _EARLY_NS = 5_000_000
-#: A block that is later than this was held up: it tells nothing of the clock...
+#: A block that is later than this was held up: it says nothing of the clock...
 _LATE_NS = 5_000_000
 #: ... unless all are, one after the other: then the clock has jumped.
 _MAX_LATE_BLOCKS = 10
 #: Nothing is held up for so long.
 _STEP_NS = 5_000_000_000
-#: A device's clock that goes back by more than this was set anew.
+#: A device's clock that goes back by more than this was set again.
 _BACK_NS = 500_000_000
 
 
@@ -52,7 +52,7 @@ class SensorClock:
     The map is a function of the pairs in their order alone, so a replay gives the times that the
     live graph gave. After the first second it moves by at most 200 µs a second. Messages that are
     held up for seconds leave it as it is. Where the clock has jumped, the device's or the host's,
-    it starts anew: at once when time went back or messages come early, after five seconds when
+    it restarts: at once when time went back or messages come early, after five seconds when
     all come late, which a jam can't tell from a jump before.
     """
 

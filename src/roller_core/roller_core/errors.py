@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class RollerError(Exception):
-    """A fault that is told to the user in one line: what is wrong, where, what to do.
+    """A fault that is reported to the user in one line: what is wrong, where, what to do.
 
     Commands print the message and exit non-zero; nodes report it as a diagnostic and go on.
     """

@@ -1,4 +1,4 @@
-"""When the sensor rolls, stands, turns back or leaves its way, found from its poses alone.
+"""When the sensor rolls, stands, turns back or leaves its path, found from its poses alone.
 
 A pass is one roll over the surface in one direction; it ends when the sensor stands still, turns
 back, leaves its line or when poses are missing. Within a pass, spans are the times it moves on.

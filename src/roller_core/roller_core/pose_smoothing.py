@@ -54,7 +54,7 @@ class StampSmoother(Generic[T]):
         return [self._hand_out()] if waiting > self.neighbours else []
 
     def finish(self) -> list[tuple[int, T]]:
-        """Hand out what waits, with the neighbours that there are, and start anew."""
+        """Hand out what waits, with the neighbours that there are, and restart."""
         out = []
         while self._done < len(self._items):
             out.append(self._hand_out())

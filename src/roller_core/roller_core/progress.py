@@ -1,4 +1,4 @@
-"""Progress bars and status lines that stay out of the way of pipes."""
+"""Progress bars and status lines that keep out of pipes."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-#: Told what is being done and the share done, 0–1.
-Tell = Callable[[str, float], None]
+#: Takes what is being done and the share done, 0–1.
+OnProgress = Callable[[str, float], None]
 
-#: How often a status is told where there is no terminal, s.
-_TOLD_EVERY_S = 10.0
+#: How often a status is printed where there is no terminal, s.
+_PRINT_EVERY_S = 10.0
 
 
-def tell_nobody(_text: str, _share: float) -> None:
-    """Where nobody wants to know."""
+def no_progress(_text: str, _share: float) -> None:
+    """Show no progress."""
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def status_line() -> Iterator[tuple[Callable[[str], None], Callable[[str], None]
     ------
     show : callable
         Takes the new line. Where there is no terminal, one is printed now and then.
-    tell : callable
+    report : callable
         Prints a line that stays.
     """
     console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -56,7 +56,7 @@ def status_line() -> Iterator[tuple[Callable[[str], None], Callable[[str], None]
 
         def now_and_then(line: str) -> None:
             nonlocal last
-            if time.monotonic() - last >= _TOLD_EVERY_S:
+            if time.monotonic() - last >= _PRINT_EVERY_S:
                 last = time.monotonic()
                 console.print(line, markup=False)
 

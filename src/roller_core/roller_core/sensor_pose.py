@@ -218,8 +218,8 @@ class SensorFrames:
         Raises
         ------
         PoseError
-            If it is not finite, time runs backwards or no arm gets there in the time (told once a
-            second); the track is unchanged.
+            If it is not finite, time runs backwards or no arm gets there in the time (reported
+            once a second); the track is unchanged.
         """
         if (parent, child) != (self.base, self.moving):
             if len(self._others) < _MOST_OTHERS:
@@ -255,7 +255,7 @@ class SensorFrames:
         Raises
         ------
         PoseJumpError
-            If so, and that was not told within the last second.
+            If so, and that was not reported within the last second.
         """
         if self._newest is None:
             return False

@@ -112,7 +112,7 @@ class Ur10Node(Node):
             )
         elif jumped:
             level = diagnostics.WARN
-            text = "the controller's clock has jumped against the host's; its map is started anew"
+            text = "the controller's clock has jumped against the host's; its map restarts"
         elif missed:
             level, text = diagnostics.WARN, f"{missed} poses were missed"
         elif p.publish_hand_eye and not p.hand_eye_known:

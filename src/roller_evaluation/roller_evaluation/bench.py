@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.output_folder import make_folder
-from roller_core.progress import Tell, tell_nobody
+from roller_core.progress import OnProgress, no_progress
 
 from .bench_plan import BenchOptions, depth_cases, fixed_cases
 from .bench_plots import draw_scaling, draw_speed_vs_error
@@ -29,7 +29,9 @@ _LEAST_EDGES = 0.5
 _TIMES = ("ms", "ms_p95", "ms_per_mev", "cpu_ms", "cpu_ms_per_mev")
 
 
-def run_bench(options: BenchOptions, output: Path, tell: Tell = tell_nobody) -> dict[str, Any]:
+def run_bench(
+    options: BenchOptions, output: Path, on_progress: OnProgress = no_progress
+) -> dict[str, Any]:
     """Measure everything and write `bench.json`, `bench.md`, `rows.csv` and the pictures.
 
     Parameters
@@ -38,7 +40,7 @@ def run_bench(options: BenchOptions, output: Path, tell: Tell = tell_nobody) -> 
         Size of the run.
     output : path
         Folder for the results; scans are kept in `scans` there.
-    tell : callable
+    on_progress : callable
         Takes what is being done and the share done, 0–1.
 
     Returns
@@ -57,14 +59,14 @@ def run_bench(options: BenchOptions, output: Path, tell: Tell = tell_nobody) -> 
     o = options
     scans = ScanStore(output / "scans", hold=len(o.objects) * (len(o.speeds) + 1), threads=0)
 
-    def part(first: float, last: float) -> Tell:
-        return lambda text, share: tell(text, first + (last - first) * share)
+    def part(first: float, last: float) -> OnProgress:
+        return lambda text, share: on_progress(text, first + (last - first) * share)
 
     rows = run_timed(depth_cases(o), scans, o.repeats, o.case_budget_s, part(0.0, 0.7))
     scaling = scaling_cases(o.scan(o.dense[0], o.fixed_speed), o)
     # The first round compiles and doesn't count.
-    grown = run_timed(scaling, scans, o.repeats + 1, tell=part(0.7, 0.85))
-    fixed = run_timed(fixed_cases(o), scans, 1, tell=part(0.85, 0.95))
+    grown = run_timed(scaling, scans, o.repeats + 1, on_progress=part(0.7, 0.85))
+    fixed = run_timed(fixed_cases(o), scans, 1, on_progress=part(0.85, 0.95))
     cases = summarise(rows)
     result: dict[str, Any] = {
         "version": 3,
@@ -77,7 +79,7 @@ def run_bench(options: BenchOptions, output: Path, tell: Tell = tell_nobody) -> 
         "fixed": fixed,
         "slider": run_slider(o.slider, o.repeats) if o.slider is not None else [],
     }
-    tell("results", 1.0)
+    on_progress("results", 1.0)
     write_rows([*rows, *result["growth"], *fixed, *result["slider"]], output / "rows.csv")
     write_json(result, output / "bench.json")
     about = f"{result['machine']['processor']}, {result['machine']['cores']} cores."

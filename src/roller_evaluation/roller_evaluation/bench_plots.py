@@ -47,7 +47,7 @@ def speed_vs_error(result: dict[str, Any]) -> tuple[Figure, Axes, Axes]:
     """The picture of `draw_speed_vs_error`, not yet saved, and its two parts.
 
     The first is by time a window, for what makes depth maps; the second by time for a million
-    events, which also tells where windows are of different lengths or there are none.
+    events, which also holds where windows are of different lengths or there are none.
     """
     figure, (left, right) = plt.subplots(
         1, 2, sharey=True, figsize=(13, 6.5), dpi=80, layout="constrained"

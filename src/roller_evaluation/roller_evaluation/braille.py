@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_braille.reader_settings import POSE_SMOOTHING, BrailleSettings
-from roller_core.progress import Tell, tell_nobody
+from roller_core.progress import OnProgress, no_progress
 from roller_sim.cell_settings import SensorSettings
 
 from .cases import Case, ScanCase
@@ -109,7 +109,7 @@ class BrailleOptions:
 
 
 def run_braille(
-    options: BrailleOptions, output: Path, tell: Tell = tell_nobody, jobs: int = 1
+    options: BrailleOptions, output: Path, on_progress: OnProgress = no_progress, jobs: int = 1
 ) -> dict[str, Any]:
     """Simulate plates, read them, and write `braille.json` and `braille.png`.
 
@@ -121,7 +121,7 @@ def run_braille(
         Size of the experiment.
     output : path
         Folder for the results.
-    tell : callable
+    on_progress : callable
         Takes what is being done and the share done, 0–1.
     jobs : int
         Processes.
@@ -140,7 +140,7 @@ def run_braille(
     """
     from .braille_plot import draw
 
-    rows = run(braille_cases(options), output / "passes", jobs, tell)
+    rows = run(braille_cases(options), output / "passes", jobs, on_progress)
     result = {
         "version": 2,
         "options": asdict(options),

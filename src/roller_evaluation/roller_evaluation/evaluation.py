@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.output_folder import make_folder
-from roller_core.progress import Tell, tell_nobody
+from roller_core.progress import OnProgress, no_progress
 
 from .braille import BrailleOptions, run_braille
 from .braille_tables import tables as braille_tables
@@ -38,7 +38,7 @@ _COLOURS = ("jet", "cividis")
 
 
 def run_evaluation(
-    options: EvaluationOptions, output: Path, jobs: int = 1, tell: Tell = tell_nobody
+    options: EvaluationOptions, output: Path, jobs: int = 1, on_progress: OnProgress = no_progress
 ) -> dict[str, Any]:
     """Run experiments, and write `index.html`, `evaluation.json` and `rows.csv`.
 
@@ -53,7 +53,7 @@ def run_evaluation(
         Folder for the results.
     jobs : int
         Processes.
-    tell : callable
+    on_progress : callable
         Takes what is being done and the share done, 0–1.
 
     Returns
@@ -70,8 +70,8 @@ def run_evaluation(
     """
     make_folder(output / "passes")
 
-    def part(first: float, last: float) -> Tell:
-        return lambda text, share: tell(text, first + (last - first) * share)
+    def part(first: float, last: float) -> OnProgress:
+        return lambda text, share: on_progress(text, first + (last - first) * share)
 
     o, only = options, options.only
     rows = run(experiment_cases(o), output / "passes", jobs, part(0.0, 1 - _AFTER))
@@ -82,13 +82,13 @@ def run_evaluation(
     if "speed" in only:
         figures["speed"] = [("Error and coverage by speed", draw_speed(rows, o))]
     if "objects" in only and o.pictures:
-        tell("pictures", 1 - _AFTER)
+        on_progress("pictures", 1 - _AFTER)
         figures["objects"] = _pictures(o)
     if "time" in only:
         scans = ScanStore(hold=2 * len(o.objects), threads=0)
         repeats = 2 if o.quick else 5
         result["time"] = run_timed(
-            timed_cases(o), scans, repeats, tell=part(1 - 0.8 * _AFTER, 1 - 0.5 * _AFTER)
+            timed_cases(o), scans, repeats, on_progress=part(1 - 0.8 * _AFTER, 1 - 0.5 * _AFTER)
         )
         shown["time"] = [processing_time(result["time"])]
     if "braille" in only:

@@ -40,7 +40,7 @@ def page(
     settings : str
         All settings, as text.
     """
-    told = Table("This run", ("", ""), [(k, str(v)) for k, v in facts.items()])
+    facts_table = Table("This run", ("", ""), [(k, str(v)) for k, v in facts.items()])
     parts = [
         "<!doctype html>", '<html lang="en"><head><meta charset="utf-8">',
         "<title>Evaluation of the roller</title>", f"<style>{_STYLE}</style></head><body>",
@@ -48,7 +48,7 @@ def page(
         "<p>The paper's experiments on the virtual cell, beside the paper's figures of a real "
         "sensor. The virtual cell was not fitted to them: compare methods within a table, and "
         "orders of magnitude with the paper.</p>",
-        f"<details><summary>This run</summary>{_table(told)}</details>",
+        f"<details><summary>This run</summary>{_table(facts_table)}</details>",
     ]  # fmt: skip
     for title, tables, figures in sections:
         parts.append(f"<h2>{escape(title)}</h2>")

@@ -17,7 +17,7 @@ from .rows import Row, deviation, mean
 
 #: What the colours span beyond the relief, mm.
 _AROUND_MM = 0.1
-#: Depth of the plate where no depth map tells it, mm.
+#: Depth of the plate where no depth map gives it, mm.
 _MIDDLE_MM = 45.0
 #: Points of a cloud that are drawn, at most.
 _MOST_POINTS = 20_000

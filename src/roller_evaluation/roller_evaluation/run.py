@@ -10,7 +10,7 @@ from joblib import Memory, Parallel, delayed
 
 from roller_core.opencv import one_opencv_thread
 from roller_core.output_folder import make_folder
-from roller_core.progress import Tell, tell_nobody
+from roller_core.progress import OnProgress, no_progress
 
 from .cases import Case, source_digest
 from .measures import MEASURES, TIMES, warm_up
@@ -24,7 +24,9 @@ _PACKAGES = (
 )  # fmt: skip
 
 
-def run(cases: Sequence[Case], folder: Path, jobs: int = 1, tell: Tell = tell_nobody) -> list[Row]:
+def run(
+    cases: Sequence[Case], folder: Path, jobs: int = 1, on_progress: OnProgress = no_progress
+) -> list[Row]:
     """Measure cases, or take what an earlier run left of the same.
 
     Parameters
@@ -35,7 +37,7 @@ def run(cases: Sequence[Case], folder: Path, jobs: int = 1, tell: Tell = tell_no
         Where each case's rows are kept, so that a run that was broken off goes on.
     jobs : int
         Processes; with one it is this process.
-    tell : callable
+    on_progress : callable
         Takes what was done and the share done, 0–1.
 
     Returns
@@ -65,7 +67,7 @@ def run(cases: Sequence[Case], folder: Path, jobs: int = 1, tell: Tell = tell_no
     for done, name in enumerate(
         work(delayed(_measure_scan)(kept, source, group, threads) for group in groups), 1
     ):
-        tell(name, done / len(groups))
+        on_progress(name, done / len(groups))
     return [{**case.columns, **row} for case in cases for row in kept(case.key, source, case, None)]
 
 
@@ -89,7 +91,7 @@ def run_timed(
     scans: ScanStore,
     repeats: int,
     budget_s: float = float("inf"),
-    tell: Tell = tell_nobody,
+    on_progress: OnProgress = no_progress,
 ) -> list[Row]:
     """Measure cases with their times, one after the other in this process.
 
@@ -106,7 +108,7 @@ def run_timed(
         Rounds; each gives a row a case, with its number as `run`.
     budget_s : float
         A case that has taken longer stays out of further rounds.
-    tell : callable
+    on_progress : callable
         Takes what is being done and the share done, 0–1.
     """
     one_opencv_thread()
@@ -117,7 +119,7 @@ def run_timed(
         for k, case in enumerate(cases):
             if spent_ms[k] > 1e3 * budget_s:
                 continue
-            tell(f"{case.method}, {case.scan.scene}", (number + k / len(cases)) / repeats)
+            on_progress(f"{case.method}, {case.scan.scene}", (number + k / len(cases)) / repeats)
             scan = scans.get(case.scan)
             if (case.method, str(case.settings)) not in warm:
                 warm.add((case.method, str(case.settings)))

@@ -157,7 +157,7 @@ class Inspection:
         self._report(self._all(self._of_events, lambda stage: stage.take_events(events)))
 
     def restart(self) -> None:
-        """Begin anew: the source of the events was started again."""
+        """Restart: the source of the events was started again."""
         for stage in self._of_events:
             stage.restart()
 

@@ -47,7 +47,7 @@ def replay(
     braille : bool
         Whether to read Braille.
     progress : callable, optional
-        Told the share done, 0–1.
+        Takes the share done, 0–1.
 
     Returns
     -------

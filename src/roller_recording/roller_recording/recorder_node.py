@@ -19,7 +19,7 @@ from roller_ros.parameters import declare_settings
 
 from .writing import BagWriter, Recorder
 
-#: How long the node writes what waits when it is told to end, s; whoever started it kills it at
+#: How long the node writes what waits when it is asked to end, s; whoever started it kills it at
 #: ten.
 _DRAIN_S = 7.0
 
@@ -73,8 +73,8 @@ class RecorderNode(Node):
     def faults(self) -> list[str]:
         """One line for each thing that went wrong so far."""
         recorder = self.recorder
-        told = [] if recorder.fault is None else [str(recorder.fault)]
-        return told + [f"lost: {line}" for line in recorder.losses.lines(recorder.start_ns)]
+        lines = [] if recorder.fault is None else [str(recorder.fault)]
+        return lines + [f"lost: {line}" for line in recorder.losses.lines(recorder.start_ns)]
 
     def missing(self) -> list[str]:
         """Topics that a replay needs and on which nothing came so far."""

@@ -28,7 +28,7 @@ _POSE_LATENCY_US = 1500.0
 
 
 class Path:
-    """The camera's true way: ramps, constant speed, standstill, and a little vibration.
+    """The camera's true path: ramps, constant speed, standstill, and a little vibration.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class Path:
         Parameters
         ----------
         length_m : float
-            Longest way between two times.
+            Longest path between two times.
         longest_s : float
             Longest time, for standstill.
 

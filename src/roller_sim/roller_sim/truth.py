@@ -37,7 +37,7 @@ _RETIRED = {
 
 
 class Truth:
-    """The true surface, camera way and text of a simulated scan.
+    """The true surface, camera path and text of a simulated scan.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ class CameraModel:
 
     @property
     def streaming(self) -> bool:
-        """Whether it was told to send."""
+        """Whether it was asked to send."""
         if self.firmware >= p.FIRST_NEW_FIRMWARE:
             return self.values.get((p.MODULE_DVS, p.DVS_RUN), 0) == 1
         return self.values.get((p.MODULE_SENSOR, p.REG_MODE), 0) == p.MODE_STREAM

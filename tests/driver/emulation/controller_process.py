@@ -1,4 +1,4 @@
-"""Starts the emulated controller in a process of its own and tells it what to do.
+"""Starts the emulated controller in a process of its own and sends it commands.
 
 The robot's library always uses port 30004, so each process of pytest has a controller at a
 loopback address of its own, `own.LOOPBACK`.
@@ -56,7 +56,7 @@ class ControllerProcess:
         )
         self.begin_s = float(line.split()[1])
 
-    def tell(self, line: str) -> None:
+    def send(self, line: str) -> None:
         """Give it a command."""
         assert self._process is not None
         assert self._process.stdin is not None

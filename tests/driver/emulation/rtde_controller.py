@@ -45,7 +45,7 @@ class Settings:
         `still`, `line` (to and fro along x at constant speed) or `circle`.
     trajectory : str
         In place of a profile, a file (.npz): times `t_s` and poses `pose`, shape (n, 6); linear
-        between them, at rest before `start` was told and after the end.
+        between them, at rest before `start` was sent and after the end.
     speed_m_s, length_m : float
         Of the line; the circle has that speed and `length_m` as its diameter.
     start : tuple of float
@@ -187,7 +187,7 @@ class ControllerModel:
         self.trajectory = Trajectory(settings.trajectory) if settings.trajectory else None
 
     def run(self) -> None:
-        """Serve until told to quit."""
+        """Serve until asked to quit."""
         period = 1.0 / self.settings.rate_hz
         begin = self.begin_s = time.monotonic()
         tick = 0

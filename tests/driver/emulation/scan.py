@@ -81,15 +81,15 @@ class EmulatedScan:
     def camera_track(
         self, t_s: npt.ArrayLike, stamps_ns: npt.ArrayLike, max_gap_s: float
     ) -> PoseTrack:
-        """True camera poses in base at times since the begin, stamped as told."""
+        """True camera poses in base at times since the begin, stamped as asked."""
         track = PoseTrack(max_gap_s)
         turn = matrix_to_quaternion(CAMERA_DOWN)
         grid = np.arange(0.0, self.cell.duration_s + _GRID_S, _GRID_S)
-        way = self.cell.path.in_base(grid)
+        path = self.cell.path.in_base(grid)
         t = np.clip(np.asarray(t_s, np.float64), 0.0, None)
         for stamp, row in zip(
             np.asarray(stamps_ns, np.int64),
-            np.stack([np.interp(t, grid, column) for column in way.T], axis=1),
+            np.stack([np.interp(t, grid, column) for column in path.T], axis=1),
             strict=True,
         ):
             track.append(int(stamp), row, turn)

@@ -28,7 +28,7 @@ HELD_VARIABLE = "EMULATED_CAMERA_HELD"
 
 
 def from_environment() -> EmulatedBackend:
-    """A backend with one camera that sends the words in a file, over and over where told.
+    """A backend with one camera that sends the words in a file, over and over where asked.
 
     For nodes, which are processes of their own: parameter `backend` =
     `driver.emulation.usb_backend:from_environment`. EMULATED_CAMERA_PACE has the settings of a

@@ -82,7 +82,7 @@ def test_a_calibration_must_be_of_numbers(field: str, bad: float) -> None:
 
 
 def test_a_distortion_that_folds_the_image_is_refused() -> None:
-    """Two directions on one pixel: what the outer pixels look at can't be told."""
+    """Two directions on one pixel: what the outer pixels look at can't be known."""
     with pytest.raises(CameraError, match="distortion"):
         Camera(**WIDE, distortion=(-1.5, 0.0, 0.0, 0.0, 0.0)).undistortion_table()  # type: ignore[arg-type]
 
@@ -103,7 +103,7 @@ def test_a_pose_must_be_of_numbers(bad: float) -> None:
 
 @pytest.mark.parametrize("bad", [NAN, INF])
 def test_a_mounting_must_be_of_numbers(bad: float) -> None:
-    """The static way from tool to camera says so itself, not each pose after it."""
+    """The static transform from tool to camera says so itself, not each pose after it."""
     frames = SensorFrames()
     sensor = "event_camera_optical_frame"
     with pytest.raises(PoseValueError, match=f"tool0_controller.*{sensor}"):

@@ -93,7 +93,7 @@ def judge_clock(facts: ClockFacts) -> Result:
             "wait until NTP has set it right: stamps of events and poses lag meanwhile",
         )
     if facts.synchronised is None:
-        return ok(name, f"{rate}; the kernel tells no more")
+        return ok(name, f"{rate}; the kernel says no more")
     if not facts.synchronised:
         return warning(
             name,

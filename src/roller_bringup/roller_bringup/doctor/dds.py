@@ -56,7 +56,7 @@ class Exchange:
     small, large : int
         Messages received, of `dds_peer.MESSAGES` each.
     milliseconds : float
-        Median of the large ones' time on the way; 0 where none came.
+        Median of the large ones' time in transit; 0 where none came.
     fault : str
         Why nothing could be tried.
     """
@@ -180,7 +180,7 @@ def _exchange(timeout_s: float) -> Exchange:
         while time.monotonic() < end and min(map(len, arrivals.values())) < MESSAGES:
             executor.spin_once(timeout_sec=0.05)
             if peer.poll() is not None:
-                end = min(end, time.monotonic() + 0.5)  # what is on the way may still come
+                end = min(end, time.monotonic() + 0.5)  # what is in transit may still come
     finally:
         peer.kill()
         peer.wait()

@@ -45,7 +45,7 @@ def examine(request: Request, report: Callable[[str], None] = lambda _: None) ->
     request : Request
         What is asked for.
     report : callable
-        Told what is being looked at.
+        Takes the name of each check before it runs.
     """
     try:
         share: Path | None = package_share("roller_bringup")

@@ -37,7 +37,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     given.add_argument(
         "--scan", type=Path, metavar="RECORDING",
         help="a straight pass over a flat plate with texture, level in base: how the camera is "
-        "turned; its position on the tool can't be told from it",
+        "turned; its position on the tool can't be found from it",
     )  # fmt: skip
 
 
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     Raises
     ------
     RollerError
-        If the file can't be read or its poses tell nothing.
+        If the file can't be read or its poses give nothing.
     """
     return _from_scan(args) if args.scan else _from_pairs(args)
 
@@ -82,7 +82,7 @@ def _from_scan(args: argparse.Namespace) -> int:
     )
     if args.output and not known.hand_eye_known:
         raise CalibrationError(
-            "a scan tells how the camera is turned against the place it was recorded with: give "
+            "a scan shows how the camera is turned against the place it was recorded with: give "
             "that with --params (ur10: hand_eye_m, hand_eye_quaternion), or leave out --output"
         )
     settings = InspectionSettings.load(args.params).depth
@@ -96,7 +96,7 @@ def _from_scan(args: argparse.Namespace) -> int:
     )
     lines = [
         f"the camera is turned by {each} against its poses ({found.events} events)",
-        "a scan doesn't tell the camera's position on the tool, nor a tilt of the plate from one "
+        "a scan doesn't show the camera's position on the tool, nor a tilt of the plate from one "
         "of the camera",
     ]
     pose = known.hand_eye.matrix

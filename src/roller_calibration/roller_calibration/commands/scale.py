@@ -19,7 +19,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     parser.add_argument("--readings-mm", required=True, metavar="A,B,…", help="openings, mm")
     parser.add_argument("--pixels", required=True, metavar="A,B,…", help="the same in the image")
     parser.add_argument(
-        "--camera", type=Path, metavar="FILE", help="calibration, to tell the surface's depth"
+        "--camera", type=Path, metavar="FILE", help="calibration, to find the surface's depth"
     )
     parser.set_defaults(run=run)
 

@@ -23,7 +23,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "delay of event stamps against poses",
         "By how much event stamps lag the robot's poses, from recordings of scans that roll to "
         "and fro over a surface with relief. Two recordings at speeds that differ by half or more "
-        "tell the delay from what edges lag by themselves.",
+        "separate the delay from what edges lag by themselves.",
     )
     parser = add_kind(kinds, "time-offset", run, "the depth range of emvs", texts)
     parser.add_argument(
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     Raises
     ------
     RollerError
-        If a recording can't be read or tells nothing, or the file can't be written.
+        If a recording can't be read or gives nothing, or the file can't be written.
     """
     from roller_calibration.bidirectional import central_events
     from roller_calibration.recordings import read_scans
@@ -68,7 +68,7 @@ def _describe(found: TimeOffset) -> list[str]:
     if found.late_m is None:
         lines.append(
             "this holds what edges lag by themselves, about a tenth of a millimetre over the "
-            "speed; give another recording at half or twice the speed to tell them apart"
+            "speed; give another recording at half or twice the speed to separate them"
         )
     else:
         lines.append(f"events come {found.late_m * 1e6:.0f} µm behind their edges at any speed")

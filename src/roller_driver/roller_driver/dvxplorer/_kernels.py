@@ -51,7 +51,7 @@ def _take_reference(w, s, c):  # type: ignore[no-untyped-def]
         if ahead <= _MAX_AHEAD_MS:
             s[EXTENDED] += ahead
         elif s[PENDING] >= 0 and ((raw - s[PENDING]) & _REFERENCE_MASK) <= _MAX_AHEAD_MS:
-            # The clock was set anew: same overflows, other milliseconds.
+            # The clock was set again: same overflows, other milliseconds.
             s[EXTENDED] += raw - s[LAST_RAW]
             c[TIME_STEPS] += 1
         else:

@@ -34,7 +34,7 @@ class DecoderCounts:
     bad_words, bad_references : int
         Words of no known kind or beyond the sensor; references out of turn.
     time_steps : int
-        Times that the camera's clock was set anew.
+        Times that the camera's clock was set again.
     """
 
     events: int = 0
@@ -84,7 +84,7 @@ class WordDecoder:
         self.decode(np.empty(0, np.uint8))
 
     def reset(self) -> None:
-        """Forget all state, as after the camera was started anew; the counts stay."""
+        """Forget all state, as after the camera was restarted; the counts stay."""
         self._state[:] = -1
         self._state[_kernels.EXTENDED] = self._state[_kernels.TIME_US] = 0
         self._state[_kernels.STARTED] = 0

@@ -34,7 +34,7 @@ class EventPart:
 class Packetiser:
     """Cuts the stream into parts no longer than `span_ns` and no larger than `max_events`.
 
-    A part also ends where time steps back, as after the sensor's clock was set anew, and with the
+    A part also ends where time steps back, as after the sensor's clock was set again, and with the
     transfer once the host has held its first event for `span_ns`.
 
     Parameters

@@ -95,7 +95,7 @@ class CameraReader:
     on_events : callable
         Takes each transfer's events, in the reader's thread; its arrays are used again.
     on_change : callable
-        Told of each new state and its fault.
+        Takes each new state and its fault.
     settings : ReaderSettings
         How the stream is read.
     clock_ns : callable
@@ -183,7 +183,7 @@ class CameraReader:
     def _stream(self, device: CameraDevice) -> None:
         s = self._settings
         self._camera, self._firmware = device.name, device.firmware
-        # A camera that starts anew counts its time from zero again.
+        # A camera that restarts counts its time from zero again.
         self._decoder.reset()
         reader = TransferReader(device, self._clock_ns, self._usb, s.transfer_bytes, _MOST_BYTES)
         reader.start()

@@ -89,7 +89,7 @@ class ReceiverStatus:
     steps_back : int
         Times that the controller's clock went back.
     safety_mode, robot_mode : int
-        As the controller tells; 0 and -1 before it does.
+        As the controller reports them; 0 and -1 before it does.
     """
 
     state: str = STOPPED
@@ -151,7 +151,7 @@ class RobotReceiver:
     on_sample : callable
         Takes each sample, in the receiver's thread.
     on_change : callable
-        Told of each new state and its fault.
+        Takes each new state and its fault.
     clock_ns : callable
         The host's time, ns.
     connect_timeout_s, retry_s, silence_s : float

@@ -75,5 +75,5 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
         1.0, ge=0.05, le=60.0, description="Pause between attempts to connect, s."
     )
     silence_timeout: float = Field(
-        0.5, ge=0.05, le=10.0, description="The connection is made anew after this silence, s."
+        0.5, ge=0.05, le=10.0, description="The connection is made again after this silence, s."
     )

@@ -110,7 +110,7 @@ def ask_controller(
             connection.sendall(frame(GET_CONTROL_VERSION))
             kind, payload = _answer(connection, where)
             if kind != GET_CONTROL_VERSION or len(payload) < 12:
-                raise ProtocolRefusedError(f"{where}: the controller doesn't tell its version")
+                raise ProtocolRefusedError(f"{where}: the controller doesn't give its version")
             count = min(len(payload) // 4, 4)
             controller = Controller(struct.unpack(f">{count}I", payload[: 4 * count]))
             request = struct.pack(">d", controller.rate_hz) + ",".join(variables).encode()

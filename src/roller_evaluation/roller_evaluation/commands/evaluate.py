@@ -11,7 +11,7 @@ from typing import Any
 
 from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
-from roller_core.progress import Tell
+from roller_core.progress import OnProgress
 from roller_evaluation.commands import numbers, words
 from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
 
@@ -61,7 +61,7 @@ def _add_jobs(parser: argparse.ArgumentParser) -> None:
 
 
 @contextmanager
-def _telling() -> Iterator[Tell]:
+def _shown_progress() -> Iterator[OnProgress]:
     """Show what is being done."""
     from rich.console import Console
 
@@ -91,9 +91,9 @@ def _run_all(args: argparse.Namespace) -> int:
     options = EvaluationOptions.short(**given) if args.quick else EvaluationOptions(**given)
     with (
         OutputFolder(args.output, "evaluate", lasting=["passes"]) as output,
-        _telling() as tell,
+        _shown_progress() as on_progress,
     ):
-        result = run_evaluation(options, output.partial, args.jobs, tell)
+        result = run_evaluation(options, output.partial, args.jobs, on_progress)
     show_tables([table for tables in result["tables"].values() for table in tables])
     names = [args.output / name for name in ("index.html", "evaluation.json", "rows.csv")]
     if args.results is not None:
@@ -146,9 +146,9 @@ def _run_braille(args: argparse.Namespace) -> int:
     options = BrailleOptions.short(**given) if args.quick else BrailleOptions(**given)
     with (
         OutputFolder(args.output, "evaluate braille", lasting=["passes"]) as output,
-        _telling() as tell,
+        _shown_progress() as on_progress,
     ):
-        result = run_braille(options, output.partial, tell, args.jobs)
+        result = run_braille(options, output.partial, on_progress, args.jobs)
     show_tables(tables(result))
     print(f"files: {args.output}/braille.json, {args.output}/braille.png")
     return 0

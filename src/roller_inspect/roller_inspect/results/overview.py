@@ -212,7 +212,7 @@ def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None, delay_
     axis.plot(cloud["x"][band] * 1e3, cloud["height"][band] * 1e3, ".", ms=1.2, label="measured")
     if truth is not None:
         x = np.linspace(cloud["x"].min(), cloud["x"].max(), 4000)
-        # The way made during that delay is behind the sensor.
+        # The travel during that delay is behind the sensor.
         delay_m = truth.settings.motion.speed * delay_ns * 1e-9
         height = truth.height_at(x - delay_m, np.full_like(x, middle)) - truth.origin_m[2]
         axis.plot(x * 1e3, height * 1e3, "k-", lw=0.8, label="truth (skin)")

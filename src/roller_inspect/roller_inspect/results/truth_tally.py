@@ -113,7 +113,7 @@ class SurfaceTally:
     delay_s : float
         What was taken out of the event stamps already, seconds.
     regions : mapping of Region, optional
-        What is told apart; without them the scan's objects.
+        What is counted apart; without them the scan's objects.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class SurfaceTally:
     def add_points(self, points: npt.NDArray[np.float64], stamp_ns: int) -> None:
         """Take points in base, shape (n, 3), metres, that were seen at a time, ROS time."""
         if len(points):
-            # Back along the way that the sensor made during the events' delay.
+            # Back along the path that the sensor made during the events' delay.
             before, after = self.truth.camera_positions([stamp_ns - self._delay_ns, stamp_ns])
             self._points.append(points - (after - before))
 

@@ -11,7 +11,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Add `info` to the command's parser."""
     parser = subparsers.add_parser(
         "info",
-        help="tell what a recording holds",
+        help="show what a recording holds",
         description="Decode all events of a rosbag2, ROS 1 bag, AEDAT4 or Prophesee file "
         "(EVT 3.0) and count them.",
     )

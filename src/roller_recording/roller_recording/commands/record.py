@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from roller_recording.recorder_node import RecorderNode
     from roller_recording.writing import Progress
 
-#: After this long without them, s, missing inputs are told.
+#: After this long without them, s, missing inputs are reported.
 _PATIENCE_S = 5.0
 
 
@@ -66,7 +66,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until it is told to end, or something ends it.
+    """Record until it is asked to end, or something ends it.
 
     Raises
     ------
@@ -112,9 +112,9 @@ def _record(
     recorder, begin = node.recorder, time.monotonic()
     end = float("inf") if duration_s is None else begin + duration_s
     patient = True
-    with status_line() as (show, tell):
+    with status_line() as (show, report):
         speed = _Speed()
-        tell(f"recording to {node.path}; Ctrl-C ends it")
+        report(f"recording to {node.path}; Ctrl-C ends it")
         while not interrupts.count and recorder.fault is None and time.monotonic() < end:
             spin_once(min(0.1, max(end - time.monotonic(), 0.0)))
             progress = recorder.progress()
@@ -122,7 +122,7 @@ def _record(
             if patient and time.monotonic() - begin > _PATIENCE_S:
                 patient = False
                 if missing := node.missing():
-                    tell(f"nothing yet on {', '.join(missing)}")
+                    report(f"nothing yet on {', '.join(missing)}")
         node.stop_taking()
         while not recorder.drain(0.1) and interrupts.count < 2:
             show(f"writing what waits: {recorder.progress().waiting_bytes / 1e6:.0f} MB")
@@ -157,7 +157,7 @@ def _summary(node: RecorderNode) -> str:
 
 
 class _Speed:
-    """What the status line tells, with rates over the last second."""
+    """The status line, with rates over the last second."""
 
     def __init__(self) -> None:
         self._seen: deque[tuple[float, Progress]] = deque()

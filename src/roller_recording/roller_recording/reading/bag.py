@@ -128,7 +128,7 @@ class BagRecording(Recording):
             )
         for item in self._reader.messages({topic}):
             if isinstance(item, RecordingError):
-                continue  # told again when the events are read
+                continue  # reported again when the events are read
             try:
                 info: Any = self._store.deserialize_cdr(item.data, item.type)
             except Exception as error:  # a damaged message raises whatever its bytes lead to

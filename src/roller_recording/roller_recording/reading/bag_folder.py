@@ -66,7 +66,7 @@ class BagFolder:
             )
         if len({_kind(file) for file in found}) > 1:
             raise RecordingError(
-                f"bag {path}: holds both .mcap and .db3 files and no metadata.yaml that tells "
+                f"bag {path}: holds both .mcap and .db3 files and no metadata.yaml that says "
                 "which count; name one file"
             )
         folder.files = [(folder._plain(file), file) for file in found]
@@ -88,7 +88,7 @@ class BagFolder:
             RecordingError(f"bag {path}: {name} is missing; the other files are read")
             for name in missing
         ]
-        # A recording that was ended before it could write its metadata anew.
+        # A recording that was ended before it could write its metadata again.
         newest, kind = _order(listed[-1]), _kind(listed[-1])
         later = [
             f

@@ -87,10 +87,10 @@ class BagReader:
         self.faults = self._lost + [f for s in self._storages for f in s.faults]
         if self.faults and not self.counts:
             raise self.faults[0]
-        told = self._folder.message_count
-        if told is not None and told != self.counts.total() and not self.faults:
+        announced = self._folder.message_count
+        if announced is not None and announced != self.counts.total() and not self.faults:
             self.notes.append(
-                f"metadata.yaml speaks of {told} messages; there are {self.counts.total()}"
+                f"metadata.yaml speaks of {announced} messages; there are {self.counts.total()}"
             )
 
     def messages(self, topics: set[str]) -> Iterator[RawMessage | RecordingError]:

@@ -37,9 +37,9 @@ def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:
     if wanted is not None:
         raise RecordingError(f"{path}: a .raw file has one stream of events; leave out --topic")
     if not re.search(r"^% *(evt 3\.0|format EVT3)", text, re.MULTILINE | re.IGNORECASE):
-        told = re.search(r"^% *(?:evt|format) +([^;\n]+)", text, re.MULTILINE)
+        named = re.search(r"^% *(?:evt|format) +([^;\n]+)", text, re.MULTILINE)
         raise RecordingError(
-            f"{path}: is not of EVT 3.0 ({told[1] if told else 'its header names no format'}); "
+            f"{path}: is not of EVT 3.0 ({named[1] if named else 'its header names no format'}); "
             "other formats of .raw files are not read"
         )
     if size := re.search(r"^% *geometry +(\d+)x(\d+)", text, re.MULTILINE | re.IGNORECASE):

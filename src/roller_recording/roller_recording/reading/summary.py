@@ -178,7 +178,7 @@ def _count_bag(path: Path, census: RecordingSummary, topic: str | None, check: b
         census.triggers_falling += len(packet.triggers) - int(packet.triggers.edge.sum())
     if check:
         faults, notes = reader.check(census.topics)
-        if not census.faults:  # else told already
+        if not census.faults:  # else reported already
             census.faults += [str(fault) for fault in faults]
         census.notes += notes
         census.notes.append(f"checked: {census.topics.total()} messages are read and decoded")

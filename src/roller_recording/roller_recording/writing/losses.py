@@ -40,7 +40,7 @@ class Losses:
     Attributes
     ----------
     before : SeqGaps
-        Event packets that never came here: lost by the driver or on the way.
+        Event packets that never came here: lost by the driver or on the network.
     overflows : Counter
         How often the middleware's queue of a topic was full when messages were taken: some may
         have been lost there. Event packets between others are counted in `before` too.

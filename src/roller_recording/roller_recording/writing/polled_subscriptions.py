@@ -59,7 +59,7 @@ class PolledSubscriptions:
     take : callable
         Takes a list of messages, in a thread of the tap.
     on_overflow : callable
-        Told a topic and a time, ns, when the middleware's queue was full: then messages may have
+        Takes a topic and a time, ns, when the middleware's queue was full: then messages may have
         been lost there.
     """
 

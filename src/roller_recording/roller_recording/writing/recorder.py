@@ -199,4 +199,4 @@ class Recorder:
             try:
                 self._writer.sync()
             except OSError:
-                return  # the next write tells
+                return  # the next write reports it
