@@ -144,7 +144,7 @@ def test_braille_text_becomes_grade_1_cells():
 
 def test_braille_lines_lie_below_each_other_and_must_fit():
     made = scene("braille", text="A\nb", width_mm=23.0)
-    assert made.truth_text == "a\nb"
+    assert made.text == "a\nb"
     assert made.marks[0].y - made.marks[1].y == pytest.approx(10e-3)
     with pytest.raises(SceneError, match="mm across but the plate is only"):
         scene("braille", text="a\nb\nc")
@@ -173,7 +173,7 @@ def test_demo_has_braille_and_all_six_objects():
     made = scene("demo", step_mm=0.05)
     assert [r.name for r in made.regions] == ["braille", *LENGTHS]
     assert 0.110 <= made.relief.bounds[1] <= 0.130
-    assert made.truth_text == "roller"
+    assert made.text == "roller"
     for a, b in zip(made.regions, made.regions[1:], strict=False):
         assert b.x0 - a.x1 > 2e-3
 

@@ -91,11 +91,6 @@ class SensorClock:
         """
         return self._scatter_ns * 1e-9
 
-    @property
-    def offset_s(self) -> float:
-        """ROS time minus device time at the newest message, seconds."""
-        return (self._base + self._offset_ns) * 1e-9
-
     def observe(self, device_ns: int, arrival_ns: int) -> None:
         """Take note that what the device stamped `device_ns` arrived at `arrival_ns`."""
         if not self._observed:

@@ -141,11 +141,6 @@ class Scene:
     text: str = ""
     marks: tuple[BrailleMark, ...] = ()
 
-    @property
-    def truth_text(self) -> str:
-        """What a faultless reader would read."""
-        return self.text
-
 
 @dataclass
 class Plate:

@@ -87,15 +87,6 @@ def encode_words(events: EventArray, pairs: bool = True, padding: int = 0) -> Wo
     return np.concatenate([part[1] for part in parts])[np.argsort(place, kind="stable")]
 
 
-def frames_of(events: EventArray, frame_us: int = 200) -> EventArray:
-    """The events as the sensor reads them out: times on frames, each pixel once a frame."""
-    frame_ns = 1000 * frame_us
-    t_ns = events.t_ns // frame_ns * frame_ns
-    key = np.stack([t_ns, events.x, events.y], axis=1)
-    _, first = np.unique(key, axis=0, return_index=True)
-    return EventArray(events.x[first], events.y[first], t_ns[first], events.p[first])
-
-
 def in_order(events: EventArray) -> EventArray:
     """The same events by time, column, row and polarity."""
     return events[np.lexsort((events.p, events.y, events.x, events.t_ns))]

@@ -85,7 +85,7 @@ def _camera(request: Request, share: Path | None) -> Iterator[Result]:
 
     asked = request.camera is not None
     yield usb.judge_usb(usb.find_usb(), asked)
-    yield camera.judge_camera(camera.find_camera(request.camera or "", request.backend), asked)
+    yield camera.check_camera(request.camera or "", request.backend, asked)
 
 
 def _robot(request: Request, share: Path | None) -> Iterator[Result]:
@@ -94,15 +94,14 @@ def _robot(request: Request, share: Path | None) -> Iterator[Result]:
     host = request.robot_ip
     if not host and share is not None:
         host = robot.configured_address(share / "config" / "ur10.yaml")
-    answer = robot.find_robot(host) if host else None
-    yield robot.judge_robot(answer, host, bool(request.robot_ip))
+    yield robot.check_robot(host, bool(request.robot_ip))
 
 
 def _machine(request: Request, share: Path | None) -> Iterator[Result]:
     from . import machine
 
-    yield machine.judge_machine(machine.find_machine())
-    yield machine.judge_disk(machine.find_disk(request.output))
+    yield machine.check_machine(machine.cores(), machine.free_memory())
+    yield machine.check_disk(*machine.measure_disk(request.output))
 
 
 def _clock(request: Request, share: Path | None) -> Iterator[Result]:

@@ -9,9 +9,9 @@ from roller_core.settings import read_parameters
 from roller_driver.ur10.errors import RobotFault
 from roller_driver.ur10.receiver import VARIABLES
 from roller_driver.ur10.robot_settings import Ur10Parameters
-from roller_driver.ur10.rtde import PORT, Controller, ask_controller
+from roller_driver.ur10.rtde import PORT, ask_controller
 
-from .result import Level, Result, ok, warning
+from .result import Result, ok, warning
 
 _TIMEOUT_S = 1.5
 
@@ -25,28 +25,16 @@ def configured_address(parameters: Path) -> str:
     return "" if found == Ur10Parameters.model_fields["robot_ip"].default else str(found)
 
 
-def find_robot(
-    host: str, port: int = PORT, timeout_s: float = _TIMEOUT_S
-) -> Controller | RobotFault:
-    """Shake hands with the controller; or what keeps one from that."""
-    try:
-        return ask_controller(host, VARIABLES, timeout_s, port)
-    except RobotFault as fault:
-        return fault
-
-
-def judge_robot(
-    found: Controller | RobotFault | None, host: str = "", asked: bool = False
+def check_robot(
+    host: str, asked: bool = False, port: int = PORT, timeout_s: float = _TIMEOUT_S
 ) -> Result:
-    """Whether poses will come; `found` is None where no robot was looked for."""
-    name = "robot"
-    if found is None:
-        return warning(
-            name, "not looked for", advice="give --robot-ip, or set robot_ip in config/ur10.yaml"
-        )
-    if isinstance(found, Controller):
-        return ok(name, f"{host}: controller {found}")
-    # The node's faults say what to do.
-    text, _, advice = str(found).partition("; ")
-    level: Level = "fault" if asked else "warning"
-    return Result(name=name, level=level, found=text, advice=advice)
+    """Shake hands with the controller, if there is an address."""
+    if not host:
+        advice = "give --robot-ip, or set robot_ip in config/ur10.yaml"
+        return warning("robot", "not looked for", advice)
+    try:
+        return ok("robot", f"{host}: controller {ask_controller(host, VARIABLES, timeout_s, port)}")
+    except RobotFault as error:
+        # The node's faults say what to do.
+        text, _, advice = str(error).partition("; ")
+        return Result("robot", "fault" if asked else "warning", text, advice)

@@ -31,7 +31,6 @@ class ByteQueue:
         self._bytes = 0
         self._closed = False
         self._ready = threading.Condition()
-        self.peak_bytes = 0
 
     @property
     def waiting_bytes(self) -> int:
@@ -55,7 +54,6 @@ class ByteQueue:
                     continue
                 self._items.append(message)
                 self._bytes += size
-            self.peak_bytes = max(self.peak_bytes, self._bytes)
             self._ready.notify()
         return refused
 

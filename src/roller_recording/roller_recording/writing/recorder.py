@@ -97,11 +97,6 @@ class Recorder:
         first_ns, last_ns = self._events_ns or (0, 0)
         return (last_ns - first_ns) * 1e-9
 
-    @property
-    def peak_waiting_bytes(self) -> int:
-        """Most that waited."""
-        return self._queue.peak_bytes
-
     def drain(self, timeout_s: float) -> bool:
         """Take no more and wait until all is written; False if that takes longer."""
         self._queue.close()
