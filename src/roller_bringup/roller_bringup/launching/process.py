@@ -39,7 +39,7 @@ class Screen:
 
 
 class RunningProcess:
-    """A process started from a plan, in a process group of its own.
+    """A process started from a plan, in a process group of its own; what it says is shown.
 
     Raises
     ------
@@ -63,6 +63,8 @@ class RunningProcess:
         except OSError as error:
             raise LaunchError(f"can't start {node.command[0]}: {error.strerror}") from None
         self.pid = self._process.pid
+        # Before its own first words are read.
+        screen.line("launch", f"{node.label} started (process {self.pid})")
         self._reader = threading.Thread(target=self._read, args=(screen,), daemon=True)
         self._reader.start()
 

@@ -59,7 +59,6 @@ class Runner:
         try:
             for node in self.plan.processes:
                 self._running.append(RunningProcess(node, self.screen))
-                self._say(f"{node.label} started (process {self._running[-1].pid})")
         except BaseException:
             self.stop()
             raise
