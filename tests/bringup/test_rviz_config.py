@@ -28,6 +28,7 @@ CONTRACTS = {
     "/roller/depth/image": ("sensor_msgs/msg/Image", qos.DEPTH),
     "/event_camera/image_raw": ("sensor_msgs/msg/Image", qos.PREVIEW),
     "/roller/surface/points": ("sensor_msgs/msg/PointCloud2", qos.SURFACE),
+    "/roller/surface/map": ("sensor_msgs/msg/PointCloud2", qos.LATCHED),
     "/roller/braille/markers": ("visualization_msgs/msg/MarkerArray", qos.MARKERS),
 }
 RELIABILITY = {

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rosbags.rosbag2 import Reader
+from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from graph.graph_world import Processes, Watcher
@@ -24,7 +25,8 @@ pytestmark = pytest.mark.graph
 
 #: A machine that stalls for a second must not make the nodes take it for the scan's end.
 DEPTH = "{window.travel_m: 0.006, focus.sigma_px: 3.0, idle_flush_s: 4.0}"
-STITCHER = "{idle_flush_s: 5.5}"
+STITCHER = "{idle_flush_s: 5.5, map.folder: %s/maps}"
+MAP = "/roller/surface/map"
 TOPICS = (
     "/roller/depth/image",
     "/roller/depth/confidence",
@@ -47,7 +49,7 @@ def test_replay_equals_live(
 
     watcher = watch(*TOPICS)
     processes.start("emvs", DEPTH)
-    processes.start("stitcher", STITCHER)
+    processes.start("stitcher", STITCHER % tmp_path)
     processes.start("recorder", f"{{output: {tmp_path / 'live'}}}")
     # Who begins late to hear the robot has other windows, or leaves depth maps out.
     ready = ("emvs: depth", "stitcher: surface", "recorder: recording")
@@ -65,10 +67,12 @@ def test_replay_equals_live(
         60, "the surface",
     )  # fmt: skip
     check_parameters(watcher, "emvs", "stitcher", "player", "recorder")
-    late = watch(TOPICS[3])
+    late = watch(TOPICS[3], MAP)
     late.spin_until(
-        lambda: len(late.seen[TOPICS[3]]) >= len(seen[TOPICS[3]]), 20, "the clouds for RViz"
-    )
+        lambda: len(late.seen[TOPICS[3]]) >= len(seen[TOPICS[3]]) and len(late.seen[MAP]) > 0,
+        20, "the clouds for RViz",
+    )  # fmt: skip
+    check_map(late, tmp_path / "out" / "result", tmp_path / "maps")
     watcher.check_keys(
         "emvs: depth", "stitcher: surface", "player: playback", "recorder: recording"
     )
@@ -98,6 +102,32 @@ def test_replay_equals_live(
     codes = processes.stop()
     assert set(codes.values()) == {0}, codes
     check_recording(tmp_path / "live", bag)
+
+
+def check_map(late: Watcher, result: Path, folder: Path) -> None:
+    """Who comes late sees the scan, as the replay has it; it is saved and cleared on request."""
+    (shown,) = late.seen[MAP]
+    (expected,) = recorded(result, MAP)
+    assert bytes(shown.data) == bytes(expected.data)
+    assert [f.name for f in shown.fields] == ["x", "y", "z", "height", "confidence"]
+    saved = late.call("/stitcher/save", Trigger, Trigger.Request())
+    assert saved.success
+    assert [str(path) for path in folder.iterdir()] == [saved.message]
+    assert len(read_ply(saved.message)["x"]) == shown.width > 1000
+    assert late.call("/stitcher/clear", Trigger, Trigger.Request()).success
+    late.spin_until(lambda: late.seen[MAP][-1].width == 0, 20, "the empty map")
+    refused = late.call("/stitcher/save", Trigger, Trigger.Request())
+    assert (refused.success, refused.message) == (False, "the map is empty: nothing is saved")
+
+
+def recorded(bag: Path, topic: str) -> list[Any]:
+    store = typestore()
+    with Reader(bag) as reader:
+        return [
+            store.deserialize_cdr(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+            if connection.topic == topic
+        ]
 
 
 def check_parameters(watcher: Watcher, *nodes: str) -> None:
@@ -139,13 +169,8 @@ def pixels_of(message: Any) -> np.ndarray:
 
 
 def replayed_depths(output: Path) -> dict[int, np.ndarray]:
-    store, found = typestore(), {}
-    with Reader(output / "result") as reader:
-        for connection, _, data in reader.messages():
-            if connection.topic == "/roller/depth/image":
-                message = store.deserialize_cdr(data, connection.msgtype)
-                found[stamp_of(message)] = pixels_of(message)
-    return found
+    images = recorded(output / "result", "/roller/depth/image")
+    return {stamp_of(message): pixels_of(message) for message in images}
 
 
 def test_two_that_publish_the_robots_poses_are_told_and_one_is_followed(

@@ -85,6 +85,7 @@ def test_publishers_offer_what_the_contract_says(domain: int, tmp_path: Path) ->
             "/roller/depth/confidence": qos.DEPTH,
             "/roller/depth/camera_info": qos.DEPTH,
             "/roller/surface/points": qos.SURFACE,
+            "/roller/surface/map": qos.LATCHED,
             "/roller/braille/cells": qos.BRAILLE,
             "/roller/braille/text": qos.BRAILLE,
             "/roller/braille/markers": qos.MARKERS,

@@ -112,13 +112,23 @@ class Stage(ABC, Generic[S]):
 
     def restart(self) -> None:
         """Finish what there is and begin anew: the source was started again."""
-        try:
-            for result in self.results(flush=True):
-                self._left.append(result)
-        except RollerError as error:
-            self._left.append(Result(None, fault=error))
+        self._finish()
         self.frames.restart()
         self._begin()
+
+    def clear(self) -> str:
+        """Finish what there is and begin a new scan of the same source; says so."""
+        self._finish()
+        self._begin()
+        return "a new scan begins"
+
+    def services(self) -> Mapping[str, Callable[[], str]]:
+        """What may be asked of it, by name.
+
+        Each does it and says what was done, or raises `RollerError`; what there is to give then
+        comes with the next results.
+        """
+        return {}
 
     def results(self, flush: bool = False) -> Iterator[Result]:
         """What is complete by now.
@@ -158,6 +168,14 @@ class Stage(ABC, Generic[S]):
 
     def warm_up(self) -> None:
         """Load what takes a second, so that it doesn't come with the first data."""
+
+    def _finish(self) -> None:
+        """Keep all results so far to be taken."""
+        try:
+            for result in self.results(flush=True):
+                self._left.append(result)
+        except RollerError as error:
+            self._left.append(Result(None, fault=error))
 
     @abstractmethod
     def _begin(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from .depth_map import F32, DepthMap
 from .depth_settings import StitcherSettings
 from .patch import Patch, patch_output
 from .stitcher import Stitcher
+from .surface_map import MapKeeper, MapSettings
 
 _MOST_PENDING = 100
 
@@ -29,7 +30,9 @@ class DepthImageError(RollerError):
 
 
 class StitcherParameters(StitcherSettings, FollowedFrames):
-    """Parameters of the node: the stitcher's settings and the stage's."""
+    """Parameters of the node: the stitcher's settings, the map's and the stage's."""
+
+    map: MapSettings = MapSettings.create({})
 
     idle_flush_s: float = idle_flush_field(
         1.5, "depth maps for this long what is in view is published too"
@@ -45,7 +48,10 @@ class _Parts:
 
 
 class StitcherStage(Stage[StitcherParameters]):
-    """Gives the patches of `Stitcher`: points that are out of view, each once."""
+    """Gives the patches of `Stitcher`: points that are out of view, each once.
+
+    Beside them the map of the scan, see `MapKeeper`.
+    """
 
     node, part = "stitcher", "surface"
     model = StitcherParameters
@@ -56,17 +62,22 @@ class StitcherStage(Stage[StitcherParameters]):
         outputs.TF,
         outputs.TF_STATIC,
     )
-    outputs = (outputs.SURFACE_POINTS,)
+    outputs = (outputs.SURFACE_POINTS, outputs.SURFACE_MAP)
     most_waiting = 5000
 
     def __init__(self, settings: StitcherParameters) -> None:
         super().__init__(settings)
         self.stitcher: Stitcher | None = None
+        self.map = MapKeeper(settings.map, settings.base_frame)
         #: Depth maps without a pose or a part.
         self.left_out = 0
         self._pending: dict[int, _Parts] = {}
         self._last_ns = 0
         self._maps = self._points = 0
+
+    def services(self) -> Mapping[str, Callable[[], str]]:
+        """See `Stage`."""
+        return {"clear": self.clear, "save": self.map.save}
 
     def take_camera(self, camera: Camera) -> None:
         """Take the camera of the depth maps."""
@@ -103,6 +114,7 @@ class StitcherStage(Stage[StitcherParameters]):
             "depth_maps": self._maps,
             "left_out": self.left_out,
             "points": self._points,
+            "map_points": len(self.map),
             "voxels_in_view": len(stitcher.voxels) if stitcher is not None else 0,
             "waiting_maps": len(self._pending),
             "icp_tried": stitcher.icp_tried if stitcher is not None else 0,
@@ -112,6 +124,7 @@ class StitcherStage(Stage[StitcherParameters]):
 
     def _begin(self) -> None:
         self._pending.clear()
+        self.map.clear()
         if self.camera is not None:
             self.stitcher = Stitcher(self.settings, self.camera)
 
@@ -122,6 +135,7 @@ class StitcherStage(Stage[StitcherParameters]):
             self.frames.track.discard_before(stamp)
         if flush and self.stitcher is not None:
             yield from self._give(self.stitcher.finish())
+        yield from self.map.results(flush)
 
     def _next(self) -> tuple[int, _Parts, F64] | None:
         """The oldest depth map, if it is complete and its pose is known."""
@@ -168,3 +182,5 @@ class StitcherStage(Stage[StitcherParameters]):
             self._points += len(patch)
             cloud = patch_output(patch, self._last_ns, self.settings.base_frame)
             yield Result(patch, (cloud,))
+            self.map.add(patch, self._last_ns)
+            yield from self.map.results(flush=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from roller_core import outputs
 from roller_core.camera import Camera
@@ -13,20 +13,34 @@ from roller_core.stage import EventStage
 
 from .methods.surface import SurfaceSettings, SurfaceSweep
 from .patch import patch_output
+from .surface_map import MapKeeper, MapSettings
 from .warm_up import warm_up
 from .windows import RefusedWindow
 
 
 class SurfaceParameters(SurfaceSettings, StreamSettings):
-    """Parameters of the node: the sweep's settings and the stage's."""
+    """Parameters of the node: the sweep's settings, the map's and the stage's."""
+
+    map: MapSettings = MapSettings.create({})
 
 
 class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
-    """Gives the results of `SurfaceSweep`: each block of rows once, when it is out of view."""
+    """Gives the results of `SurfaceSweep`: each block of rows once, when it is out of view.
+
+    Beside them the map of the scan, see `MapKeeper`.
+    """
 
     node, part = "surface", "points"
     model = SurfaceParameters
-    outputs = (outputs.SURFACE_POINTS,)
+    outputs = (outputs.SURFACE_POINTS, outputs.SURFACE_MAP)
+
+    def __init__(self, settings: SurfaceParameters) -> None:
+        super().__init__(settings)
+        self.map = MapKeeper(settings.map, settings.base_frame)
+
+    def services(self) -> Mapping[str, Callable[[], str]]:
+        """See `Stage`."""
+        return {"clear": self.clear, "save": self.map.save}
 
     def warm_up(self) -> None:
         """Load the kernels."""
@@ -43,6 +57,14 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
                 self._took(found.milliseconds.get("total", 0.0), found.end_ns)
                 cloud = patch_output(found, found.stamp_ns, self.settings.base_frame)
                 yield Result(found, (cloud,) if len(found) else ())
+                if len(found):
+                    self.map.add(found, found.stamp_ns)
+                    yield from self.map.results(flush=False)
+        yield from self.map.results(flush)
+
+    def _begin(self) -> None:
+        super()._begin()
+        self.map.clear()
 
     def _pipeline_counts(
         self, pipeline: SurfaceSweep, totals: Mapping[str, int]
@@ -52,6 +74,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             "blocks": totals["windows"],
             "refused_blocks": totals["refused_windows"],
             "still_events": totals["still_events"],
+            "map_points": len(self.map),
             **self._times("block", self._milliseconds),
             "block_latency_s": round(self._latency_s, 4),
         }

@@ -11,7 +11,7 @@ I64 = npt.NDArray[np.int64]
 
 # 21 bits an axis, signed, around the first point: 2 million voxels in each direction.
 _BITS = 21
-_HALF = 1 << (_BITS - 1)
+HALF = 1 << (_BITS - 1)
 
 
 class VoxelMap:
@@ -50,10 +50,10 @@ class VoxelMap:
             self._origin = np.asarray(points[good][0], np.float64)
         local = points - self._origin
         cells = np.floor(local / self.voxel_m)
-        good &= (np.abs(cells) < _HALF).all(axis=1)
+        good &= (np.abs(cells) < HALF).all(axis=1)
         local, cells, sure = local[good], cells[good].astype(np.int64), confidence[good]
         weight = np.maximum(sure.astype(np.float64), 1e-3)
-        keys = self._key(cells)
+        keys = cell_key(cells)
         values = np.column_stack([weight, local * weight[:, None], sure * weight])
         unique, inverse = np.unique(keys, return_inverse=True)
         sums = np.zeros((len(unique), 6))
@@ -109,7 +109,14 @@ class VoxelMap:
         points = sums[:, 1:4] / weight + self._origin
         return points, (sums[:, 4] / sums[:, 0]).astype(np.float32)
 
-    @staticmethod
-    def _key(cells: I64) -> I64:
-        c = cells + _HALF
-        return (c[:, 0] << (2 * _BITS)) | (c[:, 1] << _BITS) | c[:, 2]
+
+def cell_key(cells: I64) -> I64:
+    """One number for each cell, shape (n,); cells of shape (n, 3), each index below `HALF`."""
+    c = cells + HALF
+    return (c[:, 0] << (2 * _BITS)) | (c[:, 1] << _BITS) | c[:, 2]
+
+
+def cells_of_keys(keys: I64) -> I64:
+    """Cells of their numbers, shape (n, 3)."""
+    part = (1 << _BITS) - 1
+    return np.stack([keys >> (2 * _BITS), (keys >> _BITS) & part, keys & part], axis=1) - HALF

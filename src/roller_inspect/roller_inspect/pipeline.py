@@ -141,6 +141,9 @@ class Inspection:
                 stage.take_poses(poses)
         for taker in self._of_events:
             taker.take_camera(camera)
+        for mapper in (self.depth, self.stitcher):
+            if isinstance(mapper, SurfaceStage | StitcherStage):
+                mapper.map.period_s = None  # at the end only
 
     def take_transform(self, transform: Transform) -> None:
         """Take a transform of /tf or /tf_static."""

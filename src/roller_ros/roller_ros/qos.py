@@ -16,7 +16,7 @@ def _profile(depth: int, reliable: bool, latched: bool = False) -> QoSProfile:
 
 #: Event packets, as the existing drivers publish them.
 EVENTS = _profile(1000, reliable=False)
-#: Values that a late subscriber needs: camera_info, tf_static.
+#: Values that a late subscriber needs: camera_info, the map, the text.
 LATCHED = _profile(1, reliable=True, latched=True)
 #: The same from who sends them over and over.
 REPEATED = _profile(1, reliable=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ from event_camera_msgs.msg import EventPacket
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
@@ -83,6 +85,7 @@ class StageNode(Node):
         self._faults = self._unprocessed = self._steps_told = 0
         self._sources = PoseSources(settings.base_frame, settings.moving_frame)
         self._meter = diagnostics.Meter()
+        self._working = threading.Lock()  # the stage: the worker's, or a service's
         self._outputs = {name: topics.publisher(self, name) for name in kind.outputs}
         stage.warm_up()
         self._diagnostics = diagnostics.Diagnostics(
@@ -93,6 +96,8 @@ class StageNode(Node):
         )
         for name in kind.inputs:
             self._listen(name)
+        for name, act in stage.services().items():
+            self._offer(name, act)
 
     def destroy_node(self) -> None:
         """Stop the worker first: it publishes."""
@@ -123,15 +128,31 @@ class StageNode(Node):
         if self._sources.accepts(message, info):
             self._worker.submit((outputs.TF, message), False)
 
+    def _offer(self, name: str, act: Callable[[], str]) -> None:
+        """Offer what a stage may be asked as a service ~/name."""
+
+        def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            with self._working:
+                try:
+                    response.success, response.message = True, act()
+                except RollerError as error:
+                    response.success, response.message = False, str(error)
+                self._publish()
+            return response
+
+        self.create_service(Trigger, f"~/{name}", serve)
+
     def _handle(self, item: tuple[str, Any]) -> None:
-        feed(self.stage, *item, self._fault)
-        # Results don't depend on when they are asked for, and asking costs.
-        self._unprocessed += 1
-        if self._worker.waiting <= 1 or self._unprocessed >= _MOST_UNPROCESSED:
-            self._publish()
+        with self._working:
+            feed(self.stage, *item, self._fault)
+            # Results don't depend on when they are asked for, and asking costs.
+            self._unprocessed += 1
+            if self._worker.waiting <= 1 or self._unprocessed >= _MOST_UNPROCESSED:
+                self._publish()
 
     def _flush(self) -> None:
-        self._publish(flush=True)
+        with self._working:
+            self._publish(flush=True)
 
     def _publish(self, flush: bool = False) -> None:
         self._unprocessed = 0

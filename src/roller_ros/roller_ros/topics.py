@@ -67,6 +67,7 @@ OUTPUTS = (
     Topic(outputs.DEPTH_CONFIDENCE, Image, qos.DEPTH),
     Topic(outputs.DEPTH_INFO, CameraInfo, qos.DEPTH),
     Topic(outputs.SURFACE_POINTS, PointCloud2, qos.SURFACE),
+    Topic(outputs.SURFACE_MAP, PointCloud2, qos.LATCHED),
     Topic(outputs.BRAILLE_CELLS, BrailleCell, qos.BRAILLE),
     Topic(outputs.BRAILLE_TEXT, String, qos.BRAILLE),
     Topic(outputs.BRAILLE_MARKERS, MarkerArray, qos.MARKERS),
@@ -85,7 +86,7 @@ def publisher(node: Node, name: str) -> Publisher[Any]:
 
 
 def recorded(raw: bool = False, events_topic: str = outputs.EVENTS) -> list[Topic]:
-    """Topics that go into a bag.
+    """Topics that go into a bag; the map holds but points that are there already.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def recorded(raw: bool = False, events_topic: str = outputs.EVENTS) -> list[Topi
     return [
         Topic(beside(t.name, events_topic), t.type, t.qos)
         for t in (INPUTS if raw else ALL)
-        if not (raw and t.type is Image)
+        if not (raw and t.type is Image) and t.name != outputs.SURFACE_MAP
     ]
 
 
