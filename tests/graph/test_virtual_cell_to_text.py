@@ -87,7 +87,7 @@ def test_publishers_offer_what_the_contract_says(domain: int, tmp_path: Path) ->
             "/roller/surface/points": qos.SURFACE,
             "/roller/surface/map": qos.LATCHED,
             "/roller/braille/cells": qos.BRAILLE,
-            "/roller/braille/text": qos.BRAILLE,
+            "/roller/braille/text": qos.TEXT,
             "/roller/braille/markers": qos.MARKERS,
         }
         node = watcher.node

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from roller_core import outputs
@@ -44,10 +44,15 @@ class CellMarkers:
     spacing: Spacing
 
 
+@dataclass(frozen=True)
+class NoMarkers:
+    """All cells that were shown are to go: they are of an earlier scan."""
+
+
 class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
     """Gives the cells of `BraillePipeline`, with each the text so far and its markers.
 
-    Text that was read before the source started again stays.
+    Text that was read before the source started again stays, until it is cleared; its markers go.
     """
 
     node, part = "braille", "text"
@@ -59,10 +64,23 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
         self._earlier: list[str] = []
         self._earlier_lines: list[list[LineCell]] = []
         self._cells = 0
+        self._last_ns: int | None = None  # of the newest cell that is shown
 
     def warm_up(self) -> None:
         """Load the kernels."""
         warm_up()
+
+    def services(self) -> Mapping[str, Callable[[], str]]:
+        """See `Stage`."""
+        return {"clear": self.clear}
+
+    def clear(self) -> str:
+        """Begin a new scan and forget the text."""
+        t_ns = self._last_ns
+        said = super().clear()
+        self._earlier, self._earlier_lines = [], []
+        self._left.append(self._give(outputs.BRAILLE_TEXT, t_ns or 0, ""))
+        return said
 
     def text(self) -> list[str]:
         """Lines of text read so far."""
@@ -71,6 +89,15 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
     def lines(self) -> list[list[LineCell]]:
         """Cells of the lines read so far."""
         return self._earlier_lines + (self.pipeline.lines() if self.pipeline is not None else [])
+
+    def _begin(self) -> None:
+        super()._begin()
+        if self._last_ns is not None:
+            self._left.append(self._give(outputs.BRAILLE_MARKERS, self._last_ns, NoMarkers()))
+            self._last_ns = None
+
+    def _give(self, topic: str, t_ns: int, data: object) -> Result:
+        return Result(None, (Output(topic, t_ns, self.settings.base_frame, data),))
 
     def _make(self, camera: Camera, track: PoseTrack) -> BraillePipeline:
         self._earlier, self._earlier_lines = self.text(), self.lines()
@@ -90,6 +117,7 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
         markers = CellMarkers(cell, self._cells, self.settings.spacing)
         data = (cell, "\n".join(self.text()), markers)
         t, frame = cell.stamp_ns, self.settings.base_frame
+        self._last_ns = t
         return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs, data, strict=True))
 
     def _pipeline_counts(

@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from roller_core.outputs import Output
 from roller_ros.messages import header, message_of
 
-from .braille_stage import CellMarkers
+from .braille_stage import CellMarkers, NoMarkers
 from .cells import Cell
 from .table import UNREADABLE
 
@@ -60,6 +60,14 @@ def marker_message(shown: CellMarkers, output: Output) -> MarkerArray:
     dots.scale = Vector3(x=size, y=size, z=size)
     dots.points = [_point(p) for i, p in enumerate(cell.dot_positions) if cell.mask >> i & 1]
     return MarkerArray(markers=[letter, dots])
+
+
+@message_of.register
+def no_markers_message(_: NoMarkers, output: Output) -> MarkerArray:
+    """Takes away all that RViz shows of the topic."""
+    marker = Marker(action=Marker.DELETEALL)
+    marker.header.frame_id = output.frame_id
+    return MarkerArray(markers=[marker])
 
 
 def _point(position: npt.NDArray[np.float64]) -> Point:

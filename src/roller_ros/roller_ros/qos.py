@@ -16,7 +16,7 @@ def _profile(depth: int, reliable: bool, latched: bool = False) -> QoSProfile:
 
 #: Event packets, as the existing drivers publish them.
 EVENTS = _profile(1000, reliable=False)
-#: Values that a late subscriber needs: camera_info, the map, the text.
+#: Values that a late subscriber needs: camera_info, the map.
 LATCHED = _profile(1, reliable=True, latched=True)
 #: The same from who sends them over and over.
 REPEATED = _profile(1, reliable=False)
@@ -30,6 +30,8 @@ DEPTH = _profile(50, reliable=True)
 #: Patches of the surface, kept for RViz that starts late.
 SURFACE = _profile(50, reliable=True, latched=True)
 BRAILLE = _profile(100, reliable=True)
+#: Each holds all text so far: who comes late has it whole with the last.
+TEXT = _profile(100, reliable=True, latched=True)
 #: Of each cell; a page of them is kept for RViz that starts late.
 MARKERS = _profile(1000, reliable=True, latched=True)
 DIAGNOSTICS = _profile(20, reliable=True)

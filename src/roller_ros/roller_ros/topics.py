@@ -69,7 +69,7 @@ OUTPUTS = (
     Topic(outputs.SURFACE_POINTS, PointCloud2, qos.SURFACE),
     Topic(outputs.SURFACE_MAP, PointCloud2, qos.LATCHED),
     Topic(outputs.BRAILLE_CELLS, BrailleCell, qos.BRAILLE),
-    Topic(outputs.BRAILLE_TEXT, String, qos.BRAILLE),
+    Topic(outputs.BRAILLE_TEXT, String, qos.TEXT),
     Topic(outputs.BRAILLE_MARKERS, MarkerArray, qos.MARKERS),
     Topic(outputs.DIAGNOSTICS, DiagnosticArray, qos.DIAGNOSTICS),
 )

@@ -1,0 +1,63 @@
+"""What the stage gives beside the cells: text and markers, when a scan ends and another begins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from visualization_msgs.msg import Marker
+
+import roller_braille.messages  # noqa: F401 (registers the messages of cells)
+from braille.synthetic import CAMERA, Plate, over, scan
+from roller_braille.braille_stage import BrailleParameters, BrailleStage
+from roller_core.outputs import BRAILLE_CELLS, BRAILLE_MARKERS, BRAILLE_TEXT
+from roller_ros.messages import to_message
+from roller_ros.topics import BY_NAME
+
+
+def messages(stage: BrailleStage, flush: bool = False) -> list[tuple[str, Any]]:
+    return [(o.topic, to_message(o)) for r in stage.results(flush) for o in r.outputs]
+
+
+def stage_after_a_scan() -> BrailleStage:
+    plate = Plate().text("abc")
+    track = over(plate)
+    stage = BrailleStage(BrailleParameters.create({}))
+    stage.take_poses(track)
+    stage.take_camera(CAMERA)
+    assert messages(stage) == []
+    stage.take_events(scan(plate, track))
+    return stage
+
+
+def is_delete_all(message: Any) -> bool:
+    return [m.action for m in message.markers] == [Marker.DELETEALL]
+
+
+def test_markers_of_an_earlier_scan_go_and_its_text_stays() -> None:
+    stage = stage_after_a_scan()
+    stage.restart()
+    found = messages(stage)
+    *scanned, (topic, last) = found
+    assert sum(t == BRAILLE_CELLS for t, _ in scanned) == 3
+    assert not any(t == BRAILLE_MARKERS and is_delete_all(m) for t, m in scanned)
+    assert topic == BRAILLE_MARKERS
+    assert is_delete_all(last)
+    assert stage.text() == ["abc"]
+    stage.restart()
+    assert messages(stage) == []  # nothing is shown that could go
+
+
+def test_clear_forgets_text_and_markers() -> None:
+    stage = stage_after_a_scan()
+    stage.services()["clear"]()
+    (*_, (_, read), _, _, (_, text)) = found = messages(stage)
+    assert [t for t, _ in found[-2:]] == [BRAILLE_MARKERS, BRAILLE_TEXT]
+    assert is_delete_all(found[-2][1])
+    assert text.data == ""
+    assert read.data == "abc"
+    assert stage.text() == []
+    assert BY_NAME[BRAILLE_TEXT].qos.durability.name == "TRANSIENT_LOCAL"
