@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rosbags.rosbag2 import Reader
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -19,7 +20,7 @@ from recording.bags import write_bag
 from roller_bringup.cli import main
 from roller_core.bags import typestore
 from roller_emvs.ply import read_ply
-from roller_ros import qos
+from roller_ros import messages, qos
 
 pytestmark = pytest.mark.graph
 
@@ -54,7 +55,9 @@ def test_replay_equals_live(
     # Who begins late to hear the robot has other windows, or leaves depth maps out.
     ready = ("emvs: depth", "stitcher: surface", "recorder: recording")
     watcher.spin_until(lambda: all(watcher.statuses[n] for n in ready), 60, "start of the nodes")
-    processes.start("player", f"{{bag: {bag}, subscribers: 3, pose_subscribers: 3}}")
+    times: list[Clock] = []
+    watcher.node.create_subscription(Clock, "/clock", times.append, qos.REPEATED)
+    processes.start("player", f"{{bag: {bag}, subscribers: 3, pose_subscribers: 3, clock: true}}")
     seen = watcher.seen
     watcher.spin_until(
         lambda: len(seen["/roller/depth/image"]) >= len(expected), 60, "all depth maps"
@@ -78,6 +81,9 @@ def test_replay_equals_live(
     )
     assert watcher.value("emvs: depth", "lost_packets") == 0
     assert watcher.value("emvs: depth", "events") > 0
+    # The bag is old: how late its depth is means nothing.
+    assert watcher.statuses["emvs: depth"][-1][1]["window_latency_s"] == ""
+    check_clock(times, bag)
 
     live = {stamp_of(m): pixels_of(m) for m in seen["/roller/depth/image"]}
     assert list(live) == list(expected)
@@ -118,6 +124,16 @@ def check_map(late: Watcher, result: Path, folder: Path) -> None:
     late.spin_until(lambda: late.seen[MAP][-1].width == 0, 20, "the empty map")
     refused = late.call("/stitcher/save", Trigger, Trigger.Request())
     assert (refused.success, refused.message) == (False, "the map is empty: nothing is saved")
+
+
+def check_clock(times: list[Clock], bag: Path) -> None:
+    """/clock goes through the bag's time."""
+    told = [messages.to_ns(time.clock) for time in times]
+    with Reader(bag) as reader:
+        begin, end = reader.start_time, reader.end_time
+    assert len(told) > 5
+    assert begin <= told[0] < told[-1] <= end
+    assert told == sorted(set(told))
 
 
 def recorded(bag: Path, topic: str) -> list[Any]:

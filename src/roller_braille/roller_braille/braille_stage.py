@@ -106,7 +106,7 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
     def _pipeline_results(self, pipeline: BraillePipeline, flush: bool) -> Iterator[Result]:
         for found in pipeline.results(flush):
             cell = replace(found, line=found.line + len(self._earlier))
-            self._latency_s = (self.clock_ns() - cell.stamp_ns) * 1e-9
+            self._came(cell.stamp_ns)
             yield Result(cell, self._cell_outputs(cell))
         for reason in pipeline.refusals:
             yield Result(None, notice=reason)
@@ -132,6 +132,6 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
             "cells": totals["cells"],
             "unreadable_cells": totals["unreadable_cells"],
             "repeated_cells": totals["repeated_cells"],
-            "cell_latency_s": round(self._latency_s, 4),
+            "cell_latency_s": self._latency_s,
             "travel_scale": "" if scale is None else round(scale, 4),
         }

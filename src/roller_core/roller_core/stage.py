@@ -29,6 +29,8 @@ from .sensor_pose import SensorFrames, Transform
 _MOST_EARLY = 5000
 #: Poses this much older are of a source that started anew, s.
 _RESTART_S = 1.0
+#: Stamps this far from now, s, are of a recording: how late its results are means nothing.
+_RECORDED_S = 60.0
 #: Levels of health, those of diagnostic_msgs/DiagnosticStatus.
 OK, WARN, ERROR = 0, 1, 2
 
@@ -223,7 +225,7 @@ class EventStage(Stage[E], Generic[E, P]):
         self.refused = ""
         self._early: deque[Any] = deque(maxlen=_MOST_EARLY)
         self._milliseconds: deque[float] = deque(maxlen=1000)
-        self._latency_s = 0.0
+        self._late_s: float | None = None
         self._past: Counter[str] = Counter()
 
     def take_camera(self, camera: Camera) -> None:
@@ -342,10 +344,20 @@ class EventStage(Stage[E], Generic[E, P]):
     def _took(self, milliseconds: float, end_ns: int) -> None:
         """Note how long a result took, and how late it is."""
         self._milliseconds.append(milliseconds)
-        self._latency_s = (self.clock_ns() - end_ns) * 1e-9
+        self._came(end_ns)
+
+    def _came(self, t_ns: int) -> None:
+        """Note how late a result of a time is."""
+        late_s = (self.clock_ns() - t_ns) * 1e-9
+        self._late_s = late_s if abs(late_s) < _RECORDED_S else None
+
+    @property
+    def _latency_s(self) -> float | str:
+        """How late the newest result was, as the status says it; empty where that isn't known."""
+        return "" if self._late_s is None else round(self._late_s, 4)
 
     def _times(self, piece: str, milliseconds: Iterable[float]) -> dict[str, object]:
-        """Median and 95th percentile of times, and the latency, as the status says them."""
+        """Median and 95th percentile of times, as the status says them."""
         spent = list(milliseconds)
         median, p95 = np.percentile(spent, [50, 95]).round(2).tolist() if spent else (0.0, 0.0)
         return {f"{piece}_ms_median": median, f"{piece}_ms_p95": p95}

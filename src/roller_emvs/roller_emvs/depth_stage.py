@@ -67,5 +67,5 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
             "windows": totals["windows"],
             "refused_windows": totals["refused_windows"],
             **self._times("window", self._milliseconds),
-            "window_latency_s": round(self._latency_s, 4),
+            "window_latency_s": self._latency_s,
         }

@@ -76,5 +76,5 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             "still_events": totals["still_events"],
             "map_points": len(self.map),
             **self._times("block", self._milliseconds),
-            "block_latency_s": round(self._latency_s, 4),
+            "block_latency_s": self._latency_s,
         }

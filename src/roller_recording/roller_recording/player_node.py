@@ -10,16 +10,20 @@ from pathlib import Path
 
 from pydantic import Field
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 
 from roller_core.errors import RollerError
 from roller_core.settings import Settings
 from roller_recording.reading.bag_reader import BagReader
 from roller_recording.reading.base import RecordingError
 from roller_recording.reading.event_topic import event_topic
-from roller_ros import diagnostics, topics
+from roller_ros import diagnostics, messages, qos, topics
 from roller_ros.listeners import wait_for_listeners
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
+
+#: /clock is published once in this much of the bag's time.
+_CLOCK_STEP_NS = 10_000_000
 
 
 class PlayerParameters(Settings):
@@ -43,6 +47,11 @@ class PlayerParameters(Settings):
     )
     settle_s: float = Field(
         1.0, ge=0.0, le=60.0, description="How long no subscriber may have come before playing, s."
+    )
+    clock: bool = Field(
+        False,
+        description="Whether to publish the bag's time on /clock, for nodes with use_sim_time; not "
+        "beside live nodes that have it.",
     )
     exit_when_done: bool = Field(False, description="Whether to end after the last message.")
     linger_s: float = Field(
@@ -76,6 +85,9 @@ class PlayerNode(Node):
                 made = self.create_publisher(topic.type, topic.name, topic.qos)
                 self._outputs[theirs] = made
         self._events = self._outputs[events]
+        # Not _clock: rclpy's own.
+        self._time = self.create_publisher(Clock, "/clock", qos.REPEATED) if self._p.clock else None
+        self._time_ns: int | None = None
         self._diagnostics = diagnostics.Diagnostics(self, "playback", self._status, 0.5)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -124,8 +136,16 @@ class PlayerNode(Node):
                 time.sleep(wait)
             else:
                 self._late_s = max(self._late_s, -wait)
+            self._tell_time(item.t_ns)
             self._outputs[item.topic].publish(item.data)
             self._played += 1
+
+    def _tell_time(self, t_ns: int) -> None:
+        if self._time is not None and not (
+            self._time_ns is not None and t_ns - self._time_ns < _CLOCK_STEP_NS
+        ):
+            self._time_ns = t_ns
+            self._time.publish(Clock(clock=messages.to_time(t_ns)))
 
     def _end(self) -> None:
         if self.done.is_set():
