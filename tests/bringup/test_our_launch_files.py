@@ -170,6 +170,17 @@ def test_an_argument_goes_before_the_devices_own_file(tmp_path):
         assert parameters(camera)["camerainfo_url"] == "file:///c"
 
 
+def test_the_cameras_place_is_published_without_the_robot_too(tmp_path):
+    place = tmp_path / "hand_eye.yaml"
+    place.write_text("/**/ur10: {ros__parameters: {hand_eye_m: [0.1, 0.0, 0.2]}}\n")
+    with load("cell", start_robot="false", hand_eye=str(place), tf_prefix="left_") as plan:
+        robot = MODELS["ur10"].create(parameters(plan.processes[1]))
+        assert not robot.connect
+        assert robot.publish_hand_eye
+        assert robot.hand_eye_m == (0.1, 0.0, 0.2)
+        assert robot.tool == "left_tool0_controller"
+
+
 def test_options_add_and_leave_out_nodes():
     with load("cell", start_driver="false", braille="false", record="true") as plan:
         names = [process.name for process in plan.processes]

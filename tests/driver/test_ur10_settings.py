@@ -44,6 +44,7 @@ def test_the_cameras_place_as_quaternion_or_rotation_vector(tmp_path):
     assert np.allclose(one.matrix, other.matrix)
     assert np.allclose(one.matrix[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     assert not Ur10Parameters().hand_eye_known
+    assert Ur10Parameters(hand_eye_identity=True).hand_eye_known
 
 
 @pytest.mark.parametrize(

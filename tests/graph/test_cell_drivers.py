@@ -165,15 +165,23 @@ def test_without_devices_the_nodes_say_so_and_stay(processes, watch, tmp_path, m
         "from driver.emulation.usb_backend import EmulatedBackend as none\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    watcher = watch()
+    watcher = watch("/tf_static")
     processes.start("event_camera", "{backend: 'nothing:none'}")
     processes.start("ur10", f"{{robot_ip: {LOOPBACK}, retry_interval: 0.1, connect_timeout: 0.5}}")
+    # Where another driver connects to the robot, the camera's place is published all the same.
+    processes.start("ur10", "{connect: false}", "unset")
+    processes.start("ur10", "{connect: false, hand_eye_identity: true, tf_prefix: left_}", "left")
     watcher.spin_until(
         lambda: (
             watcher.has_said(CAMERA, "no DVXplorer Mini is plugged in")
             and watcher.has_said(ROBOT, "it can't be reached")
+            and watcher.has_said(f"unset/{ROBOT}", "the camera's place on the tool is not set")
+            and watcher.has_said(f"left/{ROBOT}", "another node connects to the robot")
+            and watcher.seen["/tf_static"]
         ),
         120,
-        "both messages",
+        "all messages",
     )
-    assert processes.stop() == {"event_camera": 0, "ur10": 0}
+    (static,) = watcher.seen["/tf_static"]
+    assert [t.header.frame_id for t in static.transforms] == ["left_tool0_controller"]
+    assert set(processes.stop().values()) == {0}

@@ -34,9 +34,11 @@ class Ur10Node(Node):
         self._missed_reported = self._steps_reported = 0
         self._meter = diagnostics.Meter()
         # Not _publishers: rclpy's own.
-        self._tf = self.create_publisher(TFMessage, "/tf", qos.TF) if p.publish_tf else None
+        self._tf = (
+            self.create_publisher(TFMessage, "/tf", qos.TF) if p.connect and p.publish_tf else None
+        )
         self._velocity = self.create_publisher(TwistStamped, "~/tool_velocity", qos.TF)
-        if p.publish_hand_eye:
+        if p.publish_hand_eye and p.hand_eye_known:  # a wrong place would give wrong depth
             self._static = self.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
             now = self.get_clock().now().nanoseconds
             fixed = messages.transform(p.hand_eye, now, p.tool, p.sensor_frame)
@@ -54,7 +56,8 @@ class Ur10Node(Node):
             retry_s=p.retry_interval,
             silence_s=p.silence_timeout,
         )
-        self._receiver.start()
+        if p.connect:
+            self._receiver.start()
 
     def destroy_node(self) -> None:
         """Stop the receiver first: it publishes."""
@@ -99,11 +102,17 @@ class Ur10Node(Node):
         missed, self._missed_reported = s.missed - self._missed_reported, s.missed
         steps = self._clock_map.steps
         jumped, self._steps_reported = steps > self._steps_reported, steps
-        level, text = diagnostics.OK, s.state
+        level, text = diagnostics.OK, s.state if p.connect else "another node connects to the robot"
         if s.state == SEARCHING:
             level, text = diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"
         elif s.stopped_for_safety:
             level, text = diagnostics.ERROR, f"the robot stands: {s.safety}"
+        elif p.publish_hand_eye and not p.hand_eye_known:
+            level = diagnostics.ERROR
+            text = (
+                "the camera's place on the tool is not set (hand_eye_m), so there is no depth: "
+                "calibrate it; hand_eye_identity says that it is the tool's own on purpose"
+            )
         elif self._others.found:
             level = diagnostics.ERROR
             text = (
@@ -115,8 +124,6 @@ class Ur10Node(Node):
             text = "the controller's clock has jumped against the host's; its map restarts"
         elif missed:
             level, text = diagnostics.WARN, f"{missed} poses were missed"
-        elif p.publish_hand_eye and not p.hand_eye_known:
-            level, text = diagnostics.WARN, "the camera's place on the tool is not set (hand_eye_m)"
         return (
             level,
             text,

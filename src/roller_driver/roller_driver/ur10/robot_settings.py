@@ -27,6 +27,10 @@ class HandEyeSettings(Settings):
         _NO_ROTATION,
         description="The same as a rotation vector, rad; give one of the two.",
     )
+    hand_eye_identity: bool = Field(
+        False,
+        description="Whether the camera's frame is the tool's on purpose: nothing else is set.",
+    )
 
     @model_validator(mode="after")
     def _check(self) -> HandEyeSettings:
@@ -42,8 +46,12 @@ class HandEyeSettings(Settings):
 
     @property
     def hand_eye_known(self) -> bool:
-        """Whether anything but the default is set."""
-        return (self.hand_eye_m, self.hand_eye_quaternion, self.hand_eye_rotation_rad) != (
+        """Whether anything but the default is set, or the default is meant."""
+        return self.hand_eye_identity or (
+            self.hand_eye_m,
+            self.hand_eye_quaternion,
+            self.hand_eye_rotation_rad,
+        ) != (
             (0.0, 0.0, 0.0),
             _NO_QUATERNION,
             _NO_ROTATION,
@@ -63,11 +71,18 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
     """Where the robot is and what is published of it."""
 
     robot_ip: str = Field("192.168.56.101", description="Address of the robot's controller.")
+    connect: bool = Field(
+        True,
+        description="Whether to connect to the robot; false where the robot's own driver publishes "
+        "its poses: the camera's place alone is published.",
+    )
     publish_tf: bool = Field(
         True,
         description="Publish base -> tool on /tf; false where the robot's own driver does.",
     )
-    publish_hand_eye: bool = Field(True, description="Publish tool -> camera on /tf_static.")
+    publish_hand_eye: bool = Field(
+        True, description="Publish tool -> camera on /tf_static, once it is set."
+    )
     connect_timeout: float = Field(
         2.0, ge=0.1, le=30.0, description="Longest wait for the controller's answer, s."
     )
