@@ -80,3 +80,10 @@ def test_gaps_in_the_numbers() -> None:
     gaps.see("/a", 1, 9 * 10**9)
     assert (gaps.lost, gaps.gaps) == (2 + 7, 2)
     assert gaps.told(10**9) == "2 before 1.000 s, 7 before 5.000 s"
+    # No cell loses an hour of packets in one place: it is another source.
+    for seq in (2**63, 2**63 + 2, 2**64 - 1, 0):
+        gaps.see("/a", seq, 10 * 10**9)
+    assert (gaps.lost, gaps.gaps, gaps.restarts) == (2 + 7 + 1, 3, 1 + 3)
+    gaps.forget("/a")
+    gaps.see("/a", 9, 11 * 10**9)
+    assert (gaps.lost, gaps.restarts) == (2 + 7 + 1, 5)

@@ -11,6 +11,7 @@ pytest.importorskip("rclpy")
 from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
+from roller_ros.sources import OneSource
 from roller_ros.tf import PoseSources
 
 OURS, THEIRS = b"\x01" * 16, b"\x02" * 16
@@ -55,45 +56,70 @@ def sources(clock):
 
 
 def test_one_publisher(sources):
-    assert all(sources.accepts(message(), sent_by(OURS)) for _ in range(3))
-    assert sources.conflict(Graph()) == ""
+    assert all(sources.takes(message(), sent_by(OURS)) for _ in range(3))
+    assert sources.pose_conflict(Graph()) == ""
 
 
 def test_the_second_is_left_out_and_told_until_it_is_gone(sources, clock):
-    assert sources.accepts(message(), sent_by(OURS))
-    assert not sources.accepts(message(), sent_by(THEIRS))
+    assert sources.takes(message(), sent_by(OURS))
+    assert not sources.takes(message(), sent_by(THEIRS))
     clock.now += 0.1
-    assert sources.accepts(message(), sent_by(OURS))
-    told = sources.conflict(Graph())
+    assert sources.takes(message(), sent_by(OURS))
+    told = sources.pose_conflict(Graph())
     assert told.startswith("/ur10 and /ur_driver publish base -> tool0_controller on /tf; /ur10 is")
     assert "publish_tf of ur10 to false" in told
     assert sources.foreign == 1
     clock.now += 3.1
-    assert sources.conflict(Graph()) == ""
+    assert sources.pose_conflict(Graph()) == ""
 
 
 def test_another_is_followed_when_the_first_is_silent(sources, clock):
-    assert sources.accepts(message(), sent_by(OURS))
+    assert sources.takes(message(), sent_by(OURS))
     clock.now += 0.6
-    assert sources.accepts(message(), sent_by(THEIRS))
-    assert not sources.accepts(message(), sent_by(OURS))
-    assert "/ur_driver is followed" in sources.conflict(Graph())
+    assert sources.takes(message(), sent_by(THEIRS))
+    assert not sources.takes(message(), sent_by(OURS))
+    assert "/ur_driver is followed" in sources.pose_conflict(Graph())
+
+
+def test_a_node_that_was_busy_does_not_take_that_for_silence(sources, clock):
+    def arrived(gid, at_s):
+        return sent_by(gid) | {"received_timestamp": round(at_s * 1e9)}
+
+    assert sources.takes(message(), arrived(OURS, 100.0))
+    clock.now += 10.0
+    assert not sources.takes(message(), arrived(THEIRS, 100.01))
+    assert sources.takes(message(), arrived(OURS, 100.02))
+    assert sources.takes(message(), arrived(THEIRS, 100.53))
+
+
+def test_who_sends_once_is_followed_until_it_is_gone(clock):
+    cameras = OneSource(latched=True, clock_s=clock)
+    assert cameras.accepts(sent_by(OURS))
+    clock.now += 100.0
+    assert not cameras.accepts(sent_by(THEIRS))
+    clock.now += 100.0
+    cameras.keep_to({OURS, THEIRS})
+    told = cameras.conflict(Graph(), "/tf", "it", "stop one")
+    assert told == "/ur10 and /ur_driver publish it; /ur10 is followed: stop one"
+    cameras.keep_to({THEIRS})
+    assert cameras.accepts(sent_by(THEIRS))
+    assert cameras.conflict(Graph(), "/tf", "it", "stop one") == ""
 
 
 def test_other_frames_are_nobodys_business(sources):
-    assert sources.accepts(message(), sent_by(OURS))
-    assert sources.accepts(message("map", "base"), sent_by(THEIRS))
-    assert sources.accepts(message("/base", "/tool0_controller"), sent_by(OURS))
-    assert sources.conflict(Graph()) == ""
+    assert sources.takes(message(), sent_by(OURS))
+    assert sources.takes(message("map", "base"), sent_by(THEIRS))
+    assert sources.takes(message("/base", "/tool0_controller"), sent_by(OURS))
+    assert sources.pose_conflict(Graph()) == ""
 
 
 def test_where_publishers_are_not_told_apart_all_are_taken(sources):
     for info in ({}, {"publisher_gid": None}):
-        assert sources.accepts(message(), info)
-    assert sources.conflict(Graph()) == ""
+        assert sources.takes(message(), info)
+    assert sources.pose_conflict(Graph()) == ""
 
 
 def test_a_publisher_that_has_left(sources):
-    assert sources.accepts(message(), sent_by(OURS))
-    assert not sources.accepts(message(), sent_by(b"\x03" * 16))
-    assert "/ur10 and a node that is gone publish" in sources.conflict(Graph())
+    assert sources.takes(message(), sent_by(OURS))
+    assert not sources.takes(message(), sent_by(b"\x03" * 16))
+    assert "/ur10 and a node that is gone publish" in sources.pose_conflict(Graph())

@@ -48,6 +48,7 @@ class StreamCounts:
     packets: int = 0
     events: int = 0
     lost_packets: int = 0
+    seq_restarts: int = 0
     outside_events: int = 0
     late_events: int = 0
     decode_errors: int = 0
@@ -71,6 +72,13 @@ class EventStream:
         self._decoder: PacketDecoder | None = None
         self._gaps = SeqGaps()
         self._last_ns: int | None = None
+
+    def new_source(self, width: int, height: int) -> None:
+        """Another source follows, of an image size in px; the counts go on."""
+        self.width, self.height = width, height
+        self.clock = SensorClock()
+        self._decoder = self._last_ns = None
+        self._gaps.forget("")
 
     def push_message(self, message: Any) -> EventArray:
         """Decode an event_camera_msgs/EventPacket, of a live graph or of a bag; see `push`."""
@@ -141,6 +149,7 @@ class EventStream:
             raise
         self._gaps.see("", seq, stamp_ns)
         self.counts.lost_packets = self._gaps.lost
+        self.counts.seq_restarts = self._gaps.restarts
         events = packet.events.sorted_by_time()
         self.counts.packets += 1
         self.counts.outside_events += packet.outside

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+#: A leap over more numbers than this is no loss but another source: minutes of packets.
+_MOST_LOST = 2**20
 #: Gaps that are kept with their place; beyond it only their number counts.
 _PLACES = 1000
 
@@ -38,23 +40,35 @@ class SeqGaps:
         Places where some are.
     places : list of Gap
         The first of them.
+    restarts : int
+        Places where the numbers fall or leap: a source that started anew, or another one.
     """
 
     def __init__(self) -> None:
         self.lost = 0
         self.gaps = 0
+        self.restarts = 0
         self.places: list[Gap] = []
         self._last: dict[str, int] = {}
 
     def see(self, topic: str, seq: int, t_ns: int) -> None:
-        """Take the number of the next packet; a lower one is a driver that started anew."""
+        """Take the number of the next packet."""
         last = self._last.get(topic)
         self._last[topic] = seq
-        if last is not None and seq > last + 1:
+        if last is None:
+            return
+        if not last <= seq <= last + _MOST_LOST:
+            self.restarts += 1
+        elif seq > last + 1:
             self.lost += seq - last - 1
             self.gaps += 1
             if len(self.places) < _PLACES:
                 self.places.append(Gap(topic, t_ns, seq - last - 1))
+
+    def forget(self, topic: str) -> None:
+        """Another source follows: its first number says nothing."""
+        if self._last.pop(topic, None) is not None:
+            self.restarts += 1
 
     def told(self, start_ns: int, most: int = 5) -> str:
         """Where they are missing, for people; seconds count from `start_ns`."""

@@ -172,12 +172,14 @@ class Stage(ABC, Generic[S]):
         """Load what takes a second, so that it doesn't come with the first data."""
 
     def _finish(self) -> None:
-        """Keep all results so far to be taken."""
+        """Keep all that is left for the next call of `results`."""
+        kept: list[Result] = []
         try:
             for result in self.results(flush=True):
-                self._left.append(result)
+                kept.append(result)
         except RollerError as error:
-            self._left.append(Result(None, fault=error))
+            kept.append(Result(None, fault=error))
+        self._left += kept
 
     @abstractmethod
     def _begin(self) -> None:
@@ -241,13 +243,31 @@ class EventStage(Stage[E], Generic[E, P]):
         self.refused = ""
         if self.camera == camera:
             return
-        self.camera, self.stream = camera, EventStream(camera.width, camera.height)
+        if self.stream is None:
+            self.stream = EventStream(camera.width, camera.height)
+        else:
+            self._finish()
+            self.stream.new_source(camera.width, camera.height)
+        self.camera = camera
         self._begin()
         while self._early:
             try:
-                self.take_packet(self._early.popleft())
+                packet = self._early.popleft()
+                if packet is None:
+                    self.new_source()
+                else:
+                    self.take_packet(packet)
             except RollerError as error:
                 self._left.append(Result(None, fault=error))
+
+    def new_source(self) -> None:
+        """Finish what there is: packets of another source follow, poses go on."""
+        if self.stream is None:
+            self._early.append(None)
+            return
+        self._finish()
+        self.stream.new_source(self.stream.width, self.stream.height)
+        self._begin()
 
     def take_packet(self, packet: Any) -> None:
         """Decode an event packet and take its events; see `EventStream.push_message`."""
@@ -297,6 +317,7 @@ class EventStage(Stage[E], Generic[E, P]):
         found: dict[str, object] = {
             "events": stream.events,
             "lost_packets": stream.lost_packets,
+            "seq_restarts": stream.seq_restarts,
             "decode_errors": stream.decode_errors,
             "late_events": stream.late_events,
             "events_outside_image": stream.outside_events,

@@ -8,7 +8,7 @@ thread that does the work then lacks.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.node import Node
@@ -22,7 +22,11 @@ _MOST = 200
 
 
 def subscribe_draining(
-    node: Node, message_type: Any, topic: str, take: Callable[[Any], None], quality: QoSProfile
+    node: Node,
+    message_type: Any,
+    topic: str,
+    take: Callable[[Any, Mapping[str, Any]], None],
+    quality: QoSProfile,
 ) -> None:
     """Subscribe to a topic of many messages a second.
 
@@ -33,18 +37,18 @@ def subscribe_draining(
     message_type, topic, quality
         As of `Node.create_subscription`.
     take : callable
-        Takes each message, in order.
+        Takes each message with rclpy's `MessageInfo`, in order.
     """
     subscription: Subscription[Any]
 
-    def take_waiting(message: Any) -> None:
-        take(message)
+    def take_waiting(message: Any, info: Mapping[str, Any]) -> None:
+        take(message, info)
         with subscription.handle:
             for _ in range(_MOST):
                 taken = subscription.handle.take_message(message_type, False)
                 if taken is None:
                     break
-                take(taken[0])
+                take(*taken)
         time.sleep(_PAUSE_S)
 
     subscription = node.create_subscription(message_type, topic, take_waiting, quality)

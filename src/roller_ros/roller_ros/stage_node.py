@@ -23,9 +23,12 @@ from roller_core.stage import ERROR, EventStage, Stage
 from . import diagnostics, messages, qos, topics
 from .draining import subscribe_draining
 from .parameters import declare_settings
+from .sources import OneSource, publisher_of, publishers, same_process
 from .tf import PoseSources
 from .worker import Worker
 
+#: In place of a packet: those that follow are of another publisher.
+_NEW_SOURCE = object()
 #: Messages that are taken without looking for results while more wait.
 _MOST_UNPROCESSED = 10
 
@@ -52,7 +55,9 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
                 on_fault(error)
         return
     try:
-        if isinstance(message, EventPacket):
+        if message is _NEW_SOURCE:
+            stage.new_source()
+        elif isinstance(message, EventPacket):
             stage.take_packet(message)
         elif isinstance(message, CameraInfo):
             stage.take_camera(messages.camera_from_info(message))
@@ -83,7 +88,10 @@ class StageNode(Node):
         self.stage = stage = kind(settings)
         stage.clock_ns = lambda: int(self.get_clock().now().nanoseconds)
         self._faults = self._unprocessed = self._steps_told = 0
-        self._sources = PoseSources(settings.base_frame, settings.moving_frame)
+        self._poses = PoseSources(settings.base_frame, settings.moving_frame)
+        self._events, self._cameras = OneSource(), OneSource(latched=True)
+        #: What publishers of camera_info said that aren't followed, by publisher.
+        self._other_cameras: dict[bytes, CameraInfo] = {}
         self._meter = diagnostics.Meter()
         self._working = threading.Lock()  # the stage: the worker's, or a service's
         self._outputs = {name: topics.publisher(self, name) for name in kind.outputs}
@@ -110,12 +118,12 @@ class StageNode(Node):
         if name == outputs.TF:
             self.create_subscription(TFMessage, name, self._take_tf, qos.EVERY_TF)
         elif name == outputs.EVENTS:
-            subscribe_draining(self, EventPacket, name, lambda m: submit((name, m)), topic.qos)
+            subscribe_draining(self, EventPacket, name, self._take_packet, topic.qos)
         elif name == outputs.CAMERA_INFO:
             # Latched, as it should be, and as drivers have it that send it over and over.
             for quality in (topic.qos, qos.REPEATED):
                 self.create_subscription(
-                    CameraInfo, name, lambda m: submit((name, m)), quality,
+                    CameraInfo, name, self._take_camera, quality,
                     event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
                 )  # fmt: skip
         else:
@@ -125,7 +133,7 @@ class StageNode(Node):
             )
 
     def _take_tf(self, message: TFMessage, info: Mapping[str, Any]) -> None:
-        if self._sources.accepts(message, info):
+        if self._poses.takes(message, info):
             self._worker.submit((outputs.TF, message), False)
 
     def _offer(self, name: str, act: Callable[[], str]) -> None:
@@ -141,6 +149,44 @@ class StageNode(Node):
             return response
 
         self.create_service(Trigger, f"~/{name}", serve)
+
+    def _take_packet(self, message: EventPacket, info: Mapping[str, Any]) -> None:
+        before = self._events.followed
+        if not self._events.accepts(info):
+            return
+        if before != self._events.followed:
+            if before is not None:
+                self._worker.submit((outputs.EVENTS, _NEW_SOURCE))
+            self._camera_of_events()
+        self._worker.submit((outputs.EVENTS, message))
+
+    def _take_camera(self, message: CameraInfo, info: Mapping[str, Any]) -> None:
+        if self._cameras.accepts(info):
+            self._worker.submit((outputs.CAMERA_INFO, message))
+        elif (sender := publisher_of(info)) is not None:
+            self._other_cameras[sender] = message
+            self._camera_of_events()
+
+    def _camera_of_events(self) -> None:
+        """Follow the camera_info of the process whose events are followed."""
+        events = self._events.followed
+        if not same_process(self._cameras.followed, events):
+            for sender in self._other_cameras:
+                if same_process(sender, events):
+                    self._follow_camera(sender)
+                    return
+
+    def _follow_camera(self, sender: bytes) -> None:
+        self._cameras.follow(sender)
+        self._worker.submit((outputs.CAMERA_INFO, self._other_cameras.pop(sender)))
+
+    def _check_cameras(self) -> None:
+        """Follow another camera_info when the publisher of the first is gone."""
+        alive = publishers(self, self.resolve_topic_name(outputs.CAMERA_INFO))
+        self._other_cameras = {k: m for k, m in self._other_cameras.items() if k in alive}
+        self._cameras.keep_to(alive)
+        if self._cameras.followed is None and self._other_cameras:
+            self._follow_camera(next(iter(self._other_cameras)))
 
     def _handle(self, item: tuple[str, Any]) -> None:
         with self._working:
@@ -176,6 +222,8 @@ class StageNode(Node):
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         stage, worker = self.stage, self._worker
+        if isinstance(stage, EventStage):
+            self._check_cameras()
         level, message = self._health()
         values: dict[str, object] = {
             **self._meter.rates(**stage.rated()),
@@ -183,12 +231,14 @@ class StageNode(Node):
             "waiting_messages": worker.waiting,
             "dropped_messages": worker.dropped,
             **diagnostics.pose_figures(stage.frames.counts),
-            "foreign_poses": self._sources.foreign,
+            "foreign_poses": self._poses.foreign,
             "faults": self._faults,
         }
         if isinstance(stage, EventStage):
             clock = stage.stream.clock if stage.stream is not None else SensorClock()
             values |= diagnostics.clock_figures(clock)
+            values["foreign_packets"] = self._events.foreign
+            values["foreign_camera_infos"] = self._cameras.foreign
         return level, message, values
 
     def _health(self) -> tuple[bytes, str]:
@@ -196,15 +246,11 @@ class StageNode(Node):
         level, matter = self.stage.health()
         if level == ERROR:
             return diagnostics.ERROR, matter
-        if conflict := self._sources.conflict(self):
+        if conflict := self._conflict():
             return diagnostics.ERROR, conflict
         if matter:
             return bytes([level]), matter
         if isinstance(self.stage, EventStage) and self.stage.stream is not None:
-            events = self.resolve_topic_name(outputs.EVENTS)
-            cameras = self.count_publishers(events)
-            if cameras > 1:
-                return diagnostics.ERROR, f"{cameras} nodes publish {events}: stop all but one"
             steps = self.stage.stream.clock.steps
             jumped, self._steps_told = steps > self._steps_told, steps
             if jumped:
@@ -215,3 +261,16 @@ class StageNode(Node):
         if self.stage.lost or self._worker.dropped:
             return diagnostics.WARN, "data were lost"
         return diagnostics.OK, "running"
+
+    def _conflict(self) -> str:
+        """Publishers that don't agree; empty: there is but one of each topic."""
+        if conflict := self._poses.pose_conflict(self):
+            return conflict
+        for source, name in (
+            (self._events, outputs.EVENTS),
+            (self._cameras, outputs.CAMERA_INFO),
+        ):
+            topic = self.resolve_topic_name(name)
+            if conflict := source.conflict(self, topic, topic, "stop all but one"):
+                return conflict
+        return ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.node import Node
@@ -14,20 +14,15 @@ from tf2_msgs.msg import TFMessage
 from roller_core.sensor_pose import transforms_of
 
 from . import qos
+from .sources import OneSource
 
-#: Silence after which another publisher is followed, and for which a conflict is remembered, s.
-_SILENCE_S = 0.5
-_REMEMBERED_S = 3.0
 #: How long a publisher of poses listens for others, and how long it then doesn't, s.
 _WATCH_S = 1.0
 _WATCH_PAUSE_S = 5.0
 
 
-class PoseSources:
+class PoseSources(OneSource):
     """Keeps to one publisher of the robot's poses where two publish them.
-
-    Two that don't agree would make a surface of neither. The first is followed until it is silent
-    for half a second.
 
     Parameters
     ----------
@@ -40,15 +35,10 @@ class PoseSources:
     def __init__(
         self, base: str, moving: str, clock_s: Callable[[], float] = time.monotonic
     ) -> None:
+        super().__init__(clock_s=clock_s)
         self._frames = (base, moving)
-        self._clock_s = clock_s
-        self._followed: bytes | None = None
-        self._heard_s = 0.0
-        self._others: dict[bytes, float] = {}
-        #: Messages of others, left out.
-        self.foreign = 0
 
-    def accepts(self, message: TFMessage, info: Mapping[str, Any]) -> bool:
+    def takes(self, message: TFMessage, info: Mapping[str, Any]) -> bool:
         """Whether to take a message of /tf.
 
         Parameters
@@ -58,44 +48,19 @@ class PoseSources:
         info : mapping
             rclpy's `MessageInfo`; where it doesn't tell the publisher, all are taken.
         """
-        gid = info.get("publisher_gid")
-        if gid is None or not any(self._is_pose(item) for item in message.transforms):
+        if not any(self._is_pose(item) for item in message.transforms):
             return True
-        sender, now = bytes(gid["data"]), self._clock_s()
-        if sender != self._followed:
-            if self._followed is not None and now - self._heard_s < _SILENCE_S:
-                self._others[sender] = now
-                self.foreign += 1
-                return False
-            self._followed = sender
-        self._heard_s = now
-        return True
+        return self.accepts(info)
 
-    def conflict(self, node: Node) -> str:
+    def pose_conflict(self, node: Node) -> str:
         """What to tell of publishers that don't agree; empty: there is but one."""
-        now = self._clock_s()
-        self._others = {k: t for k, t in self._others.items() if now - t < _REMEMBERED_S}
-        if not self._others or self._followed is None:
-            return ""
-        names = {
-            bytes(info.endpoint_gid): f"/{info.node_name}"
-            for info in node.get_publishers_info_by_topic("/tf")
-        }
-        first = _name(names, self._followed)
-        others = ", ".join(sorted(_name(names, sender) for sender in self._others))
-        return (
-            f"{first} and {others} publish {' -> '.join(self._frames)} on /tf; {first} is "
-            "followed: stop the other, or set publish_tf of ur10 to false"
+        what = f"{' -> '.join(self._frames)} on /tf"
+        return self.conflict(
+            node, "/tf", what, "stop the other, or set publish_tf of ur10 to false"
         )
 
     def _is_pose(self, item: Any) -> bool:
         return self._frames == (item.header.frame_id.lstrip("/"), item.child_frame_id.lstrip("/"))
-
-
-def _name(names: Mapping[bytes, str], gid: bytes) -> str:
-    # The graph's ids may be shorter than the messages'.
-    found: Iterable[str] = (n for k, n in names.items() if k[:16] == gid[:16])
-    return next(iter(found), "a node that is gone")
 
 
 class OtherPublishers:

@@ -1,0 +1,128 @@
+"""One publisher of a topic is followed where several publish it; the others are left out."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any
+
+from rclpy.node import Node
+
+#: Silence after which another publisher is followed, and for which a conflict is remembered, s.
+_SILENCE_S = 0.5
+_REMEMBERED_S = 3.0
+#: Bytes of a publisher's id that tell it from others; the graph's ids may be longer.
+_ID = 16
+
+
+def publisher_of(info: Mapping[str, Any]) -> bytes | None:
+    """Who sent a message, by rclpy's `MessageInfo`; None where that isn't told."""
+    gid = info.get("publisher_gid")
+    return None if gid is None else bytes(gid["data"])[:_ID]
+
+
+class OneSource:
+    """Keeps to one publisher where several send.
+
+    Two that don't agree would make a surface of neither. The first is followed until it is silent
+    for half a second.
+
+    Parameters
+    ----------
+    latched : bool
+        The topic's publishers may send once and be silent ever after: the first is followed until
+        it is gone from the graph (`keep_to`).
+    clock_s : callable
+        Monotonic time, s.
+
+    Attributes
+    ----------
+    followed : bytes or None
+        The publisher; None before the first message.
+    foreign : int
+        Messages of others, left out.
+    """
+
+    def __init__(
+        self, latched: bool = False, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._silence_s, self._remembered_s = (
+            (math.inf, math.inf) if latched else (_SILENCE_S, _REMEMBERED_S)
+        )
+        self._clock_s = clock_s
+        self._heard_s = 0.0
+        self._others: dict[bytes, float] = {}
+        self.followed: bytes | None = None
+        self.foreign = 0
+
+    def accepts(self, info: Mapping[str, Any]) -> bool:
+        """Whether to take a message.
+
+        Parameters
+        ----------
+        info : mapping
+            rclpy's `MessageInfo`; where it doesn't tell the publisher, all are taken.
+        """
+        sender = publisher_of(info)
+        if sender is None:
+            return True
+        # When it arrived, not when it was looked at: a node that was busy heard nobody.
+        at_s = info.get("received_timestamp", 0) * 1e-9 or self._clock_s()
+        if sender != self.followed:
+            if self.followed is not None and abs(at_s - self._heard_s) < self._silence_s:
+                self._others[sender] = self._clock_s()
+                self.foreign += 1
+                return False
+            self.follow(sender)
+        self._heard_s = at_s
+        return True
+
+    def follow(self, sender: bytes | None) -> None:
+        """Follow a publisher from now on; with None the next one."""
+        self.followed = sender
+        if sender is not None:
+            self._others.pop(sender, None)
+
+    def keep_to(self, alive: Collection[bytes]) -> None:
+        """Forget publishers that are gone."""
+        self._others = {k: t for k, t in self._others.items() if k in alive}
+        if self.followed not in alive:
+            self.follow(None)
+
+    def conflict(self, node: Node, topic: str, what: str, cure: str) -> str:
+        """What to tell of publishers that don't agree; empty: there is but one.
+
+        Parameters
+        ----------
+        node : Node
+            Knows the graph.
+        topic, what, cure : str
+            Where they publish, what, and what to do, for people.
+        """
+        now = self._clock_s()
+        self._others = {k: t for k, t in self._others.items() if now - t < self._remembered_s}
+        if not self._others or self.followed is None:
+            return ""
+        names = {
+            bytes(info.endpoint_gid): f"/{info.node_name}"
+            for info in node.get_publishers_info_by_topic(topic)
+        }
+        first = _name(names, self.followed)
+        others = ", ".join(sorted(_name(names, sender) for sender in self._others))
+        return f"{first} and {others} publish {what}; {first} is followed: {cure}"
+
+
+def publishers(node: Node, topic: str) -> set[bytes]:
+    """Those that publish a topic now, as `publisher_of` tells them."""
+    return {bytes(i.endpoint_gid)[:_ID] for i in node.get_publishers_info_by_topic(topic)}
+
+
+def same_process(a: bytes | None, b: bytes | None) -> bool:
+    """Whether two publishers are of one process (DDS: of one participant)."""
+    return a is not None and b is not None and a[:12] == b[:12]
+
+
+def _name(names: Mapping[bytes, str], gid: bytes) -> str:
+    found: Iterable[str] = (n for k, n in names.items() if k[:_ID] == gid)
+    return next(iter(found), "a node that is gone")

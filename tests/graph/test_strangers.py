@@ -1,0 +1,97 @@
+"""Two cameras in one graph: one is followed, the other is refused, counted and named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from event_camera_msgs.msg import EventPacket
+from rclpy.context import Context
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
+
+from roller_core.camera import Camera
+from roller_core.codecs import encode
+from roller_core.events import EventArray
+from roller_ros import messages, qos
+
+pytestmark = pytest.mark.graph
+
+FRAME, STATUS = "event_camera_optical_frame", "emvs: depth"
+EVENTS = 50
+CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
+OTHER = Camera(320, 240, 900.0, 900.0, 160.0, 120.0)
+
+
+class FakeCamera:
+    """A node's camera, which sends its calibration once and packets by the timer of another."""
+
+    def __init__(self, node: Node, timer: Node, seq: int, step: int, camera: Camera) -> None:
+        self.node, self.seq, self.step, self.silent = node, seq, step, False
+        self.camera = camera
+        self.sent = 0
+        self._start_ns = node.get_clock().now().nanoseconds
+        self._events = node.create_publisher(EventPacket, "/event_camera/events", qos.EVENTS)
+        self._info = node.create_publisher(CameraInfo, "/event_camera/camera_info", qos.LATCHED)
+        self._info.publish(messages.camera_info(camera, 0, FRAME))
+        timer.create_timer(0.02, self.send)
+
+    def send(self) -> None:
+        if self.silent:
+            return
+        now = self.node.get_clock().now().nanoseconds
+        k, base = np.arange(EVENTS), now - self._start_ns
+        events = EventArray.from_arrays(k, k, base + k * 1000, k % 2)
+        packet = EventPacket(
+            encoding="mono",
+            width=self.camera.width,
+            height=self.camera.height,
+            seq=self.seq,
+            time_base=base,
+            events=messages.payload(encode("mono", events, base)),
+        )
+        packet.header = messages.header(now, FRAME)
+        self._events.publish(packet)
+        self.seq += self.step
+        self.sent += 1
+
+
+@pytest.fixture
+def stranger(domain):
+    """A node of another process, as far as the graph can tell."""
+    context = Context()
+    rclpy.init(context=context)
+    node = Node("stranger", context=context)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_one_camera_is_followed_and_the_other_refused(processes, watch, stranger):
+    watcher = watch()
+    ours = FakeCamera(watcher.node, watcher.node, 0, 1, CAMERA)
+    processes.start("emvs")
+    watcher.spin_until(lambda: watcher.value(STATUS, "events") > 500, 60, "events")
+    theirs = FakeCamera(stranger, watcher.node, 2**40, 2**41, OTHER)
+    topic = "/event_camera/events"
+    told = f"/watcher and /stranger publish {topic}; /watcher is followed: stop all but one"
+    watcher.spin_until(lambda: watcher.has_said(STATUS, told), 30, "the conflict")
+    watcher.spin_until(lambda: watcher.value(STATUS, "foreign_packets") > 50, 30, "refusals")
+    assert watcher.value(STATUS, "foreign_camera_infos") > 0
+    for key in ("lost_packets", "seq_restarts", "decode_errors"):
+        assert watcher.value(STATUS, key) == 0
+    assert watcher.value(STATUS, "events") <= EVENTS * ours.sent
+    watcher.check_keys(STATUS)
+    # The first falls silent: the other is followed, with its calibration; its leaps are no loss.
+    ours.silent = True
+    before = watcher.value(STATUS, "events")
+    watcher.spin_until(
+        lambda: watcher.value(STATUS, "events") > before + 500, 30, "events of the other"
+    )
+    for key in ("lost_packets", "decode_errors"):
+        assert watcher.value(STATUS, key) == 0
+    assert 0 < watcher.value(STATUS, "seq_restarts") <= theirs.sent
+    assert processes.stop() == {"emvs": 0}
