@@ -102,7 +102,7 @@ def seen(mask: int, number: int = 0) -> Seen:
     return Seen(number, mask, (1.0,) * 6, True, nodes, 0)
 
 
-def test_odds_favour_the_way_that_reads() -> None:
+def test_odds_favour_the_orientation_that_reads() -> None:
     for text in ("the quick brown fox", "lazy dog", "cab"):
         upright = [seen(m) for m in to_masks(text)]
         down = [seen(turned(s.mask)) for s in upright[::-1]]

@@ -61,7 +61,7 @@ def test_a_moving_point_collapses(direction: int, tilt: float) -> None:
     np.testing.assert_allclose(points, [[0.002, 0.003, 0.0]], atol=1e-12)
 
 
-def test_ramps_are_compensated_by_the_way_not_the_speed() -> None:
+def test_ramps_are_compensated_by_the_travel_not_the_speed() -> None:
     x = np.linspace(0, 1, 30) ** 2 * 0.016 - 0.008
     track = roll_track(x, np.linspace(0, 0.2, 30))
     warp = Warp(BrailleSettings.create({}), CAMERA, track)

@@ -75,7 +75,7 @@ def test_a_required_nodes_crash_is_ours(world):
     assert "crash was ended by SIGSEGV" in text
 
 
-def test_another_nodes_failure_is_told_and_the_rest_goes_on(world):
+def test_another_nodes_failure_is_reported_and_the_rest_goes_on(world):
     world.script("bad", "touch ${0%/*}/ready; exit 3")
     world.script("short", AFTER + "sleep 0.4")
     code, text = run(world, node("bad") + node("short", required=True))

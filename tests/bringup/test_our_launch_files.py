@@ -187,7 +187,7 @@ def test_options_add_and_leave_out_nodes():
     assert names == ["ur10", "emvs", "stitcher", "recorder"]
 
 
-def test_a_missing_rviz_is_told():
+def test_a_missing_rviz_is_reported():
     try:
         locate.package_prefix("rviz2")
     except locate.NotFoundError:

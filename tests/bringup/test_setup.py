@@ -93,7 +93,7 @@ def test_missing_system_packages_are_named(modules, monkeypatch):
     assert "build-essential" not in system.missing_packages(build=False)
 
 
-def test_without_the_right_to_install_the_command_is_told(modules, monkeypatch, tmp_path):
+def test_without_the_right_to_install_the_command_is_printed(modules, monkeypatch, tmp_path):
     system = modules["system"]
     monkeypatch.setattr(system.os, "geteuid", lambda: 1000)
     monkeypatch.setattr(

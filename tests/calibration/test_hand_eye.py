@@ -60,7 +60,7 @@ def test_hand_eye_is_found_with_its_residuals() -> None:
     ],
     ids=["two", "no turn", "one axis", "noise"],
 )
-def test_poses_that_tell_nothing_are_refused(
+def test_poses_that_show_nothing_are_refused(
     given: tuple[list[np.ndarray], list[np.ndarray]], says: str
 ) -> None:
     with pytest.raises(HandEyeError, match=says):
@@ -84,7 +84,7 @@ def turned_pass() -> Scan:
     return Scan("turned", events, ROLLING, track)
 
 
-def test_a_flat_pass_tells_how_the_camera_is_turned(turned_pass: Scan) -> None:
+def test_a_flat_pass_shows_how_the_camera_is_turned(turned_pass: Scan) -> None:
     found = find_camera_rotation(turned_pass, (0.043, 0.047))
     assert found.vector_deg[2] == pytest.approx(TURN_DEG[2], abs=0.05)
     assert found.vector_deg[1] == pytest.approx(TURN_DEG[1], abs=0.3)
@@ -92,7 +92,7 @@ def test_a_flat_pass_tells_how_the_camera_is_turned(turned_pass: Scan) -> None:
     assert found.deviation_deg[2] < found.deviation_deg[0]
 
 
-def test_turn_needs_way_straightness_and_events(turned_pass: Scan) -> None:
+def test_turn_needs_travel_straightness_and_events(turned_pass: Scan) -> None:
     few = replace(turned_pass, events=turned_pass.events[:5000])
     short, bent = (
         track_of(lambda t, s=s, b=b: (np.array([s * t, b * t * t, 0]), [1, 0, 0, 0]), 0.06)

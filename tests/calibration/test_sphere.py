@@ -120,7 +120,7 @@ def test_circle_that_the_image_cuts_has_no_view(sphere: Sphere) -> None:
         assert contact_view(sphere, ROLLING, pose_matrix([x, 0, 0], [0, 0, 0, 1])) is None
 
 
-def test_sphere_beside_the_way_is_off_the_patch() -> None:
+def test_sphere_beside_the_path_is_off_the_patch() -> None:
     beside = sphere_pass(across_m=0.0022)
     found = find_sphere(*pass_points(beside, SETTINGS), RADIUS_M)
     with pytest.raises(SphereError, match="middle of the image"):

@@ -157,7 +157,7 @@ def test_focus_has_parameters_of_its_own(
         ("pass", ["--params", "{blind}", "--least-coverage", "0.5"], "the most is"),
     ],
 )
-def test_what_tells_nothing_is_refused(
+def test_what_shows_nothing_is_refused(
     world: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -31,7 +31,7 @@ from roller_inspect.pipeline import InspectionSettings
 
 
 @pytest.mark.parametrize("delay_s", [0.0013, -0.0007])
-def test_two_speeds_tell_delay_from_way(delay_s: float) -> None:
+def test_two_speeds_separate_delay_from_travel(delay_s: float) -> None:
     scans = [scan_of(there_and_back(v), delay_s) for v in (0.1, 0.25)]
     found = estimate_time_offset(scans, DEPTH_M)
     assert found.delay_s == pytest.approx(delay_s, abs=4e-5)
@@ -122,7 +122,7 @@ def noise() -> Scan:
         (noise, "agree nowhere"),
     ],
 )
-def test_what_tells_nothing_is_refused(make: Callable[[], Scan], says: str) -> None:
+def test_what_shows_nothing_is_refused(make: Callable[[], Scan], says: str) -> None:
     with pytest.raises(TimeOffsetError, match=says):
         estimate_time_offset([make()], DEPTH_M)
 

@@ -165,7 +165,7 @@ def test_a_single_reference_out_of_turn_is_not_believed():
     assert (decoder.counts.bad_references, decoder.counts.time_steps) == (1, 0)
 
 
-def test_a_clock_set_anew_is_followed():
+def test_a_clock_set_again_is_followed():
     decoder = WordDecoder()
     words = [*frame(3_000_000, 1, 1), *frame(2, 2, 2), *frame(3, 3, 3), *frame(4, 4, 4)]
     assert [t for t, *_ in decode(words, decoder)] == [3_000_000_001, 3003, 4004]

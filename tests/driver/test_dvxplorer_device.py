@@ -103,7 +103,7 @@ def test_settings_reach_new_firmware():
     ("rows", "expected"),
     [((0, 479), (0, 0xFF, 59, 0xFF)), ((3, 20), (0, 0xF8, 2, 0x1F)), ((9, 12), (1, 0xFF, 1, 0x1E))],
 )
-def test_region_of_old_firmware_is_told_in_groups_of_rows(rows, expected):
+def test_region_of_old_firmware_is_sent_in_groups_of_rows(rows, expected):
     settings = SensorSettings(
         roi_enabled=True, roi_start_row=rows[0], roi_end_row=rows[1], roi_end_col=300
     )

@@ -120,7 +120,7 @@ def test_short_transfers_stalls_and_odd_lengths_lose_nothing():
     assert running.reader.status.connects == 1
 
 
-def test_an_endpoint_that_stays_halted_is_given_up_and_connected_anew():
+def test_an_endpoint_that_stays_halted_is_given_up_and_connected_again():
     events = scan(3000, 100)
     model = CameraModel(encode_words(events).tobytes(), faults=[Fault(4000, "stall")])
     model.clear_halt = lambda: None
@@ -170,7 +170,7 @@ def test_lost_references_and_corrupt_words_are_counted():
     assert (counts.lost_references, counts.bad_words) == (2, 1)
 
 
-def test_silence_is_told(monkeypatch):
+def test_silence_is_reported(monkeypatch):
     monkeypatch.setattr("roller_driver.dvxplorer.reader._SILENT_S", 0.2)
     events = scan(3000, 100)
     raw = encode_words(events).tobytes()
@@ -289,7 +289,7 @@ def make_wrong(backend, what):
         ("no endpoint", "it has no endpoint 0x82 for events"),
     ],
 )
-def test_what_keeps_it_from_streaming_is_told_until_it_is_gone(what, says, monkeypatch):
+def test_what_keeps_it_from_streaming_is_reported_until_it_is_gone(what, says, monkeypatch):
     monkeypatch.setattr("roller_driver.dvxplorer.discovery._ENDPOINT_WAIT_S", 0.1)
     events = scan(3000, 100)
     running = Running(CameraModel(encode_words(events).tobytes()))

@@ -139,7 +139,7 @@ def test_late_packets_do_not_move_the_clock():
     assert clock.steps == 0
 
 
-def test_a_refused_protocol_version_is_told():
+def test_a_refused_protocol_version_is_reported():
     with ControllerProcess(refuse_protocol=True), Running() as running:
         running.wait(lambda: "refuses RTDE protocol version 2" in running.receiver.status.fault)
         assert running.receiver.status.state == SEARCHING

@@ -83,13 +83,30 @@ def test_rays_vote_near_their_plane_alone_and_skipped_tiles_stay_empty() -> None
     np.testing.assert_array_equal(skipped[2:4], found[2:4])
 
 
+def find_peak(
+    scores: np.ndarray,
+    first: np.ndarray | None = None,
+    last: np.ndarray | None = None,
+    rival: float = 2.0,
+    weakest: float = 0.0,
+    least: float = 0.0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Peak, contrast and top of every cell; all planes are searched unless limits are given."""
+    planes, *cells = scores.shape
+    first = np.zeros(cells, np.int64) if first is None else first
+    last = np.full(cells, planes - 1) if last is None else last
+    out = tuple(np.empty(cells, np.float32) for _ in range(3))
+    scores = scores.astype(np.float32)
+    _peak_kernels._find_peak(scores, first, last, rival, weakest, least, *out)
+    return out[0], out[1], out[2]
+
+
 def test_peak_is_searched_between_limits_and_refused_at_them() -> None:
     k = np.arange(20, dtype=np.float32)[:, None, None]
     scores = np.exp(-((k - 5.3) ** 2) / 4) + 2 * np.exp(-((k - 14.6) ** 2) / 4)
     scores = np.repeat(scores, 4, axis=2).astype(np.float32)
     first, last = np.array([[0, 2, 7, 1]]), np.array([[19, 9, 11, 0]])
-    peak, contrast, top = (np.empty((1, 4), np.float32) for _ in range(3))
-    _peak_kernels._find_peak(scores, first, last, 2.0, 0.0, 0.0, peak, contrast, top)
+    peak, contrast, top = find_peak(scores, first, last)
     # The highest of all; the other within limits; none: scores rise at the limit; none to search.
     np.testing.assert_allclose(peak[0, :2], [14.6, 5.3], atol=0.05)
     assert np.isnan(peak[0, 2:]).all()
@@ -103,10 +120,8 @@ def test_peak_is_searched_between_limits_and_refused_at_them() -> None:
 def test_peak_between_planes_is_the_parabolas() -> None:
     k = np.arange(12, dtype=np.float32)
     true = np.array([[3.2, 7.75], [5.0, 0.0]])
-    scores = np.maximum(20 - (k[:, None, None] - true) ** 2, 0).astype(np.float32)
-    first, last = np.zeros((2, 2), np.int64), np.full((2, 2), 11)
-    peak, contrast, top = (np.empty((2, 2), np.float32) for _ in range(3))
-    _peak_kernels._find_peak(scores, first, last, 2.0, 0.0, 0.0, peak, contrast, top)
+    scores = np.maximum(20 - (k[:, None, None] - true) ** 2, 0)
+    peak, contrast, _ = find_peak(scores)
     np.testing.assert_allclose(peak[0], true[0], atol=1e-3)
     assert peak[1, 0] == 5.0
     # A peak on the first plane may lie outside the range: none.
@@ -114,36 +129,28 @@ def test_peak_between_planes_is_the_parabolas() -> None:
     assert contrast[1, 1] == 0
     flat = np.ones_like(scores)
     flat[5:] = 0.5
-    _peak_kernels._find_peak(flat, first, last, 2.0, 0.0, 0.0, peak, contrast, top)
-    assert np.isfinite(peak).all()
+    assert np.isfinite(find_peak(flat)[0]).all()
 
 
 def test_a_second_peak_as_high_leaves_no_depth() -> None:
     k = np.arange(30, dtype=np.float32)[:, None, None]
-    first, last = np.zeros((1, 1), np.int64), np.full((1, 1), 29)
-    peak, contrast, top = (np.empty((1, 1), np.float32) for _ in range(3))
     for height, known in ((0.8, True), (0.95, False)):
         scores = np.exp(-((k - 8) ** 2) / 4) + height * np.exp(-((k - 21) ** 2) / 4)
-        limits = (first, last, 0.9, 0.0, 0.0)
-        _peak_kernels._find_peak(scores.astype(np.float32), *limits, peak, contrast, top)
-        assert np.isfinite(peak[0, 0]) == known
+        assert np.isfinite(find_peak(scores, rival=0.9)[0][0, 0]) == known
     # A broad top with a dent is one peak.
     dented = np.exp(-((k - 15) ** 2) / 40) * (1 - 0.05 * (k == 16))
-    _peak_kernels._find_peak(dented.astype(np.float32), *limits, peak, contrast, top)
-    assert np.isfinite(peak[0, 0])
+    assert np.isfinite(find_peak(dented, rival=0.9)[0][0, 0])
 
 
 def test_a_weak_or_faint_peak_is_none() -> None:
     k = np.arange(20, dtype=np.float32)[:, None, None]
     scores = (1 + 3 * np.exp(-((k - 8) ** 2) / 4)).astype(np.float32)
-    first, last = np.zeros((1, 1), np.int64), np.full((1, 1), 19)
-    peak, contrast, top = (np.empty((1, 1), np.float32) for _ in range(3))
     expected = 1 - scores.mean() / scores.max()
     for weakest, least, known in (
         (3.9, 0.0, True), (4.1, 0.0, False),
         (0.0, expected - 0.01, True), (0.0, expected + 0.01, False),
     ):  # fmt: skip
-        _peak_kernels._find_peak(scores, first, last, 2.0, weakest, least, peak, contrast, top)
+        peak, contrast, _ = find_peak(scores, weakest=weakest, least=least)
         assert np.isfinite(peak[0, 0]) == known
         # How faint it is stays known; of one too weak nothing is.
         assert contrast[0, 0] == pytest.approx(expected if weakest < 4 else 0.0, rel=1e-4)

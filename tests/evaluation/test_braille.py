@@ -109,7 +109,7 @@ def test_the_tables_hold_every_row_and_the_published_figures(
     assert "less than the threshold" not in printed
 
 
-def test_what_a_dot_changes_in_each_light_is_told_beside_the_threshold(
+def test_what_a_dot_changes_in_each_light_stands_beside_the_threshold(
     quick: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = {

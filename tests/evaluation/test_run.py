@@ -33,7 +33,7 @@ def never(*_: object, **__: object) -> None:
     raise AssertionError("measured again")
 
 
-def test_cases_are_told_apart_by_what_changes_their_figures() -> None:
+def test_cases_differ_by_what_changes_their_figures() -> None:
     scan = ScanCase("stairs", 0.3)
     case = Case(scan, "depth", "bma")
     others = [
@@ -54,11 +54,11 @@ def test_cases_are_told_apart_by_what_changes_their_figures() -> None:
         _ = replace(case, settings={"paper.median_px": -1}).depth
 
 
-def test_source_digests_tell_packages_apart() -> None:
+def test_source_digests_differ_by_package() -> None:
     assert source_digest("roller_core") != source_digest("roller_core", "roller_sim")
 
 
-def test_scans_are_kept_and_made_anew_for_other_settings_or_source(
+def test_scans_are_kept_and_made_again_for_other_settings_or_source(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = ScanCase("stairs", 0.5, cell=SMALL)

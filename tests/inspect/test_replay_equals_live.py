@@ -152,7 +152,7 @@ def test_all_that_goes_out_is_the_same(method: str, bag: Path, tmp_path: Path) -
     assert b"frame left_base" in head
 
 
-def test_a_prefix_that_nobody_named_is_told(
+def test_a_prefix_that_nobody_named_is_reported(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["replay", str(bag), "--output", str(tmp_path / "out"), "--no-picture"]

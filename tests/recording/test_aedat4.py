@@ -93,7 +93,7 @@ def test_several_streams_need_a_choice(tmp_path: Path, capsys: Capture) -> None:
     assert "stream 2 is none of events; those are 0, 1" in capsys.readouterr().err
 
 
-def test_poses_of_another_clock_are_told(file: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_poses_of_another_clock_are_reported(file: Path, tmp_path: Path, capsys: Capture) -> None:
     assert replay(file, tmp_path, "--poses", str(sensor_time_poses(tmp_path))) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "no event lies within the poses" in line

@@ -225,7 +225,7 @@ def test_a_bag_without_calibration_or_poses_and_both_from_files(tmp_path: Path) 
     assert events_in(bag, **given) == len(scan())
 
 
-def test_poses_of_another_clock_are_told(tmp_path: Path, capsys: Capture) -> None:
+def test_poses_of_another_clock_are_reported(tmp_path: Path, capsys: Capture) -> None:
     bag = write_bag(tmp_path / "bag")
     (tmp_path / "poses.txt").write_text(
         "".join(f"{k * 0.008} {k * 0.001} 0 0 0 0 0 1\n" for k in range(100))
@@ -248,7 +248,7 @@ def test_big_endian_packets_are_refused(tmp_path: Path) -> None:
     assert events_in(write_bag(tmp_path / "evt3", Recipe("evt3", edit=edit))) == len(scan())
 
 
-def test_info_tells_where_packets_are_missing(tmp_path: Path, capsys: Capture) -> None:
+def test_info_says_where_packets_are_missing(tmp_path: Path, capsys: Capture) -> None:
     def edit(topic: str, n: int, message: Any) -> Any:
         return None if topic == "/event_camera/events" and n in (20, 21, 60) else message
 

@@ -130,7 +130,7 @@ def test_the_queue_is_bounded_in_bytes() -> None:
     assert queue.put([large[0]]) == [large[0]]
 
 
-def test_missing_numbers_are_told_apart_from_drops(tmp_path: Path) -> None:
+def test_missing_numbers_are_no_drops(tmp_path: Path) -> None:
     messages = [m for k, m in enumerate(sent()) if k not in (30, 31, 50)]
     recorder = record(tmp_path / "bag", messages)
     given = Counter(m.topic for m in messages)

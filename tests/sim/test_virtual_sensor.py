@@ -59,7 +59,7 @@ def test_no_more_than_the_most_events_at_once_but_none_is_lost():
     assert (len(first), len(second)) == (kernels.MAX_PER_STEP, 4)
 
 
-def test_a_held_pixel_starts_anew_from_the_signal_it_finds():
+def test_a_held_pixel_restarts_from_the_signal_it_finds():
     row = Row(width=1, timing=(0, 0, 500, 0, 0.5))
     assert len(row.step(0, 1000, [1.0])) == 2
     # Both events found level 0.25 and, let go at t = 750, the signal there.

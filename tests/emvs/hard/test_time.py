@@ -119,16 +119,21 @@ def test_poses_may_jitter(events: EventArray, method: str) -> None:
     world.assert_right(world.points_of(world.run(method, events, track)), typical_px=0.7)
 
 
+def with_a_gap(full: PoseTrack) -> PoseTrack:
+    """The track without its poses from 41 to 63 ms."""
+    out = PoseTrack(full.max_gap_s)
+    kept = (full.times_ns <= 41 * MS) | (full.times_ns >= 63 * MS)
+    out.extend(full.times_ns[kept], full.positions[kept], full.quaternions[kept])
+    return out
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_gap_in_the_poses_costs_its_own_windows_alone(events: EventArray, method: str) -> None:
     """For the surface see test_surface_sweep: a gap ends its pass."""
-    full, gappy = world.poses(max_gap_s=0.01), PoseTrack(max_gap_s=0.01)
-    for t, p, q in zip(full.times_ns, full.positions, full.quaternions, strict=True):
-        # Window 2 of 3 to 5: 33–67 ms.
-        if not 41 * MS < t < 63 * MS:
-            gappy.append(int(t), p, q)
+    full = world.poses(max_gap_s=0.01)
     whole = world.run(method, events, full, window={"rule": "time"})
-    found = world.run(method, events, gappy, window={"rule": "time"})
+    # The second window is that from 33 to 67 ms.
+    found = world.run(method, events, with_a_gap(full), window={"rule": "time"})
     assert len(found) == len(whole) == 3
     refusals = world.refused_of(found[:2])
     assert len(refusals) == 1
@@ -140,11 +145,8 @@ def test_a_gap_in_the_poses_costs_its_own_windows_alone(events: EventArray, meth
 
 @pytest.mark.parametrize("method", METHODS)
 def test_after_a_gap_windows_by_travel_restart(events: EventArray, method: str) -> None:
-    full, gappy = world.poses(max_gap_s=0.01), PoseTrack(max_gap_s=0.01)
-    for t, p, q in zip(full.times_ns, full.positions, full.quaternions, strict=True):
-        if not 41 * MS < t < 63 * MS:
-            gappy.append(int(t), p, q)
-    found = world.run(method, events, gappy, window={"rule": "travel"})
+    track = with_a_gap(world.poses(max_gap_s=0.01))
+    found = world.run(method, events, track, window={"rule": "travel"})
     assert sum(isinstance(r.fault, PoseGapError) for r in world.refused_of(found)) >= 1
     maps = world.maps_of(found)
     assert [m.start_ns < 40 * MS for m in maps] == [True, False]
@@ -169,17 +171,12 @@ def frozen(strays: int) -> EventArray:
     return EventArray.from_arrays(x, y, t, np.ones(len(x))).sorted_by_time()
 
 
-def depths_of_frozen(method: str, strays: int) -> int:
-    return len(world.points_of(world.run(method, frozen(strays), world.poses())))
+@pytest.mark.parametrize(
+    ("method", "strays"), [*((method, 0) for method in METHODS), *((method, 20) for method in ALL)]
+)
+def test_events_of_one_time_have_no_parallax(method: str, strays: int) -> None:
+    """The camera moved, but what it saw is from one place: no depth, however far poses reach.
 
-
-@pytest.mark.parametrize("method", METHODS)
-def test_events_of_one_time_have_no_parallax(method: str) -> None:
-    """The camera moved, but what it saw is from one place: no depth, however far poses reach."""
-    assert depths_of_frozen(method, 0) == 0
-
-
-@pytest.mark.parametrize("method", ALL)
-def test_a_few_strays_give_the_others_no_parallax(method: str) -> None:
-    """One event in a thousand is from elsewhere: parallax is what most events have."""
-    assert depths_of_frozen(method, 20) == 0
+    Nor where one event in a thousand is from elsewhere: parallax is what most events have.
+    """
+    assert not len(world.points_of(world.run(method, frozen(strays), world.poses())))
