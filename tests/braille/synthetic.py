@@ -109,6 +109,12 @@ def over(plate: Plate, speed: float = 0.3, back: bool = False, y: float = 0.0) -
     return roll_track([a, a, b, b], [0.0, 0.1, 0.1 + seconds, 0.2 + seconds], y)
 
 
+def text_of(plate: Plate, track: PoseTrack | None = None, **how: int) -> list[str]:
+    """Lines read from a roll over a plate; `how` is for `scan`."""
+    track = over(plate) if track is None else track
+    return read(scan(plate, track, **how), track)[1].text()
+
+
 def read(
     events: EventArray,
     track: PoseTrack,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from braille.synthetic import SPACING, Plate, over, read, roll_track, scan
+from braille.synthetic import SPACING, Plate, over, read, roll_track, scan, text_of
 from roller_braille.table import UNREADABLE, to_masks
 
 CELL, DOT = SPACING.cell_pitch_m, SPACING.dot_pitch_m
@@ -23,8 +23,7 @@ def test_a_worn_dot_is_not_taken_for_none(share: float) -> None:
     plate = Plate().text("missing dots")
     x, y, a, b, count = plate.dots[in_cell(plate, 4)]
     plate.dots[in_cell(plate, 4)] = (x, y, a, b, int(share * count))
-    track = over(plate)
-    assert read(scan(plate, track), track)[1].text() == [f"miss{UNREADABLE}ng dots"]
+    assert text_of(plate) == [f"miss{UNREADABLE}ng dots"]
 
 
 @pytest.mark.parametrize("off", [(0.4, -0.2), (-0.4, 0.2), (0.0, 0.42)])
@@ -82,7 +81,7 @@ def test_a_stop_in_mid_line_changes_nothing(pause_s: float) -> None:
     plate = Plate().text("stop and go on")
     clock = np.cumsum([0.0, 0.1, 0.2, pause_s, 0.3, 0.1])
     track = roll_track([-0.025, -0.025, 0.03, 0.03, 0.115, 0.115], clock)
-    assert read(scan(plate, track), track)[1].text() == ["stop and go on"]
+    assert text_of(plate, track) == ["stop and go on"]
 
 
 def test_a_turn_back_in_mid_line_invents_nothing() -> None:

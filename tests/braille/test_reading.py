@@ -15,6 +15,7 @@ from braille.synthetic import (
     read,
     roll_track,
     scan,
+    text_of,
 )
 from roller_braille.pipeline import BraillePipeline
 from roller_braille.reader_settings import Spacing
@@ -44,8 +45,7 @@ def test_every_letter_both_ways(back: bool) -> None:
 @pytest.mark.parametrize(("speed", "p"), [(0.05, 1), (0.5, 0)])
 def test_asymmetric_letters_at_any_speed_and_polarity(speed: float, p: int) -> None:
     plate = Plate().text("dfhj jhfd")
-    track = over(plate, speed)
-    assert read(scan(plate, track, p=p), track)[1].text() == ["dfhj jhfd"]
+    assert text_of(plate, over(plate, speed), p=p) == ["dfhj jhfd"]
 
 
 def test_capitals_numbers_and_signs() -> None:
@@ -132,8 +132,7 @@ def test_noise_gives_no_text() -> None:
 
 def test_text_under_noise() -> None:
     plate = Plate().text("under noise")
-    track = over(plate)
-    assert read(scan(plate, track, noise=400_000), track)[1].text() == ["under noise"]
+    assert text_of(plate, noise=400_000) == ["under noise"]
 
 
 def test_standstill_gives_no_text() -> None:
@@ -160,21 +159,17 @@ def test_other_relief_gives_no_text() -> None:
     assert (cells, pipeline.text()) == ([], [])
 
 
+def bars(plate: Plate, x0: float, pitch: float) -> Plate:
+    """Add six bars across the roll."""
+    for k, y in np.ndindex(6, 60):
+        plate.dots.append((x0 + pitch * k, (y - 30) * 1.6e-4, 0.0, 6.28, 60))
+    return plate
+
+
 def test_text_before_and_after_other_relief() -> None:
-    plate = Plate().text("first")
-    for k, y in np.ndindex(6, 60):
-        plate.dots.append((0.036 + 0.0017 * k, (y - 30) * 1.6e-4, 0.0, 6.28, 60))
-    plate.text("second", x0=0.055)
-    track = over(plate)
-    assert read(scan(plate, track), track)[1].text() == ["first", "second"]
-
-
-def test_short_text_close_to_other_relief() -> None:
-    plate = Plate().text("ab")
-    for k, y in np.ndindex(6, 60):
-        plate.dots.append((0.014 + 0.0031 * k, (y - 30) * 1.6e-4, 0.0, 6.28, 60))
-    track = over(plate)
-    assert read(scan(plate, track), track)[1].text() == ["ab"]
+    plate = bars(Plate().text("first"), 0.036, 0.0017).text("second", x0=0.055)
+    assert text_of(plate) == ["first", "second"]
+    assert text_of(bars(Plate().text("ab"), 0.014, 0.0031)) == ["ab"]
 
 
 def test_dust_around_the_text_changes_nothing() -> None:
@@ -186,8 +181,7 @@ def test_dust_around_the_text_changes_nothing() -> None:
         plate.dots.append((n * pitch, dot * (n % 3 - 1), 0.0, 6.28, 20))
     for _ in range(40):
         plate.dots.append((*rng.uniform([-0.02, -0.008], [0.075, 0.008]), 0.0, 6.28, 15))
-    track = over(plate)
-    assert read(scan(plate, track), track)[1].text() == ["dust dog"]
+    assert text_of(plate) == ["dust dog"]
 
 
 def test_a_second_pass_repeats_nothing() -> None:
@@ -238,14 +232,13 @@ def test_ramps_and_changing_speed() -> None:
     x = np.concatenate([[-0.025], np.cumsum([0.004] * 25) - 0.025])
     seconds = np.concatenate([[0.0], np.cumsum(np.linspace(0.08, 0.008, 25))])
     track = roll_track(x, seconds)
-    assert read(scan(plate, track), track)[1].text() == ["ramp up"]
+    assert text_of(plate, track) == ["ramp up"]
 
 
 def test_pitches_that_are_a_little_off() -> None:
     plate = Plate().text("a few percent more")
     plate.dots = [(x * 1.025, y * 1.03, a, b, n) for x, y, a, b, n in plate.dots]
-    track = over(plate)
-    assert read(scan(plate, track), track)[1].text() == ["a few percent more"]
+    assert text_of(plate) == ["a few percent more"]
 
 
 @pytest.mark.parametrize(

@@ -51,28 +51,21 @@ def test_ends_well_when_all_do(world):
     assert "[launch] talker finished\n" in text
 
 
-def test_a_required_nodes_end_stops_all(world):
+@pytest.mark.parametrize(
+    ("end", "code", "says"),
+    [
+        ("echo done", 0, "[last] done\n"),
+        ("echo oh >&2; exit 3", 1, "[last] oh\n[launch] last failed with exit code 3\n"),
+        ("kill -SEGV $$", 1, "last was ended by SIGSEGV"),
+    ],
+)
+def test_a_required_nodes_end_stops_all_and_its_failure_is_ours(world, end, code, says):
     world.script("forever", FOREVER)
-    world.script("short", AFTER + "echo done")
-    code, text = run(world, node("forever") + node("short", required=True))
-    assert code == 0
-    assert "[short] done\n" in text
+    world.script("last", AFTER + end)
+    found, text = run(world, node("forever") + node("last", required=True))
+    assert found == code
+    assert says in text
     assert "[forever] bye\n" in text
-
-
-def test_a_required_nodes_failure_is_ours(world):
-    world.script("forever", FOREVER)
-    world.script("bad", AFTER + "echo oh >&2; exit 3")
-    code, text = run(world, node("forever") + node("bad", required=True))
-    assert code == 1
-    assert "[bad] oh\n[launch] bad failed with exit code 3\n" in text
-
-
-def test_a_required_nodes_crash_is_ours(world):
-    world.script("crash", "kill -SEGV $$")
-    code, text = run(world, node("crash", required=True))
-    assert code == 1
-    assert "crash was ended by SIGSEGV" in text
 
 
 def test_another_nodes_failure_is_reported_and_the_rest_goes_on(world):

@@ -144,19 +144,22 @@ def test_the_camera_is_chosen_by_its_serial_number():
         open_camera(backend, "C3")
 
 
-def test_no_camera():
-    with pytest.raises(CameraNotFoundError, match="no USB device 152a:8419"):
-        open_camera(EmulatedBackend())
-
-
-def test_another_model_with_the_same_ids():
-    with pytest.raises(WrongDeviceError, match="DVX00042 is not a DVXplorer Mini"):
-        open_camera(EmulatedBackend(CameraModel(model=0)))
-
-
-def test_firmware_too_old():
-    with pytest.raises(UnknownFirmwareError, match="firmware 7 is not known"):
-        open_camera(EmulatedBackend(CameraModel(firmware=7)))
+@pytest.mark.parametrize(
+    ("model", "state", "fault", "says"),
+    [
+        (None, None, CameraNotFoundError, "no USB device 152a:8419"),
+        (CameraModel(model=0), None, WrongDeviceError, "DVX00042 is not a DVXplorer Mini"),
+        (CameraModel(firmware=7), None, UnknownFirmwareError, "firmware 7 is not known"),
+        (CameraModel(), "held", CameraBusyError, "another program holds it"),
+        (CameraModel(), "forbidden", CameraPermissionError, f"sudo cp config/{UDEV_RULE} /etc/ud"),
+    ],
+)
+def test_a_camera_that_cannot_be_opened(model, state, fault, says):
+    backend = EmulatedBackend(*([model] if model else []))
+    if state:
+        setattr(backend, state, True)
+    with pytest.raises(fault, match=says):
+        open_camera(backend)
 
 
 @pytest.mark.parametrize(
@@ -185,24 +188,10 @@ def test_the_logic_version_must_be_answered():
         started(CameraModel(firmware=8, unanswered={(6, 0)}))
 
 
-def test_no_permission_names_the_rule_to_install():
-    backend = EmulatedBackend(CameraModel())
-    backend.forbidden = True
-    with pytest.raises(CameraPermissionError, match=f"sudo cp config/{UDEV_RULE} /etc/udev"):
-        open_camera(backend)
-
-
 def test_the_rule_is_shipped_and_names_the_camera():
     text = (Path(__file__).parents[2] / "config" / UDEV_RULE).read_text()
     assert f'ATTR{{idVendor}}=="{p.VENDOR_ID:04x}"' in text
     assert f'ATTR{{idProduct}}=="{p.PRODUCT_ID:04x}"' in text
-
-
-def test_busy():
-    backend = EmulatedBackend(CameraModel())
-    backend.held = True
-    with pytest.raises(CameraBusyError, match="another program holds it"):
-        open_camera(backend)
 
 
 def test_an_endpoint_that_comes_late_or_elsewhere(monkeypatch):

@@ -101,3 +101,11 @@ def lines(depth: Callable[[np.ndarray], np.ndarray], pitch_m: float = 0.0013) ->
 def tilted(x: np.ndarray) -> np.ndarray:
     """Depth of a plane that rises along the roll, metres."""
     return 0.045 + 0.03 * (x - 0.01)
+
+
+def without(track: PoseTrack, first_ms: int, last_ms: int) -> PoseTrack:
+    """A track that has no poses between two times, ms."""
+    out = PoseTrack(track.max_gap_s)
+    kept = (track.times_ns <= first_ms * MS) | (track.times_ns >= last_ms * MS)
+    out.extend(track.times_ns[kept], track.positions[kept], track.quaternions[kept])
+    return out

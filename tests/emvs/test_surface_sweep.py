@@ -12,6 +12,7 @@ from emvs.scenes import (
     tilted,
     tilted_scan,
     track_of,
+    without,
 )
 from roller_core.errors import SettingsError
 from roller_core.events import EventArray
@@ -102,11 +103,8 @@ def test_threads_change_nothing(scan: EventArray) -> None:
 
 
 def test_a_gap_in_poses_ends_the_pass(scan: EventArray) -> None:
-    full = track_of(rolling(0.3), DURATION_S)
-    track = PoseTrack(max_gap_s=0.01)
-    for t, p, q in zip(full.times_ns, full.positions, full.quaternions, strict=True):
-        if not 50 * MS < t < 75 * MS:
-            track.append(int(t), p, q)
+    track = without(track_of(rolling(0.3), DURATION_S), 50, 75)
+    track.max_gap_s = 0.01
     patches, refused, engine = sweep(scan, track)
     faults = [r for r in refused if r.fault is not None]
     assert len(faults) == 1

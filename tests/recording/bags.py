@@ -17,7 +17,11 @@ from roller_core.camera import Camera
 from roller_core.codecs import encode
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_recording.raw_message import RawMessage
+from roller_ros import topics
 
+#: Type and offered quality of service of our topics.
+KINDS = {t.path: (t.type_name, topics.offered(t)) for t in topics.ALL}
 START_NS = 1_700_000_000_000_000_000
 SENSOR_START_NS = 5_000_000_000
 DURATION_S = 0.08
@@ -79,6 +83,11 @@ def bag_messages(recipe: Recipe) -> Iterator[tuple[int, str, str, bytes]]:
         if edited is not None:
             name = topic.replace("/event_camera", recipe.namespace)
             yield t_ns, name, kind, bytes(store.serialize_cdr(edited, kind))
+
+
+def raw_messages(recipe: Recipe) -> list[RawMessage]:
+    """The same as a recorder takes them."""
+    return [RawMessage(t_ns, topic, data) for t_ns, topic, _, data in bag_messages(recipe)]
 
 
 def write_bag(path: Path, recipe: Recipe | None = None) -> Path:
@@ -183,9 +192,11 @@ __all__ = [
     "CAMERA",
     "EVENT_ARRAY",
     "EVENT_PACKET",
+    "KINDS",
     "Recipe",
     "bag_messages",
     "camera_track",
+    "raw_messages",
     "scan",
     "write_bag",
     "write_messages",

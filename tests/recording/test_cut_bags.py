@@ -14,21 +14,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin
 
-from recording.bags import Recipe, bag_messages, write_bag
+from recording.bags import KINDS, Recipe, raw_messages, write_bag
 from roller_bringup.cli import main
 from roller_recording.raw_message import RawMessage
 from roller_recording.reading.bag_reader import BagReader
 from roller_recording.reading.base import RecordingError
 from roller_recording.writing import BagWriter
-from roller_ros import topics
 
-KINDS = {t.path: (t.type_name, topics.offered(t)) for t in topics.ALL}
 Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
 def messages() -> list[RawMessage]:
-    return [RawMessage(t_ns, topic, data) for t_ns, topic, _, data in bag_messages(Recipe())]
+    return raw_messages(Recipe())
 
 
 class Chunked:
@@ -133,18 +131,10 @@ def test_zeros_that_a_power_cut_leaves(
 def test_a_broken_chunk_in_a_cut_file_costs_that_chunk(
     messages: list[RawMessage], tmp_path: Path
 ) -> None:
-    writer = BagWriter(tmp_path / "bag", KINDS, compress=True)
-    for k, message in enumerate(messages[:40]):
-        writer.write(message.topic, message.t_ns, message.data)
-        if k % 4 == 3:
-            writer.flush()
-        if k == 19:
-            end = writer.bytes_written
-    writer.close({})
-    broken = bytearray((tmp_path / "bag" / "bag.mcap").read_bytes())
-    opcode, length = struct.unpack_from("<BQ", broken, end)
-    assert opcode == 6  # the sixth chunk
-    broken[end + 60 : end + 9 + length] = bytes(length - 51)
+    bag = Chunked(tmp_path, messages[:40], compress=True)
+    broken, end = bytearray(bag.data), bag.ends[4]
+    # All but the head of the sixth chunk.
+    broken[end + 60 : bag.whole_at[5]] = bytes(bag.whole_at[5] - end - 60)
     path = tmp_path / "broken.mcap"
     path.write_bytes(broken[:-30])
     data, faults = read(path)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import Reader
 
-from recording.bags import Recipe, bag_messages, scan
+from recording.bags import KINDS, Recipe, raw_messages, scan
 from roller_bringup.cli import main
 from roller_core import outputs
 from roller_core.errors import UnwritableOutputError
@@ -24,13 +24,10 @@ from roller_recording.writing.queue import ByteQueue
 from roller_ros import topics
 
 EVENTS = "/event_camera/events"
-KINDS = {t.path: (t.type_name, topics.offered(t)) for t in topics.ALL}
 
 
 def sent(encoding: str = "mono") -> list[RawMessage]:
-    return [
-        RawMessage(t_ns, topic, data) for t_ns, topic, _, data in bag_messages(Recipe(encoding))
-    ]
+    return raw_messages(Recipe(encoding))
 
 
 def written(path: Path) -> list[RawMessage]:

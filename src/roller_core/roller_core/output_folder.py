@@ -341,22 +341,6 @@ def release_reserve(partial: Path) -> None:
         (partial.parent / _RESERVE).unlink(missing_ok=True)
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder for files, in a folder that was taken by `OutputFolder`.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If not.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UnwritableOutputError(
-            f"{folder}: results can't be written there ({error.strerror}); {_WAY_OUT}"
-        ) from error
-
-
 def fingerprint(path: Path) -> str:
     """Tells whether a file, or anything in a folder, was changed, added or removed.
 

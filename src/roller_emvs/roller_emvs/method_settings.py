@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import TYPE_CHECKING
 
 from pydantic import Field, model_validator
 
 from roller_core.timing_settings import TimingSettings
+
+if TYPE_CHECKING:
+    from typing import Self
 
 
 class MethodSettings(TimingSettings):

@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from roller_core.output_folder import make_folder
 from roller_core.progress import OnProgress, no_progress
 
 from .bench_plan import BenchOptions, depth_cases, fixed_cases
@@ -55,7 +54,6 @@ def run_bench(
     RollerError
         If an object or the slider's folder is no good.
     """
-    make_folder(output)
     o = options
     scans = ScanStore(output / "scans", hold=len(o.objects) * (len(o.speeds) + 1), threads=0)
 

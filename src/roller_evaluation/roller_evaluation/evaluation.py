@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from roller_core.output_folder import make_folder
 from roller_core.progress import OnProgress, no_progress
 
 from .braille import BrailleOptions, run_braille
@@ -68,7 +67,6 @@ def run_evaluation(
     RollerError
         If a setting is no good.
     """
-    make_folder(output / "passes")
 
     def part(first: float, last: float) -> OnProgress:
         return lambda text, share: on_progress(text, first + (last - first) * share)

@@ -9,7 +9,6 @@ from typing import Any
 from joblib import Memory, Parallel, delayed
 
 from roller_core.opencv import one_opencv_thread
-from roller_core.output_folder import make_folder
 from roller_core.progress import OnProgress, no_progress
 
 from .cases import Case, source_digest
@@ -47,12 +46,9 @@ def run(
 
     Raises
     ------
-    UnwritableOutputError
-        If rows can't be kept.
     RollerError
         If a case's settings are no good.
     """
-    make_folder(folder)
     one_opencv_thread()
     kept = Memory(folder, verbose=0).cache(_rows, ignore=["case", "scans"])
     source = source_digest(*_PACKAGES)

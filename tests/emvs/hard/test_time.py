@@ -9,7 +9,7 @@ import pytest
 
 from emvs.hard import world
 from emvs.hard.world import ALL, METHODS, SPEED_M_S
-from emvs.scenes import MS
+from emvs.scenes import MS, without
 from roller_core.codecs import encode
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
@@ -119,21 +119,13 @@ def test_poses_may_jitter(events: EventArray, method: str) -> None:
     world.assert_right(world.points_of(world.run(method, events, track)), typical_px=0.7)
 
 
-def with_a_gap(full: PoseTrack) -> PoseTrack:
-    """The track without its poses from 41 to 63 ms."""
-    out = PoseTrack(full.max_gap_s)
-    kept = (full.times_ns <= 41 * MS) | (full.times_ns >= 63 * MS)
-    out.extend(full.times_ns[kept], full.positions[kept], full.quaternions[kept])
-    return out
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_gap_in_the_poses_costs_its_own_windows_alone(events: EventArray, method: str) -> None:
     """For the surface see test_surface_sweep: a gap ends its pass."""
     full = world.poses(max_gap_s=0.01)
     whole = world.run(method, events, full, window={"rule": "time"})
     # The second window is that from 33 to 67 ms.
-    found = world.run(method, events, with_a_gap(full), window={"rule": "time"})
+    found = world.run(method, events, without(full, 41, 63), window={"rule": "time"})
     assert len(found) == len(whole) == 3
     refusals = world.refused_of(found[:2])
     assert len(refusals) == 1
@@ -145,7 +137,7 @@ def test_a_gap_in_the_poses_costs_its_own_windows_alone(events: EventArray, meth
 
 @pytest.mark.parametrize("method", METHODS)
 def test_after_a_gap_windows_by_travel_restart(events: EventArray, method: str) -> None:
-    track = with_a_gap(world.poses(max_gap_s=0.01))
+    track = without(world.poses(max_gap_s=0.01), 41, 63)
     found = world.run(method, events, track, window={"rule": "travel"})
     assert sum(isinstance(r.fault, PoseGapError) for r in world.refused_of(found)) >= 1
     maps = world.maps_of(found)

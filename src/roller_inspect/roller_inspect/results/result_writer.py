@@ -10,7 +10,6 @@ from roller_braille.brf import to_brf
 from roller_braille.cells import Cell
 from roller_braille.cells_json import cells_to_json
 from roller_braille.translation import LineCell
-from roller_core.output_folder import make_folder
 from roller_core.outputs import Result
 from roller_emvs.patch import Patch
 from roller_emvs.ply import PlyWriter
@@ -36,7 +35,7 @@ class ResultWriter:
 
     def __init__(self, folder: Path, base_frame: str) -> None:
         self.folder = folder
-        make_folder(folder)
+        folder.mkdir(parents=True, exist_ok=True)
         self.ply_path = folder / "surface.ply"
         self._ply = PlyWriter(
             self.ply_path, ("height", "confidence"), f"frame {base_frame}, metres"

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -21,6 +21,9 @@ from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
 from roller_sim.relief import Region
 from roller_sim.truth import Truth
+
+if TYPE_CHECKING:
+    from typing import Self
 
 #: Slope of the skin from which a place counts as relief edge.
 EDGE_SLOPE = 0.35
@@ -45,7 +48,21 @@ class _Tally:
         self.near_edge_um.append(errors_um[near_edge].astype(np.float32))
 
 
-class TruthTally:
+class _Tallies:
+    """What both kinds of tally begin with."""
+
+    def __init__(self, truth: Truth, delay_s: float = 0.0) -> None:
+        self.truth = truth
+        self._delay_ns = truth.event_delay_ns - round(delay_s * 1e9)
+
+    @classmethod
+    def beside(cls, source: Path, delay_s: float = 0.0) -> Self | None:
+        """The tally for a bag that has its truth beside it; None for others."""
+        known = source.is_dir() and (source / "truth.yaml").is_file()
+        return cls(Truth.load(source), delay_s) if known else None
+
+
+class TruthTally(_Tallies):
     """Collects errors of depth maps by object.
 
     Parameters
@@ -57,15 +74,9 @@ class TruthTally:
     """
 
     def __init__(self, truth: Truth, delay_s: float = 0.0) -> None:
-        self.truth = truth
-        self._delay_ns = truth.event_delay_ns - round(delay_s * 1e9)
+        super().__init__(truth, delay_s)
         self._tallies: dict[str, _Tally] = {name: _Tally() for name in truth.objects}
         self._all = _Tally()
-
-    @classmethod
-    def beside(cls, source: Path, delay_s: float = 0.0) -> TruthTally | None:
-        """The tally for a bag that has its truth beside it; None for others."""
-        return cls(Truth.load(source), delay_s) if _has_truth(source) else None
 
     def add(self, found: DepthMap) -> None:
         """Compare one depth map."""
@@ -103,7 +114,7 @@ class TruthTally:
         return {"objects": found, "all": _figures(self._all), "text": self.truth.text}
 
 
-class SurfaceTally:
+class SurfaceTally(_Tallies):
     """Collects errors of surface points by object: height against the skin at their place.
 
     Parameters
@@ -119,15 +130,9 @@ class SurfaceTally:
     def __init__(
         self, truth: Truth, delay_s: float = 0.0, regions: Mapping[str, Region] | None = None
     ) -> None:
-        self.truth = truth
-        self._delay_ns = truth.event_delay_ns - round(delay_s * 1e9)
+        super().__init__(truth, delay_s)
         self._regions = dict(truth.objects if regions is None else regions)
         self._points: list[npt.NDArray[np.float64]] = []
-
-    @classmethod
-    def beside(cls, source: Path, delay_s: float = 0.0) -> SurfaceTally | None:
-        """The tally for a bag that has its truth beside it; None for others."""
-        return cls(Truth.load(source), delay_s) if _has_truth(source) else None
 
     def add(self, found: SurfacePatch) -> None:
         """Take points that are done."""
@@ -177,10 +182,6 @@ class SurfaceTally:
         tally.edges = int(edges.sum())
         tally.measured_edges = int((edges & _grown(measured)).sum())
         return tally
-
-
-def _has_truth(source: Path) -> bool:
-    return source.is_dir() and (source / "truth.yaml").is_file()
 
 
 def _grown(mask: Mask) -> Mask:

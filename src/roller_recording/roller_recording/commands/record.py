@@ -107,7 +107,7 @@ def _record(
     node: RecorderNode,
     spin_once: Callable[[float], None],
     duration_s: float | None,
-    interrupts: _Interrupts,
+    interrupts: list[int],
 ) -> int:
     recorder, begin = node.recorder, time.monotonic()
     end = float("inf") if duration_s is None else begin + duration_s
@@ -115,7 +115,7 @@ def _record(
     with status_line() as (show, report):
         speed = _Speed()
         report(f"recording to {node.path}; Ctrl-C ends it")
-        while not interrupts.count and recorder.fault is None and time.monotonic() < end:
+        while not interrupts and recorder.fault is None and time.monotonic() < end:
             spin_once(min(0.1, max(end - time.monotonic(), 0.0)))
             progress = recorder.progress()
             show(speed.line(time.monotonic() - begin, progress))
@@ -124,7 +124,7 @@ def _record(
                 if missing := node.missing():
                     report(f"nothing yet on {', '.join(missing)}")
         node.stop_taking()
-        while not recorder.drain(0.1) and interrupts.count < 2:
+        while not recorder.drain(0.1) and len(interrupts) < 2:
             show(f"writing what waits: {recorder.progress().waiting_bytes / 1e6:.0f} MB")
         recorder.stop()
     print(_summary(node))
@@ -186,20 +186,13 @@ def _seconds(text: str) -> float:
     return value
 
 
-class _Interrupts:
-    """Counts the signals that ask for an end."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-
 @contextmanager
-def _interrupts() -> Iterator[_Interrupts]:
-    """Count SIGINT, SIGTERM and SIGHUP instead of ending at once."""
-    seen = _Interrupts()
+def _interrupts() -> Iterator[list[int]]:
+    """Collect SIGINT, SIGTERM and SIGHUP instead of ending at once."""
+    seen: list[int] = []
 
     def note(number: int, frame: object) -> None:
-        seen.count += 1
+        seen.append(number)
 
     wanted = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # else nohup keeps us alive
