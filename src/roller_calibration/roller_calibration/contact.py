@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.depth_map import DepthMap, back_project
 from roller_emvs.depth_settings import DepthSettings
@@ -193,7 +195,7 @@ def contact_windows(scan: Scan, settings: DepthSettings, sphere: Sphere) -> list
         If there are none: the sphere lies beside the path, or the pass stops short of it.
     """
     camera, found = scan.camera, []
-    for prepared in _prepared(scan, settings):
+    for prepared in prepared_windows(scan.camera, scan.track, scan.events, settings):
         view = contact_view(sphere, camera, prepared.target)
         if view is not None and _on_patch(view, camera, settings.patch_half_length_m):
             found.append(ContactWindow(scan.name, prepared, view))
@@ -206,9 +208,12 @@ def contact_windows(scan: Scan, settings: DepthSettings, sphere: Sphere) -> list
     return found
 
 
-def _prepared(scan: Scan, settings: DepthSettings) -> Iterator[PreparedWindow]:
-    pipeline = DepthPipeline(settings, scan.camera, scan.track)
-    pipeline.add_events(scan.events)
+def prepared_windows(
+    camera: Camera, track: PoseTrack, events: EventArray, settings: DepthSettings
+) -> Iterator[PreparedWindow]:
+    """Windows of a scan that have parallax, as a replay cuts them."""
+    pipeline = DepthPipeline(settings, camera, track)
+    pipeline.add_events(events)
     for window in pipeline.windows(flush=True):
         if isinstance(window, RefusedWindow):
             continue

@@ -6,14 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from roller_calibration.contact import Box, KnownWindow, TrueDepth
+from roller_calibration.contact import Box, KnownWindow, TrueDepth, prepared_windows
 from roller_calibration.grids import PaperGrid, simplex
 from roller_calibration.paper_search import window_errors
-from roller_core.errors import RollerError
 from roller_core.transforms import F64
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.pipeline import DepthPipeline
-from roller_emvs.windows import RefusedWindow
 
 from .cases import Case
 from .rows import Row
@@ -88,15 +85,7 @@ def cross_validated(rows: Sequence[Row], names: Sequence[str]) -> list[tuple[str
 
 
 def _windows(scan: Scan, settings: DepthSettings) -> Iterator[KnownWindow]:
-    pipeline = DepthPipeline(settings, scan.camera, scan.track)
-    pipeline.add_events(scan.crossing)
-    for window in pipeline.windows(flush=True):
-        if isinstance(window, RefusedWindow):
-            continue
-        try:
-            prepared = pipeline.prepare(window)
-        except RollerError:
-            continue  # no parallax: no depth in a replay either
+    for prepared in prepared_windows(scan.camera, scan.track, scan.crossing, settings):
         view = _truth(scan, prepared.middle_ns - scan.truth.event_delay_ns)
         if view.pixels:
             yield KnownWindow(scan.name, prepared, view)
@@ -106,9 +95,6 @@ def _truth(scan: Scan, at_ns: int) -> TrueDepth:
     """True depth of the object where the skin is pressed on it."""
     camera = scan.camera
     depth = scan.truth.depth_image(at_ns).astype(np.float64)
-    position = scan.truth.camera_positions(at_ns)[0]
-    u, v = np.arange(camera.width)[None, :], np.arange(camera.height)[:, None]
-    x = position[0] + (u - camera.cx) / camera.fx * depth
-    y = position[1] - (v - camera.cy) / camera.fy * depth
+    x, y = scan.truth.places(at_ns, depth)
     mask = scan.truth.contact_mask(at_ns) & scan.truth.objects[scan.name].contains(x, y)
     return TrueDepth(Box(0, 0, camera.width, camera.height), depth, mask)

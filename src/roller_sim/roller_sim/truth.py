@@ -168,6 +168,14 @@ class Truth:
         depth = self.depth_at(when, self._all_pixels)
         return depth.reshape(self.camera.height, self.camera.width).astype(np.float32)
 
+    def places(self, t_ros_ns: int, depth: F64) -> tuple[F64, F64]:
+        """X and y in `base` of what each pixel of a depth image shows, metres."""
+        camera, (x0, y0, _) = self.camera, self.camera_positions(t_ros_ns)[0]
+        u, v = np.arange(camera.width)[None, :], np.arange(camera.height)[:, None]
+        # The camera looks straight down: base x with u, base y against v.
+        x = x0 + (u - camera.cx) / camera.fx * depth
+        return x, y0 - (v - camera.cy) / camera.fy * depth
+
     def contact_at(self, when: int | npt.ArrayLike, pixels: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether the skin is pressed on the surface where the pixels look, shape (n,)."""
         return self._trace(when, pixels)[1]

@@ -90,12 +90,7 @@ class TruthTally(_Tallies):
         measured = np.isfinite(found.depth)
         reached, near = _grown(measured), _grown(edges)
         error = (found.depth - depth) * 1e6
-        position = self.truth.camera_positions(seen_ns)[0]
-        u = np.arange(camera.width)[None, :]
-        v = np.arange(camera.height)[:, None]
-        # The camera looks straight down: base x with u, base y against v.
-        x = position[0] + (u - camera.cx) / camera.fx * depth
-        y = position[1] - (v - camera.cy) / camera.fy * depth
+        x, y = self.truth.places(seen_ns, depth)
         for tally, here in self._places(x, y):
             inside = measured & contact & here
             tally.count(error[inside], near[inside])
