@@ -277,6 +277,11 @@ class Truth:
         file.write_text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True))
 
     @classmethod
+    def beside(cls, source: FilePath) -> Truth | None:
+        """The truth of a bag that has one beside it; None for other recordings."""
+        return cls.load(source) if (source / TEXT_FILE).is_file() else None
+
+    @classmethod
     def load(cls, folder: FilePath | str) -> Truth:
         """Read the truth beside a recording.
 

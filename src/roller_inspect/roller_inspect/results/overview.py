@@ -45,9 +45,7 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
         The picture.
     """
     report = json.loads((folder / "report.json").read_text())
-    truth = None
-    if source.is_dir() and (source / "truth.yaml").is_file():
-        truth = Truth.load(source)
+    truth = Truth.beside(source)
     delay_ns = _delay_left_ns(report, truth)
     cloud = _thinned(read_ply(folder / "surface.ply"))
     figure = plt.figure(figsize=(15, 11), dpi=100, layout="constrained")

@@ -58,8 +58,8 @@ class _Tallies:
     @classmethod
     def beside(cls, source: Path, delay_s: float = 0.0) -> Self | None:
         """The tally for a bag that has its truth beside it; None for others."""
-        known = source.is_dir() and (source / "truth.yaml").is_file()
-        return cls(Truth.load(source), delay_s) if known else None
+        truth = Truth.beside(source)
+        return None if truth is None else cls(truth, delay_s)
 
 
 class TruthTally(_Tallies):

@@ -38,9 +38,9 @@ def run(args: argparse.Namespace) -> int:
     """
     from roller_recording.reading.summary import summarise
 
-    census = summarise(args.input, args.topic, args.check)
-    for line in census.lines():
+    summary = summarise(args.input, args.topic, args.check)
+    for line in summary.lines():
         print(line)
-    for fault in census.faults:
+    for fault in summary.faults:
         print(f"error: {fault}", file=sys.stderr)
-    return 1 if census.faults else 0
+    return 1 if summary.faults else 0

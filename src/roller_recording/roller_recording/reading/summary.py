@@ -115,41 +115,41 @@ def summarise(path: Path, topic: str | None = None, check: bool = False) -> Reco
     """
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
-    census = RecordingSummary()
+    summary = RecordingSummary()
     if (reader := reader_of(path)) is not None:
         stream, *size = reader.event_stream(path, topic)
-        census.size = (size[0], size[1])
-        census.encodings.add(reader.ENCODING)
+        summary.size = (size[0], size[1])
+        summary.encodings.add(reader.ENCODING)
         try:
             for events in reader.read_events(path, stream):
-                census.add(events)
+                summary.add(events)
         except RecordingError as error:
-            census.faults.append(str(error))
-        return census
-    _count_bag(path, census, topic, check)
-    return census
+            summary.faults.append(str(error))
+        return summary
+    _count_bag(path, summary, topic, check)
+    return summary
 
 
-def _count_bag(path: Path, census: RecordingSummary, topic: str | None, check: bool) -> None:
+def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: bool) -> None:
     from .bag_reader import BagReader
     from .event_topic import event_topic
 
     reader, store = BagReader(path), typestore()
     if topic is not None:
         event_topic(reader.topics, path, topic)
-    census.notes = reader.notes
-    census.notes += [
+    summary.notes = reader.notes
+    summary.notes += [
         f"the recorder says: {name.replace('_', ' ')}: {value}"
         for name, value in reader.custom.items()
         if value != "0"
     ]
-    census.start_ns = reader.start_ns
+    summary.start_ns = reader.start_ns
     decoders: dict[tuple[str, str], PacketDecoder] = {}
     for item in reader.messages(set(reader.topics)):
         if isinstance(item, RecordingError):
-            census.faults.append(str(item))
+            summary.faults.append(str(item))
             continue
-        census.topics[item.topic] += 1
+        summary.topics[item.topic] += 1
         counted = item.type in (EVENT_PACKET, EVENT_ARRAY) and topic in (None, item.topic)
         if not counted and not (check and item.type in store.fielddefs):
             continue
@@ -157,28 +157,28 @@ def _count_bag(path: Path, census: RecordingSummary, topic: str | None, check: b
             message: Any = store.deserialize_cdr(item.data, item.type)
             if not counted:
                 continue
-            census.gaps.see(item.topic, message.seq, item.t_ns)
+            summary.gaps.see(item.topic, message.seq, item.t_ns)
             key = (item.topic, message.encoding)
             if key not in decoders:
                 decoders[key] = PacketDecoder(message.encoding, message.width, message.height)
             packet = decoders[key].decode(message.events, message.time_base)
         except RollerError as error:
-            census.faults.append(str(error))
+            summary.faults.append(str(error))
             continue
         except Exception as error:  # a damaged message raises whatever its bytes lead to
-            census.faults.append(
+            summary.faults.append(
                 f"bag {path}: a message on {item.topic} at {item.t_ns * 1e-9:.6f} s is "
                 f"malformed ({error})"
             )
             continue
-        census.encodings.add(message.encoding)
-        census.size = (message.width, message.height)
-        census.add(packet.events, packet.outside)
-        census.triggers_rising += int(packet.triggers.edge.sum())
-        census.triggers_falling += len(packet.triggers) - int(packet.triggers.edge.sum())
+        summary.encodings.add(message.encoding)
+        summary.size = (message.width, message.height)
+        summary.add(packet.events, packet.outside)
+        summary.triggers_rising += int(packet.triggers.edge.sum())
+        summary.triggers_falling += len(packet.triggers) - int(packet.triggers.edge.sum())
     if check:
-        faults, notes = reader.check(census.topics)
-        if not census.faults:  # else reported already
-            census.faults += [str(fault) for fault in faults]
-        census.notes += notes
-        census.notes.append(f"checked: {census.topics.total()} messages are read and decoded")
+        faults, notes = reader.check(summary.topics)
+        if not summary.faults:  # else reported already
+            summary.faults += [str(fault) for fault in faults]
+        summary.notes += notes
+        summary.notes.append(f"checked: {summary.topics.total()} messages are read and decoded")
