@@ -14,14 +14,18 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of
 from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
 from roller_core.camera import Camera
-from roller_core.codecs import encode
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_core.transforms import inverse_pose, pose_matrix
 from roller_recording.raw_message import RawMessage
 from roller_ros import topics
+from roller_sim.bag import BASE, TOOL, BagMessages
+from roller_sim.bag import CAMERA as SENSOR
+from roller_sim.cell import Packet
 
 #: Type and offered quality of service of our topics.
 KINDS = {t.path: (t.type_name, topics.offered(t)) for t in topics.ALL}
+CAMERA_INFO, TF_MESSAGE = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
 START_NS = 1_700_000_000_000_000_000
 SENSOR_START_NS = 5_000_000_000
 DURATION_S = 0.08
@@ -66,15 +70,17 @@ class Recipe:
 
 def bag_messages(recipe: Recipe) -> Iterator[tuple[int, str, str, bytes]]:
     """Log time, topic, type and CDR of all messages, in order of time."""
-    store = typestore()
+    make = BagMessages(recipe.camera or CAMERA)
     items: list[tuple[int, str, str, Any]] = []
     if recipe.camera is not None:
-        items.append((START_NS - 3, *_camera_info(store, recipe.camera)))
+        info = make.camera_info(START_NS)
+        items.append((START_NS - 3, "/event_camera/camera_info", CAMERA_INFO, info))
     if recipe.tf_static:
-        items.append((START_NS - 2, *_static(store)))
+        fixed = make.transform(START_NS, TOOL, SENSOR, HAND_EYE_POSITION, HAND_EYE_ROTATION)
+        items.append((START_NS - 2, "/tf_static", TF_MESSAGE, fixed))
     if recipe.tf:
-        items += _poses(store)
-    items += _packets(store, recipe)
+        items += _poses(make)
+    items += _packets(make, recipe)
     items.sort(key=lambda item: item[0])
     counts: dict[str, int] = {}
     for t_ns, topic, kind, message in items:
@@ -82,7 +88,7 @@ def bag_messages(recipe: Recipe) -> Iterator[tuple[int, str, str, bytes]]:
         edited = recipe.edit(topic, n, message)
         if edited is not None:
             name = topic.replace("/event_camera", recipe.namespace)
-            yield t_ns, name, kind, bytes(store.serialize_cdr(edited, kind))
+            yield t_ns, name, kind, bytes(make.store.serialize_cdr(edited, kind))
 
 
 def raw_messages(recipe: Recipe) -> list[RawMessage]:
@@ -109,82 +115,26 @@ def write_messages(writer: Writer, messages: Iterable[tuple[int, str, str, bytes
             writer.write(connections[topic], t_ns, data)
 
 
-def _header(store: Any, t_ns: int, frame: str) -> Any:
-    stamp = store.types["builtin_interfaces/msg/Time"](t_ns // 10**9, t_ns % 10**9)
-    return store.types["std_msgs/msg/Header"](stamp, frame)
-
-
-def _camera_info(store: Any, camera: Camera) -> tuple[str, str, Any]:
-    kind = "sensor_msgs/msg/CameraInfo"
-    roi = store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-    message = store.types[kind](
-        header=_header(store, START_NS, "event_camera_optical_frame"),
-        height=camera.height,
-        width=camera.width,
-        distortion_model=camera.model,
-        d=np.array(camera.distortion),
-        k=camera.K.ravel(),
-        r=np.eye(3).ravel(),
-        p=np.hstack([camera.K, np.zeros((3, 1))]).ravel(),
-        binning_x=0,
-        binning_y=0,
-        roi=roi,
-    )
-    return "/event_camera/camera_info", kind, message
-
-
-def _transform(store: Any, t_ns: int, parent: str, child: str, p: Any, q: Any) -> Any:
-    types = store.types
-    transform = types["geometry_msgs/msg/Transform"](
-        types["geometry_msgs/msg/Vector3"](*map(float, p)),
-        types["geometry_msgs/msg/Quaternion"](*map(float, q)),
-    )
-    stamped = types["geometry_msgs/msg/TransformStamped"](
-        _header(store, t_ns, parent), child, transform
-    )
-    return types["tf2_msgs/msg/TFMessage"]([stamped])
-
-
-def _static(store: Any) -> tuple[str, str, Any]:
-    message = _transform(
-        store, START_NS, "tool0_controller", "event_camera_optical_frame",
-        HAND_EYE_POSITION, HAND_EYE_ROTATION,
-    )  # fmt: skip
-    return "/tf_static", "tf2_msgs/msg/TFMessage", message
-
-
-def _poses(store: Any) -> list[tuple[int, str, str, Any]]:
-    from roller_core.transforms import inverse_pose, pose_matrix
-
+def _poses(make: BagMessages) -> list[tuple[int, str, str, Any]]:
     tool_from_camera = inverse_pose(pose_matrix(HAND_EYE_POSITION, HAND_EYE_ROTATION))
     tool = camera_track().transformed(tool_from_camera)
     out = []
-    for t, p, q in zip(tool.times_ns, tool.positions, tool.quaternions, strict=True):
-        message = _transform(store, int(t), "base", "tool0_controller", p, q)
-        out.append((int(t) + 1_500_000, "/tf", "tf2_msgs/msg/TFMessage", message))
+    for t, p, q in zip(tool.times_ns.tolist(), tool.positions, tool.quaternions, strict=True):
+        out.append((t + 1_500_000, "/tf", TF_MESSAGE, make.transform(t, BASE, TOOL, p, q)))
     return out
 
 
-def _packets(store: Any, recipe: Recipe) -> list[tuple[int, str, str, Any]]:
+def _packets(make: BagMessages, recipe: Recipe) -> list[tuple[int, str, str, Any]]:
     events, out = scan(), []
     span = 1_000_000
-    first = SENSOR_START_NS
     for seq in range(round(DURATION_S * 1e9) // span):
-        base = first + seq * span
+        base = SENSOR_START_NS + seq * span
         a, b = np.searchsorted(events.t_ns, [base, base + span])
         # Arrival of the first event; sensor and ROS time differ by a constant.
         stamp = START_NS + int(events.t_ns[a]) - SENSOR_START_NS
-        message = store.types[recipe.event_type](
-            header=_header(store, stamp, "event_camera_optical_frame"),
-            height=CAMERA.height,
-            width=CAMERA.width,
-            seq=seq,
-            time_base=base,
-            encoding=recipe.encoding,
-            is_bigendian=False,
-            events=encode(recipe.encoding, events[a:b], base),
-        )
-        out.append((stamp + span, "/event_camera/events", recipe.event_type, message))
+        packet = Packet(seq, stamp, base, stamp + span, events[a:b])
+        message = make.packet(packet, recipe.encoding, recipe.event_type)
+        out.append((packet.arrival_ns, "/event_camera/events", recipe.event_type, message))
     return out
 
 

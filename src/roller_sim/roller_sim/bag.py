@@ -12,6 +12,7 @@ from rosbags.interfaces import Qos
 
 from roller_core.bag_writer import BagWriter
 from roller_core.bags import EVENT_PACKET, bag_qos, typestore
+from roller_core.camera import Camera
 from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
 from roller_core.output_folder import release_reserve
@@ -42,13 +43,19 @@ class BagSummary:
     images: int
 
 
-class _Messages:
-    """Builds the messages of a typestore."""
+class BagMessages:
+    """Builds a cell's messages as `rosbags` has them.
 
-    def __init__(self, cell: VirtualCell) -> None:
+    Parameters
+    ----------
+    camera : Camera
+        Calibration of the sensor.
+    """
+
+    def __init__(self, camera: Camera) -> None:
         self.store = typestore()
         self._types = self.store.types
-        self._cell = cell
+        self._camera = camera
 
     def make(self, name: str, **fields: Any) -> Any:
         """A message of a type such as `sensor_msgs/msg/Image`."""
@@ -78,7 +85,7 @@ class _Messages:
 
     def camera_info(self, stamp_ns: int) -> Any:
         """The calibration."""
-        camera = self._cell.camera
+        camera = self._camera
         roi = self.make(
             "sensor_msgs/msg/RegionOfInterest",
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False,
@@ -98,13 +105,13 @@ class _Messages:
             roi=roi,
         )
 
-    def packet(self, packet: Packet, encoding: str) -> Any:
+    def packet(self, packet: Packet, encoding: str, kind: str = EVENT_PACKET) -> Any:
         """One event packet."""
         return self.make(
-            EVENT_PACKET,
+            kind,
             header=self.header(packet.stamp_ns, CAMERA),
-            height=self._cell.camera.height,
-            width=self._cell.camera.width,
+            height=self._camera.height,
+            width=self._camera.width,
             seq=packet.seq,
             time_base=packet.time_base_ns,
             encoding=encoding,
@@ -148,7 +155,7 @@ def write_bag(
         written before is then whole.
     """
     path = Path(path)
-    messages = _Messages(cell)
+    messages = BagMessages(cell.camera)
     writer = BagWriter(path, TOPICS)
     counts = {Packet: 0, PoseSample: 0, Picture: 0}
 
