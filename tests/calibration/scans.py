@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from emvs.scenes import CAMERA, events_of, rolling, track_of
+from recording.bags import write_dataset
 from roller_calibration.bidirectional import central_events
 from roller_calibration.recordings import Scan
 from roller_core.camera import Camera
@@ -19,7 +20,7 @@ ROLLING = Camera(320, 140, 800.0, 800.0, 159.5, 69.5)
 RADIUS_M, CONTACT_M = 0.004, 0.0029
 CENTRE_M = np.array([0.0, 0.0002, 0.0475])
 PLATE_M = 0.0452
-SPEED_M_S, START_M, WAY_M = 0.3, -0.011, 0.0222
+SPEED_M_S, START_M, ROLLED_M = 0.3, -0.011, 0.0222
 #: In base the camera looks along z: the surface's outside is where z is less.
 TOWARDS = np.array([0.0, 0.0, -1.0])
 
@@ -56,7 +57,7 @@ def sphere_pass(across_m: float = 0.0, dots: int = 400, plate_dots: int = 150) -
     """A pass over the sphere, that lies so far beside the middle of the image."""
     centre = CENTRE_M + [0.0, across_m, 0.0]
     parts = [dome_points(centre, RADIUS_M, dots), plate_points(centre, RADIUS_M, plate_dots)]
-    duration_s = WAY_M / SPEED_M_S
+    duration_s = ROLLED_M / SPEED_M_S
     motion = motion_over()
     events = events_of(np.concatenate(parts), motion, duration_s, camera=ROLLING)
     return Scan("pass", events, ROLLING, track_of(motion, duration_s))
@@ -64,13 +65,7 @@ def sphere_pass(across_m: float = 0.0, dots: int = 400, plate_dots: int = 150) -
 
 def write_scan(folder: Path, scan: Scan) -> Path:
     """A scan as a folder of the public event-camera dataset."""
-    folder.mkdir()
-    e, c = scan.events, scan.camera
-    rows = np.column_stack([e.t_ns * 1e-9, e.x, e.y, e.p])
-    np.savetxt(folder / "events.txt", rows, fmt="%.9f %d %d %d")
-    scan.track.write_tum(folder / "groundtruth.txt")
-    (folder / "calib.txt").write_text(f"{c.fx} {c.fy} {c.cx} {c.cy} 0 0 0 0 0\n")
-    return folder
+    return write_dataset(folder, scan.events, scan.track, scan.camera)
 
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])

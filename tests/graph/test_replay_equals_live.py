@@ -16,9 +16,8 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from graph.graph_world import Processes, Watcher
-from recording.bags import write_bag
+from recording.bags import read_messages, write_bag
 from roller_bringup.cli import main
-from roller_core.bags import typestore
 from roller_emvs.ply import read_ply
 from roller_ros import messages, qos
 
@@ -113,7 +112,7 @@ def test_replay_equals_live(
 def check_map(late: Watcher, result: Path, folder: Path) -> None:
     """Who comes late sees the scan, as the replay has it; it is saved and cleared on request."""
     (shown,) = late.seen[MAP]
-    (expected,) = recorded(result, MAP)
+    ((_, expected),) = read_messages(result, MAP)
     assert bytes(shown.data) == bytes(expected.data)
     assert [f.name for f in shown.fields] == ["x", "y", "z", "height", "confidence"]
     saved = late.call("/stitcher/save", Trigger, Trigger.Request())
@@ -134,16 +133,6 @@ def check_clock(times: list[Clock], bag: Path) -> None:
     assert len(told) > 5
     assert begin <= told[0] < told[-1] <= end
     assert told == sorted(set(told))
-
-
-def recorded(bag: Path, topic: str) -> list[Any]:
-    store = typestore()
-    with Reader(bag) as reader:
-        return [
-            store.deserialize_cdr(data, connection.msgtype)
-            for connection, _, data in reader.messages()
-            if connection.topic == topic
-        ]
 
 
 def check_parameters(watcher: Watcher, *nodes: str) -> None:
@@ -185,11 +174,11 @@ def pixels_of(message: Any) -> np.ndarray:
 
 
 def replayed_depths(output: Path) -> dict[int, np.ndarray]:
-    images = recorded(output / "result", "/roller/depth/image")
-    return {stamp_of(message): pixels_of(message) for message in images}
+    images = read_messages(output / "result", "/roller/depth/image")
+    return {stamp_of(message): pixels_of(message) for _, message in images}
 
 
-def test_two_that_publish_the_robots_poses_are_told_and_one_is_followed(
+def test_two_that_publish_the_robots_poses_are_reported_and_one_is_followed(
     processes: Processes, watch: Callable[..., Watcher], tmp_path: Path
 ) -> None:
     """Poses of a second node, elsewhere and in between, leave the depth as it is."""
@@ -229,9 +218,9 @@ def test_two_that_publish_the_robots_poses_are_told_and_one_is_followed(
             lambda name=name: any("publish base -> tool0" in m for m in watcher.messages_of(name)),
             10, "the fault",
         )  # fmt: skip
-        told = next(m for m in watcher.messages_of(name) if "publish base -> tool0" in m)
-        assert "/player and /watcher publish" in told
-        assert "/player is followed" in told
+        reported = next(m for m in watcher.messages_of(name) if "publish base -> tool0" in m)
+        assert "/player and /watcher publish" in reported
+        assert "/player is followed" in reported
         assert watcher.value(name, "foreign_poses") > 0
     live = {stamp_of(m): pixels_of(m) for m in watcher.seen["/roller/depth/image"]}
     assert list(live) == list(expected)

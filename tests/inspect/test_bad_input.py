@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recording.bags import CAMERA, Recipe, camera_track, scan, write_bag
+from recording.bags import CAMERA, Recipe, analytic_dataset, camera_track, write_bag
 from roller_bringup.cli import main
 from roller_emvs.ply import read_ply
 
@@ -236,20 +236,6 @@ def test_bad_parameters(text: str, message: str, tmp_path: Path, capsys: Capture
     assert_matches(capsys.readouterr().err.strip(), message)
 
 
-def dataset(folder: Path) -> Path:
-    folder.mkdir()
-    events = scan()[:20_000]
-    t_s = (events.t_ns - 5_000_000_000) * 1e-9
-    rows = np.column_stack([t_s, events.x, events.y, events.p])
-    np.savetxt(folder / "events.txt", rows, fmt="%.9f %d %d %d")
-    track = camera_track()
-    shifted = type(track)()
-    shifted.extend(track.times_ns - int(track.times_ns[0]), track.positions, track.quaternions)
-    shifted.write_tum(folder / "groundtruth.txt")
-    (folder / "calib.txt").write_text("800 800 159.5 59.5 0 0 0 0 0\n")
-    return folder
-
-
 @pytest.mark.parametrize(
     ("file", "change", "message"),
     [
@@ -269,7 +255,7 @@ def test_bad_dataset(
     tmp_path: Path,
     capsys: Capture,
 ) -> None:
-    folder = dataset(tmp_path / "data")
+    folder = analytic_dataset(tmp_path / "data", 20_000)
     if change is None:
         (folder / file).unlink()
     else:

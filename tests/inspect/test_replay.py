@@ -5,16 +5,22 @@ from __future__ import annotations
 import json
 import sqlite3
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.rosbag2 import StoragePlugin
 
 from emvs.scenes import CAMERA, tilted
-from recording.bags import EVENT_ARRAY, Recipe, camera_track, scan, write_bag
+from recording.bags import (
+    EVENT_ARRAY,
+    Recipe,
+    analytic_dataset,
+    camera_track,
+    read_messages,
+    scan,
+    write_bag,
+)
 from roller_bringup.cli import main
-from roller_core.bags import typestore
 from roller_emvs.ply import read_ply
 
 PARAMS = """
@@ -46,15 +52,12 @@ def replay(source: Path, output: Path, params: Path, *more: str) -> int:
 
 
 def depth_maps(output: Path) -> dict[int, np.ndarray]:
-    store, found = typestore(), {}
-    with Reader(output / "result") as reader:
-        for connection, log_ns, data in reader.messages():
-            if connection.topic == "/roller/depth/image":
-                message: Any = store.deserialize_cdr(data, connection.msgtype)
-                assert message.encoding == "32FC1"
-                assert message.header.frame_id == "event_camera_optical_frame"
-                pixels = np.frombuffer(message.data, np.float32)
-                found[log_ns] = pixels.reshape(message.height, message.width)
+    found = {}
+    for log_ns, message in read_messages(output / "result", "/roller/depth/image"):
+        assert message.encoding == "32FC1"
+        assert message.header.frame_id == "event_camera_optical_frame"
+        pixels = np.frombuffer(message.data, np.float32)
+        found[log_ns] = pixels.reshape(message.height, message.width)
     return found
 
 
@@ -91,15 +94,11 @@ def test_surface_in_the_bag_equals_the_file(
     reference: tuple[Path, dict[int, np.ndarray]],
 ) -> None:
     output, _ = reference
-    store, rows = typestore(), []
-    with Reader(output / "result") as reader:
-        for connection, _, data in reader.messages():
-            if connection.topic == "/roller/surface/points":
-                message: Any = store.deserialize_cdr(data, connection.msgtype)
-                assert message.header.frame_id == "base"
-                names = [f.name for f in message.fields]
-                assert names == ["x", "y", "z", "height", "confidence"]
-                rows.append(np.frombuffer(message.data, np.float32).reshape(-1, 5))
+    rows = []
+    for _, message in read_messages(output / "result", "/roller/surface/points"):
+        assert message.header.frame_id == "base"
+        assert [f.name for f in message.fields] == ["x", "y", "z", "height", "confidence"]
+        rows.append(np.frombuffer(message.data, np.float32).reshape(-1, 5))
     cloud = read_ply(output / "surface.ply")
     np.testing.assert_allclose(np.concatenate(rows)[:, 2], cloud["z"], atol=1e-7)
 
@@ -157,16 +156,7 @@ def test_metadata_without_a_storage_identifier_replays(
 def test_a_dataset_folder_gives_the_same_depth(
     params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
 ) -> None:
-    folder = tmp_path / "dataset"
-    folder.mkdir()
-    events = scan()
-    t_s = (events.t_ns - 5_000_000_000) * 1e-9
-    rows = np.column_stack([t_s, events.x, events.y, events.p])
-    np.savetxt(folder / "events.txt", rows, fmt="%.9f %d %d %d")
-    track = camera_track()
-    shifted = type(track)()
-    shifted.extend(track.times_ns - int(track.times_ns[0]), track.positions, track.quaternions)
-    shifted.write_tum(folder / "groundtruth.txt")
+    folder = analytic_dataset(tmp_path / "dataset")
     CAMERA.to_yaml(tmp_path / "camera.yaml")
     code = replay(folder, tmp_path / "out", params, "--camera", str(tmp_path / "camera.yaml"))
     assert code == 0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
 from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, track_of
 from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
@@ -115,6 +115,32 @@ def write_messages(writer: Writer, messages: Iterable[tuple[int, str, str, bytes
             writer.write(connections[topic], t_ns, data)
 
 
+def read_messages(bag: Path, topic: str) -> Iterator[tuple[int, Any]]:
+    """Log times and messages of a topic."""
+    store = typestore()
+    with Reader(bag) as reader:
+        for connection, log_ns, data in reader.messages():
+            if connection.topic == topic:
+                yield log_ns, store.deserialize_cdr(data, connection.msgtype)
+
+
+def write_dataset(folder: Path, events: EventArray, track: PoseTrack, camera: Camera) -> Path:
+    """Write a folder of the public event-camera dataset; both begin at zero there."""
+    folder.mkdir()
+    rows = np.column_stack([events.t_ns * 1e-9, events.x, events.y, events.p])
+    np.savetxt(folder / "events.txt", rows, fmt="%.9f %d %d %d")
+    track.write_tum(folder / "groundtruth.txt")
+    c = camera
+    (folder / "calib.txt").write_text(f"{c.fx} {c.fy} {c.cx} {c.cy} 0 0 0 0 0\n")
+    return folder
+
+
+def analytic_dataset(folder: Path, most: int | None = None) -> Path:
+    """The scan, or its first events, as such a folder."""
+    track = track_of(rolling(SPEED), DURATION_S)
+    return write_dataset(folder, scan()[:most].shifted(-SENSOR_START_NS), track, CAMERA)
+
+
 def _poses(make: BagMessages) -> list[tuple[int, str, str, Any]]:
     tool_from_camera = inverse_pose(pose_matrix(HAND_EYE_POSITION, HAND_EYE_ROTATION))
     tool = camera_track().transformed(tool_from_camera)
@@ -144,10 +170,13 @@ __all__ = [
     "EVENT_PACKET",
     "KINDS",
     "Recipe",
+    "analytic_dataset",
     "bag_messages",
     "camera_track",
     "raw_messages",
+    "read_messages",
     "scan",
     "write_bag",
+    "write_dataset",
     "write_messages",
 ]

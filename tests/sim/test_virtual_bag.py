@@ -7,7 +7,8 @@ import pytest
 import yaml
 from rosbags.rosbag2 import Reader
 
-from roller_core.bags import EVENT_PACKET, typestore
+from recording.bags import read_messages
+from roller_core.bags import EVENT_PACKET
 from roller_core.codecs import PacketDecoder
 from roller_core.errors import SettingsError, UnwritableOutputError
 from roller_core.sensor_pose import SensorFrames
@@ -27,14 +28,6 @@ def written(tmp_path_factory):
     summary = write_bag(VirtualCell(settings), folder, shares.append)
     assert shares[-1] == 1.0
     return settings, folder, summary
-
-
-def messages(folder, topic):
-    store = typestore()
-    with Reader(folder) as reader:
-        for connection, log_ns, data in reader.messages():
-            if connection.topic == topic:
-                yield log_ns, store.deserialize_cdr(data, connection.msgtype)
 
 
 def ns(stamp):
@@ -68,7 +61,9 @@ def test_events_come_back_as_they_were_simulated(written):
     again = [i for i in VirtualCell(settings).run() if isinstance(i, Packet)]
     decoder = PacketDecoder("libcaer_cmp", 80, 240)
     count = 0
-    for (_, message), want in zip(messages(folder, "/event_camera/events"), again, strict=True):
+    for (_, message), want in zip(
+        read_messages(folder, "/event_camera/events"), again, strict=True
+    ):
         assert message.encoding == "libcaer_cmp"
         assert message.header.frame_id == "event_camera_optical_frame"
         assert ns(message.header.stamp) == want.stamp_ns
@@ -85,7 +80,7 @@ def test_transforms_lead_from_base_to_the_camera(written):
     truth = Truth.load(folder)
     frames = SensorFrames()
     for topic, add in (("/tf_static", frames.add_static), ("/tf", None)):
-        for _, message in messages(folder, topic):
+        for _, message in read_messages(folder, topic):
             (item,) = message.transforms
             t, r = item.transform.translation, item.transform.rotation
             place = (t.x, t.y, t.z), (r.x, r.y, r.z, r.w)
@@ -102,10 +97,10 @@ def test_transforms_lead_from_base_to_the_camera(written):
 
 def test_camera_info_and_images(written):
     _, folder, summary = written
-    ((_, info),) = messages(folder, "/event_camera/camera_info")
+    ((_, info),) = read_messages(folder, "/event_camera/camera_info")
     assert (info.width, info.height, info.distortion_model) == (80, 240, "plumb_bob")
     np.testing.assert_allclose(info.k, [1066, 0, 39.5, 0, 1066, 119.5, 0, 0, 1])
-    images = [m for _, m in messages(folder, "/event_camera/image_raw")]
+    images = [m for _, m in read_messages(folder, "/event_camera/image_raw")]
     assert len(images) == summary.images
     assert (images[0].encoding, images[0].step, len(images[0].data)) == ("mono8", 80, 80 * 240)
 
