@@ -105,7 +105,7 @@ class BraillePipeline:
 
     @property
     def held_events(self) -> int:
-        """Events that wait for their frame to be complete."""
+        """Events that wait for their batch to be complete."""
         return self._cutter.held_events
 
     @property

@@ -8,7 +8,7 @@ from pathlib import Path
 from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
 from roller_emvs.depth_settings import REPLAY_METHODS
-from roller_evaluation.commands import numbers, words
+from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -50,42 +50,25 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If the arguments make no sense or results can't be written.
     """
-    from rich.console import Console
-
     from roller_evaluation.bench import run_bench
     from roller_evaluation.bench_plan import ALL_OBJECTS, BenchOptions
     from roller_evaluation.bench_tables import tables
     from roller_evaluation.tables import show_tables
 
-    given = {
-        name: getattr(args, name)
-        for name in ("repeats", "objects", "speeds", "methods", "slider")
-        if getattr(args, name) is not None
-    }
-    _check("objects", given.get("objects", ()), ALL_OBJECTS)
-    _check("methods", given.get("methods", ()), REPLAY_METHODS)
-    if any(not 0.001 <= v <= 2.0 for v in given.get("speeds", ())):
+    chosen = given(args, "repeats", "objects", "speeds", "methods", "slider")
+    check_names("objects", chosen.get("objects", ()), ALL_OBJECTS)
+    check_names("methods", chosen.get("methods", ()), REPLAY_METHODS)
+    if any(not 0.001 <= v <= 2.0 for v in chosen.get("speeds", ())):
         raise SettingsError("--speeds: 0.001 to 2 m/s")
-    if given.get("repeats", 1) < 1:
+    if chosen.get("repeats", 1) < 1:
         raise SettingsError("--repeats: at least 1")
-    options = BenchOptions.short(**given) if args.quick else BenchOptions(**given)
-    console = Console(stderr=True)
+    options = BenchOptions.short(**chosen) if args.quick else BenchOptions(**chosen)
     with (
         OutputFolder(args.output, "bench", [args.slider], lasting=["scans"]) as output,
-        console.status("bench") as status,
+        shown_progress("bench") as on_progress,
     ):
-        result = run_bench(
-            options,
-            output.partial,
-            lambda text, share: status.update(f"bench: {share:.0%}, {text}"),
-        )
+        result = run_bench(options, output.partial, on_progress)
     show_tables(tables(result))
     names = ("bench.json", "bench.md", "rows.csv", "speed_vs_error.png", "growth.png")
     print("files: " + ", ".join(f"{args.output}/{name}" for name in names))
     return 0
-
-
-def _check(name: str, given: tuple[str, ...], known: tuple[str, ...]) -> None:
-    for word in given:
-        if word not in known:
-            raise SettingsError(f"--{name}: there is no '{word}'; there are {', '.join(known)}")

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
-from roller_core.progress import OnProgress
-from roller_evaluation.commands import numbers, words
+from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
 from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
 
 
@@ -60,54 +57,37 @@ def _add_jobs(parser: argparse.ArgumentParser) -> None:
     )
 
 
-@contextmanager
-def _shown_progress() -> Iterator[OnProgress]:
-    """Show what is being done."""
-    from rich.console import Console
-
-    with Console(stderr=True).status("evaluate") as status:
-        yield lambda text, share: status.update(f"evaluate: {share:.0%}, {text}")
-
-
 def _run_all(args: argparse.Namespace) -> int:
     from roller_evaluation.braille import CONDITIONS
     from roller_evaluation.evaluation import run_evaluation
     from roller_evaluation.results_page import write_results
     from roller_evaluation.tables import show_tables
 
-    given = {
-        name: getattr(args, name)
-        for name in ("only", "repeats", "seed", "conditions")
-        if getattr(args, name) is not None
-    }
-    unknown = [name for name in given.get("only", ()) if name not in EXPERIMENTS]
-    if unknown:
-        raise SettingsError(f"--only: {unknown[0]!r} is none of {', '.join(EXPERIMENTS)}")
-    unknown = [name for name in given.get("conditions", ()) if name not in CONDITIONS]
-    if unknown:
-        raise SettingsError(f"--conditions: {unknown[0]!r} is none of {', '.join(CONDITIONS)}")
-    if given.get("repeats", 1) < 1 or args.jobs < 1 or given.get("seed", 0) < 0:
+    chosen = given(args, "only", "repeats", "seed", "conditions")
+    check_names("only", chosen.get("only", ()), EXPERIMENTS)
+    check_names("conditions", chosen.get("conditions", ()), CONDITIONS)
+    if chosen.get("repeats", 1) < 1 or args.jobs < 1 or chosen.get("seed", 0) < 0:
         raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
-    options = EvaluationOptions.short(**given) if args.quick else EvaluationOptions(**given)
+    options = EvaluationOptions.short(**chosen) if args.quick else EvaluationOptions(**chosen)
     with (
         OutputFolder(args.output, "evaluate", lasting=["passes"]) as output,
-        _shown_progress() as on_progress,
+        shown_progress("evaluate") as on_progress,
     ):
         result = run_evaluation(options, output.partial, args.jobs, on_progress)
     show_tables([table for tables in result["tables"].values() for table in tables])
     names = [args.output / name for name in ("index.html", "evaluation.json", "rows.csv")]
     if args.results is not None:
-        write_results(result, options, _command_line(args, given), args.results)
+        write_results(result, options, _command_line(args, chosen), args.results)
         names.append(args.results)
     print("files: " + ", ".join(map(str, names)))
     return 0
 
 
-def _command_line(args: argparse.Namespace, given: dict[str, Any]) -> list[str]:
+def _command_line(args: argparse.Namespace, chosen: dict[str, Any]) -> list[str]:
     """What makes the same figures again."""
     out = ["roller", "evaluate", "--results", str(args.results)]
     out += ["--quick"] if args.quick else []
-    for name, value in given.items():
+    for name, value in chosen.items():
         out += [f"--{name}", ",".join(value) if isinstance(value, tuple) else str(value)]
     return out
 
@@ -133,20 +113,18 @@ def _run_braille(args: argparse.Namespace) -> int:
     from roller_evaluation.braille_tables import tables
     from roller_evaluation.tables import show_tables
 
-    given = {
-        name: getattr(args, name) for name in ("speeds", "seed") if getattr(args, name) is not None
-    }
+    chosen = given(args, "speeds", "seed")
     if args.text is not None:
-        given["text"] = args.text.replace("\\n", "\n")
-    speeds = given.get("speeds", (0.3,))
+        chosen["text"] = args.text.replace("\\n", "\n")
+    speeds = chosen.get("speeds", (0.3,))
     if not speeds or any(not 0.01 <= v <= 2.0 for v in speeds):
         raise SettingsError("--speeds: 0.01 to 2 m/s, such as 0.1,0.3")
     if args.jobs < 1:
         raise SettingsError("--jobs: at least 1")
-    options = BrailleOptions.short(**given) if args.quick else BrailleOptions(**given)
+    options = BrailleOptions.short(**chosen) if args.quick else BrailleOptions(**chosen)
     with (
         OutputFolder(args.output, "evaluate braille", lasting=["passes"]) as output,
-        _shown_progress() as on_progress,
+        shown_progress("evaluate") as on_progress,
     ):
         result = run_braille(options, output.partial, on_progress, args.jobs)
     show_tables(tables(result))
