@@ -203,6 +203,15 @@ def test_signals_while_stopping_leave_no_node_running(world):
     until(lambda: not alive(child))
 
 
+def test_a_launcher_that_is_killed_leaves_no_node_running(world):
+    world.script("forever", FOREVER)
+    process, child = start(world, node("forever"))
+    process.kill()
+    process.wait()
+    until(lambda: not alive(child))
+    process.communicate()
+
+
 PATIENT = """
 import sys
 from roller_bringup.launching import load, run

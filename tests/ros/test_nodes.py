@@ -6,6 +6,8 @@ import ast
 import importlib
 import re
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -65,10 +67,48 @@ def test_topics_follow_a_namespace() -> None:
 
 @pytest.fixture
 def own_process_state() -> Iterator[None]:
-    """A node's end leaves SIGINT ignored, as its process is over then."""
-    before = signal.getsignal(signal.SIGINT)
+    """A node's end leaves signals ignored, as its process is over then."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+SLOW_TO_END = """
+import sys, time
+from rclpy.node import Node
+from roller_ros.node_main import run_node
+
+class SlowNode(Node):
+    def __init__(self):
+        super().__init__("slow")
+        self.create_timer(0.05, lambda: print("ready", flush=True))
+
+    def destroy_node(self):
+        print("ending", flush=True)
+        time.sleep(0.5)
+        super().destroy_node()
+
+code = run_node(SlowNode)
+print("ended", flush=True)
+time.sleep(0.5)  # as libraries do that end with the process
+sys.exit(code)
+"""
+
+
+@pytest.mark.usefixtures("domain")
+def test_signals_in_teardown_do_not_end_it_half_way() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW_TO_END], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    asked = {"ready": [signal.SIGTERM]}
+    asked |= {word: [signal.SIGTERM, signal.SIGINT] for word in ("ending", "ended")}
+    for line in process.stdout:
+        for number in asked.pop(line.strip(), []):
+            process.send_signal(number)
+    assert asked == {}
+    assert process.wait(timeout=60) == 0
 
 
 @pytest.mark.usefixtures("own_process_state")

@@ -53,11 +53,12 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         if rclpy.ok():
             code = _give_up(error)
     finally:
-        # A second SIGINT in the middle of teardown would turn a clean end into a failure.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # A second signal in the middle of teardown would end it half way: a bag without its end.
+        _ignore_signals()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        _ignore_signals()  # rclpy has put back what was there before it
     return code
 
 
@@ -73,3 +74,8 @@ def _give_up(error: BaseException | None) -> int:
         flush=True,
     )
     return 1
+
+
+def _ignore_signals() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)

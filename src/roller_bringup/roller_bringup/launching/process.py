@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -11,6 +12,9 @@ from typing import TextIO
 
 from .document import LaunchError
 from .plan import NodeProcess
+
+_LIBC = ctypes.CDLL(None)  # loaded here: between fork and exec little is allowed
+_PR_SET_PDEATHSIG = 1
 
 _COLOURS = (36, 32, 33, 35, 34, 96, 92, 93, 95, 94)
 
@@ -41,6 +45,8 @@ class Screen:
 class RunningProcess:
     """A process started from a plan, in a process group of its own; what it says is shown.
 
+    It is asked to end (SIGTERM) when the thread that started it is gone, also by SIGKILL.
+
     Raises
     ------
     LaunchError
@@ -49,6 +55,13 @@ class RunningProcess:
 
     def __init__(self, node: NodeProcess, screen: Screen) -> None:
         self.node = node
+        starter = os.getpid()
+
+        def end_with_starter() -> None:
+            _LIBC.prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
+            if os.getppid() != starter:  # gone already
+                os._exit(1)
+
         try:
             self._process = subprocess.Popen(
                 node.command,
@@ -59,6 +72,7 @@ class RunningProcess:
                 stderr=subprocess.STDOUT,
                 # Ctrl-C must reach it through us only: a second SIGINT spoils an orderly end.
                 start_new_session=True,
+                preexec_fn=end_with_starter,
             )
         except OSError as error:
             raise LaunchError(f"can't start {node.command[0]}: {error.strerror}") from None
