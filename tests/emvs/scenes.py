@@ -12,6 +12,7 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import rotation_vector_to_quaternion
+from roller_emvs.depth_map import DepthMap
 
 CAMERA = Camera(320, 120, 800.0, 800.0, 159.5, 59.5)
 MS = 1_000_000
@@ -109,3 +110,11 @@ def without(track: PoseTrack, first_ms: int, last_ms: int) -> PoseTrack:
     kept = (track.times_ns <= first_ms * MS) | (track.times_ns >= last_ms * MS)
     out.extend(track.times_ns[kept], track.positions[kept], track.quaternions[kept])
     return out
+
+
+def depth_map(depth: np.ndarray, x_m: float = 0.0, confidence: float = 0.5) -> DepthMap:
+    """Seen from a place along x, with one confidence."""
+    pose = np.eye(4)
+    pose[0, 3] = x_m
+    sure = np.where(np.isfinite(depth), confidence, np.nan).astype(np.float32)
+    return DepthMap(0, depth.astype(np.float32), sure, pose, 0, 0, 0)

@@ -193,14 +193,20 @@ def rays_on(
     return np.column_stack([np.column_stack([x, y]) - slopes * offset, slopes]).astype(np.float32)
 
 
+def rays_on_cells(
+    cells: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rays that meet known cells in their middle, so that rounding moves none to the next."""
+    x = rng.integers(0, WIDTH // CELL_PX - 2, count) * CELL_PX + 1
+    y = rng.integers(0, HEIGHT // CELL_PX, count) * CELL_PX + 1
+    pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
+    return rays_on(pixels, x, y, rng), x, y
+
+
 def test_events_meet_the_cells_they_are_of() -> None:
     rng = np.random.default_rng(3)
     cells = surface_of_cells()
-    # In the middle of cells, so that rounding can't move them to the next.
-    x = rng.integers(0, WIDTH // CELL_PX - 2, 400) * CELL_PX + 1
-    y = rng.integers(0, HEIGHT // CELL_PX, 400) * CELL_PX + 1
-    pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
-    rays = rays_on(pixels, x, y, rng)
+    rays, x, y = rays_on_cells(cells, 400, rng)
     sums = np.zeros((*cells.shape, 3), np.float32)
     _meet_kernels._meet(rays, 10, 390, cells, np.float32(0), sums)
     count, slope, square = np.moveaxis(sums, -1, 0)
@@ -216,10 +222,7 @@ def test_events_meet_the_cells_they_are_of() -> None:
 def test_the_plane_to_search_around_is_that_of_the_cell() -> None:
     rng = np.random.default_rng(5)
     cells = surface_of_cells()
-    x = rng.integers(0, WIDTH // CELL_PX - 2, 300) * CELL_PX + 1
-    y = rng.integers(0, HEIGHT // CELL_PX, 300) * CELL_PX + 1
-    pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
-    rays = rays_on(pixels, x, y, rng)
+    rays, x, y = rays_on_cells(cells, 300, rng)
     plane = np.empty(300, np.int32)
     step = np.float32(1e-5)
     _meet_kernels._plane_near(rays.T.copy(), cells, np.float32(0), step, 12, plane)

@@ -8,9 +8,8 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from emvs.scenes import CAMERA
+from emvs.scenes import CAMERA, depth_map
 from roller_core.errors import UnwritableOutputError
-from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import StitcherSettings
 from roller_emvs.ply import PlyWriter, read_ply
 from roller_emvs.registration import refine
@@ -18,13 +17,6 @@ from roller_emvs.stitcher import Stitcher, radius_filter
 from roller_emvs.voxels import VoxelMap
 
 SETTINGS = StitcherSettings.create({})
-
-
-def depth_map(depth: np.ndarray, x_m: float = 0.0, confidence: float = 0.5) -> DepthMap:
-    pose = np.eye(4)
-    pose[0, 3] = x_m
-    sure = np.where(np.isfinite(depth), confidence, np.nan).astype(np.float32)
-    return DepthMap(0, depth.astype(np.float32), sure, pose, 0, 0, 0)
 
 
 def flat(z_m: float = 0.045) -> np.ndarray:

@@ -30,6 +30,10 @@ emvs:
 """
 
 
+#: Where the replay of the plain bag lies, and its depth maps by time.
+Reference = tuple[Path, dict[int, np.ndarray]]
+
+
 @pytest.fixture(scope="module")
 def params(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("params") / "params.yaml"
@@ -62,15 +66,13 @@ def depth_maps(output: Path) -> dict[int, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def reference(
-    bag: Path, params: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, dict[int, np.ndarray]]:
+def reference(bag: Path, params: Path, tmp_path_factory: pytest.TempPathFactory) -> Reference:
     output = tmp_path_factory.mktemp("reference")
     assert replay(bag, output, params) == 0
     return output, depth_maps(output)
 
 
-def test_outputs_are_complete(reference: tuple[Path, dict[int, np.ndarray]]) -> None:
+def test_outputs_are_complete(reference: Reference) -> None:
     output, maps = reference
     report = json.loads((output / "report.json").read_text())
     windows = [w for w in report["windows"] if w["points"]]
@@ -90,9 +92,7 @@ def test_outputs_are_complete(reference: tuple[Path, dict[int, np.ndarray]]) -> 
     assert np.all((cloud["confidence"] > 0) & (cloud["confidence"] <= 1))
 
 
-def test_surface_in_the_bag_equals_the_file(
-    reference: tuple[Path, dict[int, np.ndarray]],
-) -> None:
+def test_surface_in_the_bag_equals_the_file(reference: Reference) -> None:
     output, _ = reference
     rows = []
     for _, message in read_messages(output / "result", "/roller/surface/points"):
@@ -114,10 +114,7 @@ def test_surface_in_the_bag_equals_the_file(
     ],
 )
 def test_every_bag_gives_the_same_depth(
-    recipe: Recipe,
-    params: Path,
-    tmp_path: Path,
-    reference: tuple[Path, dict[int, np.ndarray]],
+    recipe: Recipe, params: Path, tmp_path: Path, reference: Reference
 ) -> None:
     source = write_bag(tmp_path / "scan", recipe)
     assert replay(source, tmp_path / "out", params) == 0
@@ -131,7 +128,7 @@ def assert_same(found: dict[int, np.ndarray], expected: dict[int, np.ndarray]) -
 
 
 def test_a_storage_file_alone_replays(
-    bag: Path, params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
+    bag: Path, params: Path, tmp_path: Path, reference: Reference
 ) -> None:
     assert replay(bag / "scan.mcap", tmp_path / "out", params) == 0
     assert_same(depth_maps(tmp_path / "out"), reference[1])
@@ -139,10 +136,7 @@ def test_a_storage_file_alone_replays(
 
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 def test_metadata_without_a_storage_identifier_replays(
-    storage: StoragePlugin,
-    params: Path,
-    tmp_path: Path,
-    reference: tuple[Path, dict[int, np.ndarray]],
+    storage: StoragePlugin, params: Path, tmp_path: Path, reference: Reference
 ) -> None:
     source = write_bag(tmp_path / "scan", Recipe(storage=storage))
     metadata = source / "metadata.yaml"
@@ -154,7 +148,7 @@ def test_metadata_without_a_storage_identifier_replays(
 
 
 def test_a_dataset_folder_gives_the_same_depth(
-    params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
+    params: Path, tmp_path: Path, reference: Reference
 ) -> None:
     folder = analytic_dataset(tmp_path / "dataset")
     CAMERA.to_yaml(tmp_path / "camera.yaml")
@@ -167,7 +161,7 @@ def test_a_dataset_folder_gives_the_same_depth(
 
 
 def test_aedat4_with_poses_gives_the_same_depth(
-    params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
+    params: Path, tmp_path: Path, reference: Reference
 ) -> None:
     import dv_processing as dv
 
@@ -206,7 +200,7 @@ def test_methods_are_selectable(bag: Path, params: Path, tmp_path: Path) -> None
 
 
 def test_an_earlier_result_is_replaced(
-    bag: Path, params: Path, tmp_path: Path, reference: tuple[Path, dict[int, np.ndarray]]
+    bag: Path, params: Path, tmp_path: Path, reference: Reference
 ) -> None:
     for _ in range(2):
         assert replay(bag, tmp_path / "out", params) == 0

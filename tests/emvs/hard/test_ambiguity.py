@@ -7,9 +7,8 @@ import pytest
 
 from emvs.hard import world
 from emvs.hard.world import ALL, CAMERA, pending
-from emvs.scenes import MS
+from emvs.scenes import MS, depth_map
 from roller_core.events import EventArray
-from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import StitcherSettings
 from roller_emvs.registration import Refinement
 from roller_emvs.stitcher import Stitcher
@@ -58,13 +57,6 @@ def test_two_depths_that_fit_alike(method: str) -> None:
     points = world.points_of(world.run(method, events, world.poses(), **values))
     errors = np.abs(world.errors_px(points, world.flat(world.MIDDLE_M)))
     assert np.sum(errors > 2) <= 0.05 * max(len(errors), 1)
-
-
-def depth_map(depth: np.ndarray, x_m: float = 0.0) -> DepthMap:
-    pose = np.eye(4)
-    pose[0, 3] = x_m
-    sure = np.full(depth.shape, 0.5, np.float32)
-    return DepthMap(0, depth.astype(np.float32), sure, pose, 0, 0, 0)
 
 
 def stitched(relief: np.ndarray, again: np.ndarray) -> tuple[Stitcher, Refinement]:
