@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from roller_ros import worker as module
+from roller_ros.backlog import Backlog, Bulk
 from roller_ros.worker import Worker
 
 #: Much longer than any of the waits below.
@@ -20,12 +21,12 @@ LONG_S = 30.0
 class Made:
     """A worker that notes what it did."""
 
-    def __init__(self, idle_s: float, limit: int = 100) -> None:
+    def __init__(self, idle_s: float, limit: int = 100, **bulk: object) -> None:
         self.did: list[object] = []
         self.gate = threading.Event()
         self.gate.set()
         self.worker: Worker[object] = Worker(
-            self._handle, lambda: self.did.append("idle"), idle_s, limit
+            self._handle, lambda: self.did.append("idle"), idle_s, Backlog(limit, **bulk)
         )
 
     def _handle(self, item: object) -> None:
@@ -43,8 +44,8 @@ class Made:
 def make() -> Iterator[Callable[..., Made]]:
     made: list[Made] = []
 
-    def create(idle_s: float, limit: int = 100) -> Made:
-        made.append(Made(idle_s, limit))
+    def create(idle_s: float, limit: int = 100, **bulk: object) -> Made:
+        made.append(Made(idle_s, limit, **bulk))
         return made[-1]
 
     yield create
@@ -109,7 +110,29 @@ def test_the_oldest_is_dropped_and_counted(make):
     time.sleep(0.05)  # now in hand
     for item in range(5):
         made.worker.submit(item)
-    assert made.worker.dropped == 2
+    assert made.worker.backlog.dropped == 2
     made.gate.set()
     assert made.worker.drain(LONG_S)
     made.until(lambda: made.did == ["first", 2, 3, 4])
+
+
+def test_bulk_is_left_out_in_stretches_and_the_rest_never():
+    queue: Backlog[object] = Backlog(100, most_bytes=1000, gap=lambda count: ("gap", count))
+    for k in range(15):
+        queue.add(f"pose {k}", False)
+        queue.add(k, bulk=Bulk(100, k))
+        assert queue.waiting_bytes <= 1000
+    queue.add("huge", bulk=Bulk(5000, 15))  # what came last stays
+    assert (queue.left_out, queue.dropped, queue.waiting_bytes) == (15, 0, 5000)
+    items = [entry.item for entry in iter(queue.take, None)]
+    assert [i for i in items if "pose" in str(i)] == [f"pose {k}" for k in range(15)]
+    assert [i for i in items if isinstance(i, tuple)] == [("gap", 6), ("gap", 9)]
+    assert items[-1] == "huge"
+    assert queue.waiting_bytes == 0
+
+
+def test_what_is_far_behind_the_newest_is_left_out():
+    queue: Backlog[object] = Backlog(100, most_behind_ns=100, gap=lambda count: ("gap", count))
+    for t_ns in range(0, 120, 10):
+        queue.add(t_ns, bulk=Bulk(1, t_ns))
+    assert [e.item for e in iter(queue.take, None)] == [("gap", 6), *range(60, 120, 10)]

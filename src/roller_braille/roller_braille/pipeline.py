@@ -117,6 +117,10 @@ class BraillePipeline:
         """Take events in order of time, ROS time."""
         self._cutter.add(events.compensate_delay(self.settings.event_delay_s))
 
+    def leave_gap(self) -> None:
+        """Some events were left out, as there was no keeping up with them."""
+        self._cutter.leave_gap()
+
     def text(self) -> list[str]:
         """Lines of text read so far.
 

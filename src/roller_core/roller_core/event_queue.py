@@ -144,6 +144,8 @@ class EventCutter(ABC):
     def __init__(self, most_events: int, track: PoseTrack) -> None:
         self._queue = EventQueue(most_events)
         self._track = track
+        self._gaps: list[tuple[int, int]] = []
+        self._gap_begun = False
         self.events_without_pose = 0
         self.still_events = 0
 
@@ -164,7 +166,24 @@ class EventCutter(ABC):
 
     def add(self, events: EventArray) -> None:
         """Take events in order of time; beyond the backlog's limit the oldest go, counted."""
+        if self._gap_begun and len(events):
+            self._gaps.append((self._queue.newest_ns, int(events.t_ns[0])))
+            self._gap_begun = False
+        dropped, oldest_ns = self._queue.dropped, self._queue.first_ns if len(self._queue) else 0
         self._queue.add(events)
+        if self._queue.dropped > dropped:
+            begun = [gap for gap in self._gaps if gap[1] == oldest_ns]
+            self._gaps = [gap for gap in self._gaps if gap[1] != oldest_ns]
+            self._gaps.append((min([oldest_ns, *(a for a, _ in begun)]), self._queue.first_ns))
+
+    def leave_gap(self) -> None:
+        """Between the events before and those after, some were left out on purpose."""
+        self._gap_begun = True
+
+    def _in_gap(self, start_ns: int, end_ns: int) -> bool:
+        """Whether events were left out in a span; the spans asked for go on in time."""
+        self._gaps = [gap for gap in self._gaps if gap[1] >= start_ns]
+        return any(a < end_ns for a, _ in self._gaps)
 
     def _drop_unplaced(self, before_ns: int | None = None) -> None:
         """Forget events that no pose is there for: those before a time, or all."""

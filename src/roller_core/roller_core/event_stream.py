@@ -80,6 +80,10 @@ class EventStream:
         self._decoder = self._last_ns = None
         self._gaps.forget("")
 
+    def skip(self, packets: int) -> None:
+        """Packets were left out on purpose: they are not lost."""
+        self._gaps.skip("", packets)
+
     def push_message(self, message: Any) -> EventArray:
         """Decode an event_camera_msgs/EventPacket, of a live graph or of a bag; see `push`."""
         if message.is_bigendian and message.encoding != "evt3":  # which is little-endian always

@@ -81,3 +81,18 @@ class StreamSettings(FollowedFrames):
         description="Camera that the other parameters were calibrated with: width, height, fx, fy, "
         "cx, cy (px), distortion; with another the node refuses to go on. A single 0: any.",
     )
+    max_waiting_mb: float = Field(
+        512.0,
+        ge=1.0,
+        le=1e6,
+        description="Event packets that may wait to be decoded, 10⁶ bytes; beyond it a stretch of "
+        "the oldest is left out, and so are the windows that it touches. Decoded events that wait "
+        "for poses have their own limit, max_backlog_events (16 bytes each).",
+    )
+    max_latency_s: float = Field(
+        0.0,
+        ge=0.0,
+        le=3600.0,
+        description="Event packets that wait may be this much older than the newest; beyond it a "
+        "stretch is left out, as above. 0: all are worked off, however late, s.",
+    )

@@ -65,6 +65,11 @@ class SeqGaps:
             if len(self.places) < _PLACES:
                 self.places.append(Gap(topic, t_ns, seq - last - 1))
 
+    def skip(self, topic: str, packets: int) -> None:
+        """The next numbers came, but were not looked at."""
+        if topic in self._last:
+            self._last[topic] += packets
+
     def forget(self, topic: str) -> None:
         """Another source follows: its first number says nothing."""
         if self._last.pop(topic, None) is not None:

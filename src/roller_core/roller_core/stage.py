@@ -25,8 +25,6 @@ from .outputs import Result
 from .pose_track import PoseOrderError, PoseTrack
 from .sensor_pose import SensorFrames, Transform
 
-#: Packets kept while the camera's calibration hasn't come.
-_MOST_EARLY = 5000
 #: Poses this much older are of a source that started anew, s.
 _RESTART_S = 1.0
 #: Stamps this far from now, s, are of a recording: how late its results are means nothing.
@@ -56,7 +54,7 @@ class Stage(ABC, Generic[S]):
     inputs, outputs : tuple of str
         Topics that it takes and gives.
     most_waiting : int
-        Messages that may wait for it.
+        Messages that may wait for it, event packets aside.
     clock_ns : callable
         ROS time now, for latencies.
     camera : Camera or None
@@ -68,7 +66,7 @@ class Stage(ABC, Generic[S]):
     model: ClassVar[type[FollowedFrames]]
     inputs: ClassVar[tuple[str, ...]]
     outputs: ClassVar[tuple[str, ...]]
-    most_waiting: ClassVar[int] = 20_000
+    most_waiting: ClassVar[int] = 200_000
 
     def __init__(self, settings: S) -> None:
         self.settings = settings
@@ -209,6 +207,9 @@ class Pipeline(Protocol):
     def add_events(self, events: EventArray) -> None:
         """Take events in order of time."""
 
+    def leave_gap(self) -> None:
+        """Some events were left out between those before and those after."""
+
 
 P = TypeVar("P", bound=Pipeline)
 E = TypeVar("E", bound=StreamSettings)
@@ -225,7 +226,10 @@ class EventStage(Stage[E], Generic[E, P]):
         self.stream: EventStream | None = None
         #: Why the camera isn't taken; empty: it is.
         self.refused = ""
-        self._early: deque[Any] = deque(maxlen=_MOST_EARLY)
+        #: Packets left out to keep up.
+        self.left_out_packets = 0
+        self._early: deque[Any] = deque()
+        self._early_bytes = 0
         self._milliseconds: deque[float] = deque(maxlen=1000)
         self._late_s: float | None = None
         self._past: Counter[str] = Counter()
@@ -250,6 +254,7 @@ class EventStage(Stage[E], Generic[E, P]):
             self.stream.new_source(camera.width, camera.height)
         self.camera = camera
         self._begin()
+        self._early_bytes = 0
         while self._early:
             try:
                 packet = self._early.popleft()
@@ -269,10 +274,23 @@ class EventStage(Stage[E], Generic[E, P]):
         self.stream.new_source(self.stream.width, self.stream.height)
         self._begin()
 
+    def leave_out(self, packets: int) -> None:
+        """Some packets are left out, as there is no keeping up with them."""
+        self.left_out_packets += packets
+        if self.stream is not None:
+            self.stream.skip(packets)
+        if self.pipeline is not None:
+            self.pipeline.leave_gap()
+
+    def too_slow(self) -> str:
+        """What was left out to keep up; empty: nothing."""
+        out = self.left_out_packets
+        return f"too slow: {out} packets of events left out" if out else ""
+
     def take_packet(self, packet: Any) -> None:
         """Decode an event packet and take its events; see `EventStream.push_message`."""
         if self.stream is None:
-            self._early.append(packet)
+            self._keep_early(packet)
             return
         try:
             events = self.stream.push_message(packet)
@@ -281,6 +299,16 @@ class EventStage(Stage[E], Generic[E, P]):
             self.take_events(error.events)
             raise
         self.take_events(events)
+
+    def _keep_early(self, packet: Any) -> None:
+        """Keep a packet until the camera comes; beyond the limit the oldest go, counted."""
+        self._early.append(packet)
+        self._early_bytes += len(packet.events)
+        while self._early_bytes > self.settings.max_waiting_mb * 1e6 and len(self._early) > 1:
+            oldest = self._early.popleft()
+            if oldest is not None:
+                self._early_bytes -= len(oldest.events)
+                self.left_out_packets += 1
 
     def take_events(self, events: EventArray) -> None:
         """Take decoded events in order of time, ROS time; the camera must have come."""
@@ -318,6 +346,7 @@ class EventStage(Stage[E], Generic[E, P]):
             "events": stream.events,
             "lost_packets": stream.lost_packets,
             "seq_restarts": stream.seq_restarts,
+            "left_out_packets": self.left_out_packets,
             "decode_errors": stream.decode_errors,
             "late_events": stream.late_events,
             "events_outside_image": stream.outside_events,

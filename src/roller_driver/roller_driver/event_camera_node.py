@@ -31,6 +31,7 @@ from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.dvxplorer.packets import EventPart
 from roller_driver.dvxplorer.preview import Preview
 from roller_ros import diagnostics, messages, qos
+from roller_ros.backlog import Backlog
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.shutdown import until_shutdown
@@ -106,7 +107,9 @@ class EventCameraNode(LifecycleNode):
         p = self._p
         result = super().on_activate(state)
         self._outputs["info"].publish(self._camera_info())
-        self._worker = Worker(self._publish, lambda: None, _NEVER_S, p.event_send_queue_size)
+        self._worker = Worker(
+            self._publish, lambda: None, _NEVER_S, Backlog(p.event_send_queue_size)
+        )
         self._reader = reader.CameraReader(
             self._connect,
             self._take_packet,
@@ -153,7 +156,7 @@ class EventCameraNode(LifecycleNode):
         if self._worker is not None:
             self._worker.drain(1.0)
             self._worker.stop()
-            self._dropped += self._worker.dropped
+            self._dropped += self._worker.backlog.dropped
             self._worker = None
 
     def _now_ns(self) -> int:
@@ -248,7 +251,7 @@ class EventCameraNode(LifecycleNode):
         jumped, self._steps_reported = steps > self._steps_reported, steps
         queue, dropped = 0, self._dropped
         if self._worker is not None:
-            queue, dropped = self._worker.waiting, dropped + self._worker.dropped
+            queue, dropped = self._worker.waiting, dropped + self._worker.backlog.dropped
         level, text = diagnostics.OK, s.state
         if s.state == reader.SEARCHING:
             level, text = diagnostics.ERROR, s.fault or "looking for the camera"

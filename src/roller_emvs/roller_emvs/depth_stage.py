@@ -43,6 +43,13 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
         """Load the kernels."""
         warm_up(self.settings)
 
+    def too_slow(self) -> str:
+        """See `EventStage`."""
+        totals = self.totals()
+        out = totals.get("left_out_windows", 0)
+        every = out + totals.get("windows", 0) + totals.get("refused_windows", 0)
+        return f"too slow: {out} of {every} windows left out" if out else super().too_slow()
+
     def _make(self, camera: Camera, track: PoseTrack) -> DepthPipeline:
         return DepthPipeline(self.settings, camera, track)
 
@@ -66,6 +73,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
         return {
             "windows": totals["windows"],
             "refused_windows": totals["refused_windows"],
+            "left_out_windows": totals["left_out_windows"],
             **self._times("window", self._milliseconds),
             "window_latency_s": self._latency_s,
         }

@@ -26,6 +26,7 @@ class DepthCounts:
     dropped_events: int = 0
     events_without_pose: int = 0
     still_events: int = 0
+    left_out_windows: int = 0
 
 
 class DepthEngine(Generic[C]):
@@ -80,6 +81,10 @@ class DepthEngine(Generic[C]):
         """
         events.check_inside(self.camera.width, self.camera.height)
         self._cutter.add(events.compensate_delay(self._event_delay_s))
+
+    def leave_gap(self) -> None:
+        """Some events were left out, as there was no keeping up with them."""
+        self._cutter.leave_gap()
 
     def _count(self, points: int | None) -> None:
         """Take a result into account, by its points; None for one that was refused."""

@@ -104,6 +104,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
                 window.events if isinstance(window, RefusedWindow) else len(window.events)
             )
             yield window
+        self._counts.left_out_windows = self._cutter.left_out
 
     def prepare(self, window: Window, watch: Stopwatch | None = None) -> PreparedWindow:
         """Put a window's events at their poses.

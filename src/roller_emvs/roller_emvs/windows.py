@@ -63,6 +63,8 @@ class WindowCutter(EventCutter):
         super().__init__(settings.max_backlog_events, track)
         self._settings = settings
         self._start_ns: int | None = None
+        #: Windows without all of their events, because there was no keeping up.
+        self.left_out = 0
 
     @property
     def needed_from_ns(self) -> int | None:
@@ -87,6 +89,9 @@ class WindowCutter(EventCutter):
                 return None
             end, following, reason = found
             window = self._take(start, end, following)
+            if self._in_gap(start, end):
+                self.left_out += 1
+                continue
             if not len(window.events) and not reason:
                 continue  # nothing happened; go on to the next
             fault = None

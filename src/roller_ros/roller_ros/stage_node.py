@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from event_camera_msgs.msg import EventPacket
@@ -16,21 +17,32 @@ from tf2_msgs.msg import TFMessage
 from roller_core import outputs
 from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
+from roller_core.frame_settings import FollowedFrames, StreamSettings
 from roller_core.outputs import Output, Result
 from roller_core.sensor_pose import transforms_of
 from roller_core.stage import ERROR, EventStage, Stage
 
 from . import diagnostics, messages, qos, topics
+from .backlog import Backlog, Bulk
 from .draining import subscribe_draining
 from .parameters import declare_settings
 from .sources import OneSource, publisher_of, publishers, same_process
 from .tf import PoseSources
 from .worker import Worker
 
+#: Bytes of a packet beside its events, about.
+_HEADER_BYTES = 500
 #: In place of a packet: those that follow are of another publisher.
 _NEW_SOURCE = object()
 #: Messages that are taken without looking for results while more wait.
 _MOST_UNPROCESSED = 10
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """In place of packets: so many are left out."""
+
+    packets: int
 
 
 def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError], None]) -> None:
@@ -57,6 +69,8 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
     try:
         if message is _NEW_SOURCE:
             stage.new_source()
+        elif isinstance(message, LeftOut):
+            stage.leave_out(message.packets)
         elif isinstance(message, EventPacket):
             stage.take_packet(message)
         elif isinstance(message, CameraInfo):
@@ -66,6 +80,23 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
             stage.take_output(Output(topic, stamp, frame, messages.image_to_array(message)))
     except RollerError as error:
         on_fault(error)
+
+
+def backlog_for(settings: FollowedFrames, kind: type[Stage[Any]]) -> Backlog[tuple[str, Any]]:
+    """What may wait for a stage: event packets are left out in stretches, nothing else for them."""
+    if not isinstance(settings, StreamSettings):
+        return Backlog(kind.most_waiting)
+    return Backlog(
+        kind.most_waiting,
+        round(settings.max_waiting_mb * 1e6),
+        round(settings.max_latency_s * 1e9),
+        lambda packets: (outputs.EVENTS, LeftOut(packets)),
+    )
+
+
+def bulk_of(packet: EventPacket) -> Bulk:
+    """What a packet counts for in a backlog."""
+    return Bulk(len(packet.events) + _HEADER_BYTES, messages.to_ns(packet.header.stamp))
 
 
 class StageNode(Node):
@@ -100,7 +131,7 @@ class StageNode(Node):
             self, kind.part, self._status, hardware_id=settings.sensor_frame
         )
         self._worker: Worker[tuple[str, Any]] = Worker(
-            self._handle, self._flush, settings.idle_flush_s, kind.most_waiting
+            self._handle, self._flush, settings.idle_flush_s, backlog_for(settings, kind)
         )
         for name in kind.inputs:
             self._listen(name)
@@ -158,7 +189,7 @@ class StageNode(Node):
             if before is not None:
                 self._worker.submit((outputs.EVENTS, _NEW_SOURCE))
             self._camera_of_events()
-        self._worker.submit((outputs.EVENTS, message))
+        self._worker.submit((outputs.EVENTS, message), bulk=bulk_of(message))
 
     def _take_camera(self, message: CameraInfo, info: Mapping[str, Any]) -> None:
         if self._cameras.accepts(info):
@@ -229,7 +260,7 @@ class StageNode(Node):
             **self._meter.rates(**stage.rated()),
             **stage.counts(),
             "waiting_messages": worker.waiting,
-            "dropped_messages": worker.dropped,
+            "dropped_messages": worker.backlog.dropped,
             **diagnostics.pose_figures(stage.frames.counts),
             "foreign_poses": self._poses.foreign,
             "faults": self._faults,
@@ -237,6 +268,7 @@ class StageNode(Node):
         if isinstance(stage, EventStage):
             clock = stage.stream.clock if stage.stream is not None else SensorClock()
             values |= diagnostics.clock_figures(clock)
+            values["waiting_mb"] = round(worker.backlog.waiting_bytes / 1e6, 1)
             values["foreign_packets"] = self._events.foreign
             values["foreign_camera_infos"] = self._cameras.foreign
         return level, message, values
@@ -258,7 +290,9 @@ class StageNode(Node):
                     diagnostics.WARN,
                     "the camera's clock has jumped against the host's; its map is started anew",
                 )
-        if self.stage.lost or self._worker.dropped:
+        if isinstance(self.stage, EventStage) and (slow := self.stage.too_slow()):
+            return diagnostics.WARN, slow
+        if self.stage.lost or self._worker.backlog.dropped:
             return diagnostics.WARN, "data were lost"
         return diagnostics.OK, "running"
 

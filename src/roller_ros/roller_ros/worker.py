@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 import rclpy
 from rclpy.task import Future
+
+from .backlog import Backlog, Bulk
 
 T = TypeVar("T")
 
@@ -31,8 +32,8 @@ class Worker(Generic[T]):
     idle_s : float
         Seconds in which this thread had nothing to do. Time in which the process or the machine
         stood still doesn't count: what came meanwhile is still on its way.
-    limit : int
-        Items that may wait; beyond it the oldest is dropped and counted.
+    backlog : Backlog
+        What waits, and how much of it may.
     """
 
     def __init__(
@@ -40,21 +41,19 @@ class Worker(Generic[T]):
         handle: Callable[[T], None],
         on_idle: Callable[[], None],
         idle_s: float,
-        limit: int,
+        backlog: Backlog[T],
     ) -> None:
         self._handle = handle
         self._on_idle = on_idle
         self._idle_s = idle_s
-        self._items: deque[tuple[T, bool]] = deque()
-        self._limit = limit
+        self.backlog = backlog
         self._ready = threading.Condition()
         self._stop = False
         self._busy = False
-        self.dropped = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def submit(self, item: T, keeps_awake: bool = True) -> None:
+    def submit(self, item: T, keeps_awake: bool = True, bulk: Bulk | None = None) -> None:
         """Queue an item.
 
         Parameters
@@ -63,23 +62,22 @@ class Worker(Generic[T]):
             What to handle.
         keeps_awake : bool
             Whether it counts for `idle_s`: a robot's poses go on when nothing happens.
+        bulk : Bulk, optional
+            Makes it one of those that are left out where there is no keeping up with them.
         """
         with self._ready:
-            if len(self._items) >= self._limit:
-                self._items.popleft()
-                self.dropped += 1
-            self._items.append((item, keeps_awake))
+            self.backlog.add(item, keeps_awake, bulk)
             self._ready.notify()
 
     @property
     def waiting(self) -> int:
         """Items in the queue, and one more while one is being handled or idle work is done."""
-        return len(self._items) + self._busy
+        return len(self.backlog) + self._busy
 
     def drain(self, timeout_s: float) -> bool:
         """Wait until nothing waits; False if that took too long."""
         end = time.monotonic() + timeout_s
-        while self._items and self._thread.is_alive():
+        while self.backlog and self._thread.is_alive():
             if time.monotonic() > end:
                 return False
             time.sleep(0.01)
@@ -108,19 +106,19 @@ class Worker(Generic[T]):
         while True:
             begun = time.monotonic()
             with self._ready:
-                if not self._items and not self._stop:
+                if not self.backlog and not self._stop:
                     self._ready.wait(_WAIT_S)
                 if self._stop:
                     return
-                entry = self._items.popleft() if self._items else None
+                entry = self.backlog.take()
                 self._busy = entry is not None
             if entry is not None:
-                self._handle(entry[0])
-            if entry is not None and entry[1]:
+                self._handle(entry.item)
+            if entry is not None and entry.keeps_awake:
                 idle_s, idle_done = 0.0, False
             else:
                 idle_s += min(time.monotonic() - begun, _WAIT_S)
-            if not idle_done and idle_s > self._idle_s and not self._items:
+            if not idle_done and idle_s > self._idle_s and not self.backlog:
                 self._busy = True
                 self._on_idle()
                 idle_done = True

@@ -109,6 +109,10 @@ class PassCutter(EventCutter):
     def _step(self, t0: int, t1: int) -> Iterator[Output]:
         """What happened between two neighbouring poses."""
         events = self._queue.take(self._queue.count_before(t1))
+        if self._in_gap(t0, t1):
+            # Rows seen by a part of their events would be worse than the rest.
+            yield from self._end_pass()
+            return
         try:
             self._track.check(t0, t1)
         except PoseError as error:

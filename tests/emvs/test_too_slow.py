@@ -1,0 +1,139 @@
+"""A stage fed faster than it works leaves out whole windows; the others are as ever."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from event_camera_msgs.msg import EventPacket
+
+from roller_core import outputs
+from roller_core.camera import Camera
+from roller_core.codecs import encode
+from roller_core.events import EventArray
+from roller_core.outputs import Result
+from roller_core.sensor_pose import Transform
+from roller_emvs.depth_stage import DepthStage
+from roller_emvs.windows import Window
+from roller_ros import messages
+from roller_ros.stage_node import backlog_for, bulk_of, feed
+
+CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
+MS = 1_000_000
+START_NS = 1_000_000_000
+UNIT = (0.0, 0.0, 0.0, 1.0)
+PACKETS, EACH = 2000, 200
+
+
+class Windows(DepthStage):
+    """Gives the windows alone."""
+
+    def warm_up(self):
+        pass
+
+    def _pipeline_results(self, pipeline, flush):
+        for window in pipeline.windows(flush):
+            pipeline._count(0 if isinstance(window, Window) else None)
+            yield Result(window)
+
+
+def packet(number: int) -> EventPacket:
+    """A millisecond of events; none in the very first, when the clock's map is settled."""
+    rng = np.random.default_rng(number)
+    t = np.sort(rng.integers(0, MS // 1000, EACH)) * 1000 + number * MS
+    t[0] = number * MS
+    pixels = rng.integers(0, 480, (2, EACH))
+    events = EventArray.from_arrays(*pixels, t, np.arange(EACH) % 2)
+    found = EventPacket(
+        encoding="mono",
+        width=640,
+        height=480,
+        seq=number,
+        time_base=number * MS,
+        events=messages.payload(encode("mono", events, number * MS)),
+    )
+    found.header = messages.header(START_NS + number * MS, "camera")
+    return found
+
+
+def pose(t_ns: int) -> Transform:
+    return Transform("base", "tool0_controller", t_ns, (0.3e-9 * (t_ns - START_NS), 0, 0), UNIT)
+
+
+def new_stage(**settings: object) -> Windows:
+    stage = Windows(Windows.model.create({"window": {"rule": "travel"}, **settings}))
+    stage.take_transform(
+        Transform("tool0_controller", stage.settings.sensor_frame, 0, (0, 0, 0), UNIT, True)
+    )
+    stage.take_camera(CAMERA)
+    return stage
+
+
+def key(window: Window) -> tuple[int, int, bytes]:
+    e = window.events
+    return window.start_ns, window.end_ns, b"".join(a.tobytes() for a in (e.t_ns, e.x, e.y, e.p))
+
+
+class Feeding:
+    """What a node does with messages, with a stage that stands still while it is to."""
+
+    def __init__(self, stage: Windows) -> None:
+        self.stage = stage
+        self.found: list[Window] = []
+        self.faults: list[Exception] = []
+
+    def take(self, item) -> None:
+        topic, message = item
+        if isinstance(message, Transform):
+            self.stage.take_transform(message)
+        else:
+            feed(self.stage, topic, message, self.faults.append)
+        self.found += [r.found for r in self.stage.results()]
+
+    def flush(self) -> None:
+        self.found += [r.found for r in self.stage.results(flush=True)]
+
+
+@pytest.mark.parametrize(
+    "limit", [{"max_waiting_mb": 1.0}, {"max_latency_s": 0.5}], ids=["bytes", "latency"]
+)
+def test_whole_windows_are_left_out_and_counted(limit):
+    undisturbed = Feeding(new_stage())
+    slow = Feeding(new_stage(**limit))
+    queue = backlog_for(slow.stage.settings, Windows)
+    most_bytes = 0
+    for number in range(PACKETS):
+        items = [(outputs.EVENTS, packet(number))]
+        if number % 8 == 0:
+            items.append((outputs.TF, pose(START_NS + number * MS)))
+        for item in items:
+            undisturbed.take(item)
+            is_packet = isinstance(item[1], EventPacket)
+            queue.add(item, bulk=bulk_of(item[1]) if is_packet else None)
+        most_bytes = max(most_bytes, queue.waiting_bytes)
+        # It takes a message for every three that come.
+        if number % 3 == 0 and (entry := queue.take()):
+            slow.take(entry.item)
+    for entry in iter(queue.take, None):
+        slow.take(entry.item)
+    undisturbed.flush()
+    slow.flush()
+    expected = {key(w) for w in undisturbed.found}
+    got = {key(w) for w in slow.found}
+    assert 0 < len(got) < len(expected)
+    assert got <= expected
+    totals = slow.stage.totals()
+    assert totals["left_out_windows"] == len(expected) - len(got)
+    assert totals["events_without_pose"] == undisturbed.stage.totals()["events_without_pose"]
+    assert slow.stage.frames.counts.poses == undisturbed.stage.frames.counts.poses
+    assert slow.stage.too_slow() == (
+        f"too slow: {totals['left_out_windows']} of {len(expected)} windows left out"
+    )
+    counts = slow.stage.counts()
+    assert counts["lost_packets"] == 0
+    assert counts["left_out_packets"] == queue.left_out > 0
+    if "max_waiting_mb" in limit:
+        assert most_bytes <= 1_000_000
+    assert not slow.faults
