@@ -19,7 +19,7 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            "braille_node = roller_braille.braille_node:main",
+            "braille_node = roller_braille.nodes:braille",
         ],
     },
 )

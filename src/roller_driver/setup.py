@@ -19,8 +19,8 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            "event_camera_node = roller_driver.event_camera_node:main",
-            "ur10_node = roller_driver.ur10_node:main",
+            "event_camera_node = roller_driver.nodes:event_camera",
+            "ur10_node = roller_driver.nodes:ur10",
         ],
     },
 )

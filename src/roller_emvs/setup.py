@@ -19,9 +19,9 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            "emvs_node = roller_emvs.emvs_node:main",
-            "stitcher_node = roller_emvs.stitcher_node:main",
-            "surface_node = roller_emvs.surface_node:main",
+            "emvs_node = roller_emvs.nodes:emvs",
+            "stitcher_node = roller_emvs.nodes:stitcher",
+            "surface_node = roller_emvs.nodes:surface",
         ],
     },
 )

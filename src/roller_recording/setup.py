@@ -19,8 +19,8 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            "player_node = roller_recording.player_node:main",
-            "recorder_node = roller_recording.recorder_node:main",
+            "player_node = roller_recording.nodes:player",
+            "recorder_node = roller_recording.nodes:recorder",
         ],
         "roller.commands": [
             "record = roller_recording.commands.record",

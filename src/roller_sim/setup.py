@@ -19,7 +19,7 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            "virtual_cell_node = roller_sim.virtual_cell_node:main",
+            "virtual_cell_node = roller_sim.nodes:virtual_cell",
         ],
         "roller.commands": [
             "simulate = roller_sim.commands.simulate",

@@ -10,11 +10,16 @@ from importlib.metadata import entry_points
 HEAVY = ("open3d", "matplotlib", "dash")
 #: Aligns the passes with open3d, so it has it ready when the first comes.
 STITCHER = "roller_emvs.stitcher_node"
+SCRIPTS = [
+    entry
+    for entry in entry_points(group="console_scripts")
+    if entry.module.startswith("roller_") and entry.name.endswith("_node")
+]
+NODES = {f"{entry.module.split('.')[0]}.{entry.name}" for entry in SCRIPTS}
 
 
 def test_nodes_and_the_command_load_no_heavy_library() -> None:
-    scripts = {entry.module for entry in entry_points(group="console_scripts")}
-    nodes = {m for m in scripts if m.startswith("roller_") and m.endswith("_node")} - {STITCHER}
+    nodes = NODES - {STITCHER}
     assert len(nodes) >= 7
     code = (
         "import importlib, sys\n"
@@ -24,5 +29,20 @@ def test_nodes_and_the_command_load_no_heavy_library() -> None:
         "    assert not found, f'{name} loads {found}'\n"
     )
     words = [sys.executable, "-c", code, "roller_bringup.cli", *sorted(nodes)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-1000:]
+
+
+def test_entry_points_of_nodes_load_next_to_nothing() -> None:
+    """From then on an interrupt ends them without a traceback."""
+    code = (
+        "import sys\n"
+        "from importlib import import_module\n"
+        "for name in sys.argv[1:]:\n"
+        "    module, function = name.split(':')\n"
+        "    assert callable(getattr(import_module(module), function))\n"
+        "assert not {'rclpy', 'numpy', 'pydantic'} & sys.modules.keys()\n"
+    )
+    words = [sys.executable, "-c", code, *sorted(entry.value for entry in SCRIPTS)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-1000:]

@@ -1,4 +1,4 @@
-"""Ending in order on SIGTERM and SIGHUP as on Ctrl-C."""
+"""Ending in order on SIGTERM and SIGHUP as on Ctrl-C, and quietly while a program loads."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from types import FrameType
 
 
@@ -46,3 +47,16 @@ def terminate_in_order() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def load_and_run(module: str) -> None:
+    """Import a module and call its `main`.
+
+    An interrupt while it is imported ends the process without a traceback.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:  # else it is ignored, and stays so
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    main = import_module(module).main
+    signal.signal(signal.SIGINT, before)
+    main()

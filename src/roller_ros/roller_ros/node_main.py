@@ -31,12 +31,12 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         Exit code: 0 after an orderly end, 1 when the node could not start or gave up, with one
         line on standard error that says why.
     """
-    keep_freed_memory()
-    one_opencv_thread()
-    rclpy.init(args=list(args) if args is not None else None)
     node: Node | None = None
     code = 0
     try:
+        keep_freed_memory()
+        one_opencv_thread()
+        rclpy.init(args=list(args) if args is not None else None)
         node = make()
         rclpy.spin_until_future_complete(node, CRASHED)
         if CRASHED.done():

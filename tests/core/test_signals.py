@@ -1,0 +1,48 @@
+"""An interrupt while a program loads."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from roller_core.signals import load_and_run
+
+LOADING = """
+import time
+print("loading", flush=True)
+time.sleep(60.0)
+"""
+
+
+def test_an_interrupt_while_a_program_loads_prints_nothing(tmp_path: Path) -> None:
+    (tmp_path / "slow_to_load.py").write_text(LOADING)
+    code = "from roller_core.signals import load_and_run; load_and_run('slow_to_load')"
+    # As at a terminal, even where the tests run in the background.
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); " + code
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "loading\n"
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=60) == ("", "")
+    assert process.returncode == -signal.SIGINT
+
+
+def test_what_is_loaded_runs_and_can_be_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = ModuleType("loaded")
+    seen: list[object] = []
+    module.main = lambda: seen.append(signal.getsignal(signal.SIGINT))  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "loaded", module)
+    load_and_run("loaded")
+    assert seen == [signal.getsignal(signal.SIGINT)]
