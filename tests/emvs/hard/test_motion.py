@@ -66,19 +66,13 @@ def test_no_parallax_no_depth_in_windows_by_time(
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-@pytest.mark.parametrize("method", METHODS)
-def test_no_parallax_no_depth_in_windows_by_travel(
+@pytest.mark.parametrize("method", ALL)
+def test_no_parallax_no_depth_by_travel(
     seen: dict[str, EventArray], method: str, name: str
 ) -> None:
-    values = {"window": {"rule": "travel", "max_time_s": 0.05}}
+    windows = {"window": {"rule": "travel", "max_time_s": 0.05}}
+    values = {"max_start_s": 0.05} if method == "surface" else windows
     found = world.run(method, seen[name], world.poses(MOTIONS[name]), **values)
-    assert not len(world.points_of(found))
-    assert "parallax" in world.refused_of(found)[0].reason
-
-
-@pytest.mark.parametrize("name", MOTIONS)
-def test_no_parallax_no_surface(seen: dict[str, EventArray], name: str) -> None:
-    found = world.run("surface", seen[name], world.poses(MOTIONS[name]), max_start_s=0.05)
     assert not len(world.points_of(found))
     assert "parallax" in world.refused_of(found)[0].reason
 
@@ -97,16 +91,11 @@ def crawl_poses() -> world.PoseTrack:
     return world.poses(rolling(CRAWL_M_S), world.DURATION_S * SPEED_M_S / CRAWL_M_S)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_crawling_is_measured_in_windows_long_enough(crawl: EventArray, method: str) -> None:
-    values = {"window": {"rule": "travel", "max_time_s": 30.0}}
-    found = world.run(method, crawl, crawl_poses(), **values)
-    world.assert_right(world.points_of(found))
-
-
-def test_crawling_is_measured_by_the_surface_where_it_may_be(crawl: EventArray) -> None:
-    found = world.run("surface", crawl, crawl_poses(), max_start_s=10.0, min_speed_m_s=0.0)
-    world.assert_right(world.points_of(found))
+@pytest.mark.parametrize("method", ALL)
+def test_crawling_is_measured_where_it_may_take_long(crawl: EventArray, method: str) -> None:
+    windows = {"window": {"rule": "travel", "max_time_s": 30.0}}
+    values = {"max_start_s": 10.0, "min_speed_m_s": 0.0} if method == "surface" else windows
+    world.assert_right(world.points_of(world.run(method, crawl, crawl_poses(), **values)))
 
 
 @pytest.mark.parametrize("method", METHODS)
