@@ -20,8 +20,10 @@ from .errors import SettingsError
 
 S = TypeVar("S", bound="Settings")
 
-#: Most namespaces around a node; an alias in YAML can stand in itself.
+#: Most namespaces around a node.
 _DEEPEST = 6
+#: Largest parameter file: a thousand times ours.
+_MOST_BYTES = 10_000_000
 
 
 class Settings(BaseModel):
@@ -126,7 +128,13 @@ def read_sections(path: Path | str) -> dict[str, dict[str, Any]]:
         If the file can't be read or has another shape.
     """
     try:
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        text = _read_text(Path(path))
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            if isinstance(event, yaml.AliasEvent):
+                # As ROS 2 has it; and ten lines of them can stand for more than fits any memory.
+                at = f", line {event.start_mark.line + 1}" if event.start_mark else ""
+                raise SettingsError(f"parameters {path}{at}: aliases (*) aren't taken")
+        data = yaml.safe_load(text)
     except OSError as error:
         raise SettingsError(f"parameters {path}: can't be read ({error.strerror})") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -154,6 +162,21 @@ def read_sections(path: Path | str) -> dict[str, dict[str, Any]]:
         else:
             raise SettingsError(f"parameters {path}: '{pattern}' has no 'ros__parameters'")
     return found
+
+
+def _read_text(path: Path) -> str:
+    """The text of a file that isn't a pipe or a device, whose end may never come.
+
+    Raises
+    ------
+    SettingsError
+        If it is one, or larger than any parameter file.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise SettingsError(f"parameters {path}: not a file")
+    if path.is_file() and path.stat().st_size > _MOST_BYTES:
+        raise SettingsError(f"parameters {path}: over {_MOST_BYTES} bytes")
+    return path.read_text(encoding="utf-8")
 
 
 def node_name(pattern: str) -> str:

@@ -84,7 +84,11 @@ def settings_from(args: argparse.Namespace) -> VirtualCellSettings:
         name, sign, text = entry.partition("=")
         if not sign:
             raise SettingsError(f"--set {entry}: expected GROUP.NAME=VALUE")
-        _put(values, name, yaml.safe_load(text))
+        try:
+            value = yaml.safe_load(text)
+        except (yaml.YAMLError, RecursionError) as error:
+            raise SettingsError(f"--set {entry[:80]}: the value can't be read as YAML") from error
+        _put(values, name, value)
     return VirtualCellSettings.create(values, "simulate")
 
 
