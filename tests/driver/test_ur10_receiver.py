@@ -197,3 +197,25 @@ def test_the_line_goes_to_and_fro():
     xs = [rtde_controller.motion(s, t / 10)[0][0] - s.start[0] for t in range(80)]
     assert (min(xs), max(xs)) == (0.0, pytest.approx(0.2))
     assert all(abs(b - a) == pytest.approx(0.01) for a, b in pairwise(xs))
+
+
+TOOL = [0.0, 0.01, 0.1, 0.0, 0.0, 0.5]
+
+
+@pytest.mark.parametrize("missing", [[], ["tcp_offset"]])
+def test_the_tool_that_was_calibrated_or_a_controller_that_does_not_tell_it(missing):
+    expected = TOOL if not missing else [1.0] * 6
+    with ControllerProcess(missing=missing), Running(tcp_offset=expected) as running:
+        running.wait_for(10)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "says"),
+    [(2, 0.1005, "is 0.50 mm and 0.00 deg from"), (5, 0.51, "is 0.00 mm and 0.57 deg from")],
+)
+def test_another_tool_than_the_calibrated_one_gives_no_poses(place, value, says):
+    expected = [value if k == place else v for k, v in enumerate(TOOL)]
+    with ControllerProcess(), Running(tcp_offset=expected) as running:
+        running.wait(lambda: any(says in fault for _, fault in running.changes))
+        assert running.receiver.status.state == SEARCHING
+        assert running.samples == []

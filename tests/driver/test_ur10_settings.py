@@ -59,6 +59,7 @@ def test_the_cameras_place_as_quaternion_or_rotation_vector(tmp_path):
             "not both",
         ),
         ({"hand_eye_m": (0.0, 1.0)}, "hand_eye_m"),
+        ({"tcp_offset": (0.0, 0.1, 0.2)}, "tcp_offset has 3 values, not 6"),
     ],
 )
 def test_a_place_that_makes_no_sense(values, says):

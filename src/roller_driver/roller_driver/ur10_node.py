@@ -55,6 +55,7 @@ class Ur10Node(Node):
             connect_timeout_s=p.connect_timeout,
             retry_s=p.retry_interval,
             silence_s=p.silence_timeout,
+            tcp_offset=p.tcp_offset,
         )
         if p.connect:
             self._receiver.start()

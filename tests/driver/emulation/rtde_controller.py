@@ -26,6 +26,7 @@ TYPES = {
     "timestamp": ("DOUBLE", ">d"),
     "actual_TCP_pose": ("VECTOR6D", ">6d"),
     "actual_TCP_speed": ("VECTOR6D", ">6d"),
+    "tcp_offset": ("VECTOR6D", ">6d"),
     "robot_mode": ("INT32", ">i"),
     "safety_mode": ("INT32", ">i"),
 }
@@ -58,6 +59,8 @@ class Settings:
         Whether it refuses every protocol version.
     missing : list of str
         Variables that it says it doesn't have.
+    tcp_offset : list of float
+        Tool centre point on the flange: m, and rotation vector in rad.
     """
 
     rate_hz: float = 125.0
@@ -70,6 +73,7 @@ class Settings:
     clock_start_s: float = 1234.0
     refuse_protocol: bool = False
     missing: list[str] = field(default_factory=list)
+    tcp_offset: list[float] = field(default_factory=lambda: [0.0, 0.01, 0.1, 0.0, 0.0, 0.5])
     host: str = "127.0.0.1"
     port: int = 30004
 
@@ -269,6 +273,7 @@ class ControllerModel:
             "timestamp": stamp,
             "actual_TCP_pose": pose,
             "actual_TCP_speed": speed,
+            "tcp_offset": s.tcp_offset,
             "robot_mode": RUNNING,
             "safety_mode": self.safety,
         }

@@ -21,5 +21,9 @@ class RobotLostError(RobotFault):
     """The controller closed the connection or fell silent."""
 
 
+class OtherToolError(RobotFault):
+    """The controller's tool centre point isn't the one that the camera's place was found with."""
+
+
 class MissingLibraryError(RobotFault):
     """The robot's library is not installed."""

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .errors import MissingLibraryError, ProtocolRefusedError, RobotFault, RobotLostError
-from .rtde import Controller, ask_controller
+from roller_core.transforms import rotation_vector_to_quaternion
+
+from .errors import (
+    MissingLibraryError,
+    OtherToolError,
+    ProtocolRefusedError,
+    RobotFault,
+    RobotLostError,
+)
+from .rtde import Controller, ask_controller, read_tcp_offset
 
 SEARCHING = "searching"
 RECEIVING = "receiving"
@@ -40,6 +49,8 @@ SAFETY_MODES = {
 }
 _RUNNING_SAFELY = (1, 2)
 _POLL_S = 0.0002
+#: Tools that differ by no more than this are the same.
+_SAME_TOOL_M, _SAME_TOOL_RAD = 1e-4, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +152,37 @@ def open_receiver(host: str) -> Any:
         ) from error
 
 
+def check_tool(host: str, expected: Sequence[float], timeout_s: float) -> None:
+    """Compare the controller's tool centre point with the expected one, where it tells it.
+
+    Parameters
+    ----------
+    host : str
+        The controller's address.
+    expected : sequence of float, length 6
+        x y z in metres, rotation vector in rad.
+    timeout_s : float
+        Longest wait, s.
+
+    Raises
+    ------
+    OtherToolError
+        If they differ by more than 0.1 mm or 1 mrad.
+    """
+    found = read_tcp_offset(host, timeout_s)
+    if found is None:
+        return
+    away_m = math.dist(found[:3], expected[:3])
+    ours, theirs = (rotation_vector_to_quaternion(v[3:]) for v in (expected, found))
+    turned = 2 * math.acos(min(1.0, abs(float(ours @ theirs))))
+    if away_m > _SAME_TOOL_M or turned > _SAME_TOOL_RAD:
+        raise OtherToolError(
+            f"robot {host}: its tool centre point ({', '.join(f'{v:.5g}' for v in found)}) is "
+            f"{away_m * 1e3:.2f} mm and {math.degrees(turned):.2f} deg from the one that the "
+            "camera's place was found with (tcp_offset): set it on the controller, or calibrate"
+        )
+
+
 class RobotReceiver:
     """Reads the robot's state in a thread until it is stopped.
 
@@ -156,6 +198,8 @@ class RobotReceiver:
         The host's time, ns.
     connect_timeout_s, retry_s, silence_s : float
         See `Ur10Parameters`.
+    tcp_offset : sequence of float
+        See `check_tool`; another length: not checked.
     """
 
     def __init__(
@@ -168,6 +212,7 @@ class RobotReceiver:
         connect_timeout_s: float = 2.0,
         retry_s: float = 1.0,
         silence_s: float = 0.5,
+        tcp_offset: Sequence[float] = (),
     ) -> None:
         self._host = host
         self._on_sample = on_sample
@@ -176,6 +221,7 @@ class RobotReceiver:
         self._connect_timeout_s = connect_timeout_s
         self._retry_s = retry_s
         self._silence_s = silence_s
+        self._tcp_offset = tcp_offset
         self.status = ReceiverStatus()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
@@ -202,6 +248,8 @@ class RobotReceiver:
         while not self._stop.is_set():
             try:
                 controller = ask_controller(self._host, VARIABLES, self._connect_timeout_s)
+                if len(self._tcp_offset) == 6:
+                    check_tool(self._host, self._tcp_offset, self._connect_timeout_s)
                 interface = open_receiver(self._host)
             except RobotFault as error:
                 self._change(SEARCHING, str(error))

@@ -71,6 +71,11 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
     """Where the robot is and what is published of it."""
 
     robot_ip: str = Field("192.168.56.101", description="Address of the robot's controller.")
+    tcp_offset: tuple[float, ...] = Field(
+        (0.0,),
+        description="Tool centre point on the flange that the camera's place was found with: "
+        "x y z (m), rotation vector (rad); with another no poses are published. A single 0: any.",
+    )
     connect: bool = Field(
         True,
         description="Whether to connect to the robot; false where the robot's own driver publishes "
@@ -92,3 +97,9 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
     silence_timeout: float = Field(
         0.5, ge=0.05, le=10.0, description="The connection is made again after this silence, s."
     )
+
+    @model_validator(mode="after")
+    def _check_tool(self) -> Ur10Parameters:
+        if len(self.tcp_offset) not in (1, 6):
+            raise ValueError(f"tcp_offset has {len(self.tcp_offset)} values, not 6")
+        return self

@@ -19,6 +19,8 @@ PROTOCOL_VERSION = 2
 REQUEST_PROTOCOL_VERSION = 86
 GET_CONTROL_VERSION = 118
 SETUP_OUTPUTS = 79
+START = 83
+DATA = 85
 TEXT_MESSAGE = 77
 _HEADER = struct.Struct(">HB")
 
@@ -131,6 +133,44 @@ def ask_controller(
         raise RobotUnreachableError(
             f"{where}: it can't be reached ({reason}); check robot_ip, the cable and that the "
             "robot is on"
+        ) from error
+
+
+def read_tcp_offset(
+    host: str, timeout_s: float = 2.0, port: int = PORT
+) -> tuple[float, ...] | None:
+    """The tool centre point on the flange: x y z in metres, rotation vector in rad.
+
+    Returns
+    -------
+    tuple of float, length 6, or None
+        None where the controller doesn't tell it (older software).
+
+    Raises
+    ------
+    RobotUnreachableError
+        If it doesn't come in time.
+    """
+    request = struct.pack(">d", 10.0) + b"tcp_offset"
+    try:
+        with socket.create_connection((host, port), timeout=timeout_s) as connection:
+            connection.settimeout(timeout_s)
+            for kind, payload in (
+                (REQUEST_PROTOCOL_VERSION, struct.pack(">H", PROTOCOL_VERSION)),
+                (SETUP_OUTPUTS, request),
+                (START, b""),
+            ):
+                connection.sendall(frame(kind, payload))
+                answer = _answer(connection, f"robot {host}:{port}")[1]
+                if kind == SETUP_OUTPUTS and answer[1:] != b"VECTOR6D":
+                    return None
+            while True:
+                kind, payload = receive(connection)
+                if kind == DATA and len(payload) == 1 + 6 * 8:
+                    return struct.unpack(">6d", payload[1:])
+    except OSError as error:
+        raise RobotUnreachableError(
+            f"robot {host}:{port}: its tool centre point can't be read ({error})"
         ) from error
 
 
