@@ -151,7 +151,7 @@ def test_parameters_of_a_node_in_any_namespace(tmp_path: Path, key: str) -> None
         ("emvs: {ros__parameters: {focus: {sigma_px: 0}}}\n", "'focus.sigma_px' = 0"),
         ("emvs: {planes: 3}\n", "ros__parameters"),
         ("- 3\n", "expected"),
-        ("a: &a {b: *a}\n", "has no 'ros__parameters'"),
+        ("a: &a {b: *a}\n", "aliases"),
         ("a: [\n\n}", "line 3: not a YAML file"),
     ],
 )
