@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 from roller_core import outputs
 from roller_core.camera import Camera
+from roller_core.event_stage import EventStage
 from roller_core.frame_settings import StreamSettings, smoothing_field
 from roller_core.outputs import Output, Result
 from roller_core.pose_track import PoseTrack
-from roller_core.stage import EventStage
 
 from .cells import Cell
 from .pipeline import BraillePipeline

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 
 from roller_core import outputs
 from roller_core.camera import Camera
+from roller_core.event_stage import EventStage
 from roller_core.frame_settings import StreamSettings
 from roller_core.outputs import Output, Result
 from roller_core.pose_track import PoseTrack
-from roller_core.stage import EventStage
 
 from .depth_map import DepthMap, pinhole
 from .depth_settings import DepthSettings

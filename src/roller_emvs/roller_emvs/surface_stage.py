@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Mapping
 
 from roller_core import outputs
 from roller_core.camera import Camera
+from roller_core.event_stage import EventStage
 from roller_core.frame_settings import StreamSettings
 from roller_core.outputs import Result
 from roller_core.pose_track import PoseTrack
-from roller_core.stage import EventStage
 
 from .methods.surface import SurfaceSettings, SurfaceSweep
 from .patch import patch_output

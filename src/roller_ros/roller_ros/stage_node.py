@@ -17,10 +17,11 @@ from tf2_msgs.msg import TFMessage
 from roller_core import outputs
 from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
+from roller_core.event_stage import EventStage
 from roller_core.frame_settings import FollowedFrames, StreamSettings
 from roller_core.outputs import Output, Result
 from roller_core.sensor_pose import transforms_of
-from roller_core.stage import ERROR, EventStage, Stage
+from roller_core.stage import ERROR, Stage
 
 from . import diagnostics, messages, qos, topics
 from .backlog import Backlog, Bulk

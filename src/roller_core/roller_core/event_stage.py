@@ -1,0 +1,250 @@
+"""A stage that takes events: what nodes `emvs`, `surface` and `braille` have in common."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from . import outputs
+from .camera import Camera, OtherCameraError
+from .errors import RollerError
+from .event_stream import EventStream, StreamCounts, TimeBackwardsError
+from .events import EventArray
+from .frame_settings import StreamSettings
+from .outputs import Result
+from .pose_track import PoseTrack
+from .stage import ERROR, OK, WARN, Stage
+
+#: Stamps this far from now, s, are of a recording: how late its results are means nothing.
+_RECORDED_S = 60.0
+
+
+class Pipeline(Protocol):
+    """What is needed of a pipeline of events."""
+
+    camera: Camera
+
+    @property
+    def counts(self) -> Any:
+        """What was done and lost so far, a dataclass; `dropped_events`, `events_without_pose`."""
+
+    @property
+    def held_events(self) -> int:
+        """Events that wait."""
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed."""
+
+    def add_events(self, events: EventArray) -> None:
+        """Take events in order of time."""
+
+    def leave_gap(self) -> None:
+        """Some events were left out between those before and those after."""
+
+
+P = TypeVar("P", bound=Pipeline)
+E = TypeVar("E", bound=StreamSettings)
+
+
+class EventStage(Stage[E], Generic[E, P]):
+    """A stage that takes events and drives a pipeline with them."""
+
+    inputs = (outputs.EVENTS, outputs.CAMERA_INFO, outputs.TF, outputs.TF_STATIC)
+
+    def __init__(self, settings: E) -> None:
+        super().__init__(settings)
+        self.pipeline: P | None = None
+        self.stream: EventStream | None = None
+        #: Why the camera isn't taken; empty: it is.
+        self.refused = ""
+        #: Packets left out to keep up.
+        self.left_out_packets = 0
+        self._early: deque[Any] = deque()
+        self._early_bytes = 0
+        self._milliseconds: deque[float] = deque(maxlen=1000)
+        self._late_s: float | None = None
+        self._past: Counter[str] = Counter()
+
+    def take_camera(self, camera: Camera) -> None:
+        """Take the calibration, then the packets that came before it; see `Stage`."""
+        wanted = self.settings.calibrated_camera
+        if any(wanted) and not camera.same_intrinsics(wanted):
+            self.pipeline = self.stream = self.camera = None
+            self.refused = (
+                f"the camera ({camera}) isn't the one that the node's parameters were "
+                "calibrated with (calibrated_camera): calibrate again, or leave params:= away"
+            )
+            raise OtherCameraError(self.refused)
+        self.refused = ""
+        if self.camera == camera:
+            return
+        if self.stream is None:
+            self.stream = EventStream(camera.width, camera.height)
+        else:
+            self._finish()
+            self.stream.new_source(camera.width, camera.height)
+        self.camera = camera
+        self._begin()
+        self._early_bytes = 0
+        while self._early:
+            try:
+                packet = self._early.popleft()
+                if packet is None:
+                    self.new_source()
+                else:
+                    self.take_packet(packet)
+            except RollerError as error:
+                self._left.append(Result(None, fault=error))
+
+    def new_source(self) -> None:
+        """Finish what there is: packets of another source follow, poses go on."""
+        if self.stream is None:
+            self._early.append(None)
+            return
+        self._finish()
+        self.stream.new_source(self.stream.width, self.stream.height)
+        self._begin()
+
+    def leave_out(self, packets: int) -> None:
+        """Some packets are left out, as there is no keeping up with them."""
+        self.left_out_packets += packets
+        if self.stream is not None:
+            self.stream.skip(packets)
+        if self.pipeline is not None:
+            self.pipeline.leave_gap()
+
+    def too_slow(self) -> str:
+        """What was left out to keep up; empty: nothing."""
+        out = self.left_out_packets
+        return f"too slow: {out} packets of events left out" if out else ""
+
+    def take_packet(self, packet: Any) -> None:
+        """Decode an event packet and take its events; see `EventStream.push_message`."""
+        if self.stream is None:
+            self._keep_early(packet)
+            return
+        try:
+            events = self.stream.push_message(packet)
+        except TimeBackwardsError as error:
+            self.restart()
+            self.take_events(error.events)
+            raise
+        self.take_events(events)
+
+    def _keep_early(self, packet: Any) -> None:
+        """Keep a packet until the camera comes; beyond the limit the oldest go, counted."""
+        self._early.append(packet)
+        self._early_bytes += len(packet.events)
+        while self._early_bytes > self.settings.max_waiting_mb * 1e6 and len(self._early) > 1:
+            oldest = self._early.popleft()
+            if oldest is not None:
+                self._early_bytes -= len(oldest.events)
+                self.left_out_packets += 1
+
+    def take_events(self, events: EventArray) -> None:
+        """Take decoded events in order of time, ROS time; the camera must have come."""
+        if self.pipeline is not None and len(events):
+            self.pipeline.add_events(events)
+
+    def health(self) -> tuple[int, str]:
+        """See `Stage`."""
+        if self.refused:
+            return ERROR, self.refused
+        if self.pipeline is None:
+            return WARN, f"waiting for {outputs.CAMERA_INFO}"
+        missing = self.frames.missing()
+        return WARN if missing else OK, missing
+
+    @property
+    def lost(self) -> bool:
+        """Whether packets or events were lost."""
+        packets = self.stream.counts.lost_packets if self.stream is not None else 0
+        return bool(packets or self.totals().get("dropped_events"))
+
+    def rated(self) -> Mapping[str, float]:
+        """See `Stage`."""
+        stream = self.stream.counts if self.stream is not None else StreamCounts()
+        return {
+            "event_rate_per_s": stream.events,
+            "packet_rate_hz": stream.packets,
+            "pose_rate_hz": self.frames.counts.poses,
+        }
+
+    def counts(self) -> Mapping[str, object]:
+        """See `Stage`."""
+        stream = self.stream.counts if self.stream is not None else StreamCounts()
+        found: dict[str, object] = {
+            "events": stream.events,
+            "lost_packets": stream.lost_packets,
+            "seq_restarts": stream.seq_restarts,
+            "left_out_packets": self.left_out_packets,
+            "decode_errors": stream.decode_errors,
+            "late_events": stream.late_events,
+            "events_outside_image": stream.outside_events,
+        }
+        if self.pipeline is not None:
+            totals = self.totals()
+            found |= {
+                "dropped_events": totals["dropped_events"],
+                "events_without_pose": totals["events_without_pose"],
+                "waiting_events": self.pipeline.held_events,
+                **self._pipeline_counts(self.pipeline, totals),
+            }
+        return found
+
+    def totals(self) -> dict[str, int]:
+        """What the pipeline counted, with those before a restart."""
+        current = Counter(asdict(self.pipeline.counts)) if self.pipeline is not None else Counter()
+        return {name: n + self._past[name] for name, n in current.items()}
+
+    @abstractmethod
+    def _make(self, camera: Camera, track: PoseTrack) -> P:
+        """A pipeline that begins."""
+
+    @abstractmethod
+    def _pipeline_results(self, pipeline: P, flush: bool) -> Iterator[Result]: ...
+
+    @abstractmethod
+    def _pipeline_counts(self, pipeline: P, totals: Mapping[str, int]) -> Mapping[str, object]:
+        """What the status says of the pipeline, of its totals and of its state."""
+
+    def _begin(self) -> None:
+        if self.pipeline is not None:
+            self._past.update(asdict(self.pipeline.counts))
+        if self.camera is not None:
+            self.pipeline = self._make(self.camera, self.frames.track)
+
+    def _results(self, flush: bool) -> Iterator[Result]:
+        if self.pipeline is None:
+            return
+        yield from self._pipeline_results(self.pipeline, flush)
+        needed = self.pipeline.needed_from_ns
+        if needed is not None and len(self.frames.track):
+            self.frames.track.discard_before(needed)
+
+    def _took(self, milliseconds: float, end_ns: int) -> None:
+        """Note how long a result took, and how late it is."""
+        self._milliseconds.append(milliseconds)
+        self._came(end_ns)
+
+    def _came(self, t_ns: int) -> None:
+        """Note how late a result of a time is."""
+        late_s = (self.clock_ns() - t_ns) * 1e-9
+        self._late_s = late_s if abs(late_s) < _RECORDED_S else None
+
+    @property
+    def _latency_s(self) -> float | str:
+        """How late the newest result was, as the status says it; empty where that isn't known."""
+        return "" if self._late_s is None else round(self._late_s, 4)
+
+    def _times(self, piece: str, milliseconds: Iterable[float]) -> dict[str, object]:
+        """Median and 95th percentile of times, as the status says them."""
+        spent = list(milliseconds)
+        median, p95 = np.percentile(spent, [50, 95]).round(2).tolist() if spent else (0.0, 0.0)
+        return {f"{piece}_ms_median": median, f"{piece}_ms_p95": p95}
