@@ -80,6 +80,7 @@ def test_outputs_are_complete(reference: Reference) -> None:
     for window in windows:
         assert {"stamp_s", "events", "points", "milliseconds", "lost"} <= set(window)
         assert window["milliseconds"]["total"] > 0
+        assert window["cpu_ms"] > 0
     assert report["totals"]["events"] == len(scan())
     assert report["faults"] == []
     assert (output / "braille.txt").read_text() == ""

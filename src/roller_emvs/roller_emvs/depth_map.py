@@ -35,6 +35,8 @@ class DepthMap:
         Time by stage, ms.
     notes : tuple of str
         What was lost or refused in this window, one line each.
+    cpu_ms : float
+        Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
     """
 
     stamp_ns: int
@@ -46,6 +48,7 @@ class DepthMap:
     events: int
     milliseconds: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    cpu_ms: float = 0.0
 
     @property
     def points(self) -> int:

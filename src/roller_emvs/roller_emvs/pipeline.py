@@ -135,7 +135,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         return PreparedWindow(window, packets, poses[:-1], poses[-1], middle_ns, notes)
 
     def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
-        watch, begin = Stopwatch(), time.perf_counter()
+        watch, begin, cpu_s = Stopwatch(), time.perf_counter(), time.process_time()
         try:
             prepared = self.prepare(window, watch)
             depth, confidence = self._depth(prepared, watch)
@@ -152,6 +152,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             len(window.events),
             {k: float(np.round(v, 3)) for k, v in watch.milliseconds.items()},
             prepared.notes,
+            round((time.process_time() - cpu_s) * 1e3, 3),
         )
 
     def _depth(self, prepared: PreparedWindow, watch: Stopwatch) -> tuple[F32, F32]:

@@ -53,7 +53,7 @@ class Report:
         }
         if isinstance(found, RefusedWindow):
             stamp_ns = (found.start_ns + found.end_ns) // 2
-            entry |= {"events": found.events, "points": 0, "milliseconds": {}}
+            entry |= {"events": found.events, "points": 0, "milliseconds": {}, "cpu_ms": 0.0}
             entry["lost"] = [found.reason]
         else:
             stamp_ns = found.stamp_ns
@@ -62,7 +62,7 @@ class Report:
             else:
                 points, lost = found.points, list(found.notes)
             entry |= {"events": found.events, "points": points}
-            entry |= {"milliseconds": found.milliseconds, "lost": lost}
+            entry |= {"milliseconds": found.milliseconds, "cpu_ms": found.cpu_ms, "lost": lost}
         self.windows.append({"stamp_s": stamp_ns * 1e-9, "stamp_ns": stamp_ns, **entry})
 
     def add_fault(self, fault: RollerError) -> None:

@@ -38,12 +38,15 @@ class SurfacePatch(Patch):
         Events voted.
     milliseconds : dict
         Time by stage, ms.
+    cpu_ms : float
+        Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
     """
 
     start_ns: int = 0
     end_ns: int = 0
     events: int = 0
     milliseconds: dict[str, float] = field(default_factory=dict)
+    cpu_ms: float = 0.0
 
     @property
     def stamp_ns(self) -> int:
@@ -93,6 +96,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
 
     def _measure(self, strip: Strip, block: Block) -> SurfacePatch | RefusedWindow:
         s, watch, begin = self.settings, Stopwatch(), time.perf_counter()
+        cpu_s = time.process_time()
         middle = strip.middle_m
         with watch("arrange"):
             field, left, top = block_field(strip, block)
@@ -126,6 +130,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             block.last_ns,
             block.events,
             {k: round(v, 3) for k, v in watch.milliseconds.items()},
+            round((time.process_time() - cpu_s) * 1e3, 3),
         )
 
     def _seen(self, strip: Strip, x: np.ndarray) -> np.ndarray:
