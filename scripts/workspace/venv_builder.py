@@ -49,7 +49,11 @@ class Environment:
 
         def create() -> None:
             if self.path.exists():
+                if not steps.folder.is_dir():
+                    raise SetupError(f"{self.path} is not of our making: move it away")
                 shutil.rmtree(self.path)
+            # What tells later that it is ours, however far this gets.
+            steps.folder.mkdir(parents=True)
             command = [sys.executable, "-m", "venv", str(self.path)]
             if self.mode == "distribution":
                 command.append("--system-site-packages")

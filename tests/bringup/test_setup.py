@@ -257,3 +257,17 @@ def test_all_that_is_installed_is_pinned_with_hashes(modules):
         pins = [line for line in text.splitlines() if line and not line.startswith(("#", " "))]
         assert pins
         assert all("==" in line and "--hash=sha256:" in line for line in pins), name
+
+
+def test_an_environment_of_others_is_never_deleted(modules, tmp_path):
+    environment = modules["venv_builder"].Environment(tmp_path / ".venv", "wheels")
+    steps = modules["steps"].Steps(environment.path / "setup")
+    environment.path.mkdir()
+    (environment.path / "notes").write_text("mine")
+    with pytest.raises(modules["steps"].SetupError, match="not of our making"):
+        environment.ensure(steps)
+    assert (environment.path / "notes").read_text() == "mine"
+    steps.folder.mkdir()  # as an interrupted set-up leaves it
+    assert environment.ensure(steps)
+    assert not (environment.path / "notes").exists()
+    assert environment._works()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -17,13 +18,13 @@ from roller_emvs.depth_settings import DepthSettings
 SIMPLEX_TOLERANCE = 1e-3
 
 
-class Grid:
+class Grid(ABC):
     """Choices that are tried, each value with each."""
 
     @property
+    @abstractmethod
     def ranges(self) -> Mapping[str, Sequence[Any]]:
         """Values that are tried, by their parameter's name in `DepthSettings`."""
-        raise NotImplementedError
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -17,7 +17,7 @@ OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
 
-#: More than this only the newest is told, with the regular status.
+#: More than this only the newest is reported, with the regular status.
 _MOST_FAULTS_A_SECOND = 10
 
 
@@ -98,7 +98,7 @@ class Diagnostics:
     def fault(self, message: str) -> None:
         """Report a fault now; it stays in the next regular status too.
 
-        A flood of faults is told ten times a second.
+        A flood of faults is reported ten times a second.
         """
         if message == self._fault:
             return

@@ -37,7 +37,7 @@ def wait_for_listeners(
     Returns
     -------
     str
-        What to tell if not all came in time; else empty.
+        What to report if not all came in time; else empty.
     """
     now = time.monotonic()
     end, changed, before = now + wait_s, now, [-1 for _ in wanted]
@@ -54,7 +54,7 @@ def wait_for_listeners(
                 f"{publisher.topic_name} {n} of {least}"
                 for n, (publisher, least) in zip(counts, wanted, strict=True)
             )
-            told = f"not all subscribers came in {wait_s:g} s ({found}); it begins without them"
-            return "" if complete else told
+            late = f"not all subscribers came in {wait_s:g} s ({found}); it begins without them"
+            return "" if complete else late
         stop.wait(0.05)
     return ""

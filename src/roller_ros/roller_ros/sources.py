@@ -17,7 +17,7 @@ _ID = 16
 
 
 def publisher_of(info: Mapping[str, Any]) -> bytes | None:
-    """Who sent a message, by rclpy's `MessageInfo`; None where that isn't told."""
+    """Who sent a message, by rclpy's `MessageInfo`; None where that isn't said."""
     gid = info.get("publisher_gid")
     return None if gid is None else bytes(gid["data"])[:_ID]
 
