@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from roller_core.settings import Settings, node_name, parameter_file, read_parameters
-from roller_inspect.pipeline import InspectionSettings
+from roller_inspect.pipeline import PipelineSettings
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -52,7 +52,7 @@ def check_descriptions(model: type[Settings], where: str) -> None:
 
 def test_all_defaults_load_for_a_replay() -> None:
     for name in ("emvs", "stitcher", "surface", "braille", "slider_depth"):
-        InspectionSettings.load(ROOT / "config" / f"{name}.yaml")
+        PipelineSettings.load(ROOT / "config" / f"{name}.yaml")
 
 
 def test_every_config_file_is_a_parameter_file() -> None:

@@ -20,7 +20,7 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.settings import read_parameters
 from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
-from roller_inspect.pipeline import InspectionSettings
+from roller_inspect.pipeline import PipelineSettings
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
 
@@ -99,7 +99,7 @@ def test_plate_gives_the_depth_range(
     words = ["calibrate", "flat", str(world / "plate"), "--camera", str(world / "camera.yaml")]
     assert main([*words, "-o", str(file), "--margin-mm", "0.4", "--reach-mm", "1.6"]) == 0
     assert "a margin of 0.4 mm" in capsys.readouterr().out
-    settings = InspectionSettings.load(file)
+    settings = PipelineSettings.load(file)
     for node in ("emvs", "surface"):
         assert ROLLING.same_intrinsics(read_parameters(file, node)["calibrated_camera"])
     for part in (settings.depth, settings.surface):
@@ -118,7 +118,7 @@ def test_a_scan_with_ramps_gives_the_depth_range(
     assert main(["simulate", "flat", "--speed", "0.3", *textured, "-o", str(scan)]) == 0
     assert main(["calibrate", "flat", str(scan), "-o", str(file)]) == 0
     assert "a margin of 0.5 mm" in capsys.readouterr().out
-    settings = InspectionSettings.load(file)
+    settings = PipelineSettings.load(file)
     for part in (settings.depth, settings.surface):
         assert part.depth_min_m == pytest.approx(0.043, abs=1e-4)
         assert part.depth_max_m == pytest.approx(0.047, abs=1e-4)

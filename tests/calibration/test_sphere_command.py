@@ -16,7 +16,7 @@ from roller_calibration.recordings import Scan
 from roller_core.calibration_file import read_record
 from roller_core.camera import Camera
 from roller_core.settings import read_parameters
-from roller_inspect.pipeline import InspectionSettings
+from roller_inspect.pipeline import PipelineSettings
 
 #: Dots are as bright as dots are: votes are scaled by their own extremes.
 PARAMETERS = {"paper": {"full_scale_votes": 0.0}}
@@ -45,7 +45,7 @@ def test_sphere_gives_the_nodes_parameters_and_an_account(
     assert "before: paper.threshold_c 16" in said
     assert "% of the contact circle" in said
     assert "mm/px at the contact circle" in said
-    settings = InspectionSettings.load(file, "bma").depth
+    settings = PipelineSettings.load(file, "bma").depth
     found = read_parameters(file, "emvs")["paper"]
     assert {"threshold_c", "median_px", "weights"} <= found.keys()
     # What the parameter file said stays in force.

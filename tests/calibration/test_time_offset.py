@@ -27,7 +27,7 @@ from roller_core.calibration_file import read_record
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.transforms import rotation_vector_to_quaternion
-from roller_inspect.pipeline import InspectionSettings
+from roller_inspect.pipeline import PipelineSettings
 
 
 @pytest.mark.parametrize("delay_s", [0.0013, -0.0007])
@@ -146,7 +146,7 @@ def test_two_scans_give_the_nodes_their_delay(
     words = ["calibrate", "--time-offset", recorded["0.1"], recorded["0.25"], "-o", str(file)]
     assert main([*words, "--camera", recorded["camera"]]) == 0
     assert "lag the poses by 1." in capsys.readouterr().out
-    settings = InspectionSettings.load(file)
+    settings = PipelineSettings.load(file)
     for part in (settings.depth, settings.surface, settings.braille):
         assert part.event_delay_s == pytest.approx(0.0012, abs=5e-5)
 
@@ -161,7 +161,7 @@ def test_subcommand_is_the_option_and_carries_parameters_over(
         given = ["--camera", recorded["camera"], "--params", str(params), "-o", str(file)]
         assert main(["calibrate", word, recorded["0.2"], *given]) == 0
         assert "give another recording" in capsys.readouterr().out
-    one, two = (InspectionSettings.load(file).depth for file in files)
+    one, two = (PipelineSettings.load(file).depth for file in files)
     assert one == two
     assert one.paper.threshold_c == 9.0
     assert one.event_delay_s == pytest.approx(0.0012, abs=4e-4)

@@ -28,7 +28,7 @@ from roller_bringup.launching import Runner, load
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
 from roller_emvs.patch import Patch
-from roller_inspect.pipeline import Inspection, InspectionSettings
+from roller_inspect.pipeline import Pipeline, PipelineSettings
 from roller_ros import messages
 
 pytestmark = pytest.mark.graph
@@ -86,9 +86,9 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     after = int(np.searchsorted(events.t_ns, first.t_ns[0], side="right"))
     events = EventArray.concatenate([first, events[after:]])
     track = scan.camera_track((ticks_ns - took.begin_ns) * 1e-9, ticks_ns + robot_delay, MAX_GAP_S)
-    inspection = Inspection(InspectionSettings.load(), scan.cell.camera, track, braille=False)
-    inspection.add_events(events)
-    found = [r.found for r in inspection.results(flush=True)]
+    pipeline = Pipeline(PipelineSettings.load(), scan.cell.camera, track, braille=False)
+    pipeline.add_events(events)
+    found = [r.found for r in pipeline.results(flush=True)]
     direct = np.concatenate([p.columns() for p in found if isinstance(p, Patch)])
 
     distance, nearest = cKDTree(direct[:, :2]).query(took.cloud[:, :2])

@@ -18,7 +18,7 @@ from roller_core.pose_track import PoseTrack
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.ply import read_ply
-from roller_inspect.pipeline import InspectionSettings
+from roller_inspect.pipeline import PipelineSettings
 
 PARAMS = """
 emvs:
@@ -55,15 +55,15 @@ def test_a_surface_is_written(tmp_path: Path) -> None:
 
 def test_other_sections_say_what_is_shared(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text(PARAMS)
-    settings = InspectionSettings.load(tmp_path / "p.yaml").surface
+    settings = PipelineSettings.load(tmp_path / "p.yaml").surface
     assert (settings.depth_max_m, settings.threads, settings.evidence.min_votes) == (0.0475, 1, 1.0)
 
 
 def test_its_gap_between_poses_counts_where_it_is_the_method(tmp_path: Path) -> None:
     file = tmp_path / "p.yaml"
     file.write_text("surface:\n  ros__parameters: {max_pose_gap_s: 0.02, idle_flush_s: 2.0}\n")
-    assert InspectionSettings.load(file, "surface").max_pose_gap_s == 0.02
-    assert InspectionSettings.load(file).max_pose_gap_s == 0.1
+    assert PipelineSettings.load(file, "surface").max_pose_gap_s == 0.02
+    assert PipelineSettings.load(file).max_pose_gap_s == 0.1
 
 
 def test_it_makes_no_depth_maps() -> None:

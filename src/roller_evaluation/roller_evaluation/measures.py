@@ -19,7 +19,7 @@ from roller_emvs.patch import Patch
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.surface_stage import SurfaceParameters
 from roller_emvs.windows import RefusedWindow
-from roller_inspect.pipeline import Inspection, InspectionSettings
+from roller_inspect.pipeline import Pipeline, PipelineSettings
 from roller_inspect.results.truth_tally import SurfaceTally, TruthTally
 from roller_sim.relief import Region
 
@@ -101,13 +101,11 @@ def stitched(case: Case, scan: Scan) -> SurfaceTally:
         surface = SurfaceParameters.create(changes)
     else:
         depth = {**METHODS[case.method], **changes}
-    settings = replace(
-        InspectionSettings.load(), depth=EmvsParameters.create(depth), surface=surface
-    )
-    inspection = Inspection(settings, scan.camera, scan.track, braille=False)
-    inspection.add_events(scan.even)
+    settings = replace(PipelineSettings.load(), depth=EmvsParameters.create(depth), surface=surface)
+    pipeline = Pipeline(settings, scan.camera, scan.track, braille=False)
+    pipeline.add_events(scan.even)
     tally = SurfaceTally(scan.truth, regions={"plate": _plate(scan), **scan.truth.objects})
-    for result in inspection.results(flush=True):
+    for result in pipeline.results(flush=True):
         if isinstance(result.found, SurfacePatch):
             tally.add(result.found)
         elif isinstance(result.found, Patch):

@@ -39,7 +39,7 @@ _SHARED = frozenset(
 
 
 @dataclass(frozen=True)
-class InspectionSettings:
+class PipelineSettings:
     """Settings of the stages, as their nodes take them."""
 
     depth: EmvsParameters
@@ -48,7 +48,7 @@ class InspectionSettings:
     surface: SurfaceParameters = field(default_factory=lambda: SurfaceParameters.create({}))
 
     @classmethod
-    def load(cls, path: Path | None = None, method: str | None = None) -> InspectionSettings:
+    def load(cls, path: Path | None = None, method: str | None = None) -> PipelineSettings:
         """Read a ROS 2 parameter file with sections `emvs`, `stitcher`, `braille` and `surface`.
 
         What `surface` doesn't say of depth range, threads, times, frames and nominal surface,
@@ -93,12 +93,12 @@ class InspectionSettings:
         return (self.surface if self.sweeps else self.depth).max_pose_gap_s
 
 
-class Inspection:
+class Pipeline:
     """The graph's stages, one feeding the other: what live nodes do, in one thread.
 
     Parameters
     ----------
-    settings : InspectionSettings
+    settings : PipelineSettings
         Of all stages.
     camera : Camera
         Calibration.
@@ -117,7 +117,7 @@ class Inspection:
 
     def __init__(
         self,
-        settings: InspectionSettings,
+        settings: PipelineSettings,
         camera: Camera,
         poses: PoseTrack | None = None,
         braille: bool = True,

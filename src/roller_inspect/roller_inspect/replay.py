@@ -16,7 +16,7 @@ from roller_emvs.windows import RefusedWindow
 from roller_recording.reading import Recording, RecordingError
 from roller_recording.reading.base import MissingTopicError
 
-from .pipeline import Inspection, InspectionSettings
+from .pipeline import Pipeline, PipelineSettings
 from .results.result_writer import ResultWriter
 from .results.run_report import Report
 from .results.truth_tally import SurfaceTally, TruthTally
@@ -24,7 +24,7 @@ from .results.truth_tally import SurfaceTally, TruthTally
 
 def replay(
     recording: Recording,
-    settings: InspectionSettings,
+    settings: PipelineSettings,
     output: Path,
     source: Path,
     braille: bool = True,
@@ -38,7 +38,7 @@ def replay(
     ----------
     recording : Recording
         Opened input.
-    settings : InspectionSettings
+    settings : PipelineSettings
         Of all parts.
     output : path
         Folder for the results.
@@ -70,25 +70,25 @@ def replay(
             "surface": settings.surface.model_dump(),
         },
     )
-    inspection = Inspection(
+    pipeline = Pipeline(
         settings, recording.camera, recording.poses, braille, on_fault=report.add_fault
     )
-    writer = ResultWriter(output, inspection.depth.settings.base_frame)
+    writer = ResultWriter(output, pipeline.depth.settings.base_frame)
     delay_s = (settings.surface if surface else settings.depth).event_delay_s
     tally = (SurfaceTally if surface else TruthTally).beside(source, delay_s)
-    run = _Run(inspection, writer, report, tally)
+    run = _Run(pipeline, writer, report, tally)
     begin, full = time.perf_counter(), False
     try:
         for step in recording.items():
             for fault in step.faults:
                 report.add_fault(fault)
             for transform in step.transforms:
-                inspection.take_transform(transform)
+                pipeline.take_transform(transform)
             if step.restart:
-                inspection.restart()
+                pipeline.restart()
             if len(step.events):
                 run.take_span(int(step.events.t_ns[0]), int(step.events.t_ns[-1]))
-                inspection.add_events(step.events)
+                pipeline.add_events(step.events)
                 run.collect_what_goes()
             if progress is not None:
                 progress(step.progress)
@@ -107,12 +107,12 @@ class _Run:
 
     def __init__(
         self,
-        inspection: Inspection,
+        pipeline: Pipeline,
         writer: ResultWriter,
         report: Report,
         tally: TruthTally | SurfaceTally | None,
     ) -> None:
-        self._inspection = inspection
+        self._inspection = pipeline
         self._writer = writer
         self._report = report
         self._tally = tally

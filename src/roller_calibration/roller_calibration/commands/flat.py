@@ -52,11 +52,11 @@ def run(args: argparse.Namespace) -> int:
     from roller_calibration.contact import pass_points
     from roller_calibration.flat import find_plate
     from roller_calibration.recordings import read_scans
-    from roller_inspect.pipeline import InspectionSettings
+    from roller_inspect.pipeline import PipelineSettings
 
     if not (args.reach_mm >= 0 and args.margin_mm >= 0):
         raise CalibrationError("--reach-mm and --margin-mm: 0 or more")
-    settings = InspectionSettings.load(args.params).depth
+    settings = PipelineSettings.load(args.params).depth
     near, far = (v * 1e-3 for v in args.search_mm)
     wide = type(settings).create(
         {**settings.model_dump(), "depth_min_m": near, "depth_max_m": far}, "--search-mm"

@@ -74,7 +74,7 @@ def _from_scan(args: argparse.Namespace) -> int:
     from roller_calibration.recordings import read_scan
     from roller_core.settings import read_parameters
     from roller_driver.ur10.robot_settings import HandEyeSettings
-    from roller_inspect.pipeline import InspectionSettings
+    from roller_inspect.pipeline import PipelineSettings
 
     values = read_parameters(args.params, "ur10") if args.params else {}
     known = HandEyeSettings.create(
@@ -85,7 +85,7 @@ def _from_scan(args: argparse.Namespace) -> int:
             "a scan shows how the camera is turned against the place it was recorded with: give "
             "that with --params (ur10: hand_eye_m, hand_eye_quaternion), or leave out --output"
         )
-    settings = InspectionSettings.load(args.params).depth
+    settings = PipelineSettings.load(args.params).depth
     scan = read_scan(args.scan, args, settings.max_pose_gap_s)
     with progress_bar("turn the camera") as progress:
         found = find_camera_rotation(scan, (settings.depth_min_m, settings.depth_max_m), progress)

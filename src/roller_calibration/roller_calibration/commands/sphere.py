@@ -189,9 +189,9 @@ def _settings(args: argparse.Namespace) -> DepthSettings:
     """Settings of the start: the defaults, `--params`, then what `--previous` calibrated."""
     from roller_calibration.grid_search import NAMES
     from roller_core.settings import read_parameters
-    from roller_inspect.pipeline import InspectionSettings
+    from roller_inspect.pipeline import PipelineSettings
 
-    settings = InspectionSettings.load(args.params, args.method).depth
+    settings = PipelineSettings.load(args.params, args.method).depth
     if args.previous is None:
         return settings
     if read_record(args.previous, "sphere") is None:

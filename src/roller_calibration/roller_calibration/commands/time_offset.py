@@ -42,9 +42,9 @@ def run(args: argparse.Namespace) -> int:
     from roller_calibration.bidirectional import central_events
     from roller_calibration.recordings import read_scans
     from roller_calibration.time_offset import estimate_time_offset
-    from roller_inspect.pipeline import InspectionSettings
+    from roller_inspect.pipeline import PipelineSettings
 
-    settings = InspectionSettings.load(args.params).depth
+    settings = PipelineSettings.load(args.params).depth
     scans = read_scans(args, settings.max_pose_gap_s, central_events)
     found = estimate_time_offset(scans, 0.5 * (settings.depth_min_m + settings.depth_max_m))
     lines = _describe(found)

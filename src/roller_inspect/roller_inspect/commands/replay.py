@@ -39,12 +39,12 @@ def run(args: argparse.Namespace) -> int:
     """
     from roller_core.calibration_file import check_same_camera
     from roller_core.output_folder import OutputFolder
-    from roller_inspect.pipeline import InspectionSettings
+    from roller_inspect.pipeline import PipelineSettings
     from roller_inspect.replay import replay
     from roller_inspect.results.summary import summary
     from roller_recording.reading import open_recording
 
-    settings = InspectionSettings.load(args.params, args.method)
+    settings = PipelineSettings.load(args.params, args.method)
     inputs = (args.input, args.params, args.poses, args.camera)
     with OutputFolder(args.output, "replay", inputs) as output:
         recording = open_recording(
