@@ -112,7 +112,7 @@ class _Run:
         report: Report,
         tally: TruthTally | SurfaceTally | None,
     ) -> None:
-        self._inspection = pipeline
+        self._pipeline = pipeline
         self._writer = writer
         self._report = report
         self._tally = tally
@@ -128,15 +128,15 @@ class _Run:
 
     def check_poses(self, recording: Recording, source: Path) -> None:
         """Report poses that are missing, that none of the events falls into, or maps without."""
-        missing = {stage.frames.missing(): None for stage in self._inspection.stages}
+        missing = {stage.frames.missing(): None for stage in self._pipeline.stages}
         for line in filter(None, missing):
             self._report.add_fault(MissingTopicError(f"{recording.source}: {line}"))
-        stitcher = self._inspection.stitcher
+        stitcher = self._pipeline.stitcher
         if stitcher is not None and stitcher.left_out:
             self._report.add_fault(
                 RecordingError(f"{source}: {stitcher.left_out} depth maps left out: no pose")
             )
-        span = self._inspection.depth.frames.span_ns
+        span = self._pipeline.depth.frames.span_ns
         if self._first_ns is None or span is None:
             return
         if self._last_ns < span[0] or self._first_ns > span[1]:
@@ -152,7 +152,7 @@ class _Run:
     def collect_what_goes(self, flush: bool = False) -> None:
         """Collect; a part that fails is reported and doesn't stop the others."""
         try:
-            for result in self._inspection.results(flush):
+            for result in self._pipeline.results(flush):
                 self._take(result)
         except UnwritableOutputError:
             raise
@@ -176,7 +176,7 @@ class _Run:
 
     def finish(self, recording: Recording, spent_s: float, full: bool) -> None:
         """Write what is left and the account of all; a full disk takes only the latter."""
-        braille, stitcher = self._inspection.braille, self._inspection.stitcher
+        braille, stitcher = self._pipeline.braille, self._pipeline.stitcher
         try:
             if not full and stitcher is not None:  # something, where the run was interrupted
                 for result in stitcher.results(flush=True):
@@ -185,14 +185,14 @@ class _Run:
             self._report.add_fault(error)
         release_reserve(self._writer.folder)
         self._writer.close(
-            braille.lines() if braille is not None else [], self._inspection.settings.braille.code
+            braille.lines() if braille is not None else [], self._pipeline.settings.braille.code
         )
         duration_s = (self._last_ns - (self._first_ns or 0)) * 1e-9
         spent_s -= self._truth_s
         refined = stitcher.counts() if stitcher is not None else {}
         self._report.totals = {
             **asdict(recording.counts),
-            **{f"depth_{k}": v for k, v in self._inspection.depth.totals().items()},
+            **{f"depth_{k}": v for k, v in self._pipeline.depth.totals().items()},
             "surface_points": self._writer.surface_points,
             "icp_tried": refined.get("icp_tried", 0),
             "icp_accepted": refined.get("icp_accepted", 0),
