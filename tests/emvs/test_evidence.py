@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,7 @@ def field_of(
     columns = SHAPE[1] // CELL_PX
     slopes = np.tile([[-HALF_APERTURE], [HALF_APERTURE]], (1, columns))
     # The ray slope grows with the slope and a metre of depth is a unit of offset.
-    return RayField(ordered, bounds, SHAPE, slopes, 0.03, 1.0, 1000.0, speed)
+    return RayField(SHAPE, slopes, 0.03, 1.0, 1000.0, speed, ordered, bounds)
 
 
 def lines_at(
@@ -93,9 +95,7 @@ def test_a_column_seen_from_one_side_has_its_edges_depth() -> None:
     near = slope > 0
     field = field_of(x[near], y[near], slope[near], polarity[near])
     one_sided = np.array([np.zeros(24), np.full(24, HALF_APERTURE)])
-    field = RayField(
-        field.rays, field.bounds, SHAPE, one_sided, field.ray_slope_scale, 1.0, 1000.0, 0.0
-    )
+    field = replace(field, slopes=one_sided)
     for found in find_depths(field, -1.0, 1.0, SETTINGS):
         known = np.isfinite(found.offset)
         assert abs(np.median(found.offset[known]) - 0.3) < 0.02

@@ -74,8 +74,22 @@ def coarse_offset(field: RayField, bands: list[Bands], at: F64, parts: int, thre
     for measure in found:
         if measure is not None:
             total += measure
-    peak, contrast, top = (np.empty(field.cells, np.float32) for _ in range(3))
-    scores = blur(total, _SIGMA_PX)
-    first, last = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
+    return offset_of_parts(total, at)
+
+
+def offset_of_parts(measure: F32, at: F64) -> F32:
+    """Offset on cells from the sum of the parts' focus measure; NaN where none is found.
+
+    Parameters
+    ----------
+    measure : ndarray of float32, shape (planes, rows, columns)
+        The sum.
+    at : ndarray of float64, shape (planes,)
+        Offsets of the planes.
+    """
+    cells = measure.shape[1:]
+    peak, contrast, top = (np.empty(cells, np.float32) for _ in range(3))
+    scores = blur(measure, _SIGMA_PX)
+    first, last = np.zeros(cells, np.int32), np.full(cells, len(at) - 1, np.int32)
     peaks._find_peak(scores, first, last, 2.0, 0.0, _MIN_CONFIDENCE, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)

@@ -21,7 +21,7 @@ import numpy as np
 from roller_emvs.rays import F32
 
 from ._kernels import CELL_PX
-from .field import RayField
+from .field import EvidenceField
 from .slope_statistics import SlopeStatistics
 
 #: Relative change of contrast, per unit of slope, beyond which edges are seen from one side alone
@@ -35,13 +35,13 @@ _MOST_BLIND = 0.65
 _ENOUGH = 1.0
 
 
-def edge_drift_depth_m(field: RayField, seen: SlopeStatistics, dead_time_s: float) -> F32:
+def edge_drift_depth_m(field: EvidenceField, seen: SlopeStatistics, dead_time_s: float) -> F32:
     """Depth to add for each metre of drift, by cell.
 
     Parameters
     ----------
-    field : RayField
-        Rays.
+    field : EvidenceField
+        Events.
     seen : SlopeStatistics
         Of the events of edges that drift.
     dead_time_s : float

@@ -1,4 +1,4 @@
-"""Rays on a grid of pixels, in the form that evidence is summed from.
+"""What evidence is summed from: a grid of pixels, and rays on it.
 
 A ray meets the plane of parameter `offset` at pixel (x, y) + offset · (slope_x, slope_y). In a
 reference view the parameter is inverse depth, in a strip on the surface it is height; both are
@@ -7,6 +7,7 @@ linear.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,19 +16,19 @@ import numpy.typing as npt
 from roller_core.transforms import F64
 from roller_emvs.rays import F32
 
+from . import _meet_kernels as meet
 from ._kernels import CELL_PX
+
+#: Depths, at most, of which a median is taken.
+_SAMPLE = 1000
 
 
 @dataclass(frozen=True)
-class RayField:
-    """Rays in pixels of a grid, x along the parallax.
+class EvidenceField(ABC):
+    """Events of a window or block on a grid of pixels, x along the parallax.
 
     Attributes
     ----------
-    rays : ndarray of float32, shape (n, 4)
-        x, y on the plane of offset 0, px, and slopes, px by unit of offset; OFF events first.
-    bounds : ndarray of int64, shape (3,)
-        Where OFF and ON events begin, and the end.
     shape : tuple of int
         Rows and columns of the grid, px; multiples of `CELL_PX`.
     slopes : ndarray of float64, shape (2, columns of cells)
@@ -42,8 +43,6 @@ class RayField:
         Speed of the surface through the image, px/s.
     """
 
-    rays: F32
-    bounds: npt.NDArray[np.int64]
     shape: tuple[int, int]
     slopes: F64
     ray_slope_scale: float
@@ -71,3 +70,67 @@ class RayField:
     def apertures(self) -> F32:
         """Spread of slopes of each column of cells, float32."""
         return np.maximum(self.slopes[1] - self.slopes[0], 0.0).astype(np.float32)
+
+    @abstractmethod
+    def slope_sums(self, offset: F32, polarity: int) -> F32:
+        """Count of the events that meet the surface, their slopes and squares, by cell.
+
+        Parameters
+        ----------
+        offset : ndarray of float32, shape (rows, columns)
+            Surface on cells, NaN where there is none.
+        polarity : int
+            0 for OFF, 1 for ON events.
+
+        Returns
+        -------
+        ndarray of float32, shape (rows, columns, 3)
+        """
+
+    @abstractmethod
+    def support(self, offset: F32, polarity: int) -> F32:
+        """Count of the events that meet the surface, by pixel; `offset` is by pixel too."""
+
+
+@dataclass(frozen=True)
+class RayField(EvidenceField):
+    """Rays in pixels of a grid.
+
+    Attributes
+    ----------
+    rays : ndarray of float32, shape (n, 4)
+        x, y on the plane of offset 0, px, and slopes, px by unit of offset; OFF events first.
+    bounds : ndarray of int64, shape (3,)
+        Where OFF and ON events begin, and the end.
+    """
+
+    rays: F32
+    bounds: npt.NDArray[np.int64]
+
+    def slope_sums(self, offset: F32, polarity: int) -> F32:
+        """See `EvidenceField`."""
+        sums, start = np.zeros((*self.cells, 3), np.float32), sample_median(offset)
+        if start is not None:
+            first, last = int(self.bounds[polarity]), int(self.bounds[polarity + 1])
+            meet._meet(self.rays, first, last, offset, start, sums)
+        return sums
+
+    def support(self, offset: F32, polarity: int) -> F32:
+        """See `EvidenceField`."""
+        found, start = np.zeros(self.shape, np.float32), sample_median(offset)
+        if start is not None:
+            first, last = int(self.bounds[polarity]), int(self.bounds[polarity + 1])
+            meet._warp(self.rays, first, last, offset, start, found)
+        return found
+
+
+def sample_median(values: F32) -> np.float32 | None:
+    """Median of a sample of the values that are finite; None if there are none.
+
+    Of offsets it is where rays begin to look for the surface.
+    """
+    for sample in (values.ravel()[:: values.size // _SAMPLE + 1], values):
+        known = sample[np.isfinite(sample)]
+        if len(known):
+            return np.float32(np.sort(known)[len(known) // 2])
+    return None

@@ -11,13 +11,11 @@ from roller_core.transforms import F64
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
-from . import _meet_kernels as kernels
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .evidence_settings import EvidenceSettings
-from .field import RayField
+from .field import EvidenceField
 from .fit import fit_planes
-from .slope_statistics import sample_median
 from .sweep import Depths
 
 #: Neighbourhood from which the surface's slope is taken, px.
@@ -51,14 +49,14 @@ class Relief:
 
 
 def measured_pixels(
-    field: RayField, depths: list[Depths], settings: EvidenceSettings, threads: int = 1
+    field: EvidenceField, depths: list[Depths], settings: EvidenceSettings, threads: int = 1
 ) -> Relief:
     """Pixels on which events of one polarity gather, and the surface there.
 
     Parameters
     ----------
-    field : RayField
-        Rays.
+    field : EvidenceField
+        Events.
     depths : list of Depths
         Of OFF and of ON events.
     settings : EvidenceSettings
@@ -73,15 +71,12 @@ def measured_pixels(
     cells = [np.where(np.isfinite(found.offset), fitted, nowhere) for found in depths]
     scatter_px = (fit.scatter * px_per_offset).astype(np.float32)
     surfaces = [np.empty((0, 0), np.float32)] * 2
-    support, around = (np.zeros((2, *field.shape), np.float32) for _ in range(2))
+    support, around = (np.empty((2, *field.shape), np.float32) for _ in range(2))
 
     def gather(polarity: int) -> None:
         surfaces[polarity] = enlarge(cells[polarity])
-        start = sample_median(depths[polarity].offset)
-        if start is not None:
-            first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
-            kernels._warp(field.rays, first, last, surfaces[polarity], start, support[polarity])
-            around[polarity] = _around(support[polarity])
+        support[polarity] = field.support(surfaces[polarity], polarity)
+        around[polarity] = _around(support[polarity])
 
     share(threads, 2, gather)
     which = np.empty(field.shape, np.uint8)

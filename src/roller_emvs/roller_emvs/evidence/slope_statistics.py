@@ -9,11 +9,7 @@ import numpy as np
 
 from roller_emvs.rays import F32
 
-from . import _meet_kernels as kernels
-from .field import RayField
-
-#: Depths, at most, of which a median is taken.
-_SAMPLE = 1000
+from .field import EvidenceField
 
 
 @dataclass(frozen=True)
@@ -34,40 +30,24 @@ class SlopeStatistics:
     spread: F32
 
 
-def slope_statistics(field: RayField, offset: F32, polarity: int) -> SlopeStatistics:
+def slope_statistics(field: EvidenceField, offset: F32, polarity: int) -> SlopeStatistics:
     """Slopes of the events that meet the surface.
 
     Parameters
     ----------
-    field : RayField
-        Rays.
+    field : EvidenceField
+        Events.
     offset : ndarray of float32, shape (rows, columns)
         Surface on cells, NaN where there is none.
     polarity : int
         0 for OFF, 1 for ON events.
     """
-    sums = np.zeros((*field.cells, 3), np.float32)
-    start = sample_median(offset)
-    if start is not None:
-        first, last = int(field.bounds[polarity]), int(field.bounds[polarity + 1])
-        kernels._meet(field.rays, first, last, _grown(offset), start, sums)
+    sums = field.slope_sums(_grown(offset), polarity)
     count, slope, square = cv2.split(cv2.GaussianBlur(sums, (0, 0), 1.0))
     each = np.where(count > 0, 1.0 / np.maximum(count, 1e-9), 0.0).astype(np.float32)
     mean = slope * each
     variance = np.maximum(square * each - mean * mean, 0.0)
     return SlopeStatistics(count, mean, np.sqrt(12.0 * variance))
-
-
-def sample_median(values: F32) -> np.float32 | None:
-    """Median of a sample of the values that are finite; None if there are none.
-
-    Of offsets it is where rays begin to look for the surface.
-    """
-    for sample in (values.ravel()[:: values.size // _SAMPLE + 1], values):
-        known = sample[np.isfinite(sample)]
-        if len(known):
-            return np.float32(np.sort(known)[len(known) // 2])
-    return None
 
 
 def _grown(offset: F32) -> F32:

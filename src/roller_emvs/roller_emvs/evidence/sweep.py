@@ -23,7 +23,7 @@ from ._kernels import CELL_PX
 from .coarse import coarse_offset, coarse_planes
 from .edge_drift import edge_drift_depth_m
 from .evidence_settings import EvidenceSettings
-from .field import RayField
+from .field import EvidenceField, RayField, sample_median
 from .focus_measure import (
     I32,
     blur,
@@ -35,7 +35,7 @@ from .focus_measure import (
     tiles_reached,
     tiles_searched,
 )
-from .slope_statistics import sample_median, slope_statistics
+from .slope_statistics import slope_statistics
 
 #: The fine depth is searched this far to either side of the coarse one, px of parallax.
 _SEARCH_PX = 8.0
@@ -106,9 +106,7 @@ def find_depths(
         ends = (float(coarse[0]), float(coarse[-1]))
         share(threads, 2, sort)
         near = coarse_offset(field, [b for b in bands if b is not None], coarse, parts, threads)
-        reach = int(np.ceil(_SEARCH_PX * s.planes_per_px))
-        number = np.nan_to_num((near - at[0]) / (at[1] - at[0]), nan=-1e6).round().astype(np.int32)
-        first, last = number - reach, number + reach
+        first, last, reach = planes_near(near, at, s)
     found: list[Depths | None] = [None, None]
 
     def look(k: int) -> None:
@@ -121,15 +119,54 @@ def find_depths(
             tiles, reached = tiles_searched(field, first, last, len(at)), reach
         # Polarities are shared already.
         measure = focus_measure_by_plane(rays, field, at, reached, tiles, max(threads // 2, 1))
-        depths = _peaks(_follow(measure, field, at), at, first, last, field, s)
-        found[k] = _checked(field, depths, k, high - low, s)
+        found[k] = sharpest(field, measure, at, first, last, k, s)
 
     share(threads, 2, look)
     return [f for f in found if f is not None]
 
 
+def planes_near(near: F32, at: F64, settings: EvidenceSettings) -> tuple[I32, I32, int]:
+    """First and last plane around a coarse offset, by cell, and how many lie to either side.
+
+    Where the offset is NaN both lie before all planes.
+    """
+    reach = int(np.ceil(_SEARCH_PX * settings.planes_per_px))
+    number = np.nan_to_num((near - at[0]) / (at[1] - at[0]), nan=-1e6).round().astype(np.int32)
+    return number - reach, number + reach, reach
+
+
+def sharpest(
+    field: EvidenceField,
+    measure: F32,
+    at: F64,
+    first: I32,
+    last: I32,
+    polarity: int,
+    settings: EvidenceSettings,
+) -> Depths:
+    """Depth of a polarity from the sharpness of its votes.
+
+    Parameters
+    ----------
+    field : EvidenceField
+        Events.
+    measure : ndarray of float32, shape (planes, rows, columns)
+        Focus measure by cell.
+    at : ndarray of float64, shape (planes,)
+        Offsets of the planes, one beyond either end of the range.
+    first, last : ndarray of int32, shape (rows, columns)
+        Planes between which each cell is searched.
+    polarity : int
+        0 for OFF, 1 for ON events.
+    settings : EvidenceSettings
+        Neighbourhoods, thresholds.
+    """
+    depths = _peaks(_follow(measure, field, at), at, first, last, field, settings)
+    return _checked(field, depths, polarity, float(at[-2] - at[1]), settings)
+
+
 def _checked(
-    field: RayField, depths: Depths, polarity: int, span: float, s: EvidenceSettings
+    field: EvidenceField, depths: Depths, polarity: int, span: float, s: EvidenceSettings
 ) -> Depths:
     """Depths whose own events have parallax, with the drift of edges taken out.
 
@@ -153,7 +190,7 @@ def _checked(
     return replace(depths, offset=offset, confidence=confidence)
 
 
-def _follow(measure: F32, field: RayField, at: F64) -> F32:
+def _follow(measure: F32, field: EvidenceField, at: F64) -> F32:
     """Focus measure of each column along the middle of the rays it was seen by.
 
     A column at the image's border was seen from one side alone. From plane to plane its edges
@@ -168,7 +205,7 @@ def _follow(measure: F32, field: RayField, at: F64) -> F32:
 
 
 def _peaks(
-    measure: F32, at: F64, first: I32, last: I32, field: RayField, s: EvidenceSettings
+    measure: F32, at: F64, first: I32, last: I32, field: EvidenceField, s: EvidenceSettings
 ) -> Depths:
     """Sharpest plane of each cell and where its evidence lies."""
     scores = blur(measure, s.sigma_px)

@@ -99,7 +99,7 @@ def _window_field(
     )
     seconds = max((packets.end_ns - packets.start_ns) * 1e-9, 1e-9)
     speed = float(travel.max()) * middle / seconds
-    field = RayField(placed, bounds, padded, slopes, -middle / focal, -(middle**2), focal, speed)
+    field = RayField(padded, slopes, -middle / focal, -(middle**2), focal, speed, placed, bounds)
     return field, turned
 
 

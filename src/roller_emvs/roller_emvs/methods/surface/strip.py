@@ -252,5 +252,5 @@ def block_field(strip: Strip, block: Block) -> tuple[RayField, float, float]:
     columns = left + (np.arange(shape[1] // CELL_PX) + 0.5) * size
     slopes = np.stack(strip.slopes_seen(columns)) / pixel
     speed = strip.speed_m_s / pixel
-    field = RayField(ordered, bounds, shape, slopes, pixel, 1.0, strip.focal_px, speed)
+    field = RayField(shape, slopes, pixel, 1.0, strip.focal_px, speed, ordered, bounds)
     return field, left, top
