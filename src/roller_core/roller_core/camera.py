@@ -267,6 +267,10 @@ class Camera:
 
     def to_yaml(self, path: Path | str, name: str = "event_camera") -> None:
         """Write a ROS camera_info YAML file."""
+        Path(path).write_text(self.yaml_text(name))
+
+    def yaml_text(self, name: str = "event_camera") -> str:
+        """The text of a ROS camera_info YAML file."""
         projection = np.hstack([self.K, np.zeros((3, 1))]).ravel().tolist()
         data = {
             "image_width": self.width,
@@ -282,4 +286,4 @@ class Camera:
             "rectification_matrix": {"rows": 3, "cols": 3, "data": np.eye(3).ravel().tolist()},
             "projection_matrix": {"rows": 3, "cols": 4, "data": projection},
         }
-        Path(path).write_text(yaml.safe_dump(data, sort_keys=False))
+        return str(yaml.safe_dump(data, sort_keys=False))

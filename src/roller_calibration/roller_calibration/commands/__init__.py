@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from . import flat, hand_eye, scale, sphere, time_offset
+from . import flat, hand_eye, intrinsics, scale, sphere, time_offset
 
 __all__ = ["add_parser", "rewritten"]
 
@@ -20,7 +20,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         f"`{_TIME_OFFSET}` is another form of `time-offset`.",
     )
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
-    for module in (sphere, flat, time_offset, hand_eye, scale):
+    for module in (intrinsics, hand_eye, time_offset, flat, sphere, scale):
         module.add_parser(kinds)
 
 

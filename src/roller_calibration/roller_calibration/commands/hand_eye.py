@@ -9,12 +9,16 @@ from typing import Any
 import numpy as np
 
 from roller_core.calibration_file import CalibrationError, calibration_record
+from roller_core.camera import Camera
+from roller_core.output_folder import write_marked_file
 from roller_core.progress import progress_bar
 from roller_core.transforms import F64
 
+from .intrinsics import add_grid_options, grid_of
 from .output import add_kind, write
 
 _NUMBERS = 14
+_PAIRS_MARK = "# pairs of poses, tool in base, then target in camera, by roller calibrate hand-eye"
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -22,8 +26,8 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     texts = (
         "the camera's place on the tool",
         "The camera's place on the tool, from pairs of poses of the robot and of a target that "
-        "stands still, such as a board seen without the skin; or how the camera is turned, from "
-        "a scan.",
+        "stands still: from a recording of the dot grid that `intrinsics` describes, or from a "
+        "file; or how the camera is turned, from a scan.",
     )
     parser = add_kind(
         kinds, "hand-eye", run, "emvs; with --scan also ur10, the camera's place so far", texts
@@ -35,9 +39,19 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "(metres); # begins a comment",
     )  # fmt: skip
     given.add_argument(
+        "--grid-recording", type=Path, metavar="RECORDING",
+        help="the robot stands still for 2 s at each of ten poses or more, from which the camera "
+        "sees the blinking grid; with --pitch-mm",
+    )  # fmt: skip
+    given.add_argument(
         "--scan", type=Path, metavar="RECORDING",
         help="a straight pass over a flat plate with texture, level in base: how the camera is "
         "turned; its position on the tool can't be found from it",
+    )  # fmt: skip
+    add_grid_options(parser)
+    parser.add_argument(
+        "--pairs", type=Path, dest="pairs_output", metavar="FILE",
+        help="with --grid-recording: write the pairs of poses too",
     )  # fmt: skip
 
 
@@ -49,13 +63,46 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If the file can't be read or its poses give nothing.
     """
-    return _from_scan(args) if args.scan else _from_pairs(args)
+    if args.scan:
+        return _from_scan(args)
+    if args.grid_recording:
+        camera, tools, targets = _from_grid(args)
+        return _from_pairs(args, args.grid_recording, camera, tools, targets)
+    return _from_pairs(args, args.pairs, None, *_read(args.pairs))
 
 
-def _from_pairs(args: argparse.Namespace) -> int:
+def _from_grid(args: argparse.Namespace) -> tuple[Camera, list[F64], list[F64]]:
+    """The camera, and pairs of poses at the views of the grid."""
+    from roller_calibration.grid_poses import pairs_of_poses
+    from roller_core.settings import read_parameters
+
+    frames = read_parameters(args.params, "emvs") if args.params else {}
+    names = {k: str(frames[k]) for k in ("base_frame", "moving_frame") if k in frames}
+    camera, pairs = pairs_of_poses(
+        args.grid_recording, grid_of(args), args.camera, args.topic, **names
+    )
+    if args.pairs_output:
+        rows = [f"{_numbers(tool)} {_numbers(target)}" for tool, target in pairs]
+        text = "\n".join([_PAIRS_MARK, "# x y z qx qy qz qw each, metres", *rows, ""])
+        write_marked_file(args.pairs_output, text, _PAIRS_MARK)
+    return camera, [tool for tool, _ in pairs], [target for _, target in pairs]
+
+
+def _numbers(pose: F64) -> str:
+    from tf_transformations import quaternion_from_matrix
+
+    return " ".join(f"{v:.9f}" for v in (*pose[:3, 3], *quaternion_from_matrix(pose)))
+
+
+def _from_pairs(
+    args: argparse.Namespace,
+    source: Path,
+    camera: Camera | None,
+    tools: list[F64],
+    targets: list[F64],
+) -> int:
     from roller_calibration.hand_eye import find_hand_eye
 
-    tools, targets = _read(args.pairs)
     found = find_hand_eye(tools, targets)
     worst = int(np.argmax(found.residuals_m)) + 1
     residuals = (
@@ -64,7 +111,7 @@ def _from_pairs(args: argparse.Namespace) -> int:
         f"and {found.residuals_deg.max():.3f}° at most"
     )
     record = calibration_record(
-        "", [args.pairs], None, rms_m=found.rms_m, rms_deg=found.rms_deg, pairs=len(tools)
+        "", [source], camera, rms_m=found.rms_m, rms_deg=found.rms_deg, pairs=len(tools)
     )
     return _finish(args, [_place(found.pose), residuals], found.pose, record)
 

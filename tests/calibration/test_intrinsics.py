@@ -1,0 +1,116 @@
+"""Intrinsics and hand-eye from a blinking grid of dots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.blinking_grid import GRID, dots_image, target_poses, write_grid_bag
+from roller_bringup.cli import main
+from roller_calibration.dot_grid import GridView, edge_width_px, find_grid
+from roller_calibration.intrinsics import IntrinsicsError, find_intrinsics, grid_in_camera
+from roller_core.camera import Camera
+from roller_core.settings import read_parameters
+from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
+
+CAMERA = Camera(640, 480, 1066.0, 1069.0, 322.5, 236.0, (-0.08, 0.11, 0.001, -0.0005))
+HAND_EYE = pose_matrix([0.02, -0.013, 0.11], rotation_vector_to_quaternion([0.1, -0.2, 1.3]))
+
+
+def exact_views(poses: list[np.ndarray], noise_px: float = 0.05) -> list[GridView]:
+    rng = np.random.default_rng(2)
+    points = GRID.points_m.astype(float)
+    seen = [CAMERA.project(points @ p[:3, :3].T + p[:3, 3]) for p in poses]
+    return [
+        GridView(k, k + 1, (p + rng.normal(0, noise_px, p.shape)).astype(np.float32), 1.0)
+        for k, p in enumerate(seen)
+    ]
+
+
+def test_the_grid_is_found_where_it_is_with_hot_pixels_about() -> None:
+    pose = target_poses(1, 30.0)[0]
+    counts = np.random.default_rng(1).binomial(16, dots_image(CAMERA, pose))
+    counts[50, 60] = 100_000
+    dots = find_grid(counts, GRID)
+    assert dots is not None
+    true = CAMERA.project(GRID.points_m.astype(float) @ pose[:3, :3].T + pose[:3, 3])
+    # A disc's middle isn't quite the middle of its image where the target is tilted.
+    assert np.abs(dots - true).max() < 0.35
+    assert find_grid(np.zeros((480, 640), int), GRID) is None
+    assert find_grid(np.random.default_rng(2).poisson(2.0, (480, 640)), GRID) is None
+
+
+def test_edges_are_as_wide_as_the_lens_makes_them() -> None:
+    pose = target_poses(1, 20.0)[0]
+    widths = []
+    for blur in (1.0, 2.0, 3.0):
+        counts = np.random.default_rng(1).binomial(200, dots_image(CAMERA, pose, blur))
+        dots = find_grid(counts, GRID)
+        assert dots is not None
+        widths.append(edge_width_px(counts, dots, GRID))
+    # From 20 to 80 % of a Gaussian edge it is 1.68 of its deviation; sharper means narrower.
+    assert widths == pytest.approx([1.68, 3.37, 5.05], rel=0.25)
+
+
+def test_intrinsics_are_found_within_their_deviations() -> None:
+    found = find_intrinsics(exact_views(target_poses(15, 35.0)), GRID, (640, 480))
+    c = found.camera
+    off = np.array([c.fx, c.fy, c.cx, c.cy]) - [CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy]
+    assert (np.abs(off) < 4 * found.deviation).all()
+    assert found.deviation.max() < 3.0
+    pose = target_poses(1, 20.0, seed=9)[0]
+    view = exact_views([pose], 0.0)[0]
+    np.testing.assert_allclose(grid_in_camera(view, GRID, CAMERA), pose, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("views", "says"),
+    [
+        (exact_views(target_poses(4, 35.0)), "4 different views"),
+        (exact_views(target_poses(1, 35.0)) * 30, "1 different views"),
+        (exact_views(target_poses(12, 0.3)), "focal length stays open"),
+        (exact_views(target_poses(12, 35.0), 3.0), "don't fit one camera"),
+    ],
+)
+def test_views_that_say_too_little_are_refused(views: list[GridView], says: str) -> None:
+    with pytest.raises(IntrinsicsError, match=says):
+        find_intrinsics(views, GRID, (640, 480))
+
+
+@pytest.mark.scan
+def test_recordings_give_a_camera_and_its_place_on_the_tool(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    poses = target_poses(12, 35.0)
+    bag = write_grid_bag(tmp_path / "views", CAMERA, poses)  # no calibration, no robot
+    file = tmp_path / "camera.yaml"
+    words = ["calibrate", "intrinsics", str(bag), "--pitch-mm", "4", "--output", str(file)]
+    assert main(words) == 0
+    assert "12 views" in capsys.readouterr().out
+    camera = Camera.from_yaml(file)
+    assert camera.fx == pytest.approx(CAMERA.fx, rel=3e-3)
+    assert (camera.cx, camera.cy) == pytest.approx((CAMERA.cx, CAMERA.cy), abs=8.0)
+
+    bag = write_grid_bag(tmp_path / "with_robot", CAMERA, poses, HAND_EYE)
+    out, pairs = tmp_path / "hand_eye.yaml", tmp_path / "pairs.txt"
+    words = ["calibrate", "hand-eye", "--grid-recording", str(bag), "--pitch-mm", "4"]
+    assert main([*words, "--pairs", str(pairs), "--output", str(out)]) == 0
+    place = read_parameters(out, "ur10")["hand_eye_m"]
+    np.testing.assert_allclose(place, HAND_EYE[:3, 3], atol=5e-4)
+    assert main(["calibrate", "hand-eye", str(pairs)]) == 0
+
+    file.write_text("not ours")
+    words = ["calibrate", "intrinsics", str(bag), "--pitch-mm", "4", "--output", str(file)]
+    assert main(words) == 1
+    assert file.read_text() == "not ours"
+    words[words.index("4")] = "0"
+    assert main(words) == 1
+    assert "--pitch-mm 0" in capsys.readouterr().err
+
+
+def test_a_page_with_the_target_is_written(tmp_path: Path) -> None:
+    page = tmp_path / "target.html"
+    assert main(["calibrate", "intrinsics", "--target", str(page)]) == 0
+    assert page.read_text().count("<circle") == 44
