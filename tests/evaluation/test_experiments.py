@@ -85,7 +85,10 @@ def test_tables_hold_mean_deviation_and_coverage() -> None:
     assert rows["BMA, the paper"] == ("BMA, the paper", "58.1", "94.6", "12.0", "54.9")
     assert rows["BMA"][1] == "200.3 ± 100.0 (50%)"
     assert rows["focus"][4] == "200.3 ± 100.0 (50%)"
-    assert dict((r[0], r[1]) for r in found["objects"].rows)["all"] == "62.0 ± 4.7"
+    by_name = {r[0]: r for r in found["objects"].rows}
+    assert by_name["all"][1:3] == ("62.0 ± 4.7", "200.3 ± 100.0 (50%)")
+    # One pass in the lights beside the ring.
+    assert by_name["all, dome"][1:3] == by_name["sphere, strong"][1:3] == ("–", "100.3 (50%)")
     lines = {row[0]: row for row in found["lines"].rows}
     assert lines["EMVS"][1:4] == ("67", "5.0 (25%)", "10.0")
     assert [row[0] for row in found["force"].rows] == ["light", "medium", "full"]
@@ -130,7 +133,7 @@ def test_the_search_of_weights_is_the_pipeline_with_its_own(stairs: Scan) -> Non
 def test_a_run_writes_its_files(cell: dict[str, Any], tmp_path: Path) -> None:
     options = EvaluationOptions(
         only=("speed", "objects"), repeats=1, objects=("stairs",), speeds=(0.3,),
-        cell=cell, quick=True,
+        lights=("ring", "dome"), cell=cell, quick=True,
     )  # fmt: skip
     found = run_evaluation(options, tmp_path)
     assert list(found["tables"]) == ["objects", "speed"]
@@ -138,7 +141,11 @@ def test_a_run_writes_its_files(cell: dict[str, Any], tmp_path: Path) -> None:
     result = json.loads((tmp_path / "evaluation.json").read_text(), parse_constant=pytest.fail)
     assert result["rows"] == json.loads(json.dumps(found["rows"]))
     own = where(result["rows"], measure="depth", scene="stairs")
-    assert [row["method"] for row in own] == list(OURS)
+    assert [(r["light"], r["method"]) for r in own] == [
+        (light, method) for light in ("ring", "dome") for method in OURS
+    ]
+    ring, dome = (where(own, method="focus", light=light)[0] for light in ("ring", "dome"))
+    assert ring["mae_um"] != dome["mae_um"]
     assert (tmp_path / "rows.csv").read_text().count("\n") == len(result["rows"]) + 1
 
 
@@ -172,6 +179,7 @@ def test_the_page_of_results_is_made_from_rows(tmp_path: Path) -> None:
     assert "| sphere | 94.6 ± 8.1 | 150.5 ± 70.7 (50%) |" in text
     assert "| focus | 0.3 | 2.0 ± 0.0 | 20 mm of travel | 200 | 300 | 100.3 | 50% |" in text
     assert "| default | 12% | 12% |" in text
+    assert "| focus, dome | 100.3 (50%) | 100.3; 1.0 | 100.5 (50%) | 100.5; 1.0 |" in text
     assert "](speed_vs_error.png)" in text
     assert (tmp_path / "speed_vs_error.png").stat().st_size > 15_000
     assert len(processing_time(result["time"]).rows) == 1 + 2 * len(FUSIONS)

@@ -94,6 +94,21 @@ def test_each_part_of_the_light_can_be_switched(part):
     assert out[0] == pytest.approx(0.0, abs=0.01)
 
 
+def test_the_dome_lights_a_slope_the_same_wherever_it_is_in_the_image():
+    light = LightSettings.create({"kind": "dome"})
+    vector = light_vector(light, 17.0)
+    xn, slope = (a.ravel().astype(np.float32) for a in
+                 np.meshgrid(np.linspace(-0.3, 0.3, 7), np.linspace(-2, 2, 9)))  # fmt: skip
+    zero, out = np.zeros_like(xn), np.empty_like(xn)
+    for depth in (43.5, 46.5):
+        z = np.full_like(xn, depth)
+        kernels._shade_row(xn, zero, z, slope, zero, zero, vector, out)
+        upright = 1 / np.sqrt(1 + slope**2)
+        gloss = 0.15 / (1 + (slope / 0.6) ** 2) ** 2
+        want = np.log(0.5 * (1 + upright) + 0.5 * upright + gloss)
+        np.testing.assert_allclose(out, want, atol=1e-5)
+
+
 def test_speckle_has_the_strength_and_length_set():
     light = LightSettings.create({"speckle": 0.04, "speckle_mm": 0.2})
     noise = speckle((400, 500), 0.02, light, 5)

@@ -10,6 +10,7 @@ from typing import Any
 from roller_braille.reader_settings import POSE_SMOOTHING, BrailleSettings
 from roller_core.progress import OnProgress, no_progress
 from roller_sim.cell_settings import SensorSettings
+from roller_sim.presets import LIGHTS
 
 from .cases import Case, ScanCase
 from .rows import where
@@ -17,9 +18,9 @@ from .run import run
 from .tables import write_json
 
 _SENSOR = SensorSettings.create({})
-#: Less scattered light and a narrower lobe: dots give as many events as models of event sensors
-#: give at a threshold of 0.25, 27 to 30 million a second over two lines at 0.5 m/s.
-_STRONG = {"ambient": 0.3, "specular": 0.35, "lobe_slope": 0.3}
+#: Dots give as many events as models of event sensors give at a threshold of 0.25, 27 to 30
+#: million a second over two lines at 0.5 m/s.
+_STRONG = LIGHTS["strong"]["light"]
 _STRONG_THRESHOLD = 0.25
 _NOISY = {"background_hz": 10 * _SENSOR.background_hz}
 #: Light and sensor, as changes of the virtual cell's settings by group.

@@ -24,7 +24,7 @@ from .experiments import (
 from .measures import pictured
 from .page import page
 from .paper_plots import draw_object, draw_speed
-from .paper_tables import processing_time, tables
+from .paper_tables import by_light, processing_time, tables
 from .rows import provenance, write_rows
 from .run import run, run_timed
 from .scans import ScanStore
@@ -77,6 +77,8 @@ def run_evaluation(
     result: dict[str, Any] = {"facts": _facts(o), "options": asdict(o), "rows": rows}
     shown: dict[str, list[Table]] = {name: [table] for name, table in found.items()}
     figures: dict[str, list[tuple[str, bytes]]] = {}
+    if "objects" in only:
+        shown["objects"].append(by_light(rows, o))
     if "speed" in only:
         figures["speed"] = [("Error and coverage by speed", draw_speed(rows, o))]
     if "objects" in only and o.pictures:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from roller_sim.objects import OBJECTS
+from roller_sim.presets import LIGHTS
 
 from .cases import Case, ScanCase
 from .paper_values import LARGE_UM
@@ -55,6 +56,9 @@ class EvaluationOptions:
         Of the experiment on speed, m/s.
     large : tuple of str
         The large plates.
+    lights : tuple of str
+        Of the virtual cell's `LIGHTS`; the objects are rolled over once in each but the ring,
+        which is that of all other experiments.
     cell : mapping
         Settings of the virtual cell that differ from its defaults.
     quick : bool
@@ -71,6 +75,7 @@ class EvaluationOptions:
     objects: tuple[str, ...] = tuple(OBJECTS)
     speeds: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
     large: tuple[str, ...] = tuple(LARGE_UM)
+    lights: tuple[str, ...] = tuple(LIGHTS)
     cell: Mapping[str, Any] = field(default_factory=dict)
     quick: bool = False
     conditions: tuple[str, ...] = ()
@@ -100,17 +105,29 @@ class EvaluationOptions:
         return tuple(name for name in CALIBRATION_SET if name in self.objects)
 
 
+def object_speeds(options: EvaluationOptions) -> list[float]:
+    """Speeds at which the objects are rolled over, m/s."""
+    return [v for name, v in (("objects", SPEED), ("sensors", FAST)) if name in options.only]
+
+
 def experiment_cases(options: EvaluationOptions) -> list[Case]:
     """What the experiments measure, pass by pass; what several of them take is there once."""
     o = options
     cases: dict[str, Case] = {}
 
-    def add(scan: ScanCase, measure: str, *methods: str, contact: str = "full") -> None:
-        pressed = scan.changed(skin={"contact": contact})
+    def add(
+        scan: ScanCase, measure: str, *methods: str, contact: str = "full", light: str = "ring"
+    ) -> None:
+        pressed = scan.changed(**LIGHTS[light]).changed(skin={"contact": contact})
         for method in methods:
-            case = Case(pressed, measure, method, {}, {"contact": contact})
+            case = Case(pressed, measure, method, {}, {"contact": contact, "light": light})
             cases.setdefault(case.key, case)
 
+    for speed in object_speeds(o):
+        for light in o.lights:
+            for seed in o.seeds if light == "ring" else o.seeds[:1]:
+                for name in o.objects:
+                    add(ScanCase(name, speed, seed, o.cell), "depth", *OURS, light=light)
     for seed in o.seeds:
 
         def scan(name: str, speed: float = SPEED, seed: int = seed) -> ScanCase:
@@ -123,9 +140,6 @@ def experiment_cases(options: EvaluationOptions) -> list[Case]:
         if "fusion" in o.only:
             for name in o.calibration_set:
                 add(scan(name), "depth", *FUSIONS)
-        if "objects" in o.only:
-            for name in o.objects:
-                add(scan(name), "depth", *OURS)
         if "speed" in o.only:
             for speed in o.speeds:
                 add(scan("sphere", speed), "depth", *FUSIONS)
@@ -139,9 +153,6 @@ def experiment_cases(options: EvaluationOptions) -> list[Case]:
         if "large" in o.only:
             for plate in o.large:
                 add(scan(plate), "plate", *OURS)
-        if "sensors" in o.only:
-            for name in o.objects:
-                add(scan(name, FAST), "depth", *OURS)
     return list(cases.values())
 
 

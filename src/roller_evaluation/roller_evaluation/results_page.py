@@ -9,8 +9,8 @@ from typing import Any
 
 from .bench import PAPER, fronts, summarise
 from .bench_plots import draw_speed_vs_error
-from .experiments import FAST, SPEED, EvaluationOptions
-from .paper_tables import objects, processing_time
+from .experiments import SPEED, EvaluationOptions, object_speeds
+from .paper_tables import by_light, objects, processing_time
 from .rows import Row, where
 from .tables import Table, share, write_markdown
 
@@ -39,10 +39,8 @@ def write_results(
     UnwritableOutputError
         If it can't be written.
     """
-    found = []
-    for name, speed in (("objects", SPEED), ("sensors", FAST)):
-        if name in options.only:
-            found.append(objects(result["rows"], options, speed))
+    found = [by_light(result["rows"], options)] if object_speeds(options) else []
+    found += [objects(result["rows"], options, speed) for speed in object_speeds(options)]
     picture = ""
     if "time" in result:
         cases = summarise(result["time"])

@@ -86,12 +86,17 @@ class SkinSettings(Settings):
 
 
 class LightSettings(Settings):
-    """The LED ring, the coating and the scattered light; strengths count at the plate's middle."""
+    """Light and coating; strengths count at the plate's middle."""
 
+    kind: Literal["ring", "dome"] = Field(
+        "ring",
+        description="ring: LEDs that travel with the camera; dome: diffuse light that does not: "
+        "brightness depends on the slope alone.",
+    )
     ambient: float = Field(
         1.0, ge=0.0, le=10.0, description="Light scattered in the roller, from the dome above."
     )
-    diffuse: float = Field(0.5, ge=0.0, le=10.0, description="Matt part of the ring's light.")
+    diffuse: float = Field(0.5, ge=0.0, le=10.0, description="Matt part of the directed light.")
     specular: float = Field(0.15, ge=0.0, le=10.0, description="Semi-specular part of it.")
     lobe_slope: float = Field(0.6, ge=0.02, le=3.0, description="Width of the lobe, as a slope.")
     ring_radius_mm: float = Field(20.0, ge=0.0, le=40.0, description="Radius of the LED ring, mm.")

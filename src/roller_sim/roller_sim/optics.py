@@ -1,4 +1,4 @@
-"""Ring light, coating and the maps that the renderer reads."""
+"""Light, coating and the maps that the renderer reads."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from .relief import F32, F64, HeightMap
 #: Depths the light is fitted over, mm.
 _Z_MID, _Z_HALF = 45.0, 2.5
 _R_SQ_UNIT = 200.0
+#: Distance of the dome's light, mm: from there a place in the image makes no difference.
+_FAR_MM = 1e9
 #: Squares of the coarse map, how far from relief they count as near it, and what counts as level.
 _COARSE_MM, _NEAR_MM, _LEVEL_MM = 0.25, 0.5, 2e-4
 
@@ -55,7 +57,8 @@ def light_vector(light: LightSettings, radius_mm: float) -> F32:
 
     The ring's field is symmetric about the axis: G = (-x·A, -y·A, -B) with A and B smooth
     functions of r² and z, kept as polynomials. Scaled so that a flat plate at the image's middle
-    receives `diffuse` and `specular` from the ring.
+    receives `diffuse` and `specular` from the ring. The dome's field is the same everywhere, and
+    its lobe stands about the plate's normal.
 
     Parameters
     ----------
@@ -79,12 +82,17 @@ def light_vector(light: LightSettings, radius_mm: float) -> F32:
     side = np.linalg.lstsq(basis, -gx / rr / middle, rcond=None)[0]
     front = np.linalg.lstsq(basis, -gz / middle, rcond=None)[0]
     # Normals' slopes seen from the surface: half-way between lens and ring.
-    alpha = light.ring_radius_mm / (2 * (_Z_MID - light.ring_z_mm / 2))
+    alpha, half_way = (
+        light.ring_radius_mm / (2 * (_Z_MID - light.ring_z_mm / 2)),
+        light.ring_z_mm / 2,
+    )
+    if light.kind == "dome":
+        side, front, alpha, half_way = np.zeros(len(side)), np.eye(len(front))[0], 0.0, -_FAR_MM
     inv_m2 = 1.0 / light.lobe_slope**2
     at_rest = 1.0 / (1.0 + alpha**2 * inv_m2) ** 2
     total = light.ambient + light.diffuse + light.specular
     out = [light.ambient, light.diffuse, light.specular / at_rest, inv_m2, alpha**2]
-    out += [light.ring_z_mm / 2, _Z_MID, 1.0 / _Z_HALF, 1.0 / _R_SQ_UNIT]
+    out += [half_way, _Z_MID, 1.0 / _Z_HALF, 1.0 / _R_SQ_UNIT]
     out += [*side, *front, 0.01 * total]
     return np.array(out, np.float32)
 

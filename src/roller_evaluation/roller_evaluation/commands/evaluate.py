@@ -11,6 +11,7 @@ from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
 from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
+from roller_sim.presets import LIGHTS
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -28,6 +29,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--only", type=words, metavar="A,B", help="experiments, of those below")
     parser.add_argument("--repeats", type=int, metavar="N", help="passes of each kind (5)")
     parser.add_argument("--seed", type=int, help="seed of the first pass (1)")
+    parser.add_argument("--lights", type=words, metavar="A,B", help="of ring, dome, strong (all)")
     parser.add_argument(
         "--conditions", type=words, metavar="A,B", help="Braille: light and sensor (all)"
     )
@@ -63,8 +65,9 @@ def _run_all(args: argparse.Namespace) -> int:
     from roller_evaluation.results_page import write_results
     from roller_evaluation.tables import show_tables
 
-    chosen = given(args, "only", "repeats", "seed", "conditions")
+    chosen = given(args, "only", "repeats", "seed", "lights", "conditions")
     check_names("only", chosen.get("only", ()), EXPERIMENTS)
+    check_names("lights", chosen.get("lights", ()), LIGHTS)
     check_names("conditions", chosen.get("conditions", ()), CONDITIONS)
     if chosen.get("repeats", 1) < 1 or args.jobs < 1 or chosen.get("seed", 0) < 0:
         raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")

@@ -17,6 +17,7 @@ from roller_core.settings import read_parameters
 from roller_sim.bag import write_bag
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import VirtualCellSettings
+from roller_sim.presets import COATINGS, LIGHTS
 from roller_sim.scenes import SCENES
 
 NODE = "virtual_cell"
@@ -38,6 +39,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--contact", choices=["light", "medium", "full"], help="how hard it presses"
     )
+    parser.add_argument("--light", choices=LIGHTS, help="light and sensor (ring)")
+    parser.add_argument("--coating", choices=COATINGS, help="what is printed on the skin (plain)")
     parser.add_argument("--threshold", type=float, help="contrast threshold of the sensor")
     parser.add_argument("--rate-cap", type=float, help="most events read out, 10^6/s")
     parser.add_argument("--encoding", help="mono, libcaer, libcaer_cmp or evt3")
@@ -65,6 +68,10 @@ def settings_from(args: argparse.Namespace) -> VirtualCellSettings:
     if args.params is not None:
         known = VirtualCellSettings.model_fields
         values = {k: v for k, v in read_parameters(args.params, NODE).items() if k in known}
+    for preset in (LIGHTS.get(args.light, {}), COATINGS.get(args.coating, {})):
+        for group, entries in preset.items():
+            for name, value in entries.items():
+                _put(values, f"{group}.{name}", value)
     options = {
         "scene.name": args.scene,
         "scene.text": args.text,
