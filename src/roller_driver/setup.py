@@ -18,6 +18,9 @@ setup(
     install_requires=["setuptools"],
     zip_safe=True,
     entry_points={
+        "roller.commands": [
+            "motion = roller_driver.commands.motion",
+        ],
         "console_scripts": [
             "event_camera_node = roller_driver.nodes:event_camera",
             "ur10_node = roller_driver.nodes:ur10",

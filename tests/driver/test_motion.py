@@ -1,0 +1,136 @@
+"""The example of a rolling pass: its line, speed and ramps, and what a controller makes of it."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from driver.emulation.controller_process import ControllerProcess
+from own import LOOPBACK
+from roller_bringup.cli import main
+from roller_core.errors import RollerError
+from roller_driver.motion.kinematics import ARMS, KinematicsError
+from roller_driver.motion.programs import joint_trajectory, urscript
+from roller_driver.motion.rolling_pass import RollingPass
+
+NEAR_RAD = np.radians([10.0, -80.0, 110.0, -120.0, -90.0, 0.0])
+TCP = np.eye(4)
+TCP[2, 3] = 0.15
+SPEED = 0.25
+
+
+def rolling(**other: object) -> RollingPass:
+    values = {"start_m": (0.55, -0.2, 0.1), "end_m": (0.75, -0.15, 0.1), "speed_m_s": SPEED}
+    return RollingPass.create({**values, **other}, "test")
+
+
+@given(speed=st.floats(0.005, 0.5), acceleration=st.floats(0.05, 3.0), length=st.floats(0.005, 2.0))
+def test_speed_and_acceleration_are_kept(speed: float, acceleration: float, length: float) -> None:
+    a_pass = rolling(end_m=(0.55 + length, -0.2, 0.1), speed_m_s=speed,
+                     acceleration_m_s2=acceleration)  # fmt: skip
+    t = np.linspace(0, a_pass.duration_s, 20001)
+    x = a_pass.positions_m(t)[:, 0]
+    v = np.gradient(x, t)
+    assert v.max() <= speed * (1 + 1e-3)
+    assert np.abs(np.gradient(v, t))[2:-2].max() <= acceleration * 1.02
+    over_part = (x >= 0.55 + 1e-6) & (x <= 0.55 + length - 1e-6)
+    assert v[over_part][3:-3] == pytest.approx(speed, rel=2e-3)
+    before, after = a_pass.ends_m
+    assert (x[0], x[-1]) == pytest.approx((before[0], after[0]), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ur10", "ur10e"])
+def test_joints_come_back_from_their_flange(name: str) -> None:
+    arm, rng = ARMS[name], np.random.default_rng(1)
+    for _ in range(20):
+        true = NEAR_RAD + rng.uniform(-0.3, 0.3, 6)
+        found = arm.joints(arm.flange(true), true + rng.uniform(-0.15, 0.15, 6))
+        np.testing.assert_allclose(found, true, atol=1e-8)
+        step = 1e-6 * np.eye(6)
+        slopes = [(arm.flange(true + s) - arm.flange(true - s))[:3, 3] / 2e-6 for s in step]
+        np.testing.assert_allclose(arm.jacobian(true)[:3].T, slopes, atol=1e-8)
+    # All stretched upwards, as Universal Robots' own table has it.
+    d = arm.d_m
+    up = arm.flange(np.array([0, -np.pi / 2, 0, -np.pi / 2, 0, 0]))[:3, 3]
+    assert up == pytest.approx([0, -d[3] - d[5], d[0] - arm.a_m[1] - arm.a_m[2] + d[4]], abs=1e-9)
+
+
+def test_the_trajectory_stays_on_the_line_within_a_micrometre() -> None:
+    a_pass = rolling()
+    points = joint_trajectory(a_pass, ARMS["ur10"], NEAR_RAD, TCP)["trajectory"]["points"]
+    t = np.array([p["time_from_start"]["sec"] + p["time_from_start"]["nanosec"] * 1e-9
+                  for p in points])  # fmt: skip
+    poses = [ARMS["ur10"].flange(np.array(p["positions"])) @ TCP for p in points]
+    np.testing.assert_allclose([pose[:3, 3] for pose in poses], a_pass.positions_m(t), atol=1e-6)
+    turned = [Rotation.from_matrix(p[:3, :3]).as_rotvec() for p in poses]
+    assert np.ptp(np.abs(turned), axis=0).max() < 1e-6
+    assert points[0]["velocities"] == points[-1]["velocities"] == [0.0] * 6
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"end_m": (0.5501, -0.2, 0.1)}, "0.1 mm apart"),
+        ({"speed_m_s": 0.7}, "speed_m_s"),
+        ({"end_m": (2.0, -0.2, 0.1)}, "doesn't bring|singularity"),
+        ({"start_m": (0.12, -0.2, 0.1), "speed_m_s": 0.5}, "limit|singularity"),
+    ],
+)
+def test_what_cannot_be_rolled_is_refused(change: dict[str, object], says: str) -> None:
+    with pytest.raises(RollerError, match=says):
+        joint_trajectory(rolling(**change), ARMS["ur10"], NEAR_RAD, TCP)
+    assert issubclass(KinematicsError, RollerError)
+
+
+def test_the_script_lifts_presses_and_says_whose_risk_it_is() -> None:
+    script = urscript(rolling(force_n=20.0))
+    assert script.startswith("# EXAMPLE")
+    assert "risk assessment" in script
+    moves = re.findall(r"movel\(p\[(.*?)\], a=([\d.]+), v=([\d.]+)\)", script)
+    places = np.array([[float(v) for v in pose.split(",")] for pose, _, _ in moves])
+    before, after = rolling().ends_m
+    np.testing.assert_allclose(places[1:3, :3], [before, after], atol=1e-6)
+    assert (places[[0, 3], 2] > places[[1, 2], 2] + 0.04).all()
+    assert float(moves[2][2]) == SPEED
+    order = [script.index(word) for word in ("force_mode(", "v=0.25", "end_force_mode()")]
+    assert order == sorted(order)
+    assert "force_mode" not in urscript(rolling())
+
+
+def test_a_controller_that_follows_it_rolls_at_one_speed(tmp_path: Path) -> None:
+    pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
+    from driver.test_ur10_receiver import Running
+
+    file = tmp_path / "pass.yaml"
+    words = "motion --start-m 0.55 -0.2 0.1 --end-m 0.75 -0.15 0.1 --speed 0.25 --tcp-m 0 0 0.15"
+    joints = [f"{q:.3f}" for q in np.degrees(NEAR_RAD)]
+    assert main([*words.split(), "--trajectory", str(file), "--joints-deg", *joints]) == 0
+    points = yaml.safe_load(file.read_text())["trajectory"]["points"]
+    t = [p["time_from_start"]["sec"] + p["time_from_start"]["nanosec"] * 1e-9 for p in points]
+    tools = [ARMS["ur10"].flange(np.array(p["positions"])) @ TCP for p in points]
+    turn = np.array([np.pi, 0.0, 0.0])
+    poses = np.array([[*tool[:3, 3], *turn] for tool in tools])
+    np.savez(tmp_path / "pass.npz", t_s=t, pose=poses)
+    with (
+        ControllerProcess(trajectory=str(tmp_path / "pass.npz")) as controller,
+        Running() as running,
+    ):
+        running.wait_for(10)
+        controller.send(f"start {time.monotonic() + 0.2}")
+        running.wait(lambda: running.samples[-1].pose[0] > 0.749, timeout_s=30)
+    x = np.array([s.pose[:3] for s in running.samples])
+    t_s = np.array([s.controller_ns for s in running.samples]) * 1e-9
+    along = (x - [0.55, -0.2, 0.1]) @ [0.2, 0.05, 0.0] / np.hypot(0.2, 0.05)
+    over = (along > 0.005) & (along < 0.195)
+    speed = np.gradient(along[over], t_s[over])
+    assert np.median(speed) == pytest.approx(SPEED, rel=1e-3)
+    assert speed == pytest.approx(SPEED, rel=0.02)
+    assert LOOPBACK.startswith("127.")
