@@ -12,7 +12,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "doctor",
         help="check libraries, ROS, camera, robot, clock, disk",
         description="Check whether this machine is ready: libraries, ROS 2 and DDS, USB, camera, "
-        "robot, disk, processor, clock. A missing camera or robot is a warning unless it is asked "
+        "robot, disk, processor, clock; with --cell how far the cell is "
+        "calibrated. A missing camera or robot is a warning unless it is asked "
         "for. The exit code is 0 when nothing is a fault.",
     )
     parser.add_argument(
@@ -38,6 +39,20 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         metavar="MODULE:FUNCTION",
         help="USB library, as the parameter of event_camera; else the system's libusb",
     )
+    parser.add_argument(
+        "--cell",
+        type=Path,
+        nargs="?",
+        const=Path(),
+        metavar="FILE",
+        help="go through the cell's calibration too: its parameter file, if there is one yet",
+    )
+    parser.add_argument(
+        "--hand-eye", type=Path, metavar="FILE", help="with --cell: file of the camera's place"
+    )
+    parser.add_argument(
+        "--camera-info", type=Path, metavar="FILE", help="with --cell: the camera's calibration"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.set_defaults(run=run)
 
@@ -46,10 +61,17 @@ def run(args: argparse.Namespace) -> int:
     """Check and print; 1 where something is a fault."""
     from rich.console import Console
 
+    from roller_bringup.doctor.commissioning import CellFiles
     from roller_bringup.doctor.examination import Request, examine
     from roller_bringup.doctor.result import as_json, as_table
 
-    request = Request(args.camera, args.robot_ip, args.output, args.backend)
+    if (args.hand_eye or args.camera_info) and args.cell is None:
+        args.cell = Path()
+    cell = None
+    if args.cell is not None:
+        params = args.cell if args.cell != Path() else None
+        cell = CellFiles(params, args.hand_eye, args.camera_info)
+    request = Request(args.camera, args.robot_ip, args.output, args.backend, cell)
     with Console(stderr=True).status("looking") as status:
         results = list(examine(request, lambda what: status.update(f"looking at {what}")))
     if args.json:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from roller_bringup.launching.locate import NotFoundError, package_share
 
+from .commissioning import CellFiles, check_commissioning
 from .result import Result
 
 #: How long the host's clock is watched.
@@ -29,12 +30,15 @@ class Request:
         Where recordings are to go.
     backend : str
         USB library, see `roller_driver.dvxplorer.backends.load_backend`.
+    cell : CellFiles or None
+        The cell's files; None: how far it is set up isn't asked.
     """
 
     camera: str | None = None
     robot_ip: str = ""
     output: Path = Path("recording")
     backend: str = ""
+    cell: CellFiles | None = None
 
 
 def examine(request: Request, report: Callable[[str], None] = lambda _: None) -> Iterator[Result]:
@@ -112,6 +116,11 @@ def _clock(request: Request, share: Path | None) -> Iterator[Result]:
     yield clock.judge_clock(clock.find_clock(before, clock.Reading.take()))
 
 
+def _cell(request: Request, share: Path | None) -> Iterator[Result]:
+    if request.cell is not None:
+        yield from check_commissioning(request.cell)
+
+
 #: Each imports what it needs when it runs: a library that is missing spoils its own check alone.
 _CHECKS: dict[str, Callable[[Request, Path | None], Iterator[Result]]] = {
     "libraries": _libraries,
@@ -121,4 +130,5 @@ _CHECKS: dict[str, Callable[[Request, Path | None], Iterator[Result]]] = {
     "robot": _robot,
     "machine and disk": _machine,
     "clock": _clock,
+    "calibration": _cell,
 }

@@ -1,0 +1,149 @@
+"""How far a cell is set up: its calibration files, step by step as the page on commissioning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from roller_core.calibration_file import SECTION, check_same_camera
+from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.settings import read_parameters
+
+from .result import Result, fault, ok, warning
+
+#: A calibration older than this is worth making again, days.
+_OLD_DAYS = 180
+
+
+@dataclass(frozen=True)
+class CellFiles:
+    """The files that a cell is started with; None where there is none.
+
+    Parameters
+    ----------
+    params : path or None
+        Parameter file of the processing nodes, from `roller calibrate`.
+    hand_eye : path or None
+        Parameter file with the camera's place on the tool; without it `params` may hold it.
+    camera_info : path or None
+        ROS camera_info YAML.
+    """
+
+    params: Path | None = None
+    hand_eye: Path | None = None
+    camera_info: Path | None = None
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A calibration: its title, its kind in the file, how to make it, and what it found."""
+
+    title: str
+    kind: str
+    make: str
+    figures: str
+    needed: bool = True
+
+
+#: In the order of docs/commissioning.md.
+_STEPS = (
+    _Step("time offset", "time_offset", "calibrate time-offset slow fast",
+          "delay {event_delay_s:.2e} s ± {deviation_s:.1e}"),
+    _Step("flat plate", "flat", "calibrate flat plate", "plate at {plate_m:.4f} m"),
+    _Step("edge drift", "edge_drift",
+          "calibrate edge-drift --sphere BAG --radius-mm R --steps BAG --step-mm H", ""),
+    _Step("sphere", "sphere", "calibrate sphere pass1 pass2 --radius-mm R",
+          "method {method}", needed=False),
+)  # fmt: skip
+
+
+def check_commissioning(files: CellFiles, now: datetime | None = None) -> Iterator[Result]:
+    """Judge the cell's files in the order in which they are made.
+
+    Parameters
+    ----------
+    files : CellFiles
+        What the cell has.
+    now : datetime, optional
+        The time, for the age of calibrations.
+    """
+    now = now or datetime.now(timezone.utc)
+    camera, result = _camera(files.camera_info)
+    yield result
+    yield _hand_eye(files)
+    try:
+        records: Mapping[str, Any] = read_parameters(files.params, SECTION) if files.params else {}
+    except RollerError as error:
+        yield fault("calibration", str(error), "mend the file, or give another with --cell FILE")
+        return
+    if files.params and camera is not None:
+        try:
+            check_same_camera(files.params, camera)
+        except RollerError as error:
+            yield fault("calibration", str(error), "calibrate again with this camera")
+    for step in _STEPS:
+        yield _judge(step, records.get(step.kind), now, files.params)
+    skins = {str(r["skin"]) for r in records.values() if isinstance(r, dict) and r.get("skin")}
+    if len(skins) > 1:
+        yield warning(
+            "skin", f"calibrations are of different skins: {', '.join(sorted(skins))}",
+            "calibrate edge drift, flat and sphere again on the skin that is on",
+        )  # fmt: skip
+
+
+def _camera(path: Path | None) -> tuple[Camera | None, Result]:
+    make = "roller calibrate intrinsics views --pitch-mm MM --output camera.yaml"
+    if path is None:
+        return None, warning("intrinsics", "no camera file given", f"--camera-info FILE; {make}")
+    try:
+        camera = Camera.from_yaml(path)
+    except RollerError as error:
+        return None, fault("intrinsics", str(error), make)
+    return camera, ok("intrinsics", str(camera))
+
+
+def _hand_eye(files: CellFiles) -> Result:
+    from roller_driver.ur10.robot_settings import HandEyeSettings
+
+    make = "roller calibrate hand-eye --grid-recording poses --pitch-mm MM --output hand_eye.yaml"
+    path = files.hand_eye or files.params
+    if path is None:
+        return warning("hand-eye", "no file given", f"--hand-eye FILE; {make}")
+    try:
+        values = read_parameters(path, "ur10")
+        known = {k: v for k, v in values.items() if k in HandEyeSettings.model_fields}
+        settings = HandEyeSettings.create(known, str(path))
+        record = read_parameters(path, SECTION).get("hand_eye")
+    except RollerError as error:
+        return fault("hand-eye", str(error), make)
+    if not settings.hand_eye_known:
+        return fault("hand-eye", f"{path}: the camera's place isn't set; there is no depth", make)
+    if isinstance(record, dict) and "rms_m" in record:
+        return ok(
+            "hand-eye", f"{record['pairs']} pairs, {record['rms_m'] * 1e3:.2f} mm and "
+            f"{record['rms_deg']:.2f}° rms, {record.get('date', '')[:10]}",
+        )  # fmt: skip
+    return warning("hand-eye", f"{path}: set, by whom isn't recorded", make)
+
+
+def _judge(step: _Step, record: Any, now: datetime, params: Path | None) -> Result:
+    make = f"roller {step.make} --params cell.yaml --output cell.yaml"
+    if not isinstance(record, dict):
+        if not step.needed:
+            return ok(step.title, "not calibrated; only the paper's methods need it")
+        given = f"not in {params}" if params else "no parameter file given (--cell FILE)"
+        return warning(step.title, given, make)
+    try:
+        found = step.figures.format(**record)
+        made = datetime.fromisoformat(str(record["date"]).replace("Z", "+00:00"))
+        days = (now - made).days
+    except (KeyError, ValueError, TypeError) as error:
+        return fault(step.title, f"{params}: its record can't be read ({error})", make)
+    text = ", ".join(filter(None, [found, f"{made:%Y-%m-%d}", str(record.get("skin") or "")]))
+    if days > _OLD_DAYS:
+        return warning(step.title, f"{text}: {days} days old", f"skins wear: {make}")
+    return ok(step.title, text)
