@@ -125,6 +125,15 @@ def test_truth_comes_back(written):
     )
 
 
+def test_defects_come_back_with_the_depth_the_skin_reaches(tmp_path):
+    truth = VirtualCell(twins.small("defects", scene={"step_mm": 0.06, "width_mm": 23.0})).truth
+    truth.save(tmp_path)
+    again = Truth.load(tmp_path)
+    assert again.defects == truth.defects
+    for mark in again.defects:
+        assert 0 < mark.skin_depth / mark.depth < 1.01
+
+
 def test_a_bag_without_truth_says_so(tmp_path):
     with pytest.raises(TruthError, match="only simulated recordings have a truth"):
         Truth.load(tmp_path)

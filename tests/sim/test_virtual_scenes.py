@@ -1,13 +1,15 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from roller_sim.braille import NUMBER_SIGN, to_cells
-from roller_sim.cell_settings import SceneSettings
+from roller_sim.cell_settings import SceneSettings, SkinSettings
 from roller_sim.errors import SceneError, UnknownSceneError
 from roller_sim.objects import LENGTHS
 from roller_sim.scenes import SCENES, build_scene
+from roller_sim.skin import skin_over
 
 
 def scene(name, **values):
@@ -195,3 +197,43 @@ def test_a_mesh_is_laid_on_the_plate(tmp_path):
         scene("mesh:nothing.stl")
     with pytest.raises(SceneError, match="check mesh_unit"):
         scene(f"mesh:{file}", mesh_unit="m")
+
+
+def test_defects_lie_where_their_marks_say():
+    made = scene("defects", defects=30, defect_depths_mm=[0.1, 0.4], step_mm=0.04)
+    skin = skin_over(made.relief, SkinSettings.create({}))
+    height = made.relief.height
+    left = np.abs(height) > 1e-7
+    kinds = set()
+    for mark in made.defects:
+        followed = mark.followed(skin)
+        kinds.add(mark.kind)
+        # The contour's area is the footprint; all that is not level lies in one.
+        outline = np.array([mark.outline], np.float32)
+        place = (outline - (made.relief.x0, made.relief.y0)) / made.relief.step
+        mask = np.zeros(height.shape, np.uint8)
+        cv2.fillPoly(mask, np.rint(place).astype(np.int32), 1)
+        part = height[mask == 1]
+        extreme = part.max() if mark.depth > 0 else part.min()
+        assert extreme == pytest.approx(mark.depth, rel=0.06)
+        assert 0 < followed.skin_depth / mark.depth < 1.01
+        assert mark.length >= mark.width
+        left &= cv2.dilate(mask, np.ones((17, 17), np.uint8)) == 0
+    assert kinds == {"dent", "crater", "scratch", "raised", "missing", "extra"}
+    narrow = [m for m in made.defects if m.kind == "scratch" and m.width < 0.4e-3]
+    assert narrow
+    assert all(abs(m.followed(skin).skin_depth) < 0.7 * abs(m.depth) for m in narrow)
+    flush = [r for r in made.regions if r.name.startswith("rivet_flush")]
+    y, x = np.nonzero(left)
+    inside = [r.contains(made.relief.x[x], made.relief.y[y]) for r in flush]
+    assert flush
+    assert np.logical_or.reduce(inside).all()
+
+
+def test_a_seed_places_defects_and_a_clean_plate_has_none():
+    marks = [scene("defects", step_mm=0.06, seed=seed).defects for seed in (1, 1, 2)]
+    assert marks[0] == marks[1] != marks[2]
+    plain = scene("clean", step_mm=0.06)
+    assert plain.relief.bounds == scene("defects", step_mm=0.06).relief.bounds
+    assert not plain.relief.height.any()
+    assert not plain.defects

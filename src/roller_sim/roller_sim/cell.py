@@ -115,6 +115,7 @@ class VirtualCell:
         self.truth = Truth(
             self.settings, press, self.skin, relief,
             self.scene.regions, self.scene.text, self.scene.marks,
+            tuple(mark.followed(self.skin) for mark in self.scene.defects),
         )  # fmt: skip
         self.path: Path = self.truth.path
         self.hand_eye: F64 = hand_eye(settings.camera)

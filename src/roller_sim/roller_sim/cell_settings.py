@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field, model_validator
 
 from roller_core.settings import Settings
+
+DefectKind = Literal[
+    "dent", "crater", "scratch", "raised", "missing", "extra", "rivet_flush", "rivet_bent"
+]
+_Depth = Annotated[float, Field(ge=0.01, le=1.5)]
+_Width = Annotated[float, Field(ge=0.1, le=3.0)]
 
 
 class SceneSettings(Settings):
@@ -36,6 +42,23 @@ class SceneSettings(Settings):
     dot_height_mm: float = Field(0.48, ge=0.05, le=1.5, description="Braille: height of a dot, mm.")
     turn_deg: float = Field(
         0.0, ge=-360.0, le=360.0, description="Braille: turn of the text on the plate, degrees."
+    )
+    seed: int = Field(1, ge=0, le=2**31 - 1, description="Seed of defects: sizes and places.")
+    defects: int = Field(12, ge=1, le=600, description="Defects on the plate `defects`.")
+    defect_kinds: list[DefectKind] = Field(
+        default_factory=lambda: list(get_args(DefectKind)),
+        min_length=1,
+        description="Kinds of defects, of " + ", ".join(get_args(DefectKind)) + ".",
+    )
+    defect_depths_mm: list[_Depth] = Field(
+        default_factory=lambda: [0.05, 0.1, 0.2, 0.4],
+        min_length=1,
+        description="Depths (or heights) of defects, mm.",
+    )
+    defect_widths_mm: list[_Width] = Field(
+        default_factory=lambda: [1.0, 2.0, 3.0],
+        min_length=1,
+        description="Widths of defects, mm; scratches are a third as wide and 4 mm long.",
     )
     mesh_unit: Literal["mm", "m"] = Field("mm", description="Unit of a mesh's coordinates.")
 

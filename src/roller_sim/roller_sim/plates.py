@@ -16,6 +16,7 @@ SCRATCH_WIDTH, SCRATCH_DEPTH = 0.4, 0.25
 RIVET_RADIUS, RIVET_RISE, GROOVE_WIDTH, GROOVE_DEPTH = 4.0, 0.05, 0.4, 0.3
 RIVET_TILT = 0.6
 DEFAULT_LETTERS = "NOTICE"
+PLATE_PRESS = 1.8
 
 
 def new_plate(settings: SceneSettings, objects_mm: float) -> Plate:
@@ -37,7 +38,7 @@ def line_array(settings: SceneSettings) -> Scene:
         _put_bar(
             plate, f"line_{height:.1f}", settings.margin_mm + i * LINE_PITCH, LINE_WIDTH, height
         )
-    return plate.scene("line_array", 1.8)
+    return plate.scene("line_array", PLATE_PRESS)
 
 
 def three_lines(settings: SceneSettings) -> Scene:
@@ -46,7 +47,7 @@ def three_lines(settings: SceneSettings) -> Scene:
     for i in range(3):
         x0 = settings.margin_mm + i * THREE_PITCH
         _put_bar(plate, f"line_{i + 1}", x0, THREE_WIDTH, THREE_HEIGHT)
-    return plate.scene("three_lines", 1.8)
+    return plate.scene("three_lines", PLATE_PRESS)
 
 
 def letter_plate(settings: SceneSettings) -> Scene:
@@ -77,7 +78,7 @@ def letter_plate(settings: SceneSettings) -> Scene:
         _scratch(plate, "scratch_T", places["T"] + middle + 1.1, LETTER_SIZE / 2, 0.9, 60.0)
         x1 = places["T"] + middle
         plate.put("fault_T", (x1, x1 + 0.5, -1.2, -0.4), lambda x, y: 0.0, join="set")
-    return plate.scene("letter_plate", 1.8)
+    return plate.scene("letter_plate", PLATE_PRESS)
 
 
 def _scratch(plate: Plate, name: str, x: float, y: float, half_mm: float, angle_deg: float) -> None:
@@ -93,21 +94,34 @@ def _scratch(plate: Plate, name: str, x: float, y: float, half_mm: float, angle_
     plate.put(name, (x - reach, x + reach, y - reach, y + reach), groove, join="add")
 
 
+def put_rivet(
+    plate: Plate,
+    name: str,
+    at: tuple[float, float],
+    radius: float,
+    groove_width: float,
+    tilt: float,
+) -> None:
+    """A countersunk rivet: a head of a radius, `tilt` higher on one side, and a groove around."""
+    (xc, yc), reach = at, radius + groove_width
+
+    def head(x: F64, y: F64) -> F64:
+        r = np.hypot(x - xc, y - yc)
+        top = RIVET_RISE + tilt * (1 + (x - xc) / radius) / 2
+        groove = -GROOVE_DEPTH * np.clip(
+            1 - np.abs(r - radius - groove_width / 2) * 2 / groove_width, 0.0, 1.0
+        )
+        return np.where(r <= radius, top, np.where(r < reach, groove, 0.0))
+
+    plate.put(name, (xc - reach, xc + reach, yc - reach, yc + reach), head, join="set")
+
+
 def _rivet(settings: SceneSettings, name: str, tilt_mm: float) -> Scene:
     reach = RIVET_RADIUS + GROOVE_WIDTH
     plate = new_plate(settings, 2 * reach)
-    xc = settings.margin_mm + reach
-
-    def head(x: F64, y: F64) -> F64:
-        r = np.hypot(x - xc, y)
-        top = RIVET_RISE + tilt_mm * (1 + (x - xc) / RIVET_RADIUS) / 2
-        groove = -GROOVE_DEPTH * np.clip(
-            1 - np.abs(r - RIVET_RADIUS - GROOVE_WIDTH / 2) * 2 / GROOVE_WIDTH, 0.0, 1.0
-        )
-        return np.where(r <= RIVET_RADIUS, top, np.where(r < reach, groove, 0.0))
-
-    plate.put("rivet", (xc - reach, xc + reach, -reach, reach), head, join="set")
-    return plate.scene(name, 1.8)
+    at = settings.margin_mm + reach, 0.0
+    put_rivet(plate, "rivet", at, RIVET_RADIUS, GROOVE_WIDTH, tilt_mm)
+    return plate.scene(name, PLATE_PRESS)
 
 
 def rivet_flush(settings: SceneSettings) -> Scene:

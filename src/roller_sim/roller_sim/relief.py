@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,47 @@ class BrailleMark:
     character: str
     line: int
     column: int
+
+
+@dataclass(frozen=True)
+class DefectMark:
+    """A defect on the plate, metres.
+
+    Parameters
+    ----------
+    name, kind : str
+        Its name; `dent`, `crater`, `scratch`, `raised`, `missing` or `extra`, as findings have it.
+    x, y : float
+        Centre.
+    length, width : float
+        Along its longer side and across.
+    depth : float
+        Of the relief, signed: + extra, − missing.
+    angle_deg : float
+        Of its length against x.
+    outline : tuple of (x, y)
+        Corners of its footprint.
+    skin_depth : float
+        Depth as the skin follows it: its extreme within the footprint.
+    """
+
+    name: str
+    kind: str
+    x: float
+    y: float
+    length: float
+    width: float
+    depth: float
+    angle_deg: float
+    outline: tuple[tuple[float, float], ...]
+    skin_depth: float = 0.0
+
+    def followed(self, skin: HeightMap) -> DefectMark:
+        """The same with the depth to which a skin follows it."""
+        (x0, y0), (x1, y1) = (f(self.outline, axis=0) for f in (np.min, np.max))
+        columns = slice(*np.searchsorted(skin.x, [x0, x1]))
+        part = skin.height[slice(*np.searchsorted(skin.y, [y0, y1])), columns]
+        return replace(self, skin_depth=float(part.max() if self.depth > 0 else part.min()))
 
 
 @dataclass(frozen=True)
@@ -132,6 +173,8 @@ class Scene:
         What the Braille on the plate says, lines separated by newlines; empty without Braille.
     marks : tuple of BrailleMark
         The Braille cells one by one.
+    defects : tuple of DefectMark
+        The defects one by one.
     """
 
     name: str
@@ -140,6 +183,7 @@ class Scene:
     regions: tuple[Region, ...] = ()
     text: str = ""
     marks: tuple[BrailleMark, ...] = ()
+    defects: tuple[DefectMark, ...] = ()
 
 
 @dataclass
@@ -151,6 +195,7 @@ class Plate:
     step: float = 0.02
     regions: list[Region] = field(default_factory=list)
     marks: list[BrailleMark] = field(default_factory=list)
+    defects: list[DefectMark] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         if not (0 < self.step <= 0.2 and 1 <= self.length <= 2000 and 1 <= self.width <= 200):
@@ -202,4 +247,7 @@ class Plate:
         relief = HeightMap(
             self.height * np.float32(1e-3), 0.0, float(self.y[0]) * 1e-3, self.step * 1e-3
         )
-        return Scene(name, relief, press_mm, tuple(self.regions), text, tuple(self.marks))
+        return Scene(
+            name, relief, press_mm, tuple(self.regions), text, tuple(self.marks),
+            tuple(self.defects),
+        )  # fmt: skip

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from .braille import put_braille, text_size_mm
 from .cell_settings import SceneSettings
+from .defects import clean, defects
 from .errors import UnknownSceneError
 from .mesh import mesh_scene
 from .objects import LENGTHS, OBJECTS
@@ -64,6 +65,8 @@ SCENES: dict[str, Callable[[SceneSettings], Scene]] = {
     "letter_plate": letter_plate,
     "rivet_flush": rivet_flush,
     "rivet_bent": rivet_bent,
+    "defects": defects,
+    "clean": clean,
     "flat": _flat,
 }
 

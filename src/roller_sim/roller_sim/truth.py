@@ -18,7 +18,7 @@ from .cell_settings import VirtualCellSettings
 from .errors import TruthError
 from .motion import CAMERA_DOWN, Path, hand_eye, make_camera
 from .optics import SurfaceMaps
-from .relief import F32, F64, BrailleMark, HeightMap, Region
+from .relief import F32, F64, BrailleMark, DefectMark, HeightMap, Region
 
 MAPS_FILE = "truth.npz"
 TEXT_FILE = "truth.yaml"
@@ -54,6 +54,8 @@ class Truth:
         What the Braille says.
     marks : tuple of BrailleMark
         The Braille cells.
+    defects : tuple of DefectMark
+        The defects, in the plate's frame.
     """
 
     def __init__(
@@ -65,10 +67,11 @@ class Truth:
         regions: tuple[Region, ...],
         text: str,
         marks: tuple[BrailleMark, ...],
+        defects: tuple[DefectMark, ...] = (),
     ) -> None:
         self.settings, self.press_mm = settings, press_mm
         self.skin, self.relief = skin, relief
-        self.regions, self.text, self.marks = regions, text, marks
+        self.regions, self.text, self.marks, self.defects = regions, text, marks, defects
         self.camera = make_camera(settings.camera)
         self.radius_mm = settings.camera.roller_radius_mm
         self.path = Path(settings.motion, (self.radius_mm - press_mm) * 1e-3, settings.seed)
@@ -266,6 +269,7 @@ class Truth:
             "plate_origin_in_base": self.origin_m.tolist(),
             "objects": [asdict(r) for r in self.regions],
             "cells": [asdict(m) for m in self.marks],
+            "defects": [asdict(m) for m in self.defects],
             "hand_eye": self.hand_eye.tolist(),
             "start_ros_ns": self.start_ros_ns,
             "duration_ns": self.duration_ns,
@@ -316,8 +320,13 @@ class Truth:
                 tuple(Region(**r) for r in data["objects"]),
                 data["text"],
                 tuple(BrailleMark(**m) for m in data["cells"]),
+                tuple(_defect(m) for m in data.get("defects", ())),
             )
             truth.start_ros_ns = int(data["start_ros_ns"])
         except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
             raise TruthError(f"{folder}: the truth can't be read ({error})") from error
         return truth
+
+
+def _defect(entry: dict[str, Any]) -> DefectMark:
+    return DefectMark(**{**entry, "outline": tuple((x, y) for x, y in entry["outline"])})
