@@ -117,4 +117,4 @@ def depth_map(depth: np.ndarray, x_m: float = 0.0, confidence: float = 0.5) -> D
     pose = np.eye(4)
     pose[0, 3] = x_m
     sure = np.where(np.isfinite(depth), confidence, np.nan).astype(np.float32)
-    return DepthMap(0, depth.astype(np.float32), sure, pose, 0, 0, 0)
+    return DepthMap(0, depth.astype(np.float32), sure, 1e-5 / sure, pose, 0, 0, 0)

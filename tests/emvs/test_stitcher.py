@@ -26,13 +26,15 @@ def flat(z_m: float = 0.045) -> np.ndarray:
 def test_voxels_hold_weighted_means() -> None:
     voxels = VoxelMap(1e-3)
     points = np.array([[0.5e-3, 0.5e-3, 0.5e-3], [0.7e-3, 0.5e-3, 0.5e-3], [0.9, 0.0, 0.0]])
-    voxels.add(points[:1], np.array([0.25], np.float32))
-    voxels.add(points[1:], np.array([0.75, 1.0], np.float32))
-    merged, confidence = voxels.points()
+    one, two = np.full(1, 1e-5, np.float32), np.full(2, 3e-5, np.float32)
+    voxels.add(points[:1], np.array([0.25], np.float32), one)
+    voxels.add(points[1:], np.array([0.75, 1.0], np.float32), two)
+    merged, confidence, sigma = voxels.points()
     assert len(merged) == 2
     near = merged[np.argmin(merged[:, 0])]
     np.testing.assert_allclose(near, [0.65e-3, 0.5e-3, 0.5e-3], atol=1e-12)
     np.testing.assert_allclose(np.sort(confidence), [(0.25**2 + 0.75**2), 1.0], rtol=1e-6)
+    np.testing.assert_allclose(np.sort(sigma), [2.5e-5, 3e-5], rtol=1e-6)
 
 
 def test_voxels_far_from_the_base_keep_micrometres() -> None:
@@ -40,8 +42,8 @@ def test_voxels_far_from_the_base_keep_micrometres() -> None:
     rng = np.random.default_rng(0)
     points = base + rng.uniform(0, 0.02, (500, 3))
     voxels = VoxelMap(1e-6)
-    voxels.add(points, np.full(500, 0.5, np.float32))
-    merged, _ = voxels.points()
+    voxels.add(points, *np.full((2, 500), 0.5, np.float32))
+    merged, *_ = voxels.points()
     order = np.lexsort(merged.T), np.lexsort(points.T)
     np.testing.assert_allclose(merged[order[0]], points[order[1]], atol=1e-8)
 
@@ -49,7 +51,7 @@ def test_voxels_far_from_the_base_keep_micrometres() -> None:
 def test_voxels_leave_out_what_is_not_finite_or_out_of_reach() -> None:
     voxels = VoxelMap(1e-6)
     points = np.array([[0.0, 0, 0], [np.nan, 0, 0], [1e6, 0, 0]])
-    assert voxels.add(points, np.ones(3, np.float32)) == 2
+    assert voxels.add(points, *np.ones((2, 3), np.float32)) == 2
     assert len(voxels) == 1
 
 
@@ -80,7 +82,7 @@ def test_height_counts_from_the_nominal_surface() -> None:
     stitcher.add(depth_map(flat()))
     patch = stitcher.finish()
     np.testing.assert_allclose(patch.height, 0.005, atol=1e-6)
-    assert patch.columns().shape == (len(patch), 5)
+    assert patch.columns().shape == (len(patch), 6)
 
 
 def hills(n: int, seed: int) -> np.ndarray:

@@ -21,13 +21,13 @@ def patches(count: int, points: int = 400) -> list[Patch]:
     for k in range(count):
         at = RNG.uniform(0, 0.01, (points, 3)) + [0.003 * k, 5.0, -2.0]
         sure = RNG.integers(1, 5, points).astype(np.float32) / 4
-        made.append(Patch(at, at[:, 2].astype(np.float32), sure))
+        made.append(Patch(at, at[:, 2].astype(np.float32), sure, 1e-5 / sure))
     return made
 
 
 def slow_map(given: list[Patch], max_points: int, voxel_m: float) -> tuple[np.ndarray, float]:
     """The same in plain words: coarser and coarser voxels until the best points are few enough."""
-    columns = np.concatenate([np.column_stack([p.points, p.height, p.confidence]) for p in given])
+    columns = np.concatenate([np.column_stack([p.points, *p.properties()]) for p in given])
     cells = np.floor((columns[:, :3] - columns[0, :3]) / voxel_m).astype(int)
     while True:
         best: dict[tuple[int, ...], np.ndarray] = {}
@@ -53,12 +53,13 @@ def test_it_holds_the_surest_point_of_each_voxel_whenever_it_is_looked_at(max_po
         assert np.array_equal(found.patch().points, expected[:, :3])
         assert found.voxel_m == voxel_m
         assert np.array_equal(found.patch().confidence, expected[:, 4].astype(np.float32))
+        assert np.array_equal(found.patch().sigma, expected[:, 5].astype(np.float32))
 
 
 def test_points_that_are_not_finite_or_far_beyond_reach_are_left_out() -> None:
     points = np.array([[0.0, 0, 0], [np.nan, 0, 0], [1e6, 0, 0]])
     found = SurfaceMap(100, 1e-4)
-    found.add(Patch(points, np.zeros(3, np.float32), np.ones(3, np.float32)))
+    found.add(Patch(points, *np.ones((3, 3), np.float32)))
     assert len(found.patch()) == 1
 
 
@@ -72,11 +73,11 @@ def test_it_goes_out_at_most_once_a_second_and_at_the_end_and_when_cleared() -> 
     (last,) = keeper.results(flush=True)
     (output,) = last.outputs
     assert (output.topic, output.frame_id, output.t_ns) == (SURFACE_MAP, "base", 2_500_000_000)
-    assert output.data.names == ("x", "y", "z", "height", "confidence")
+    assert output.data.names == ("x", "y", "z", "height", "confidence", "sigma")
     assert list(keeper.results(flush=True)) == []
     keeper.clear()
     (empty,) = keeper.results(flush=False)
-    assert empty.outputs[0].data.columns.shape == (0, 5)
+    assert empty.outputs[0].data.columns.shape == (0, 6)
     keeper.clear()
     assert list(keeper.results(flush=True)) == []
 

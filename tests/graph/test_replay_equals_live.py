@@ -30,6 +30,7 @@ MAP = "/roller/surface/map"
 TOPICS = (
     "/roller/depth/image",
     "/roller/depth/confidence",
+    "/roller/depth/sigma",
     "/roller/depth/camera_info",
     "/roller/surface/points",
     "/event_camera/events",
@@ -114,7 +115,7 @@ def check_map(late: Watcher, result: Path, folder: Path) -> None:
     (shown,) = late.seen[MAP]
     ((_, expected),) = read_messages(result, MAP)
     assert bytes(shown.data) == bytes(expected.data)
-    assert [f.name for f in shown.fields] == ["x", "y", "z", "height", "confidence"]
+    assert [f.name for f in shown.fields] == ["x", "y", "z", "height", "confidence", "sigma"]
     saved = late.call("/stitcher/save", Trigger, Trigger.Request())
     assert saved.success
     assert [str(path) for path in folder.iterdir()] == [saved.message]

@@ -83,6 +83,7 @@ def test_publishers_offer_what_the_contract_says(domain: int, tmp_path: Path) ->
             "/tf_static": qos.TF_STATIC,
             "/roller/depth/image": qos.DEPTH,
             "/roller/depth/confidence": qos.DEPTH,
+            "/roller/depth/sigma": qos.DEPTH,
             "/roller/depth/camera_info": qos.DEPTH,
             "/roller/surface/points": qos.SURFACE,
             "/roller/surface/map": qos.LATCHED,

@@ -91,6 +91,7 @@ def test_outputs_are_complete(reference: Reference) -> None:
     error = np.abs(cloud["z"] - tilted(cloud["x"]))
     assert np.median(error) < 1.5e-4
     assert np.all((cloud["confidence"] > 0) & (cloud["confidence"] <= 1))
+    assert np.all((cloud["sigma"] > 1e-6) & (cloud["sigma"] < 1e-3))
 
 
 def test_surface_in_the_bag_equals_the_file(reference: Reference) -> None:
@@ -98,8 +99,8 @@ def test_surface_in_the_bag_equals_the_file(reference: Reference) -> None:
     rows = []
     for _, message in read_messages(output / "result", "/roller/surface/points"):
         assert message.header.frame_id == "base"
-        assert [f.name for f in message.fields] == ["x", "y", "z", "height", "confidence"]
-        rows.append(np.frombuffer(message.data, np.float32).reshape(-1, 5))
+        assert [f.name for f in message.fields] == ["x", "y", "z", "height", "confidence", "sigma"]
+        rows.append(np.frombuffer(message.data, np.float32).reshape(-1, 6))
     cloud = read_ply(output / "surface.ply")
     np.testing.assert_allclose(np.concatenate(rows)[:, 2], cloud["z"], atol=1e-7)
 

@@ -76,7 +76,7 @@ def focus_errors(
     found = []
     for window in windows:
         prepared, view = window.prepared, window.view
-        depth, _ = focus.focus_depth(
+        depth, *_ = focus.focus_depth(
             prepared.packets, camera, prepared.target, settings, Stopwatch()
         )
         miss = (view.box.of(depth) - view.depth_m)[view.mask]

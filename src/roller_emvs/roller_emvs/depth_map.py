@@ -25,6 +25,8 @@ class DepthMap:
         Metres along z; NaN = not measured. Pixels are ideal pinhole pixels of the camera's K.
     confidence : ndarray of float32, shape (height, width)
         0–1; NaN where there is no depth.
+    sigma : ndarray of float32, shape (height, width)
+        Standard uncertainty of the depth, metres; NaN where there is no depth.
     pose : ndarray of float64, shape (4, 4)
         Camera optical frame in base at the reference time.
     start_ns, end_ns : int
@@ -42,6 +44,7 @@ class DepthMap:
     stamp_ns: int
     depth: F32
     confidence: F32
+    sigma: F32
     pose: F64
     start_ns: int
     end_ns: int

@@ -23,7 +23,7 @@ class EmvsParameters(DepthSettings, StreamSettings):
 
 
 class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
-    """Gives the depth maps of `DepthPipeline`, each with its confidence and camera.
+    """Gives the depth maps of `DepthPipeline`, each with its confidence, sigma and camera.
 
     Raises
     ------
@@ -33,7 +33,12 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
 
     node, part = "emvs", "depth"
     model = EmvsParameters
-    outputs = (outputs.DEPTH_INFO, outputs.DEPTH_CONFIDENCE, outputs.DEPTH_IMAGE)
+    outputs = (
+        outputs.DEPTH_INFO,
+        outputs.DEPTH_CONFIDENCE,
+        outputs.DEPTH_SIGMA,
+        outputs.DEPTH_IMAGE,
+    )
 
     def __init__(self, settings: EmvsParameters) -> None:
         refuse_surface(settings)
@@ -64,7 +69,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
 
     def _depth_outputs(self, found: DepthMap, camera: Camera) -> tuple[Output, ...]:
         t, frame = found.stamp_ns, self.settings.sensor_frame
-        data = (camera, found.confidence, found.depth)
+        data = (camera, found.confidence, found.sigma, found.depth)
         return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs, data, strict=True))
 
     def _pipeline_counts(

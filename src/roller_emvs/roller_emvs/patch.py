@@ -10,7 +10,9 @@ import numpy.typing as npt
 from roller_core.outputs import SURFACE_POINTS, Cloud, Output
 from roller_core.transforms import F64
 
-SURFACE_FIELDS = ("x", "y", "z", "height", "confidence")
+#: What is known of a point beside its place.
+SURFACE_PROPERTIES = ("height", "confidence", "sigma")
+SURFACE_FIELDS = ("x", "y", "z", *SURFACE_PROPERTIES)
 
 
 @dataclass(frozen=True)
@@ -25,18 +27,25 @@ class Patch:
         Above the nominal surface, metres.
     confidence : ndarray of float32, shape (n,)
         0–1.
+    sigma : ndarray of float32, shape (n,)
+        Standard uncertainty of the height, metres.
     """
 
     points: F64
     height: npt.NDArray[np.float32]
     confidence: npt.NDArray[np.float32]
+    sigma: npt.NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.points)
 
     def columns(self) -> npt.NDArray[np.float32]:
-        """x, y, z, height, confidence as float32, shape (n, 5)."""
-        return np.column_stack([self.points, self.height, self.confidence]).astype(np.float32)
+        """x, y, z, height, confidence, sigma as float32, shape (n, 6)."""
+        return np.column_stack([self.points, *self.properties()]).astype(np.float32)
+
+    def properties(self) -> tuple[npt.NDArray[np.float32], ...]:
+        """Height, confidence and sigma, as a file of points takes them."""
+        return self.height, self.confidence, self.sigma
 
 
 def patch_output(patch: Patch, t_ns: int, frame_id: str) -> Output:

@@ -27,6 +27,10 @@ from .rays import F32, MIN_PARALLAX_PX, Packets, make_packets, parallax_px
 from .stopwatch import Stopwatch
 from .windows import RefusedWindow, Window, WindowCutter
 
+#: What a depth of the paper's methods errs by, pixels of parallax: its median is of a neighbourhood
+#: of 45 px, whatever lies there.
+_PAPER_ERROR_PX = 1.3
+
 
 class ParallaxError(RollerError):
     """A window in which depth doesn't follow from the motion."""
@@ -48,6 +52,8 @@ class PreparedWindow:
         Camera in base in the middle of the window.
     middle_ns : int
         That time, ROS time, ns.
+    parallax_px : float
+        Parallax of its motion over the depth range, px.
     notes : tuple of str
         What was left out.
     """
@@ -57,6 +63,7 @@ class PreparedWindow:
     poses: F64
     target: F64
     middle_ns: int
+    parallax_px: float
     notes: tuple[str, ...]
 
 
@@ -132,20 +139,19 @@ class DepthPipeline(DepthEngine[WindowCutter]):
                 f"parallax of {parallax:.2f} px over the depth range is below "
                 f"{MIN_PARALLAX_PX:g} px: too little motion across the view for a depth"
             )
-        return PreparedWindow(window, packets, poses[:-1], poses[-1], middle_ns, notes)
+        return PreparedWindow(window, packets, poses[:-1], poses[-1], middle_ns, parallax, notes)
 
     def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
         watch, begin, cpu_s = Stopwatch(), time.perf_counter(), time.process_time()
         try:
             prepared = self.prepare(window, watch)
-            depth, confidence = self._depth(prepared, watch)
+            images = self._depth(prepared, watch)
         except RollerError as error:
             return RefusedWindow(window.start_ns, window.end_ns, len(window.events), str(error))
         watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
         return DepthMap(
             prepared.middle_ns,
-            depth,
-            confidence,
+            *images,
             prepared.target,
             window.start_ns,
             window.end_ns,
@@ -155,12 +161,14 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             round((time.process_time() - cpu_s) * 1e3, 3),
         )
 
-    def _depth(self, prepared: PreparedWindow, watch: Stopwatch) -> tuple[F32, F32]:
-        """Depth and confidence in the middle view."""
+    def _depth(self, prepared: PreparedWindow, watch: Stopwatch) -> tuple[F32, F32, F32]:
+        """Depth, confidence and sigma in the middle view."""
         s, camera, packets, target = self.settings, self.camera, prepared.packets, prepared.target
         if s.method == "focus":
             return focus.focus_depth(packets, camera, target, s, watch)
-        return paper.window_depth(packets, camera, prepared.poses, target, s, watch)
+        depth, sure = paper.window_depth(packets, camera, prepared.poses, target, s, watch)
+        per_px = (1 / s.depth_min_m - 1 / s.depth_max_m) / prepared.parallax_px
+        return depth, sure, np.float32(_PAPER_ERROR_PX * per_px) * depth**2
 
     def _usable(self, events: EventArray) -> tuple[EventArray, tuple[str, ...]]:
         """Events of pixels that see something, where the skin sticks to the surface."""

@@ -10,7 +10,7 @@ from roller_core.camera import Camera
 from roller_core.pose_track import PoseValueError
 from roller_core.transforms import F64, inverse_pose
 
-from .depth_map import DepthMap, back_project
+from .depth_map import F32, DepthMap, back_project
 from .depth_settings import StitcherSettings
 from .patch import Patch
 from .registration import MAX_DISTANCE_M, Refinement, refine
@@ -56,7 +56,7 @@ class Stitcher:
                 f"pose of the depth map at {depth_map.stamp_ns * 1e-9:.6f} s is not finite; "
                 "it is left out"
             )
-        points, confidence = self._points(depth_map)
+        points, confidence, sigma = self._points(depth_map)
         if self.settings.icp and len(points) and len(self.voxels):
             margin = MAX_DISTANCE_M
             target = self.voxels.near(points.min(axis=0) - margin, points.max(axis=0) + margin)
@@ -66,7 +66,7 @@ class Stitcher:
             if found.accepted:
                 self.icp_accepted += 1
                 points = points @ found.correction[:3, :3].T + found.correction[:3, 3]
-        self.voxels.add(points, confidence)
+        self.voxels.add(points, confidence, sigma)
         keep = self._in_view(self.voxels.points()[0], depth_map.pose)
         over = int(keep.sum()) - self.settings.max_voxels
         if over > 0:
@@ -77,16 +77,17 @@ class Stitcher:
         """Hand out what is left; the scan is over."""
         return self._patch(*self.voxels.settle(np.zeros(len(self.voxels), bool)))
 
-    def _points(self, depth_map: DepthMap) -> tuple[F64, npt.NDArray[np.float32]]:
+    def _points(self, depth_map: DepthMap) -> tuple[F64, F32, F32]:
         points, pixels = back_project(depth_map.depth, self.camera)
         confidence = depth_map.confidence.reshape(-1)[pixels]
+        sigma = depth_map.sigma.reshape(-1)[pixels]
         keep = confidence >= self.settings.min_confidence
         if self.settings.outlier_radius_m and len(points):
             keep &= radius_filter(
                 points, self.settings.outlier_radius_m, self.settings.outlier_neighbours
             )
         pose = depth_map.pose
-        return points[keep] @ pose[:3, :3].T + pose[:3, 3], confidence[keep]
+        return points[keep] @ pose[:3, :3].T + pose[:3, 3], confidence[keep], sigma[keep]
 
     def _in_view(self, points: F64, pose: F64) -> npt.NDArray[np.bool_]:
         camera, to_camera = self.camera, inverse_pose(pose)
@@ -96,9 +97,9 @@ class Stitcher:
         v = camera.fy * local[:, 1] / z + camera.cy
         return np.asarray((u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
 
-    def _patch(self, points: F64, confidence: npt.NDArray[np.float32]) -> Patch:
+    def _patch(self, points: F64, confidence: F32, sigma: F32) -> Patch:
         height = (points[:, 2] - self.settings.surface_z_m).astype(np.float32)
-        return Patch(points, height, confidence)
+        return Patch(points, height, confidence, sigma)
 
 
 def radius_filter(points: F64, radius_m: float, neighbours: int) -> npt.NDArray[np.bool_]:

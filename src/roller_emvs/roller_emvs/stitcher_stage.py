@@ -41,10 +41,15 @@ class StitcherParameters(StitcherSettings, FollowedFrames):
 
 @dataclass
 class _Parts:
-    """Depth and confidence of one time, which come one by one."""
+    """Depth, confidence and sigma of one time, which come one by one."""
 
     image: F32 | None = None
     confidence: F32 | None = None
+    sigma: F32 | None = None
+
+    @property
+    def complete(self) -> bool:
+        return not (self.image is None or self.confidence is None or self.sigma is None)
 
 
 class StitcherStage(Stage[StitcherParameters]):
@@ -58,6 +63,7 @@ class StitcherStage(Stage[StitcherParameters]):
     inputs = (
         outputs.DEPTH_INFO,
         outputs.DEPTH_CONFIDENCE,
+        outputs.DEPTH_SIGMA,
         outputs.DEPTH_IMAGE,
         outputs.TF,
         outputs.TF_STATIC,
@@ -86,13 +92,15 @@ class StitcherStage(Stage[StitcherParameters]):
             self._begin()
 
     def take_output(self, output: Output) -> None:
-        """Take what the depth stage gives: camera, confidence or depth."""
+        """Take what the depth stage gives: camera, confidence, sigma or depth."""
         if isinstance(output.data, Camera):
             self.take_camera(output.data)
             return
         parts = self._pending.setdefault(output.t_ns, _Parts())
         if output.topic == outputs.DEPTH_IMAGE:
             parts.image = output.data
+        elif output.topic == outputs.DEPTH_SIGMA:
+            parts.sigma = output.data
         else:
             parts.confidence = output.data
 
@@ -144,8 +152,7 @@ class StitcherStage(Stage[StitcherParameters]):
             stamp = min(self._pending)
             parts = self._pending[stamp]
             over = len(self._pending) > _MOST_PENDING
-            complete = parts.image is not None and parts.confidence is not None
-            if not complete and not over:
+            if not parts.complete and not over:
                 return None
             pose = None
             try:
@@ -156,26 +163,24 @@ class StitcherStage(Stage[StitcherParameters]):
             except PoseError:
                 pass
             del self._pending[stamp]
-            if pose is not None and complete:
+            if pose is not None and parts.complete:
                 return stamp, parts, pose
             self.left_out += 1
         return None
 
     def _add(self, stamp: int, parts: _Parts, pose: F64) -> Patch:
-        stitcher, depth, sure = self.stitcher, parts.image, parts.confidence
+        stitcher, images = self.stitcher, (parts.image, parts.confidence, parts.sigma)
         assert stitcher is not None
-        assert depth is not None
-        assert sure is not None
         expected = (stitcher.camera.height, stitcher.camera.width)
-        if depth.shape != expected or sure.shape != expected:
+        depth, sure, sigma = (np.asarray(image, np.float32) for image in images)
+        if any(image.shape != expected for image in (depth, sure, sigma)):
             raise DepthImageError(
                 f"depth image of {depth.shape} px but camera_info of {expected}; are two depth "
                 "nodes publishing?"
             )
         self._last_ns = stamp
         self._maps += 1
-        depth, sure = depth.astype(np.float32, copy=False), sure.astype(np.float32, copy=False)
-        return stitcher.add(DepthMap(stamp, depth, sure, pose, stamp, stamp, 0))
+        return stitcher.add(DepthMap(stamp, depth, sure, sigma, pose, stamp, stamp, 0))
 
     def _give(self, patch: Patch) -> Iterator[Result]:
         if len(patch):

@@ -16,7 +16,7 @@ from roller_core.outputs import SURFACE_MAP, Cloud, Output, Result
 from roller_core.settings import Settings
 from roller_core.transforms import F64
 
-from .patch import SURFACE_FIELDS, Patch
+from .patch import SURFACE_FIELDS, SURFACE_PROPERTIES, Patch
 from .ply import PlyWriter
 from .voxels import HALF, I64, cell_key, cells_of_keys
 
@@ -68,8 +68,8 @@ class SurfaceMap:
         self._max = max_points
         self._origin: F64 | None = None
         self._keys = np.empty(0, np.int64)
-        # Columns: x, y, z, height, confidence, number in the order of arrival.
-        self._rows = np.empty((0, 6))
+        # Columns: x, y, z, height, confidence, sigma, number in the order of arrival.
+        self._rows = np.empty((0, 7))
         self._waiting: list[F64] = []
         self._count = self._arrived = 0
 
@@ -80,7 +80,7 @@ class SurfaceMap:
     def add(self, patch: Patch) -> None:
         """Take points; those that are not finite or beyond a million voxels are left out."""
         numbers = np.arange(self._arrived, self._arrived + len(patch))
-        rows = np.column_stack([patch.points, patch.height, patch.confidence, numbers])
+        rows = np.column_stack([patch.points, *patch.properties(), numbers])
         self._arrived += len(patch)
         self._waiting.append(rows[np.isfinite(rows).all(axis=1)])
         self._count += len(patch)
@@ -91,9 +91,7 @@ class SurfaceMap:
         """All points, in the order of their voxels."""
         self._merge()
         rows = self._rows
-        return Patch(
-            rows[:, :3].copy(), rows[:, 3].astype(np.float32), rows[:, 4].astype(np.float32)
-        )
+        return Patch(rows[:, :3].copy(), *rows[:, 3:6].T.astype(np.float32))
 
     def _merge(self) -> None:
         if not self._count:
@@ -123,7 +121,7 @@ class SurfaceMap:
 
 def _best(keys: I64, rows: F64) -> tuple[I64, F64]:
     """Of each key the row of most confidence, of equals the first that came; sorted by key."""
-    order = np.lexsort((rows[:, 5], -rows[:, 4], keys))
+    order = np.lexsort((rows[:, 6], -rows[:, 4], keys))
     sorted_keys = keys[order]
     first = np.ones(len(order), bool)
     first[1:] = sorted_keys[1:] != sorted_keys[:-1]
@@ -199,10 +197,9 @@ class MapKeeper:
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=folder, prefix=".saving-") as aside:
                 part = Path(aside) / "map.ply"
-                with PlyWriter(
-                    part, ("height", "confidence"), f"frame {self._frame_id}, metres"
-                ) as ply:
-                    ply.write(patch.points, patch.height, patch.confidence)
+                comment = f"frame {self._frame_id}, metres"
+                with PlyWriter(part, SURFACE_PROPERTIES, comment) as ply:
+                    ply.write(patch.points, *patch.properties())
                 path = _claim(folder, f"map_{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
                 part.replace(path)
         except OSError as error:

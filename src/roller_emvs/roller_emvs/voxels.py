@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from roller_core.transforms import F64
 
+F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
 
 # 21 bits an axis, signed, around the first point: 2 million voxels in each direction.
@@ -27,15 +28,16 @@ class VoxelMap:
         self.voxel_m = voxel_m
         self._origin: F64 | None = None
         self._keys = np.empty(0, np.int64)
-        # Columns: weight, weight·(x, y, z) from the origin, weight·confidence, last touched.
-        self._sums = np.empty((0, 6))
+        # Columns: weight, weight·(x, y, z) from the origin, weight·confidence, weight·sigma, last
+        # touched. Sigma is no less for several views: what they err by, they err by together.
+        self._sums = np.empty((0, 7))
         self._round = 0
 
     def __len__(self) -> int:
         return len(self._keys)
 
-    def add(self, points: F64, confidence: npt.NDArray[np.float32]) -> int:
-        """Merge points, shape (n, 3), metres, with their confidences, shape (n,).
+    def add(self, points: F64, confidence: F32, sigma: F32) -> int:
+        """Merge points, shape (n, 3), metres, with confidences and uncertainties, shape (n,).
 
         Returns
         -------
@@ -43,7 +45,7 @@ class VoxelMap:
             Points left out because they are not finite or out of the map's reach.
         """
         self._round += 1
-        good = np.isfinite(points).all(axis=1) & np.isfinite(confidence)
+        good = np.isfinite(points).all(axis=1) & np.isfinite(confidence) & np.isfinite(sigma)
         if self._origin is None:
             if not good.any():
                 return len(points)
@@ -54,17 +56,17 @@ class VoxelMap:
         local, cells, sure = local[good], cells[good].astype(np.int64), confidence[good]
         weight = np.maximum(sure.astype(np.float64), 1e-3)
         keys = cell_key(cells)
-        values = np.column_stack([weight, local * weight[:, None], sure * weight])
+        values = np.column_stack([weight, np.c_[local, sure, sigma[good]] * weight[:, None]])
         unique, inverse = np.unique(keys, return_inverse=True)
-        sums = np.zeros((len(unique), 6))
-        for k in range(5):
+        sums = np.zeros((len(unique), 7))
+        for k in range(6):
             sums[:, k] = np.bincount(inverse, values[:, k], len(unique))
-        sums[:, 5] = self._round
+        sums[:, 6] = self._round
         self._merge(unique, sums)
         return int(len(points) - good.sum())
 
-    def points(self) -> tuple[F64, npt.NDArray[np.float32]]:
-        """Merged points, shape (n, 3), metres, and confidences, shape (n,)."""
+    def points(self) -> tuple[F64, F32, F32]:
+        """Merged points, shape (n, 3), metres, their confidences and sigmas, shape (n,)."""
         return self._means(self._sums)
 
     def near(self, low: F64, high: F64) -> F64:
@@ -72,8 +74,8 @@ class VoxelMap:
         points = self.points()[0]
         return points[((points >= low) & (points <= high)).all(axis=1)]
 
-    def settle(self, keep: npt.NDArray[np.bool_]) -> tuple[F64, npt.NDArray[np.float32]]:
-        """Take out the voxels not to be kept and return their points and confidences.
+    def settle(self, keep: npt.NDArray[np.bool_]) -> tuple[F64, F32, F32]:
+        """Take out the voxels not to be kept and return their points, as `points` does.
 
         Parameters
         ----------
@@ -87,7 +89,7 @@ class VoxelMap:
     def oldest(self, count: int) -> npt.NDArray[np.bool_]:
         """Mask of all but the `count` voxels that were touched longest ago."""
         keep = np.ones(len(self), bool)
-        keep[np.argsort(self._sums[:, 5], kind="stable")[:count]] = False
+        keep[np.argsort(self._sums[:, 6], kind="stable")[:count]] = False
         return keep
 
     def _merge(self, keys: I64, sums: F64) -> None:
@@ -95,19 +97,19 @@ class VoxelMap:
         known = place < len(self._keys)
         known[known] = self._keys[place[known]] == keys[known]
         at = place[known]
-        self._sums[at, :5] += sums[known, :5]
-        self._sums[at, 5] = self._round
+        self._sums[at, :6] += sums[known, :6]
+        self._sums[at, 6] = self._round
         fresh = ~known
         if fresh.any():
             self._keys = np.insert(self._keys, place[fresh], keys[fresh])
             self._sums = np.insert(self._sums, place[fresh], sums[fresh], axis=0)
 
-    def _means(self, sums: F64) -> tuple[F64, npt.NDArray[np.float32]]:
+    def _means(self, sums: F64) -> tuple[F64, F32, F32]:
         if not len(sums) or self._origin is None:
-            return np.empty((0, 3)), np.empty(0, np.float32)
-        weight = sums[:, :1]
-        points = sums[:, 1:4] / weight + self._origin
-        return points, (sums[:, 4] / sums[:, 0]).astype(np.float32)
+            return np.empty((0, 3)), np.empty(0, np.float32), np.empty(0, np.float32)
+        means = sums[:, 1:6] / sums[:, :1]
+        sure, sigma = means[:, 3:].astype(np.float32).T
+        return means[:, :3] + self._origin, sure, sigma
 
 
 def cell_key(cells: I64) -> I64:

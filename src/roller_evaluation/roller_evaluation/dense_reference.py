@@ -61,6 +61,7 @@ def dense_reference(piece: Piece, settings: DepthSettings) -> DepthMap:
         middle_ns,
         depth,
         confidence,
+        np.full_like(depth, np.nan),
         target,
         piece.start_ns,
         piece.end_ns,

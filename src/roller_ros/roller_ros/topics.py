@@ -65,6 +65,7 @@ INPUTS = (
 OUTPUTS = (
     Topic(outputs.DEPTH_IMAGE, Image, qos.DEPTH),
     Topic(outputs.DEPTH_CONFIDENCE, Image, qos.DEPTH),
+    Topic(outputs.DEPTH_SIGMA, Image, qos.DEPTH),
     Topic(outputs.DEPTH_INFO, CameraInfo, qos.DEPTH),
     Topic(outputs.SURFACE_POINTS, PointCloud2, qos.SURFACE),
     Topic(outputs.SURFACE_MAP, PointCloud2, qos.LATCHED),

@@ -150,7 +150,7 @@ def depth_map(change: Callable[[np.ndarray, np.ndarray, np.ndarray], None]) -> D
     depth, sure = np.full(shape, 0.045, np.float32), np.full(shape, 0.5, np.float32)
     pose = np.eye(4)
     change(depth, sure, pose)
-    return DepthMap(0, depth, sure, pose, 0, 0, 0)
+    return DepthMap(0, depth, sure, 1e-5 * sure, pose, 0, 0, 0)
 
 
 @pytest.mark.parametrize("icp", [True, False])

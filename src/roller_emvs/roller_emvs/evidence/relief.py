@@ -17,6 +17,7 @@ from .evidence_settings import EvidenceSettings
 from .field import EvidenceField
 from .fit import fit_planes
 from .sweep import Depths
+from .uncertainty import point_sigma
 
 #: Neighbourhood from which the surface's slope is taken, px.
 _SLOPE_SIGMA_PX = 5.0
@@ -40,12 +41,15 @@ class Relief:
         Parameter of the plane that the surface lies on there.
     confidence : ndarray of float32, shape (n,)
         0–1.
+    sigma : ndarray of float32, shape (n,)
+        Standard uncertainty of the offset.
     """
 
     row: np.ndarray
     column: np.ndarray
     offset: F64
     confidence: F32
+    sigma: F32
 
 
 def measured_pixels(
@@ -92,7 +96,8 @@ def measured_pixels(
     sure /= 1.0 + spread_px**2
     keep = (spread_px < _MOST_SCATTER_PX) & (sure >= s.min_point_confidence)
     row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
-    return Relief(row, column, offset.astype(np.float64), sure)
+    sigma = point_sigma(field, fit.offset, row, column, spread_px[keep])
+    return Relief(row, column, offset.astype(np.float64), sure, sigma)
 
 
 def _around(support: F32) -> F32:

@@ -24,8 +24,8 @@ def focus_depth(
     view: F64,
     settings: DepthSettings,
     watch: Stopwatch,
-) -> tuple[F32, F32]:
-    """Depth and confidence of one window in a reference view.
+) -> tuple[F32, F32, F32]:
+    """Depth, confidence and sigma of one window in a reference view.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def focus_depth(
 
     Returns
     -------
-    depth, confidence : ndarray of float32, shape (height, width)
-        Metres and 0–1; NaN where there is no depth.
+    depth, confidence, sigma : ndarray of float32, shape (height, width)
+        Metres, 0–1 and metres; NaN where there is no depth.
     """
     s = settings
     near, far = 1.0 / s.depth_min_m, 1.0 / s.depth_max_m
@@ -53,7 +53,7 @@ def focus_depth(
     with watch("votes"):
         depths = find_depths(field, -half, half, s.focus, threads=s.threads)
     depth = np.full((camera.height, camera.width), np.nan, np.float32)
-    confidence = np.full_like(depth, np.nan)
+    confidence, sigma = np.full_like(depth, np.nan), np.full_like(depth, np.nan)
     with watch("points"):
         found = measured_pixels(field, depths, s.focus, s.threads)
         row, column = (found.column, found.row) if turned else (found.row, found.column)
@@ -61,7 +61,8 @@ def focus_depth(
         row, column = row[keep], column[keep]
         depth[row, column] = 1.0 / (middle + found.offset[keep])
         confidence[row, column] = found.confidence[keep]
-    return depth, confidence
+        sigma[row, column] = found.sigma[keep] * depth[row, column] ** 2
+    return depth, confidence, sigma
 
 
 def _window_field(

@@ -17,6 +17,7 @@ from roller_core.bags import typestore
 from roller_core.errors import RollerError
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
+from roller_emvs.patch import SURFACE_PROPERTIES
 from roller_emvs.ply import PlyWriter
 
 from .result_writer import write_braille
@@ -24,6 +25,7 @@ from .run_report import Report
 from .truth_tally import SurfaceTally, TruthTally
 
 _SURFACE = "/roller/surface/points"
+_CONFIDENCE, _SIGMA = "/roller/depth/confidence", "/roller/depth/sigma"
 
 
 class RecordedResultsError(RollerError):
@@ -54,30 +56,29 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     kind = SurfaceTally if surface else TruthTally
     tally: Any = kind.beside(truth_folder) if truth_folder else None
     store, lines, cells, points = typestore(), "", [], 0
-    confidence: dict[int, npt.NDArray[np.float32]] = {}
+    beside: dict[str, dict[int, npt.NDArray[np.float32]]] = {_CONFIDENCE: {}, _SIGMA: {}}
     with (
         Reader(bag) as reader,
-        PlyWriter(output / "surface.ply", ("height", "confidence"), "frame base, metres") as ply,
+        PlyWriter(output / "surface.ply", SURFACE_PROPERTIES, "frame base, metres") as ply,
     ):
         for connection, _, data in reader.messages():
             topic = connection.topic
             if not topic.startswith("/roller/"):
                 continue
             message: Any = store.deserialize_cdr(data, connection.msgtype)
-            if topic == "/roller/depth/confidence":
-                confidence[_stamp_ns(message)] = _pixels(message)
+            if topic in beside:
+                beside[topic][_stamp_ns(message)] = _pixels(message)
             elif topic == "/roller/depth/image" and not surface:
                 stamp = _stamp_ns(message)
-                found = DepthMap(
-                    stamp, _pixels(message), confidence.pop(stamp, _pixels(message)),
-                    np.eye(4), stamp, stamp, 0,
-                )  # fmt: skip
+                depth = _pixels(message)
+                parts = (kept.pop(stamp, depth) for kept in beside.values())
+                found = DepthMap(stamp, depth, *parts, np.eye(4), stamp, stamp, 0)
                 report.add_window(found)
                 if tally is not None:
                     tally.add(found)
             elif topic == _SURFACE:
                 patch = _patch(message)
-                ply.write(patch.points, patch.height, patch.confidence)
+                ply.write(patch.points, *patch.properties())
                 points += len(patch)
                 if surface:
                     report.add_window(patch)
@@ -113,8 +114,8 @@ def _pixels(message: Any) -> npt.NDArray[np.float32]:
 
 def _patch(message: Any) -> SurfacePatch:
     """Points of one cloud; its stamp is all that it says of their time."""
-    rows, stamp = np.frombuffer(message.data, np.float32).reshape(-1, 5), _stamp_ns(message)
-    return SurfacePatch(rows[:, :3].astype(np.float64), rows[:, 3], rows[:, 4], stamp, stamp)
+    rows, stamp = np.frombuffer(message.data, np.float32).reshape(-1, 6), _stamp_ns(message)
+    return SurfacePatch(rows[:, :3].astype(np.float64), *rows[:, 3:].T, stamp, stamp)
 
 
 def _cell(message: Any) -> Cell:

@@ -11,7 +11,7 @@ from roller_braille.cells import Cell
 from roller_braille.cells_json import cells_to_json
 from roller_braille.translation import LineCell
 from roller_core.outputs import Result
-from roller_emvs.patch import Patch
+from roller_emvs.patch import SURFACE_PROPERTIES, Patch
 from roller_emvs.ply import PlyWriter
 
 from .result_bag import ResultBag
@@ -37,9 +37,7 @@ class ResultWriter:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         self.ply_path = folder / "surface.ply"
-        self._ply = PlyWriter(
-            self.ply_path, ("height", "confidence"), f"frame {base_frame}, metres"
-        )
+        self._ply = PlyWriter(self.ply_path, SURFACE_PROPERTIES, f"frame {base_frame}, metres")
         self._bag = ResultBag(folder / "result")
         self._cells: list[Cell] = []
 
@@ -59,7 +57,7 @@ class ResultWriter:
             self._bag.write(output)
         found = result.found
         if isinstance(found, Patch):
-            self._ply.write(found.points, found.height, found.confidence)
+            self._ply.write(found.points, *found.properties())
         elif isinstance(found, Cell):
             self._cells.append(found)
 
