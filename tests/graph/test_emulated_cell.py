@@ -193,7 +193,7 @@ def take_scan(
     assert watcher.value(ROBOT, "clock_skew_ppm") == pytest.approx(-ROBOT_PPM, abs=20)
     assert watcher.value(DEPTH, "clock_skew_ppm") == pytest.approx(40, abs=20)
     cloud = np.concatenate(
-        [np.frombuffer(m.data, np.float32).reshape(-1, 5) for m in seen[SURFACE]]
+        [np.frombuffer(m.data, np.float32).reshape(-1, 6) for m in seen[SURFACE]]
     )
     return Took(
         seen[EVENTS],

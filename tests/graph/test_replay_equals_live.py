@@ -30,7 +30,6 @@ MAP = "/roller/surface/map"
 TOPICS = (
     "/roller/depth/image",
     "/roller/depth/confidence",
-    "/roller/depth/sigma",
     "/roller/depth/camera_info",
     "/roller/surface/points",
     "/event_camera/events",
@@ -94,7 +93,7 @@ def test_replay_equals_live(
         assert message.header.frame_id == "event_camera_optical_frame"
     assert [stamp_of(m) for m in seen["/roller/depth/camera_info"]] == list(expected)
 
-    clouds = [np.frombuffer(m.data, np.float32).reshape(-1, 5) for m in seen[TOPICS[3]]]
+    clouds = [np.frombuffer(m.data, np.float32).reshape(-1, 6) for m in seen[TOPICS[3]]]
     rows = np.concatenate(clouds)
     surface = read_ply(tmp_path / "out" / "surface.ply")
     assert len(rows) == len(surface["x"])

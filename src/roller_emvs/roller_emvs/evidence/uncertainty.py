@@ -9,7 +9,7 @@ from roller_core.transforms import F64
 from roller_emvs.rays import F32
 
 from ._kernels import CELL_PX
-from .field import RayField
+from .field import EvidenceField
 
 #: What a neighbourhood's peak errs by where its depths agree, pixels of parallax.
 _PEAK_PX = 0.5
@@ -20,7 +20,7 @@ _PLACE_PX = 1.0
 I64 = npt.NDArray[np.int64]
 
 
-def point_sigma(field: RayField, fitted: F64, row: I64, column: I64, scatter_px: F32) -> F32:
+def point_sigma(field: EvidenceField, fitted: F64, row: I64, column: I64, scatter_px: F32) -> F32:
     """Standard uncertainty of the offset of pixels, float32, shape (n,).
 
     Depths that scatter about their surface err by what they scatter, in parallax; where the
@@ -28,8 +28,8 @@ def point_sigma(field: RayField, fitted: F64, row: I64, column: I64, scatter_px:
 
     Parameters
     ----------
-    field : RayField
-        Rays.
+    field : EvidenceField
+        Events.
     fitted : ndarray of float64, shape (rows, columns)
         Surface on cells.
     row, column : ndarray of int64, shape (n,)

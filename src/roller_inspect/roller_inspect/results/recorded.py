@@ -71,8 +71,8 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
             elif topic == "/roller/depth/image" and not surface:
                 stamp = _stamp_ns(message)
                 depth = _pixels(message)
-                parts = (kept.pop(stamp, depth) for kept in beside.values())
-                found = DepthMap(stamp, depth, *parts, np.eye(4), stamp, stamp, 0)
+                sure, sigma = (kept.pop(stamp, depth) for kept in beside.values())
+                found = DepthMap(stamp, depth, sure, sigma, np.eye(4), stamp, stamp, 0)
                 report.add_window(found)
                 if tally is not None:
                     tally.add(found)
@@ -115,7 +115,8 @@ def _pixels(message: Any) -> npt.NDArray[np.float32]:
 def _patch(message: Any) -> SurfacePatch:
     """Points of one cloud; its stamp is all that it says of their time."""
     rows, stamp = np.frombuffer(message.data, np.float32).reshape(-1, 6), _stamp_ns(message)
-    return SurfacePatch(rows[:, :3].astype(np.float64), *rows[:, 3:].T, stamp, stamp)
+    height, sure, sigma = rows[:, 3:].T
+    return SurfacePatch(rows[:, :3].astype(np.float64), height, sure, sigma, stamp, stamp)
 
 
 def _cell(message: Any) -> Cell:
