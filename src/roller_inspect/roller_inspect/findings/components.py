@@ -1,0 +1,220 @@
+"""Cells that hang together, and what they measure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+from roller_inspect.references.reference import Comparison
+
+from .cues import SCALES_M, Cues, cell_weights, smoothed
+from .finder_settings import FindingSettings
+from .finding import Finding, Kind, Uncertainty
+
+#: Width of the ring around a finding that its depth counts from, m.
+_RING_M = (3e-4, 1.2e-3)
+#: Part of a finding's depth at which its outline runs.
+_OUTLINE = 0.2
+#: A hollow with a rim higher than this part of its depth is a crater.
+_RIM = 0.2
+#: Longer than so many widths is a scratch.
+_SCRATCH = 3.0
+#: Depth is the mean of this share of the deepest cells.
+_DEEPEST = 0.03
+#: z at which a finding is as good as certain.
+_CERTAIN_Z = 15.0
+
+
+@dataclass(frozen=True)
+class Component:
+    """Cells of one sign that hang together.
+
+    Attributes
+    ----------
+    rows, columns : slice
+        Window around them.
+    mask : ndarray of bool
+        Of the window.
+    sign : int
+        +1 extra, −1 missing.
+    """
+
+    rows: slice
+    columns: slice
+    mask: Bools
+    sign: int
+
+
+def components(cues: Cues) -> list[Component]:
+    """Weak cells that hang together with a strong one, by sign."""
+    found = []
+    for sign in (1, -1):
+        weak = cues.weak & (np.sign(cues.z) == sign)
+        labels, count = ndimage.label(weak, np.ones((3, 3)))
+        if not count:
+            continue
+        sure = np.zeros(count + 1, bool)
+        sure[np.unique(labels[cues.strong & weak])] = True
+        for number, box in enumerate(ndimage.find_objects(labels), 1):
+            if sure[number]:
+                rows, columns = box
+                found.append(Component(rows, columns, labels[box] == number, sign))
+    return sorted(found, key=lambda c: (c.columns.start, c.rows.start, c.sign))
+
+
+def measure(
+    number: int,
+    component: Component,
+    height_map: HeightMap,
+    comparison: Comparison,
+    cues: Cues,
+    settings: FindingSettings,
+    models_part: bool,
+    final: bool,
+) -> Finding | None:
+    """Figures of a component; None if it is below the limits.
+
+    Detection is by smoothed heights, measuring at the finest scale: smoothing takes the depth out
+    of what is narrow.
+    """
+    step = height_map.step_m
+    margin = round(_RING_M[1] / step) + 2
+    window = (
+        slice(max(component.rows.start - margin, 0), component.rows.stop + margin),
+        slice(max(component.columns.start - margin, 0), component.columns.stop + margin),
+    )
+    part = height_map.cropped(window[1], window[0])
+    deviation = comparison.deviation_m[window]
+    mask = np.zeros(part.shape, bool)
+    at = (component.rows.start - window[0].start, component.columns.start - window[1].start)
+    mask[at[0] : at[0] + component.mask.shape[0], at[1] : at[1] + component.mask.shape[1]] = (
+        component.mask
+    )
+    others = cues.weak[window] & ~mask
+    weight = cell_weights(part, deviation)
+    fine, share = smoothed(deviation, weight, max(SCALES_M[0] / step, 0.5))
+    known = (share > 0) & np.isfinite(fine) & part.known
+    away_m = ndimage.distance_transform_edt(~mask) * step
+    ring = (away_m > _RING_M[0]) & (away_m < _RING_M[1]) & known & ~others
+    noise = float(cues.noise_m[0])
+    level = float(np.median(fine[ring])) if ring.sum() >= 20 and not models_part else 0.0
+    signed = component.sign * (fine - level)
+    inside = mask & known
+    if not inside.any():
+        return None
+    values = np.sort(signed[inside])[::-1]
+    depth = float(values[: max(5, round(_DEEPEST * len(values)))].mean())
+    if depth <= 0:
+        return None
+    # The outline: where a part of the depth is reached, within reach of what was detected.
+    limit = max(_OUTLINE * depth, min(2.0 * noise, 0.5 * depth))
+    grown = ndimage.binary_dilation(mask, iterations=max(1, round(2e-4 / step)))
+    shape = known & (signed > limit) & grown
+    labels, _ = ndimage.label(shape, np.ones((3, 3)))
+    keep = np.unique(labels[shape & mask])
+    shape = ndimage.binary_fill_holes(np.isin(labels, keep[keep > 0]))
+    if not shape.any():
+        return None
+    outline, center, length, width = _outline(shape, part)
+    cells = int(shape.sum())
+    area = cells * step**2
+    volume = component.sign * float(np.nansum(np.where(shape & known, signed, 0.0))) * step**2
+    points = int(part.points[shape].sum(dtype=np.int64))
+    limits = settings.limits
+    if (
+        length < limits.length_m
+        or width < limits.width_m
+        or depth < limits.depth_m
+        or area < limits.area_m2
+        or points < limits.points
+    ):
+        return None
+    largest = float(np.abs(cues.z[window][mask]).max())
+    reference = float(np.median(comparison.sigma_m[window][mask]))
+    wide = float(cues.noise_m[-1])
+    u = _uncertainty(noise, wide, reference, depth, length, width, area, step)
+    middle = part.in_base(center[0], center[1], float(np.median(part.height_m[shape & known])))
+    return Finding(
+        id=number,
+        kind=_kind(component.sign, length, width, depth, signed, ring, others, models_part),
+        center_m=middle,
+        length_m=length,
+        width_m=width,
+        depth_m=component.sign * depth,
+        area_m2=area,
+        volume_m3=volume,
+        uncertainty=u,
+        confidence=float(np.clip(largest / _CERTAIN_Z, 0.0, 1.0)),
+        outline_m=outline,
+        points=points,
+        measured=float((part.state[shape] == MEASURED).mean()),
+        cues=("height",),
+        final=final,
+    )
+
+
+def _outline(shape: Bools, part: HeightMap) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Outline in base, centre in the map, length and width of the smallest rectangle."""
+    step = part.step_m
+    found, _ = cv2.findContours(shape.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    corners = np.concatenate(found) if len(found) > 1 else found[0]
+    _, sides, _ = cv2.minAreaRect(corners)
+    rows, columns = np.nonzero(shape)
+    center = np.array([part.x_m[columns].mean(), part.y_m[rows].mean()])
+    longest = max(found, key=cv2.contourArea)[:, 0]
+    heights = part.height_m[longest[:, 1], longest[:, 0]]
+    heights = np.where(np.isfinite(heights), heights, np.nanmedian(part.height_m))
+    outline = part.in_base(part.x_m[longest[:, 0]], part.y_m[longest[:, 1]], heights)
+    # Contours run through the centres of border cells.
+    length, width = max(sides) * step + step, min(sides) * step + step
+    return outline, center, float(length), float(width)
+
+
+def _kind(
+    sign: int,
+    length: float,
+    width: float,
+    depth: float,
+    signed: np.ndarray,
+    ring: Bools,
+    others: Bools,
+    models_part: bool,
+) -> Kind:
+    if models_part:
+        return "extra" if sign > 0 else "missing"
+    if sign > 0:
+        return "raised"
+    if length > _SCRATCH * width:
+        return "scratch"
+    around = ring | (others & np.isfinite(signed))
+    rim = float(-np.percentile(signed[around], 10)) if around.any() else 0.0
+    return "crater" if rim > _RIM * depth else "dent"
+
+
+def _uncertainty(
+    noise: float,
+    wide_noise: float,
+    reference: float,
+    depth: float,
+    length: float,
+    width: float,
+    area: float,
+    step: float,
+) -> Uncertainty:
+    """Expanded (k = 2); noise as the scan shows it by scale, for neighbours share errors."""
+    u_depth = float(np.sqrt(noise**2 + wide_noise**2 + reference**2))
+    # The outline moves where the flank's slope meets the noise; a flank takes half the width.
+    u_edge = float(np.hypot(step / np.sqrt(12), 0.5 * width * min(u_depth / depth, 1.0)))
+    u_area = 2 * (length + width) * u_edge / np.sqrt(2)
+    return Uncertainty(
+        center_m=2 * u_edge,
+        length_m=2 * np.sqrt(2) * u_edge,
+        width_m=2 * np.sqrt(2) * u_edge,
+        depth_m=2 * u_depth,
+        area_m2=2 * u_area,
+        volume_m3=2 * float(np.hypot(area * np.hypot(wide_noise, reference), u_area * depth / 2)),
+    )

@@ -1,0 +1,79 @@
+"""From a compared map to findings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from roller_inspect.height_map.height_map import Bools, HeightMap
+from roller_inspect.references.reference import Comparison, Reference
+
+from .components import Component, components, measure
+from .cues import height_cue
+from .finder_settings import FindingSettings
+from .finding import Finding
+
+#: Fits of the reference, each without the findings of the one before.
+_ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Search:
+    """What was found on a map.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        The map against its reference, findings left out of the fit.
+    findings : tuple of Finding
+        Numbered from 1.
+    spans : tuple of (int, int)
+        First column of each finding, and the first behind it.
+    """
+
+    comparison: Comparison
+    findings: tuple[Finding, ...]
+    spans: tuple[tuple[int, int], ...]
+
+
+def search(
+    height_map: HeightMap,
+    reference: Reference,
+    settings: FindingSettings,
+    rounds: int = _ROUNDS,
+) -> Search:
+    """Compare a map with a reference and find where it differs.
+
+    Raises
+    ------
+    ReferenceError
+        If the reference doesn't fit the map.
+    """
+    masked: Bools | None = None
+    for _ in range(rounds):
+        comparison = reference.compare(height_map, masked)
+        cues = height_cue(height_map, comparison, settings)
+        parts = components(cues)
+        masked = _mask(parts, height_map.shape)
+        if not parts:
+            break
+    found = []
+    for part in parts:
+        finding = measure(
+            0, part, height_map, comparison, cues, settings, reference.models_part, final=True
+        )
+        if finding is not None:
+            found.append((finding, (part.columns.start, part.columns.stop)))
+    return Search(
+        comparison,
+        tuple(replace(f, id=i) for i, (f, _) in enumerate(found, 1)),
+        tuple(span for _, span in found),
+    )
+
+
+def _mask(parts: list[Component], shape: tuple[int, int]) -> Bools:
+    mask = np.zeros(shape, bool)
+    for part in parts:
+        mask[part.rows, part.columns] |= part.mask
+    return mask

@@ -1,0 +1,138 @@
+"""Heights over a grid, each with its standard uncertainty and where it comes from."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.errors import RollerError
+from roller_core.transforms import F64
+
+F32 = npt.NDArray[np.float32]
+U8 = npt.NDArray[np.uint8]
+Bools = npt.NDArray[np.bool_]
+
+#: States of a cell: outside what was scanned; not measured, so its height is a guess or missing;
+#: continued from measured cells beside it; measured.
+OUTSIDE, UNMEASURED, CONTINUED, MEASURED = 0, 1, 2, 3
+
+_SHAPES = {"x_m": 1, "y_m": 1, "height_m": 2, "sigma_m": 2, "state": 2, "base_from_map": 2}
+
+
+class HeightMapError(RollerError):
+    """A file that is no height map, or maps that don't fit each other."""
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """Heights over a regular grid.
+
+    Attributes
+    ----------
+    x_m, y_m : ndarray of float64, shapes (nx,), (ny,)
+        Centres of the cells, metres, in the map's frame; steps are equal.
+    height_m : ndarray of float32, shape (ny, nx)
+        Metres along the map's z, the outward normal; NaN where there is none.
+    sigma_m : ndarray of float32, shape (ny, nx)
+        Standard uncertainty of a cell's height, metres; NaN where there is no height.
+    state : ndarray of uint8, shape (ny, nx)
+        `OUTSIDE`, `UNMEASURED`, `CONTINUED` or `MEASURED`.
+    points : ndarray of uint16, shape (ny, nx)
+        Measured points in the cell.
+    base_from_map : ndarray of float64, shape (4, 4)
+        A cell at (x, y, height) lies at ``base_from_map @ [x, y, height, 1]``, metres.
+    """
+
+    x_m: F64
+    y_m: F64
+    height_m: F32
+    sigma_m: F32
+    state: U8
+    points: npt.NDArray[np.uint16]
+    base_from_map: F64
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells along y and x."""
+        return self.height_m.shape  # type: ignore[return-value]
+
+    @property
+    def step_m(self) -> float:
+        """Edge of a cell."""
+        for axis in (self.x_m, self.y_m):
+            if len(axis) > 1:
+                return float(axis[-1] - axis[0]) / (len(axis) - 1)
+        return float("nan")
+
+    @property
+    def known(self) -> Bools:
+        """Cells whose height may be used: measured or continued."""
+        return np.asarray(self.state >= CONTINUED)
+
+    def in_base(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike, height_m: npt.ArrayLike) -> F64:
+        """Points of the map's frame in base, shape (..., 3), metres."""
+        local = np.stack(np.broadcast_arrays(x_m, y_m, height_m), axis=-1).astype(np.float64)
+        return np.asarray(local @ self.base_from_map[:3, :3].T + self.base_from_map[:3, 3])
+
+    def cropped(self, x: slice, y: slice) -> HeightMap:
+        """The part of some columns and rows."""
+        return HeightMap(
+            self.x_m[x],
+            self.y_m[y],
+            self.height_m[y, x],
+            self.sigma_m[y, x],
+            self.state[y, x],
+            self.points[y, x],
+            self.base_from_map,
+        )
+
+    def save(self, path: Path) -> None:
+        """Write `height_map.npz`."""
+        np.savez_compressed(
+            path,
+            x_m=self.x_m,
+            y_m=self.y_m,
+            height_m=self.height_m,
+            sigma_m=self.sigma_m,
+            state=self.state,
+            points=self.points,
+            base_from_map=self.base_from_map,
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> HeightMap:
+        """Read a `height_map.npz`; `points` may be missing.
+
+        Raises
+        ------
+        HeightMapError
+            If it can't be read or its arrays don't fit each other.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                found = {name: file[name] for name in file.files}
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise HeightMapError(f"{path}: no height map can be read ({error})") from error
+        for name, dimensions in _SHAPES.items():
+            if name not in found or found[name].ndim != dimensions:
+                raise HeightMapError(f"{path}: no height map: '{name}' is missing or misshapen")
+        shape = (len(found["y_m"]), len(found["x_m"]))
+        grids = [found[name] for name in ("height_m", "sigma_m", "state")]
+        points = found.get("points", (found["state"] == MEASURED).astype(np.uint16))
+        if any(grid.shape != shape for grid in [*grids, points]) or min(shape) < 1:
+            raise HeightMapError(f"{path}: no height map: its grids are not {shape} cells")
+        if found["base_from_map"].shape != (4, 4):
+            raise HeightMapError(f"{path}: no height map: 'base_from_map' is not 4×4")
+        return cls(
+            found["x_m"].astype(np.float64),
+            found["y_m"].astype(np.float64),
+            found["height_m"].astype(np.float32),
+            found["sigma_m"].astype(np.float32),
+            found["state"].astype(np.uint8),
+            points.astype(np.uint16),
+            found["base_from_map"].astype(np.float64),
+        )

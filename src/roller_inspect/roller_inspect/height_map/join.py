@@ -1,0 +1,116 @@
+"""Maps on one grid: joined, and made coarser."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, UNMEASURED, HeightMap
+
+
+def _first_cell(height_map: HeightMap, step_m: float) -> tuple[int, int]:
+    """Number of the first column and row on the grid that all maps of a frame share."""
+    return (
+        round(float(height_map.x_m[0]) / step_m - 0.5),
+        round(float(height_map.y_m[0]) / step_m - 0.5),
+    )
+
+
+def join_size(pieces: list[HeightMap]) -> int:
+    """Cells that `join` gives."""
+    (i0, i1), (j0, j1) = _extent(pieces)
+    return (i1 - i0) * (j1 - j0)
+
+
+def _extent(pieces: list[HeightMap]) -> tuple[tuple[int, int], tuple[int, int]]:
+    step = _step(pieces)
+    first = [_first_cell(piece, step) for piece in pieces]
+    i = [(a, a + len(p.x_m)) for (a, _), p in zip(first, pieces, strict=True)]
+    j = [(b, b + len(p.y_m)) for (_, b), p in zip(first, pieces, strict=True)]
+    return (min(a for a, _ in i), max(b for _, b in i)), (
+        min(a for a, _ in j),
+        max(b for _, b in j),
+    )
+
+
+def _step(pieces: list[HeightMap]) -> float:
+    return next(piece.step_m for piece in pieces if np.isfinite(piece.step_m))
+
+
+def join(pieces: list[HeightMap]) -> HeightMap:
+    """One map of pieces of one frame and grid; where they overlap the last one counts."""
+    step = _step(pieces)
+    (i0, i1), (j0, j1) = _extent(pieces)
+    shape = (j1 - j0, i1 - i0)
+    out = HeightMap(
+        (np.arange(i0, i1) + 0.5) * step,
+        (np.arange(j0, j1) + 0.5) * step,
+        np.full(shape, np.nan, np.float32),
+        np.full(shape, np.nan, np.float32),
+        np.full(shape, OUTSIDE, np.uint8),
+        np.zeros(shape, np.uint16),
+        pieces[0].base_from_map,
+    )
+    for piece in pieces:
+        place_on(out, piece, out.height_m, piece.height_m)
+        place_on(out, piece, out.sigma_m, piece.sigma_m)
+        place_on(out, piece, out.state, piece.state)
+        place_on(out, piece, out.points, piece.points)
+    return out
+
+
+def place_on(whole: HeightMap, piece: HeightMap, grid: np.ndarray, values: np.ndarray) -> None:
+    """Write values of a piece where they belong on a grid of the whole."""
+    i0, j0 = _first_cell(whole, whole.step_m)
+    i, j = _first_cell(piece, whole.step_m)
+    grid[j - j0 : j - j0 + piece.shape[0], i - i0 : i - i0 + piece.shape[1]] = values
+
+
+def coarser(height_map: HeightMap, deviation_m: F32, factor: int) -> tuple[HeightMap, F32]:
+    """A map with cells so many times as long and wide, and the deviation on it.
+
+    A coarse cell is measured, or known, where half of its cells are; its height is their mean, its
+    uncertainty theirs, as neighbours share their errors.
+    """
+    if factor <= 1:
+        return height_map, deviation_m
+    step = height_map.step_m
+    i, j = _first_cell(height_map, step)
+    before = ((j % factor, 0), (i % factor, 0))
+    ny = -(-(height_map.shape[0] + j % factor) // factor)
+    nx = -(-(height_map.shape[1] + i % factor) // factor)
+    after = (
+        ny * factor - height_map.shape[0] - j % factor,
+        nx * factor - height_map.shape[1] - i % factor,
+    )
+    pad = ((before[0][0], after[0]), (before[1][0], after[1]))
+
+    def blocks(values: np.ndarray, fill: float) -> np.ndarray:
+        padded = np.pad(values, pad, constant_values=fill)
+        return np.asarray(padded.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1))
+
+    state = blocks(height_map.state, OUTSIDE)
+    weight = blocks(height_map.known.astype(np.float32), 0)
+    total = weight.sum(axis=-1)
+
+    def mean(values: F32) -> F32:
+        filled = np.where(weight > 0, np.nan_to_num(blocks(values, 0)), 0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray((filled * weight).sum(axis=-1) / total, np.float32)
+
+    half = factor**2 / 2
+    inside = (state != OUTSIDE).sum(axis=-1) >= half
+    coarse = np.where(inside, UNMEASURED, OUTSIDE)
+    coarse[inside & (total >= half)] = CONTINUED
+    coarse[inside & ((state == MEASURED).sum(axis=-1) >= half)] = MEASURED
+    points = blocks(height_map.points, 0).sum(axis=-1, dtype=np.int64)
+    x = ((i // factor) + np.arange(nx) + 0.5) * step * factor
+    y = ((j // factor) + np.arange(ny) + 0.5) * step * factor
+    return HeightMap(
+        x,
+        y,
+        mean(height_map.height_m),
+        mean(height_map.sigma_m),
+        coarse.astype(np.uint8),
+        np.minimum(points, 65535).astype(np.uint16),
+        height_map.base_from_map,
+    ), mean(deviation_m)

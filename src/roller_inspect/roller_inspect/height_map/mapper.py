@@ -1,0 +1,183 @@
+"""Points in, strips of the height map out, with memory for what is near."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.transforms import F64, inverse_pose
+from roller_emvs.patch import Patch
+
+from .cells import Cells, bin_points
+from .complete import complete
+from .height_map import HeightMap
+from .map_frame import find_frame
+from .map_settings import HeightMapSettings
+
+#: Length of a strip, and what a strip is completed with on either side, m.
+STRIP_M, OVERLAP_M = 8e-3, 2e-3
+#: Standard uncertainty of points that come without, m.
+DEFAULT_SIGMA_M = 30e-6
+#: The frame is found once the scan has gone so far, m.
+_START_M = 8e-3
+#: Rows are allocated so many at once.
+_ROWS = 32
+
+
+@dataclass
+class _Strip:
+    """Points of a strip: x from its start, y, height, sigma; and whether the map has them all."""
+
+    points: list[npt.NDArray[np.float32]]
+    done: bool = False
+
+
+class HeightMapper:
+    """Makes the height map strip by strip.
+
+    Parameters
+    ----------
+    settings : HeightMapSettings
+        Grid and reach.
+    base_from_map : ndarray, shape (4, 4), optional
+        Frame of the map; without it, it is found from the first points.
+    """
+
+    def __init__(self, settings: HeightMapSettings, base_from_map: F64 | None = None) -> None:
+        self.settings = settings
+        self.base_from_map = base_from_map
+        self.columns = max(1, round(STRIP_M / settings.grid_m))
+        self._overlap = max(1, round(OVERLAP_M / settings.grid_m))
+        self._waiting: list[Patch] = []
+        self._strips: dict[int, _Strip] = {}
+
+    def add(self, patch: Patch) -> list[int]:
+        """Take points.
+
+        Returns
+        -------
+        list of int
+            Strips that the scan has passed, in order; `strip` gives them.
+        """
+        if not len(patch):
+            return []
+        if self.base_from_map is None:
+            self._waiting.append(patch)
+            if not self._find_frame(enough=False):
+                return []
+            waiting, self._waiting = self._waiting, []
+            spans = [self._take(each) for each in waiting]
+        else:
+            spans = [self._take(patch)]
+        low, high = spans[-1]
+        margin = self._overlap / self.columns
+        passed = [
+            k
+            for k, strip in self._strips.items()
+            if not strip.done and (k + 1 + margin < low or k - margin > high)
+        ]
+        return self._mark(passed)
+
+    def finish(self) -> list[int]:
+        """The scan is over: the strips that are left."""
+        if self._waiting and self.base_from_map is None:
+            self._find_frame(enough=True)
+        waiting, self._waiting = self._waiting, []
+        for patch in waiting:
+            self._take(patch)
+        return self._mark([k for k, strip in self._strips.items() if not strip.done])
+
+    def forget(self, strips: list[int]) -> None:
+        """Give up the points of strips; later ones there begin anew."""
+        for k in strips:
+            self._strips.pop(k, None)
+
+    def strip(self, k: int) -> HeightMap:
+        """The map of a strip, as the points so far have it."""
+        assert self.base_from_map is not None
+        grid, n, m = self.settings.grid_m, self.columns, self._overlap
+        rows = self._rows(k)
+        cells = self._cells(k, rows, n + 2 * m)
+        height, sigma, state = complete(cells, self.settings)
+        x = (k * n + np.arange(n) + 0.5) * grid
+        y = (np.arange(*rows) + 0.5) * grid
+        height, sigma, state, points = (
+            part[:, m : m + n].copy() for part in (height, sigma, state, cells.points)
+        )
+        return HeightMap(x, y, height, sigma, state, points, self.base_from_map)
+
+    def _find_frame(self, enough: bool) -> bool:
+        points = np.concatenate([patch.points for patch in self._waiting])
+        points = points[np.isfinite(points).all(axis=1)]
+        if not len(points):
+            return False
+        ends = [np.median(self._waiting[i].points, axis=0) for i in (0, -1)]
+        motion = ends[1] - ends[0]
+        if not enough and np.linalg.norm(motion) < _START_M:
+            return False
+        first = self._waiting[0]
+        surface_z_m = float(np.median(first.points[:, 2] - first.height))
+        self.base_from_map = find_frame(points, motion, round(surface_z_m, 9))
+        return True
+
+    def _take(self, patch: Patch) -> tuple[int, int]:
+        """Points to their strips; first and last strip touched."""
+        assert self.base_from_map is not None
+        map_from_base = inverse_pose(self.base_from_map)
+        local = patch.points @ map_from_base[:3, :3].T + map_from_base[:3, 3]
+        sigma = getattr(patch, "sigma", None)
+        if sigma is None:
+            sigma = np.full(len(patch), DEFAULT_SIGMA_M)
+        good = np.isfinite(local).all(axis=1) & np.isfinite(sigma)
+        local, sigma = local[good], sigma[good]
+        if not len(local):
+            return (0, -1)
+        length = self.columns * self.settings.grid_m
+        number = np.floor(local[:, 0] / length).astype(np.int64)
+        for k in np.unique(number):
+            mine = number == k
+            rows = np.column_stack([local[mine], sigma[mine]])
+            rows[:, 0] -= k * length
+            strip = self._strips.setdefault(int(k), _Strip([]))
+            strip.points.append(rows.astype(np.float32))
+            strip.done = False
+        return int(number.min()), int(number.max())
+
+    def _mark(self, strips: list[int]) -> list[int]:
+        for k in strips:
+            self._strips[k].done = True
+        return sorted(strips)
+
+    def _near(self, k: int) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
+        for other in (k - 1, k, k + 1):
+            strip = self._strips.get(other)
+            if strip is not None:
+                if len(strip.points) > 1:
+                    strip.points = [np.concatenate(strip.points)]
+                yield other, strip.points[0]
+
+    def _rows(self, k: int) -> tuple[int, int]:
+        """Rows of a strip: what it and its neighbours reach."""
+        y = np.concatenate([points[:, 1] for _, points in self._near(k)])
+        grid = self.settings.grid_m
+        low, high = np.floor(float(y.min()) / grid), np.floor(float(y.max()) / grid)
+        return int(low // _ROWS * _ROWS), int((high // _ROWS + 1) * _ROWS)
+
+    def _cells(self, k: int, rows: tuple[int, int], columns: int) -> Cells:
+        grid, n = self.settings.grid_m, self.columns
+        parts = []
+        for other, points in self._near(k):
+            moved = points.astype(np.float64)
+            moved[:, 0] += (other - k) * n * grid + self._overlap * grid
+            parts.append(moved)
+        x, y, height, sigma = np.concatenate(parts).T
+        return bin_points(
+            np.floor(x / grid).astype(np.int64),
+            np.floor(y / grid).astype(np.int64) - rows[0],
+            height,
+            sigma,
+            (rows[1] - rows[0], columns),
+        )

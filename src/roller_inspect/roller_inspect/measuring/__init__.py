@@ -1,0 +1,1 @@
+"""Measuring tools on a height map: each gives a value with its uncertainty and unit."""

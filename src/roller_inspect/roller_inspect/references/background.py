@@ -1,0 +1,103 @@
+"""The scan's own background as the reference."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+
+from .alignment import Alignment
+from .nominal import tukey
+from .reference import Comparison, rms_robust
+
+#: Reach of the background, m: what is wider belongs to it.
+_REACH_M = 4e-3
+#: It is computed on cells of this size, m.
+_COARSE_M = 5e-4
+_ROUNDS = 6
+
+
+class SelfReference:
+    """The surface around each place, robustly: what is smaller than some millimetres shows.
+
+    Parameters
+    ----------
+    reach_m : float
+        Standard deviation of the Gaussian window, metres.
+    """
+
+    name = "self"
+    models_part = False
+
+    def __init__(self, reach_m: float = _REACH_M) -> None:
+        self.reach_m = reach_m
+
+    def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
+        """See `Reference`."""
+        used = (height_map.state == MEASURED) & np.isfinite(height_map.height_m)
+        if masked is not None:
+            used &= ~masked
+        background, sigma = self._background(height_map, used)
+        deviation = (height_map.height_m - background).astype(np.float32)
+        residual = deviation[used]
+        return Comparison(
+            deviation,
+            sigma,
+            Alignment("self", np.eye(4), (), rms_robust(residual), int(used.sum())),
+        )
+
+    def _background(self, height_map: HeightMap, used: Bools) -> tuple[np.ndarray, np.ndarray]:
+        """Local planes by weighted least squares over blocks, Tukey's weights."""
+        step = height_map.step_m
+        k = max(1, round(_COARSE_M / step))
+        ny, nx = (-(-n // k) for n in height_map.shape)
+        row, column = np.nonzero(used)
+        block = (row // k) * nx + column // k
+        count = np.bincount(block, minlength=ny * nx).astype(np.float64)
+        z = height_map.height_m[row, column].astype(np.float64)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.bincount(block, z, ny * nx) / count
+        mean = np.where(count > 0, mean, 0.0).reshape(ny, nx)
+        count = count.reshape(ny, nx)
+        reach = self.reach_m / (k * step)
+        weight = (count > 0).astype(np.float64)
+        background = np.zeros((ny, nx))
+        for _ in range(_ROUNDS):
+            background = _local_plane(mean, weight, reach)
+            residual = mean - background
+            weight = np.where(count > 0, 0.0, 0.0)
+            weight[count > 0] = tukey(residual[count > 0])
+        spread = rms_robust((mean - background)[count > 0])
+        total = ndimage.gaussian_filter(weight, reach) * 4 * np.pi * reach**2
+        sigma = spread / np.sqrt(np.maximum(total, 1.0))
+        grid = np.indices(height_map.shape, np.float64)
+        at = (grid + 0.5) / k - 0.5
+        fine = ndimage.map_coordinates(background, at, order=1, mode="nearest")
+        fine_sigma = ndimage.map_coordinates(sigma, at, order=0, mode="nearest")
+        return fine, fine_sigma.astype(np.float32)
+
+
+def _local_plane(z: np.ndarray, weight: np.ndarray, reach: float) -> np.ndarray:
+    """Value of the plane fitted around each cell with a Gaussian window, cells."""
+    yy, xx = np.indices(z.shape, np.float64)
+
+    def blur(values: np.ndarray) -> np.ndarray:
+        return ndimage.gaussian_filter(values, reach, mode="constant", truncate=3.0)
+
+    w = blur(weight)
+    wx, wy, wz = blur(weight * xx), blur(weight * yy), blur(weight * z)
+    safe = np.maximum(w, 1e-12)
+    mx, my, mz = wx / safe, wy / safe, wz / safe
+    sxx = blur(weight * xx * xx) / safe - mx**2
+    syy = blur(weight * yy * yy) / safe - my**2
+    sxy = blur(weight * xx * yy) / safe - mx * my
+    sxz = blur(weight * xx * z) / safe - mx * mz
+    syz = blur(weight * yy * z) / safe - my * mz
+    # A little ridge: with few cells the plane is level.
+    ridge = 0.05 * reach**2
+    sxx, syy = sxx + ridge, syy + ridge
+    det = sxx * syy - sxy**2
+    a = (sxz * syy - syz * sxy) / det
+    b = (syz * sxx - sxz * sxy) / det
+    return np.asarray(mz + a * (xx - mx) + b * (yy - my))

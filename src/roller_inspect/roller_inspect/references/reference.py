@@ -1,0 +1,75 @@
+"""What every reference gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.errors import RollerError
+from roller_inspect.height_map.height_map import F32, Bools, HeightMap
+
+from .alignment import Alignment
+
+
+class ReferenceError(RollerError):
+    """A reference that can't be read or doesn't fit the scan."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A map against a reference.
+
+    Attributes
+    ----------
+    deviation_m : ndarray of float32, shape (ny, nx)
+        Height less the reference's; NaN where either is unknown.
+    sigma_m : ndarray of float32, shape (ny, nx)
+        Standard uncertainty of the reference itself, metres.
+    alignment : Alignment
+        How it was laid on the scan.
+    """
+
+    deviation_m: F32
+    sigma_m: F32
+    alignment: Alignment
+
+
+class Reference(Protocol):
+    """What a map is compared with.
+
+    Attributes
+    ----------
+    name : str
+        ``self``, ``nominal``, ``golden`` or ``cad``.
+    models_part : bool
+        Whether it has the part's own features, so that deviations are missing or extra material.
+    """
+
+    name: str
+    models_part: bool
+
+    def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
+        """Lay the reference on a map and compare.
+
+        Parameters
+        ----------
+        height_map : HeightMap
+            The map; unmeasured cells don't count.
+        masked : ndarray of bool, shape (ny, nx), optional
+            Cells that fits leave out: findings.
+
+        Raises
+        ------
+        ReferenceError
+            If the reference doesn't fit the map: far from it, or nothing to compare.
+        """
+        ...
+
+
+def rms_robust(values: npt.NDArray[np.floating]) -> float:
+    """Standard deviation by the median; NaN without values."""
+    values = values[np.isfinite(values)]
+    return float(1.4826 * np.median(np.abs(values))) if len(values) else float("nan")

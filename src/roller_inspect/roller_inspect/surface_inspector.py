@@ -1,0 +1,283 @@
+"""Points of the surface in, height map and findings out: live, offline and in tests the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydantic import Field
+
+from roller_core.settings import Settings
+from roller_core.transforms import F64
+from roller_emvs.patch import Patch
+
+from .findings.find import Search, search
+from .findings.finder_settings import FindingSettings
+from .findings.finding import Finding
+from .height_map.coverage import Coverage, coverage_of
+from .height_map.height_map import F32, HeightMap
+from .height_map.join import coarser, join, join_size, place_on
+from .height_map.map_settings import HeightMapSettings
+from .height_map.mapper import STRIP_M, HeightMapper
+from .references.alignment import Alignment
+from .references.reference import Reference, ReferenceError
+
+#: What a new strip is searched together with, m: findings are at most provisional on it.
+_CONTEXT_M = 24e-3
+#: Findings are final once the scan is this far beyond them, m.
+_PASSED_M = 3e-3
+#: Findings nearer than this are the same one, seen again, in part of their length.
+_SAME = 0.5
+
+
+class InspectionSettings(Settings):
+    """Settings of map and search."""
+
+    height_map: HeightMapSettings = Field(HeightMapSettings.create({}), description="The map.")
+    findings: FindingSettings = Field(FindingSettings.create({}), description="The search.")
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of the surface that was inspected.
+
+    Attributes
+    ----------
+    height_map : HeightMap
+        Its map.
+    deviation_m : ndarray of float32, shape (ny, nx)
+        From the reference; NaN where there is none.
+    """
+
+    height_map: HeightMap
+    deviation_m: F32
+
+
+@dataclass(frozen=True)
+class Found:
+    """What an inspection found.
+
+    Attributes
+    ----------
+    height_map : HeightMap or None
+        The whole; of a scan that is too long for memory a coarser one. None without any point.
+    deviation_m : ndarray of float32, shape (ny, nx), or None
+        On the same grid.
+    findings : tuple of Finding
+        All final, in the order of the scan.
+    alignment : Alignment or None
+        Of the reference (of the worst residual where the scan was given in pieces); None where
+        it couldn't be laid on the scan.
+    coverage : Coverage
+        Of what was scanned.
+    faults : tuple of str
+        Why parts could not be compared; empty if all was.
+    """
+
+    height_map: HeightMap | None
+    deviation_m: F32 | None
+    findings: tuple[Finding, ...]
+    alignment: Alignment | None
+    coverage: Coverage
+    faults: tuple[str, ...]
+
+
+class SurfaceInspector:
+    """Makes map and findings from patches as they come, in bounded memory.
+
+    Parameters
+    ----------
+    settings : InspectionSettings
+        Of map and search.
+    reference : Reference
+        What the surface is compared with.
+    base_from_map : ndarray, shape (4, 4), optional
+        Frame of the map; without it, it is found from the first points.
+    on_piece : callable, optional
+        Takes each `Piece` of a scan that is too long for memory, in order and without overlap;
+        and at the end the last one.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        All so far: final ones, and provisional ones where the scan is now.
+    revision : int
+        Counts up whenever `findings` changed.
+    """
+
+    def __init__(
+        self,
+        settings: InspectionSettings,
+        reference: Reference,
+        base_from_map: F64 | None = None,
+        on_piece: Callable[[Piece], None] | None = None,
+    ) -> None:
+        self.settings = settings
+        self.reference = reference
+        self.findings: tuple[Finding, ...] = ()
+        self.revision = 0
+        self._mapper = HeightMapper(settings.height_map, base_from_map)
+        self._on_piece = on_piece
+        self._strips: dict[int, HeightMap] = {}
+        self._number = 0
+        self._faults: dict[str, None] = {}
+        #: Of pieces that are given up.
+        self._gone: list[Finding] = []
+        self._whole: tuple[HeightMap, F32] | None = None
+        self._worst: Alignment | None = None
+
+    def add(self, patch: Patch) -> list[Piece]:
+        """Take points.
+
+        Returns
+        -------
+        list of Piece
+            Strips that the scan has passed, each once (again where the scan came back to it).
+        """
+        passed = self._mapper.add(patch)
+        for k in passed:
+            self._strips[k] = self._mapper.strip(k)
+        pieces = [piece for k in passed for piece in self._look(k)]
+        if sum(strip.height_m.size for strip in self._strips.values()) > self._most_cells:
+            self._conclude(self._cut())
+        return pieces
+
+    def finish(self) -> Found:
+        """The scan is over: everything, final."""
+        for k in self._mapper.finish():
+            self._strips[k] = self._mapper.strip(k)
+        if self._strips:
+            self._conclude(sorted(self._strips))
+        whole, self._whole = self._whole, None
+        self._set(tuple(self._gone))
+        coverage = coverage_of(whole[0]) if whole else Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
+        return Found(
+            whole[0] if whole else None,
+            whole[1] if whole else None,
+            self.findings,
+            self._worst,
+            coverage,
+            tuple(self._faults),
+        )
+
+    @property
+    def _most_cells(self) -> int:
+        return self.settings.height_map.max_cells
+
+    def _search(self, height_map: HeightMap, rounds: int) -> Search | None:
+        try:
+            return search(height_map, self.reference, self.settings.findings, rounds)
+        except ReferenceError as error:
+            self._faults.setdefault(str(error))
+            return None
+
+    def _look(self, k: int) -> list[Piece]:
+        """Findings around a new strip: provisional near it, final behind."""
+        around = round(_CONTEXT_M / STRIP_M)
+        near = [j for j in range(k - around, k + around + 1) if j in self._strips]
+        window = join([self._strips[j] for j in near])
+        found = self._search(window, rounds=1)
+        if found is None:
+            return []
+        strip = self._strips[k]
+        i = round((strip.x_m[0] - window.x_m[0]) / window.step_m)
+        j = round((strip.y_m[0] - window.y_m[0]) / window.step_m)
+        deviation = found.comparison.deviation_m[j : j + strip.shape[0], i : i + strip.shape[1]]
+        margin = round(_PASSED_M / window.step_m)
+        ends = (i < margin, i + strip.shape[1] > window.shape[1] - margin)
+        fresh = []
+        for finding, (first, last) in zip(found.findings, found.spans, strict=True):
+            open_end = (ends[1] and last > window.shape[1] - margin) or (ends[0] and first < margin)
+            fresh.append(replace(finding, final=not open_end))
+        kept = [f for f in self.findings if f.final or not self._inside(f, window)]
+        new = [f for f in fresh if not any(f0.final and _same(f, f0) for f0 in kept)]
+        self._set(tuple([*kept, *self._numbered(new)]))
+        return [Piece(strip, deviation)]
+
+    def _inside(self, finding: Finding, window: HeightMap) -> bool:
+        """Whether a finding would be found again on a window."""
+        local = np.linalg.solve(window.base_from_map, [*finding.center_m, 1.0])
+        return bool(window.x_m[0] <= local[0] <= window.x_m[-1])
+
+    def _numbered(self, findings: list[Finding]) -> list[Finding]:
+        """Findings that were reported before keep their number."""
+        out, taken = [], set()
+        for finding in findings:
+            before = [f for f in self.findings if f.id not in taken and _same(finding, f)]
+            if before:
+                number = before[0].id
+            else:
+                self._number += 1
+                number = self._number
+            taken.add(number)
+            out.append(replace(finding, id=number))
+        return out
+
+    def _set(self, findings: tuple[Finding, ...]) -> None:
+        findings = tuple(sorted(findings, key=lambda f: f.id))
+        if findings != self.findings:
+            self.findings = findings
+            self.revision += 1
+
+    def _cut(self) -> list[int]:
+        """Strips to conclude: all but what the newest findings may still need."""
+        order = list(self._strips)
+        keep = set(order[-2 * round(_CONTEXT_M / STRIP_M) :])
+        for finding in self.findings:
+            if not finding.final:
+                frame = self._mapper.base_from_map
+                x = (finding.outline_m - frame[:3, 3]) @ frame[:3, 0]
+                keep |= set(
+                    range(int(np.floor(x.min() / STRIP_M)), int(np.floor(x.max() / STRIP_M)) + 1)
+                )
+        done = [k for k in order if k not in keep]
+        return done or order[:-1]
+
+    def _conclude(self, strips: list[int]) -> None:
+        """Inspect strips as a whole and give them up."""
+        whole = join([self._strips[k] for k in strips])
+        found = self._search(whole, rounds=2)
+        for k in strips:
+            del self._strips[k]
+        self._mapper.forget(strips)
+        deviation = np.full(whole.shape, np.nan, np.float32)
+        rest = [f for f in self.findings if f not in self._gone and not self._inside(f, whole)]
+        if found is not None:
+            deviation = found.comparison.deviation_m
+            alignment = found.comparison.alignment
+            if self._worst is None or not alignment.residual_m < self._worst.residual_m:
+                self._worst = alignment
+            self._gone += self._numbered(
+                [f for f in found.findings if not any(_same(f, g) for g in self._gone)]
+            )
+        self._set(tuple([*self._gone, *rest]))
+        if self._on_piece is not None:
+            self._on_piece(Piece(whole, deviation))
+        self._keep(whole, deviation)
+
+    def _keep(self, height_map: HeightMap, deviation_m: F32) -> None:
+        """Add a piece to the whole, as coarse as it takes."""
+        pieces = [(height_map, deviation_m)]
+        if self._whole is not None:
+            pieces.insert(0, self._whole)
+        step = max(m.step_m for m, _ in pieces)
+        maps = []
+        while True:
+            maps = [coarser(m, d, round(step / m.step_m)) for m, d in pieces]
+            if join_size([m for m, _ in maps]) <= self._most_cells:
+                break
+            step *= 2
+        joined = join([m for m, _ in maps])
+        deviation = np.full(joined.shape, np.nan, np.float32)
+        for m, d in maps:
+            place_on(joined, m, deviation, d)
+        self._whole = (joined, deviation)
+
+
+def _same(one: Finding, other: Finding) -> bool:
+    """Whether two findings are the same place."""
+    away = float(np.linalg.norm(one.center_m - other.center_m))
+    return away < _SAME * max(one.length_m, other.length_m) and (
+        np.sign(one.depth_m) == np.sign(other.depth_m)
+    )

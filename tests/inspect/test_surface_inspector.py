@@ -1,0 +1,101 @@
+"""Height map and findings of analytic surfaces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roller_emvs.patch import Patch
+from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap, HeightMapError
+from roller_inspect.references import NominalReference
+from roller_inspect.surface_inspector import (
+    Found,
+    InspectionSettings,
+    Piece,
+    SurfaceInspector,
+)
+
+from .analytic_surface import dent, flat, scan
+
+
+def inspect(patches: list[Patch], **settings: object) -> Found:
+    inspector = SurfaceInspector(InspectionSettings.create(settings), NominalReference("plane"))
+    for patch in patches:
+        inspector.add(patch)
+    return inspector.finish()
+
+
+def test_a_clean_plane_has_no_findings_and_a_dent_has_its_figures() -> None:
+    assert inspect(scan(flat)).findings == ()
+    found = inspect(scan(dent((0.015, 0.001), 1.5e-3, 2e-4)))
+    (finding,) = found.findings
+    assert finding.kind == "dent"
+    assert finding.final
+    np.testing.assert_allclose(finding.center_m, [0.015, 0.001, -1e-4], atol=2e-4)
+    assert abs(finding.depth_m + 2e-4) < finding.uncertainty.depth_m
+    assert finding.uncertainty.depth_m < 1e-4
+    # (1 - r²)² reaches the outline's part of the depth at 0.74 of the radius.
+    assert finding.length_m == pytest.approx(2 * 0.74 * 1.5e-3, rel=0.2)
+    assert finding.volume_m3 == pytest.approx(-np.pi / 3 * 1.5e-3**2 * 2e-4, rel=0.2)
+
+
+def test_findings_of_a_scan_given_in_pieces_are_those_of_the_whole() -> None:
+    surface = dent((0.08, 0.0), 1.5e-3, 2e-4)
+    patches = scan(surface, length_m=0.16, width_m=0.008)
+    whole = inspect(patches)
+    pieces: list[Piece] = []
+    inspector = SurfaceInspector(
+        InspectionSettings.create({"height_map.max_cells": 80_000}),
+        NominalReference("plane"),
+        on_piece=pieces.append,
+    )
+    for patch in patches:
+        inspector.add(patch)
+    found = inspector.finish()
+    assert len(pieces) > 1
+    assert found.height_map is not None
+    assert found.height_map.step_m > 1.5e-4
+    assert found.height_map.height_m.size <= 80_000
+    (one,), (other,) = (
+        [f for f in each.findings if f.depth_m < -1e-4] for each in (whole, found)
+    )
+    np.testing.assert_allclose(one.center_m, other.center_m, atol=1e-4)
+    assert one.depth_m == pytest.approx(other.depth_m, abs=1e-5)
+
+
+def test_a_finding_is_provisional_until_the_scan_has_passed_it_and_keeps_its_number() -> None:
+    patches = scan(dent((0.0155, 0.0), 1.5e-3, 3e-4), length_m=0.05)
+    inspector = SurfaceInspector(InspectionSettings.create({}), NominalReference("plane"))
+    seen = []
+    for patch in patches:
+        inspector.add(patch)
+        seen.append([(f.id, f.final) for f in inspector.findings])
+    assert [(1, False)] in seen
+    assert seen[-1] == [(1, True)]
+    assert [f.id for f in inspector.finish().findings] == [1]
+
+
+def test_what_is_far_from_points_is_not_measured(tmp_path: Path) -> None:
+    hole = (0.014, 0.016)
+    found = inspect(scan(flat, keep=lambda x, y: (x < hole[0]) | (x > hole[1])))
+    height_map = found.height_map
+    assert height_map is not None
+    inside = (height_map.x_m > hole[0] + 4e-4) & (height_map.x_m < hole[1] - 4e-4)
+    middle = np.abs(height_map.y_m) < 4e-3
+    assert (height_map.state[np.ix_(middle, inside)] < CONTINUED).all()
+    assert (height_map.state == MEASURED).mean() > 0.5
+    height_map.save(tmp_path / "height_map.npz")
+    again = HeightMap.load(tmp_path / "height_map.npz")
+    np.testing.assert_array_equal(again.height_m, height_map.height_m)
+    np.testing.assert_array_equal(again.state, height_map.state)
+    (tmp_path / "other.npz").write_bytes(b"PK")
+    with pytest.raises(HeightMapError, match="no height map"):
+        HeightMap.load(tmp_path / "other.npz")
+
+
+def test_without_points_nothing_is_found() -> None:
+    found = inspect([])
+    assert found.height_map is None
+    assert found.coverage.measured == 0.0
