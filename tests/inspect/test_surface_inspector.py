@@ -58,9 +58,7 @@ def test_findings_of_a_scan_given_in_pieces_are_those_of_the_whole() -> None:
     assert found.height_map is not None
     assert found.height_map.step_m > 1.5e-4
     assert found.height_map.height_m.size <= 80_000
-    (one,), (other,) = (
-        [f for f in each.findings if f.depth_m < -1e-4] for each in (whole, found)
-    )
+    (one,), (other,) = ([f for f in each.findings if f.depth_m < -1e-4] for each in (whole, found))
     np.testing.assert_allclose(one.center_m, other.center_m, atol=1e-4)
     assert one.depth_m == pytest.approx(other.depth_m, abs=1e-5)
 
