@@ -226,7 +226,7 @@ class SurfaceInspector:
         keep = set(order[-2 * round(_CONTEXT_M / STRIP_M) :])
         for finding in self.findings:
             if not finding.final:
-                frame = self._mapper.base_from_map
+                frame = self._mapper.frame
                 x = (finding.outline_m - frame[:3, 3]) @ frame[:3, 0]
                 keep |= set(
                     range(int(np.floor(x.min() / STRIP_M)), int(np.floor(x.max() / STRIP_M)) + 1)

@@ -23,6 +23,11 @@ OUTSIDE, UNMEASURED, CONTINUED, MEASURED = 0, 1, 2, 3
 _SHAPES = {"x_m": 1, "y_m": 1, "height_m": 2, "sigma_m": 2, "state": 2, "base_from_map": 2}
 
 
+def centres(first: int, count: int, step_m: float) -> F64:
+    """Centres of cells from a number on, metres."""
+    return np.asarray((first + np.arange(count) + 0.5) * step_m, np.float64)
+
+
 class HeightMapError(RollerError):
     """A file that is no height map, or maps that don't fit each other."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, UNMEASURED, HeightMap
+from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, UNMEASURED, HeightMap, centres
 
 
 def _first_cell(height_map: HeightMap, step_m: float) -> tuple[int, int]:
@@ -42,8 +42,8 @@ def join(pieces: list[HeightMap]) -> HeightMap:
     (i0, i1), (j0, j1) = _extent(pieces)
     shape = (j1 - j0, i1 - i0)
     out = HeightMap(
-        (np.arange(i0, i1) + 0.5) * step,
-        (np.arange(j0, j1) + 0.5) * step,
+        centres(i0, i1 - i0, step),
+        centres(j0, j1 - j0, step),
         np.full(shape, np.nan, np.float32),
         np.full(shape, np.nan, np.float32),
         np.full(shape, OUTSIDE, np.uint8),
@@ -103,8 +103,8 @@ def coarser(height_map: HeightMap, deviation_m: F32, factor: int) -> tuple[Heigh
     coarse[inside & (total >= half)] = CONTINUED
     coarse[inside & ((state == MEASURED).sum(axis=-1) >= half)] = MEASURED
     points = blocks(height_map.points, 0).sum(axis=-1, dtype=np.int64)
-    x = ((i // factor) + np.arange(nx) + 0.5) * step * factor
-    y = ((j // factor) + np.arange(ny) + 0.5) * step * factor
+    x = centres(i // factor, nx, step * factor)
+    y = centres(j // factor, ny, step * factor)
     return HeightMap(
         x,
         y,

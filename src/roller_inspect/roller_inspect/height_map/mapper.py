@@ -13,7 +13,7 @@ from roller_emvs.patch import Patch
 
 from .cells import Cells, bin_points
 from .complete import complete
-from .height_map import HeightMap
+from .height_map import HeightMap, centres
 from .map_frame import find_frame
 from .map_settings import HeightMapSettings
 
@@ -53,6 +53,12 @@ class HeightMapper:
         self._overlap = max(1, round(OVERLAP_M / settings.grid_m))
         self._waiting: list[Patch] = []
         self._strips: dict[int, _Strip] = {}
+
+    @property
+    def frame(self) -> F64:
+        """base_from_map, once there is a strip."""
+        assert self.base_from_map is not None
+        return self.base_from_map
 
     def add(self, patch: Patch) -> list[int]:
         """Take points.
@@ -97,17 +103,13 @@ class HeightMapper:
 
     def strip(self, k: int) -> HeightMap:
         """The map of a strip, as the points so far have it."""
-        assert self.base_from_map is not None
         grid, n, m = self.settings.grid_m, self.columns, self._overlap
         rows = self._rows(k)
         cells = self._cells(k, rows, n + 2 * m)
         height, sigma, state = complete(cells, self.settings)
-        x = (k * n + np.arange(n) + 0.5) * grid
-        y = (np.arange(*rows) + 0.5) * grid
-        height, sigma, state, points = (
-            part[:, m : m + n].copy() for part in (height, sigma, state, cells.points)
-        )
-        return HeightMap(x, y, height, sigma, state, points, self.base_from_map)
+        x, y = centres(k * n - m, n + 2 * m, grid), centres(rows[0], rows[1] - rows[0], grid)
+        whole = HeightMap(x, y, height, sigma, state, cells.points, self.frame)
+        return whole.cropped(slice(m, m + n), slice(None))
 
     def _find_frame(self, enough: bool) -> bool:
         points = np.concatenate([patch.points for patch in self._waiting])
@@ -125,8 +127,7 @@ class HeightMapper:
 
     def _take(self, patch: Patch) -> tuple[int, int]:
         """Points to their strips; first and last strip touched."""
-        assert self.base_from_map is not None
-        map_from_base = inverse_pose(self.base_from_map)
+        map_from_base = inverse_pose(self.frame)
         local = patch.points @ map_from_base[:3, :3].T + map_from_base[:3, 3]
         sigma = getattr(patch, "sigma", None)
         if sigma is None:

@@ -109,7 +109,7 @@ def fit_polynomial(x: F64, y: F64, z: F64, order: int) -> Model:
     weight = np.ones(len(z))
     for _ in range(_ROUNDS):
         weighted = columns.T * weight
-        found = np.linalg.solve(weighted @ columns, weighted @ z)
+        found[:] = np.linalg.solve(weighted @ columns, weighted @ z)
         weight = tukey(z - columns @ found)
     return lambda px, py: sum(
         (c * b for c, b in zip(found, basis(px, py), strict=True)),
