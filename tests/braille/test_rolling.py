@@ -52,6 +52,22 @@ def test_batches_end_by_events_or_travel() -> None:
             assert one.events.t_ns[-1] <= two.events.t_ns[0]
 
 
+def test_a_batch_ends_where_events_were_left_out() -> None:
+    track = roll_track([0.0, 0.1], [0.0, 1.0])
+    events = clockwork(track)
+    first, last = 30_123, 41_877
+    cutter = BatchCutter(BrailleSettings.create({}), track)
+    cutter.add(events[:first])
+    cutter.leave_gap()
+    cutter.add(events[last:])
+    batches = [b for b in iter(lambda: cutter.cut(flush=True), None) if isinstance(b, Batch)]
+    before, after = events.t_ns[first - 1], events.t_ns[last]
+    assert not [b for b in batches if b.start_ns <= before and b.end_ns > before + 1]
+    assert not [b for b in batches if before < b.start_ns < after]
+    assert sum(len(b.events) for b in batches) == len(events) - (last - first)
+    assert {before + 1, after} <= {b.end_ns for b in batches} | {b.start_ns for b in batches}
+
+
 def test_turning_back_begins_a_new_pass() -> None:
     track = roll_track([0.0, 0.05, 0.0], [0.0, 0.5, 1.0])
     assert directions(cut(track, clockwork(track))) == [1, -1]

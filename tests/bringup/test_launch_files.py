@@ -168,6 +168,7 @@ TALKER = "<node pkg='demo' exec='talker' name='a'"
         (TALKER + "/>\n" + TALKER + "/>", 3, "a second node is called a"),
         ("<push-ros-namespace namespace='1'/>", 2, "can't be a namespace"),
         (TALKER + " on_exit='restart'/>", 2, "'on_exit' can only be"),
+        (TALKER + " sigterm_timeout='soon'/>", 2, "'sigterm_timeout' must be seconds"),
         (TALKER + " output='paper'/>", 2, "'output' must be"),
         (TALKER + " if='maybe'/>", 2, "'if' must be true or false"),
         (TALKER + " if='1' unless='0'/>", 2, "can't stand together"),

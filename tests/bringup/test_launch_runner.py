@@ -80,13 +80,18 @@ def test_harder_signals_follow_and_nothing_stays(world):
     world.script("stubborn", STUBBORN)
     world.script("deaf", f"sleep 1000 & echo child $!; {DEAF}")
     text = io.StringIO()
-    plan = launching.load(world.launch(node("stubborn") + node("deaf")))
+    world.script("slow", "trap 'sleep 0.9; echo finished; exit 0' INT; " + LOOP)
+    slow = node("slow").replace("/>", 'sigterm_timeout="60"/>')
+    plan = launching.load(world.launch(node("stubborn") + node("deaf") + slow))
     runner = Runner(plan, Screen(text), grace_s=0.3)
     runner.start()
-    until(lambda: text.getvalue().count("ready") == 2)
+    until(lambda: text.getvalue().count("ready") == 3)
     assert runner.poll() is None
     assert runner.stop() == 1
-    assert runner.exit_codes == {"stubborn": -signal.SIGTERM, "deaf": -signal.SIGKILL}
+    assert runner.exit_codes == {
+        "stubborn": -signal.SIGTERM, "deaf": -signal.SIGKILL, "slow": 0,
+    }  # fmt: skip
+    assert "[slow] finished" in text.getvalue()
     assert "stubborn still runs; sending SIGTERM" in text.getvalue()
     assert "deaf still runs; sending SIGKILL" in text.getvalue()
     child = int(text.getvalue().split("child ")[1].split()[0])

@@ -10,13 +10,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.scans import ROLLING
+from driver.emulation.controller_process import ControllerProcess
 from emvs.scenes import events_of, track_of
+from own import LOOPBACK
 from roller_bringup.cli import main
 from roller_calibration.camera_rotation import CameraRotationError, find_camera_rotation
 from roller_calibration.hand_eye import HandEyeError, find_hand_eye
 from roller_calibration.recordings import Scan
 from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
-from roller_driver.ur10.robot_settings import HandEyeSettings
+from roller_driver.ur10.robot_settings import Ur10Parameters
 
 HAND_EYE = pose_matrix([0.02, -0.013, 0.11], rotation_vector_to_quaternion([0.1, -0.2, 1.3]))
 TURN_DEG = np.array([0.0, 0.5, -1.1])
@@ -121,9 +123,13 @@ def test_poses_give_the_cameras_place(
         lines.append(" ".join(f"{v:.9f}" for v in values))
     poses, file = tmp_path / "poses.txt", tmp_path / "hand_eye.yaml"
     poses.write_text("\n".join(lines))
-    assert main(["calibrate", "hand-eye", str(poses), "-o", str(file)]) == 0
+    with ControllerProcess():
+        robot = ["--robot-ip", LOOPBACK]
+        assert main(["calibrate", "hand-eye", str(poses), "-o", str(file), *robot]) == 0
     assert "residuals of 8 pairs" in capsys.readouterr().out
-    found = HandEyeSettings.from_yaml(file, "ur10").hand_eye
+    found = Ur10Parameters.from_yaml(file, "ur10")
+    assert found.tcp_offset == (0.0, 0.01, 0.1, 0.0, 0.0, 0.5)
+    found = found.hand_eye
     np.testing.assert_allclose(found.matrix, HAND_EYE, atol=1e-6)
     scan = ["--scan", str(world / "plate"), "--camera", str(world / "camera.yaml")]
     turned = tmp_path / "turned.yaml"
@@ -131,7 +137,7 @@ def test_poses_give_the_cameras_place(
     assert "give that with --params" in capsys.readouterr().err
     assert main(["calibrate", "hand-eye", *scan, "--params", str(file), "-o", str(turned)]) == 0
     assert "doesn't show the camera's position" in capsys.readouterr().out
-    again = HandEyeSettings.from_yaml(turned, "ur10").hand_eye
+    again = Ur10Parameters.from_yaml(turned, "ur10").hand_eye
     np.testing.assert_allclose(again.position, found.position, atol=1e-6)
     # The poses were right: the camera stays as it was, within half a degree.
     np.testing.assert_allclose(again.matrix, found.matrix, atol=np.radians(0.5))

@@ -1,14 +1,20 @@
-"""Parameter files that are none: each is refused in one line, and nothing waits for its end."""
+"""Files that are none: each is refused in one line, and nothing waits for its end."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
 
-from roller_core.errors import SettingsError
+from roller_core.camera import Camera
+from roller_core.errors import RollerError, SettingsError
+from roller_core.pose_track import PoseTrack
 from roller_core.settings import read_sections
+from roller_sim.errors import TruthError
+from roller_sim.truth import Truth
 
 BOMB = ["a0: &a0 [x, x]", *(f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]" for k in range(1, 60))]
 
@@ -31,12 +37,23 @@ def test_what_is_written_is_bounded(text: str, reason: str, tmp_path: Path) -> N
     assert len(str(refused.value)) < 300
 
 
-def test_pipes_devices_and_folders(tmp_path: Path) -> None:
+@pytest.mark.parametrize("read", [read_sections, Camera.from_yaml, PoseTrack.read_tum])
+def test_pipes_devices_and_folders(read: Callable[[Path], object], tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path, reason in (
         (tmp_path / "pipe", "not a file"),
         (Path("/dev/zero"), "not a file"),
         (tmp_path, "Is a directory"),
     ):
-        with pytest.raises(SettingsError, match=reason):
-            read_sections(path)
+        with pytest.raises(RollerError, match=reason):
+            read(path)
+
+
+@pytest.mark.parametrize("name", ["truth.yaml", "truth.npz"])
+def test_a_truth_that_is_a_pipe(name: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / name)
+    if name == "truth.npz":
+        grid = {"file": name, "x0": 0, "y0": 0, "step": 1}
+        (tmp_path / "truth.yaml").write_text(yaml.safe_dump({"grid": grid}))
+    with pytest.raises(TruthError, match=r"no truth\.yaml|no such file"):
+        Truth.load(tmp_path)

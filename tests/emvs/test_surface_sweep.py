@@ -71,6 +71,15 @@ def test_a_tilted_plane_is_found(scan: EventArray) -> None:
     assert all(a <= b + 1e-9 for a, b in zip(ends, starts[1:], strict=False))
 
 
+def test_a_pass_that_ends_where_events_were_left_out_is_counted(scan: EventArray) -> None:
+    engine = SurfaceSweep(settings(), CAMERA, track_of(rolling(0.3), DURATION_S))
+    for part in (scan[: len(scan) // 2], scan[len(scan) // 2 + 5000 :]):
+        engine.add_events(part)
+        engine.leave_gap()
+    assert list(engine.results(flush=True))
+    assert engine.counts.broken_passes == 1
+
+
 def test_poses_that_are_no_longer_needed_may_go(scan: EventArray) -> None:
     batch_ms = 17
     whole = points_of(sweep(scan, track_of(rolling(0.3), DURATION_S))[0])

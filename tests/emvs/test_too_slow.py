@@ -7,7 +7,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+import rclpy
 from event_camera_msgs.msg import EventPacket
+from rclpy.context import Context
 
 from roller_core import outputs
 from roller_core.camera import Camera
@@ -17,8 +19,8 @@ from roller_core.outputs import Result
 from roller_core.sensor_pose import Transform
 from roller_emvs.depth_stage import DepthStage
 from roller_emvs.windows import Window
-from roller_ros import messages
-from roller_ros.stage_node import backlog_for, bulk_of, feed
+from roller_ros import diagnostics, messages
+from roller_ros.stage_node import LeftOut, StageNode, backlog_for, bulk_of, feed
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
 MS = 1_000_000
@@ -128,7 +130,7 @@ def test_whole_windows_are_left_out_and_counted(limit):
     assert totals["left_out_windows"] == len(expected) - len(got)
     assert totals["events_without_pose"] == undisturbed.stage.totals()["events_without_pose"]
     assert slow.stage.frames.counts.poses == undisturbed.stage.frames.counts.poses
-    assert slow.stage.too_slow() == (
+    assert slow.stage.too_slow()[1] == (
         f"too slow: {totals['left_out_windows']} of {len(expected)} windows left out"
     )
     counts = slow.stage.counts()
@@ -137,3 +139,31 @@ def test_whole_windows_are_left_out_and_counted(limit):
     if "max_waiting_mb" in limit:
         assert most_bytes <= 1_000_000
     assert not slow.faults
+
+
+def test_the_warning_ends_with_it_and_an_end_says_what_waited(domain, capsys):
+    context = Context()
+    rclpy.init(context=context)
+    node = StageNode(Windows, context=context)
+    try:
+        mounted = Transform(
+            "tool0_controller", node.stage.settings.sensor_frame, 0, (0, 0, 0), UNIT, True
+        )
+        for transform in (mounted, pose(START_NS), pose(START_NS + 8 * MS)):
+            node.stage.take_transform(transform)
+        feed(node.stage, outputs.CAMERA_INFO, messages.camera_info(CAMERA, 0, "camera"), print)
+        feed(node.stage, outputs.EVENTS, LeftOut(7), print)
+        said = [node._status() for _ in range(2)]
+        assert said[0][:2] == (diagnostics.WARN, "too slow: 7 packets of events left out")
+        assert "too slow" not in said[1][1]
+        assert said[1][2]["left_out_packets"] == 7
+        with node._working:  # its worker can't begin
+            for number in range(3):
+                node._worker.submit((outputs.EVENTS, packet(number)))
+            node._worker._stop = True
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+    last = capsys.readouterr().err.strip()
+    assert last.startswith("ended before its work was done: ")
+    assert f"{EACH} events were in windows" in last or "messages waited" in last

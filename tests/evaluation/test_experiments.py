@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from roller_bringup.cli import main
+from roller_core.errors import UnwritableOutputError
 from roller_evaluation.cases import Case, ScanCase
 from roller_evaluation.evaluation import run_evaluation
 from roller_evaluation.experiments import (
@@ -23,7 +24,7 @@ from roller_evaluation.experiments import (
 from roller_evaluation.measures import MEASURES, tops_of
 from roller_evaluation.page import page
 from roller_evaluation.paper_tables import error, processing_time, tables
-from roller_evaluation.results_page import write_results
+from roller_evaluation.results_page import check_results, write_results
 from roller_evaluation.rows import Row, where
 from roller_evaluation.scans import Scan
 from roller_evaluation.tables import Table
@@ -183,6 +184,14 @@ def test_the_page_of_results_is_made_from_rows(tmp_path: Path) -> None:
     assert "](speed_vs_error.png)" in text
     assert (tmp_path / "speed_vs_error.png").stat().st_size > 15_000
     assert len(processing_time(result["time"]).rows) == 1 + 2 * len(FUSIONS)
+    check_results(tmp_path / "r.md")  # it may be written again
+    for foreign in (tmp_path / "r.md", tmp_path / "speed_vs_error.png"):
+        foreign.write_text("my own")
+        page = tmp_path / "r.md"
+        with pytest.raises(UnwritableOutputError, match="roller did not write it"):
+            write_results(result, options, ["roller"], page)
+        assert foreign.read_text() == "my own"
+        page.unlink(missing_ok=True)
 
 
 @pytest.mark.parametrize(

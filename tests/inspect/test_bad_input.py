@@ -15,7 +15,9 @@ import pytest
 
 from recording.bags import CAMERA, Recipe, analytic_dataset, camera_track, write_bag
 from roller_bringup.cli import main
+from roller_core.events import EventArray
 from roller_emvs.ply import read_ply
+from roller_inspect.pipeline import Pipeline
 
 PARAMS = """
 emvs:
@@ -293,3 +295,22 @@ def test_truncated_aedat4_keeps_what_came_before(
     )
     events = int(out.out.split("events")[1].split()[0])
     assert 1000 < events < 78_830
+
+
+def test_an_interrupt_says_what_was_not_processed(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken = Pipeline.add_events
+
+    packets = iter(range(40))
+
+    def take(self: Pipeline, events: EventArray) -> None:
+        taken(self, events)
+        if next(packets, None) is None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Pipeline, "add_events", take)
+    code, (line, last) = run(tmp_path, capsys, write_bag(tmp_path / "scan"))
+    assert (code, last) == (130, "interrupted")
+    assert re.search(r"scan: \d\d% of it were not processed, nothing is written", line)
+    assert not (tmp_path / "out").exists()

@@ -8,6 +8,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -135,6 +136,18 @@ def test_missing_numbers_are_no_drops(tmp_path: Path) -> None:
     assert recorder.losses.here == 0
     (line,) = recorder.losses.lines(recorder.start_ns)
     assert "never came (driver or DDS): " in line
+
+
+def test_numbers_that_begin_anew_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = sent()
+    later = [replace(m, t_ns=m.t_ns + 10**10) for m in messages]
+    recorder = record(tmp_path / "bag", [*messages, *later])
+    assert recorder.progress().seq_restarts == 1
+    assert recorder.losses.before.lost == 0
+    assert main(["info", str(tmp_path / "bag")]) == 0
+    assert "restarts   1 times the packets' numbers fell" in capsys.readouterr().out
 
 
 def test_what_waits_at_a_hurried_end_is_counted(tmp_path: Path) -> None:

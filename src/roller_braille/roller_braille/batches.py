@@ -1,7 +1,7 @@
 """Cutting the stream of events into the batches that are warped together.
 
-A batch ends after a number of events or a travel of the sensor, or where a pass ends: all decided
-by events and poses, never by when they arrived.
+A batch ends after a number of events or a travel of the sensor, where a pass ends, or where events
+were left out: all decided by events and poses, never by when they arrived.
 """
 
 from __future__ import annotations
@@ -121,11 +121,18 @@ class BatchCutter(EventCutter):
 
     def _cut_span(self, span: Span, flush: bool) -> Batch | None:
         """The next batch of a span; the span is done when it has none left."""
+        self._gaps = sorted(gap for gap in self._gaps if gap[1] > self._start_ns)
+        hole = self._gaps[0] if self._gaps else None
+        if hole is not None and hole[0] < self._start_ns:  # go on after it
+            self._start_ns = min(hole[1], span.end_ns)
+            hole = self._gaps[1] if len(self._gaps) > 1 else None
         if self._start_ns >= span.end_ns:
             if not span.open:
                 self._span = None
             return None
         limit = self._limit(span)
+        if hole is not None and (limit is None or hole[0] < limit):
+            limit = hole[0] + 1
         most = self._settings.batch_events
         passed = limit is not None and (self._queue.newest_ns >= limit or flush)
         if not passed and len(self._queue) < most:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +12,7 @@ import numpy.typing as npt
 import yaml
 
 from .errors import RollerError
+from .text_file import TextFileError, read_yaml
 
 F64 = npt.NDArray[np.float64]
 
@@ -245,7 +245,7 @@ class Camera:
             If the file can't be read or an entry is missing or wrong.
         """
         try:
-            data: Any = yaml.safe_load(Path(path).read_text())
+            data = read_yaml(path)
             return cls.from_matrix(
                 data["image_width"],
                 data["image_height"],
@@ -253,10 +253,8 @@ class Camera:
                 data.get("distortion_coefficients", {}).get("data", ()),
                 data.get("distortion_model", "plumb_bob"),
             )
-        except OSError as error:
-            raise CameraError(f"camera {path}: can't be read ({error.strerror})") from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise CameraError(f"camera {path}: not a YAML file") from error
+        except TextFileError as error:
+            raise CameraError(f"camera {error}") from error
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise CameraError(
                 f"camera {path}: entry {error} is missing or wrong; expected ROS camera_info YAML "

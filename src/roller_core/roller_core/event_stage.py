@@ -119,10 +119,10 @@ class EventStage(Stage[E], Generic[E, P]):
         if self.pipeline is not None:
             self.pipeline.leave_gap()
 
-    def too_slow(self) -> str:
-        """What was left out to keep up; empty: nothing."""
+    def too_slow(self) -> tuple[int, str]:
+        """What was left out to keep up, so far: a number that grows with it, and in words."""
         out = self.left_out_packets
-        return f"too slow: {out} packets of events left out" if out else ""
+        return out, f"too slow: {out} packets of events left out"
 
     def take_packet(self, packet: Any) -> None:
         """Decode an event packet and take its events; see `EventStream.push_message`."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .errors import RollerError
+from .text_file import MOST_NUMBERS_BYTES, TextFileError, read_text
 from .transforms import F64, pose_matrix, slerp
 
 I64 = npt.NDArray[np.int64]
@@ -285,9 +286,9 @@ class PoseTrack:
         """
         track = cls(max_gap_s)
         try:
-            text = Path(path).read_text()
-        except (OSError, UnicodeDecodeError) as error:
-            raise PoseError(f"poses {path}: can't be read ({error})") from error
+            text = read_text(path, MOST_NUMBERS_BYTES)
+        except TextFileError as error:
+            raise PoseError(f"poses {error}") from error
         for number, line in enumerate(text.splitlines(), 1):
             fields = line.split("#")[0].split()
             if not fields:

@@ -17,13 +17,12 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from .errors import SettingsError
+from .text_file import TextFileError, read_yaml
 
 S = TypeVar("S", bound="Settings")
 
 #: Most namespaces around a node.
 _DEEPEST = 6
-#: Largest parameter file: a thousand times ours.
-_MOST_BYTES = 10_000_000
 
 
 class Settings(BaseModel):
@@ -128,21 +127,9 @@ def read_sections(path: Path | str) -> dict[str, dict[str, Any]]:
         If the file can't be read or has another shape.
     """
     try:
-        text = _read_text(Path(path))
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            if isinstance(event, yaml.AliasEvent):
-                # As ROS 2 has it; and ten lines of them can stand for more than fits any memory.
-                at = f", line {event.start_mark.line + 1}" if event.start_mark else ""
-                raise SettingsError(f"parameters {path}{at}: aliases (*) aren't taken")
-        data = yaml.safe_load(text)
-    except OSError as error:
-        raise SettingsError(f"parameters {path}: can't be read ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        where = getattr(error, "problem_mark", None)
-        line = f", line {where.line + 1}" if where else ""
-        raise SettingsError(f"parameters {path}{line}: not a YAML file") from error
-    except RecursionError as error:
-        raise SettingsError(f"parameters {path}: nested too deeply") from error
+        data = read_yaml(path)
+    except TextFileError as error:
+        raise SettingsError(f"parameters {error}") from error
     if not isinstance(data, dict):
         raise SettingsError(f"parameters {path}: expected a node's name and ros__parameters")
     found: dict[str, dict[str, Any]] = {}
@@ -162,21 +149,6 @@ def read_sections(path: Path | str) -> dict[str, dict[str, Any]]:
         else:
             raise SettingsError(f"parameters {path}: '{pattern}' has no 'ros__parameters'")
     return found
-
-
-def _read_text(path: Path) -> str:
-    """The text of a file that isn't a pipe or a device, whose end may never come.
-
-    Raises
-    ------
-    SettingsError
-        If it is one, or larger than any parameter file.
-    """
-    if path.exists() and not path.is_file() and not path.is_dir():
-        raise SettingsError(f"parameters {path}: not a file")
-    if path.is_file() and path.stat().st_size > _MOST_BYTES:
-        raise SettingsError(f"parameters {path}: over {_MOST_BYTES} bytes")
-    return path.read_text(encoding="utf-8")
 
 
 def node_name(pattern: str) -> str:

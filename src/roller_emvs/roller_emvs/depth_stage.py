@@ -48,12 +48,13 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
         """Load the kernels."""
         warm_up(self.settings)
 
-    def too_slow(self) -> str:
+    def too_slow(self) -> tuple[int, str]:
         """See `EventStage`."""
         totals = self.totals()
         out = totals.get("left_out_windows", 0)
         every = out + totals.get("windows", 0) + totals.get("refused_windows", 0)
-        return f"too slow: {out} of {every} windows left out" if out else super().too_slow()
+        packets, text = super().too_slow()
+        return packets + out, f"too slow: {out} of {every} windows left out" if out else text
 
     def _make(self, camera: Camera, track: PoseTrack) -> DepthPipeline:
         return DepthPipeline(self.settings, camera, track)

@@ -27,6 +27,7 @@ class DepthCounts:
     events_without_pose: int = 0
     still_events: int = 0
     left_out_windows: int = 0
+    broken_passes: int = 0
 
 
 class DepthEngine(Generic[C]):

@@ -73,6 +73,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             "points": totals["points"],
             "blocks": totals["windows"],
             "refused_blocks": totals["refused_windows"],
+            "broken_passes": totals["broken_passes"],
             "still_events": totals["still_events"],
             "map_points": len(self.map),
             **self._times("block", self._milliseconds),

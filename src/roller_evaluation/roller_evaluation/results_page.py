@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from roller_core.errors import UnwritableOutputError
+from roller_core.output_folder import write_marked_file
 
 from .bench import PAPER, fronts, summarise
 from .bench_plots import draw_speed_vs_error
 from .experiments import SPEED, EvaluationOptions, object_speeds
 from .paper_tables import by_light, objects, processing_time
 from .rows import Row, where
-from .tables import Table, share, write_markdown
+from .tables import Table, markdown_page, share
 
 #: Experiments that the page shows.
 EXPERIMENTS = ("objects", "sensors", "time", "braille")
+#: How every such page begins: no other file is ever replaced.
+MARK = "<!-- roller evaluate -->"
+_PICTURE = "speed_vs_error.png"
 
 
 def write_results(
@@ -37,8 +44,10 @@ def write_results(
     Raises
     ------
     UnwritableOutputError
-        If it can't be written.
+        If it can't be written, or if a file of others stands there.
     """
+    check_results(path)
+    drawn: dict[str, Any] | None = None
     found = [by_light(result["rows"], options)] if object_speeds(options) else []
     found += [objects(result["rows"], options, speed) for speed in object_speeds(options)]
     picture = ""
@@ -46,8 +55,7 @@ def write_results(
         cases = summarise(result["time"])
         drawn = {"cases": cases, "pareto": fronts(cases, SPEED), "paper": PAPER}
         drawn["options"] = {"speeds": [SPEED], "objects": options.objects}
-        draw_speed_vs_error(drawn, path.with_name("speed_vs_error.png"))
-        picture = "\n\n![error against time, with the Pareto front](speed_vs_error.png)"
+        picture = f"\n\n![error against time, with the Pareto front]({_PICTURE})"
         found.append(processing_time(result["time"]))
     if "braille" in result:
         found.append(_braille(result["braille"]["rows"]))
@@ -63,7 +71,24 @@ def write_results(
         + ", ".join(f"{name} {facts[name]}" for name in versions)
         + f"; {kinds}. Written by\n\n```\n{shlex.join(words)}\n```{picture}"
     )
-    write_markdown("Results", about, found, path)
+    page = f"{MARK}\n{markdown_page('Results', about, found)}"
+    write_marked_file(path, page, MARK)
+    if drawn is not None:
+        draw_speed_vs_error(drawn, path.with_name(_PICTURE))
+
+
+def check_results(path: Path) -> None:
+    """Refuse a page, or a picture beside it, that roller didn't write.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If there is one.
+    """
+    ours = path.is_file() and path.read_bytes().startswith(MARK.encode())
+    for file in (path, path.with_name(_PICTURE)):
+        if os.path.lexists(file) and not ours:
+            raise UnwritableOutputError(f"{file}: roller did not write it; give another --results")
 
 
 def _braille(rows: Sequence[Row]) -> Table:

@@ -84,8 +84,12 @@ def write_markdown(title: str, about: str, found: Sequence[Table], path: Path) -
     UnwritableOutputError
         If it can't be written.
     """
-    parts = [f"# {title}", about, *(markdown(table) for table in found)]
-    write_text(path, "\n\n".join(parts) + "\n")
+    write_text(path, markdown_page(title, about, found))
+
+
+def markdown_page(title: str, about: str, found: Sequence[Table]) -> str:
+    """A page of tables."""
+    return "\n\n".join([f"# {title}", about, *(markdown(table) for table in found)]) + "\n"
 
 
 def markdown(table: Table) -> str:

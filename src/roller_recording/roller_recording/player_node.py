@@ -133,7 +133,7 @@ class PlayerNode(Node):
             due = begin + (item.t_ns - first_ns) * 1e-9 / self._p.rate
             wait = due - time.monotonic()
             if wait > 0:
-                time.sleep(wait)
+                self._stop.wait(wait)
             else:
                 self._late_s = max(self._late_s, -wait)
             self._tell_time(item.t_ns)

@@ -19,9 +19,9 @@ from roller_ros.parameters import declare_settings
 
 from .writing import BagWriter, Recorder
 
-#: How long the node writes what waits when it is asked to end, s; whoever started it kills it at
-#: ten.
-_DRAIN_S = 7.0
+#: How long the node writes what waits when it is asked to end, s. The launch file gives it 30
+#: (`sigterm_timeout`).
+_DRAIN_S = 25.0
 
 
 class RecorderNode(Node):
@@ -103,6 +103,7 @@ class RecorderNode(Node):
             **p.messages,
             "events": p.events,
             "lost_packets": p.lost_before,
+            "seq_restarts": p.seq_restarts,
             "lost_messages": p.lost_here,
             "waiting_messages": p.waiting_messages,
             "waiting_mb": round(p.waiting_bytes / 1e6, 1),

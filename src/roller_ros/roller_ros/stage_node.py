@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -119,7 +120,7 @@ class StageNode(Node):
         settings = declare_settings(self, kind.model)
         self.stage = stage = kind(settings)
         stage.clock_ns = lambda: int(self.get_clock().now().nanoseconds)
-        self._faults = self._unprocessed = self._steps_told = 0
+        self._faults = self._unprocessed = self._steps_told = self._left_out_told = 0
         self._poses = PoseSources(settings.base_frame, settings.moving_frame)
         self._events, self._cameras = OneSource(), OneSource(latched=True)
         #: What publishers of camera_info said that aren't followed, by publisher.
@@ -140,10 +141,21 @@ class StageNode(Node):
             self._offer(name, act)
 
     def destroy_node(self) -> None:
-        """Stop the worker first: it publishes."""
+        """Stop the worker first: it publishes. Say what waited for it."""
         if hasattr(self, "_worker"):  # else the node gave up before it had one
             self._worker.stop()
+            if waited := self._unfinished():
+                print(f"ended before its work was done: {waited}", file=sys.stderr, flush=True)
         super().destroy_node()
+
+    def _unfinished(self) -> str:
+        """What came and isn't in any result; empty: nothing."""
+        messages_left = len(self._worker.backlog)
+        pipeline = self.stage.pipeline if isinstance(self.stage, EventStage) else None
+        events = pipeline.held_events if pipeline is not None else 0
+        found = [f"{messages_left} messages waited"] if messages_left else []
+        found += [f"{events} events were in windows not yet complete"] if events else []
+        return ", ".join(found)
 
     def _listen(self, name: str) -> None:
         topic, submit = topics.BY_NAME[name], self._worker.submit
@@ -291,8 +303,11 @@ class StageNode(Node):
                     diagnostics.WARN,
                     "the camera's clock has jumped against the host's; its map is started anew",
                 )
-        if isinstance(self.stage, EventStage) and (slow := self.stage.too_slow()):
-            return diagnostics.WARN, slow
+        if isinstance(self.stage, EventStage):
+            left_out, slow = self.stage.too_slow()
+            before, self._left_out_told = self._left_out_told, left_out
+            if left_out > before:  # since the last report: it holds no more than that
+                return diagnostics.WARN, slow
         if self.stage.lost or self._worker.backlog.dropped:
             return diagnostics.WARN, "data were lost"
         return diagnostics.OK, "running"

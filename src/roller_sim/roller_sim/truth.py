@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
+from roller_core.text_file import TextFileError, read_yaml
+
 from . import _render_kernels as kernels
 from .cell_settings import VirtualCellSettings
 from .errors import TruthError
@@ -303,9 +305,11 @@ class Truth:
         if not (folder / TEXT_FILE).is_file():
             raise TruthError(f"{folder}: no {TEXT_FILE}; only simulated recordings have a truth")
         try:
-            data: dict[str, Any] = yaml.safe_load((folder / TEXT_FILE).read_text())
+            data: dict[str, Any] = read_yaml(folder / TEXT_FILE)
             grid = data["grid"]
             where = (grid["x0"], grid["y0"], grid["step"])
+            if not (folder / grid["file"]).is_file():  # np.load waits for a pipe's end
+                raise TruthError(f"{folder / grid['file']}: there is no such file")
             with np.load(folder / grid["file"]) as maps:
                 skin = HeightMap(maps["skin"], *where)
                 relief = HeightMap(maps["relief"], *where)
@@ -323,7 +327,9 @@ class Truth:
                 tuple(_defect(m) for m in data.get("defects", ())),
             )
             truth.start_ros_ns = int(data["start_ros_ns"])
-        except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        except TextFileError as error:
+            raise TruthError(str(error)) from error
+        except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
             raise TruthError(f"{folder}: the truth can't be read ({error})") from error
         return truth
 

@@ -144,6 +144,19 @@ class _Interpreter:
             raise element.error(f"'{name}' must be true or false, not {text!r}")
         return text in ("true", "1")
 
+    def _seconds(self, element: Element, name: str) -> float | None:
+        """Give an attribute that is a time, if it is there."""
+        if name not in element.attributes:
+            return None
+        text = self._text(element, name)
+        try:
+            value = float(text)
+        except ValueError:
+            value = -1.0
+        if not 0.0 <= value <= 3600.0:
+            raise element.error(f"'{name}' must be seconds, 0 to 3600, not {text!r}")
+        return value
+
     def _applies(self, element: Element) -> bool:
         if "if" in element.attributes and "unless" in element.attributes:
             raise element.error("'if' and 'unless' can't stand together")
@@ -205,7 +218,7 @@ class _Interpreter:
 
     def _node(self, element: Element) -> None:
         """Plan a node's process, with the arguments launch_ros would give it."""
-        element.only("pkg exec name", "args output on_exit" + _CONDITIONS, "param")
+        element.only("pkg exec name", "args output on_exit sigterm_timeout" + _CONDITIONS, "param")
         if element.attributes.get("output", "screen") not in ("screen", "log"):
             raise element.error("'output' must be screen or log")
         if element.attributes.get("on_exit", "shutdown") != "shutdown":
@@ -232,7 +245,10 @@ class _Interpreter:
             # its own libraries because of it.
             environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
         required = "on_exit" in element.attributes
-        process = NodeProcess(name, tuple(command), environment, required, self.namespace or "/")
+        process = NodeProcess(
+            name, tuple(command), environment, required, self.namespace or "/",
+            self._seconds(element, "sigterm_timeout"),
+        )  # fmt: skip
         if any(other.label == process.label for other in self.plan.processes):
             raise element.error(f"a second node is called {process.label}")
         self.plan.processes.append(process)

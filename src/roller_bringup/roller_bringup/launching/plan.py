@@ -24,6 +24,8 @@ class NodeProcess:
         Whether everything stops when it ends (on_exit="shutdown").
     namespace
         The node's namespace.
+    grace_s
+        How long it has after SIGINT before SIGTERM, s; None: as all.
     """
 
     name: str
@@ -31,6 +33,7 @@ class NodeProcess:
     env: Mapping[str, str] = field(repr=False)
     required: bool = False
     namespace: str = "/"
+    grace_s: float | None = None
 
     @property
     def label(self) -> str:

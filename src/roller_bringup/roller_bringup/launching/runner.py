@@ -15,6 +15,8 @@ from .process import RunningProcess, Screen, describe
 #: How a process may end once it was asked to.
 _ORDERLY = {0, -signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM}
 
+_STEPS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+
 _Handler = Callable[[int, FrameType | None], object]
 
 
@@ -28,8 +30,8 @@ class Runner:
     screen
         Where output goes; standard output by default.
     grace_s
-        How long processes have after SIGINT, and again after SIGTERM, before the next harder
-        signal, seconds.
+        How long processes have after SIGINT, where the launch file says nothing else
+        (`sigterm_timeout`), and again after SIGTERM, before the next harder signal, seconds.
 
     Examples
     --------
@@ -102,16 +104,24 @@ class Runner:
         """
         if self._running:
             self._say(f"stopping {', '.join(process.node.label for process in self._running)}")
-        for step in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        # By process: signals still to be sent, and when the next is due.
+        left = {process.pid: list(_STEPS) for process in self._running}
+        due = dict.fromkeys(left, 0.0)
+        while any(left[p.pid] or time.monotonic() < due[p.pid] for p in self._running):
+            if self._hurry.is_set():
+                self._hurry.clear()
+                due = dict.fromkeys(due, 0.0)
             for process in self._running:
-                if step is not signal.SIGINT:
-                    self._say(f"{process.node.label} still runs; sending {step.name}")
-                process.signal(step)
-            deadline = time.monotonic() + self.grace_s
-            while self._running and time.monotonic() < deadline and not self._hurry.is_set():
-                time.sleep(0.02)
-                self._sort_out()
-            self._hurry.clear()
+                now = time.monotonic()
+                if left[process.pid] and now >= due[process.pid]:
+                    step = left[process.pid].pop(0)
+                    if step is not signal.SIGINT:
+                        self._say(f"{process.node.label} still runs; sending {step.name}")
+                    process.signal(step)
+                    own = process.node.grace_s if step is signal.SIGINT else None
+                    due[process.pid] = now + (self.grace_s if own is None else own)
+            time.sleep(0.02)
+            self._sort_out()
         for process in self._running:
             # Killed, but not gone: it hangs in the kernel. Nothing more can be done.
             self._say(f"{process.node.label} can't be ended")

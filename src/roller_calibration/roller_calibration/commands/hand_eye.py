@@ -12,6 +12,7 @@ from roller_core.calibration_file import CalibrationError, calibration_record
 from roller_core.camera import Camera
 from roller_core.output_folder import write_marked_file
 from roller_core.progress import progress_bar
+from roller_core.text_file import TextFileError, read_text
 from roller_core.transforms import F64
 
 from .intrinsics import add_grid_options, grid_of
@@ -52,6 +53,11 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "--pairs", type=Path, dest="pairs_output", metavar="FILE",
         help="with --grid-recording: write the pairs of poses too",
+    )  # fmt: skip
+
+    parser.add_argument(
+        "--robot-ip", metavar="ADDRESS",
+        help="read the tool centre point that the place holds for, and write it too (tcp_offset)",
     )  # fmt: skip
 
 
@@ -169,12 +175,21 @@ def _finish(args: argparse.Namespace, lines: list[str], pose: F64, record: dict[
     """Print what was found and write it."""
     from tf_transformations import quaternion_from_matrix
 
-    print(*lines, sep="\n")
     values = {
         "hand_eye_m": [round(float(v), 7) for v in pose[:3, 3]],
         "hand_eye_quaternion": [round(float(v), 9) for v in quaternion_from_matrix(pose)],
         "hand_eye_rotation_rad": [0.0, 0.0, 0.0],
     }
+    if args.robot_ip:
+        from roller_driver.ur10.rtde import read_tcp_offset
+
+        tool = read_tcp_offset(args.robot_ip)
+        if tool is None:
+            lines.append(f"robot {args.robot_ip}: its software doesn't tell its tool centre point")
+        else:
+            values["tcp_offset"] = [round(v, 7) for v in tool]
+            lines.append(f"for the tool centre point {', '.join(f'{v:.6g}' for v in tool)}")
+    print(*lines, sep="\n")
     write(args, "hand_eye", lines, {"ur10": values}, record, "give it to the cell with hand_eye:=")
     return 0
 
@@ -184,9 +199,9 @@ def _read(path: Path) -> tuple[list[F64], list[F64]]:
     from tf_transformations import quaternion_matrix
 
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{path}: can't be read ({error})") from error
+        lines = read_text(path).splitlines()
+    except TextFileError as error:
+        raise CalibrationError(str(error)) from error
     tools: list[F64] = []
     targets: list[F64] = []
     for number, line in enumerate(lines, 1):

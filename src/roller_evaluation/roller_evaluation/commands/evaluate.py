@@ -62,7 +62,7 @@ def _add_jobs(parser: argparse.ArgumentParser) -> None:
 def _run_all(args: argparse.Namespace) -> int:
     from roller_evaluation.braille import CONDITIONS
     from roller_evaluation.evaluation import run_evaluation
-    from roller_evaluation.results_page import write_results
+    from roller_evaluation.results_page import check_results, write_results
     from roller_evaluation.tables import show_tables
 
     chosen = given(args, "only", "repeats", "seed", "lights", "conditions")
@@ -72,6 +72,8 @@ def _run_all(args: argparse.Namespace) -> int:
     if chosen.get("repeats", 1) < 1 or args.jobs < 1 or chosen.get("seed", 0) < 0:
         raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
     options = EvaluationOptions.short(**chosen) if args.quick else EvaluationOptions(**chosen)
+    if args.results is not None:
+        check_results(args.results)
     with (
         OutputFolder(args.output, "evaluate", lasting=["passes"]) as output,
         shown_progress("evaluate") as on_progress,

@@ -51,10 +51,24 @@ def run(args: argparse.Namespace) -> int:
             args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
         )
         check_same_camera(args.params, recording.camera)
-        with progress_bar(f"replay {args.input.name}") as progress:
-            report = replay(
-                recording, settings, output.partial, args.input, not args.no_braille, progress
+        done = 0.0
+
+        def show(share: float) -> None:
+            nonlocal done
+            done = share
+            progress(share)
+
+        try:
+            with progress_bar(f"replay {args.input.name}") as progress:
+                report = replay(
+                    recording, settings, output.partial, args.input, not args.no_braille, show
+                )
+        except KeyboardInterrupt:
+            print(
+                f"{args.input}: {1 - done:.0%} of it were not processed, nothing is written",
+                file=sys.stderr,
             )
+            raise
         if not args.no_picture:
             from roller_inspect.results.overview import draw_overview
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
-import yaml
 import zstandard
+
+from roller_core.text_file import TextFileError, read_yaml
 
 from .base import RecordingError, TruncatedRecordingError
 from .storage import MCAP, ROS1, SQLITE
@@ -107,21 +108,13 @@ class BagFolder:
             self.notes.append("there is no metadata.yaml; was the recording ended early?")
             return []
         try:
-            data = yaml.safe_load(path.read_text())["rosbag2_bagfile_information"]
+            data = read_yaml(path)["rosbag2_bagfile_information"]
             names = [PurePath(name).name for name in data["relative_file_paths"]]
             count = int(data["message_count"])
             custom = {str(k): str(v) for k, v in (data.get("custom_data") or {}).items()}
-        except (
-            OSError,
-            yaml.YAMLError,
-            ValueError,
-            LookupError,
-            TypeError,
-            AttributeError,
-        ) as error:
-            self.notes.append(
-                f"metadata.yaml can't be read ({type(error).__name__}); done without it"
-            )
+        except (TextFileError, ValueError, LookupError, TypeError, AttributeError) as error:
+            reason = f"({error})" if isinstance(error, TextFileError) else "as a bag's"
+            self.notes.append(f"metadata.yaml can't be read {reason}; done without it")
             return []
         self.message_count, self.custom = count, custom
         return names

@@ -12,6 +12,7 @@ from roller_core.camera import Camera, CameraError
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_core.text_file import TextFileError, read_text
 
 from .base import MalformedRecordingError, Recording, RecordingError, Step, TruncatedRecordingError
 
@@ -132,11 +133,9 @@ class DatasetRecording(Recording):
 
     def _calibration(self, path: Path) -> Camera:
         try:
-            values = [float(v) for v in path.read_text().split()]
-        except OSError as error:
-            raise CameraError(
-                f"camera {path}: can't be read ({error.strerror}); give --camera FILE"
-            ) from error
+            values = [float(v) for v in read_text(path).split()]
+        except TextFileError as error:
+            raise CameraError(f"camera {error}; give --camera FILE") from error
         except ValueError as error:
             raise CameraError(f"camera {path}: {error}") from error
         if not 4 <= len(values) <= 9:

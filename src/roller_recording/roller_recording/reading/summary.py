@@ -77,6 +77,11 @@ class RecordingSummary:
                 f"lost       {self.gaps.lost} packets in {self.gaps.gaps} gaps: "
                 f"{self.gaps.told(self.start_ns)}"
             )
+        if self.gaps.restarts:
+            out.append(
+                f"restarts   {self.gaps.restarts} times the packets' numbers fell or leapt: a "
+                "source that started anew, or another"
+            )
         if self.outside:
             out.append(f"outside    {self.outside} events outside the image")
         out += [f"topic      {name}: {n} messages" for name, n in sorted(self.topics.items())]

@@ -98,6 +98,7 @@ class Losses:
         """The counts, for a bag's metadata."""
         return {
             "event_packets_lost_before_recorder": str(self.before.lost),
+            "event_packet_numbers_restarted": str(self.before.restarts),
             "messages_dropped_by_recorder": str(sum(d.messages for d in self.dropped.values())),
             "messages_not_written": str(sum(d.messages for d in self.unwritten.values())),
         }
@@ -117,8 +118,8 @@ class Progress:
         Size of the bag.
     waiting_bytes, waiting_messages : int
         In the queue.
-    lost_before, lost_here : int
-        See `Losses`.
+    lost_before, seq_restarts, lost_here : int
+        See `Losses`, and `SeqGaps` for the first two.
     """
 
     messages: Mapping[str, int]
@@ -128,6 +129,7 @@ class Progress:
     waiting_bytes: int
     waiting_messages: int
     lost_before: int
+    seq_restarts: int
     lost_here: int
 
 

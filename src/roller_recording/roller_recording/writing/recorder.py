@@ -78,6 +78,7 @@ class Recorder:
             self._queue.waiting_bytes,
             self._queue.waiting,
             self.losses.before.lost,
+            self.losses.before.restarts,
             self.losses.here,
         )
 

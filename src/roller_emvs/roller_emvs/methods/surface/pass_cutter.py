@@ -57,6 +57,8 @@ class PassCutter(EventCutter):
         self._anchor: tuple[int, F64] | None = None
         self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
         self._dropped_rays = 0
+        #: Passes that ended early, where events were left out to keep up.
+        self.broken_passes = 0
 
     @property
     def dropped_events(self) -> int:
@@ -111,6 +113,7 @@ class PassCutter(EventCutter):
         events = self._queue.take(self._queue.count_before(t1))
         if self._in_gap(t0, t1):
             # Rows seen by a part of their events would be worse than the rest.
+            self.broken_passes += self._strip is not None or bool(self._early)
             yield from self._end_pass()
             return
         try:

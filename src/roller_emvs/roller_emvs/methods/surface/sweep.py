@@ -93,6 +93,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                     result = RefusedWindow(block.first_ns, block.last_ns, block.events, str(error))
             self._count(None if isinstance(result, RefusedWindow) else len(result))
             yield result
+        self._counts.broken_passes = self._cutter.broken_passes
 
     def _measure(self, strip: Strip, block: Block) -> SurfacePatch | RefusedWindow:
         s, watch, begin = self.settings, Stopwatch(), time.perf_counter()

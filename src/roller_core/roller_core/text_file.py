@@ -1,0 +1,72 @@
+"""Text and YAML of files that a user names: bounded, and never waited for without end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .errors import RollerError
+
+#: Largest file of settings: a thousand times ours.
+_MOST_BYTES = 10_000_000
+#: Largest file of numbers: weeks of poses.
+MOST_NUMBERS_BYTES = 4_000_000_000
+
+
+class TextFileError(RollerError):
+    """A file that can't be read, as one line: the path, the line where known, and why."""
+
+
+class _Loader(yaml.SafeLoader):
+    """Takes no aliases: ten lines of them can stand for more than fits any memory."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):  # type: ignore[no-untyped-call]
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(problem="aliases (*) aren't taken", problem_mark=mark)
+        return super().compose_node(parent, index)
+
+
+def read_text(path: Path | str, most_bytes: int = _MOST_BYTES) -> str:
+    """The text of a file, UTF-8.
+
+    Raises
+    ------
+    TextFileError
+        If it is a pipe or a device, whose end may never come, is larger than `most_bytes`, can't
+        be read or isn't text.
+    """
+    path = Path(path)
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise TextFileError(f"{path}: not a file")
+        if path.is_file() and path.stat().st_size > most_bytes:
+            raise TextFileError(f"{path}: over {most_bytes} bytes")
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise TextFileError(f"{path}: can't be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise TextFileError(f"{path}: not a text file") from error
+
+
+def read_yaml(path: Path | str) -> Any:
+    """What a YAML file holds: plain data.
+
+    Raises
+    ------
+    TextFileError
+        As `read_text`; or if it isn't YAML, is nested too deeply or has aliases.
+    """
+    text = read_text(path)
+    try:
+        return yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or ""
+        reason = problem if problem.startswith("aliases") else "not a YAML file"
+        raise TextFileError(f"{path}{line}: {reason}") from error
+    except RecursionError as error:
+        raise TextFileError(f"{path}: nested too deeply") from error
