@@ -12,8 +12,10 @@ from driver.emulation.camera_words import encode_words, in_order, is_reference
 from driver.emulation.usb_backend import EmulatedBackend
 from roller_core.codecs import ENCODED_ENCODINGS, PacketDecoder, encode
 from roller_core.events import EventArray
+from roller_driver.dvxplorer import protocol as p
 from roller_driver.dvxplorer.camera_settings import SensorSettings
 from roller_driver.dvxplorer.discovery import open_camera
+from roller_driver.dvxplorer.errors import CameraControlError
 from roller_driver.dvxplorer.packets import Packetiser
 from roller_driver.dvxplorer.preview import Preview
 from roller_driver.dvxplorer.reader import (
@@ -73,6 +75,29 @@ class Running:
 
     def wait_for(self, n):
         self.wait(lambda: sum(len(part.events) for part in self.packets) >= n)
+
+
+@pytest.mark.parametrize("firmware", [8, 10])
+def test_biases_are_set_while_it_streams(firmware):
+    model = CameraModel(encode_words(scan()).tobytes(), firmware, bytes_per_s=50_000)
+    with Running(model) as running:
+        running.wait_for(100)
+        running.reader.set_biases(SensorSettings(bias_sensitivity=4))
+        registers = {(p.MODULE_DVS, p.DVS_THRESHOLD_ON): p.THRESHOLDS[4]} if firmware >= 10 else {
+            (p.MODULE_SENSOR, register): values[4] for register, values in p.SENSITIVITY.items()
+        }  # fmt: skip
+        assert registers.items() <= model.values.items()
+        one = SensorSettings(contrast_threshold_on=3)
+        if firmware >= 10:
+            running.reader.set_biases(one)
+            assert model.values[p.MODULE_DVS, p.DVS_THRESHOLD_ON] == 3
+        else:
+            with pytest.raises(CameraControlError, match="firmware 8 has no contrast_threshold"):
+                running.reader.set_biases(one)
+        assert running.reader.status.state == STREAMING
+        model.unplug()
+        running.wait(lambda: running.reader.status.state == SEARCHING)
+        running.reader.set_biases(one)  # kept for the next
 
 
 def same(a, b):

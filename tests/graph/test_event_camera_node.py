@@ -12,6 +12,8 @@ pytest.importorskip("rclpy")
 from event_camera_msgs.msg import EventPacket
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from driver.emulation import usb_backend
@@ -57,6 +59,20 @@ def test_it_takes_the_place_of_libcaer_driver(emulated_camera, processes, watch)
     watcher.spin_until(lambda: len(packets) > 20, 60, "packets")
     assert {p.header.frame_id for p in packets} == {"event_camera"}
     assert packets[0].encoding == "libcaer_cmp"
+    # Biases can be set while it streams; the rest is as it started.
+    for name, value, refused in (
+        ("bias_sensitivity", 4, ""),
+        ("bias_sensitivity", 5, "out of range"),
+        ("contrast_threshold_on", "much", "should be a valid integer"),
+        ("roi_enabled", True, "read-only"),
+    ):
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        (result,) = watcher.call("/event_camera/set_parameters", SetParameters, request).results
+        assert result.successful == (not refused)
+        assert refused in result.reason
+        assert "\n" not in result.reason
     transition = transitions(watcher)
     assert transition(0) == "active"
     assert transition(Transition.TRANSITION_DEACTIVATE) == "inactive"

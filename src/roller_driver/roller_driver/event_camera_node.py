@@ -8,12 +8,14 @@ and streams. A camera that is missing, busy or unplugged is no reason to end: th
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from event_camera_msgs.msg import EventPacket
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -24,6 +26,7 @@ from roller_core.errors import RollerError
 from roller_core.events import EventArray
 from roller_driver.dvxplorer.backends import load_backend
 from roller_driver.dvxplorer.camera_info import load_camera_info
+from roller_driver.dvxplorer.camera_settings import BIASES
 from roller_driver.dvxplorer.device import CameraDevice
 from roller_driver.dvxplorer.discovery import open_camera
 from roller_driver.dvxplorer.errors import CameraFault
@@ -48,7 +51,8 @@ class EventCameraNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__("event_camera")
-        self._p = declare_settings(self, EventCameraParameters)
+        self._p = declare_settings(self, EventCameraParameters, BIASES)
+        self.add_on_set_parameters_callback(self._set_biases)
         self._reader: reader.CameraReader | None = None
         self._worker: Worker[tuple[int, EventPart]] | None = None
         self._outputs: dict[str, Any] = {}
@@ -158,6 +162,18 @@ class EventCameraNode(LifecycleNode):
             self._worker.stop()
             self._dropped += self._worker.backlog.dropped
             self._worker = None
+
+    def _set_biases(self, parameters: Sequence[Parameter[Any]]) -> SetParametersResult:
+        """Biases that are changed while it runs, on the camera too; it keeps them if unplugged."""
+        values = {item.name: item.value for item in parameters if item.name in BIASES}
+        try:
+            wanted = self._p.changed(values)
+            if values and self._reader is not None:
+                self._reader.set_biases(wanted)
+        except RollerError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._p = wanted
+        return SetParametersResult(successful=True)
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)

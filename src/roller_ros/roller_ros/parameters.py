@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import types
+from collections.abc import Collection
 from typing import Any, TypeVar, Union, get_args, get_origin
 
 import annotated_types
@@ -17,11 +18,20 @@ from roller_core.settings import Settings
 S = TypeVar("S", bound=Settings)
 
 
-def declare_settings(node: Node, model: type[S]) -> S:
+def declare_settings(node: Node, model: type[S], live: Collection[str] = ()) -> S:
     """Declare one parameter a field and return the validated settings.
 
     Fields of a group are parameters `group.name`. Parameters are read-only: a node keeps the
     settings it started with, so what a bag's report says holds for the whole bag.
+
+    Parameters
+    ----------
+    node : Node
+        Whose they are.
+    model : type of Settings
+        The settings.
+    live : collection of str
+        Parameters that may be changed all the same; the node sees to them.
 
     Raises
     ------
@@ -29,11 +39,16 @@ def declare_settings(node: Node, model: type[S]) -> S:
         Naming the parameter that is out of range or of the wrong type.
     """
     source = f"parameters of node '{node.get_name()}'"
-    return model.create(_declare(node, model, None, "", source), source)
+    return model.create(_declare(node, model, None, "", source, live), source)
 
 
 def _declare(
-    node: Node, model: type[Settings], defaults: Settings | None, prefix: str, source: str
+    node: Node,
+    model: type[Settings],
+    defaults: Settings | None,
+    prefix: str,
+    source: str,
+    live: Collection[str],
 ) -> dict[str, Any]:
     """Values of a model's parameters by field; defaults are the model's unless given."""
     values: dict[str, Any] = {}
@@ -41,12 +56,14 @@ def _declare(
         full = prefix + name
         default = getattr(defaults, name) if defaults else model.default_of(name)
         if isinstance(default, Settings):
-            values[name] = _declare(node, type(default), default, full + ".", source)
+            values[name] = _declare(node, type(default), default, full + ".", source, live)
             continue
         if isinstance(default, tuple):
             default = list(default)
         try:
-            node.declare_parameter(full, default, descriptor(full, field))
+            about = descriptor(full, field)
+            about.read_only = full not in live
+            node.declare_parameter(full, default, about)
         except (InvalidParameterValueException, InvalidParameterTypeException) as error:
             raise SettingsError(f"{source}: '{full}': {error}") from error
         value = node.get_parameter(full).value

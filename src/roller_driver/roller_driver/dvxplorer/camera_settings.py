@@ -8,6 +8,9 @@ from roller_core.settings import Settings
 
 from . import protocol
 
+#: Settings that can be changed while the camera streams.
+BIASES = ("bias_sensitivity", "contrast_threshold_on", "contrast_threshold_off")
+
 
 class SensorSettings(Settings):
     """Biases, region of interest and read-out of the sensor."""

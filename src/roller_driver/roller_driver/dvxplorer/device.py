@@ -71,6 +71,22 @@ class CameraDevice:
         self.identify()
         self._send(sequences.configure(self.firmware, settings, self.orientation))
 
+    def set_biases(self, settings: SensorSettings) -> None:
+        """Set the biases, also while it streams.
+
+        Raises
+        ------
+        CameraControlError
+            If the camera refuses them, or has no such setting.
+        """
+        named = settings.contrast_threshold_on, settings.contrast_threshold_off
+        if self.firmware < p.FIRST_NEW_FIRMWARE and named != (-1, -1):
+            raise CameraControlError(
+                f"{self.name}: firmware {self.firmware} has no contrast_threshold_on and _off; "
+                "set bias_sensitivity"
+            )
+        self._send(sequences.set_biases(self.firmware, settings))
+
     def prepare(self) -> None:
         """Make ready for reading; call before the first `read`."""
         self._send(sequences.before_reading(self.firmware))

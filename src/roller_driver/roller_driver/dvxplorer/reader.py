@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from roller_core.events import EventArray
 
+from .camera_settings import SensorSettings
 from .decoder import DecoderCounts, WordDecoder
 from .device import CameraDevice
-from .errors import CameraFault
+from .errors import CameraFault, CameraLostError
 from .packets import EventPart, Packetiser
 from .transfers import TransferCounts, TransferReader
 
@@ -123,6 +125,7 @@ class CameraReader:
         self._usb = TransferCounts()
         self._state, self._fault, self._camera = STOPPED, "", ""
         self._firmware = self._connects = self._packets = 0
+        self._device: CameraDevice | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="event camera", daemon=True)
 
@@ -135,6 +138,18 @@ class CameraReader:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=10.0)
+
+    def set_biases(self, settings: SensorSettings) -> None:
+        """Set the biases of the camera that streams, if one does.
+
+        Raises
+        ------
+        CameraControlError
+            If it refuses them.
+        """
+        if (device := self._device) is not None:
+            with suppress(CameraLostError):
+                device.set_biases(settings)
 
     @property
     def status(self) -> ReaderStatus:
@@ -171,11 +186,13 @@ class CameraReader:
                 self._stop.wait(self._settings.retry_s)
                 continue
             try:
+                self._device = device
                 self._stream(device)
             except CameraFault as error:
                 self._change(SEARCHING, str(error))
                 self._stop.wait(min(self._settings.retry_s, 0.2))
             finally:
+                self._device = None
                 device.close()
                 self._packetiser.flush()
         self._change(STOPPED)

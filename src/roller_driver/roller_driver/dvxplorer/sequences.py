@@ -63,6 +63,20 @@ def configure(firmware: int, settings: SensorSettings, orientation: int = 0) -> 
     return _configure_old(settings, orientation)
 
 
+def set_biases(firmware: int, settings: SensorSettings) -> Sequence[Step]:
+    """What sets the biases alone, also while the camera streams."""
+    if firmware >= p.FIRST_NEW_FIRMWARE:
+        on, off = settings.thresholds
+        return (
+            Write(p.MODULE_DVS, p.DVS_THRESHOLD_ON, on),
+            Write(p.MODULE_DVS, p.DVS_THRESHOLD_OFF, off),
+        )
+    return tuple(
+        Write(p.MODULE_SENSOR, register, values[settings.bias_sensitivity])
+        for register, values in p.SENSITIVITY.items()
+    )
+
+
 def _configure_new(settings: SensorSettings) -> Sequence[Step]:
     on, off = settings.thresholds
     x0, y0, x1, y1 = settings.region
@@ -100,15 +114,17 @@ def _configure_new(settings: SensorSettings) -> Sequence[Step]:
 
 
 def _configure_old(settings: SensorSettings, orientation: int) -> Sequence[Step]:
-    registers = [(p.REG_BIAS_AMP, 0x04), (p.REG_BIAS_LOGALOGD, 0x14)]
-    for register, values in p.SENSITIVITY.items():
-        registers.append((register, values[settings.bias_sensitivity]))
+    fixed = [(p.REG_BIAS_AMP, 0x04), (p.REG_BIAS_LOGALOGD, 0x14)]
     # Flatten codes 1, 2, 3 are bits 6, 5, 4.
     flatten = (0, 0x40, 0x20, 0x10)[settings.flatten_code]
-    registers.append((p.REG_PACKET_FORMAT, p.PACKET_FORMAT_GROUPS | flatten))
+    registers = [(p.REG_PACKET_FORMAT, p.PACKET_FORMAT_GROUPS | flatten)]
     registers += _crop_registers(settings, orientation)
     registers.append((p.REG_RESTART, 2))
-    return tuple(Write(p.MODULE_SENSOR, *pair) for pair in registers)
+    return (
+        *(Write(p.MODULE_SENSOR, *pair) for pair in fixed),
+        *set_biases(p.FIRST_NEW_FIRMWARE - 1, settings),
+        *(Write(p.MODULE_SENSOR, *pair) for pair in registers),
+    )
 
 
 def _crop_registers(settings: SensorSettings, orientation: int) -> list[tuple[int, int]]:
