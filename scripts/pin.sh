@@ -20,6 +20,7 @@ pin requirements
 # What several ask for is the same in all.
 pin requirements-dev -c requirements.txt
 pin requirements-colcon -c requirements.txt
+pin requirements-browser -c requirements.txt -c requirements-dev.txt
 # The wheels are for this platform alone.
 pin requirements-ros -c requirements.txt -c requirements-dev.txt
 pin requirements-uv

@@ -20,7 +20,7 @@ setup(
     description="Launch files, RViz, the roller command, demonstration and doctor",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
-    package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
+    package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"], NAME + ".view": ["page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
@@ -37,6 +37,7 @@ setup(
             "up = roller_bringup.commands.up",
             "demo = roller_bringup.commands.demo",
             "doctor = roller_bringup.commands.doctor",
+            "view = roller_bringup.commands.view",
         ],
     },
 )

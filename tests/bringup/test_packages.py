@@ -47,6 +47,8 @@ PIP_ONLY = {
     "rosbags": "rosbags",
     "rtde_control": "ur-rtde",
     "rtde_receive": "ur-rtde",
+    "starlette": "starlette",
+    "uvicorn": "uvicorn",
     "zstandard": "zstandard",
 }
 #: Asked for and not imported: `entry_points` and editable installs need it, also when offline.

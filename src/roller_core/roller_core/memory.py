@@ -7,6 +7,8 @@ import ctypes
 #: Parameters of glibc's mallopt (malloc.h), and what they are set to, bytes.
 _TRIM_THRESHOLD, _KEPT = -1, 128 << 20
 _MMAP_THRESHOLD, _FROM_SYSTEM = -3, 32 << 20
+#: The same where memory counts for more.
+_KEPT_WHEN_SMALL, _FROM_SYSTEM_WHEN_SMALL = 1 << 20, 64 << 10
 
 
 def keep_freed_memory() -> bool:
@@ -21,8 +23,23 @@ def keep_freed_memory() -> bool:
     bool
         Whether it was done; other C libraries have nothing of the kind.
     """
+    return _set(_KEPT, _FROM_SYSTEM)
+
+
+def return_freed_memory() -> bool:
+    """Have the C library hand back what is freed: for a process that is to stay small.
+
+    Returns
+    -------
+    bool
+        Whether it was done.
+    """
+    return _set(_KEPT_WHEN_SMALL, _FROM_SYSTEM_WHEN_SMALL)
+
+
+def _set(kept: int, from_system: int) -> bool:
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (AttributeError, OSError):
         return False
-    return bool(mallopt(_TRIM_THRESHOLD, _KEPT)) and bool(mallopt(_MMAP_THRESHOLD, _FROM_SYSTEM))
+    return bool(mallopt(_TRIM_THRESHOLD, kept)) and bool(mallopt(_MMAP_THRESHOLD, from_system))

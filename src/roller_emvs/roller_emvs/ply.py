@@ -11,6 +11,7 @@ import numpy.typing as npt
 from roller_core.errors import UnwritableOutputError
 
 _COUNT_WIDTH = 12
+_LONGEST_HEADER = 10_000
 
 
 class PlyWriter:
@@ -105,17 +106,35 @@ class PlyWriter:
         self.close()
 
 
-def read_ply(path: Path | str) -> dict[str, npt.NDArray[np.float64]]:
-    """Columns of a PLY file as `PlyWriter` writes it, by property name."""
-    data = Path(path).read_bytes()
-    end = data.index(b"end_header\n") + len(b"end_header\n")
+def ply_rows(path: Path | str) -> npt.NDArray[np.void]:
+    """Rows of a PLY file as `PlyWriter` writes it, read from the disk as they are looked at.
+
+    Raises
+    ------
+    ValueError
+        If it isn't such a file, or ends early.
+    """
+    with open(path, "rb") as file:
+        head = file.read(_LONGEST_HEADER)
+    end = head.find(b"end_header\n") + len(b"end_header\n")
+    if not head.startswith(b"ply\n") or end < len(b"end_header\n"):
+        raise ValueError(f"{path} is no PLY file")
     kinds = {"double": "<f8", "float": "<f4"}
     fields, count = [], 0
-    for line in data[:end].decode().splitlines():
+    for line in head[:end].decode(errors="replace").splitlines():
         words = line.split()
         if words[:2] == ["element", "vertex"]:
             count = int(words[2])
         elif words[0] == "property":
+            if words[1] not in kinds:
+                raise ValueError(f"{path} holds '{line}', which isn't read")
             fields.append((words[2], kinds[words[1]]))
-    rows = np.frombuffer(data, np.dtype(fields), count, end)
-    return {name: rows[name].astype(np.float64) for name, _ in fields}
+    if not count:
+        return np.empty(0, np.dtype(fields))
+    return np.memmap(path, np.dtype(fields), "r", end, (count,))
+
+
+def read_ply(path: Path | str) -> dict[str, npt.NDArray[np.float64]]:
+    """Columns of a PLY file as `PlyWriter` writes it, by property name."""
+    rows = ply_rows(path)
+    return {name: rows[name].astype(np.float64) for name in rows.dtype.names or ()}

@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     build_scene(VirtualCellSettings.create(scan, "demo").scene)
     with OutputFolder(args.output, "demo") as output:
         _run(args, output.partial)
+    print(f"look at it in the browser: ./roller view {args.output}")
     return 0
 
 

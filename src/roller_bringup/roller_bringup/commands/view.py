@@ -1,0 +1,94 @@
+"""`roller view`: show a running graph or a result in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from roller_bringup.view.scene import Scene
+
+_EXAMPLES = """\
+examples:
+  roller view                      the running graph, at http://127.0.0.1:8090/
+  roller view output/demo          what a demonstration, replay or inspection wrote
+  roller view scan                 a recording: its results, or those of a replay of it
+  roller view --host 0.0.0.0       for other machines too; the printed address holds a token
+  roller view output/demo --rerun  hand it to rerun, where that is installed
+"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `view` to the command's parser."""
+    parser = subparsers.add_parser(
+        "view",
+        help="show a running graph or a result in the browser",
+        description="Serve the operator's page: height map, findings, depth, text and the nodes' "
+        "health. It runs beside the graph and never holds it up.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "input",
+        type=Path,
+        nargs="?",
+        metavar="INPUT",
+        help="result folder or recording (the running graph)",
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
+    parser.add_argument("--port", type=int, default=8090, help="port; 0: any (8090)")
+    parser.add_argument(
+        "--namespace", default="", metavar="NAME", help="of the cell, where a graph has several"
+    )
+    parser.add_argument("--rerun", action="store_true", help="hand it to rerun instead")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C.
+
+    Raises
+    ------
+    RollerError
+        If the input can't be read, or the address not be listened at.
+    """
+    if args.rerun:
+        from roller_bringup.view.rerun import hand_over
+
+        return hand_over(args.input, args.namespace)
+    from roller_bringup.view.server import PageServer
+
+    if args.input is None:
+        from roller_bringup.view.graph import Graph
+        from roller_bringup.view.scene import Scene
+        from roller_core.memory import return_freed_memory
+
+        return_freed_memory()
+        scene = Scene("live")
+        server = PageServer(scene, args.host, args.port)
+        with Graph(scene, args.namespace):
+            _serve(server)
+        return 0
+    with tempfile.TemporaryDirectory(prefix="roller-view-") as aside:
+        _serve(PageServer(_scene_of(args.input, Path(aside)), args.host, args.port))
+    return 0
+
+
+def _scene_of(source: Path, aside: Path) -> Scene:
+    """A result folder as it is, a recording with the results that it holds or a replay gives."""
+    from roller_bringup.view.recorded import results_of
+    from roller_bringup.view.result import is_result, read_result
+
+    return read_result(source if is_result(source) else results_of(source, aside), source.name)
+
+
+def _serve(server: object) -> None:
+    from roller_bringup.view.server import PageServer
+
+    assert isinstance(server, PageServer)
+    print(f"open {server.url}  (Ctrl-C ends it)", flush=True)
+    server.run()
+    print("ended", file=sys.stderr)

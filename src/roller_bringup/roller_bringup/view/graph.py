@@ -1,0 +1,250 @@
+"""A running graph as a scene: what waits is taken now and then, the newest of it counts."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import re
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from roller_core import outputs
+from roller_ros import messages, qos
+
+from . import health
+from .scene import Scene
+
+#: Between two looks at what has come, s. Often enough for a page, and an executor that wakes for
+#: each pose would take a tenth of a core.
+_PERIOD_S = 0.1
+#: Poses this far apart give the speed, s.
+_SPEED_OVER_S = 0.08
+#: Without poses for so long nobody knows the speed, s.
+_POSES_GONE_S = 1.0
+#: A stamp older than this is of a recording: no lag can be told from it, s.
+_MOST_LAG_S = 30.0
+_PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
+#: Columns of a cloud that the map needs.
+_NEEDED = ("x", "y", "height")
+#: Only the newest message of these topics is read.
+_LATEST = QoSProfile(depth=1, reliability=qos.PREVIEW.reliability)
+
+
+def _listen_only() -> None:
+    """Have Fast DDS keep as little shared memory of our own as it can: we publish nothing."""
+    profile = Path(os.environ.get(_PROFILE, ""))
+    if not profile.is_file():
+        return
+    text = profile.read_text()
+    largest = re.search(r"<maxMessageSize>(\d+)</maxMessageSize>", text)
+    if largest is None:
+        return
+    text = re.sub(
+        r"<segment_size>\d+</segment_size>", f"<segment_size>{largest[1]}</segment_size>", text
+    )
+    with tempfile.NamedTemporaryFile("w", suffix=".xml", delete=False) as file:
+        file.write(text)
+    os.environ[_PROFILE] = file.name
+    atexit.register(Path(file.name).unlink, missing_ok=True)
+
+
+class Graph:
+    """Subscribes to a graph and fills a scene; a context manager.
+
+    Parameters
+    ----------
+    scene : Scene
+        Filled.
+    namespace : str
+        Of the cell.
+    """
+
+    def __init__(self, scene: Scene, namespace: str = "") -> None:
+        self._scene = scene
+        self._prefix = f"{namespace}/" if namespace else ""
+        _listen_only()
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self._node = Node(
+            "view",
+            namespace=namespace,
+            context=self._context,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        self._map_points = 0.0
+        self._tool = "tool0_controller"
+        self._pose: tuple[int, Any] | None = None
+        self._pose_seen_s = 0.0
+        self._stamp_ns = 0
+        self._subscriptions: dict[str, tuple[Any, Callable[[list[bytes]], None]]] = {}
+        # The latched map first: it holds what is there when we come.
+        self._subscribe(outputs.SURFACE_MAP, PointCloud2, qos.LATCHED, self._take_map)
+        self._subscribe(outputs.SURFACE_POINTS, PointCloud2, qos.SURFACE, self._take_points)
+        self._subscribe(outputs.DEPTH_IMAGE, Image, _LATEST, self._take_depth)
+        self._subscribe(outputs.BRAILLE_TEXT, String, qos.TEXT, self._take_text)
+        self._subscribe(outputs.TF, TFMessage, QoSProfile(depth=5), self._take_tf)
+        self._subscribe(
+            outputs.DIAGNOSTICS, DiagnosticArray, QoSProfile(depth=200), self._take_statuses
+        )
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Graph:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _subscribe(
+        self, name: str, kind: Any, quality: QoSProfile, take: Callable[[list[bytes]], None]
+    ) -> None:
+        none = SubscriptionEventCallbacks(use_default_callbacks=False)
+        subscription = self._node.create_subscription(
+            kind, name, lambda _: None, quality, raw=True, event_callbacks=none
+        )
+        self._subscriptions[name] = (subscription, take)
+
+    def _run(self) -> None:
+        while not self._stop.wait(_PERIOD_S):
+            for subscription, take in list(self._subscriptions.values()):
+                if found := _take_all(subscription):
+                    with self._scene.lock:
+                        take(found)
+            if time.monotonic() - self._pose_seen_s > _POSES_GONE_S:
+                self._scene.speed_m_s = self._pose = None
+
+    def _take_map(self, found: list[bytes]) -> None:
+        """Take the map as it was when we came; afterwards the points themselves are enough."""
+        rows = _columns(deserialize_message(found[-1], PointCloud2))
+        if rows is not None:
+            self._add(rows)
+        subscription, _ = self._subscriptions.pop(outputs.SURFACE_MAP)
+        self._node.destroy_subscription(subscription)
+
+    def _take_points(self, found: list[bytes]) -> None:
+        """Take what came since the last look at once: it costs little more than one cloud."""
+        clouds: list[dict[str, Any]] = []
+        stamp_ns = 0
+        for data in found:
+            message = deserialize_message(data, PointCloud2)
+            stamp_ns = messages.to_ns(message.header.stamp)
+            if stamp_ns < self._stamp_ns - 1_000_000_000:
+                self._clear()  # the source restarted
+                clouds.clear()
+            self._stamp_ns = stamp_ns
+            # Two cells share /tf: the robot is the one whose base the points are in.
+            self._tool = message.header.frame_id.removesuffix("base") + "tool0_controller"
+            if (rows := _columns(message)) is not None:
+                clouds.append(rows)
+        if clouds:
+            self._add({name: np.concatenate([c[name] for c in clouds]) for name in _NEEDED})
+            self._scene.head = (float(clouds[-1]["x"].mean()), float(clouds[-1]["y"].mean()))
+            self._take_lag(stamp_ns)
+
+    def _add(self, rows: dict[str, Any]) -> None:
+        x, y = (rows[name].astype(np.float64) for name in "xy")
+        self._scene.grid.add(x, y, {"height": rows["height"]})
+
+    def _clear(self) -> None:
+        self._scene.grid.clear()
+        self._scene.head = None
+
+    def _take_depth(self, found: list[bytes]) -> None:
+        """Keep the image as it came: it is only read when a browser asks for it."""
+        data = found[-1]
+        self._scene.take_depth(
+            lambda: messages.image_to_array(deserialize_message(data, Image)).astype(np.float32)
+        )
+
+    def _take_lag(self, stamp_ns: int) -> None:
+        lag_s = (time.time_ns() - stamp_ns) * 1e-9
+        self._scene.lag_s = lag_s if 0.0 <= lag_s < _MOST_LAG_S else None
+
+    def _take_text(self, found: list[bytes]) -> None:
+        self._scene.take_text(deserialize_message(found[-1], String).data)
+
+    def _take_tf(self, found: list[bytes]) -> None:
+        for data in found:
+            for transform in deserialize_message(data, TFMessage).transforms:
+                if transform.child_frame_id == self._tool:
+                    self._take_pose(transform)
+
+    def _take_pose(self, transform: Any) -> None:
+        self._pose_seen_s = time.monotonic()
+        stamp_ns = messages.to_ns(transform.header.stamp)
+        t = transform.transform.translation
+        place = np.array([t.x, t.y, t.z])
+        before_ns, before = self._pose or (stamp_ns, place)
+        passed_s = (stamp_ns - before_ns) * 1e-9
+        if passed_s > _SPEED_OVER_S:
+            self._scene.speed_m_s = float(np.linalg.norm(place - before)) / passed_s
+        if self._pose is None or passed_s > _SPEED_OVER_S or passed_s < 0:
+            self._pose = (stamp_ns, place)
+
+    def _take_statuses(self, found: list[bytes]) -> None:
+        for data in found:
+            for status in deserialize_message(data, DiagnosticArray).status:
+                if status.name.startswith(self._prefix):
+                    self._take_status(status)
+
+    def _take_status(self, status: Any) -> None:
+        node = self._scene.nodes.setdefault(status.name, health.Node(status.name))
+        node.level, node.message = status.level[0], status.message
+        node.seen_s = time.monotonic()
+        if status.values:
+            node.values = {item.key: item.value for item in status.values}
+            self._see_whether_cleared(node)
+
+    def _see_whether_cleared(self, node: health.Node) -> None:
+        """Begin anew with a node that forgot its map: a service asked it to."""
+        points = health.number([node], "map_points")
+        if points is None:
+            return
+        # Larger voxels take three quarters of the points, no more.
+        if points < self._map_points / 8:
+            self._clear()
+        self._map_points = points
+
+
+def _take_all(subscription: Any) -> list[bytes]:
+    """What waits."""
+    found: list[bytes] = []
+    handle, kind = subscription.handle, subscription.msg_type
+    try:
+        with handle:
+            while len(found) < 1000 and (item := handle.take_message(kind, True)) is not None:
+                found.append(item[0])
+    except (_rclpy.RCLError, _rclpy.InvalidHandle):
+        pass  # the graph is gone
+    return found
+
+
+def _columns(message: Any) -> dict[str, Any] | None:
+    """Columns of a cloud of float32 by name; None if it has no points or isn't one of ours."""
+    names = [field.name for field in message.fields]
+    if not message.width or message.point_step != 4 * len(names) or not set(_NEEDED) <= set(names):
+        return None
+    rows = np.frombuffer(message.data, np.float32).reshape(-1, len(names))
+    return {name: rows[:, k] for k, name in enumerate(names)}

@@ -1,0 +1,298 @@
+"""A height map that grows as points come, in tiles, of bounded size."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+U8 = npt.NDArray[np.uint8]
+
+#: Cells along a tile's edge.
+TILE = 64
+#: Tiles at most, of 25 kB (and 16 kB for each further layer); beyond it cells get twice as large.
+#: A strip 15 mm wide has cells of 0.1 mm up to 1.4 m, of 0.2 mm up to 4 m, of 0.4 mm up to 16 m.
+MOST_TILES = 640
+#: States of a cell, as in `height_map.npz`.
+OUTSIDE, UNMEASURED, CONTINUED, MEASURED = range(4)
+#: A newer point counts at least this much in a cell's mean.
+_MOST_WEIGHT = 250
+#: Cells along the longer side of what is marked as looked at in one go.
+_SLAB = 256
+
+#: Points beyond are none of ours, metres.
+_FARTHEST_M = 1e3
+
+Key = tuple[int, int]
+Slices = tuple[slice, slice]
+
+
+@dataclass
+class Tile:
+    """Cells of a square; `revision` is that of its last change."""
+
+    layers: dict[str, F32]
+    state: U8
+    weight: U8
+    revision: int = 0
+    _counted: tuple[int, int, int] = (-1, 0, 0)
+
+    def counts(self) -> tuple[int, int]:
+        """Cells inside, and those of them that were measured or continued."""
+        if self._counted[0] != self.revision:
+            of_state = np.bincount(self.state.ravel(), minlength=4)
+            self._counted = (self.revision, int(of_state[1:].sum()), int(of_state[2:].sum()))
+        return self._counted[1:]
+
+
+class Grid:
+    """Cells with the mean of the points that fell into them.
+
+    Cell (i, j) of tile (I, J) has its centre at ((I·64 + i + ½)·`cell_m`, (J·64 + j + ½)·`cell_m`).
+
+    Parameters
+    ----------
+    cell_m : float
+        Edge of a cell at first, metres; it doubles when there are too many tiles.
+    most_tiles : int
+        Tiles at most.
+
+    Attributes
+    ----------
+    epoch : str
+        Another one whenever all that was given out is void.
+    revision : int
+        Grows with every change.
+    layers : list of str
+        Names of the layers beside the state.
+    """
+
+    def __init__(self, cell_m: float = 1e-4, most_tiles: int = MOST_TILES) -> None:
+        self._first_cell_m = cell_m
+        self._most_tiles = most_tiles
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all."""
+        self.epoch = secrets.token_hex(4)
+        self.cell_m = self._first_cell_m
+        self.revision = self.points = 0
+        self.layers: list[str] = []
+        self.tiles: dict[Key, Tile] = {}
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float] | None:
+        """Least x and y and greatest x and y of the tiles, metres."""
+        if not self.tiles:
+            return None
+        keys = np.array(list(self.tiles))
+        low, high = keys.min(axis=0), keys.max(axis=0) + 1
+        edge = self.cell_m * TILE
+        return low[0] * edge, low[1] * edge, high[0] * edge, high[1] * edge
+
+    def covered(self) -> float | None:
+        """Share of the cells inside that were measured or continued; None without any."""
+        inside, measured = np.sum([tile.counts() for tile in self.tiles.values()] or [(0, 0)], 0)
+        return float(measured / inside) if inside else None
+
+    def add(self, x_m: F64, y_m: F64, values: Mapping[str, F32], state: int = MEASURED) -> None:
+        """Take points; what is not finite is left out.
+
+        Parameters
+        ----------
+        x_m, y_m : ndarray, shape (n,)
+            Places, metres.
+        values : mapping of str to ndarray, shape (n,)
+            Of each layer.
+        state : int
+            Of the cells that they fall into.
+        """
+        sound = (np.abs(x_m) < _FARTHEST_M) & (np.abs(y_m) < _FARTHEST_M)  # not so for NaN
+        for column in values.values():
+            sound &= np.isfinite(column)
+        if not sound.any():
+            return
+        values = {name: column[sound] for name, column in values.items()}
+        i, j = (np.floor(v[sound] / self.cell_m).astype(np.int64) for v in (x_m, y_m))
+        self.points += len(i)
+        self._have(values)
+        self._mark_hull(i, j)
+        for tile, chosen, at in self._by_tile(i, j):
+            count = np.bincount(at, minlength=TILE * TILE)
+            hit = np.flatnonzero(count)
+            before = tile.weight.reshape(-1)[hit].astype(np.float64)
+            for name, column in values.items():
+                sums = np.bincount(at, weights=column[chosen], minlength=TILE * TILE)[hit]
+                layer = tile.layers[name].reshape(-1)
+                old = layer[hit].astype(np.float64)
+                # A layer may be new to cells that have a weight.
+                known = np.isfinite(old)
+                weight = np.where(known, before, 0.0)
+                old[~known] = 0.0
+                layer[hit] = (old * weight + sums) / (weight + count[hit])
+            tile.weight.reshape(-1)[hit] = np.minimum(before + count[hit], _MOST_WEIGHT)
+            flat = tile.state.reshape(-1)
+            flat[hit] = np.maximum(flat[hit], state)
+            self._touch(tile)
+        self._shrink()
+
+    def put(self, x0: int, y0: int, layers: Mapping[str, F32], state: U8) -> None:
+        """Take a whole map at once; cell [j, i] of the arrays is cell (x0 + i, y0 + j) here.
+
+        Parameters
+        ----------
+        x0, y0 : int
+            Cell of the arrays' first element.
+        layers : mapping of str to ndarray, shape (ny, nx)
+            Values, NaN where there are none.
+        state : ndarray of uint8, shape (ny, nx)
+            See `OUTSIDE` and its like.
+        """
+        self._have(layers)
+        for key, here, there in _overlapped(x0, y0, state.shape):
+            part = state[here]
+            if not part.any():
+                continue
+            tile = self._tile(key)
+            tile.state[there] = part
+            tile.weight[there] = part > UNMEASURED
+            for name, values in layers.items():
+                tile.layers[name][there] = values[here]
+            self._touch(tile)
+
+    def changed(self, since: int, most: int) -> tuple[list[tuple[Key, Tile]], bool]:
+        """Tiles that changed after a revision, oldest change first, and whether there are more."""
+        found = [(key, tile) for key, tile in self.tiles.items() if tile.revision > since]
+        found.sort(key=lambda item: item[1].revision)
+        return found[:most], len(found) > most
+
+    def cells(self, name: str) -> F32:
+        """Centres of the cells that were measured, and a layer's value there, shape (n, 3)."""
+        out = [np.empty((0, 3), np.float32)]
+        for (tx, ty), tile in self.tiles.items():
+            if name in tile.layers:
+                j, i = np.nonzero((tile.state > UNMEASURED) & np.isfinite(tile.layers[name]))
+                x, y = ((t * TILE + k + 0.5) * self.cell_m for t, k in ((tx, i), (ty, j)))
+                out.append(np.column_stack([x, y, tile.layers[name][j, i]]).astype(np.float32))
+        return np.concatenate(out)
+
+    def _have(self, names: Mapping[str, F32]) -> None:
+        new = [name for name in names if name not in self.layers]
+        self.layers += new
+        for tile in self.tiles.values():
+            for name in new:
+                tile.layers[name] = np.full((TILE, TILE), np.nan, np.float32)
+
+    def _tile(self, key: Key) -> Tile:
+        if key not in self.tiles:
+            empty = {name: np.full((TILE, TILE), np.nan, np.float32) for name in self.layers}
+            zeros = np.zeros((2, TILE, TILE), np.uint8)
+            self.tiles[key] = Tile(empty, zeros[0], zeros[1])
+        return self.tiles[key]
+
+    def _touch(self, tile: Tile) -> None:
+        """Note a change; each has a number of its own, so who has some can ask for the rest."""
+        self.revision += 1
+        tile.revision = self.revision
+
+    def _by_tile(self, i: I64, j: I64) -> Iterator[tuple[Tile, I64, I64]]:
+        """Of each tile that cells are in: the tile, which cells, and their places in it."""
+        tx, ty = i // TILE, j // TILE
+        low, wide = ty.min(), np.ptp(ty) + 1
+        code = tx * wide + (ty - low)
+        order = np.argsort(code, kind="stable")
+        for chosen in np.split(order, np.flatnonzero(np.diff(code[order])) + 1):
+            key = (int(tx[chosen[0]]), int(ty[chosen[0]]))
+            at = (j[chosen] - key[1] * TILE) * TILE + i[chosen] - key[0] * TILE
+            yield self._tile(key), chosen, at
+
+    def _mark_hull(self, i: I64, j: I64) -> None:
+        """Mark what lies between points that came together as looked at: the sensor saw it all."""
+        # In slabs across the longer side: a patch is one, the map of a long scan is many.
+        along = i if np.ptp(i) >= np.ptp(j) else j
+        slabs = (along - along.min()) // _SLAB
+        pieces: list[Any] = [slice(None)]
+        if slabs.any():
+            order = np.argsort(slabs, kind="stable")
+            pieces = np.split(order, np.flatnonzero(np.diff(slabs[order])) + 1)
+        for piece in pieces:
+            x0, y0 = int(i[piece].min()), int(j[piece].min())
+            mask = np.zeros((int(j[piece].max()) - y0 + 1, int(i[piece].max()) - x0 + 1), np.uint8)
+            mask[j[piece] - y0, i[piece] - x0] = 1
+            rows = np.flatnonzero(mask.any(axis=1))
+            first = mask[rows].argmax(axis=1)
+            last = mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)
+            ends = np.column_stack([np.r_[first, last], np.r_[rows, rows]]).astype(np.int32)
+            cv2.fillConvexPoly(mask, cv2.convexHull(ends), 1)
+            for key, here, there in _overlapped(x0, y0, mask.shape):
+                tile = self._tile(key)
+                np.maximum(tile.state[there], mask[here], out=tile.state[there])
+                self._touch(tile)
+
+    def _shrink(self) -> None:
+        while len(self.tiles) > self._most_tiles:
+            self._double()
+
+    def _double(self) -> None:
+        """Cells twice as large: four become one."""
+        old, self.tiles = self.tiles, {}
+        self.cell_m *= 2
+        self.epoch = secrets.token_hex(4)
+        for (tx, ty), tile in old.items():
+            new = self._tile((tx >> 1, ty >> 1))
+            half = TILE // 2
+            at = (
+                slice((ty & 1) * half, (ty & 1) * half + half),
+                slice((tx & 1) * half, (tx & 1) * half + half),
+            )
+            weight = _fours(tile.weight.astype(np.float32))
+            new.weight[at] = np.minimum(weight.sum(axis=0), _MOST_WEIGHT)
+            new.state[at] = _fours(tile.state).max(axis=0)
+            for name, layer in tile.layers.items():
+                values = _fours(layer)
+                counts = np.where(np.isfinite(values), weight, 0.0)
+                total = counts.sum(axis=0)
+                sums = (np.nan_to_num(values) * counts).sum(axis=0)
+                mean = np.divide(sums, total, out=np.full_like(sums, np.nan), where=total > 0)
+                new.layers[name][at] = mean
+            self._touch(new)
+
+
+def _fours(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """The four cells that become one, shape (4, n / 2, n / 2)."""
+    half = TILE // 2
+    return values.reshape(half, 2, half, 2).transpose(1, 3, 0, 2).reshape(4, half, half)
+
+
+def _overlapped(x0: int, y0: int, shape: tuple[int, ...]) -> Iterator[tuple[Key, Slices, Slices]]:
+    """Tiles that an array of cells lies over, and where they overlap in the array and the tile."""
+    height, width = shape
+    for ty in range(y0 // TILE, (y0 + height - 1) // TILE + 1):
+        rows, there_y = _overlap(ty, y0, height)
+        for tx in range(x0 // TILE, (x0 + width - 1) // TILE + 1):
+            columns, there_x = _overlap(tx, x0, width)
+            yield (tx, ty), (rows, columns), (there_y, there_x)
+
+
+def _overlap(tile: int, first: int, count: int) -> tuple[slice, slice]:
+    """Where a row of tiles and `count` cells from `first` on overlap: in the cells, in the tile."""
+    begin = max(tile * TILE, first)
+    end = min((tile + 1) * TILE, first + count)
+    return slice(begin - first, end - first), slice(begin - tile * TILE, end - tile * TILE)
+
+
+def pack(found: Sequence[tuple[Key, Tile]], names: Sequence[str]) -> bytes:
+    """Tiles as bytes: of each its layers (64 × 64 float32), then its state (64 × 64 uint8)."""
+    parts = []
+    for _, tile in found:
+        parts += [tile.layers[name].tobytes() for name in names]
+        parts.append(tile.state.tobytes())
+    return b"".join(parts)

@@ -1,0 +1,47 @@
+"""Results of a recording: those that it holds, else those of a replay of it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from roller_core.errors import RollerError
+from roller_core.progress import progress_bar
+from roller_inspect.pipeline import PipelineSettings
+from roller_inspect.replay import replay
+from roller_inspect.results.recorded import gather
+from roller_inspect.results.run_report import Report
+from roller_recording.reading import open_recording
+from roller_recording.reading.bag_reader import BagReader
+
+_DEPTH, _POINTS = "/roller/depth/image", "/roller/surface/points"
+
+
+def results_of(source: Path, folder: Path) -> Path:
+    """Write a recording's results into a folder, and give the folder.
+
+    Raises
+    ------
+    RollerError
+        If the recording can't be read.
+    """
+    topics = _topics(source) if source.is_dir() else set()
+    if _POINTS in topics:
+        method = "focus" if _DEPTH in topics else "surface"
+        report = Report(str(source), method, {}, source.name)
+        gather(source, folder, None, report)
+        return folder
+    settings = PipelineSettings.load()
+    recording = open_recording(source, max_gap_s=settings.max_pose_gap_s)
+    print(f"{source} holds no results yet: replaying it", file=sys.stderr)
+    with progress_bar(f"replay {source.name}") as progress:
+        replay(recording, settings, folder, source, progress=progress)
+    return folder
+
+
+def _topics(source: Path) -> set[str]:
+    """Topics of a bag that hold messages; none where it is another kind of recording."""
+    try:
+        return {name for name, count in BagReader(source).counts.items() if count}
+    except RollerError:
+        return set()

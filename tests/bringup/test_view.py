@@ -1,0 +1,298 @@
+"""The operator's page over HTTP, without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import socket
+import struct
+from collections import defaultdict
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bringup.view_results import BASE_FROM_MAP, DENT, serving, wait_until, write_result
+from roller_bringup import cli
+from roller_bringup.view import health
+from roller_bringup.view.findings import listed
+from roller_bringup.view.grid import CONTINUED, MEASURED, TILE, UNMEASURED, Grid
+from roller_bringup.view.result import ResultError, read_result
+from roller_bringup.view.scene import Scene
+from roller_bringup.view.server import AddressError, PageServer
+from roller_bringup.view.viewers import QUEUE, Viewer
+from roller_emvs.ply import PlyWriter
+
+points = st.lists(
+    st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-1e-3, 1e-3)), max_size=40
+)
+
+
+def get(server: PageServer, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    found = answer.status, dict(answer.getheaders()), answer.read()
+    connection.close()
+    return found
+
+
+def frames(server: PageServer):
+    """States as a browser gets them."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
+    connection.request("GET", "/api/events")
+    for line in connection.getresponse():
+        if line.startswith(b"data: "):
+            yield json.loads(line[6:])
+
+
+def unpacked(data: bytes) -> tuple[dict, dict]:
+    """Header of an answer with tiles, and of each cell that is inside its state and values."""
+    (size,) = struct.unpack("<I", data[:4])
+    header, at, cells = json.loads(data[4 : 4 + size]), 4 + size, {}
+    for tx, ty in header["tiles"]:
+        layers = {}
+        for name in header["layers"]:
+            layers[name] = np.frombuffer(data, np.float32, TILE * TILE, at).reshape(TILE, TILE)
+            at += 4 * TILE * TILE
+        state = np.frombuffer(data, np.uint8, TILE * TILE, at).reshape(TILE, TILE)
+        at += TILE * TILE
+        for j, i in zip(*np.nonzero(state), strict=True):
+            values = {name: layer[j, i] for name, layer in layers.items()}
+            cells[tx * TILE + i, ty * TILE + j] = (state[j, i], values)
+    assert at == len(data)
+    return header, cells
+
+
+@settings(max_examples=25, deadline=None)
+@given(points, st.integers(1, 5))
+def test_cells_hold_the_mean_of_their_points(found, parts):
+    grid, truth = Grid(1e-3), defaultdict(list)
+    for k in range(parts):
+        x, y, z = np.array(found[k::parts], np.float64).reshape(-1, 3).T
+        grid.add(x, y, {"height": z.astype(np.float32)})
+        for i, j, v in zip(np.floor(x / 1e-3), np.floor(y / 1e-3), z, strict=True):
+            truth[i, j].append(v)
+    cells = {(k[0], k[1]): row for k, row in _all(grid).items() if row[0] == MEASURED}
+    assert cells.keys() == truth.keys()
+    for key, values in truth.items():
+        assert cells[key][1] == pytest.approx(np.mean(values), abs=1e-8)
+
+
+def test_larger_cells_hold_the_mean_of_the_smaller_and_memory_is_bounded():
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(0, 0.5, 20_000), rng.uniform(0, 0.01, 20_000)
+    z = rng.normal(0, 1e-4, 20_000).astype(np.float32)
+    small, large = Grid(1e-4, most_tiles=20), Grid(1e-3)
+    epoch = small.epoch
+    small.add(x, y, {"height": z})
+    assert len(small.tiles) <= 20
+    assert small.epoch != epoch
+    large = Grid(small.cell_m)
+    large.add(x, y, {"height": z})
+    one, other = _all(small), _all(large)
+    measured = {k: v[1] for k, v in one.items() if v[0] == MEASURED}
+    assert measured.keys() == {k for k, v in other.items() if v[0] == MEASURED}
+    assert all(v == pytest.approx(other[k][1], abs=1e-8) for k, v in measured.items())
+
+
+def test_what_lies_between_points_that_came_together_is_looked_at():
+    grid = Grid(1e-3)
+    corners = np.array([[0, 0], [0.01, 0], [0, 0.01], [0.01, 0.01]]) + 5e-4
+    grid.add(*corners.T, {"height": np.zeros(4, np.float32)})
+    states = {k: v[0] for k, v in _all(grid).items()}
+    assert len(states) == 11 * 11
+    assert sorted(states.values())[-4:] == [MEASURED] * 4
+    assert states[5, 5] == UNMEASURED
+    assert grid.covered() == pytest.approx(4 / 121)
+    grid.add(*corners[:1].T, {"deviation": np.ones(1, np.float32)}, CONTINUED)
+    assert _all(grid)[0, 0][0] == MEASURED
+    assert grid.tiles[0, 0].layers["deviation"][0, 0] == 1
+
+
+def _all(grid: Grid) -> dict:
+    out = {}
+    for (tx, ty), tile in grid.tiles.items():
+        for j, i in zip(*np.nonzero(tile.state), strict=True):
+            value = tile.layers["height"][j, i]
+            out[tx * TILE + i, ty * TILE + j] = (tile.state[j, i], float(value))
+    return out
+
+
+def test_who_has_some_tiles_gets_the_rest(monkeypatch):
+    monkeypatch.setattr("roller_bringup.view.scene._TILES_AT_ONCE", 3)
+    scene, seen, since, epoch = Scene("x"), {}, -1, ""
+    scene.grid = Grid(1e-3)
+    rng = np.random.default_rng(2)
+    for k in range(30):
+        x = rng.uniform(k * 0.02, k * 0.02 + 0.03, 500)
+        scene.grid.add(x, rng.uniform(0, 0.01, 500), {"height": x.astype(np.float32)})
+        if k % 7 == 3 or k == 29:
+            more = True
+            while more:
+                header, cells = unpacked(scene.map_answer(epoch, since))
+                since, epoch, more = header["revision"], header["epoch"], header["more"]
+                seen |= {k: (v[0], float(v[1]["height"])) for k, v in cells.items()}
+    assert seen.keys() == _all(scene.grid).keys()
+    np.testing.assert_equal(seen, _all(scene.grid))
+    assert not unpacked(scene.map_answer(epoch, since))[0]["tiles"]
+    assert unpacked(scene.map_answer("another", since))[0]["tiles"]
+
+
+def test_a_result_is_served(tmp_path):
+    scene = read_result(write_result(tmp_path / "result"))
+    with serving(scene) as server:
+        state = next(frames(server))
+        assert (state["big"]["word"], state["big"]["level"]) == ("NONCONFORM", "bad")
+        found = json.loads(get(server, "/api/findings")[2])
+        # Worst first: by verdict, then by depth.
+        assert [f["id"] for f in found] == ["F2", "F3", "F1"]
+        assert found[0]["at_m"] == pytest.approx(_on_grid(scene, DENT), abs=1e-9)
+        header, cells = unpacked(get(server, "/api/map")[2])
+        i, j = (int(v // header["cell_m"]) for v in found[0]["at_m"])
+        assert cells[i, j][0] == MEASURED
+        assert cells[i, j][1]["height"] == pytest.approx(-2.2e-4)
+        assert cells[i, j][1]["sigma"] == pytest.approx(2e-5)
+        assert sum(state == UNMEASURED for state, _ in cells.values()) == 30 * 95
+        assert get(server, "/api/text")[2] == b"plate seven\n"
+        status, headers, page = get(server, "/")
+        assert status == 200
+        assert "script-src 'self'" in headers["content-security-policy"]
+        assert b"/page/main.js" in page
+        assert get(server, "/page/main.js")[0] == 200
+
+
+def _on_grid(scene: Scene, at: tuple[float, float]) -> np.ndarray:
+    """A place of the file's map in that of the page."""
+    place = np.linalg.inv(scene.base_from_map) @ BASE_FROM_MAP @ [*at, 0, 1]
+    return place[:2]
+
+
+def test_only_files_of_the_result_are_given_out(tmp_path):
+    folder = write_result(tmp_path / "result")
+    (tmp_path / "secret.txt").write_text("secret")
+    (folder / "link.txt").symlink_to(tmp_path / "secret.txt")
+    (folder / "page.html").write_text("<script>1</script>")
+    with serving(read_result(folder)) as server:
+        names = {entry["name"] for entry in json.loads(get(server, "/api/files")[2])}
+        assert {"height_map.npz", "findings.csv", "page.html"} <= names
+        assert get(server, "/files/findings.csv")[2] == b"id,kind\n"
+        # What a result says runs apart from the page, and reaches nothing.
+        assert "sandbox" in get(server, "/files/page.html")[1]["content-security-policy"]
+        for name in (
+            "../secret.txt",
+            "..%2fsecret.txt",
+            "%2e%2e/secret.txt",
+            "/etc/passwd",
+            "link.txt",
+            ".roller-output.json",
+            "nothing.txt",
+            "",
+        ):
+            status, _, body = get(server, f"/files/{name}")
+            assert (status, b"secret" in body) == (404, False), name
+        assert get(server, "/page/../server.py")[0] == 404
+        assert get(server, "/api/map?since=x")[0] == 400
+
+
+def test_other_machines_need_the_token():
+    with serving(Scene("x"), host="0.0.0.0") as server:
+        for path in ("/", "/api/map", "/api/events", "/page/main.js", "/?token=wrong"):
+            assert get(server, path)[0] == 401, path
+        assert server.token in server.url
+        status, headers, _ = get(server, f"/?{urlsplit(server.url).query}")
+        assert (status, headers["location"]) == (303, "/")
+        cookie = headers["set-cookie"].partition(";")[0]
+        assert "httponly" in headers["set-cookie"].lower()
+        assert get(server, "/", Cookie=cookie)[0] == 200
+
+
+def test_pages_of_elsewhere_reach_nothing():
+    with serving(Scene("x")) as server:
+        assert server.token == ""
+        assert get(server, "/api/text", Host=f"evil.example:{server.port}")[0] == 421
+        assert get(server, "/api/text", Host=f"localhost:{server.port}")[0] == 200
+
+
+def test_an_address_that_is_taken_is_one_line():
+    with serving(Scene("x")) as server, pytest.raises(AddressError, match="can't listen there"):
+        PageServer(Scene("y"), port=server.port)
+
+
+def test_a_slow_browser_misses_the_oldest_frames():
+    async def look_on() -> list[bytes]:
+        viewer = Viewer()
+        for k in range(10):
+            viewer.offer(b"%d" % k)
+        assert viewer.dropped == 10 - QUEUE
+        stream = viewer.frames()
+        return [await anext(stream) for _ in range(QUEUE)]
+
+    assert asyncio.run(look_on()) == [b"6", b"7", b"8", b"9"]
+
+
+def test_a_browser_that_reads_nothing_holds_up_no_other():
+    scene = Scene("x")
+    with serving(scene) as server, socket.create_connection(("127.0.0.1", server.port)) as stuck:
+        stuck.sendall(b"GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        wait_until(lambda: len(server.viewers) == 1, "the first browser came")
+        for number, state in enumerate(frames(server)):
+            scene.title = f"{number}" + "x" * 2_000_000  # fills what the system holds for a socket
+            if state["dropped_frames"]:
+                break
+        assert state["viewers"] == 2
+
+
+def test_bad_results_are_one_line_or_a_note(tmp_path):
+    with pytest.raises(ResultError, match="no result there"):
+        read_result(tmp_path)
+    folder = write_result(tmp_path / "a")
+    (folder / "inspection.json").write_text('{"verdict": ')
+    scene = read_result(folder)
+    assert "inspection.json can't be read" in scene.notes[0]
+    (folder / "height_map.npz").write_bytes(b"PK\x03\x04")
+    with pytest.raises(ResultError, match="can't be read"):
+        read_result(folder)
+    assert cli.main(["view", str(tmp_path / "none")]) == 1
+
+
+def test_a_replay_without_inspection_shows_its_surface(tmp_path):
+    rng = np.random.default_rng(3)
+    xyz = rng.uniform(0, 0.01, (500, 3))
+    with PlyWriter(tmp_path / "surface.ply", ("height", "confidence")) as ply:
+        ply.write(xyz, xyz[:, 2].astype(np.float32), np.ones(500, np.float32))
+    scene = read_result(tmp_path)
+    assert scene.grid.points == 500
+    assert scene.state(0.0)["big"]["word"] == "RESULT"
+    assert scene.state(0.0)["big"]["detail"] == "not inspected"
+
+
+@pytest.mark.parametrize("bad", ["x", None, {"center_m": "a", "depth_m": float("nan"), "id": 7}])
+def test_findings_that_are_none_spoil_nothing(bad):
+    found = listed([bad] if isinstance(bad, dict) else [], np.eye(4))
+    json.dumps(found, allow_nan=False)
+    assert all("at_m" not in f and "depth_m" not in f for f in found)
+
+
+def test_the_whole_in_a_word():
+    def word(*nodes: health.Node, speed: float | None = 0.3) -> str:
+        return health.overall({n.name: n for n in nodes}, speed, 100.0)["word"]
+
+    well = health.Node("emvs: depth", 0, "running", seen_s=99.5)
+    assert word() == "NO CELL"
+    assert word(well) == "ROLLING"
+    assert word(well, speed=0.0) == "STANDING"
+    assert word(well, speed=None) == "WAITING"
+    assert word(well, health.Node("ur10: robot", 2, "the robot stands", seen_s=99)) == "DATA BAD"
+    gone = health.Node("braille: text", 0, "running", seen_s=90)
+    assert word(well, gone) == "NODE LOST"
+    assert gone.shown(100.0)["level"] == "gone"
+    assert "start it again" in gone.shown(100.0)["advice"]
+    done = health.Node("virtual_cell: scan", 0, "finished", seen_s=90)
+    assert word(well, done) == "ROLLING"
+    assert word(gone) == "STOPPED"
+    bad = health.Node("event_camera: camera", 2, "looking for the camera", seen_s=99)
+    assert "--camera" in bad.shown(100.0)["advice"]
