@@ -27,6 +27,7 @@ from .braille_reading import measure_braille
 from .cases import METHODS, Case
 from .figures import object_errors, time_columns
 from .fixed_window import measure_fixed_window
+from .plate_surface import measure_coverage
 from .rows import Row
 from .scaling import measure_window
 from .scans import CROSSING_M, Scan
@@ -212,6 +213,7 @@ def _plate(scan: Scan) -> Region:
 MEASURES: dict[str, Callable[[Case, Scan], list[Row]]] = {
     "depth": measure_depth,
     "plate": measure_plate,
+    "coverage": measure_coverage,
     "weights": measure_weights,
     "window": measure_window,
     "fixed_window": measure_fixed_window,

@@ -11,11 +11,11 @@ from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
 from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
-from roller_sim.presets import LIGHTS
+from roller_sim.presets import COATINGS, LIGHTS
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `evaluate` to the command's parser, with a subcommand for Braille alone."""
+    """Add `evaluate` to the command's parser, with its subcommands."""
     parser = subparsers.add_parser(
         "evaluate",
         help="repeat the paper's experiments on the virtual cell",
@@ -39,7 +39,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )  # fmt: skip
     _add_jobs(parser)
     parser.set_defaults(run=_run_all)
-    _add_braille(parser.add_subparsers(dest="experiment", metavar="braille"))
+    experiments = parser.add_subparsers(dest="experiment", metavar="braille, coating, pod")
+    _add_braille(experiments)
+    _add_coating(experiments)
+    _add_pod(experiments)
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
@@ -97,6 +100,14 @@ def _command_line(args: argparse.Namespace, chosen: dict[str, Any]) -> list[str]
     return out
 
 
+def _check(args: argparse.Namespace, chosen: dict[str, Any]) -> None:
+    speeds = chosen.get("speeds", (0.3,))
+    if not speeds or any(not 0.01 <= v <= 2.0 for v in speeds):
+        raise SettingsError("--speeds: 0.01 to 2 m/s, such as 0.1,0.3")
+    if args.jobs < 1 or chosen.get("seed", 0) < 0:
+        raise SettingsError("--jobs: at least 1; --seed: at least 0")
+
+
 def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = experiments.add_parser(
         "braille",
@@ -121,11 +132,7 @@ def _run_braille(args: argparse.Namespace) -> int:
     chosen = given(args, "speeds", "seed")
     if args.text is not None:
         chosen["text"] = args.text.replace("\\n", "\n")
-    speeds = chosen.get("speeds", (0.3,))
-    if not speeds or any(not 0.01 <= v <= 2.0 for v in speeds):
-        raise SettingsError("--speeds: 0.01 to 2 m/s, such as 0.1,0.3")
-    if args.jobs < 1:
-        raise SettingsError("--jobs: at least 1")
+    _check(args, chosen)
     options = BrailleOptions.short(**chosen) if args.quick else BrailleOptions(**chosen)
     with (
         OutputFolder(args.output, "evaluate braille", lasting=["passes"]) as output,
@@ -134,4 +141,78 @@ def _run_braille(args: argparse.Namespace) -> int:
         result = run_braille(options, output.partial, on_progress, args.jobs)
     show_tables(tables(result))
     print(f"files: {args.output}/braille.json, {args.output}/braille.png")
+    return 0
+
+
+def _add_coating(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = experiments.add_parser(
+        "coating",
+        help="which skin to print",
+        description="Error, measured area and rate of events by contrast and grain of the skin's "
+        "coating, by speed and by the sensor's threshold.",
+    )
+    _add_output(parser)
+    parser.add_argument("--quick", action="store_true", help="two contrasts, few rows")
+    parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s")
+    parser.add_argument("--seed", type=int, help="seed of all chance (default: 1)")
+    _add_jobs(parser)
+    parser.set_defaults(run=_run_coating)
+
+
+def _run_coating(args: argparse.Namespace) -> int:
+    from roller_evaluation.coating import CoatingOptions, run_coating, tables, verdict
+    from roller_evaluation.tables import show_tables
+
+    chosen = given(args, "speeds", "seed")
+    _check(args, chosen)
+    options = CoatingOptions.short(**chosen) if args.quick else CoatingOptions(**chosen)
+    with (
+        OutputFolder(args.output, "evaluate coating", lasting=["passes"]) as output,
+        shown_progress("evaluate") as on_progress,
+    ):
+        result = run_coating(options, output.partial, on_progress, args.jobs)
+    show_tables(tables(result))
+    print(verdict(result["recommended"]))
+    print(f"files: {args.output}/coating.json, {args.output}/coating.png, {args.output}/rows.csv")
+    return 0
+
+
+def _add_pod(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = experiments.add_parser(
+        "pod",
+        help="probability of detection of defects",
+        description="Inspect plates with labelled defects: probability of detection by depth, "
+        "kind, speed and coating, errors of sizes, false calls.",
+    )
+    _add_output(parser)
+    parser.add_argument("--quick", action="store_true", help="a few defects, few rows")
+    parser.add_argument("--plates", type=int, metavar="N", help="with defects, of each kind (10)")
+    parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s (0.3,0.5)")
+    parser.add_argument("--coatings", type=words, metavar="A,B", help="textured, plain (both)")
+    parser.add_argument(
+        "--tuning", action="store_true", help="the plates that the inspection may be tuned on"
+    )
+    _add_jobs(parser)
+    parser.set_defaults(run=_run_pod)
+
+
+def _run_pod(args: argparse.Namespace) -> int:
+    from roller_evaluation.pod import TUNING_SEED, PodOptions, run_pod, tables
+    from roller_evaluation.tables import show_tables
+
+    chosen = given(args, "plates", "speeds", "coatings")
+    check_names("coatings", chosen.get("coatings", ()), COATINGS)
+    _check(args, chosen)
+    if chosen.get("plates", 1) < 1:
+        raise SettingsError("--plates: at least 1")
+    if args.tuning:
+        chosen["seed"] = TUNING_SEED
+    options = PodOptions.short(**chosen) if args.quick else PodOptions(**chosen)
+    with (
+        OutputFolder(args.output, "evaluate pod", lasting=["passes"]) as output,
+        shown_progress("evaluate") as on_progress,
+    ):
+        result = run_pod(options, output.partial, on_progress, args.jobs)
+    show_tables(tables(result))
+    print(f"files: {args.output}/pod.json, {args.output}/pod.png, {args.output}/rows.csv")
     return 0
