@@ -27,7 +27,8 @@ def test_the_skin_with_the_fewest_events_of_the_good_ones_is_named() -> None:
         row(0.08, 0.1, 0.3, measured=0.48, mae_um=20.0, mev_per_s=10.0),
         row(0.08, 0.1, 0.5, measured=0.46, mae_um=22.0, mev_per_s=20.0),
         row(0.12, 0.1, 0.3, measured=0.5, mae_um=18.0, mev_per_s=30.0),
-        row(0.12, 0.1, 0.5, measured=0.5, mae_um=20.0, mev_per_s=60.0),
+        row(0.12, 0.1, 0.5, measured=0.5, mae_um=20.0, mev_per_s=39.0),
+        row(0.3, 0.1, 0.5, measured=0.9, mae_um=10.0, mev_per_s=200.0),
         row(0.08, 0.2, 0.3, measured=0.5, mae_um=40.0, mev_per_s=5.0),
         row(0.18, 0.1, 0.3, mae_um=None, measured=0.0),
     ]

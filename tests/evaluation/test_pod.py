@@ -41,13 +41,13 @@ def test_a_curve_is_the_logistic_regression() -> None:
 def test_the_bound_holds_as_often_as_it_says() -> None:
     rng = np.random.default_rng(5)
     held = 0
-    for _ in range(40):
+    for _ in range(30):
         sizes, hits = tried(rng, 80, 150.0)
         curve = fit_pod(sizes.tolist(), hits.tolist())
         assert curve.a90_95 is None or curve.a90_95 >= (curve.a90 or 0)
         held += curve.a90_95 is None or curve.a90_95 >= 150.0
-    # 38 are expected; fewer than 33 would come of a true 95 % once in a hundred times.
-    assert held >= 33
+    # Fewer than 25 would come of a true 95 % once in a thousand times.
+    assert held >= 25
 
 
 def test_what_the_targets_do_not_show_is_not_reached() -> None:
@@ -110,7 +110,7 @@ def test_findings_hit_what_they_overlap_most() -> None:
 def made_up(finds_from_um: float) -> list[dict[str, Any]]:
     """Rows of an inspection that finds what is deep enough, 10 µm too deep."""
     rows: list[dict[str, Any]] = []
-    for case in pod_cases(PodOptions(plates=2, clean=1)):
+    for case in pod_cases(PodOptions(plates=2, clean=1, speeds=(0.3,))):
         columns = case.columns
         plate = {"role": "plate", "false_calls": 1, "area_m2": 1e-3, "measured": 0.6,
                  "continued": 0.2}  # fmt: skip
@@ -138,8 +138,9 @@ def test_tables_say_what_was_found_and_what_was_not_reached(tmp_path: Path) -> N
     curves, by_depth, calls = tables(json.loads(json.dumps(result)))
     cells = {row[:2]: row for row in curves.rows}
     textured, plain = cells["textured, 0.3", "all"], cells["plain, 0.3", "all"]
-    assert 85 <= float(textured[3]) <= 101
-    assert 85 <= float(textured[4]) <= 140
+    # Of the depths, 97 µm is missed and 122 found.
+    assert 97 <= float(textured[3]) <= 123
+    assert float(textured[3]) <= float(textured[4]) <= 150
     # A lump found too high and a dent found too deep: 10 µm each, without bias on the whole.
     assert textured[5:8] == ("10", "0", "0%")
     assert cells["textured, 0.3", "dent"][10] == "100%"

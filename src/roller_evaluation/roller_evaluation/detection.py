@@ -8,10 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+
 from roller_inspect.findings import Finding
 from roller_inspect.references import SelfReference
 from roller_inspect.surface_inspector import InspectionSettings, SurfaceInspector
-
 from roller_sim.relief import DefectMark
 
 from .cases import Case

@@ -25,6 +25,7 @@ from roller_sim.relief import Region
 
 from .braille_reading import measure_braille
 from .cases import METHODS, Case
+from .detection import measure_detection
 from .figures import object_errors, time_columns
 from .fixed_window import measure_fixed_window
 from .plate_surface import measure_coverage
@@ -214,6 +215,7 @@ MEASURES: dict[str, Callable[[Case, Scan], list[Row]]] = {
     "depth": measure_depth,
     "plate": measure_plate,
     "coverage": measure_coverage,
+    "detection": measure_detection,
     "weights": measure_weights,
     "window": measure_window,
     "fixed_window": measure_fixed_window,
