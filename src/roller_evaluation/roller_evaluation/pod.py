@@ -78,7 +78,7 @@ class PodOptions:
 def pod_cases(options: PodOptions) -> list[Case]:
     """Plates of each coating and speed; the same plates for all of them."""
     o = options
-    scene = {
+    scene: dict[str, Any] = {
         "margin_mm": 2.0, "defects": o.defects, "defect_kinds": [*o.kinds, "rivet_flush"],
         "defect_depths_mm": list(o.depths_mm), "defect_widths_mm": list(o.widths_mm),
     }  # fmt: skip
@@ -198,7 +198,7 @@ def tables(result: dict[str, Any]) -> list[Table]:
         )
         for c in result["curves"]
     ]  # fmt: skip
-    head = ("coating, m/s", "kind", "found", "a90 µm", "a90/95 µm", "depth error µm", "bias",
+    head: tuple[str, ...] = ("coating, m/s", "kind", "found", "a90 µm", "a90/95 µm", "depth error µm", "bias",
             "within U", "length mm", "width mm", "kind right")  # fmt: skip
     note = (
         f"{CAVEAT} Seeds {result['facts']['seeds']}. a: depth of the relief; a90 is found with a "
