@@ -124,7 +124,7 @@ def run_pod(
         If a setting is no good.
     """
     rows = run(pod_cases(options), output / "passes", jobs, on_progress)
-    result = {
+    result: dict[str, Any] = {
         "facts": {**provenance(), "of": CAVEAT, "seeds": _seeds(options)},
         "options": asdict(options),
         "rows": rows,
@@ -198,8 +198,10 @@ def tables(result: dict[str, Any]) -> list[Table]:
         )
         for c in result["curves"]
     ]  # fmt: skip
-    head: tuple[str, ...] = ("coating, m/s", "kind", "found", "a90 µm", "a90/95 µm", "depth error µm", "bias",
-            "within U", "length mm", "width mm", "kind right")  # fmt: skip
+    head: tuple[str, ...] = (
+        "coating, m/s", "kind", "found", "a90 µm", "a90/95 µm", "depth error µm", "bias",
+        "within U", "length mm", "width mm", "kind right",
+    )  # fmt: skip
     note = (
         f"{CAVEAT} Seeds {result['facts']['seeds']}. a: depth of the relief; a90 is found with a "
         f"probability of {POD:.0%} (logit on ln a), a90/95 is its upper bound at {CONFIDENCE:.0%} "
