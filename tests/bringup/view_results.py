@@ -18,7 +18,7 @@ from roller_bringup.view.server import PageServer
 #: From the map's frame to base.
 BASE_FROM_MAP = np.array([[0, -1, 0, 0.4], [1, 0, 0, -0.1], [0, 0, 1, 0.02], [0, 0, 0, 1.0]])
 #: The dent of the result, in the map's frame, metres.
-DENT = (0.012, 0.005)
+DENT = (0.012, 0.0064)
 
 
 def finding(number: int, kind: str, verdict: str, depth_m: float, at: tuple[float, float]) -> dict:

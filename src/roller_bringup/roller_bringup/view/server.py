@@ -105,7 +105,8 @@ class PageServer:
             middleware=[Middleware(self._guarded)],
             lifespan=self._lifespan,
         )
-        self._server = uvicorn.Server(
+        self._server = _Server(
+            self.viewers,
             uvicorn.Config(
                 self.app,
                 log_level="error",
@@ -114,7 +115,7 @@ class PageServer:
                 limit_concurrency=_MOST_CONNECTIONS,
                 timeout_graceful_shutdown=1,
                 server_header=False,
-            )
+            ),
         )
 
     def run(self) -> None:
@@ -221,6 +222,18 @@ class PageServer:
                 self.viewers.offer(data)
                 before, sent_s = data, now_s
             seen = len(self.viewers)
+
+
+class _Server(uvicorn.Server):
+    """Ends the streams before it waits for them."""
+
+    def __init__(self, viewers: Viewers, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._viewers = viewers
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._viewers.close()
+        await super().shutdown(sockets)
 
 
 def _binary(data: bytes) -> Response:

@@ -15,6 +15,7 @@ class Viewer:
 
     def __init__(self) -> None:
         self.dropped = 0
+        self.closed = False
         self._frames: deque[bytes] = deque()
         self._ready = asyncio.Event()
 
@@ -26,9 +27,14 @@ class Viewer:
         self._frames.append(frame)
         self._ready.set()
 
+    def close(self) -> None:
+        """End its frames."""
+        self.closed = True
+        self._ready.set()
+
     async def frames(self) -> AsyncIterator[bytes]:
-        """Frames as the browser takes them."""
-        while True:
+        """Frames as the browser takes them, until it is closed."""
+        while not self.closed:
             await self._ready.wait()
             while self._frames:
                 yield self._frames.popleft()
@@ -56,6 +62,11 @@ class Viewers:
         frame = f"id: {self._number}\ndata: {data}\n\n".encode()
         for viewer in self._all:
             viewer.offer(frame)
+
+    def close(self) -> None:
+        """End all streams: a server that ends waits for them."""
+        for viewer in self._all:
+            viewer.close()
 
     async def stream(self) -> AsyncIterator[bytes]:
         """One browser's frames, for as long as it looks on."""

@@ -1,0 +1,109 @@
+"""`roller view` beside a graph: it shows what is published, and misses a node that ends."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from rclpy.node import Node
+
+from graph.graph_world import Processes, Watcher
+from roller_core import outputs
+from roller_core.outputs import Cloud, Output
+from roller_core.pose_track import Pose
+from roller_emvs.patch import SURFACE_FIELDS
+from roller_ros import messages, topics
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture
+def port(domain: int) -> Iterator[int]:
+    """Of a server that runs."""
+    command = [sys.executable, "-m", "roller_bringup.cli", "view", "--port", "0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
+        assert run.stdout is not None
+        found = re.search(r"http://127\.0\.0\.1:(\d+)/", run.stdout.readline())
+        assert found, run.stderr and run.stderr.read()
+        try:
+            yield int(found[1])
+        finally:
+            run.send_signal(2)
+            _, said = run.communicate(timeout=60)
+    # Ctrl-C ends it with the browser still looking on.
+    assert (run.returncode, "Traceback" in said) == (130, False), said
+
+
+class Source:
+    """Publishes what a rolling cell does."""
+
+    def __init__(self, node: Node) -> None:
+        names = (outputs.SURFACE_POINTS, outputs.BRAILLE_TEXT, outputs.DEPTH_IMAGE, outputs.TF)
+        self._publishers = {name: topics.publisher(node, name) for name in names}
+        self.x_m = 0.0
+
+    def roll(self) -> None:
+        now = time.time_ns()
+        self.x_m += 0.005  # twenty times a second: 0.1 m/s
+        pose = messages.transform(
+            Pose(np.array([now * 1e-10 % 1e3, 0, 0]), np.array([0, 0, 0, 1.0])), now, "base",
+            "tool0_controller",
+        )  # fmt: skip
+        self._publishers[outputs.TF].publish(topics.BY_NAME[outputs.TF].type(transforms=[pose]))
+        rng = np.random.default_rng(int(self.x_m * 1e6))
+        rows = rng.uniform(0, 1e-4, (200, len(SURFACE_FIELDS)))
+        rows[:, :2] = rng.uniform(0, (0.005, 0.01), (200, 2))
+        rows[:, 0] += self.x_m
+        depth = np.full((480, 640), 0.03, np.float32)
+        for name, data in (
+            (outputs.SURFACE_POINTS, Cloud(rows.astype(np.float32), SURFACE_FIELDS)),
+            (outputs.BRAILLE_TEXT, "plate seven"),
+            (outputs.DEPTH_IMAGE, depth),
+        ):
+            self._publishers[name].publish(messages.to_message(Output(name, now, "base", data)))
+
+
+def states(port: int) -> Iterator[dict]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    connection.request("GET", "/api/events")
+    for line in connection.getresponse():
+        if line.startswith(b"data: "):
+            yield json.loads(line[6:])
+
+
+def test_a_graph_is_shown(port, processes: Processes, watch) -> None:
+    watcher: Watcher = watch()
+    source = Source(watcher.node)
+    processes.start("stitcher")
+    end, sent = time.monotonic() + 120, 0
+
+    def until(what: str, holds) -> dict:
+        nonlocal sent
+        for state in states(port):
+            assert time.monotonic() < end, f"{what}: {state}"
+            source.roll()
+            sent += 200
+            if holds(state):
+                return state
+        raise AssertionError(f"{what}: the stream ended")
+
+    until("rolling", lambda s: s["big"]["word"] == "ROLLING" and s["map"]["points"] > 1000)
+    state = until("all figures", lambda s: s["lag_s"] is not None and s["depth_revision"] > 2)
+    assert state["speed_m_s"] == pytest.approx(0.1, rel=0.02)
+    assert state["map"]["points"] <= sent
+    assert state["map"]["head"][0] <= source.x_m + 0.005
+    assert 0 < state["coverage"]["measured"] < 1
+    assert state["text_revision"] == 1
+    assert [node["name"] for node in state["nodes"]] == ["stitcher: surface"]
+    processes.stop()
+    state = until("the node is missed", lambda s: s["big"]["word"] in ("NODE LOST", "STOPPED"))
+    assert state["nodes"][0]["level"] == "gone"
