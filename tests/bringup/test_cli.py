@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import errno
 import os
+import shlex
 import subprocess
 import sys
 import types
@@ -118,13 +119,51 @@ def test_every_command_says_what_it_does():
         assert cli._summary(module), name
 
 
+def _parsers(parser: argparse.ArgumentParser):
+    """A parser and those of its subcommands."""
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for part in action.choices.values():
+                yield from _parsers(part)
+
+
+def test_every_command_has_examples_that_parse():
+    parser = argparse.ArgumentParser()
+    commands = parser.add_subparsers()
+    for module in cli.find_commands().values():
+        cli.importlib.import_module(module).add_parser(commands)
+    for name, command in commands.choices.items():
+        lines = [
+            line.split("roller ", 1)[1]
+            for part in _parsers(command)
+            for line in (part.epilog or "").replace("\\\n", " ").splitlines()
+            if line.strip().startswith(("roller ", "./roller "))
+        ]
+        assert lines, f"roller {name} --help shows no example"
+        for line in lines:
+            parser.parse_args(shlex.split(line, comments=True))
+
+
+def test_a_shell_completes_commands_and_options(tmp_path):
+    pytest.importorskip("argcomplete")
+    for line, expected in (("roller rep", b"replay "), ("roller view --po", b"--port ")):
+        answer = tmp_path / "answer"
+        environment = os.environ | {
+            "_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(answer), "COMP_LINE": line,
+            "COMP_POINT": str(len(line)), "COMP_TYPE": "9", "_ARGCOMPLETE_COMP_WORDBREAKS": " ",
+        }  # fmt: skip
+        subprocess.run([sys.executable, "-m", "roller_bringup.cli"], env=environment, check=False)
+        assert answer.read_bytes() == expected
+
+
 HEAVY = {"open3d", "matplotlib.pyplot", "rclpy"}
 
 
 def test_what_commands_do_not_need_is_not_loaded():
     code = (
         "import sys, roller_bringup.cli as cli\n"
-        "for name in ('replay', 'simulate', 'info', 'demo', 'doctor', 'up'):\n"
+        "for name in ('replay', 'simulate', 'info', 'demo', 'doctor', 'up', 'view'):\n"
         "    try: cli.main([name, '--help'])\n"
         "    except SystemExit: pass\n"
         f"sys.exit(bool({HEAVY!r} & sys.modules.keys()))"

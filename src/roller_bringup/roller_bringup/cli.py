@@ -15,6 +15,8 @@ from pathlib import Path
 GROUP = "roller.commands"
 #: Set to 1, it has a fault of ours shown where it happened.
 TRACEBACK = "ROLLER_TRACEBACK"
+#: Set by a shell that completes a line.
+_COMPLETING = "_ARGCOMPLETE"
 
 
 def find_commands() -> dict[str, str]:
@@ -74,6 +76,8 @@ def _run(words: list[str]) -> int:
         prog="roller", description="Surface inspection with an event-camera tactile roller."
     )
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    if _COMPLETING in os.environ:
+        words = os.environ.get("COMP_LINE", "").split()[1:]
     chosen = next((w for w in words if not w.startswith("-")), None)
     commands = find_commands()
     with terminate_in_order():
@@ -84,6 +88,7 @@ def _run(words: list[str]) -> int:
         else:
             for name, module in commands.items():
                 subparsers.add_parser(name, help=_summary(module))
+        _complete(parser)
         args = parser.parse_args(words)
         from roller_core.memory import keep_freed_memory
         from roller_core.opencv import one_opencv_thread
@@ -95,6 +100,14 @@ def _run(words: list[str]) -> int:
         except RollerError as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
+
+
+def _complete(parser: argparse.ArgumentParser) -> None:
+    """Answer a shell that completes a line; argcomplete, which does it, need not be there."""
+    if _COMPLETING in os.environ and importlib.util.find_spec("argcomplete"):
+        import argcomplete
+
+        argcomplete.autocomplete(parser)
 
 
 def _describe(error: Exception) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from roller_core.command_help import add_examples
 from roller_emvs.depth_settings import REPLAY_METHODS
 
 
@@ -27,6 +28,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--speed", type=float, default=0.3, metavar="V", help="m/s (0.3)")
     parser.add_argument(
         "--method", choices=REPLAY_METHODS, default="focus", help="depth method (focus)"
+    )
+    add_examples(
+        parser,
+        "demo",
+        "demo --scene stairs --speed 0.1 --output output/stairs",
     )
     parser.set_defaults(run=run)
 

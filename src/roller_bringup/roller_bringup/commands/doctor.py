@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from roller_core.command_help import add_examples
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `doctor` to the command's parser."""
@@ -54,6 +56,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--camera-info", type=Path, metavar="FILE", help="with --cell: the camera's calibration"
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    add_examples(
+        parser,
+        "doctor",
+        "doctor --camera --robot-ip 192.168.0.10",
+    )
     parser.set_defaults(run=run)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from roller_bringup import launching
 from roller_bringup.launching import LaunchError, locate
+from roller_core.command_help import add_examples
 
 _SUFFIX = ".launch.xml"
 
@@ -24,6 +25,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument(
         "-s", "--show-args", action="store_true", help="list the launch file's arguments and stop"
+    )
+    add_examples(
+        parser,
+        "up virtual.launch.xml scene:=stairs speed:=0.3",
+        "up virtual.launch.xml --show-args",
+        "up cell.launch.xml robot_ip:=192.168.0.10",
     )
     parser.set_defaults(run=run)
 

@@ -8,17 +8,10 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from roller_core.command_help import add_examples
+
 if TYPE_CHECKING:
     from roller_bringup.view.scene import Scene
-
-_EXAMPLES = """\
-examples:
-  roller view                      the running graph, at http://127.0.0.1:8090/
-  roller view output/demo          what a demonstration, replay or inspection wrote
-  roller view scan                 a recording: its results, or those of a replay of it
-  roller view --host 0.0.0.0       for other machines too; the printed address holds a token
-  roller view output/demo --rerun  hand it to rerun, where that is installed
-"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -28,8 +21,6 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="show a running graph or a result in the browser",
         description="Serve the operator's page: height map, findings, depth, text and the nodes' "
         "health. It runs beside the graph and never holds it up.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "input",
@@ -44,6 +35,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--namespace", default="", metavar="NAME", help="of the cell, where a graph has several"
     )
     parser.add_argument("--rerun", action="store_true", help="hand it to rerun instead")
+    add_examples(
+        parser,
+        "view  # the running graph, at http://127.0.0.1:8090/",
+        "view output/demo  # what a demonstration, replay or inspection wrote",
+        "view scan  # a recording: its results, or those of a replay of it",
+        "view --host 0.0.0.0  # for other machines too; the address printed holds a token",
+        "view output/demo --rerun  # hand it to rerun, where that is installed",
+    )
     parser.set_defaults(run=run)
 
 

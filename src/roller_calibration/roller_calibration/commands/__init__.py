@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import argparse
 
+from roller_core.command_help import add_examples
+
 from . import flat, hand_eye, intrinsics, scale, sphere, time_offset
 
 __all__ = ["add_parser", "rewritten"]
 
 _TIME_OFFSET = "--time-offset"
+_EXAMPLES = {
+    "hand-eye": "--grid-recording poses --pitch-mm 6.9 --output hand_eye.yaml",
+    "time-offset": "there_and_back --output cell.yaml",
+    "flat": "plate --params cell.yaml --output cell.yaml",
+    "sphere": "ball_1 ball_2 --radius-mm 10 --output cell.yaml",
+    "scale": "--readings-mm 1,2,3 --pixels 26.1,52.4,78.3",
+}
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -22,6 +31,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
     for module in (intrinsics, hand_eye, time_offset, flat, sphere, scale):
         module.add_parser(kinds)
+    for kind, example in _EXAMPLES.items():
+        add_examples(kinds.choices[kind], f"calibrate {kind} {example}")
 
 
 def rewritten(words: list[str]) -> list[str]:

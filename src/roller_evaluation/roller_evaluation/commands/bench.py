@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
 from roller_emvs.depth_settings import REPLAY_METHODS
@@ -38,6 +39,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument(
         "--slider", type=Path, metavar="FOLDER", help="public sequence slider_depth: events/s"
+    )
+    add_examples(
+        parser,
+        "bench --output output/bench --quick  # minutes",
+        "bench --output output/bench --methods focus,surface --speeds 0.3",
     )
     parser.set_defaults(run=run)
 

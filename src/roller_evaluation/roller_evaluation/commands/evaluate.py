@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
@@ -38,6 +39,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="also write a page (Markdown) of objects, sensors, time and braille, with its picture",
     )  # fmt: skip
     _add_jobs(parser)
+    add_examples(
+        parser,
+        "evaluate --quick --output output/evaluation  # minutes",
+        "evaluate --only braille --repeats 2",
+        "evaluate braille --speeds 0.1,0.3",
+    )
     parser.set_defaults(run=_run_all)
     experiments = parser.add_subparsers(dest="experiment", metavar="braille, coating, pod")
     _add_braille(experiments)

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from roller_core.command_help import add_examples
 from roller_core.progress import progress_bar
 from roller_emvs.depth_settings import REPLAY_METHODS
 
@@ -26,6 +27,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_recording_options(parser, "emvs, stitcher, surface, braille")
     parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
     parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
+    add_examples(
+        parser,
+        "replay scan --output result",
+        "replay scan --output paper --method bma",
+        "replay events.raw --poses poses.txt --camera camera.yaml --output result",
+    )
     parser.set_defaults(run=run)
 
 

@@ -6,6 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from roller_core.command_help import add_examples
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `info` to the command's parser."""
@@ -24,6 +26,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         action="store_true",
         help="decode every message, look at every checksum, and say what is lost; the exit code is "
         "1 if anything is damaged",
+    )
+    add_examples(
+        parser,
+        "info scan",
+        "info scan --check  # every message, and the index",
     )
     parser.set_defaults(run=run)
 

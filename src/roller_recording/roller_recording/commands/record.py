@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from roller_core.command_help import add_examples
 from roller_core.progress import status_line
 
 if TYPE_CHECKING:
@@ -61,6 +62,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument(
         "--keep-free-mb", type=float, metavar="MB", help="end when the disk has less free (200)"
+    )
+    add_examples(
+        parser,
+        "record --output scan  # until Ctrl-C",
+        "record --output scan --raw --duration 20",
     )
     parser.set_defaults(run=run)
 

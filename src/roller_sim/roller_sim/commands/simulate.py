@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from roller_core.bag_writer import BagFullError
+from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
 from roller_core.settings import read_parameters
@@ -52,6 +53,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         default=[],
         metavar="GROUP.NAME=VALUE",
         help="any other setting, e.g. scene.dot_height_mm=0.5 or light.speckle=0",
+    )
+    add_examples(
+        parser,
+        "simulate stairs --speed 0.3 --output scan",
+        'simulate braille --text "hello" --output hello',
+        "simulate stairs --set motion.passes=2 --output twice",
     )
     parser.set_defaults(run=run)
 
