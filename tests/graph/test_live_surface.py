@@ -37,6 +37,7 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     seen = run_until_done(load(LAUNCH, arguments), timeout_s=240)
     report = Report("live", "surface", {})
     gather(tmp_path / "bag", tmp_path, tmp_path / "truth", report)
+    assert report.totals["lag_s"] >= 0
     written = json.loads((tmp_path / "report.json").read_text())
 
     stairs = written["truth"]["objects"]["stairs"]

@@ -25,6 +25,9 @@ from .run_report import Report
 from .truth_tally import SurfaceTally, TruthTally
 
 _SURFACE = "/roller/surface/points"
+_EVENTS = "/event_camera/events"
+#: What is found from events, as soon as it is.
+_FOUND = frozenset({"/roller/depth/image", _SURFACE, "/roller/braille/cells"})
 _CONFIDENCE, _SIGMA = "/roller/depth/confidence", "/roller/depth/sigma"
 
 
@@ -44,7 +47,7 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     truth_folder : path, optional
         Where the scan's truth lies.
     report : Report
-        Completed with windows, truth and totals, and written; its method says whether the windows
+        Completed with windows, truth and totals (`lag_s` too), and written; its method says whether the windows
         are depth maps or, with `surface`, clouds.
 
     Raises
@@ -56,13 +59,18 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     kind = SurfaceTally if surface else TruthTally
     tally: Any = kind.beside(truth_folder) if truth_folder else None
     store, lines, cells, points = typestore(), "", [], 0
+    last_events_ns = last_found_ns = 0
     beside: dict[str, dict[int, npt.NDArray[np.float32]]] = {_CONFIDENCE: {}, _SIGMA: {}}
     with (
         Reader(bag) as reader,
         PlyWriter(output / "surface.ply", SURFACE_PROPERTIES, "frame base, metres") as ply,
     ):
-        for connection, _, data in reader.messages():
+        for connection, logged_ns, data in reader.messages():
             topic = connection.topic
+            if topic == _EVENTS:
+                last_events_ns = logged_ns
+            elif topic in _FOUND:
+                last_found_ns = logged_ns
             if not topic.startswith("/roller/"):
                 continue
             message: Any = store.deserialize_cdr(data, connection.msgtype)
@@ -99,6 +107,9 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
         "braille_cells": len(cells),
         "braille_text": text,
     }
+    if last_events_ns:
+        # From the last events to the last result, as they reached the recorder.
+        report.totals["lag_s"] = round(max(last_found_ns - last_events_ns, 0) * 1e-9, 3)
     if tally is not None:
         report.truth = tally.summary()
     report.write(output / "report.json")

@@ -53,7 +53,8 @@ def demo_table(report: Report, folder: Path) -> str:
         median, p95 = figures[f"{piece}_ms_median"], figures[f"{piece}_ms_p95"]
         lines.append(
             f"{median} ms a {piece} (95 %: {p95} ms), "
-            f"{figures['lost_packets']} packets lost, {figures['dropped_events']} events dropped"
+            f"{figures['lost_packets']} packets lost, {figures['dropped_events']} events dropped; "
+            f"last result {t.get('lag_s', 0.0):.1f} s after the last events"
         )
     names = ("overview.png", "surface.ply", "braille.txt", "report.json", "bag/", "truth/")
     lines.append("files: " + ", ".join(f"{folder}/{name}" for name in names))
