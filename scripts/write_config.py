@@ -11,6 +11,7 @@ from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_emvs.depth_stage import EmvsParameters
 from roller_emvs.stitcher_stage import StitcherParameters
 from roller_emvs.surface_stage import SurfaceParameters
+from roller_inspect.inspect_stage import InspectParameters
 from roller_recording.writing.recorder_settings import RecorderParameters
 from roller_sim.virtual_cell_node import VirtualCellParameters
 
@@ -18,6 +19,7 @@ FILES: dict[str, type[Settings]] = {
     "braille": BrailleParameters,
     "emvs": EmvsParameters,
     "event_camera": EventCameraParameters,
+    "inspect": InspectParameters,
     "recorder": RecorderParameters,
     "stitcher": StitcherParameters,
     "surface": SurfaceParameters,

@@ -10,7 +10,7 @@ setup(
     description="From events and poses to surface, text and files; replay",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
-    package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt"]},
+    package_data={"": ["py.typed", "*.yaml", "*.json", "*.txt", "*.css"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
@@ -18,7 +18,11 @@ setup(
     install_requires=["setuptools"],
     zip_safe=True,
     entry_points={
+        "console_scripts": [
+            "inspect_node = roller_inspect.nodes:inspect",
+        ],
         "roller.commands": [
+            "inspect = roller_inspect.commands.inspect",
             "replay = roller_inspect.commands.replay",
         ],
     },

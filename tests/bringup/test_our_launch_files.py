@@ -87,7 +87,7 @@ def test_every_argument_says_what_it_is(path):
 @pytest.mark.parametrize("method", ["focus", "surface"])
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_defaults_of_arguments_are_those_of_the_models(path, method):
-    with load(name_of(path), method=method, record="true") as plan:
+    with load(name_of(path), method=method, record="true", inspect="true") as plan:
         for process in plan.processes:
             model = {**MODELS, "player": PlayerParameters}[process.name]
             needed = NEEDED.get(name_of(path), {}) if process.name == "player" else {}
@@ -128,10 +128,18 @@ def test_the_method_surface_has_a_node_of_its_own(path):
         assert next(p for p in plan.processes if p.name == "surface").required
 
 
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_inspection_is_started_on_request(path, tmp_path):
+    with load(name_of(path), inspect="true", recipe="bracket.yaml") as plan:
+        names = [process.name for process in plan.processes]
+        assert names == [*NODES[name_of(path)], "inspect"]
+        assert parameters(plan.processes[-1])["recipe"] == "bracket.yaml"
+
+
 @pytest.mark.parametrize("name", ["cell", "virtual", "replay"])
 @pytest.mark.parametrize("method", ["focus", "surface"])
 def test_two_cells_share_no_names(name, method):
-    with load(name, tf_prefix="left_", namespace="left", method=method) as plan:
+    with load(name, tf_prefix="left_", namespace="left", method=method, inspect="true") as plan:
         for process in plan.processes:
             assert process.label == f"left/{process.name}"
             assert "__ns:=/left" in process.command

@@ -29,6 +29,8 @@ CONTRACTS = {
     "/event_camera/image_raw": ("sensor_msgs/msg/Image", qos.PREVIEW),
     "/roller/surface/points": ("sensor_msgs/msg/PointCloud2", qos.SURFACE),
     "/roller/surface/map": ("sensor_msgs/msg/PointCloud2", qos.LATCHED),
+    "/roller/inspection/markers": ("visualization_msgs/msg/MarkerArray", qos.LATCHED),
+    "/roller/inspection/deviation": ("sensor_msgs/msg/PointCloud2", qos.SURFACE),
     "/roller/braille/markers": ("visualization_msgs/msg/MarkerArray", qos.MARKERS),
 }
 RELIABILITY = {

@@ -26,6 +26,7 @@ MODULES = {
     "stitcher": "roller_emvs.stitcher_node",
     "surface": "roller_emvs.surface_node",
     "braille": "roller_braille.braille_node",
+    "inspect": "roller_inspect.inspect_node",
     "player": "roller_recording.player_node",
     "recorder": "roller_recording.recorder_node",
     "virtual_cell": "roller_sim.virtual_cell_node",

@@ -71,7 +71,7 @@ def test_publishers_offer_what_the_contract_says(domain: int, tmp_path: Path) ->
     watcher = Watcher(())
     processes = Processes(tmp_path)
     try:
-        for name in ("emvs", "stitcher", "surface", "braille"):
+        for name in ("emvs", "stitcher", "surface", "braille", "inspect"):
             processes.start(name)
         processes.start(
             "virtual_cell", "{scene: {name: flat}, wait_s: 60.0, subscribers: 9, prepare: false}"
@@ -90,6 +90,9 @@ def test_publishers_offer_what_the_contract_says(domain: int, tmp_path: Path) ->
             "/roller/braille/cells": qos.BRAILLE,
             "/roller/braille/text": qos.TEXT,
             "/roller/braille/markers": qos.MARKERS,
+            "/roller/inspection/findings": qos.LATCHED,
+            "/roller/inspection/markers": qos.LATCHED,
+            "/roller/inspection/deviation": qos.SURFACE,
         }
         node = watcher.node
         watcher.spin_until(

@@ -26,6 +26,9 @@ SURFACE_MAP = "roller/surface/map"
 BRAILLE_CELLS = "roller/braille/cells"
 BRAILLE_TEXT = "roller/braille/text"
 BRAILLE_MARKERS = "roller/braille/markers"
+FINDINGS = "roller/inspection/findings"
+FINDING_MARKERS = "roller/inspection/markers"
+DEVIATION = "roller/inspection/deviation"
 #: All cells share these; frames have a prefix, and statuses the nodes' full names.
 TF, TF_STATIC, DIAGNOSTICS = "/tf", "/tf_static", "/diagnostics"
 

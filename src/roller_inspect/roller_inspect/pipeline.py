@@ -21,6 +21,8 @@ from roller_emvs.depth_stage import DepthStage, EmvsParameters
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
 from roller_emvs.surface_stage import SurfaceParameters, SurfaceStage
 
+from .inspect_stage import InspectStage
+
 #: Settings of the sweep in the surface's frame that the other parts have too.
 _SHARED = frozenset(
     {
@@ -108,6 +110,8 @@ class Pipeline:
         Whether to read Braille.
     on_fault : callable, optional
         Called with the reason when input is left out; without it, it is raised.
+    inspect : InspectStage, optional
+        Takes the points of the surface.
 
     Raises
     ------
@@ -122,6 +126,7 @@ class Pipeline:
         poses: PoseTrack | None = None,
         braille: bool = True,
         on_fault: Callable[[RollerError], None] | None = None,
+        inspect: InspectStage | None = None,
     ) -> None:
         self.settings = settings
         self.depth: DepthStage | SurfaceStage = (
@@ -129,6 +134,7 @@ class Pipeline:
         )
         self.stitcher = None if settings.sweeps else StitcherStage(settings.stitcher)
         self.braille = BrailleStage(settings.braille) if braille else None
+        self.inspect = inspect
         self._on_fault = on_fault
         self._ready: list[Result] = []
         self._of_events: list[EventStage[Any, Any]] = [self.depth]
@@ -170,15 +176,28 @@ class Pipeline:
         ready, self._ready = self._ready, []
         yield from ready
         for result in self.depth.results(flush):
-            yield result
+            yield from self._inspected(result)
             if self.stitcher is not None and result.outputs:
                 for output in result.outputs:
                     self.stitcher.take_output(output)
-                yield from self.stitcher.results()
+                for stitched in self.stitcher.results():
+                    yield from self._inspected(stitched)
         if self.stitcher is not None:
-            yield from self.stitcher.results(flush)
+            for stitched in self.stitcher.results(flush):
+                yield from self._inspected(stitched)
+        if self.inspect is not None:
+            yield from self.inspect.results(flush)
         if self.braille is not None:
             yield from self.braille.results(flush)
+
+    def _inspected(self, result: Result) -> Iterator[Result]:
+        """A result, and what the inspection makes of its points."""
+        yield result
+        if self.inspect is not None:
+            for output in result.outputs:
+                if output.topic in self.inspect.inputs:
+                    self.inspect.take_output(output)
+            yield from self.inspect.results()
 
     def _all(self, stages: Iterable[Any], take: Callable[[Any], None]) -> dict[str, RollerError]:
         """Let stages take something; what several complain of is there once."""

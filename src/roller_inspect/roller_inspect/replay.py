@@ -16,6 +16,7 @@ from roller_emvs.windows import RefusedWindow
 from roller_recording.reading import Recording, RecordingError
 from roller_recording.reading.base import MissingTopicError
 
+from .inspect_stage import InspectStage
 from .pipeline import Pipeline, PipelineSettings
 from .results.result_writer import ResultWriter
 from .results.run_report import Report
@@ -29,6 +30,8 @@ def replay(
     source: Path,
     braille: bool = True,
     progress: Callable[[float], None] | None = None,
+    inspect: InspectStage | None = None,
+    take: Callable[[Result], None] = lambda result: None,
 ) -> Report:
     """Process a recording and write all results.
 
@@ -48,6 +51,10 @@ def replay(
         Whether to read Braille.
     progress : callable, optional
         Takes the share done, 0–1.
+    inspect : InspectStage, optional
+        Inspects the surface in the same run.
+    take : callable, optional
+        Takes every result too.
 
     Returns
     -------
@@ -71,12 +78,12 @@ def replay(
         },
     )
     pipeline = Pipeline(
-        settings, recording.camera, recording.poses, braille, on_fault=report.add_fault
+        settings, recording.camera, recording.poses, braille, report.add_fault, inspect
     )
     writer = ResultWriter(output, pipeline.depth.settings.base_frame)
     delay_s = (settings.surface if surface else settings.depth).event_delay_s
     tally = (SurfaceTally if surface else TruthTally).beside(source, delay_s)
-    run = _Run(pipeline, writer, report, tally)
+    run = _Run(pipeline, writer, report, tally, take)
     begin, full = time.perf_counter(), False
     try:
         for step in recording.items():
@@ -111,11 +118,13 @@ class _Run:
         writer: ResultWriter,
         report: Report,
         tally: TruthTally | SurfaceTally | None,
+        take: Callable[[Result], None],
     ) -> None:
         self._pipeline = pipeline
         self._writer = writer
         self._report = report
         self._tally = tally
+        self._also = take
         self._truth_s = 0.0
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -168,6 +177,7 @@ class _Run:
         if isinstance(found, RefusedWindow) and found.fault is not None:
             self._report.add_fault(found.fault)
         self._writer.write(result)
+        self._also(result)
         if self._tally is not None and isinstance(found, DepthMap | SurfacePatch):
             begin = time.perf_counter()
             self._tally.add(found)  # type: ignore[arg-type]  # the tally fits the method

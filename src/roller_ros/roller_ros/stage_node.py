@@ -11,7 +11,7 @@ from typing import Any
 from event_camera_msgs.msg import EventPacket
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -57,7 +57,7 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
     topic : str
         Where it came, as in `Stage.inputs`.
     message : message
-        An event packet, camera_info, transforms or an image.
+        An event packet, camera_info, transforms, an image or a cloud.
     on_fault : callable
         Called with the reason when the message, or a part of it, is left out.
     """
@@ -80,6 +80,9 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
         elif isinstance(message, Image):
             stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
             stage.take_output(Output(topic, stamp, frame, messages.image_to_array(message)))
+        elif isinstance(message, PointCloud2):
+            stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
+            stage.take_output(Output(topic, stamp, frame, messages.cloud_of(message)))
     except RollerError as error:
         on_fault(error)
 
@@ -274,10 +277,11 @@ class StageNode(Node):
             **stage.counts(),
             "waiting_messages": worker.waiting,
             "dropped_messages": worker.backlog.dropped,
-            **diagnostics.pose_figures(stage.frames.counts),
-            "foreign_poses": self._poses.foreign,
             "faults": self._faults,
         }
+        if outputs.TF in stage.inputs:
+            values |= diagnostics.pose_figures(stage.frames.counts)
+            values["foreign_poses"] = self._poses.foreign
         if isinstance(stage, EventStage):
             clock = stage.stream.clock if stage.stream is not None else SensorClock()
             values |= diagnostics.clock_figures(clock)

@@ -10,7 +10,7 @@ from event_camera_msgs.msg import EventPacket
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from roller_msgs.msg import BrailleCell
+from roller_msgs.msg import BrailleCell, FindingArray
 from rosbags.interfaces import Qos
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
@@ -72,6 +72,9 @@ OUTPUTS = (
     Topic(outputs.BRAILLE_CELLS, BrailleCell, qos.BRAILLE),
     Topic(outputs.BRAILLE_TEXT, String, qos.TEXT),
     Topic(outputs.BRAILLE_MARKERS, MarkerArray, qos.MARKERS),
+    Topic(outputs.FINDINGS, FindingArray, qos.LATCHED),
+    Topic(outputs.FINDING_MARKERS, MarkerArray, qos.LATCHED),
+    Topic(outputs.DEVIATION, PointCloud2, qos.SURFACE),
     Topic(outputs.DIAGNOSTICS, DiagnosticArray, qos.DIAGNOSTICS),
 )
 ALL = INPUTS + OUTPUTS

@@ -7,6 +7,7 @@ from pathlib import Path
 from rclpy.serialization import serialize_message
 
 import roller_braille.messages  # noqa: F401 (registers the messages of cells)
+import roller_inspect.messages  # noqa: F401 (and of findings)
 from roller_core.bag_writer import BagWriter
 from roller_core.outputs import DIAGNOSTICS, Output
 from roller_ros import topics

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from .run_report import Report
+
+#: Findings that are printed.
+_MOST_FINDINGS = 20
 
 
 def summary(report: Report, output: Path) -> str:
@@ -34,6 +38,31 @@ def summary(report: Report, output: Path) -> str:
             given = str(report.truth["text"]).replace("\n", " / ")
             lines.append("text given: " + given)
     lines.append(f"results in {output}/")
+    return "\n".join(lines)
+
+
+def inspection_summary(document: Mapping[str, Any]) -> str:
+    """The verdict of a part and its findings."""
+    cover = document["coverage"]
+    lines = [
+        f"{document['part']}: {document['verdict'].upper()}: {document['reason']}",
+        f"measured {cover['measured']:.1%}, continued {cover['continued']:.1%}, "
+        f"unmeasured {cover['unmeasured']:.1%}; {document['texture']['text']}",
+    ]
+    if document["findings"]:
+        head = (
+            f"{'no.':>4s} {'kind':8s} {'x, y mm':>15s} {'L × W mm':>12s} {'depth µm':>12s}  verdict"
+        )
+        lines += [head, "-" * len(head)]
+    for f in document["findings"][:_MOST_FINDINGS]:
+        u, (x, y, _) = f["uncertainty"]["depth_m"], f["center_m"]
+        depth = f"{f['depth_m'] * 1e6:+.0f}" + (f" ± {u * 1e6:.0f}" if u is not None else "")
+        lines.append(
+            f"{f['id']:4d} {f['kind']:8s} {x * 1e3:7.2f},{y * 1e3:7.2f} "
+            f"{f['length_m'] * 1e3:5.2f} × {f['width_m'] * 1e3:4.2f} {depth:>12s}  {f['verdict']}"
+        )
+    if len(document["findings"]) > _MOST_FINDINGS:
+        lines.append(f"and {len(document['findings']) - _MOST_FINDINGS} more: findings.csv")
     return "\n".join(lines)
 
 

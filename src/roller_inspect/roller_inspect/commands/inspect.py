@@ -1,0 +1,146 @@
+"""`roller inspect`: replay a recording and say whether the part is good."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from roller_core.progress import progress_bar
+from roller_emvs.depth_settings import REPLAY_METHODS
+
+from .options import add_recording_options
+
+#: Exit codes by verdict; 1 is a fault, 2 wrong usage.
+EXIT_CODES = {"conform": 0, "nonconform": 3, "inconclusive": 4, "unmeasured": 4}
+USAGE = 2
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `inspect` to the command's parser."""
+    parser = subparsers.add_parser(
+        "inspect",
+        help="replay a recording and say whether the part is good",
+        description="Process a recording as `roller replay` does and hold its surface against a "
+        "reference, by a recipe. Exits with 0: conform, 3: not conform, 4: inconclusive or "
+        "unmeasured; 1: a fault, 2: wrong usage.",
+    )
+    parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    parser.add_argument(
+        "--method", choices=REPLAY_METHODS, default="surface", help="depth method (surface)"
+    )
+    add_recording_options(parser, "emvs, stitcher, surface, braille")
+    add_inspection_options(parser)
+    parser.add_argument("--part-id", metavar="ID", help="number of the part (the input's name)")
+    parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
+    parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
+    parser.set_defaults(run=run)
+
+
+def add_inspection_options(parser: argparse.ArgumentParser) -> None:
+    """Add what is said of an inspection: `--recipe`, `--reference` and `--export`."""
+    parser.add_argument(
+        "--recipe", type=Path, metavar="FILE", help="recipe, YAML (the default one)"
+    )
+    parser.add_argument(
+        "--reference",
+        metavar="R",
+        help="before the recipe's: self, nominal, nominal:FORM, golden:DIR or cad:FILE.stl",
+    )
+    parser.add_argument(
+        "--export", type=_exports, default=(), metavar="LIST", help="of x3p,sdf,pdf, with commas"
+    )
+
+
+def _exports(text: str) -> tuple[str, ...]:
+    names = tuple(name for name in text.replace(" ", "").split(",") if name)
+    for name in names:
+        if name not in ("x3p", "sdf", "pdf"):
+            raise argparse.ArgumentTypeError(f"'{name}' is not one of x3p, sdf, pdf")
+    return names
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay, inspect, and say the verdict.
+
+    Raises
+    ------
+    RollerError
+        If the recording can't be opened or results can't be written.
+    """
+    from roller_core.calibration_file import check_same_camera
+    from roller_core.output_folder import OutputFolder
+    from roller_inspect.exports.pdf import check_pdf
+    from roller_inspect.inspect_stage import InspectParameters, InspectStage
+    from roller_inspect.pipeline import PipelineSettings
+    from roller_inspect.recipe import RecipeError, load_recipe
+    from roller_recording.reading import open_recording
+
+    try:
+        recipe = load_recipe(args.recipe, args.reference)
+    except RecipeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return USAGE
+    if "pdf" in args.export:
+        check_pdf()
+    settings = PipelineSettings.load(args.params, args.method)
+    part = args.part_id or args.input.resolve().name
+    frame = settings.surface.base_frame if settings.sweeps else settings.stitcher.base_frame
+    stage = InspectStage(InspectParameters.create({"part": part, "base_frame": frame}), recipe)
+    reference = Path(recipe.reference.path) if recipe.reference.path else None
+    inputs = (args.input, args.params, args.poses, args.camera, args.recipe, reference)
+    with OutputFolder(args.output, "inspect", inputs) as output:
+        recording = open_recording(
+            args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
+        )
+        check_same_camera(args.params, recording.camera)
+        return _inspect(args, settings, stage, recording, output.partial)
+
+
+def _inspect(
+    args: argparse.Namespace, settings: Any, stage: Any, recording: Any, folder: Path
+) -> int:
+    from roller_inspect.inspect_stage import Inspected
+    from roller_inspect.judgement import judge_nothing, with_faults
+    from roller_inspect.replay import replay
+    from roller_inspect.report.document import Scan, inspection_document
+    from roller_inspect.results.inspection_files import write_inspection
+    from roller_inspect.results.summary import inspection_summary, summary
+
+    parts: list[Inspected] = []
+
+    def take(result: Any) -> None:
+        if isinstance(result.found, Inspected):
+            parts.append(result.found)
+
+    with progress_bar(f"inspect {args.input.name}") as progress:
+        report = replay(
+            recording, settings, folder, args.input, not args.no_braille, progress, stage, take
+        )
+    if not args.no_picture:
+        from roller_inspect.results.overview import draw_overview
+
+        draw_overview(folder, args.input)
+    faults = list(report.faults)
+    if len(parts) > 1:
+        faults.append(f"{args.input}: its source started again; the verdict is of the longest part")
+    longest = max(parts, key=lambda p: p.judgement.coverage.area_m2, default=None)
+    inspected = longest or judge_nothing(stage.recipe, stage.settings.part)
+    inspected = replace(inspected, judgement=with_faults(inspected.judgement, faults))
+    scan = Scan(
+        args.input, args.params, recording.camera, args.method, report.settings,
+        report.totals["events"], report.totals["lost_packets"], faults,
+    )  # fmt: skip
+    document = inspection_document(inspected, stage.recipe, scan)
+    write_inspection(folder, document, inspected.found, stage.recipe.depth_tolerance_m, args.export)
+    print(summary(report, args.output))
+    print(inspection_summary(document))
+    for line in faults:
+        print(f"error: {line}", file=sys.stderr)
+    verdict = inspected.judgement.verdict
+    if verdict in ("inconclusive", "unmeasured"):
+        print(f"{verdict}: {inspected.judgement.reason}", file=sys.stderr)
+    return 1 if faults else EXIT_CODES[verdict]

@@ -1,0 +1,1 @@
+"""Height maps and findings in files that other software reads."""

@@ -1,0 +1,91 @@
+"""Height maps as X3P, the open format of ISO 25178-72: a zip of XML and numbers."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+_MAIN = """<?xml version="1.0" encoding="UTF-8"?>
+<p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2" \
+xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" \
+xsi:schemaLocation="http://www.opengps.eu/2008/ISO5436_2 \
+http://www.opengps.eu/2008/ISO5436_2/ISO5436_2.xsd">
+  <Record1>
+    <Revision>ISO5436 - 2000</Revision>
+    <FeatureType>SUR</FeatureType>
+    <Axes>
+      <CX><AxisType>I</AxisType><DataType>D</DataType>\
+<Increment>{dx!r}</Increment><Offset>{x0!r}</Offset></CX>
+      <CY><AxisType>I</AxisType><DataType>D</DataType>\
+<Increment>{dy!r}</Increment><Offset>{y0!r}</Offset></CY>
+      <CZ><AxisType>A</AxisType><DataType>F</DataType>\
+<Increment>1</Increment><Offset>0</Offset></CZ>
+    </Axes>
+  </Record1>
+  <Record2>
+    <Date>{date}</Date>
+    <Instrument><Manufacturer>roller inspection workspace</Manufacturer>\
+<Model>event-camera tactile roller</Model><Serial>-</Serial><Version>{version}</Version>\
+</Instrument>
+    <CalibrationDate>{date}</CalibrationDate>
+    <ProbingSystem><Type>NonContacting</Type><Identification>soft skin, optical</Identification>\
+</ProbingSystem>
+    <Comment>{comment}</Comment>
+  </Record2>
+  <Record3>
+    <MatrixDimension><SizeX>{nx}</SizeX><SizeY>{ny}</SizeY><SizeZ>1</SizeZ></MatrixDimension>
+    <DataLink><PointDataLink>bindata/data.bin</PointDataLink>\
+<MD5ChecksumPointData>{md5}</MD5ChecksumPointData></DataLink>
+  </Record3>
+  <Record4><ChecksumFile>md5checksum.hex</ChecksumFile></Record4>
+</p:ISO5436_2>
+"""
+
+
+def write_x3p(
+    path: Path,
+    x_m: npt.NDArray[np.float64],
+    y_m: npt.NDArray[np.float64],
+    height_m: npt.NDArray[np.float32],
+    version: str = "0",
+    comment: str = "",
+) -> None:
+    """Write a height map.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    x_m, y_m : ndarray, shapes (nx,), (ny,)
+        Places of columns and rows, evenly spaced, metres.
+    height_m : ndarray of float32, shape (ny, nx)
+        Metres; NaN where there is none.
+    version, comment : str
+        Of the software; for people.
+    """
+    data = np.ascontiguousarray(height_m, "<f4").tobytes()
+    text = _MAIN.format(
+        dx=_spacing(x_m), dy=_spacing(y_m), x0=float(x_m[0]), y0=float(y_m[0]),
+        nx=len(x_m), ny=len(y_m), md5=hashlib.md5(data, usedforsecurity=False).hexdigest().upper(),
+        date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        version=_escaped(version), comment=_escaped(comment),
+    )  # fmt: skip
+    main = text.encode()
+    total = hashlib.md5(main, usedforsecurity=False).hexdigest()
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("main.xml", main)
+        file.writestr("bindata/data.bin", data)
+        file.writestr("md5checksum.hex", f"{total} *main.xml\n")
+
+
+def _spacing(values: npt.NDArray[np.float64]) -> float:
+    return float(np.diff(values).mean()) if len(values) > 1 else 1.0
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

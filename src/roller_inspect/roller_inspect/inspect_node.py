@@ -1,0 +1,16 @@
+"""Node `inspect`: points of the surface in, findings and a verdict out."""
+
+from __future__ import annotations
+
+import sys
+
+from roller_ros.node_main import run_node
+from roller_ros.stage_node import StageNode
+
+from . import messages  # noqa: F401 (registers the messages of findings)
+from .inspect_stage import InspectStage
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(lambda: StageNode(InspectStage)))

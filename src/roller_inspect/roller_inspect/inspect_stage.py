@@ -1,0 +1,258 @@
+"""What node `inspect` does: points of the surface in, findings and a verdict out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from roller_core import outputs
+from roller_core.camera import Camera
+from roller_core.errors import RollerError
+from roller_core.frame_settings import FollowedFrames, idle_flush_field
+from roller_core.outputs import Cloud, Output, Result
+from roller_core.stage import OK, Stage
+from roller_emvs.patch import SURFACE_FIELDS, Patch
+
+from .height_map import CONTINUED, MEASURED, OUTSIDE
+from .height_map.coverage import Coverage
+from .judgement import Inspected, Judged, Judgement, coverage_of_area, judge, judge_findings
+from .recipe import Recipe, load_recipe, load_reference
+from .recipe.decision import Verdict
+from .surface_inspector import Piece, SurfaceInspector
+
+DEVIATION_FIELDS = ("x", "y", "z", "deviation", "sigma", "state")
+#: Points this much older are of a source that started again, s.
+_RESTART_S = 1.0
+
+
+class PointsError(RollerError):
+    """A cloud that isn't one of points of the surface."""
+
+
+class InspectParameters(FollowedFrames):
+    """Parameters of the node."""
+
+    recipe: str = Field("", description="The recipe, a YAML file; empty: the default recipe.")
+    part: str = Field("", description="Name of the parts; each gets a number after it.")
+    idle_flush_s: float = idle_flush_field(2.0, "points for this long the part is finished")
+
+
+@dataclass(frozen=True)
+class FindingList:
+    """All that is known of a part.
+
+    Attributes
+    ----------
+    revision : int
+        Counts up with every change, from 1 with each part.
+    finished : bool
+        Whether the part is.
+    part : str
+        Its name.
+    judgement : Judgement
+        Verdict, findings, coverage.
+    """
+
+    revision: int
+    finished: bool
+    part: str
+    judgement: Judgement
+
+
+@dataclass(frozen=True)
+class FindingMarkers:
+    """Findings to be shown in place of those before."""
+
+    findings: tuple[Judged, ...]
+
+
+class InspectStage(Stage[InspectParameters]):
+    """Inspects part after part.
+
+    A part ends when no points come for a while, on request, or when the source starts again; the
+    next point begins another.
+
+    Parameters
+    ----------
+    settings : InspectParameters
+        Recipe and name of the parts.
+    recipe : Recipe, optional
+        In place of the one that the settings name.
+    """
+
+    node, part = "inspect", "findings"
+    model = InspectParameters
+    inputs = (outputs.SURFACE_POINTS,)
+    outputs = (outputs.FINDINGS, outputs.FINDING_MARKERS, outputs.DEVIATION)
+    most_waiting = 5000
+
+    def __init__(self, settings: InspectParameters, recipe: Recipe | None = None) -> None:
+        super().__init__(settings)
+        if recipe is None:
+            recipe = load_recipe(Path(settings.recipe).expanduser() if settings.recipe else None)
+        self.recipe = recipe
+        self._reference = load_reference(recipe)
+        self._number = self._points = 0
+        self._verdict = ""
+        self._last_ns = 0
+        self._inspector: SurfaceInspector | None = None
+        self._begin()
+
+    def services(self) -> Mapping[str, Callable[[], str]]:
+        """See `Stage`."""
+        return {"start": self.start, "finish": self.finish}
+
+    def start(self) -> str:
+        """Finish what there is and begin a part."""
+        self._finish()
+        self._begin()
+        return f"{self._name} begins with the next points"
+
+    def finish(self) -> str:
+        """Finish the part and say its verdict."""
+        if self._inspector is None:
+            return f"{self._name}: no points yet"
+        self._finish()
+        return self._verdict
+
+    def take_camera(self, camera: Camera) -> None:
+        """Nothing: points need none."""
+
+    def take_output(self, output: Output) -> None:
+        """Take points of the surface."""
+        cloud: Cloud = output.data
+        if output.t_ns < self._last_ns - _RESTART_S * 1e9:
+            self._finish()
+        self._last_ns = output.t_ns
+        patch = _patch(cloud)
+        if not len(cloud.columns):
+            return
+        if self._inspector is None:
+            self._inspector = SurfaceInspector(self.recipe.settings, self._reference)
+        self._points += len(cloud.columns)
+        self._give(self._inspector.add(patch))
+
+    def health(self) -> tuple[int, str]:
+        """See `Stage`."""
+        if self._inspector is None:
+            return OK, self._verdict or "waiting for points"
+        return OK, f"{self._name}: inspecting"
+
+    def rated(self) -> Mapping[str, float]:
+        """See `Stage`."""
+        return {"point_rate_per_s": self._points}
+
+    def counts(self) -> Mapping[str, object]:
+        """See `Stage`."""
+        known = self._judgement
+        return {
+            "part": self._name,
+            "parts": self._number,
+            "points": self._points,
+            "findings": len(known.findings) if known is not None else 0,
+            "measured": round(known.coverage.measured, 4) if known is not None else "",
+            "unmeasured": round(known.coverage.unmeasured, 4) if known is not None else "",
+            "verdict": known.verdict if known is not None else "",
+        }
+
+    def _begin(self) -> None:
+        self._inspector = None
+        self._revision, self._seen = 0, -1
+        self._cells = np.zeros(4, np.int64)
+        self._judgement: Judgement | None = None
+        self._waiting: list[Result] = []
+
+    def _results(self, flush: bool) -> Iterator[Result]:
+        waiting, self._waiting = self._waiting, []
+        yield from waiting
+        if flush and self._inspector is not None:
+            yield self._conclude(self._inspector)
+
+    def _give(self, pieces: list[Piece]) -> None:
+        """Put out strips that were passed, and the list of findings if it changed."""
+        assert self._inspector is not None
+        outs = []
+        for piece in pieces:
+            self._cells += np.bincount(piece.height_map.state.ravel(), minlength=4)
+            outs.append(self._output(outputs.DEVIATION, deviation_cloud(piece)))
+        if pieces or self._inspector.revision != self._seen:
+            self._seen = self._inspector.revision
+            judged = judge_findings(self.recipe, self._inspector.findings)
+            sure = any(j.verdict == "nonconform" and j.finding.final for j in judged)
+            verdict: Verdict = "nonconform" if sure else "inconclusive"
+            so_far = Judgement(verdict, "not finished", judged, self._scanned())
+            outs += self._list(so_far, finished=False)
+        if outs:
+            self._waiting.append(Result(None, tuple(outs)))
+
+    def _conclude(self, inspector: SurfaceInspector) -> Result:
+        """Finish the part; the next point begins another."""
+        found = inspector.finish()
+        coverage = coverage_of_area(self.recipe, found.height_map, found.coverage)
+        judgement = judge(self.recipe, found.findings, coverage, found.faults)
+        self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
+        outs = self._list(judgement, finished=True)
+        inspected = Inspected(self._name, found, judgement)
+        self._number += 1
+        self._begin()
+        self._judgement = judgement
+        return Result(inspected, tuple(outs))
+
+    @property
+    def _name(self) -> str:
+        """Of the part that is inspected, or of the next."""
+        given, number = self.settings.part, self._number + 1
+        return given if given and number == 1 else f"{given or 'part'} {number}"
+
+    def _scanned(self) -> Coverage:
+        """Coverage of the strips so far; where the scan came twice they count twice."""
+        total = int(self._cells.sum() - self._cells[OUTSIDE])
+        measured, continued = (self._cells[k] / max(total, 1) for k in (MEASURED, CONTINUED))
+        area_m2 = total * self.recipe.grid_m**2
+        return Coverage(
+            float(measured), float(continued), float(1 - measured - continued), area_m2, 0.0
+        )
+
+    def _list(self, judgement: Judgement, finished: bool) -> list[Output]:
+        self._judgement = judgement
+        self._revision += 1
+        data = FindingList(self._revision, finished, self._name, judgement)
+        return [
+            self._output(outputs.FINDINGS, data),
+            self._output(outputs.FINDING_MARKERS, FindingMarkers(judgement.findings)),
+        ]
+
+    def _output(self, topic: str, data: object) -> Output:
+        return Output(topic, self._last_ns, self.settings.base_frame, data)
+
+
+def _patch(cloud: Cloud) -> Patch:
+    """Points of a cloud as the stages handed them out.
+
+    Raises
+    ------
+    PointsError
+        If they aren't points of ours.
+    """
+    if cloud.names != SURFACE_FIELDS:
+        raise PointsError(
+            f"{outputs.SURFACE_POINTS}: fields {', '.join(cloud.names)}; expected "
+            f"{', '.join(SURFACE_FIELDS)}"
+        )
+    xyz, properties = cloud.columns[:, :3], cloud.columns[:, 3:]
+    return Patch(xyz.astype(np.float64), *properties.T)
+
+
+def deviation_cloud(piece: Piece) -> Cloud:
+    """Cells of a piece whose height is known, with deviation, its uncertainty and state."""
+    grid = piece.height_map
+    row, column = np.nonzero(grid.known & np.isfinite(piece.deviation_m))
+    height = grid.height_m[row, column]
+    places = grid.in_base(grid.x_m[column], grid.y_m[row], height)
+    values = (piece.deviation_m, grid.sigma_m, grid.state)
+    columns = np.column_stack([places, *(v[row, column] for v in values)])
+    return Cloud(columns.astype(np.float32), DEVIATION_FIELDS)

@@ -1,0 +1,238 @@
+"""From what was found on a part to its verdict, by its recipe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from roller_core.transforms import F64, inverse_pose
+
+from .findings import Finding
+from .height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap
+from .height_map.coverage import Coverage
+from .recipe import Recipe, decide, part_verdict
+from .recipe.decision import Verdict
+from .surface_inspector import Found
+
+_UNITS = {"m": ("mm", 1e3), "m2": ("mm²", 1e6), "m3": ("mm³", 1e9)}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A finding and what the recipe says of it.
+
+    Attributes
+    ----------
+    finding : Finding
+        What was found.
+    region : str
+        Region of the recipe that it lies in; empty: none.
+    verdict : str
+        By the recipe's tolerances.
+    limit : str
+        Which size decided, for people.
+    """
+
+    finding: Finding
+    region: str
+    verdict: Verdict
+    limit: str
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is known of a part.
+
+    Attributes
+    ----------
+    verdict, reason : str
+        Of the part; why, in one line.
+    findings : tuple of Judged
+        Those that count, in the order of their numbers.
+    coverage : Coverage
+        Of the area to inspect.
+    """
+
+    verdict: Verdict
+    reason: str
+    findings: tuple[Judged, ...]
+    coverage: Coverage
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """A part that is finished.
+
+    Attributes
+    ----------
+    part : str
+        Its name.
+    found : Found
+        Map, findings and alignment.
+    judgement : Judgement
+        What the recipe says of it.
+    """
+
+    part: str
+    found: Found
+    judgement: Judgement
+
+
+def judge_findings(recipe: Recipe, findings: Iterable[Finding]) -> tuple[Judged, ...]:
+    """Findings within the area to inspect, by the recipe's tolerances."""
+    out = []
+    recipe_from_base = inverse_pose(recipe.base_from_recipe)
+    for finding in findings:
+        x, y, _ = recipe_from_base[:3, :3] @ finding.center_m + recipe_from_base[:3, 3]
+        inside = tuple(n for n, region in recipe.regions.items() if region.contains(x, y))
+        if set(inside) & set(recipe.exclude):
+            continue
+        if recipe.inspect and not set(inside) & set(recipe.inspect):
+            continue
+        out.append(_judged(recipe, finding, inside))
+    return tuple(out)
+
+
+def _judged(recipe: Recipe, finding: Finding, inside: tuple[str, ...]) -> Judged:
+    tolerance = recipe.tolerance(finding.kind, inside)
+    region = tolerance.region or next(iter(inside), "")
+    verdicts: dict[str, Verdict] = {}
+    for name, most in tolerance.limits().items():
+        value, u = abs(getattr(finding, name)), getattr(finding.uncertainty, name)
+        verdicts[name] = decide(value, u, -math.inf, most, recipe.decision)
+    # The worst of its sizes decides.
+    for verdict in ("nonconform", "inconclusive", "unmeasured"):
+        bad = next((name for name, v in verdicts.items() if v == verdict), None)
+        if bad is not None:
+            return Judged(finding, region, verdict, f"{_limit(bad, tolerance.limits()[bad])}")
+    first, most = next(iter(tolerance.limits().items()))
+    return Judged(finding, region, "conform", _limit(first, most))
+
+
+def _limit(name: str, most: float) -> str:
+    size, _, unit = name.rpartition("_")
+    word, scale = ("µm", 1e6) if name == "depth_m" else _UNITS[unit]
+    return f"{size} at most {most * scale:g} {word}"
+
+
+def judge(
+    recipe: Recipe,
+    findings: Iterable[Finding],
+    coverage: Coverage,
+    doubts: Iterable[str] = (),
+) -> Judgement:
+    """The verdict of a part that is finished.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        What is allowed.
+    findings : iterable of Finding
+        All.
+    coverage : Coverage
+        Of the area to inspect.
+    doubts : iterable of str
+        What keeps the part from being conform, such as a reference that doesn't fit.
+    """
+    judged, doubts = judge_findings(recipe, findings), list(doubts)
+    enough = coverage.area_m2 > 0 and coverage.unmeasured <= 1 - recipe.least_coverage + 1e-9
+    verdict = part_verdict((j.verdict for j in judged), enough, bool(doubts))
+    return Judgement(verdict, _reason(recipe, judged, coverage, doubts, enough), judged, coverage)
+
+
+def _reason(
+    recipe: Recipe,
+    judged: tuple[Judged, ...],
+    coverage: Coverage,
+    doubts: list[str],
+    enough: bool,
+) -> str:
+    bad = sum(j.verdict == "nonconform" for j in judged)
+    unclear = sum(j.verdict not in ("conform", "nonconform") for j in judged)
+    parts = []
+    if not coverage.area_m2:
+        parts.append("nothing was measured")
+    elif not enough:
+        parts.append(
+            f"{1 - coverage.unmeasured:.1%} of the area to inspect was measured or continued, the "
+            f"recipe asks for {recipe.least_coverage:.1%}"
+        )
+    parts += doubts
+    if bad:
+        parts.append(f"{bad} of {len(judged)} findings out of tolerance")
+    if unclear:
+        parts.append(f"{unclear} findings as near to their limit as they are uncertain")
+    if not parts:
+        parts.append(f"{len(judged)} findings, all within tolerance" if judged else "no findings")
+    return "; ".join(parts)
+
+
+def judge_nothing(recipe: Recipe, part: str) -> Inspected:
+    """A part of which there is no point."""
+    nothing = Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
+    found = Found(None, None, (), None, nothing, ())
+    return Inspected(part, found, judge(recipe, (), nothing))
+
+
+def with_faults(judgement: Judgement, faults: Iterable[str]) -> Judgement:
+    """A judgement of a scan with faults in it: it never says that the part is good."""
+    if judgement.verdict != "conform" or not list(faults):
+        return judgement
+    reason = f"{judgement.reason}; but the scan has faults"
+    return replace(judgement, verdict="inconclusive", reason=reason)
+
+
+def coverage_of_area(recipe: Recipe, height_map: HeightMap | None, scanned: Coverage) -> Coverage:
+    """Coverage of the area that a recipe names; what the scan didn't reach is unmeasured.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Regions to inspect and to leave out.
+    height_map : HeightMap or None
+        The whole.
+    scanned : Coverage
+        Of what was scanned, for recipes without regions.
+    """
+    if height_map is None or not (recipe.inspect or recipe.exclude):
+        return scanned
+    step = height_map.step_m
+    map_from_recipe = inverse_pose(height_map.base_from_map) @ recipe.base_from_recipe
+    if recipe.inspect:
+        # A grid of the regions, which may reach beyond the map's.
+        regions = [recipe.regions[name] for name in recipe.inspect]
+        corners = np.concatenate([region.outline() for region in regions])
+        axes = zip(corners.min(axis=0), corners.max(axis=0), strict=True)
+        x, y = np.meshgrid(*(np.arange(low + step / 2, high, step) for low, high in axes))
+        inside = np.logical_or.reduce([region.contains(x, y) for region in regions])
+        mx, my = _moved(map_from_recipe, x, y)
+        column = np.rint((mx - height_map.x_m[0]) / step).astype(np.int64)
+        row = np.rint((my - height_map.y_m[0]) / step).astype(np.int64)
+        there = (row >= 0) & (row < height_map.shape[0])
+        there &= (column >= 0) & (column < height_map.shape[1])
+        state = np.full(x.shape, OUTSIDE, np.uint8)
+        state[there] = height_map.state[row[there], column[there]]
+    else:
+        state = height_map.state
+        inside = state != OUTSIDE
+        x, y = _moved(inverse_pose(map_from_recipe), *np.meshgrid(height_map.x_m, height_map.y_m))
+    for name in recipe.exclude:
+        inside &= ~recipe.regions[name].contains(x, y)
+    cells = int(inside.sum())
+    if not cells:
+        return Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
+    measured = float((state[inside] == MEASURED).sum()) / cells
+    continued = float((state[inside] == CONTINUED).sum()) / cells
+    rest = max(1.0 - measured - continued, 0.0)
+    return Coverage(measured, continued, rest, cells * step**2, scanned.points_per_mm2)
+
+
+def _moved(pose: F64, x: F64, y: F64) -> tuple[F64, F64]:
+    """Places of a plane in another frame."""
+    return (
+        pose[0, 0] * x + pose[0, 1] * y + pose[0, 3],
+        pose[1, 0] * x + pose[1, 1] * y + pose[1, 3],
+    )

@@ -1,0 +1,236 @@
+"""The recipe: what of a part is inspected, against what, and what is allowed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+
+from roller_core.errors import SettingsError
+from roller_core.settings import Settings
+from roller_core.text_file import TextFileError, read_yaml
+from roller_core.transforms import F64
+from roller_inspect.findings import Limits
+from roller_inspect.references import Form
+from roller_inspect.surface_inspector import InspectionSettings
+
+from .decision import Rule
+from .regions import Region
+
+SCHEMA = "roller-recipe/1"
+#: Sizes that a tolerance may limit, as a finding has them.
+SIZES = ("depth_m", "length_m", "width_m", "area_m2", "volume_m3")
+
+
+class RecipeError(SettingsError):
+    """A recipe that can't be read, or that names what is not there."""
+
+
+class Plate(Settings):
+    """Where the part lies in base; regions of frame `plate` are counted from there."""
+
+    origin_m: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="Origin in base.")
+    yaw_rad: float = Field(0.0, description="Its x axis against that of base, about z.")
+
+    @property
+    def base_from_plate(self) -> F64:
+        """4×4."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        out = np.eye(4)
+        out[:2, :2] = [[c, -s], [s, c]]
+        out[:3, 3] = self.origin_m
+        return out
+
+
+class Reference(Settings):
+    """What the surface is held against."""
+
+    kind: Literal["self", "nominal"] = Field(
+        "self",
+        description="self: the scan's own background; nominal: a form fitted to it; golden: good "
+        "parts that were taught; cad: a model.",
+    )
+    form: Form = Field(
+        "plane",
+        description="Form of nominal: none (the robot's nominal surface), plane, cylinder, "
+        "polynomial2 to polynomial4.",
+    )
+    path: str = Field("", description="Folder of golden, file of cad; from the recipe's folder.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short(cls, values: Any) -> Any:
+        """`golden:DIR` and `cad:FILE.stl`, `nominal:cylinder` stand for the whole."""
+        if not isinstance(values, str):
+            return values
+        kind, _, rest = values.partition(":")
+        if kind == "nominal" and rest:
+            return {"kind": kind, "form": rest}
+        return {"kind": kind, "path": rest}
+
+    @model_validator(mode="after")
+    def _check(self) -> Reference:
+        needs = self.kind in ("golden", "cad")
+        if needs != bool(self.path):
+            what = {"golden": "golden:DIR", "cad": "cad:FILE.stl"}.get(self.kind, self.kind)
+            raise ValueError(f"'{self.kind}' is given as '{what}'")
+        return self
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.form if self.kind == 'nominal' else self.path}".rstrip(":")
+
+
+class Tolerance(Settings):
+    """What a finding may be at most; of those in the list the first that fits it holds."""
+
+    region: str = Field("", description="In which region; empty: anywhere.")
+    kind: Literal["any", "dent", "crater", "scratch", "raised", "missing", "extra"] = Field(
+        "any", description="Of which kind."
+    )
+    depth_m: float | None = Field(None, ge=0, description="Most depth or height.")
+    length_m: float | None = Field(None, ge=0, description="Most length.")
+    width_m: float | None = Field(None, ge=0, description="Most width.")
+    area_m2: float | None = Field(None, ge=0, description="Most area.")
+    volume_m3: float | None = Field(None, ge=0, description="Most volume.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Tolerance:
+        if not self.limits():
+            raise ValueError(f"a tolerance limits one of {', '.join(SIZES)}")
+        return self
+
+    def limits(self) -> dict[str, float]:
+        """What it limits."""
+        return {name: v for name in SIZES if (v := getattr(self, name)) is not None}
+
+
+#: What a finding may be where no tolerance of the recipe fits it.
+DEFAULT_TOLERANCE = Tolerance.create({"depth_m": 100e-6})
+
+
+class Recipe(Settings):
+    """A recipe; without a file, this."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: str = Field(SCHEMA, alias="schema", description="Kind and version of the file.")
+    name: str = Field("default", description="What it is called in reports.")
+    frame: Literal["base", "plate"] = Field("base", description="Frame of all coordinates here.")
+    plate: Plate = Plate.create({})
+    reference: Reference = Reference.create({})
+    grid_m: float = Field(0.1e-3, ge=20e-6, le=2e-3, description="Spacing of the height map.")
+    regions: dict[str, Region] = Field({}, description="Regions by name.")
+    inspect: tuple[str, ...] = Field(
+        (), description="Regions to inspect; empty: all that the roller passed."
+    )
+    exclude: tuple[str, ...] = Field((), description="Regions that are left out.")
+    least_coverage: float = Field(
+        0.9,
+        ge=0,
+        le=1,
+        description="Share of the area to inspect that must be measured or continued; below it "
+        "the part is unmeasured.",
+    )
+    edge_exclusion_m: float = Field(
+        1e-3, ge=0, le=0.1, description="Left out along the border of the scan and of the part."
+    )
+    limits: Limits = Limits.create({})
+    tolerances: tuple[Tolerance, ...] = Field((), description="By region and kind.")
+    decision: Rule = Field(
+        "iso_14253_1",
+        description="iso_14253_1: a figure conforms where it does so with all of its uncertainty; "
+        "simple_acceptance: the figure alone counts.",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Recipe:
+        if self.schema_ != SCHEMA:
+            raise ValueError(f"'schema' is {self.schema_!r}; {SCHEMA} is read")
+        named = [("inspect", name) for name in self.inspect]
+        named += [("exclude", name) for name in self.exclude]
+        named += [(f"tolerances.{i}.region", t.region) for i, t in enumerate(self.tolerances)]
+        for where, name in named:
+            if name and name not in self.regions:
+                there = ", ".join(self.regions) or "none"
+                raise ValueError(f"'{where}' names '{name}', which is not there (regions: {there})")
+        return self
+
+    @property
+    def base_from_recipe(self) -> F64:
+        """The recipe's frame in base, 4×4."""
+        return self.plate.base_from_plate if self.frame == "plate" else np.eye(4)
+
+    @property
+    def settings(self) -> InspectionSettings:
+        """What map and search take of it."""
+        search = {"limits": self.limits, "edge_exclusion_m": self.edge_exclusion_m}
+        return InspectionSettings.create(
+            {"height_map": {"grid_m": self.grid_m}, "findings": search}, self.name
+        )
+
+    def tolerance(self, kind: str, regions: tuple[str, ...]) -> Tolerance:
+        """What holds for a finding of a kind that lies in some regions."""
+        for entry in self.tolerances:
+            if entry.kind in ("any", kind) and (not entry.region or entry.region in regions):
+                return entry
+        return DEFAULT_TOLERANCE
+
+    @property
+    def depth_tolerance_m(self) -> float:
+        """Depth that a finding of any kind may have anywhere, for pictures."""
+        depth = self.tolerance("", ()).depth_m
+        return depth or DEFAULT_TOLERANCE.depth_m or 0.0
+
+    def sha256(self) -> str:
+        """Tells recipes apart, whatever their files look like."""
+        text = json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def load_recipe(path: Path | None = None, reference: str | None = None) -> Recipe:
+    """Read a recipe and see that what it names is there.
+
+    Parameters
+    ----------
+    path : path, optional
+        YAML file; without it the default recipe.
+    reference : str, optional
+        Goes before the recipe's: `self`, `nominal`, `nominal:cylinder`, `golden:DIR`,
+        `cad:FILE.stl`; its path counts from the working folder.
+
+    Raises
+    ------
+    RecipeError
+        In one line: the file, the entry, what is wrong.
+    """
+    source, values = "recipe", {}
+    if path is not None:
+        source = f"recipe {path}"
+        try:
+            values = read_yaml(path)
+        except TextFileError as error:
+            raise RecipeError(f"recipe {error}") from error
+        if not isinstance(values, Mapping):
+            raise RecipeError(f"{source}: expected entries such as 'regions:' and 'tolerances:'")
+    folder = path.parent if path is not None else Path()
+    try:
+        recipe = Recipe.create(values, source)
+        if reference is not None:
+            recipe = recipe.changed({"reference": reference})
+            folder, source = Path(), "--reference"
+    except SettingsError as error:
+        raise RecipeError(str(error)) from error
+    kind, named = recipe.reference.kind, recipe.reference.path
+    if not named:
+        return recipe
+    there = folder / named
+    if not (there.is_dir() if kind == "golden" else there.is_file()):
+        what = "folder" if kind == "golden" else "file"
+        raise RecipeError(f"{source}: the reference '{recipe.reference}': no such {what} {there}")
+    return recipe.changed({"reference": {"path": str(there)}})

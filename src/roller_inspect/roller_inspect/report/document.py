@@ -1,0 +1,182 @@
+"""What `inspection.json` says of a part."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roller_core.calibration_file import SECTION, digest
+from roller_core.camera import Camera
+from roller_core.settings import read_parameters
+from roller_inspect.inspect_stage import Inspected
+from roller_inspect.judgement import Judged
+from roller_inspect.recipe import Recipe
+
+from .texture import texture
+
+SCHEMA = "roller-inspection/1"
+_SIZES = ("length_m", "width_m", "depth_m", "area_m2", "volume_m3")
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Where the points come from, as far as it is known.
+
+    Attributes
+    ----------
+    source : Path or None
+        The recording.
+    params : Path or None
+        The parameter file, with its record of calibrations.
+    camera : Camera or None
+        The camera's calibration.
+    method : str
+        Depth method.
+    settings : mapping
+        Of all stages.
+    events, lost_packets : int or None
+        Events of the scan, packets that never came.
+    faults : sequence of str
+        What was wrong with the input.
+    """
+
+    source: Path | None = None
+    params: Path | None = None
+    camera: Camera | None = None
+    method: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    events: int | None = None
+    lost_packets: int | None = None
+    faults: Sequence[str] = ()
+
+
+def inspection_document(inspected: Inspected, recipe: Recipe, scan: Scan) -> dict[str, Any]:
+    """All of an inspection as JSON takes it; see docs/inspection.md."""
+    found, judgement = inspected.found, inspected.judgement
+    cover, alignment = judgement.coverage, found.alignment
+    return finite(
+        {
+            "schema": SCHEMA,
+            "part": inspected.part,
+            "verdict": judgement.verdict,
+            "reason": judgement.reason,
+            "coverage": {
+                "measured": cover.measured,
+                "continued": cover.continued,
+                "unmeasured": cover.unmeasured if cover.area_m2 else 1.0,
+                "least": recipe.least_coverage,
+                "area_m2": cover.area_m2,
+                "points_per_mm2": cover.points_per_mm2,
+            },
+            "reference": recipe.reference.model_dump() | {"text": str(recipe.reference)},
+            "alignment": None
+            if alignment is None
+            else {
+                "reference": alignment.reference,
+                "correction": alignment.correction.tolist(),
+                "refined": list(alignment.refined),
+                "residual_m": alignment.residual_m,
+                "cells": alignment.cells,
+            },
+            "findings": [_finding(judged) for judged in judgement.findings],
+            "texture": texture(cover, scan.events),
+            "recipe": recipe.model_dump(mode="json", by_alias=True),
+            "faults": list(scan.faults),
+            "traceability": traceability(inspected.part, recipe, scan),
+        }
+    )
+
+
+def _finding(judged: Judged) -> dict[str, Any]:
+    found = judged.finding
+    return {
+        "id": found.id,
+        "kind": found.kind,
+        "region": judged.region,
+        "center_m": found.center_m.tolist(),
+        **{name: getattr(found, name) for name in _SIZES},
+        "uncertainty": asdict(found.uncertainty),
+        "confidence": found.confidence,
+        "verdict": judged.verdict,
+        "limit": judged.limit,
+        "outline_m": found.outline_m.tolist(),
+        "points": found.points,
+        "measured": found.measured,
+        "cues": list(found.cues),
+    }
+
+
+def traceability(part: str, recipe: Recipe, scan: Scan) -> dict[str, Any]:
+    """By what a result can be traced to what made it."""
+    now = datetime.now(timezone.utc)
+    found: dict[str, Any] = {
+        "part": part,
+        "time": now.isoformat(timespec="seconds"),
+        "software": {"roller": _version("roller_inspect"), "python": platform.python_version()}
+        | {name: _version(name) for name in ("numpy", "scipy")},
+        "method": scan.method,
+        "settings_sha256": sha256_of(scan.settings),
+        "recipe_sha256": recipe.sha256(),
+        "camera": "" if scan.camera is None else str(scan.camera),
+        **_calibrations(scan.params, now),
+        "recording": "" if scan.source is None else scan.source.name,
+        "recording_sha256": "" if scan.source is None else digest(scan.source),
+        "events": scan.events,
+        "packets_lost": scan.lost_packets,
+    }
+    return found
+
+
+def _calibrations(params: Path | None, now: datetime) -> dict[str, Any]:
+    """Skin and calibrations that a parameter file records, with their age."""
+    records = read_parameters(params, SECTION) if params is not None else {}
+    out: dict[str, Any] = {"skin": "", "skin_use": "", "calibrations": {}}
+    for kind, record in records.items():
+        if not isinstance(record, Mapping):
+            continue
+        out["skin"] = record.get("skin") or out["skin"]
+        out["skin_use"] = record.get("skin_use") or out["skin_use"]
+        date = str(record.get("date", ""))
+        try:
+            made = datetime.strptime(date, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=timezone.utc)
+            date += f" ({(now - made).days} days old)"
+        except ValueError:
+            pass
+        out["calibrations"][kind] = date
+    return out
+
+
+def sha256_of(values: Any) -> str:
+    """Hash of plain values, whatever their order."""
+    text = json.dumps(values, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def finite(value: Any) -> Any:
+    """JSON knows neither NaN nor arrays: they become null and plain numbers."""
+    if isinstance(value, Mapping):
+        return {k: finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return ""

@@ -1,0 +1,46 @@
+"""Whether a surface shows enough texture for what detection was shown for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from roller_inspect.height_map.coverage import Coverage
+
+#: Measured share of cells and events a mm² of the textured coating on which detection was shown;
+#: a scan with less than the least of them proves nothing by finding nothing. From the virtual
+#: cell (coating of 8 % speckle at 0.3 m/s), not fitted to a real roller.
+SHOWN_MEASURED, SHOWN_EVENTS_PER_MM2 = 0.5, 5000.0
+LEAST_MEASURED = 0.3
+
+
+def texture(coverage: Coverage, events: int | None) -> dict[str, Any]:
+    """What a report says of a scan's texture.
+
+    Parameters
+    ----------
+    coverage : Coverage
+        Of the area to inspect.
+    events : int or None
+        Of the scan; None where it isn't known.
+    """
+    area_mm2 = coverage.area_m2 * 1e6
+    per_mm2 = events / area_mm2 if events is not None and area_mm2 > 0 else None
+    sufficient = coverage.measured >= LEAST_MEASURED
+    seen = f"{coverage.measured:.1%} of the cells measured"
+    if per_mm2 is not None:
+        seen += f", {per_mm2:.0f} events a mm²"
+    text = (
+        f"Texture suffices: {seen}."
+        if sufficient
+        else f"Too little texture: {seen}. Defects between what was measured are not seen; use a "
+        "coating with a printed, high-contrast texture."
+    )
+    return {
+        "measured": coverage.measured,
+        "events_per_mm2": per_mm2,
+        "sufficient": sufficient,
+        "text": text,
+        "shown_for": "Detection was shown on the virtual cell, not fitted to a real roller, with a "
+        f"textured coating: {SHOWN_MEASURED:.0%} of the cells measured or more, "
+        f"{SHOWN_EVENTS_PER_MM2:.0f} events a mm², 0.3 m/s.",
+    }

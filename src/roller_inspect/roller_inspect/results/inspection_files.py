@@ -1,0 +1,83 @@
+"""The files of an inspection."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from roller_inspect.exports.pdf import write_pdf
+from roller_inspect.exports.sdf import write_sdf
+from roller_inspect.exports.tables import write_findings_csv, write_height_png
+from roller_inspect.exports.x3p import write_x3p
+from roller_inspect.height_map import CONTINUED, OUTSIDE, HeightMap
+from roller_inspect.report.page import Pictured, page
+from roller_inspect.surface_inspector import Found
+
+EXPORTS = ("x3p", "sdf", "pdf")
+
+
+def write_inspection(
+    folder: Path,
+    document: Mapping[str, Any],
+    found: Found,
+    tolerance_m: float,
+    exports: Collection[str] = (),
+) -> None:
+    """Write `inspection.json`, `inspection.html`, `findings.csv`, the map and its exports.
+
+    Parameters
+    ----------
+    folder : path
+        Where they go.
+    document : mapping
+        See `inspection_document`.
+    found : Found
+        Map and deviation.
+    tolerance_m : float
+        Depth that most of the part may have, for the colours of the page.
+    exports : collection of str
+        Of `EXPORTS`.
+
+    Raises
+    ------
+    PdfError
+        If there is nothing that makes a PDF; all else is written.
+    """
+    text = json.dumps(document, indent=1, ensure_ascii=False)
+    (folder / "inspection.json").write_text(text + "\n", encoding="utf-8")
+    write_findings_csv(folder / "findings.csv", document["findings"])
+    grid = found.height_map if found.height_map is not None else _empty()
+    grid.save(folder / "height_map.npz")
+    # Guesses are in the archive alone, where each cell says that it is one.
+    known = np.where(grid.state >= CONTINUED, grid.height_m, np.nan).astype(np.float32)
+    write_height_png(folder / "height_map.png", grid.x_m, grid.y_m, known)
+    if "x3p" in exports:
+        version = document["traceability"]["software"]["roller"]
+        write_x3p(folder / "height_map.x3p", grid.x_m, grid.y_m, known, version, document["part"])
+    if "sdf" in exports:
+        write_sdf(folder / "height_map.sdf", grid.x_m, grid.y_m, known)
+    pictured = None
+    if found.height_map is not None and found.deviation_m is not None:
+        pictured = Pictured(found.height_map, found.deviation_m, tolerance_m)
+    html = page(document, pictured)
+    (folder / "inspection.html").write_text(html, encoding="utf-8")
+    if "pdf" in exports:
+        write_pdf(folder / "inspection.pdf", html)
+
+
+def _empty() -> HeightMap:
+    """One cell outside the scan: the map of a scan without points."""
+    nothing = np.full((1, 1), np.nan, np.float32)
+    return HeightMap(
+        np.zeros(1),
+        np.zeros(1),
+        nothing,
+        nothing,
+        np.full((1, 1), OUTSIDE, np.uint8),
+        np.zeros((1, 1), np.uint16),
+        np.eye(4),
+    )

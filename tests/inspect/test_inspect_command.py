@@ -1,0 +1,63 @@
+"""`roller inspect` as users meet it: exit codes, one line for what is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from recording.bags import write_bag
+from roller_bringup.cli import main
+
+pytestmark = pytest.mark.scan
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Edges on a plane: nearly nothing is measured."""
+    return write_bag(tmp_path_factory.mktemp("bag") / "scan")
+
+
+def test_a_scan_that_shows_little_is_unmeasured(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    words = ["inspect", str(bag), "--output", str(out), "--method", "focus", "--part-id", "P-1"]
+    assert main([*words, "--no-picture", "--no-braille"]) == 4
+    said = capsys.readouterr()
+    assert "P-1: UNMEASURED" in said.out
+    (line,) = said.err.strip().splitlines()
+    assert line.startswith("unmeasured: ")
+    document = json.loads((out / "inspection.json").read_text())
+    assert document["verdict"] == "unmeasured"
+    assert document["texture"]["sufficient"] is False
+    assert document["traceability"]["recording_sha256"]
+    files = {path.name for path in out.iterdir()}
+    assert files >= {
+        "height_map.npz", "height_map.png", "height_map.png.json", "inspection.json",
+        "inspection.html", "findings.csv", "surface.ply", "report.json", "result",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--recipe", "{tmp}/none.yaml"], "none.yaml"),
+        (["--recipe", "{tmp}/recipe.yaml"], "names 'rim', which is not there"),
+        (["--reference", "sphere"], "'self'"),
+        (["--export", "x3p,stl"], "'stl' is not one of"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_leaves_nothing(
+    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "recipe.yaml").write_text("inspect: [rim]\n")
+    given = [word.format(tmp=tmp_path) for word in words]
+    try:
+        code = main(["inspect", str(tmp_path / "bag"), "--output", str(tmp_path / "out"), *given])
+    except SystemExit as error:  # argparse
+        code = int(error.code or 0)
+    assert code == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,166 @@
+"""From points to verdict, page and exports; these are read back by other people's software."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from roller_core.outputs import DEVIATION, FINDINGS, Cloud, Output, Result
+from roller_emvs.patch import SURFACE_FIELDS, Patch
+from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
+from roller_inspect.inspect_stage import InspectParameters, InspectStage
+from roller_inspect.judgement import Inspected, judge_nothing
+from roller_inspect.recipe import Recipe
+from roller_inspect.report.document import Scan, inspection_document
+from roller_inspect.results.inspection_files import write_inspection
+
+from .analytic_surface import dent, flat, scan
+
+PLANE: dict[str, Any] = {"reference": "nominal", "least_coverage": 0.5}
+
+
+def clouds(patches: list[Patch], t_ns: int = 0) -> list[Output]:
+    return [
+        Output(
+            "roller/surface/points", t_ns + k * 10**8, "base", Cloud(p.columns(), SURFACE_FIELDS)
+        )
+        for k, p in enumerate(patches)
+    ]
+
+
+def inspect(patches: list[Patch], **recipe: Any) -> tuple[InspectStage, list[Result]]:
+    """A part through the stage, asked for results after every cloud."""
+    settings = InspectParameters.create({"part": "P-17"})
+    stage = InspectStage(settings, Recipe.create(PLANE | recipe))
+    results: list[Result] = []
+    for output in clouds(patches):
+        stage.take_output(output)
+        results += stage.results()
+    return stage, results + list(stage.results(flush=True))
+
+
+def finished(results: list[Result]) -> Inspected:
+    (part,) = [r.found for r in results if isinstance(r.found, Inspected)]
+    return part
+
+
+HOLE = dent((0.008, 0.0), 1.2e-3, 3e-4)
+SMALL: dict[str, Any] = {"length_m": 0.016, "width_m": 0.006}
+
+
+def test_the_list_is_whole_revised_and_final_at_the_end() -> None:
+    _, results = inspect(scan(HOLE, length_m=0.03, width_m=0.006))
+    outs = [o for r in results for o in r.outputs]
+    lists = [o.data for o in outs if o.topic == FINDINGS]
+    assert [known.revision for known in lists] == list(range(1, len(lists) + 1))
+    assert [known.finished for known in lists] == [False] * (len(lists) - 1) + [True]
+    assert lists[0].judgement.verdict == "inconclusive"
+    assert any(known.judgement.findings for known in lists[:-1])
+    (judged,) = lists[-1].judgement.findings
+    assert judged.finding.final
+    assert judged.verdict == lists[-1].judgement.verdict == "nonconform"
+    assert judged.limit == "depth at most 100 µm"
+    cells = np.concatenate([o.data.columns for o in outs if o.topic == DEVIATION])
+    assert cells[:, 3].min() == pytest.approx(-3e-4, abs=5e-5)
+    assert set(cells[:, 5]) <= {CONTINUED, MEASURED}
+
+
+def test_parts_end_on_request_and_when_the_source_starts_again() -> None:
+    stage, _ = inspect([])
+    assert stage.finish() == "P-17: no points yet"
+    for output in clouds(scan(flat, **SMALL), t_ns=10**12):
+        stage.take_output(output)
+    said = stage.finish()
+    assert said.startswith("P-17: conform: no findings"), said
+    for output in clouds(scan(HOLE, **SMALL), t_ns=2 * 10**12):
+        stage.take_output(output)
+    assert stage.start() == "P-17 3 begins with the next points"
+    for output in clouds(scan(flat, **SMALL), t_ns=3 * 10**12) + clouds(
+        scan(flat, **SMALL), t_ns=10**12
+    ):
+        stage.take_output(output)
+    parts = [r.found for r in stage.results(flush=True) if isinstance(r.found, Inspected)]
+    assert [p.part for p in parts] == ["P-17", "P-17 2", "P-17 3", "P-17 4"]
+    verdicts = [p.judgement.verdict for p in parts]
+    assert verdicts == ["conform", "nonconform", "conform", "conform"]
+
+
+@pytest.mark.parametrize(
+    ("recipe", "verdict", "reason"),
+    [
+        ({"tolerances": [{"depth_m": 1e-3}]}, "conform", "1 findings, all within tolerance"),
+        ({"tolerances": [{"depth_m": 2.9e-4}]}, "inconclusive", "as near to their limit"),
+        (
+            {"regions": {"a": {"box_m": [0, -0.01, 0.1, 0.01]}}, "inspect": ["a"]},
+            "unmeasured", "of the area to inspect was measured",
+        ),
+        ({"regions": {"a": {"circle_m": [0.008, 0, 0.003]}}, "exclude": ["a"]}, "conform", "no f"),
+    ],
+)  # fmt: skip
+def test_verdicts(recipe: dict[str, Any], verdict: str, reason: str) -> None:
+    known = finished(inspect(scan(HOLE, **SMALL), **recipe)[1]).judgement
+    assert known.verdict == verdict, known.reason
+    assert reason in known.reason
+
+
+def test_files_and_exports(tmp_path: Path) -> None:
+    stage, results = inspect(scan(HOLE, **SMALL))
+    part = finished(results)
+    faults = ["a packet <was> broken"]
+    document = inspection_document(part, stage.recipe, Scan(events=10**6, faults=faults))
+    write_inspection(tmp_path, document, part.found, 1e-4, ("x3p", "sdf"))
+    written = json.loads((tmp_path / "inspection.json").read_text())
+    assert written == document
+    assert (written["part"], written["verdict"]) == ("P-17", "nonconform")
+    assert sum(written["coverage"][k] for k in ("measured", "continued", "unmeasured")) == (
+        pytest.approx(1.0)
+    )
+    (found,) = written["findings"]
+    contract = "id kind center_m length_m width_m depth_m area_m2 volume_m3 uncertainty confidence"
+    assert set(contract.split()) | {"verdict", "outline_m"} <= found.keys()
+    with (tmp_path / "findings.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["depth_m"]) == found["depth_m"]
+    assert float(row["U_depth_m"]) == found["uncertainty"]["depth_m"]
+
+    html = (tmp_path / "inspection.html").read_text()
+    assert "P-17" in html
+    assert "Not conform" in html
+    assert "a packet &lt;was&gt; broken" in html
+    assert not re.search(r"(?:src|href)=\"(?!data:)", html)  # nothing from elsewhere
+    assert "<script" not in html
+
+    grid = HeightMap.load(tmp_path / "height_map.npz")
+    known = np.where(grid.state >= CONTINUED, grid.height_m, np.nan)
+    scale = json.loads((tmp_path / "height_map.png.json").read_text())
+    pixels = cv2.imread(str(tmp_path / "height_map.png"), cv2.IMREAD_UNCHANGED)[::-1]
+    assert pixels.dtype == np.uint16
+    heights = np.where(pixels > 0, scale["low_m"] + (pixels - 1.0) * scale["step_m"], np.nan)
+    np.testing.assert_allclose(heights, known, atol=scale["step_m"])
+
+    x3p = pytest.importorskip("verity_x3p").read_x3p(str(tmp_path / "height_map.x3p"))
+    assert (x3p.nx, x3p.ny) == (len(grid.x_m), len(grid.y_m))
+    assert x3p.increment_x == pytest.approx(grid.step_m)
+    np.testing.assert_allclose(x3p.data, known)
+    sdf = pytest.importorskip("sdfio").read(str(tmp_path / "height_map.sdf"))
+    np.testing.assert_allclose(np.asarray(sdf.data).reshape(known.shape), known, atol=1e-9)
+
+
+def test_a_part_without_a_point_is_unmeasured(tmp_path: Path) -> None:
+    stage, results = inspect([])
+    assert results == []
+    part = judge_nothing(stage.recipe, "P-18")
+    document = inspection_document(part, stage.recipe, Scan())
+    write_inspection(tmp_path, document, part.found, 1e-4, ("x3p", "sdf"))
+    written = json.loads((tmp_path / "inspection.json").read_text())
+    assert (written["verdict"], written["coverage"]["unmeasured"]) == ("unmeasured", 1.0)
+    assert written["texture"]["sufficient"] is False
+    assert "Unmeasured" in (tmp_path / "inspection.html").read_text()
+    assert not HeightMap.load(tmp_path / "height_map.npz").known.any()

@@ -1,0 +1,124 @@
+"""Recipes: what they hold, what they refuse, and what they decide."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, UNMEASURED, HeightMap
+from roller_inspect.height_map.coverage import coverage_of
+from roller_inspect.judgement import coverage_of_area
+from roller_inspect.recipe import Recipe, RecipeError, Region, decide, load_recipe, part_verdict
+
+WRONG = {
+    "regions: {a: {box_m: [1, 2]}}": "'regions.a.box_m.2'",
+    "regions: {a: {box_m: [1, 0, 0, 1]}}": "lowest x",
+    "regions: {a: {}}": "one of box_m",
+    "tolerances: [{region: b, depth_m: 1.0e-4}]": "names 'b', which is not there (regions: none)",
+    "inspect: [rim]": "'inspect' names 'rim'",
+    "tolerances: [{kind: hole, depth_m: 1.0e-4}]": "'tolerances.0.kind' = 'hole'",
+    "tolerances: [{kind: dent}]": "a tolerance limits one of depth_m",
+    "tolerance: []": "unknown entry 'tolerance'; is it 'tolerances'?",
+    "- 1": "expected entries",
+    "least_coverage: 2": "'least_coverage' = 2",
+    "schema: v9": "'schema' is 'v9'",
+    "{": "not a YAML file",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_is_wrong_is_named_in_one_line(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "recipe.yaml"
+    file.write_text(text)
+    with pytest.raises(RecipeError) as caught:
+        load_recipe(file)
+    (line,) = str(caught.value).splitlines()
+    assert str(file) in line
+    assert WRONG[text] in line
+
+
+def test_the_first_tolerance_that_fits_holds(tmp_path: Path) -> None:
+    file = tmp_path / "recipe.yaml"
+    file.write_text(
+        "regions: {rim: {circle_m: [0, 0, 1.0e-2]}}\n"
+        "tolerances:\n"
+        "  - {region: rim, kind: dent, depth_m: 1.0e-5}\n"
+        "  - {region: rim, depth_m: 2.0e-5}\n"
+        "  - {kind: any, depth_m: 3.0e-5}\n"
+    )
+    recipe = load_recipe(file)
+    depths = [recipe.tolerance(*case).depth_m for case in (
+        ("dent", ("rim",)), ("raised", ("rim",)), ("dent", ()),
+    )]  # fmt: skip
+    assert depths == [1e-5, 2e-5, 3e-5]
+    assert Recipe.create({}).tolerance("dent", ()).depth_m == 1e-4
+    assert recipe.sha256() != Recipe.create({}).sha256() == load_recipe().sha256()
+
+
+@given(st.floats(-2, 2), st.floats(0, 1), st.floats(0, 2))
+def test_iso_14253(value: float, u: float, limit: float) -> None:
+    verdict = decide(value, u, -limit, limit)
+    expected = (
+        "conform" if abs(value) + u <= limit
+        else "nonconform" if abs(value) - u > limit
+        else "inconclusive"
+    )  # fmt: skip
+    # Rounding decides where a figure lies on its limit to the last digit.
+    if abs(abs(value) + u - limit) > 1e-12 and abs(abs(value) - u - limit) > 1e-12:
+        assert verdict == expected
+    assert decide(value, math.nan, -limit, limit) == "inconclusive"
+    assert decide(math.nan, u, -limit, limit) == "unmeasured"
+    simple = decide(value, u, -limit, limit, "simple_acceptance")
+    assert simple == ("conform" if abs(value) <= limit else "nonconform")
+
+
+def test_what_was_not_measured_is_never_conform() -> None:
+    assert part_verdict(["conform"], measured_enough=True) == "conform"
+    assert part_verdict(["conform", "nonconform"], measured_enough=True) == "nonconform"
+    assert part_verdict(["conform", "inconclusive"], measured_enough=True) == "inconclusive"
+    assert part_verdict([], measured_enough=True, doubts=True) == "inconclusive"
+    assert part_verdict(["conform"], measured_enough=False) == "unmeasured"
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+def test_a_polygon_holds_what_its_triangles_hold(x: float, y: float) -> None:
+    """An L; against half planes."""
+    corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (-1.0, 1.0)]
+    region = Region.create({"polygon_m": corners})
+    on_edge = any(abs(v - e) < 1e-9 for v in (x, y) for e in (-1.0, 0.0, 1.0))
+    inside = abs(x) < 1 and abs(y) < 1 and not (x > 0 and y > 0)
+    assert on_edge or bool(region.contains(x, y)) == inside
+
+
+def test_coverage_is_that_of_the_regions_to_inspect() -> None:
+    """A map of 10 × 10 mm, of which the right half is unmeasured; the plate lies askew."""
+    axis = (np.arange(100) + 0.5) * 1e-4
+    state = np.full((100, 100), MEASURED, np.uint8)
+    state[:, 50:] = UNMEASURED
+    state[:, 40:50] = CONTINUED
+    state[:10] = OUTSIDE
+    nothing = np.zeros((100, 100), np.float32)
+    grid = HeightMap(axis, axis, nothing, nothing, state, nothing.astype(np.uint16), np.eye(4))
+    scanned = coverage_of(grid)
+
+    def covered(**values: object) -> tuple[float, float, float]:
+        regions = {
+            "left": {"box_m": [0, 0.001, 0.005, 0.01]},
+            "beyond": {"box_m": [0.005, 0.001, 0.015, 0.01]},
+        }
+        recipe = Recipe.create({"regions": regions, **values})
+        found = coverage_of_area(recipe, grid, scanned)
+        return found.measured, found.continued, found.unmeasured
+
+    assert covered() == pytest.approx((0.4, 0.1, 0.5))
+    assert covered(inspect=["left"]) == pytest.approx((0.8, 0.2, 0.0), abs=1e-9)
+    assert covered(inspect=["left", "beyond"])[2] == pytest.approx(2 / 3)
+    assert covered(exclude=["beyond"])[2] == 0.0
+    # The same part, lain elsewhere and turned by a right angle.
+    plate = {"origin_m": [0.02, 0.0, 0.0], "yaw_rad": math.pi / 2}
+    assert covered(frame="plate", plate=plate, inspect=["left"])[2] == 1.0
