@@ -1,93 +1,239 @@
-"""The kernels of the sweep in the surface's frame against slow forms."""
+"""The kernels of the sweep in the surface's frame, and the store of its events, by slow forms."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
-from roller_emvs.methods.surface import _kernels
+from roller_core.events import EventArray
+from roller_core.transforms import F64, pose_matrix, rotation_vector_to_quaternion
+from roller_emvs.evidence import CELL_PX
+from roller_emvs.methods.surface import _event_kernels, _part_kernels
+from roller_emvs.methods.surface._part_kernels import BINS_PX, MOST, TILE_BINS, TILE_CELLS
+from roller_emvs.methods.surface.event_store import EventStore
+from roller_emvs.methods.surface.part_field import whole_shifts
 
 
-def test_rays_meet_the_plane() -> None:
+def place(
+    events: EventArray, pixels: np.ndarray, first: F64, second: F64, steepest: float = np.inf
+) -> tuple[np.ndarray, tuple[float, float, float]]:
+    out = np.empty((3, len(events)), np.float32)
+    span = _event_kernels._place(
+        events.x, events.y, events.t_ns, pixels, 1000, 9000, first, second, 0.045, steepest, out
+    )
+    return out, span
+
+
+def test_rays_meet_the_plane_and_those_that_lean_too_far_are_left_out() -> None:
     rng = np.random.default_rng(0)
     pixels = rng.uniform(-0.3, 0.3, (20, 30, 2)).astype(np.float32)
-    x, y = rng.integers(0, 30, 50).astype(np.uint16), rng.integers(0, 20, 50).astype(np.uint16)
-    t = np.sort(rng.integers(1000, 9000, 50))
+    events = EventArray.from_arrays(
+        rng.integers(0, 30, 50), rng.integers(0, 20, 50), np.sort(rng.integers(1000, 9000, 50)),
+        np.zeros(50, int),
+    )  # fmt: skip
     first = pose_matrix(np.array([0.01, 0.002, 0.0]), rotation_vector_to_quaternion([0, 0.1, 0.0]))
     second = pose_matrix(
         np.array([0.012, 0.001, 0.001]), rotation_vector_to_quaternion([0.02, 0.1, 0.01])
     )
-    out = np.empty((4, 50))
-    _kernels._place(
-        x, y, t, pixels, 1000, 9000, first[:3, 3], second[:3, 3], first[:3, :3], second[:3, :3],
-        0.045, out,
-    )  # fmt: skip
+    out, _ = place(events, pixels, first, second)
+    expected = np.empty((3, 50))
     for i in range(50):
-        pose = first + (t[i] - 1000) / 8000 * (second - first)
-        d = pose[:3, :3] @ [*pixels[y[i], x[i]].astype(float), 1.0]
+        pose = first + (events.t_ns[i] - 1000) / 8000 * (second - first)
+        d = pose[:3, :3] @ [*pixels[events.y[i], events.x[i]].astype(float), 1.0]
         point = pose[:3, 3] + d / d[2] * (0.045 - pose[2, 3])
-        np.testing.assert_allclose(out[:, i], [*point[:2], *(d / d[2])[:2]], atol=1e-12)
+        expected[:, i] = [point[0] - 0.01, point[1], d[0] / d[2]]
+    np.testing.assert_allclose(out, expected, atol=1e-8, rtol=1e-5)
+    out, (low, high, most) = place(events, pixels, first, second, 0.2)
+    inside = np.abs(expected[2]) <= 0.2
+    np.testing.assert_array_equal(np.isfinite(out[0]), inside)
+    assert (low, high) == (out[0, inside].min(), out[0, inside].max())
+    assert most == np.abs(out[2, inside]).max()
 
 
 def test_a_ray_that_looks_away_has_no_place() -> None:
-    away = np.diag([1.0, -1.0, -1.0])
-    out = np.empty((4, 1))
-    zero = np.zeros(1, np.uint16)
-    _kernels._place(
-        zero, zero, np.zeros(1, np.int64), np.zeros((1, 1, 2), np.float32), 0, 1,
-        np.zeros(3), np.zeros(3), away, away, 0.045, out,
-    )  # fmt: skip
-    assert np.isnan(out).all()
+    events = EventArray.from_arrays([0], [0], [1000], [0])
+    away = np.diag([1.0, -1.0, -1.0, 1.0])
+    out, (low, high, _) = place(events, np.zeros((1, 1, 2), np.float32), away, away)
+    assert np.isnan(out[0, 0])
+    assert low > high
 
 
-def some_rays(rng: np.random.Generator, n: int = 400) -> np.ndarray:
-    rays = np.stack([rng.uniform(-0.01, 0.02, n), *rng.uniform(-0.3, 0.3, (3, n))])
-    rays[:, 7] = np.nan
-    return rays
-
-
-def test_the_span_leaves_out_what_leans_too_far() -> None:
-    rays = some_rays(np.random.default_rng(1))
-    before = rays.copy()
-    low, high, steepest = _kernels._span(rays, 0.2)
-    inside = np.abs(before[2]) <= 0.2
-    np.testing.assert_array_equal(np.isfinite(rays[0]), inside)
-    assert (low, high) == (before[0, inside].min(), before[0, inside].max())
-    assert steepest == np.abs(before[2, inside]).max()
-
-
-def test_rays_go_to_every_block_that_they_can_reach() -> None:
+def test_the_store_holds_each_event_once_and_reuses_what_is_released() -> None:
     rng = np.random.default_rng(2)
-    rays, n, length, reach = some_rays(rng), 400, 0.004, 0.0015
-    polarity, t = rng.integers(0, 2, n).astype(np.uint8), np.sort(rng.integers(0, 10**9, n))
-    low, high = -2, 3
-    first, last = np.empty(n, np.int64), np.empty(n, np.int64)
-    counts = np.zeros(6, np.int64)
-    _kernels._find_blocks(rays, reach, length, (low, high), first, last, counts)
-    place = np.cumsum(counts) - counts
-    begins, starts = place.copy(), np.arange(low, high + 1) * length
-    out, signs = np.empty((counts.sum(), 4), np.float32), np.empty(counts.sum(), np.uint8)
-    times = np.tile([2**62, -(2**62)], (6, 1))
-    _kernels._list_blocks(rays, polarity, t, first, last, starts, place, out, signs, times)
-    for k in range(6):
-        own = (rays[0] >= starts[k] - reach) & (rays[0] < starts[k] + length + reach)
-        held = slice(begins[k], begins[k] + counts[k])
-        expected = rays[:, own].T - [starts[k], 0, 0, 0]
-        np.testing.assert_allclose(out[held], expected, atol=1e-7)
-        np.testing.assert_array_equal(signs[held], polarity[own])
-        assert tuple(times[k]) == (t[own].min(), t[own].max())
+    length, low, start_ns = 0.004, -2, 10**15
+    store = EventStore(length, start_ns)
+    n = 30_000
+    x = rng.uniform(-0.010, 0.018, n).astype(np.float32)
+    x[7] = np.nan
+    y, slope = rng.uniform(-0.3, 0.3, (2, n)).astype(np.float32)
+    t = start_ns + np.sort(rng.integers(0, 10**9, n))
+    p = rng.integers(0, 2, n)
+    events = EventArray.from_arrays(np.zeros(n, int), np.zeros(n, int), t, p)
+    placed = np.stack([x, y, slope])
+    # In two goes, of which the second has more room than it fills.
+    half = n // 2
+    store.add(placed[:, :half].copy(), events[:half], -low * length, low, range(low, 4))
+    wide = np.full((3, n), 9.0, np.float32)
+    wide[:, : n - half] = placed[:, half:]
+    store.add(wide, events[half:], -low * length, low, range(low, 4))
+    number = np.floor(x.astype(float) / length)
+    assert store.held == np.sum((number >= low) & (number < 4))
+    assert store.blocks == list(range(low, 4))
+    for k in range(low, 4):
+        own = number == k
+        assert store.count(k) == own.sum()
+        assert store.times(k) == (t[own].min(), t[own].max())
+        np.testing.assert_allclose(
+            store.span(k),
+            [x[own].min() - k * length, x[own].max() - k * length, y[own].min(), y[own].max()],
+            atol=1e-7,
+        )
+        for polarity in range(2):
+            held = own & (p == polarity)
+            found = store.events(k, polarity, 0.001)
+            np.testing.assert_allclose(found.x_m, x[held] - k * length + 0.001, atol=1e-7)
+            np.testing.assert_array_equal(found.y_m, y[held])
+            np.testing.assert_array_equal(found.slope, slope[held])
+            assert np.all((t[held] - found.t_ns >= 0) & (t[held] - found.t_ns < 1000))
+    pages = len(store.link)
+    kept = store.events(1, 1)
+    for k in (-2, -1, 0):
+        assert store.release(k) == np.sum(number == k)
+    store.add(placed, events, -low * length, low, [0])
+    assert len(store.link) == pages
+    assert store.count(0) == np.sum(number == 0)
+    np.testing.assert_array_equal(store.events(1, 1).x_m, kept.x_m)
+    assert len(store.events(-1, 0)) == 0
 
 
-def test_rays_in_pixels_are_ordered_by_polarity() -> None:
+ROWS, PARTS, TILES, LEFT = 8, 8, 5, TILE_BINS
+SHAPE = (ROWS, PARTS, TILES * TILE_BINS)
+
+
+def some_counts(rng: np.random.Generator) -> np.ndarray:
+    """Histogram with one entry more, shape (rows · parts · bins + 1,)."""
+    counts = rng.poisson(0.3, SHAPE).astype(np.uint8)
+    return np.append(counts.ravel(), np.uint8(0))
+
+
+def test_events_are_counted_in_their_part_row_and_bin() -> None:
     rng = np.random.default_rng(3)
-    rays, polarity = rng.normal(0, 1, (200, 4)).astype(np.float32), rng.integers(0, 2, 200)
-    low, high, off = _kernels._rows(rays, polarity)
-    assert (low, high) == (rays[:, 1].min(), rays[:, 1].max())
-    assert off == np.count_nonzero(polarity == 0)
-    corner, pixel = np.array([0.5, low], np.float32), np.float32(0.04)
-    place, out = np.array([0, off]), np.empty_like(rays)
-    # Part after part.
-    _kernels._to_pixels(rays[:90], polarity[:90], corner, pixel, place, out)
-    _kernels._to_pixels(rays[90:], polarity[90:], corner, pixel, place, out)
-    ordered = np.concatenate([rays[polarity == 0], rays[polarity == 1]])
-    np.testing.assert_allclose(out, (ordered - [0.5, low, 0, 0]) / 0.04, rtol=1e-5, atol=1e-4)
+    n, pixel, shift, top, least, width = 5000, 4e-5, 0.001, -0.0002, -0.3, 0.07
+    store = EventStore(0.004, 0)
+    placed = np.stack(
+        [rng.uniform(0, 0.004, n), rng.uniform(-0.0003, 0.0003, n), rng.uniform(-0.4, 0.4, n)]
+    ).astype(np.float32)
+    # A bin that counts no further.
+    placed[:, :200] = [[0.000203], [3e-6], [0.01]]
+    events = EventArray.from_arrays(*np.zeros((2, n), int), np.arange(n), np.ones(n, int))
+    store.add(placed, events, 0.0, 0, [0])
+    counts = np.zeros(np.prod(SHAPE) + 1, np.uint8)
+    tiles = np.zeros(ROWS // CELL_PX * TILES + 1, np.int32)
+    _part_kernels._count(
+        store.records, store.link, *store.chain(0, 1), shift, pixel, top, least, width, SHAPE,
+        LEFT, np.empty((2, _event_kernels.PAGE), np.int32), True, counts, tiles,
+    )  # fmt: skip
+    x, y, slope = placed.astype(float)
+    bins = np.floor((x + shift) / pixel * BINS_PX + LEFT).astype(int)
+    rows = np.floor((y - top) / pixel + 0.5).astype(int)
+    parts = np.clip(np.floor((slope - least) / width), 0, PARTS - 1).astype(int)
+    inside = (bins < SHAPE[2]) & (rows >= 0) & (rows < ROWS)
+    expected = np.zeros(SHAPE)
+    np.add.at(expected, (rows[inside], parts[inside], bins[inside]), 1)
+    assert expected.max() > 2 * MOST
+    found = counts[:-1].reshape(SHAPE)
+    # Rounding may put an event beside the edge of a bin.
+    assert np.abs(found - np.minimum(expected, MOST)).sum() <= 10
+    by_tile = np.zeros((ROWS // CELL_PX, TILES))
+    np.add.at(by_tile, (rows[inside] // CELL_PX, bins[inside] // TILE_BINS), 1)
+    assert np.abs(tiles[:-1].reshape(by_tile.shape) - by_tile).sum() <= 10
+    assert tiles.sum() == n
+
+
+def twin_sharpness(votes: np.ndarray) -> np.ndarray:
+    """Squared slopes of quarter-pixel bins' votes, each shared by two columns, mean over phases."""
+    triangle = np.array([1, 2, 3, 4, 3, 2, 1]) / BINS_PX
+    shared = np.apply_along_axis(np.convolve, -1, votes, triangle, mode="same")
+    taps = np.zeros(17)
+    taps[[0, 4, 12, 16]] = 0.4, 1.0, -1.0, -0.4
+    slope = np.apply_along_axis(np.convolve, -1, shared, taps, mode="same")
+    return np.asarray(slope**2 / BINS_PX)
+
+
+def test_sharpness_is_that_of_the_sum_of_shifted_parts() -> None:
+    rng = np.random.default_rng(4)
+    counts = some_counts(rng)
+    shifts = rng.integers(-20, 21, (6, PARTS))
+    cells = (ROWS // CELL_PX, (TILES - 2) * TILE_CELLS - 1)
+    tiles = np.array([[[0, 5], [2, 3], [5, 4]], [[1, 4], [0, 5], [0, 5]]], np.int32)
+    for groups, pairs in ((1, 2), (4, 1)):
+        found = np.zeros((6, *cells), np.float32)
+        buffers = [np.full(SHAPE[2] + TILE_BINS, 77, np.uint16) for _ in range(2)]
+        for begin in range(2):
+            _part_kernels._measure(
+                counts, SHAPE, LEFT, begin, cells[0], 2, groups, pairs, shifts, tiles, *buffers,
+                np.full(SHAPE[2], 9.0, np.float32), found,
+            )  # fmt: skip
+        histogram = counts[:-1].reshape(SHAPE).astype(float)
+        for k in range(6):
+            moved = np.stack(
+                [np.roll(histogram[:, j], shifts[k, j], axis=-1) for j in range(PARTS)], axis=1
+            )
+            total = np.zeros((ROWS // CELL_PX, SHAPE[2]))
+            for part in np.split(moved, groups, axis=1):
+                two = part.sum(axis=1).reshape(ROWS // CELL_PX, 2, 2, -1).sum(axis=2)
+                total += twin_sharpness(two[:, :pairs]).sum(axis=1)
+            own = total[:, LEFT : -LEFT or None].reshape(cells[0], -1, CELL_PX * BINS_PX).sum(-1)
+            own = own[:, : cells[1]]
+            looked_at = (tiles[..., 0] <= k) & (k <= tiles[..., 1])
+            looked_at = np.repeat(looked_at, TILE_CELLS, axis=1)[:, : cells[1]]
+            np.testing.assert_allclose(found[k], np.where(looked_at, own, 0), rtol=1e-4, atol=1e-4)
+
+
+def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:
+    rng = np.random.default_rng(5)
+    counts = some_counts(rng)
+    histogram = counts[:-1].reshape(SHAPE).astype(float)
+    slopes = np.linspace(-12, 15, PARTS)
+    per_offset = (BINS_PX * slopes).astype(np.float32)
+    cells = (ROWS // CELL_PX, (TILES - 2) * TILE_CELLS)
+    offset = rng.uniform(-0.9, 0.9, cells).astype(np.float32)
+    offset[0, 3], offset[1, 5] = np.nan, 1.5
+    sums = np.zeros((*cells, 3), np.float32)
+    spread = np.float32(0.7)
+    _part_kernels._gather_slopes(
+        counts, SHAPE, LEFT, offset, np.float32(1), per_offset, slopes.astype(np.float32), spread,
+        sums,
+    )  # fmt: skip
+    pixels = np.repeat(np.repeat(offset, CELL_PX, 0), CELL_PX, 1)
+    seen = rng.random((cells[0], cells[1] // TILE_CELLS)) < 0.7
+    support = np.zeros(pixels.shape, np.float32)
+    _part_kernels._gather(counts, SHAPE, LEFT, pixels, np.float32(1), seen, per_offset, support)
+    expected, expected_sums = np.zeros(pixels.shape), np.zeros((*cells, 3))
+    for y in range(pixels.shape[0]):
+        for x in range(pixels.shape[1]):
+            z = pixels[y, x]
+            if not abs(z) <= 1:
+                continue
+            for part, slope in enumerate(slopes):
+                at = LEFT + x * BINS_PX - int(np.rint(per_offset[part] * z))
+                count = histogram[y, part, at : at + BINS_PX].sum()
+                expected[y, x] += count
+                expected_sums[y // CELL_PX, x // CELL_PX] += (
+                    count, count * slope, count * (slope**2 + spread),
+                )  # fmt: skip
+    reached = np.repeat(np.repeat(seen, CELL_PX, 0), CELL_PX * TILE_CELLS, 1)
+    np.testing.assert_array_equal(support, np.where(reached, expected, 0))
+    np.testing.assert_allclose(sums, expected_sums, rtol=1e-4, atol=1e-2)
+
+
+def test_parts_move_by_whole_bins_to_the_plane_that_was_asked_for() -> None:
+    slopes = (np.arange(24) - 11.5) * 600.0
+    at = np.linspace(-0.002, 0.002, 31)
+    shifts = whole_shifts(slopes, at)
+    wanted = np.outer(at, slopes) * BINS_PX
+    assert np.abs(shifts - wanted).max() <= 1
+    # The plane on which the parts lie: their regression on slope. Rounded one by one they err more.
+    each = np.rint(wanted)
+    error, plain = (np.abs((s / BINS_PX) @ slopes / (slopes @ slopes) - at) for s in (shifts, each))
+    assert np.sqrt(np.mean(error**2)) < 0.6 * np.sqrt(np.mean(plain**2))
+    assert np.sqrt(np.mean(error**2)) < 2e-6

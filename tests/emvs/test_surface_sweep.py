@@ -8,16 +8,23 @@ import pytest
 from emvs.scenes import (
     CAMERA,
     MS,
+    Motion,
+    events_of,
+    lines,
     rolling,
     tilted,
     tilted_scan,
     track_of,
     without,
 )
+from roller_core.camera import Camera
 from roller_core.errors import SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_core.transforms import rotation_vector_to_quaternion
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface.part_field import fits
+from roller_emvs.methods.surface.strip import Block, Strip
 from roller_emvs.windows import RefusedWindow
 from simulated_scans import Scans
 
@@ -31,9 +38,9 @@ def settings(**values: object) -> SurfaceSettings:
 
 
 def sweep(
-    events: EventArray, track: PoseTrack, **values: object
+    events: EventArray, track: PoseTrack, camera: Camera = CAMERA, **values: object
 ) -> tuple[list[SurfacePatch], list[RefusedWindow], SurfaceSweep]:
-    engine = SurfaceSweep(settings(**values), CAMERA, track)
+    engine = SurfaceSweep(settings(**values), camera, track)
     engine.add_events(events)
     found = list(engine.results(flush=True))
     patches = [f for f in found if isinstance(f, SurfacePatch)]
@@ -166,6 +173,71 @@ def test_stairs_of_the_virtual_cell(scans: Scans) -> None:
     assert np.mean(errors) < 70e-6
     assert np.median(errors) < 65e-6
     assert np.quantile(errors, 0.99) < 300e-6
+
+
+def tilted_by(turn: list[float]) -> Motion:
+    """Rolling with the camera turned by a rotation vector."""
+    quaternion = rotation_vector_to_quaternion(turn)
+    return lambda t: (np.array([0.3 * t, 0.0, 0.0]), quaternion)
+
+
+def turned_while_rolling(t: float) -> tuple[np.ndarray, np.ndarray]:
+    """A fifth of a radian in all, about an axis between the camera's."""
+    turn = np.array([0.3, -0.5, 1.6]) * (t - 0.06)
+    return np.array([0.3 * t, 0.0, 0.0]), rotation_vector_to_quaternion(turn)
+
+
+def bent(sag_m: float) -> Motion:
+    """A path that leaves its line by so much over the 36 mm."""
+
+    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([0.3 * t, sag_m * (0.3 * t / 0.036) ** 2, 0.0]), UPRIGHT
+
+    return motion
+
+
+TALL = Camera(120, 320, 800.0, 800.0, 59.5, 159.5)
+
+
+@pytest.mark.parametrize(
+    ("motion", "camera", "straight"),
+    [
+        pytest.param(tilted_by([0.08, 0.1, 0.4]), CAMERA, {True}, id="hand-eye tilted"),
+        pytest.param(tilted_by([0.0, 0.0, np.pi / 2]), TALL, {True}, id="along columns"),
+        pytest.param(turned_while_rolling, CAMERA, {True}, id="turning"),
+        # Rays of a row may part by half a pixel: the path may leave its line by 0.63 mm in view.
+        pytest.param(bent(0.001), CAMERA, {True}, id="bent within the bound"),
+        pytest.param(bent(0.005), CAMERA, {True, False}, id="bent beyond it"),
+    ],
+)
+def test_heights_are_right_however_the_camera_goes(
+    motion: Motion, camera: Camera, straight: set[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used = set()
+
+    def watched(strip: Strip, block: Block) -> bool:
+        used.add(fits(strip, block))
+        return fits(strip, block)
+
+    monkeypatch.setattr("roller_emvs.methods.surface.sweep.fits", watched)
+    events = events_of(lines(tilted), motion, DURATION_S, camera=camera)
+    patches, _, _ = sweep(events, track_of(motion, DURATION_S), camera)
+    points = points_of(patches)
+    assert used == straight
+    assert len(points) > 1000
+    errors = points[:, 2] - tilted(points[:, 0])
+    assert np.median(np.abs(errors)) < 70e-6
+    assert np.quantile(np.abs(errors), 0.98) < 300e-6
+
+
+def test_both_ways_find_the_same(scan: EventArray, monkeypatch: pytest.MonkeyPatch) -> None:
+    track = track_of(rolling(0.3), DURATION_S)
+    by_parts = points_of(sweep(scan, track)[0])
+    monkeypatch.setattr("roller_emvs.methods.surface.sweep.fits", lambda *_: False)
+    by_rays = points_of(sweep(scan, track)[0])
+    assert len(by_parts) > 0.9 * len(by_rays) > 1000
+    errors = [np.median(np.abs(p[:, 2] - tilted(p[:, 0]))) for p in (by_parts, by_rays)]
+    assert errors[0] < errors[1] + 5e-6
 
 
 def test_settings_are_checked() -> None:

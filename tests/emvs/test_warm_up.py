@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from roller_emvs.depth_settings import METHODS, DepthSettings
-from roller_emvs.evidence import _meet_kernels, _peak_kernels
+from roller_emvs.evidence import _peak_kernels
 from roller_emvs.methods.paper import _view_kernels, _vote_kernels
-from roller_emvs.methods.surface import SurfaceSettings
+from roller_emvs.methods.surface import SurfaceSettings, _part_kernels
 from roller_emvs.warm_up import warm_up
 
 
@@ -24,5 +24,5 @@ def test_every_method_warms_up(method: str) -> None:
 
 def test_surface_warms_up() -> None:
     warm_up(SurfaceSettings.create({}))
-    assert _meet_kernels._plane_near.signatures
-    assert _peak_kernels._choose.signatures
+    for kernel in (_part_kernels._gather, _peak_kernels._choose):
+        assert kernel.signatures

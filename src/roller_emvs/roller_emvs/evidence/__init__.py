@@ -1,17 +1,25 @@
 """Where warped events are sharpest: the evidence that `focus` and `surface` share."""
 
 from ._kernels import CELL_PX
+from .coarse import coarse_planes, offset_of_parts
 from .evidence_settings import EvidenceSettings
-from .field import RayField
+from .field import EvidenceField, RayField
+from .focus_measure import plane_offsets
 from .relief import Relief, measured_pixels
-from .sweep import Depths, find_depths
+from .sweep import Depths, find_depths, planes_near, sharpest
 
 __all__ = [
     "CELL_PX",
     "Depths",
+    "EvidenceField",
     "EvidenceSettings",
     "RayField",
     "Relief",
+    "coarse_planes",
     "find_depths",
     "measured_pixels",
+    "offset_of_parts",
+    "plane_offsets",
+    "planes_near",
+    "sharpest",
 ]

@@ -10,7 +10,7 @@ from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _peak_kernels as peaks
-from .field import RayField
+from .field import EvidenceField, RayField
 from .focus_measure import (
     Sorted,
     blur,
@@ -28,7 +28,7 @@ _SIGMA_PX = 8.0
 _MIN_CONFIDENCE = 0.2
 
 
-def coarse_planes(field: RayField, low: float, high: float, parts: int, per_px: float) -> F64:
+def coarse_planes(field: EvidenceField, low: float, high: float, parts: int, per_px: float) -> F64:
     """Planes that a part's parallax tells apart."""
     parallax = field.aperture * (high - low) / parts
     return plane_offsets(low, high, parallax, per_px)

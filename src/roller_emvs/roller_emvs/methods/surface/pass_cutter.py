@@ -25,6 +25,8 @@ from .surface_settings import SurfaceSettings
 _START_M = 0.003
 #: Travel back, or away from the surface, that ends a pass, m.
 _BACK_M, _AWAY_M = 0.0003, 0.002
+#: Duration that ends a pass: its microseconds are kept in 32 bits.
+_LONGEST_NS = 4_000_000_000_000
 #: Travel over which the direction is watched, m, and the cosine of the turn that ends a pass.
 _HEADING = 0.002, 0.9
 
@@ -32,7 +34,7 @@ Output = RefusedWindow | tuple[Strip, Block]
 
 
 class PassCutter(EventCutter):
-    """Holds events until poses cover them, and rays until their rows are out of view.
+    """Holds events until poses cover them, and longer until their rows are out of view.
 
     Parameters
     ----------
@@ -56,20 +58,20 @@ class PassCutter(EventCutter):
         self._early: list[tuple[EventArray, int, int, F64, F64]] = []
         self._anchor: tuple[int, F64] | None = None
         self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
-        self._dropped_rays = 0
+        self._dropped = 0
         #: Passes that ended early, where events were left out to keep up.
         self.broken_passes = 0
 
     @property
     def dropped_events(self) -> int:
-        """Events and rays beyond the backlog's limit."""
-        return self._queue.dropped + self._dropped_rays
+        """Events beyond the backlog's limit."""
+        return self._queue.dropped + self._dropped
 
     @property
     def held_events(self) -> int:
-        """Events and rays that wait."""
+        """Events that wait."""
         early = sum(len(e[0]) for e in self._early)
-        return len(self._queue) + early + (self._strip.held_rays if self._strip else 0)
+        return len(self._queue) + early + (self._strip.held_events if self._strip else 0)
 
     @property
     def needed_from_ns(self) -> int | None:
@@ -127,12 +129,13 @@ class PassCutter(EventCutter):
         pose0, pose1 = self._track.matrices([t0, t1])
         if self._strip is not None:
             local0, local1 = self._strip.to_strip(pose0), self._strip.to_strip(pose1)
-            if self._leaves(local1):
+            if self._leaves(local1) or t1 - self._strip.start_ns > _LONGEST_NS:
                 yield from self._end_pass()
             else:
                 self._vote(self._strip, events, t0, t1, local0, local1)
-                self._strip.advance(local1)
-                yield from self._ready(self._strip, local1)
+                self._strip.advance(t1, local1)
+                for block in self._strip.ready():
+                    yield self._strip, block
                 return
         yield from self._approach(events, t0, t1, pose0, pose1)
 
@@ -147,7 +150,7 @@ class PassCutter(EventCutter):
         motion = pose1[:3, 3] - start[:3, 3]
         if np.linalg.norm(motion) >= _START_M:
             try:
-                strip = Strip(self._settings, self._camera, self._rays, start, motion)
+                strip = Strip(self._settings, self._camera, self._rays, since, start, motion)
             except MotionError as error:
                 yield from self._give_up(since, t1, str(error))
                 return
@@ -158,7 +161,7 @@ class PassCutter(EventCutter):
                 second = strip.to_strip(second)
                 self._vote(strip, part, a, b, strip.to_strip(first), second)
                 self._leaves(second)
-                strip.advance(second)
+                strip.advance(b, second)
         elif t1 - since > self._settings.max_start_s * 1e9:
             yield from self._give_up(
                 since,
@@ -192,12 +195,9 @@ class PassCutter(EventCutter):
             self.still_events += len(events)
             return
         strip.add(events, t0, t1, pose0, pose1)
-        while strip.held_rays > self._settings.max_backlog_events and len(strip.blocks) > 1:
-            self._dropped_rays += strip.drop_oldest()
-
-    def _ready(self, strip: Strip, pose: F64) -> Iterator[Output]:
-        for block in strip.take(strip.view(pose)[2]):
-            yield strip, block
+        most = self._settings.max_backlog_events
+        while strip.held_events > most and len(strip.store.blocks) > 1:
+            self._dropped += strip.drop_oldest()
 
     def _end_pass(self) -> Iterator[Output]:
         """The pass is over: what is left of it is done."""
@@ -206,5 +206,5 @@ class PassCutter(EventCutter):
             reason = "the sensor hardly moved before the end: no parallax, no depth"
             yield from self._give_up(self._early[0][1], self._early[-1][2], reason)
         if strip is not None:
-            for block in strip.take(float("inf")):
+            for block in strip.ready(flush=True):
                 yield strip, block

@@ -1,13 +1,13 @@
 """The strip: a frame on the surface for one pass of the sensor, cut into blocks of rows.
 
-x points along the motion, z away from the camera. A ray is kept as the point where it meets one
-plane of the strip and its two slopes, relative to the block, so float32 suffices however far the
-robot's base is.
+x points along the motion, z away from the camera. An event is kept as the point where its ray
+meets one plane of the strip and the ray's slope along x, relative to its block, so float32 suffices
+however far the robot's base is. Its slope across follows from where the camera was.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,8 @@ from roller_core.transforms import F64
 from roller_emvs.evidence import CELL_PX, RayField
 from roller_emvs.rays import F32
 
-from . import _kernels
+from . import _event_kernels as kernels
+from .event_store import EventStore, StripEvents
 from .surface_settings import SurfaceSettings
 
 #: Rows beyond a block's ends that its evidence reaches into, m.
@@ -30,55 +31,69 @@ class MotionError(RollerError):
     """A motion that a strip can't follow."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Block:
-    """Rays that can reach the rows start_m ≤ x < end_m of a strip.
+    """Rows start_m ≤ x < end_m of a strip that no event reaches any more.
 
     Attributes
     ----------
+    number : int
+        Of the block, counted along the strip.
+    sources : tuple of int
+        Blocks whose events reach its rows, itself among them.
     start_m, end_m : float
         Rows, metres along the strip.
-    rays : list of ndarray of float32, shape (n, 4)
-        x from `start_m`, y, and slopes, metres.
-    polarity : list of ndarray of uint8, shape (n,)
-        Of the rays' events.
+    low_y_m, high_y_m : float
+        Least and largest y of the events.
     first_ns, last_ns : int
         Times of its first and last event.
+    events : int
+        Its own; those that reach it from beside belong to the blocks beside.
     """
 
+    number: int
+    sources: tuple[int, ...]
     start_m: float
     end_m: float
-    rays: list[F32] = field(default_factory=list)
-    polarity: list[npt.NDArray[np.uint8]] = field(default_factory=list)
-    first_ns: int = 0
-    last_ns: int = 0
-    events: int = 0
+    low_y_m: float
+    high_y_m: float
+    first_ns: int
+    last_ns: int
+    events: int
 
 
 class Strip:
-    """Frame and waiting blocks of one pass.
+    """Frame and waiting events of one pass.
 
     Parameters
     ----------
     settings : SurfaceSettings
         Depth range, block length, patch.
     camera : Camera
-        Intrinsics.
+        Calibration.
     rays : ndarray of float32, shape (height, width, 2)
-        Direction of every pixel at unit depth, free of distortion.
-    pose : ndarray, shape (4, 4)
-        Camera in base where the pass begins; the origin of the strip.
-    motion : ndarray, shape (3,)
-        Direction of the motion in base.
+        Direction of every pixel, at unit depth.
+    start_ns : int
+        When the pass begins, ROS time.
+    pose : ndarray of float64, shape (4, 4)
+        Camera in base where the pass begins.
+    motion : ndarray of float64, shape (3,)
+        Direction of the pass in base.
 
     Raises
     ------
     MotionError
-        If the sensor moves along its own axis.
+        If the camera moves along its axis.
     """
 
     def __init__(
-        self, settings: SurfaceSettings, camera: Camera, rays: F32, pose: F64, motion: F64
+        self,
+        settings: SurfaceSettings,
+        camera: Camera,
+        rays: F32,
+        start_ns: int,
+        pose: F64,
+        motion: F64,
     ) -> None:
         s = settings
         axis = pose[:3, 2]
@@ -88,31 +103,45 @@ class Strip:
         depth_axis = axis - (axis @ along) * along
         depth_axis /= np.linalg.norm(depth_axis)
         self.settings = s
+        self.start_ns = start_ns
         #: Strip to base.
         self.rotation = np.stack([along, np.cross(depth_axis, along), depth_axis], axis=1)
         self.origin = pose[:3, 3].copy()
         self.middle_m = 0.5 * (s.depth_min_m + s.depth_max_m)
-        self.pixel_m = self.middle_m / max(camera.fx, camera.fy)
+        self.half_m = 0.5 * (s.depth_max_m - s.depth_min_m)
+        self.focal_px = float(max(camera.fx, camera.fy))
+        self.pixel_m = self.middle_m / self.focal_px
+        self.store = EventStore(s.block_m, start_ns)
         self._pixel_rays = rays
-        #: Path of the camera's centre: least and most x, for what each row was seen from.
+        border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
+        self._border = np.column_stack([border, np.ones(len(border))]).astype(np.float64)
+        self._placed = np.empty((3, 0), np.float32)
+        #: The camera's centre: times, ns, and places.
+        self._times = [start_ns]
+        self._centres: list[F64] = [np.zeros(3)]
+        #: Least and most x of it, for what each row was seen from.
         self.seen_m = (0.0, 0.0)
         self._slopes = (np.inf, -np.inf)
         self._travel_m, self._travel_ns = 0.0, 0
-        self.focal_px = float(max(camera.fx, camera.fy))
-        self.blocks: dict[int, Block] = {}
-        self._done = -(2**62)
-        border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
-        self._border = np.column_stack([border, np.ones(len(border))]).astype(np.float64)
+        #: Rows before it are out of view.
+        self._behind_m = -np.inf
+        self._reach_m = MARGIN_M
+        self._done: int | None = None
 
     @property
-    def held_rays(self) -> int:
-        """Rays that wait; one that reaches two blocks counts twice."""
-        return sum(b.events for b in self.blocks.values())
+    def held_events(self) -> int:
+        """Events that wait."""
+        return self.store.held
 
     @property
     def speed_m_s(self) -> float:
         """Mean speed of the camera while there were events."""
         return self._travel_m / self._travel_ns * 1e9 if self._travel_ns else 0.0
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Least and most slope along x of the rays so far."""
+        return self._slopes
 
     def to_strip(self, pose: F64) -> F64:
         """A pose in base as one in the strip, shape (4, 4)."""
@@ -125,69 +154,47 @@ class Strip:
         """Points of the strip in base, shape (n, 3)."""
         return points @ self.rotation.T + self.origin
 
-    def view(self, pose: F64) -> tuple[float, float, float]:
-        """Least and most slope along x of the image, and least x in view; pose in the strip."""
-        d = self._border @ pose[:3, :3].T
-        slope = d[:, 0] / np.maximum(d[:, 2], 1e-6)
-        reach = [self.settings.depth_min_m, self.settings.depth_max_m]
-        return (
-            float(slope.min()),
-            float(slope.max()),
-            float(pose[0, 3] + min(slope.min() * z for z in reach)),
-        )
-
     def add(self, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64) -> None:
         """Take the events between two poses, given in the strip."""
         s = self.settings
         self._travel_m += float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
         self._travel_ns += t1 - t0
-        rays = np.empty((4, len(events)))
-        _kernels._place(
-            events.x, events.y, events.t_ns, self._pixel_rays, t0, t1, pose0[:3, 3], pose1[:3, 3],
-            pose0[:3, :3], pose1[:3, :3], self.middle_m, rays,
-        )  # fmt: skip
+        if self._placed.shape[1] < len(events):
+            self._placed = np.empty((3, len(events)), np.float32)
         half_length = s.patch_half_length_m or np.inf
-        x_min, x_max, steepest = _kernels._span(rays, half_length / self.middle_m)
+        x_min, x_max, steepest = kernels._place(
+            events.x, events.y, events.t_ns, self._pixel_rays, t0, t1, pose0, pose1,
+            self.middle_m, half_length / self.middle_m, self._placed,
+        )  # fmt: skip
         if x_min > x_max:
             return
         # Rays lean: over the depth range they also reach beside the point in the middle.
         drift = max(abs(pose0[2, 3]), abs(pose1[2, 3]))
-        reach = MARGIN_M + steepest * (0.5 * (s.depth_max_m - s.depth_min_m) + drift)
-        low = max(int(np.floor((x_min - reach) / s.block_m)), self._done + 1)
-        high = int(np.floor((x_max + reach) / s.block_m))
+        self._reach_m = max(self._reach_m, MARGIN_M + steepest * (self.half_m + drift))
+        at, length = float(pose0[0, 3]), s.block_m
+        low = int(np.floor((at + x_min) / length))
+        high = int(np.floor((at + x_max) / length))
+        if self._done is not None:
+            low = max(low, self._done + 1 - self._beside)
         if high >= low:
-            self._keep(rays, events, reach, low, high)
+            self.store.add(self._placed, events, at - low * length, low, range(low, high + 1))
 
-    def _keep(self, rays: F64, events: EventArray, reach: float, low: int, high: int) -> None:
-        """Rays to those of the blocks low to high that they can reach."""
-        length, blocks = self.settings.block_m, np.arange(low, high + 1)
-        counts, limits = np.zeros(len(blocks), np.int64), np.iinfo(np.int64)
-        times = np.tile([limits.max, limits.min], (len(blocks), 1))
-        first, last = np.empty(len(events), np.int64), np.empty(len(events), np.int64)
-        _kernels._find_blocks(rays, reach, length, (low, high), first, last, counts)
-        ends = np.cumsum(counts)
-        out, polarity = np.empty((ends[-1], 4), np.float32), np.empty(ends[-1], np.uint8)
-        _kernels._list_blocks(
-            rays, events.p, events.t_ns, first, last, blocks * length, ends - counts, out,
-            polarity, times,
-        )  # fmt: skip
-        for k, count, end, (first_ns, last_ns) in zip(blocks, counts, ends, times, strict=True):
-            if not count:
-                continue
-            block = self.blocks.setdefault(int(k), Block(k * length, (k + 1) * length))
-            # Copies: a part of what all blocks share would keep the whole.
-            block.rays.append(out[end - count : end].copy())
-            block.polarity.append(polarity[end - count : end].copy())
-            if not block.events:
-                block.first_ns = int(first_ns)
-            block.last_ns = int(last_ns)
-            block.events += int(count)
+    @property
+    def _beside(self) -> int:
+        """Blocks to either side from which events reach a block's rows."""
+        return int(np.ceil(self._reach_m / self.settings.block_m))
 
-    def advance(self, pose: F64) -> None:
+    def advance(self, t_ns: int, pose: F64) -> None:
         """The camera came to a pose, given in the strip."""
+        self._times.append(t_ns)
+        self._centres.append(pose[:3, 3])
         low, high = self.seen_m
         self.seen_m = (min(low, float(pose[0, 3])), max(high, float(pose[0, 3])))
-        least, most, _ = self.view(pose)
+        d = self._border @ pose[:3, :3].T
+        slope = d[:, 0] / np.maximum(d[:, 2], 1e-6)
+        least, most = float(slope.min()), float(slope.max())
+        ends = (self.settings.depth_min_m, self.settings.depth_max_m)
+        self._behind_m = float(pose[0, 3]) + min(least * z for z in ends)
         if self.settings.patch_half_length_m:
             edge = self.settings.patch_half_length_m / self.middle_m
             least, most = max(least, -edge), min(most, edge)
@@ -202,55 +209,130 @@ class Strip:
             np.minimum((x - low) / self.middle_m, most),
         )
 
-    def take(self, before_m: float) -> list[Block]:
-        """Blocks that no ray reaches any more as all rows before `before_m` are out of view."""
-        ready = sorted(k for k, b in self.blocks.items() if b.end_m + MARGIN_M <= before_m)
-        if ready:
-            self._done = max(self._done, ready[-1])
-        return [self.blocks.pop(k) for k in ready]
+    def cell_columns(self, block: Block) -> F64:
+        """Middles of the columns of cells of a block's grid, which has margins; along the strip."""
+        size = CELL_PX * self.pixel_m
+        count = max(int(np.ceil((block.end_m - block.start_m + 2 * MARGIN_M) / size)), 2)
+        return np.asarray(block.start_m - MARGIN_M + (np.arange(count) + 0.5) * size)
+
+    def aperture_m(self, block: Block) -> float:
+        """Travel of the camera during which the best seen of a block's rows were in view."""
+        low, high = self.slopes_seen(self.cell_columns(block))
+        return max(float((high - low).max()), 0.0) * self.middle_m
+
+    def ready(self, flush: bool = False) -> list[Block]:
+        """Blocks that no event reaches any more as their rows are out of view, in order.
+
+        Parameters
+        ----------
+        flush : bool
+            All that is left.
+        """
+        held, length, beside = self.store.blocks, self.settings.block_m, self._beside
+        if not held:
+            return []
+        found = []
+        first = held[0] - beside if self._done is None else self._done + 1
+        for k in range(first, held[-1] + beside + 1):
+            if not flush and (k + 1) * length + MARGIN_M > self._behind_m:
+                break
+            self._done = k
+            sources = tuple(j for j in held if abs(j - k) <= beside and self._reaches(j, k))
+            if sources:
+                found.append(self._block(k, sources))
+        return found
+
+    def _reaches(self, j: int, k: int) -> bool:
+        """Whether events of a block can reach the rows of another."""
+        low, high, _, _ = self.store.span(j)
+        start = (k - j) * self.settings.block_m
+        return (
+            start - self._reach_m <= high and low <= start + self.settings.block_m + self._reach_m
+        )
+
+    def _block(self, k: int, sources: tuple[int, ...]) -> Block:
+        own = (k,) if k in sources else sources
+        times = [self.store.times(j) for j in own]
+        spans = [self.store.span(j) for j in sources]
+        return Block(
+            k, sources, k * self.settings.block_m, (k + 1) * self.settings.block_m,
+            min(s[2] for s in spans), max(s[3] for s in spans),
+            min(t[0] for t in times), max(t[1] for t in times), self.store.count(k),
+        )  # fmt: skip
+
+    def release(self, block: Block) -> None:
+        """A block was measured: events that reach none of those that follow are forgotten."""
+        for k in self.store.blocks:
+            if k <= block.number - self._beside:
+                self.store.release(k)
+        held = self.store.blocks
+        if held:
+            needed = int(np.searchsorted(self._times, self.store.times(held[0])[0])) - 1
+            if needed > 0:
+                del self._times[:needed], self._centres[:needed]
 
     def drop_oldest(self) -> int:
-        """Forget the oldest block; how many rays it held."""
-        k = min(self.blocks)
-        self._done = max(self._done, k)
-        return self.blocks.pop(k).events
+        """Forget the oldest block and the rows that its events reach; how many events it held."""
+        k = self.store.blocks[0]
+        self._done = max(k + self._beside, self._done if self._done is not None else k)
+        return self.store.release(k)
+
+    def events(self, block: Block, polarity: int) -> StripEvents:
+        """Events that reach the rows of a block, of one polarity; x from the block's start on."""
+        length = self.settings.block_m
+        parts = [self.store.events(j, polarity, (j - block.number) * length) for j in block.sources]
+        return StripEvents(
+            *(
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("x_m", "y_m", "slope", "t_ns")
+            )
+        )
+
+    def centres(self, block: Block) -> F64:
+        """Path of the camera's centre while a block's events came, in the strip, shape (n, 3)."""
+        first = np.searchsorted(self._times, block.first_ns, side="right") - 1
+        last = np.searchsorted(self._times, block.last_ns)
+        return np.array(self._centres[max(int(first), 0) : int(last) + 1])
+
+    def fan(self, block: Block, y_m: F64) -> F64:
+        """Slopes dy/dz of a block's rays through y on the middle plane, for a straight path."""
+        _, y, z = self.centres(block).mean(axis=0)
+        return np.asarray((y_m - y) / (self.middle_m - z), np.float64)
+
+    def across(self, y_m: F32, t_ns: npt.NDArray[np.int64]) -> F32:
+        """Slopes dy/dz of rays that meet the middle plane at y, from where the camera was."""
+        since = (np.array(self._times) - self.start_ns) * 1e-9
+        y, z = np.array(self._centres)[:, 1:].T
+        seconds = (t_ns - self.start_ns) * 1e-9
+        y, z = np.interp(seconds, since, y), np.interp(seconds, since, z)
+        return np.asarray((y_m - y) / (self.middle_m - z), np.float32)
 
 
-def block_field(strip: Strip, block: Block) -> tuple[RayField, float, float]:
-    """Rays of a block on a grid of its own.
-
-    Parameters
-    ----------
-    strip : Strip
-        The pass.
-    block : Block
-        With at least one event.
-
-    Returns
-    -------
-    field : RayField
-        Offset is metres from the strip's middle plane.
-    left, top : float
-        Strip coordinates of the first pixel, metres.
-    """
-    parts = list(zip(block.rays, block.polarity, strict=True))
-    spans = [_kernels._rows(*part) for part in parts]
-    top, bottom = float(min(s[0] for s in spans)), float(max(s[1] for s in spans))
-    off_count = sum(s[2] for s in spans)
+def ray_field(strip: Strip, block: Block) -> RayField:
+    """A block's events as rays, for motion that histograms don't fit; grid as `part_field`'s."""
     pixel = strip.pixel_m
     size = CELL_PX * pixel
-    shape = (
-        max(int(np.ceil((bottom - top) / size)), 2) * CELL_PX,
-        max(int(np.ceil((block.end_m - block.start_m + 2 * MARGIN_M) / size)), 2) * CELL_PX,
+    rows = max(int(np.ceil((block.high_y_m - block.low_y_m) / size)), 2) * CELL_PX
+    parts = [strip.events(block, polarity) for polarity in range(2)]
+    rays = np.concatenate(
+        [
+            np.column_stack([e.x_m + MARGIN_M, e.y_m - block.low_y_m, e.slope, across])
+            for e in parts
+            for across in [strip.across(e.y_m, e.t_ns)]
+        ]
     )
-    bounds = np.array([0, off_count, block.events], np.int64)
-    ordered, place = np.empty((block.events, 4), np.float32), bounds[:2].copy()
-    corner = np.array([-MARGIN_M, top], np.float32)
-    for part in parts:
-        _kernels._to_pixels(*part, corner, np.float32(pixel), place, ordered)
-    left = block.start_m - MARGIN_M
-    columns = left + (np.arange(shape[1] // CELL_PX) + 0.5) * size
-    slopes = np.stack(strip.slopes_seen(columns)) / pixel
+    rays /= pixel
+    bounds = np.cumsum([0, *(len(e) for e in parts)]).astype(np.int64)
+    x = strip.cell_columns(block)
+    slopes = np.stack(strip.slopes_seen(x)) / pixel
     speed = strip.speed_m_s / pixel
-    field = RayField(shape, slopes, pixel, 1.0, strip.focal_px, speed, ordered, bounds)
-    return field, left, top
+    return RayField(
+        (rows, len(x) * CELL_PX),
+        slopes,
+        pixel,
+        1.0,
+        strip.focal_px,
+        speed,
+        rays.astype(np.float32),
+        bounds,
+    )

@@ -12,7 +12,7 @@ class SurfaceSettings(MethodSettings):
     """From events to points of the surface, without depth maps."""
 
     block_m: float = Field(
-        0.004, ge=0.001, le=1.0, description="Length along the roll of what is computed at once, m."
+        0.008, ge=0.001, le=1.0, description="Length along the roll of what is computed at once, m."
     )
     min_aperture_m: float = Field(
         0.008,
@@ -39,6 +39,6 @@ class SurfaceSettings(MethodSettings):
         description="Height of the nominal surface in base; `height` of a point counts from it, m.",
     )
     evidence: EvidenceSettings = Field(
-        EvidenceSettings.create({"min_point_confidence": 0.1}),
+        EvidenceSettings.create({"min_confidence": 0.25, "min_point_confidence": 0.1}),
         description="What counts as evidence of a depth.",
     )

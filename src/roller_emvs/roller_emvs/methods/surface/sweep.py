@@ -11,19 +11,17 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.pose_track import PoseTrack
+from roller_core.transforms import F64
 from roller_emvs.engine import DepthEngine
-from roller_emvs.evidence import find_depths, measured_pixels
+from roller_emvs.evidence import Relief, find_depths, measured_pixels
 from roller_emvs.patch import Patch
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
+from .part_field import COARSE_PARTS, PartBuffers, clear, find_part_depths, fits, part_field
 from .pass_cutter import PassCutter
-from .strip import Block, Strip, block_field
+from .strip import MARGIN_M, Block, Strip, ray_field
 from .surface_settings import SurfaceSettings
-
-#: Parts of the image along the roll that a coarse depth is the sum of: a row crosses all of it,
-#: and over such an aperture relief that repeats has side lobes.
-_PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -33,9 +31,9 @@ class SurfacePatch(Patch):
     Attributes
     ----------
     start_ns, end_ns : int
-        Times of the first and last event that could reach the rows, ROS time.
+        Times of the rows' first and last event, ROS time.
     events : int
-        Events voted.
+        Their number, each counted in one patch.
     milliseconds : dict
         Time by stage, ms.
     cpu_ms : float
@@ -71,6 +69,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         super().__init__(settings, camera, track, PassCutter(settings, camera, track))
         self.settings = settings
         self.milliseconds: dict[str, float] = {}
+        self._buffers = PartBuffers()
 
     def results(self, flush: bool = False) -> Iterator[SurfacePatch | RefusedWindow]:
         """Rows that are done, in order along each pass, each once.
@@ -91,6 +90,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                     result = self._measure(strip, block)
                 except RollerError as error:
                     result = RefusedWindow(block.first_ns, block.last_ns, block.events, str(error))
+                strip.release(block)
             self._count(None if isinstance(result, RefusedWindow) else len(result))
             yield result
         self._counts.broken_passes = self._cutter.broken_passes
@@ -98,10 +98,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
     def _measure(self, strip: Strip, block: Block) -> SurfacePatch | RefusedWindow:
         s, watch, begin = self.settings, Stopwatch(), time.perf_counter()
         cpu_s = time.process_time()
-        middle = strip.middle_m
-        with watch("arrange"):
-            field, left, top = block_field(strip, block)
-        aperture_m = field.aperture * strip.pixel_m * middle
+        aperture_m = strip.aperture_m(block)
         if aperture_m < s.min_aperture_m:
             return RefusedWindow(
                 block.first_ns,
@@ -110,15 +107,12 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 f"rows seen over {aperture_m * 1e3:.1f} mm of travel, "
                 f"less than {s.min_aperture_m * 1e3:g} mm: too little parallax",
             )
-        half = 0.5 * (s.depth_max_m - s.depth_min_m)
-        with watch("votes"):
-            depths = find_depths(field, -half, half, s.evidence, _PARTS, s.threads)
+        found, y = (self._by_parts if fits(strip, block) else self._by_rays)(strip, block, watch)
         with watch("points"):
-            found = measured_pixels(field, depths, s.evidence, s.threads)
-            x = found.column * strip.pixel_m + left
-            local = np.stack([x, found.row * strip.pixel_m + top, found.offset + middle], axis=-1)
-            keep = (x >= block.start_m) & (x < block.end_m) & (np.abs(found.offset) <= half)
-            keep &= self._seen(strip, x)
+            x = found.column * strip.pixel_m + block.start_m - MARGIN_M
+            local = np.stack([x, y, found.offset + strip.middle_m], axis=-1)
+            keep = (x >= block.start_m) & (x < block.end_m)
+            keep &= (np.abs(found.offset) <= strip.half_m) & self._seen(strip, x)
             points = strip.to_base(local[keep])
         watch.milliseconds["total"] = (time.perf_counter() - begin) * 1e3
         for stage, spent in watch.milliseconds.items():
@@ -134,6 +128,32 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             {k: round(v, 3) for k, v in watch.milliseconds.items()},
             round((time.process_time() - cpu_s) * 1e3, 3),
         )
+
+    def _by_parts(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
+        """Measured pixels, and where they lie across the strip, for a straight path."""
+        s = self.settings
+        with watch("arrange"):
+            field = part_field(strip, block, self._buffers, s.evidence.planes_per_px, s.threads)
+        try:
+            with watch("votes"):
+                depths = find_part_depths(field, strip.half_m, s.evidence, s.threads)
+            with watch("points"):
+                found = measured_pixels(field, depths, s.evidence, s.threads)
+        finally:
+            clear(strip, block, field, s.threads)
+        y = found.row * strip.pixel_m + block.low_y_m
+        return found, y + strip.fan(block, y) * found.offset
+
+    def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
+        """The same for any path."""
+        s, half = self.settings, strip.half_m
+        with watch("arrange"):
+            field = ray_field(strip, block)
+        with watch("votes"):
+            depths = find_depths(field, -half, half, s.evidence, COARSE_PARTS, s.threads)
+        with watch("points"):
+            found = measured_pixels(field, depths, s.evidence, s.threads)
+        return found, found.row * strip.pixel_m + block.low_y_m
 
     def _seen(self, strip: Strip, x: np.ndarray) -> np.ndarray:
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""

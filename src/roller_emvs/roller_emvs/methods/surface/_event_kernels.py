@@ -1,0 +1,140 @@
+"""Loops over events that place them on a strip and keep them; each has a twin in the tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+#: Events to a page of the store.
+PAGE = 2048
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place(x, y, t, rays, t0, t1, first, second, z, steepest, out):  # type: ignore[no-untyped-def]
+    """Where rays meet the plane z, and their slopes along x.
+
+    `rays` holds the direction (x, y at unit depth) of every pixel. Between the poses `first` at t0
+    and `second` at t1, shape (4, 4), position and rotation go linearly: a pose interval turns by
+    far less than it takes to notice. `out`, shape (3, n), receives x from the first pose's on, y
+    and slope; x is NaN for rays that don't meet the plane or lean more than `steepest`. Returns the
+    least and the largest x and the largest slope.
+    """
+    per_ns = np.float32(1.0 / (t1 - t0))
+    r00, r01, r02 = np.float32(first[0, 0]), np.float32(first[0, 1]), np.float32(first[0, 2])
+    r10, r11, r12 = np.float32(first[1, 0]), np.float32(first[1, 1]), np.float32(first[1, 2])
+    r20, r21, r22 = np.float32(first[2, 0]), np.float32(first[2, 1]), np.float32(first[2, 2])
+    by = second - first
+    q00, q01, q02 = np.float32(by[0, 0]), np.float32(by[0, 1]), np.float32(by[0, 2])
+    q10, q11, q12 = np.float32(by[1, 0]), np.float32(by[1, 1]), np.float32(by[1, 2])
+    q20, q21, q22 = np.float32(by[2, 0]), np.float32(by[2, 1]), np.float32(by[2, 2])
+    y0 = np.float32(first[1, 3])
+    away0 = np.float32(z - first[2, 3])
+    dx, dy, dz = np.float32(by[0, 3]), np.float32(by[1, 3]), np.float32(by[2, 3])
+    least, one, nan = np.float32(1e-6), np.float32(1), np.float32(np.nan)
+    limit = np.float32(steepest)
+    to_x, to_y, to_slope = out[0], out[1], out[2]
+    for i in range(len(x)):
+        to_x[i] = rays[y[i], x[i], 0]
+        to_y[i] = rays[y[i], x[i], 1]
+    low = np.float32(np.inf)
+    high = np.float32(-np.inf)
+    most = np.float32(0)
+    for i in range(len(x)):
+        f = np.float32(np.int32(t[i] - t0)) * per_ns
+        a = to_x[i]
+        b = to_y[i]
+        d2 = (r20 + f * q20) * a + (r21 + f * q21) * b + (r22 + f * q22)
+        per = one / max(d2, least)
+        sx = ((r00 + f * q00) * a + (r01 + f * q01) * b + (r02 + f * q02)) * per
+        sy = ((r10 + f * q10) * a + (r11 + f * q11) * b + (r12 + f * q12)) * per
+        away = away0 - f * dz
+        meets = (d2 > least) & (abs(sx) <= limit)
+        place = f * dx + sx * away
+        to_x[i] = place if meets else nan
+        to_y[i] = y0 + f * dy + sy * away
+        to_slope[i] = sx
+        low = min(low, place if meets else low)
+        high = max(high, place if meets else high)
+        most = max(most, abs(sx) if meets else most)
+    return low, high, most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _keep(  # type: ignore[no-untyped-def]
+    placed, t, polarity, t_base, start, length, slots, records, times, link, free, free_count,
+    pages, counts, spans, ends,
+):  # fmt: skip
+    """Append events to the pages of their block and polarity; how many, and free pages left.
+
+    `placed` is as of `_place`, `start` the place of the block of `slots[0]` in its x. `records`,
+    shape (pages, 3, PAGE), receives x from the block's start on, y and slope, `times` microseconds
+    from `t_base` on. `pages` holds the first and last page of each slot and polarity, -1 for none,
+    `counts` their events; `spans` least and largest x and y of a slot, `ends` its first and last
+    time.
+    """
+    per_length = np.float32(1) / np.float32(length)
+    size = np.float32(length)
+    start = np.float32(start)
+    kept = 0
+    for i in range(len(t)):
+        x = placed[0, i] - start
+        # Written so that NaN fails it.
+        if not x >= 0:
+            continue
+        k = np.int64(x * per_length)
+        if k >= len(slots) or slots[k] < 0:
+            continue
+        slot = slots[k]
+        x -= np.float32(k) * size
+        y = placed[1, i]
+        p = np.int64(polarity[i] > 0)
+        n = counts[slot, p] % PAGE
+        page = pages[slot, p, 1]
+        if n == 0:
+            free_count -= 1
+            new = free[free_count]
+            link[new] = -1
+            if page < 0:
+                pages[slot, p, 0] = new
+            else:
+                link[page] = new
+            pages[slot, p, 1] = new
+            page = new
+        if counts[slot, 0] + counts[slot, 1] == 0:
+            ends[slot, 0] = t[i]
+        ends[slot, 1] = t[i]
+        counts[slot, p] += 1
+        records[page, 0, n] = x
+        records[page, 1, n] = y
+        records[page, 2, n] = placed[2, i]
+        times[page, n] = np.uint32((t[i] - t_base) // 1000)
+        spans[slot, 0] = min(spans[slot, 0], x)
+        spans[slot, 1] = max(spans[slot, 1], x)
+        spans[slot, 2] = min(spans[slot, 2], y)
+        spans[slot, 3] = max(spans[slot, 3], y)
+        kept += 1
+    return kept, free_count
+
+
+@njit(cache=True, nogil=True)
+def _collect(records, times, link, page, count, shift, x, y, slope, t):  # type: ignore[no-untyped-def]
+    """Events of a chain of pages into arrays, x `shift` further on."""
+    n = 0
+    while page >= 0:
+        for i in range(min(PAGE, count - n)):
+            x[n + i] = records[page, 0, i] + shift
+            y[n + i] = records[page, 1, i]
+            slope[n + i] = records[page, 2, i]
+            t[n + i] = times[page, i]
+        n += PAGE
+        page = link[page]
+
+
+@njit(cache=True, nogil=True)
+def _release(link, page, free, free_count):  # type: ignore[no-untyped-def]
+    """Give a chain of pages back; free pages then."""
+    while page >= 0:
+        free[free_count] = page
+        free_count += 1
+        page = link[page]
+    return free_count

@@ -1,0 +1,180 @@
+"""Events that wait for their rows to be out of view: each once, in pages, 16 bytes an event.
+
+The x axis of a strip is cut into blocks of one length; an event belongs to the block in which its
+ray meets the strip's middle plane. `EventStore.events` gives those of one block and polarity as
+arrays, while the block is held: until a few blocks after it was done (see `Strip.take`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.events import EventArray
+from roller_emvs.rays import F32, I64
+
+from . import _event_kernels as kernels
+from ._event_kernels import PAGE
+
+I32 = npt.NDArray[np.int32]
+
+#: Pages at first.
+_FIRST_PAGES = 64
+
+
+@dataclass(frozen=True)
+class StripEvents:
+    """Events where their rays meet a strip's middle plane, in order of time.
+
+    Attributes
+    ----------
+    x_m, y_m : ndarray of float32, shape (n,)
+        Place; x from the start of a block on.
+    slope : ndarray of float32, shape (n,)
+        dx/dz of the rays in the strip: at an offset z from the middle plane an event is at
+        x_m + slope · z.
+    t_ns : ndarray of int64, shape (n,)
+        Times, to the microsecond.
+    """
+
+    x_m: F32
+    y_m: F32
+    slope: F32
+    t_ns: I64
+
+    def __len__(self) -> int:
+        return len(self.x_m)
+
+
+class EventStore:
+    """Pages of events by block and polarity.
+
+    Parameters
+    ----------
+    length_m : float
+        Length of a block.
+    start_ns : int
+        No event is older.
+    """
+
+    def __init__(self, length_m: float, start_ns: int) -> None:
+        self._length_m = length_m
+        self._start_ns = start_ns
+        self._slots: dict[int, int] = {}
+        self._spare: list[int] = []
+        self.records = np.empty((0, 3, PAGE), np.float32)
+        self._times = np.empty((0, PAGE), np.uint32)
+        self.link = np.empty(0, np.int32)
+        self._free = np.empty(0, np.int32)
+        self._free_count = 0
+        self._pages = np.empty((0, 2, 2), np.int32)
+        self._counts = np.empty((0, 2), np.int64)
+        self._spans = np.empty((0, 4), np.float32)
+        self._ends = np.empty((0, 2), np.int64)
+        self.held = 0
+
+    @property
+    def blocks(self) -> list[int]:
+        """Numbers of the blocks that hold events, in order."""
+        return sorted(k for k, slot in self._slots.items() if self._counts[slot].any())
+
+    def add(
+        self, placed: F32, events: EventArray, start_m: float, low: int, blocks: Iterable[int]
+    ) -> None:
+        """Take events where `_place` put them, `start_m` from the start of block `low` on.
+
+        Those of other blocks than `blocks`, in order from `low` on, are left out.
+        """
+        wanted = list(blocks)
+        slots = np.full(wanted[-1] - low + 1, -1, np.int64)
+        for k in wanted:
+            slots[k - low] = self._slot(k)
+        self._reserve(len(events) // PAGE + 2 * len(wanted) + 1)
+        kept, self._free_count = kernels._keep(
+            placed, events.t_ns, events.p, self._start_ns, -start_m, self._length_m, slots,
+            self.records, self._times, self.link, self._free, self._free_count, self._pages,
+            self._counts, self._spans, self._ends,
+        )  # fmt: skip
+        self.held += kept
+
+    def _slot(self, k: int) -> int:
+        """Where a block's pages are listed, made for it if it has none yet."""
+        if k not in self._slots:
+            if not self._spare:
+                n = len(self._counts)
+                more = max(n, 16)
+                self._spare = list(range(n, n + more))
+                self._pages = np.concatenate([self._pages, np.empty((more, 2, 2), np.int32)])
+                self._counts = np.concatenate([self._counts, np.empty((more, 2), np.int64)])
+                self._spans = np.concatenate([self._spans, np.empty((more, 4), np.float32)])
+                self._ends = np.concatenate([self._ends, np.empty((more, 2), np.int64)])
+            slot = self._slots[k] = self._spare.pop()
+            self._pages[slot] = -1
+            self._counts[slot] = 0
+            self._spans[slot] = np.inf, -np.inf, np.inf, -np.inf
+            self._ends[slot] = 0
+        return self._slots[k]
+
+    def _reserve(self, pages: int) -> None:
+        """See that so many pages are free."""
+        held = len(self.link)
+        if self._free_count >= pages:
+            return
+        more = max(pages, held, _FIRST_PAGES)
+        self.records = np.concatenate([self.records, np.empty((more, 3, PAGE), np.float32)])
+        self._times = np.concatenate([self._times, np.empty((more, PAGE), np.uint32)])
+        self.link = np.concatenate([self.link, np.empty(more, np.int32)])
+        free = np.empty(held + more, np.int32)
+        free[: self._free_count] = self._free[: self._free_count]
+        free[self._free_count : self._free_count + more] = np.arange(held, held + more)
+        self._free, self._free_count = free, self._free_count + more
+
+    def count(self, k: int, polarity: int | None = None) -> int:
+        """Events of a block, of one polarity or of both."""
+        slot = self._slots.get(k)
+        if slot is None:
+            return 0
+        return int(self._counts[slot].sum() if polarity is None else self._counts[slot, polarity])
+
+    def span(self, k: int) -> tuple[float, float, float, float]:
+        """Least and largest x and y of a block's events, metres, x from its start on."""
+        low_x, high_x, low_y, high_y = self._spans[self._slots[k]].tolist()
+        return low_x, high_x, low_y, high_y
+
+    def times(self, k: int) -> tuple[int, int]:
+        """Times of a block's first and last event."""
+        first, last = self._ends[self._slots[k]].tolist()
+        return first, last
+
+    def chain(self, k: int, polarity: int) -> tuple[int, int]:
+        """First page of a block's events of a polarity, -1 for none, and their number."""
+        slot = self._slots.get(k)
+        if slot is None:
+            return -1, 0
+        return int(self._pages[slot, polarity, 0]), int(self._counts[slot, polarity])
+
+    def events(self, k: int, polarity: int, shift_m: float = 0.0) -> StripEvents:
+        """Events of a block and polarity as arrays, x `shift_m` further on."""
+        page, count = self.chain(k, polarity)
+        x, y, slope = (np.empty(count, np.float32) for _ in range(3))
+        t = np.empty(count, np.int64)
+        shift = np.float32(shift_m)
+        kernels._collect(self.records, self._times, self.link, page, count, shift, x, y, slope, t)
+        return StripEvents(x, y, slope, t * 1000 + self._start_ns)
+
+    def release(self, k: int) -> int:
+        """Forget a block; how many events it held."""
+        slot = self._slots.pop(k, None)
+        if slot is None:
+            return 0
+        for polarity in range(2):
+            self._free_count = kernels._release(
+                self.link, self._pages[slot, polarity, 0], self._free, self._free_count
+            )
+        self._spare.append(slot)
+        count = int(self._counts[slot].sum())
+        self.held -= count
+        return count
