@@ -74,9 +74,9 @@ def _count(  # type: ignore[no-untyped-def]
             place[0, i] = at if inside else nowhere
             place[1, i] = tile if inside else no_tile
         for i in range(size):
-            at = np.uint64(place[0, i])
-            was = counts[at]
-            counts[at] = (was + np.uint8(was < MOST)) * times
+            found = np.uint64(place[0, i])
+            was = counts[found]
+            counts[found] = (was + np.uint8(was < MOST)) * times
             tiles[np.uint64(place[1, i])] += np.int32(1)
         n += PAGE
         page = link[page]
@@ -141,10 +141,9 @@ def _measure(  # type: ignore[no-untyped-def]
                 start = left + begin_cell * CELL_BINS - SIDE
                 for g in range(groups):
                     for pair in range(pairs):
-                        at = row * CELL_PX + pair * ROW_PX
                         _add_parts(
-                            counts, shape, at, g * own, (g + 1) * own, start, shifts[k],
-                            width + _BESIDE, total,
+                            counts, shape, row * CELL_PX + pair * ROW_PX, g * own,
+                            (g + 1) * own, start, shifts[k], width + _BESIDE, total,
                         )  # fmt: skip
                         _add_slopes(total, width, sums, line, g + pair)
                 for cell in range(begin_cell, end_cell):

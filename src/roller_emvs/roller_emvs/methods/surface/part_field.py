@@ -207,7 +207,7 @@ def part_field(
     parallax = (most - least) * 2 * strip.half_m / pixel
     parts = 2 * COARSE_PARTS * max(int(np.ceil(parallax / _PART_PX / (2 * COARSE_PARTS))), 1)
     width = max(most - least, 1e-9) / parts
-    part_slopes = (least + (np.arange(parts) + 0.5) * width) / pixel
+    part_slopes: F64 = (least + (np.arange(parts, dtype=np.float64) + 0.5) * width) / pixel
     # Coarse planes lie furthest, one of their steps beyond the range.
     seen_px = max((slopes[1] - slopes[0]).max(), 0.0) * 2 * strip.half_m / COARSE_PARTS
     furthest = float(plane_offsets(-strip.half_m, strip.half_m, seen_px, per_px)[-1])
