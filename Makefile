@@ -16,7 +16,7 @@ PYTEST ?=
 in_workspace := source scripts/env.sh;
 python := "$$ROLLER_VENV/bin/python"
 
-.PHONY: help setup demo check test lint format requirements clean
+.PHONY: help setup demo check test soak lint format requirements clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## (.*)/make \1|\2/' | column -t -s '|' 2>/dev/null || grep -hE '^[a-z]+:.*##' Makefile
@@ -32,6 +32,9 @@ check: lint ## while developing: style, types, and the tests that need neither s
 
 test: lint ## every check and every test
 	@$(in_workspace) scripts/pytest.sh -n $(JOBS) $(PYTEST)
+
+soak: setup ## the whole graph for MINUTES=10 while faults are injected; CALM=1 without them
+	@$(in_workspace) PYTHONPATH=tests $(python) -m soak.soak --minutes $(or $(MINUTES),10) --seed $(or $(SEED),1) $(if $(CALM),--calm)
 
 lint: setup ## style, types and the packages' dependencies
 	@$(in_workspace) \

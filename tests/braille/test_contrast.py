@@ -107,5 +107,8 @@ def test_batches_come_out_in_order_and_all_of_them() -> None:
         given += travel.add(MappedBatch(EventArray.empty(), knots), np.zeros((1, 1, 2), np.float32))
         # What waits is bounded by travel.
         assert n + 1 - len(given) <= 8
+    # A batch over poses that lie far apart is itself longer than that.
+    far = Knots(np.array([12, 13]) * 1_000_000, np.tile(np.eye(3), (2, 1, 1)), np.array([0.1, 0.3]))
+    given += travel.add(MappedBatch(EventArray.empty(), far), np.zeros((1, 1, 2), np.float32))
     given += travel.release()
-    assert [int(f.knots.times_ns[0]) for f in given] == [n * 1_000_000 for n in range(12)]
+    assert [int(f.knots.times_ns[0]) for f in given] == [n * 1_000_000 for n in range(13)]

@@ -9,7 +9,7 @@ from braille.synthetic import CAMERA, DEPTH_M, DOWN, START_NS, roll_track
 from roller_braille.pixel_table import PixelTable
 from roller_braille.reader_settings import BrailleSettings
 from roller_braille.strip import Kind, Strip
-from roller_braille.warp import OUTSIDE, Warp, vote, vote_numpy
+from roller_braille.warp import OUTSIDE, Knots, Warp, vote, vote_numpy
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.passes import Pass
@@ -156,3 +156,16 @@ def test_hot_pixels_are_found_and_those_that_see_something_kept() -> None:
     assert pixels.hot_pixels == 1
     assert pixels.table[200, 77, 0] == OUTSIDE
     assert np.count_nonzero(pixels.table != table) == 1
+
+
+def test_a_view_along_the_surface_is_left_out() -> None:
+    """Poses of a stranger may turn the camera on its back between two knots."""
+    maps = np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])])
+    knots = Knots(np.array([0, 10]), maps, np.zeros(2))
+    table = np.ones((1, 1, 2), np.float32)
+    no = np.zeros(4)
+    # The second lies halfway; the third goes back to before the first.
+    events = EventArray.from_arrays(no, no, [1, 5, 0, 2], no)
+    strip, newest = np.zeros((2, 4, 4), np.float32), np.zeros(4, np.int64)
+    assert vote(events, table, knots, np.eye(3), strip, newest) == 3
+    assert strip.sum() == 3

@@ -25,13 +25,13 @@ TYPES = {
 WITHOUT_TOPIC = {"Grid", "TF"}
 #: What the nodes publish: the topic's type and the quality of service they use.
 CONTRACTS = {
-    "/roller/depth/image": ("sensor_msgs/msg/Image", qos.DEPTH),
-    "/event_camera/image_raw": ("sensor_msgs/msg/Image", qos.PREVIEW),
-    "/roller/surface/points": ("sensor_msgs/msg/PointCloud2", qos.SURFACE),
-    "/roller/surface/map": ("sensor_msgs/msg/PointCloud2", qos.LATCHED),
-    "/roller/inspection/markers": ("visualization_msgs/msg/MarkerArray", qos.LATCHED),
-    "/roller/inspection/deviation": ("sensor_msgs/msg/PointCloud2", qos.SURFACE),
-    "/roller/braille/markers": ("visualization_msgs/msg/MarkerArray", qos.MARKERS),
+    "roller/depth/image": ("sensor_msgs/msg/Image", qos.DEPTH),
+    "event_camera/image_raw": ("sensor_msgs/msg/Image", qos.PREVIEW),
+    "roller/surface/points": ("sensor_msgs/msg/PointCloud2", qos.SURFACE),
+    "roller/surface/map": ("sensor_msgs/msg/PointCloud2", qos.LATCHED),
+    "roller/inspection/markers": ("visualization_msgs/msg/MarkerArray", qos.LATCHED),
+    "roller/inspection/deviation": ("sensor_msgs/msg/PointCloud2", qos.SURFACE),
+    "roller/braille/markers": ("visualization_msgs/msg/MarkerArray", qos.MARKERS),
 }
 RELIABILITY = {
     "Reliable": ReliabilityPolicy.RELIABLE,
@@ -87,13 +87,13 @@ def test_types_and_qualities_of_service_fit(displays, topic):
 
 
 def test_depth_has_the_range_of_the_skin(displays):
-    depth = displays["/roller/depth/image"]
+    depth = displays["roller/depth/image"]
     assert depth["Normalize Range"] is False
     assert (depth["Min Value"], depth["Max Value"]) == (0.043, 0.047)
 
 
 def test_the_surface_is_coloured_by_a_field_it_has(displays):
-    surface = displays["/roller/surface/points"]
+    surface = displays["roller/surface/points"]
     assert surface["Color Transformer"] == "Intensity"
     assert surface["Channel Name"] in {"height", "confidence"}
 

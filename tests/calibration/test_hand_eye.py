@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
 from calibration.scans import ROLLING
 from driver.emulation.controller_process import ControllerProcess
 from emvs.scenes import events_of, track_of
 from own import LOOPBACK
+from recording.bags import Recipe, write_bag
 from roller_bringup.cli import main
 from roller_calibration.camera_rotation import CameraRotationError, find_camera_rotation
 from roller_calibration.hand_eye import HandEyeError, find_hand_eye
-from roller_calibration.recordings import Scan
+from roller_calibration.recordings import Scan, read_scan
+from roller_core.calibration_file import CalibrationError
 from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
 from roller_driver.ur10.robot_settings import Ur10Parameters
 
@@ -112,6 +117,27 @@ def test_turn_needs_travel_straightness_and_events(turned_pass: Scan) -> None:
 def test_turn_refuses_a_plate_that_is_elsewhere(turned_pass: Scan) -> None:
     with pytest.raises(CameraRotationError, match="no plate between"):
         find_camera_rotation(turned_pass, (0.047, 0.051))
+
+
+def test_a_scan_is_read_in_the_frames_of_the_parameters(tmp_path: Path) -> None:
+    """As with `tf_prefix`, where the usual frames aren't in the bag."""
+
+    def prefixed(topic: str, n: int, message: Any) -> Any:
+        for item in message.transforms if topic.startswith("/tf") else ():
+            item.header.frame_id = f"left_{item.header.frame_id}"
+            item.child_frame_id = f"left_{item.child_frame_id}"
+        return message
+
+    bag, params = write_bag(tmp_path / "bag", Recipe(edit=prefixed)), tmp_path / "left.yaml"
+    names = "base", "tool0_controller", "event_camera_optical_frame"
+    keys = "base_frame", "moving_frame", "sensor_frame"
+    frames = {key: f"left_{name}" for key, name in zip(keys, names, strict=True)}
+    params.write_text(yaml.safe_dump({"/**/emvs": {"ros__parameters": frames}}))
+    args = argparse.Namespace(params=params, poses=None, camera=None, topic=None)
+    assert len(read_scan(bag, args, 0.1).track) > 5
+    args.params = None
+    with pytest.raises(CalibrationError, match="no poses base -> tool0_controller"):
+        read_scan(bag, args, 0.1)
 
 
 def test_poses_give_the_cameras_place(

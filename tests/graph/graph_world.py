@@ -145,7 +145,7 @@ class Processes:
             words += ["--params-file", str(file)]
         # Emulated devices are modules of the tests.
         path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(_TESTS)]))
-        log = open(self._folder / f"{name}.log", "w")  # noqa: SIM115 (lives with the process)
+        log = open(self._folder / f"{name}.log", "a")  # noqa: SIM115 (lives with the process)
         self.running[name] = subprocess.Popen(
             words, stdout=log, stderr=log, text=True, env=os.environ | {"PYTHONPATH": path}
         )

@@ -24,7 +24,7 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
     k = 0
     used = 0
     m = np.zeros((3, 3))
-    made_ns = t[0] - 1 if len(t) else 0
+    made_ns, made = 0, False
     for i in range(len(x)):
         row = np.uint64(y[i])
         column = np.uint64(x[i])
@@ -33,8 +33,8 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
             continue
         v = table[row, column, 1]
         # Events of one read-out share their time, and so their map.
-        if t[i] != made_ns:
-            made_ns = t[i]
+        if not made or t[i] != made_ns:
+            made_ns, made = t[i], True
             while k < last and made_ns >= knots_ns[k + 1]:
                 k += 1
             f = (made_ns - knots_ns[k]) / (knots_ns[k + 1] - knots_ns[k])
@@ -42,6 +42,8 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
                 for n in range(3):
                     m[j, n] = (1.0 - f) * maps[k, j, n] + f * maps[k + 1, j, n]
         w = m[2, 0] * u + m[2, 1] * v + m[2, 2]
+        if w == 0.0:  # it looks along the surface
+            continue
         ci = math.floor((m[0, 0] * u + m[0, 1] * v + m[0, 2]) / w + 0.5)
         ri = math.floor((m[1, 0] * u + m[1, 1] * v + m[1, 2]) / w + 0.5)
         if 0 <= ci < columns and 0 <= ri < rows:

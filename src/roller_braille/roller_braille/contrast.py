@@ -184,7 +184,7 @@ class TravelScale:
             return self.release()
         out = []
         newest = float(batch.knots.along[-1])
-        while newest - float(self._held[0].knots.along[0]) > _HOLD_M:
+        while self._held and newest - float(self._held[0].knots.along[0]) > _HOLD_M:
             out.append(self._scaled(self._held.popleft()))
         return out
 

@@ -12,6 +12,8 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.progress import progress_bar
+from roller_core.sensor_pose import SensorFrames
+from roller_core.settings import read_parameters
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ def read_scan(
     path : path
         Recording.
     args : Namespace
-        With the options of recordings.
+        With the options of recordings; the frames are those of `emvs` in `--params`.
     max_gap_s : float
         See `PoseTrack`.
     keep : callable
@@ -60,10 +62,15 @@ def read_scan(
     RollerError
         If it can't be read, anything in it is wrong, or `--params` is of another camera.
     """
+    from roller_emvs.depth_stage import EmvsParameters
     from roller_recording.reading import open_recording
 
     recording = open_recording(path, args.poses, args.camera, max_gap_s, args.topic)
     check_same_camera(args.params, recording.camera)
+    s = EmvsParameters.create(read_parameters(args.params, "emvs") if args.params else {})
+    recording.follow(
+        SensorFrames(s.base_frame, s.moving_frame, s.sensor_frame, max_gap_s, s.pose_smoothing)
+    )
     parts = []
     with progress_bar(f"read {path.name}") as progress:
         for step in recording.steps():

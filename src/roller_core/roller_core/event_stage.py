@@ -181,6 +181,7 @@ class EventStage(Stage[E], Generic[E, P]):
         stream = self.stream.counts if self.stream is not None else StreamCounts()
         found: dict[str, object] = {
             "events": stream.events,
+            "packets": stream.packets,
             "lost_packets": stream.lost_packets,
             "seq_restarts": stream.seq_restarts,
             "left_out_packets": self.left_out_packets,

@@ -23,6 +23,8 @@ from .stitcher import Stitcher
 from .surface_map import MapKeeper, MapSettings
 
 _MOST_PENDING = 100
+#: A stamp this far ahead of the newest pose is none of this graph's, ns.
+_MOST_AHEAD_NS = 60_000_000_000
 
 
 class DepthImageError(RollerError):
@@ -152,6 +154,11 @@ class StitcherStage(Stage[StitcherParameters]):
             stamp = min(self._pending)
             parts = self._pending[stamp]
             over = len(self._pending) > _MOST_PENDING
+            if over and (far := max(self._pending)) > track.end_ns + _MOST_AHEAD_NS:
+                # Its pose won't come; the oldest one's may.
+                del self._pending[far]
+                self.left_out += 1
+                continue
             if not parts.complete and not over:
                 return None
             pose = None

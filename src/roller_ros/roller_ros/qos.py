@@ -24,6 +24,8 @@ TF = _profile(100, reliable=True)
 #: For who must not miss a pose: four seconds of an e-series robot may wait.
 EVERY_TF = _profile(2000, reliable=True)
 TF_STATIC = _profile(100, reliable=True, latched=True)
+#: For who comes late and must have what every publisher latched: the queue is one for all of them.
+EVERY_LATCHED = _profile(2000, reliable=True, latched=True)
 #: Pictures for people.
 PREVIEW = _profile(5, reliable=False)
 DEPTH = _profile(50, reliable=True)

@@ -168,15 +168,16 @@ class StageNode(Node):
             subscribe_draining(self, EventPacket, name, self._take_packet, topic.qos)
         elif name == outputs.CAMERA_INFO:
             # Latched, as it should be, and as drivers have it that send it over and over.
-            for quality in (topic.qos, qos.REPEATED):
+            for quality in (qos.EVERY_LATCHED, qos.REPEATED):
                 self.create_subscription(
                     CameraInfo, name, self._take_camera, quality,
                     event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
                 )  # fmt: skip
         else:
-            awake = name != outputs.TF_STATIC
+            static = name == outputs.TF_STATIC
+            quality = qos.EVERY_LATCHED if static else topic.qos
             self.create_subscription(
-                topic.type, name, lambda m: submit((name, m), awake), topic.qos
+                topic.type, name, lambda m: submit((name, m), not static), quality
             )
 
     def _take_tf(self, message: TFMessage, info: Mapping[str, Any]) -> None:

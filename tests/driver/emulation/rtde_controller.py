@@ -47,6 +47,8 @@ class Settings:
     trajectory : str
         In place of a profile, a file (.npz): times `t_s` and poses `pose`, shape (n, 6); linear
         between them, at rest before `start` was sent and after the end.
+    period_s : float
+        Not 0: the trajectory begins again after so long.
     speed_m_s, length_m : float
         Of the line; the circle has that speed and `length_m` as its diameter.
     start : tuple of float
@@ -69,6 +71,7 @@ class Settings:
     length_m: float = 0.2
     start: tuple[float, ...] = (0.4, -0.2, 0.3, 3.1, 0.2, -0.1)
     trajectory: str = ""
+    period_s: float = 0.0
     clock_ppm: float = 0.0
     clock_start_s: float = 1234.0
     refuse_protocol: bool = False
@@ -103,14 +106,15 @@ def frame(kind: bytes, payload: bytes = b"") -> bytes:
 class Trajectory:
     """Poses read from a file, from a moment on."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, period_s: float) -> None:
+        self._period_s = period_s or math.inf
         with np.load(path) as data:
             self._t, self._columns = data["t_s"], data["pose"].T.copy()
         self.start_s = math.inf
 
     def at(self, now_s: float) -> tuple[list[float], list[float]]:
         """Pose and speed at a time, s of CLOCK_MONOTONIC."""
-        t = max(now_s - self.start_s, 0.0)
+        t = max(now_s - self.start_s, 0.0) % self._period_s
         pose, before = self._pose_at(t), self._pose_at(t - 1e-3)
         return pose.tolist(), ((pose - before) * 1e3).tolist()
 
@@ -188,7 +192,9 @@ class ControllerModel:
         self.stopped_at: float | None = None
         self.clock_shift_s = 0.0
         self.begin_s = 0.0
-        self.trajectory = Trajectory(settings.trajectory) if settings.trajectory else None
+        self.trajectory = (
+            Trajectory(settings.trajectory, settings.period_s) if settings.trajectory else None
+        )
 
     def run(self) -> None:
         """Serve until asked to quit."""

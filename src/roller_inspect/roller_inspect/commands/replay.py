@@ -19,7 +19,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "replay",
         help="process a recording offline",
         description="Process a rosbag2 (folder or file), a ROS 1 bag, an AEDAT4 or Prophesee file "
-        "(EVT 3.0) or a folder of the public event-camera dataset with the pipeline of the nodes.",
+        "(EVT 3.0), DSEC's HDF5 or a folder of the public event-camera dataset with the pipeline "
+        "of the nodes.",
     )
     parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")

@@ -14,11 +14,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = subparsers.add_parser(
         "info",
         help="show what a recording holds",
-        description="Decode all events of a rosbag2, ROS 1 bag, AEDAT4 or Prophesee file "
-        "(EVT 3.0) and count them.",
+        description="Decode all events of a rosbag2, ROS 1 bag, AEDAT4, Prophesee "
+        "(EVT 3.0) or DSEC file and count them.",
     )
     parser.add_argument(
-        "input", type=Path, metavar="INPUT", help="rosbag2, ROS 1 bag, AEDAT4 or Prophesee file"
+        "input",
+        type=Path,
+        metavar="INPUT",
+        help="rosbag2, ROS 1 bag, or file of events",
     )
     parser.add_argument("--topic", metavar="NAME", help="count only the events of this topic (all)")
     parser.add_argument(

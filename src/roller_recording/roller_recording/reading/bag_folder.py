@@ -63,7 +63,9 @@ class BagFolder:
             found = folder._as_listed(path, found)
         if not found:
             raise RecordingError(
-                f"{path}: holds no rosbag2 storage (.mcap or .db3) and is no ROS 1 bag (.bag)"
+                f"{path}: holds no rosbag2 storage (.mcap or .db3) and is no ROS 1 bag (.bag); "
+                "read are also AEDAT4 (.aedat4), Prophesee (.raw, EVT 3.0) and DSEC (.h5) files "
+                "and folders with events.txt"
             )
         if len({_kind(file) for file in found}) > 1:
             raise RecordingError(

@@ -88,13 +88,17 @@ class Recording(ABC):
         steps end.
         """
 
+    def follow(self, frames: SensorFrames) -> None:
+        """Follow the camera by these frames in `track`, in place of the usual ones."""
+        self._frames = frames
+
     @property
     def track(self) -> PoseTrack:
         """Camera optical frame in `base`; grows while `steps` runs."""
         return self.poses if self.poses is not None else self._following().track
 
     def steps(self) -> Iterator[Step]:
-        """Read piece by piece, and follow the camera's pose by the usual frames in `track`.
+        """Read piece by piece, and follow the camera's pose in `track`.
 
         Where the source of the events started again it ends, as time would run backwards.
         """

@@ -16,7 +16,9 @@ from roller_core.pose_track import PoseTrack
 
 from .base import Recording, RecordingError, Step, TruncatedRecordingError
 
-_READERS = {".aedat4": ".aedat4", ".aedat": ".aedat4", ".raw": ".prophesee"}
+_READERS = {".aedat4": ".aedat4", ".aedat": ".aedat4", ".raw": ".prophesee"} | dict.fromkeys(
+    (".h5", ".hdf5"), ".dsec"
+)
 
 
 def reader_of(path: Path) -> Any:
@@ -35,7 +37,7 @@ class EventFileRecording(Recording):
     Parameters
     ----------
     path : path
-        An AEDAT4 or Prophesee file.
+        An AEDAT4, Prophesee or DSEC file.
     poses : path, optional
         TUM file, camera optical frame in base.
     camera : Camera, optional
