@@ -70,7 +70,12 @@ def scan(
     for k in np.unique(block):
         mine = block == k
         points = np.column_stack([x[mine], y[mine], z[mine]])
-        height = z[mine].astype(np.float32)
-        sure, sigma = (np.full(len(points), v, np.float32) for v in (0.5, noise_m))
-        out.append(Patch(points, height, sure, sigma))
+        out.append(
+            Patch(
+                points,
+                z[mine].astype(np.float32),
+                np.full(len(points), 0.5, np.float32),
+                np.full(len(points), noise_m, np.float32),
+            )
+        )
     return out

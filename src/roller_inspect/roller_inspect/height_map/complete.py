@@ -6,13 +6,19 @@ import numpy as np
 from scipy import ndimage
 
 from .cells import Cells
-from .completion import linear
-from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, U8, UNMEASURED
+from .completion import complete_surface
+from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, U8, UNMEASURED, Bools
 from .map_settings import HeightMapSettings
+from .scatter import scatter_of
 
 #: A gap between steeper borders isn't gone over, nor one where the completed surface is this far
 #: from the nearest measured cell, m.
 _STEEP, _FAR_M = 0.5, 1e-4
+#: A cell this far from the surface that the others make is an outlier, m, and in its σ.
+_OUTLIER_M, _OUTLIER_SIGMAS = 1e-4, 3.0
+#: Where points are dense, nothing is called measured that scatters more, or is less certain, than
+#: this, m: a wrong height is one that is off by 100 µm. A lone edge is good for more.
+_MOST_SCATTER_M, _MOST_SIGMA_M, _MOST_SIGMA_SPARSE_M = 4e-5, 6e-5, 1.5e-4
 #: What a continued cell adds to its neighbours' uncertainty by distance.
 _SLOPE = 0.1
 
@@ -26,27 +32,49 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
         Metres; NaN outside the scan. Unmeasured cells carry a guess.
     state : ndarray of uint8, shape (ny, nx)
     """
+    step = settings.grid_m
     known = np.isfinite(cells.height_m)
     if not known.any():
         empty = np.full(known.shape, np.nan, np.float32)
         return empty, empty.copy(), np.full(known.shape, OUTSIDE, np.uint8)
-    height = linear(cells.height_m)
-    distance, nearest = ndimage.distance_transform_edt(~known, return_indices=True)
-    distance_m = distance * settings.grid_m
-    at_nearest = cells.height_m[tuple(nearest)]
-    gy, gx = np.gradient(height, settings.grid_m)
-    steep = np.hypot(gx, gy)[tuple(nearest)] > _STEEP
-    go_on = (distance_m <= settings.reach_m + 1e-9) & (np.abs(height - at_nearest) <= _FAR_M)
-    state = np.where(known, MEASURED, np.where(go_on & ~steep, CONTINUED, UNMEASURED))
-    sigma = np.hypot(cells.sigma_m[tuple(nearest)], _SLOPE * distance_m)
     outside = _outside(known)
+    height = complete_surface(cells.height_m, cells.sigma_m, step)
+    with np.errstate(invalid="ignore"):
+        away = np.abs(cells.height_m - height)
+        good = known & (away < np.maximum(_OUTLIER_M, _OUTLIER_SIGMAS * cells.sigma_m))
+    # Of the cells as measured: the completed surface has the noise smoothed away.
+    nearest = ndimage.distance_transform_edt(~good, return_distances=False, return_indices=True)
+    scatter = scatter_of(cells.height_m[tuple(nearest)], good, step)
+    dense = np.isfinite(scatter)
+    noisy = dense & ((scatter > _MOST_SCATTER_M) | (_local(cells, good) > _MOST_SIGMA_M))
+    good &= ~noisy & (cells.sigma_m <= _MOST_SIGMA_SPARSE_M)
+    if not good.any():
+        state = np.where(outside, OUTSIDE, UNMEASURED).astype(np.uint8)
+        return np.where(outside, np.nan, height), np.full(known.shape, np.nan, np.float32), state
+    distance, nearest = ndimage.distance_transform_edt(~good, return_indices=True)
+    at = tuple(nearest)
+    gy, gx = np.gradient(height, step)
+    go_on = (distance * step <= settings.reach_m + 1e-9) & ~noisy
+    # A gap of a cell or two can't hide a wall.
+    go_on &= (distance < 2.0) | (
+        (np.abs(height - height[at]) <= _FAR_M) & (np.hypot(gx, gy)[at] <= _STEEP)
+    )
+    state = np.where(good, MEASURED, np.where(go_on, CONTINUED, UNMEASURED))
+    sigma = np.hypot(np.fmax(cells.sigma_m[at], scatter), _SLOPE * distance * step)
     state[outside] = OUTSIDE
-    height[outside] = np.nan
-    sigma[outside] = np.nan
+    height[outside], sigma[outside] = np.nan, np.nan
     return height, sigma.astype(np.float32), state.astype(np.uint8)
 
 
-def _outside(known: np.ndarray) -> np.ndarray:
+def _local(cells: Cells, good: Bools) -> F32:
+    """Mean uncertainty of the measured cells around."""
+    size = 15
+    total = ndimage.uniform_filter(np.where(good, cells.sigma_m, 0).astype(np.float32), size)
+    share = ndimage.uniform_filter(good.astype(np.float32), size)
+    return np.asarray(total / np.maximum(share, 1e-6), np.float32)
+
+
+def _outside(known: Bools) -> Bools:
     """Rows beyond the first and last, columns beyond the first and last that have a point."""
     rows, columns = np.nonzero(known.any(axis=1))[0], np.nonzero(known.any(axis=0))[0]
     out = np.ones(known.shape, bool)

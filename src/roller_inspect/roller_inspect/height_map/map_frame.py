@@ -6,9 +6,11 @@ import numpy as np
 
 from roller_core.transforms import F64
 
-#: Directions nearer than this to an axis of base are that axis: maps of parts that lie straight
-#: are parallel to base.
+#: A surface that leans less than this is mapped along base's z.
 _SNAP_RAD = np.radians(10.0)
+#: A surface's own normal counts if of so many points this share lie so near to a plane, m, and
+#: spread over it so far, m; else it is base's z.
+_LEAST_POINTS, _SHARE, _FLAT_M, _WIDE_M = 1000, 0.8, 3e-4, 2e-3
 
 
 def find_frame(points_m: F64, motion: F64, surface_z_m: float) -> F64:
@@ -30,26 +32,13 @@ def find_frame(points_m: F64, motion: F64, surface_z_m: float) -> F64:
     """
     normal = np.array([0.0, 0.0, 1.0])
     middle = np.median(points_m, axis=0) if len(points_m) else np.zeros(3)
-    spread = points_m - middle
-    if len(points_m) >= 100:
-        for _ in range(3):  # the plane of the inner part
-            found = np.linalg.svd(spread, full_matrices=False)[2][2]
-            away = np.abs(spread @ found)
-            spread = spread[away <= max(2.0 * float(np.median(away)), 1e-9)]
-        found = found * np.sign(found[2] or 1.0)
-        if np.arccos(np.clip(found[2], -1.0, 1.0)) > _SNAP_RAD:
-            normal = found
-    along = motion - (motion @ normal) * normal
-    straight = [axis - (axis @ normal) * normal for axis in np.eye(3)[:2]]
-    if np.linalg.norm(along) < 1e-9:
-        along = straight[0]
-    along = along / np.linalg.norm(along)
-    for axis in straight:
-        axis = axis / np.linalg.norm(axis)
-        if abs(along @ axis) > np.cos(_SNAP_RAD):
-            along = axis
-    if along[int(np.argmax(np.abs(along)))] < 0:
-        along = -along
+    found = _plane_normal(points_m - middle) if len(points_m) >= _LEAST_POINTS else None
+    if found is not None and np.arccos(np.clip(found[2], -1.0, 1.0)) > _SNAP_RAD:
+        normal = found
+    # Parallel to base, along the axis that is nearest to the motion.
+    axis = np.eye(3)[1 if abs(motion[1]) > abs(motion[0]) else 0]
+    along = axis - (axis @ normal) * normal
+    along /= np.linalg.norm(along)
     frame = np.eye(4)
     frame[:3, :3] = np.stack([along, np.cross(normal, along), normal], axis=1)
     # The origin lies under base's own, so that cells of scans of one part fall together.
@@ -57,3 +46,18 @@ def find_frame(points_m: F64, motion: F64, surface_z_m: float) -> F64:
     if normal[2] < 1.0:
         frame[:3, 3] = middle
     return frame
+
+
+def _plane_normal(spread: F64) -> F64 | None:
+    """Normal of the plane that most points lie in, upwards; None unless they clearly do."""
+    inner = spread
+    for _ in range(5):
+        found = np.linalg.svd(inner, full_matrices=False)[2][2]
+        away = np.abs(spread @ found)
+        inner = spread[away <= _FLAT_M]
+        if len(inner) < _SHARE * len(spread):
+            return None
+    sizes = np.linalg.svd(inner, compute_uv=False) / np.sqrt(len(inner))
+    if sizes[1] < _WIDE_M:
+        return None
+    return np.asarray(found * np.sign(found[2] or 1.0))

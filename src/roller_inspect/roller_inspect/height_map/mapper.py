@@ -19,10 +19,8 @@ from .map_settings import HeightMapSettings
 
 #: Length of a strip, and what a strip is completed with on either side, m.
 STRIP_M, OVERLAP_M = 8e-3, 2e-3
-#: Standard uncertainty of points that come without, m.
-DEFAULT_SIGMA_M = 30e-6
-#: The frame is found once the scan has gone so far, m.
-_START_M = 8e-3
+#: The frame is found once the scan has gone so far, m, and has so many points.
+_START_M, _START_POINTS = 8e-3, 60
 #: Rows are allocated so many at once.
 _ROWS = 32
 
@@ -116,22 +114,29 @@ class HeightMapper:
         points = points[np.isfinite(points).all(axis=1)]
         if not len(points):
             return False
-        ends = [np.median(self._waiting[i].points, axis=0) for i in (0, -1)]
-        motion = ends[1] - ends[0]
-        if not enough and np.linalg.norm(motion) < _START_M:
+        motion = self._motion()
+        if not enough and (len(points) < _START_POINTS or np.linalg.norm(motion) < _START_M):
             return False
         first = self._waiting[0]
         surface_z_m = float(np.median(first.points[:, 2] - first.height))
         self.base_from_map = find_frame(points, motion, round(surface_z_m, 9))
         return True
 
+    def _motion(self) -> F64:
+        """How far the points moved from the first patch to the last, by regression."""
+        number = np.repeat(np.arange(len(self._waiting)), [len(p) for p in self._waiting])
+        centred = number - number.mean()
+        spread = float(centred @ centred)
+        if not spread:
+            return np.zeros(3)
+        points = np.concatenate([patch.points for patch in self._waiting])
+        return np.asarray(centred @ points / spread * (len(self._waiting) - 1))
+
     def _take(self, patch: Patch) -> tuple[int, int]:
         """Points to their strips; first and last strip touched."""
         map_from_base = inverse_pose(self.frame)
         local = patch.points @ map_from_base[:3, :3].T + map_from_base[:3, 3]
-        sigma = getattr(patch, "sigma", None)
-        if sigma is None:
-            sigma = np.full(len(patch), DEFAULT_SIGMA_M)
+        sigma = patch.sigma.astype(np.float64)
         good = np.isfinite(local).all(axis=1) & np.isfinite(sigma)
         local, sigma = local[good], sigma[good]
         if not len(local):
