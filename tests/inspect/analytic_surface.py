@@ -31,6 +31,14 @@ def dent(at: tuple[float, float], radius_m: float, depth_m: float) -> Surface:
     return height
 
 
+def errors(
+    shape: tuple[int, int], step_m: float, noise_m: float, random: np.random.Generator
+) -> F64:
+    """Errors over a grid, alike within `ALIKE_M`."""
+    grid = ndimage.gaussian_filter(random.normal(size=shape), ALIKE_M / step_m)
+    return np.asarray(grid / grid.std() * noise_m)
+
+
 def scan(
     surface: Surface,
     length_m: float = 0.03,
@@ -56,9 +64,8 @@ def scan(
     x = start[0] + random.uniform(0, length_m, n)
     y = start[1] + random.uniform(-width_m / 2, width_m / 2, n)
     step = 1e-4
-    grid = random.normal(size=(round(width_m / step) + 2, round(length_m / step) + 2))
-    grid = ndimage.gaussian_filter(grid, ALIKE_M / step)
-    error = grid / grid.std() * noise_m
+    shape = (round(width_m / step) + 2, round(length_m / step) + 2)
+    error = errors(shape, step, noise_m, random)
     at = ((y - start[1] + width_m / 2) / step, (x - start[0]) / step)
     z = surface(x, y) + ndimage.map_coordinates(error, at, order=1)
     z += random.normal(0, noise_m / 3, n)

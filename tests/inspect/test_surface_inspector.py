@@ -42,12 +42,12 @@ def test_a_clean_plane_has_no_findings_and_a_dent_has_its_figures() -> None:
 
 
 def test_findings_of_a_scan_given_in_pieces_are_those_of_the_whole() -> None:
-    surface = dent((0.08, 0.0), 1.5e-3, 2e-4)
-    patches = scan(surface, length_m=0.16, width_m=0.008)
+    surface = dent((0.048, 0.0), 1.5e-3, 2e-4)
+    patches = scan(surface, length_m=0.112, width_m=0.006)
     whole = inspect(patches)
     pieces: list[Piece] = []
     inspector = SurfaceInspector(
-        InspectionSettings.create({"height_map.max_cells": 80_000}),
+        InspectionSettings.create({"height_map.max_cells": 40_000}),
         NominalReference("plane"),
         on_piece=pieces.append,
     )
@@ -57,7 +57,7 @@ def test_findings_of_a_scan_given_in_pieces_are_those_of_the_whole() -> None:
     assert len(pieces) > 1
     assert found.height_map is not None
     assert found.height_map.step_m > 1.5e-4
-    assert found.height_map.height_m.size <= 80_000
+    assert found.height_map.height_m.size <= 40_000
     (one,), (other,) = ([f for f in each.findings if f.depth_m < -1e-4] for each in (whole, found))
     np.testing.assert_allclose(one.center_m, other.center_m, atol=1e-4)
     assert one.depth_m == pytest.approx(other.depth_m, abs=1e-5)

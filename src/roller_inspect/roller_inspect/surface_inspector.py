@@ -27,6 +27,8 @@ from .references.reference import Reference, ReferenceError
 _CONTEXT_M = 24e-3
 #: Findings are final once the scan is this far beyond them, m.
 _PASSED_M = 3e-3
+#: Findings so near to the border of two pieces are looked for in both, m.
+_BORDER_M = 1e-3
 #: Findings nearer than this are the same one, seen again, in part of their length.
 _SAME = 0.5
 
@@ -120,6 +122,8 @@ class SurfaceInspector:
         self._mapper = HeightMapper(settings.height_map, base_from_map)
         self._on_piece = on_piece
         self._strips: dict[int, HeightMap] = {}
+        #: The last strip of the piece before, for what lies on the border.
+        self._before: dict[int, HeightMap] = {}
         self._number = 0
         self._faults: dict[str, None] = {}
         #: Of pieces that are given up.
@@ -181,10 +185,9 @@ class SurfaceInspector:
         if found is None:
             return []
         strip = self._strips[k]
-        i = round((strip.x_m[0] - window.x_m[0]) / window.step_m)
-        j = round((strip.y_m[0] - window.y_m[0]) / window.step_m)
-        deviation = found.comparison.deviation_m[j : j + strip.shape[0], i : i + strip.shape[1]]
+        deviation = _part(found.comparison.deviation_m, window, strip)
         margin = round(_PASSED_M / window.step_m)
+        i = round(float(strip.x_m[0] - window.x_m[0]) / window.step_m)
         ends = (i < margin, i + strip.shape[1] > window.shape[1] - margin)
         fresh = []
         for finding, (first, last) in zip(found.findings, found.spans, strict=True):
@@ -195,10 +198,11 @@ class SurfaceInspector:
         self._set(tuple([*kept, *self._numbered(new)]))
         return [Piece(strip, deviation)]
 
-    def _inside(self, finding: Finding, window: HeightMap) -> bool:
-        """Whether a finding would be found again on a window."""
-        local = np.linalg.solve(window.base_from_map, [*finding.center_m, 1.0])
-        return bool(window.x_m[0] <= local[0] <= window.x_m[-1])
+    def _inside(self, finding: Finding, window: HeightMap, margin_m: float = 0.0) -> bool:
+        """Whether a finding's centre lies on a map, or so near to it along x."""
+        x = np.linalg.solve(window.base_from_map, [*finding.center_m, 1.0])[0]
+        margin_m += window.step_m / 2
+        return bool(window.x_m[0] - margin_m <= x <= window.x_m[-1] + margin_m)
 
     def _numbered(self, findings: list[Finding]) -> list[Finding]:
         """Findings that were reported before keep their number."""
@@ -237,20 +241,27 @@ class SurfaceInspector:
     def _conclude(self, strips: list[int]) -> None:
         """Inspect strips as a whole and give them up."""
         whole = join([self._strips[k] for k in strips])
-        found = self._search(whole, rounds=2)
+        # What lies on the border is seen whole together with the strips beside it.
+        beside = [self._strips[k + d] for k in strips for d in (-1, 1) if k + d in self._strips]
+        window = join([*self._before.values(), *beside, *(self._strips[k] for k in strips)])
+        found = self._search(window, rounds=2)
+        self._before = {k: self._strips[k] for k in strips[-1:]}
         for k in strips:
             del self._strips[k]
         self._mapper.forget(strips)
         deviation = np.full(whole.shape, np.nan, np.float32)
-        rest = [f for f in self.findings if f not in self._gone and not self._inside(f, whole)]
         if found is not None:
-            deviation = found.comparison.deviation_m
+            deviation = _part(found.comparison.deviation_m, window, whole)
             alignment = found.comparison.alignment
             if self._worst is None or not alignment.residual_m < self._worst.residual_m:
                 self._worst = alignment
+            # Seen from two pieces, a centre on the border may fall into neither.
+            fresh = [f for f in found.findings if self._inside(f, whole, _BORDER_M)]
             self._gone += self._numbered(
-                [f for f in found.findings if not any(_same(f, g) for g in self._gone)]
+                [f for f in fresh if not any(_same(f, g) for g in self._gone)]
             )
+        gone = {f.id for f in self._gone}
+        rest = [f for f in self.findings if f.id not in gone and not self._inside(f, whole)]
         self._set(tuple([*self._gone, *rest]))
         if self._on_piece is not None:
             self._on_piece(Piece(whole, deviation))
@@ -273,6 +284,13 @@ class SurfaceInspector:
         for m, d in maps:
             place_on(joined, m, deviation, d)
         self._whole = (joined, deviation)
+
+
+def _part(values: F32, window: HeightMap, part: HeightMap) -> F32:
+    """What a grid of a window holds for a part of it."""
+    i = round(float(part.x_m[0] - window.x_m[0]) / window.step_m)
+    j = round(float(part.y_m[0] - window.y_m[0]) / window.step_m)
+    return values[j : j + part.shape[0], i : i + part.shape[1]]
 
 
 def _same(one: Finding, other: Finding) -> bool:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
 from roller_inspect.references.reference import Comparison
 
 from .cues import SCALES_M, Cues, cell_weights, smoothed
@@ -19,12 +19,14 @@ from .finding import Finding, Kind, Uncertainty
 _RING_M = (3e-4, 1.2e-3)
 #: Part of a finding's depth at which its outline runs.
 _OUTLINE = 0.2
-#: A hollow with a rim higher than this part of its depth is a crater.
-_RIM = 0.2
+#: A hollow with a rim higher than this part of its depth, so near to it, m, is a crater.
+_RIM, _RIM_M = 0.1, 5e-4
 #: Longer than so many widths is a scratch.
 _SCRATCH = 3.0
 #: Depth is the mean of this share of the deepest cells.
-_DEEPEST = 0.03
+_DEEPEST = 0.05
+#: The deep part is deeper than this share, and has so many cells, or the deepest ones stand alone.
+_DEEP, _LEAST_APEX = 0.6, 30
 #: z at which a finding is as good as certain.
 _CERTAIN_Z = 15.0
 
@@ -106,8 +108,7 @@ def measure(
     inside = mask & known
     if not inside.any():
         return None
-    values = np.sort(signed[inside])[::-1]
-    depth = float(values[: max(5, round(_DEEPEST * len(values)))].mean())
+    depth = _depth(signed, component.sign * (deviation - level), inside & (weight > 0))
     if depth <= 0:
         return None
     # The outline: where a part of the depth is reached, within reach of what was detected.
@@ -137,10 +138,11 @@ def measure(
     reference = float(np.median(comparison.sigma_m[window][mask]))
     wide = float(cues.noise_m[-1])
     u = _uncertainty(noise, wide, reference, depth, length, width, area, step)
+    rim_zone = known & ~shape & (away_m < _RIM_M)
     middle = part.in_base(center[0], center[1], float(np.median(part.height_m[shape & known])))
     return Finding(
         id=number,
-        kind=_kind(component.sign, length, width, depth, signed, ring, others, models_part),
+        kind=_kind(component.sign, length, width, depth, signed, rim_zone, noise, models_part),
         center_m=middle,
         length_m=length,
         width_m=width,
@@ -155,6 +157,25 @@ def measure(
         cues=("height",),
         final=final,
     )
+
+
+def _depth(signed: F32, raw: F32, inside: Bools) -> float:
+    """Extreme of a finding, with its sign: the apex of a paraboloid through its deep part.
+
+    The mean of the deepest cells would be too shallow for what is round; the deepest cell alone
+    too deep, as errors have it.
+    """
+    values = np.sort(signed[inside])[::-1]
+    if not len(values):
+        return 0.0
+    depth = float(values[: max(3, round(_DEEPEST * len(values)))].mean())
+    rows, columns = np.nonzero(inside & (signed > _DEEP * depth))
+    if depth <= 0 or len(rows) < _LEAST_APEX:
+        return depth
+    u, v = columns - columns.mean(), rows - rows.mean()
+    basis = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
+    found = np.linalg.lstsq(basis, raw[rows, columns].astype(np.float64), rcond=None)[0]
+    return float(np.percentile(basis @ found, 98))
 
 
 def _outline(shape: Bools, part: HeightMap) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -179,9 +200,9 @@ def _kind(
     length: float,
     width: float,
     depth: float,
-    signed: np.ndarray,
-    ring: Bools,
-    others: Bools,
+    signed: F32,
+    rim_zone: Bools,
+    noise: float,
     models_part: bool,
 ) -> Kind:
     if models_part:
@@ -190,9 +211,8 @@ def _kind(
         return "raised"
     if length > _SCRATCH * width:
         return "scratch"
-    around = ring | (others & np.isfinite(signed))
-    rim = float(-np.percentile(signed[around], 10)) if around.any() else 0.0
-    return "crater" if rim > _RIM * depth else "dent"
+    rim = float(-np.percentile(signed[rim_zone], 30)) if rim_zone.any() else 0.0
+    return "crater" if rim > _RIM * depth + noise else "dent"
 
 
 def _uncertainty(

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from roller_inspect.height_map.height_map import CONTINUED, F32, MEASURED, U8, Bools, HeightMap
+from roller_inspect.height_map.height_map import CONTINUED, F32, MEASURED, OUTSIDE, Bools, HeightMap
+from roller_inspect.references.background import SelfReference
 from roller_inspect.references.reference import Comparison
 
 from .finder_settings import FindingSettings
 
 #: Standard deviations of the Gaussians, m.
-SCALES_M = (1e-4, 2e-4, 5e-4)
+SCALES_M = (1e-4, 2e-4, 5e-4, 1e-3)
 #: Weight of continued cells, which repeat what measured ones say.
 _CONTINUED_WEIGHT = 0.1
 #: A smoothed height needs the weight of so many measured cells, in part of its Gaussian.
 _LEAST_SHARE = 0.05
 #: Noise at every scale is at least this, m: what no test resolved.
 _LEAST_SIGMA_M = 2e-6
-#: Noise is taken from blocks of this size, m.
-_BLOCK_M = 5e-3
+#: Noise is taken from blocks of this size, m, where so many of nine have some.
+_BLOCK_M, _LEAST_BLOCKS = 4e-3, 4
+#: Peaks of chance that may pass for findings at one scale, 1/m², and fewest to tell from.
+_FALSE_PER_M2, _LEAST_PEAKS = 300.0, 30
+#: Beyond the quartiles the tail is longer still.
+_LONGER = 1.3
+#: From this share of known cells on a scan counts as one that shows all of the surface; gaps in
+#: it, m, and its smallest part, m².
+_DENSE_SHARE, _GAP_M, _LEAST_AREA_M2 = 0.5, 5e-4, 1e-5
 
 
 @dataclass(frozen=True)
@@ -74,51 +83,110 @@ def cell_weights(height_map: HeightMap, deviation_m: F32) -> F32:
     return np.where(finite, weight, 0.0).astype(np.float32)
 
 
-def height_cue(height_map: HeightMap, comparison: Comparison, settings: FindingSettings) -> Cues:
-    """Cells whose smoothed height differs from the reference by more than chance."""
+def height_cue(
+    height_map: HeightMap, comparison: Comparison, settings: FindingSettings, local: bool = True
+) -> Cues:
+    """Cells whose smoothed height differs from the reference by more than chance.
+
+    Parameters
+    ----------
+    local : bool
+        Whether the deviation from its own surroundings counts too: what is left of the form, and
+        slow errors of the scan, hide small findings in the deviation itself.
+    """
     step = height_map.step_m
-    weight = cell_weights(height_map, comparison.deviation_m)
-    edge = _edge(height_map.state, settings.edge_exclusion_m / step)
+    usable = inspectable(height_map, settings.edge_exclusion_m)
     best = np.zeros(height_map.shape, np.float32)
-    noises = []
-    for scale in SCALES_M:
-        mean, share = smoothed(comparison.deviation_m, weight, max(scale / step, 0.5))
-        usable = (share > _LEAST_SHARE) & np.isfinite(mean) & ~edge
-        noise = _noise(mean, usable & (weight > 0), step)
-        noises.append(float(np.median(noise[usable])) if usable.any() else float("nan"))
-        sigma = np.hypot(noise, comparison.sigma_m)
-        z = np.where(usable, mean / sigma, 0.0).astype(np.float32)
-        best = np.where(np.abs(z) > np.abs(best), z, best)
+    noises = np.full(len(SCALES_M), np.nan, np.float32)
+    fields = [comparison.deviation_m]
+    if local:
+        fields.append(detail(height_map, comparison.deviation_m))
+    for field in fields:
+        weight = cell_weights(height_map, field)
+        for k, scale in enumerate(SCALES_M):
+            mean, share = smoothed(field, weight, max(scale / step, 0.5))
+            counts = usable & (share > _LEAST_SHARE) & np.isfinite(mean)
+            noise = _noise(mean, counts & (weight > 0), step)
+            if counts.any():
+                noises[k] = np.median(noise[counts])
+            with np.errstate(invalid="ignore"):
+                z = np.where(counts, mean / np.hypot(noise, comparison.sigma_m), 0.0)
+            z *= settings.strong_z / max(_tail(z, counts, scale / step, step), settings.strong_z)
+            best = np.where(np.abs(z) > np.abs(best), z, best).astype(np.float32)
     size = np.abs(best)
-    return Cues(
-        best, size > settings.weak_z, size > settings.strong_z, np.array(noises, np.float32)
-    )
+    return Cues(best, size > settings.weak_z, size > settings.strong_z, noises)
+
+
+def _tail(z: npt.NDArray[np.floating], usable: Bools, scale: float, step_m: float) -> float:
+    """Size that peaks of chance reach `_FALSE_PER_M2` times a square metre.
+
+    Errors of a scan have longer tails than normal ones. Squares of their peaks' sizes fall off as
+    an exponential; its slope is taken between the quartiles, which the few peaks of findings don't
+    move.
+    """
+    size = np.abs(z)
+    reach = 2 * max(1, round(scale)) + 1
+    peaks = size[(size == ndimage.maximum_filter(size, reach)) & usable & (size > 0)]
+    if len(peaks) < _LEAST_PEAKS:
+        return 0.0
+    middle, high = np.percentile(peaks, [50, 75]) ** 2
+    fall = float(high - middle) / np.log(2.0)
+    wanted = _FALSE_PER_M2 * float(usable.sum()) * step_m**2
+    return _LONGER * float(np.sqrt(middle + fall * max(np.log(0.5 * len(peaks) / wanted), 0.0)))
+
+
+def detail(height_map: HeightMap, deviation_m: F32) -> F32:
+    """A deviation less its own surroundings, robustly."""
+    return SelfReference().compare(replace(height_map, height_m=deviation_m)).deviation_m
+
+
+def inspectable(height_map: HeightMap, edge_m: float) -> Bools:
+    """Where findings are looked for: known cells, away from the border of what was measured.
+
+    Where most was measured, islands in what wasn't are left out: they are remains of what had no
+    contact or too little view.
+    """
+    step, inside = height_map.step_m, height_map.state != OUTSIDE
+    if not inside.any():
+        return inside
+    area = inside
+    if height_map.known[inside].mean() > _DENSE_SHARE:
+        # What is close together; gaps as wide as findings belong to it.
+        k = max(1, round(_GAP_M / step))
+        ones = np.ones((2 * k + 1, 2 * k + 1), np.uint8)
+        area = cv2.morphologyEx(height_map.known.astype(np.uint8), cv2.MORPH_CLOSE, ones) > 0
+        area = cv2.morphologyEx(area.astype(np.uint8), cv2.MORPH_OPEN, ones) > 0
+        labels, count = ndimage.label(area)
+        sizes = np.bincount(labels.ravel(), minlength=count + 1) * step**2
+        sizes[0] = 0.0
+        area = (sizes >= _LEAST_AREA_M2)[labels]
+    edge = ndimage.distance_transform_edt(np.pad(area, 1))[1:-1, 1:-1] * step <= edge_m
+    return np.asarray(area & ~edge)
 
 
 def _noise(mean: F32, usable: Bools, step_m: float) -> npt.NDArray[np.float64]:
-    """Robust spread of a smoothed deviation: that of the block, never below the whole's."""
+    """Robust spread of a smoothed deviation around each place.
+
+    The median of nine blocks, so that a finding, which fills one or two, doesn't hide itself; and
+    never far below the whole's.
+    """
     if not usable.any():
         return np.full(mean.shape, np.inf)
     whole = 1.4826 * float(np.median(np.abs(mean[usable])))
     k = max(1, round(_BLOCK_M / step_m))
     ny, nx = (-(-n // k) for n in mean.shape)
-    blocks = np.full((ny, nx), whole)
+    blocks = np.full((ny + 2, nx + 2), np.nan)
     for j in range(ny):
         for i in range(nx):
             part = (slice(j * k, (j + 1) * k), slice(i * k, (i + 1) * k))
             values = mean[part][usable[part]]
             if len(values) > k:
-                blocks[j, i] = 1.4826 * float(np.median(np.abs(values)))
-    # A block full of a finding says nothing of the noise.
-    blocks = np.clip(blocks, whole, 2.0 * whole)
+                blocks[j + 1, i + 1] = 1.4826 * float(np.median(np.abs(values)))
+    around = np.stack([blocks[j : j + ny, i : i + nx] for j in range(3) for i in range(3)])
+    spread = np.full((ny, nx), whole)
+    some = np.isfinite(around).sum(axis=0) >= _LEAST_BLOCKS
+    spread[some] = np.nanmedian(around[:, some], axis=0)
+    spread = np.maximum(spread, 0.4 * whole)
     rows = np.minimum(np.arange(mean.shape[0]) // k, ny - 1)
     columns = np.minimum(np.arange(mean.shape[1]) // k, nx - 1)
-    return np.maximum(blocks[rows[:, None], columns[None, :]], _LEAST_SIGMA_M)
-
-
-def _edge(state: U8, cells: float) -> Bools:
-    """Cells nearer to the outside than some cells."""
-    if cells <= 0:
-        return np.zeros(state.shape, bool)
-    inside = np.pad(state > 0, 1)
-    return np.asarray(ndimage.distance_transform_edt(inside)[1:-1, 1:-1] <= cells)
+    return np.maximum(spread[rows[:, None], columns[None, :]], _LEAST_SIGMA_M)

@@ -53,7 +53,7 @@ def search(
     masked: Bools | None = None
     for _ in range(rounds):
         comparison = reference.compare(height_map, masked)
-        cues = height_cue(height_map, comparison, settings)
+        cues = height_cue(height_map, comparison, settings, local=not reference.models_part)
         parts = components(cues)
         masked = _mask(parts, height_map.shape)
         if not parts:

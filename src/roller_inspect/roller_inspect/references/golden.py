@@ -1,0 +1,207 @@
+"""Golden reference: taught from scans of good parts."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from roller_core.transforms import F64
+from roller_inspect.height_map.height_map import (
+    CONTINUED,
+    F32,
+    MEASURED,
+    OUTSIDE,
+    Bools,
+    HeightMap,
+    centres,
+)
+
+from .field import Field, compare_field
+from .reference import Comparison, ReferenceError
+
+GOLDEN_FILE = "golden.npz"
+#: Frames of scans of one part differ by less than this, m and rad.
+_SAME_FRAME = 1e-9
+#: Share of the scans that must know a cell.
+_LEAST_SHARE = 0.5
+#: Standard uncertainty of the mean of few scans isn't below this, m.
+_LEAST_SIGMA_M = 3e-6
+
+
+@dataclass(frozen=True)
+class GoldenScan:
+    """What good parts look like.
+
+    Attributes
+    ----------
+    x_m, y_m : ndarray of float64, shapes (nx,), (ny,)
+        Centres of the cells, metres.
+    height_m : ndarray of float32, shape (ny, nx)
+        Median of the scans; NaN where less than half of them know it.
+    spread_m : ndarray of float32, shape (ny, nx)
+        Their robust standard deviation; with one scan its own uncertainty.
+    coverage : ndarray of float32, shape (ny, nx)
+        Share of the scans that measured the cell.
+    scans : int
+        How many.
+    base_from_map : ndarray of float64, shape (4, 4)
+        Frame.
+    """
+
+    x_m: F64
+    y_m: F64
+    height_m: F32
+    spread_m: F32
+    coverage: F32
+    scans: int
+    base_from_map: F64
+
+    def save(self, folder: Path) -> None:
+        """Write `golden.npz` into a folder."""
+        np.savez_compressed(
+            folder / GOLDEN_FILE,
+            **{name: getattr(self, name) for name in self.__dataclass_fields__},
+        )
+
+    @classmethod
+    def load(cls, folder: Path) -> GoldenScan:
+        """Read `golden.npz` of a folder.
+
+        Raises
+        ------
+        ReferenceError
+            If it isn't there or can't be read.
+        """
+        path = folder / GOLDEN_FILE
+        if not path.is_file():
+            raise ReferenceError(f"reference golden: {folder} has no {GOLDEN_FILE}; teach one")
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                found = {name: file[name] for name in cls.__dataclass_fields__}
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise ReferenceError(f"reference golden: {path} can't be read ({error})") from error
+        shape = (len(found["y_m"]), len(found["x_m"]))
+        if any(found[n].shape != shape for n in ("height_m", "spread_m", "coverage")):
+            raise ReferenceError(f"reference golden: {path}: its grids don't fit each other")
+        return cls(**{**found, "scans": int(found["scans"])})
+
+
+def teach(maps: Sequence[HeightMap]) -> GoldenScan:
+    """Learn what good parts look like.
+
+    Parameters
+    ----------
+    maps : sequence of HeightMap
+        Of good parts in the same place; each is aligned to the first.
+
+    Raises
+    ------
+    ReferenceError
+        Without a map, or if one isn't of the same part in the same place.
+    """
+    if not maps:
+        raise ReferenceError("reference golden: there is no scan to teach from")
+    first = max(maps, key=lambda m: int(m.known.sum()))
+    step = first.step_m
+    i0, j0 = round(first.x_m[0] / step - 0.5), round(first.y_m[0] / step - 0.5)
+    x, y = centres(i0, len(first.x_m), step), centres(j0, len(first.y_m), step)
+    target = _field(first)
+    heights, measured = [], []
+    for number, each in enumerate(maps, 1):
+        if np.abs(each.base_from_map - first.base_from_map).max() > _SAME_FRAME:
+            raise ReferenceError(
+                f"reference golden: scan {number} has another frame than the others; was the part "
+                "moved?"
+            )
+        moved = each
+        if each is not first:
+            # The scan as it would be if its part lay where the first one's does.
+            correction = compare_field(target, each, "golden").alignment.correction
+            moved = _aligned(each, correction)
+        sampled, _ = _field(moved).sample(*np.meshgrid(x, y))
+        heights.append(sampled.astype(np.float32))
+        weight = Field(moved.x_m, moved.y_m, (moved.state == MEASURED).astype(np.float32),
+                       moved.sigma_m)  # fmt: skip
+        measured.append(np.nan_to_num(weight.sample(*np.meshgrid(x, y))[0]) > 0.5)
+    stack = np.stack(heights)
+    share = np.isfinite(stack).mean(axis=0)
+    some = share >= _LEAST_SHARE
+    height = np.full(first.shape, np.nan, np.float32)
+    spread = np.full(first.shape, np.nan, np.float32)
+    height[some] = np.nanmedian(stack[:, some], axis=0)
+    if len(maps) > 1:
+        spread[some] = 1.4826 * np.nanmedian(np.abs(stack[:, some] - height[some]), axis=0)
+    else:
+        spread[some] = first.sigma_m[some]
+    coverage = np.stack(measured).mean(axis=0).astype(np.float32)
+    return GoldenScan(x, y, height, spread, coverage, len(maps), first.base_from_map)
+
+
+def _field(height_map: HeightMap) -> Field:
+    known = height_map.known
+    return Field(
+        height_map.x_m,
+        height_map.y_m,
+        np.where(known, height_map.height_m, np.nan).astype(np.float32),
+        np.where(known, height_map.sigma_m, np.nan).astype(np.float32),
+    )
+
+
+def _aligned(height_map: HeightMap, correction: F64) -> HeightMap:
+    """A map moved back by a small motion in base, on its own grid."""
+    base = height_map.base_from_map
+    local = np.linalg.inv(base) @ correction @ base
+    x, y = np.meshgrid(height_map.x_m, height_map.y_m)
+    # Where the reference's (x, y) lies in the map, and what the motion added to its height.
+    at_x = x + local[0, 1] * y + local[0, 3]
+    at_y = y + local[1, 0] * x + local[1, 3]
+    field = _field(height_map)
+    height, sigma = field.sample(at_x, at_y)
+    height = height - (local[2, 0] * x + local[2, 1] * y + local[2, 3])
+    state = np.where(np.isfinite(height), CONTINUED, OUTSIDE).astype(np.uint8)
+    weight = Field(height_map.x_m, height_map.y_m,
+                   (height_map.state == MEASURED).astype(np.float32), field.sigma_m)  # fmt: skip
+    state[np.nan_to_num(weight.sample(at_x, at_y)[0]) > 0.5] = MEASURED
+    return replace(
+        height_map,
+        height_m=height.astype(np.float32),
+        sigma_m=sigma.astype(np.float32),
+        state=state,
+    )
+
+
+class GoldenReference:
+    """Good parts as the reference; what differs is missing or extra material.
+
+    Parameters
+    ----------
+    golden : GoldenScan
+        What was taught.
+    """
+
+    name = "golden"
+    models_part = True
+
+    def __init__(self, golden: GoldenScan) -> None:
+        self.golden = golden
+
+    @classmethod
+    def load(cls, folder: Path) -> GoldenReference:
+        """Read what was taught into a folder; raises `ReferenceError`."""
+        return cls(GoldenScan.load(folder))
+
+    def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
+        """See `Reference`."""
+        golden = self.golden
+        if np.abs(golden.base_from_map - height_map.base_from_map).max() > _SAME_FRAME:
+            raise ReferenceError(
+                "reference golden: it was taught in another frame than this scan's"
+            )
+        # The spread of good parts bounds what is a deviation at all.
+        sigma = np.maximum(golden.spread_m, _LEAST_SIGMA_M).astype(np.float32)
+        field = Field(golden.x_m, golden.y_m, golden.height_m, sigma)
+        return compare_field(field, height_map, self.name, masked)

@@ -1,0 +1,96 @@
+"""Measuring tools on analytic surfaces with errors that neighbours share."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roller_core.transforms import F64
+from roller_inspect.height_map import MEASURED, HeightMap
+from roller_inspect.height_map.height_map import centres
+from roller_inspect.measuring import (
+    Measured,
+    extent,
+    fastener,
+    profile,
+    roughness,
+    step_height,
+    width_and_depth,
+)
+
+from .analytic_surface import Surface, dent, errors
+
+SIGMA_M = 2e-5
+
+
+def map_of(surface: Surface, seed: int = 0, noise_m: float = SIGMA_M) -> HeightMap:
+    """20 × 12 mm of a surface, a third of the cells not measured."""
+    x, y = centres(0, 200, 1e-4), centres(-60, 120, 1e-4)
+    random = np.random.default_rng(seed)
+    height = surface(x[None, :], y[:, None]) + errors((120, 200), 1e-4, noise_m, random)
+    state = np.where(random.random((120, 200)) < 2 / 3, MEASURED, 2).astype(np.uint8)
+    sigma = np.full(height.shape, noise_m, np.float32)
+    points = (state == MEASURED).astype(np.uint16)
+    return HeightMap(x, y, height.astype(np.float32), sigma, state, points, np.eye(4))
+
+
+def disc(m: HeightMap, radius_m: float) -> np.ndarray:
+    return np.hypot(m.x_m[None, :] - 0.01, m.y_m[:, None]) < radius_m
+
+
+def holds(found: Measured, true: float) -> bool:
+    assert found.value is not None
+    return abs(found.value - true) <= found.uncertainty
+
+
+def head(x: F64, y: F64) -> F64:
+    """A head of 8 mm, 50 µm proud and tilted by 300 µm over 8 mm, on a plate that leans."""
+    inside = np.hypot(x - 0.01, y) < 4e-3
+    return 0.01 * x + np.where(inside, 5e-5 + 0.0375 * (x - 0.01), 0.0)
+
+
+def test_step_tilt_and_their_uncertainties_hold_in_nine_of_ten() -> None:
+    good, sizes = [], []
+    for seed in range(12):
+        m = map_of(head, seed)
+        top, around = disc(m, 3.5e-3), ~disc(m, 4.5e-3)
+        found = fastener(m, top, around, 8e-3)
+        step = step_height(m, around, top)
+        good += [holds(step, 5e-5), holds(found.flushness, 5e-5), holds(found.rise, 3e-4)]
+        sizes += [step.uncertainty, found.rise.uncertainty]
+        assert found.tilt.unit == "rad"
+    assert np.mean(good) >= 0.9
+    assert max(sizes) < 5e-5
+
+
+def test_extent_and_profile_of_a_hollow() -> None:
+    m = map_of(dent((0.01, 0.0), 2e-3, 3e-4), noise_m=1e-5)
+    found = extent(m, disc(m, 2.5e-3), disc(m, 5e-3) & ~disc(m, 3e-3))
+    half = 2 * 2e-3 * np.sqrt(1 - np.sqrt(0.5))
+    assert holds(found.depth, -3e-4)
+    assert holds(found.diameter, half)
+    assert holds(found.area, np.pi / 4 * half**2)
+    assert holds(found.volume, -np.pi / 3 * 2e-3**2 * 3e-4)
+    line = profile(m, (0.005, 0.0), (0.015, 0.0))
+    assert line.distance_m[-1] == pytest.approx(0.01)
+    width, depth = width_and_depth(line)
+    assert holds(width, half)
+    assert holds(depth, -3e-4)
+
+
+def test_what_does_not_rise_above_the_noise_is_not_measurable() -> None:
+    def rough(x: F64, y: F64) -> F64:
+        return 1e-4 * np.sin(2 * np.pi * x / 2e-3) + 0 * y
+
+    everywhere = np.ones((120, 200), bool)
+    smooth = map_of(lambda x, y: 0 * x * y)
+    assert roughness(smooth, everywhere).sq.value is None
+    assert "not measurable" in roughness(smooth, everywhere).sa.reason
+    found = roughness(map_of(rough), everywhere)
+    assert holds(found.sq, 1e-4 / np.sqrt(2))
+    width, depth = width_and_depth(profile(smooth, (0.005, 0.0), (0.015, 0.0)))
+    assert width.value is None
+    assert depth.value is None or abs(depth.value) < 2 * depth.uncertainty
+    nowhere = np.zeros((120, 200), bool)
+    assert step_height(smooth, nowhere, everywhere).value is None
+    assert extent(smooth, nowhere, everywhere).volume.value is None

@@ -1,0 +1,122 @@
+"""References: nominal forms, golden scans and CAD."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roller_core.transforms import F64
+from roller_inspect.height_map import HeightMap
+from roller_inspect.references import (
+    CadReference,
+    Form,
+    GoldenReference,
+    NominalReference,
+    Reference,
+    ReferenceError,
+    SelfReference,
+    teach,
+)
+from roller_inspect.surface_inspector import Found, InspectionSettings, SurfaceInspector
+
+from .analytic_surface import Surface, dent, flat, scan
+
+BOSS = (0.012, 0.0)
+
+
+def part(x: F64, y: F64) -> F64:
+    """A plate with a boss whose walls the skin rounds."""
+    r = np.hypot(x - BOSS[0], y - BOSS[1])
+    return 3e-4 / (1 + np.exp((r - 2.5e-3) / 1.5e-4))
+
+
+def inspect(surface: Surface, reference: Reference, seed: int = 0, **options: object) -> Found:
+    inspector = SurfaceInspector(InspectionSettings.create({}), reference)
+    for patch in scan(surface, length_m=0.024, width_m=0.01, seed=seed, **options):  # type: ignore[arg-type]
+        inspector.add(patch)
+    return inspector.finish()
+
+
+def map_of(surface: Surface, seed: int = 0) -> HeightMap:
+    found = inspect(surface, SelfReference(), seed).height_map
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("form", "surface"),
+    [
+        ("plane", lambda x, y: 0.01 * x - 0.02 * y + 1e-4),
+        ("cylinder", lambda x, y: np.sqrt(0.25**2 - (0.8 * x + 0.6 * y - 0.01) ** 2) - 0.25),
+        ("polynomial3", lambda x, y: 2 * x * y + 300 * x**2 * y - 0.5 * y**2),
+    ],
+)
+def test_a_nominal_form_is_found_beside_a_defect(form: Form, surface: Surface) -> None:
+    bump = dent((0.016, 0.001), 1.5e-3, -2e-4)
+    height_map = map_of(lambda x, y: surface(x, y) + bump(x, y))
+    comparison = NominalReference(form).compare(height_map)
+    true = bump(height_map.x_m[None, :], height_map.y_m[:, None])
+    error = (comparison.deviation_m - true)[:, 5:-5]
+    error = error[np.isfinite(error).all(axis=1)]
+    assert len(error) > 90
+    assert np.abs(np.median(error)) < 2e-6
+    assert np.abs(error.mean(axis=1)).max() < 1.5e-5
+    assert comparison.alignment.residual_m < 2e-5
+
+
+def test_a_golden_part_shows_what_is_missing_and_nothing_else(tmp_path: Path) -> None:
+    golden = teach([map_of(part, seed) for seed in (1, 2, 3)])
+    assert golden.scans == 3
+    assert np.nanmedian(golden.spread_m) < 2e-5
+    golden.save(tmp_path)
+    reference = GoldenReference.load(tmp_path)
+    assert inspect(part, reference, seed=4).findings == ()
+    hole = dent((BOSS[0] + 1e-3, 0.0), 1e-3, 2e-4)
+    found = inspect(lambda x, y: part(x, y) + hole(x, y), reference, seed=5)
+    (finding,) = found.findings
+    assert finding.kind == "missing"
+    assert abs(finding.depth_m + 2e-4) < finding.uncertainty.depth_m
+    with pytest.raises(ReferenceError, match=r"no golden\.npz"):
+        GoldenReference.load(tmp_path / "none")
+
+
+def mesh_of(surface: Surface, shift: tuple[float, float, float]) -> tuple[F64, np.ndarray]:
+    step = 1e-4
+    x, y = np.meshgrid(np.arange(-0.002, 0.027, step), np.arange(-0.007, 0.007, step))
+    ny, nx = x.shape
+    k = np.arange(ny * nx).reshape(ny, nx)
+    a, b, c, d = (part.ravel() for part in (k[:-1, :-1], k[:-1, 1:], k[1:, :-1], k[1:, 1:]))
+    vertices = np.column_stack([x.ravel(), y.ravel(), surface(x, y).ravel()]) + shift
+    return vertices, np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+
+
+def test_a_model_is_laid_on_the_scan_in_what_its_shape_determines() -> None:
+    shift = (1e-4, -8e-5, 5e-5)
+    found = inspect(part, CadReference(*mesh_of(part, shift)))
+    assert found.findings == ()
+    assert found.alignment is not None
+    assert {"x", "y", "z"} <= set(found.alignment.refined)
+    assert "rz" not in found.alignment.refined
+    moved = found.alignment.correction @ [*BOSS, 0.0, 1.0]
+    np.testing.assert_allclose(moved[:3] - [*BOSS, 0.0], -np.array(shift), atol=4e-5)
+    plane = inspect(flat, CadReference(*mesh_of(flat, shift))).alignment
+    assert plane is not None
+    assert set(plane.refined) == {"z", "rx", "ry"}
+
+
+def test_a_model_in_millimetres_or_elsewhere_is_refused_in_one_line() -> None:
+    vertices, triangles = mesh_of(part, (0.0, 0.0, 0.0))
+    for wrong, words in ((vertices * 1e3, "millimetres"), (vertices + [1, 0, 0], "from the scan")):
+        found = inspect(part, CadReference(wrong, triangles))
+        assert found.alignment is None
+        assert any(words in fault for fault in found.faults)
+        assert found.findings == ()
+        assert found.height_map is not None
+
+
+def test_a_model_file_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_text("not a mesh")
+    with pytest.raises(ReferenceError, match="no triangles"):
+        CadReference.load(tmp_path / "part.stl")
