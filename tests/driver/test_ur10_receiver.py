@@ -15,6 +15,7 @@ from driver.emulation import rtde_controller
 from driver.emulation.controller_process import ControllerProcess
 from own import LOOPBACK
 from roller_core.clock import SensorClock
+from roller_driver.ur10.contact_watch import ContactWatch
 from roller_driver.ur10.errors import (
     MissingLibraryError,
     ProtocolRefusedError,
@@ -152,6 +153,39 @@ def test_a_variable_that_the_controller_does_not_have():
         pytest.raises(ProtocolRefusedError, match=r"3\.15\.8\.0 \(CB3\) doesn't know safety_mode"),
     ):
         ask_controller(HOST, VARIABLES)
+
+
+@pytest.mark.parametrize("missing", [[], ["actual_TCP_force"]])
+def test_the_force_where_the_controller_gives_it(missing):
+    with ControllerProcess(missing=missing) as controller, Running() as running:
+        running.wait_for(5)
+        controller.send("force 31.5")
+        forces = [0.0, 0.0, 31.5, 0.0, 0.0, 0.0]
+        running.wait(lambda: running.samples[-1].wrench == tuple([] if missing else forces))
+        running.wait_for(len(running.samples) + 5)
+
+
+def test_contact():
+    rolling, still = (0.3, 0, 0), (0.0, 0, 0)
+    watch = ContactWatch(least_n=10, most_n=40)
+
+    def verdict(*forces, speed=rolling):
+        for force in forces:
+            watch.take((0, 0, -force), speed)
+        return watch.verdict()
+
+    assert verdict(0, 2, 5) == ""  # it has not touched yet
+    assert verdict(20, 39) == ""
+    assert verdict(20, 41, 20).startswith("pressed too hard: 41.0 N")
+    assert verdict(20) == ""
+    assert verdict(5, 20).startswith("contact lost")
+    assert verdict(20) == ""
+    assert verdict(5, speed=still) == ""  # it is lifted
+    assert watch.force_n == 5
+    free = ContactWatch(0, 0)
+    free.take((0, 0, 1e3), rolling)
+    free.take((0, 0, 0), rolling)
+    assert free.verdict() == ""
 
 
 def test_no_robot():

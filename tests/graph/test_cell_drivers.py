@@ -25,7 +25,7 @@ from roller_ros import messages, qos
 pytestmark = pytest.mark.graph
 
 EVENTS, INFO = "/event_camera/events", "/event_camera/camera_info"
-IMAGE = "/event_camera/image_raw"
+IMAGE, WRENCH = "/event_camera/image_raw", "/roller/robot/wrench"
 CAMERA, ROBOT = "event_camera: camera", "ur10: robot"
 
 
@@ -35,7 +35,7 @@ def test_devices_come_out_as_topics_through_their_troubles(
     pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
     calibration = tmp_path / "camera.yaml"
     Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5).to_yaml(calibration)
-    watcher = watch(EVENTS, INFO, IMAGE, "/tf", "/tf_static")
+    watcher = watch(EVENTS, INFO, IMAGE, "/tf", "/tf_static", WRENCH)
     seen = watcher.seen
     velocity = seen["velocity"]
     watcher.node.create_subscription(TwistStamped, "/ur10/tool_velocity", velocity.append, qos.TF)
@@ -57,7 +57,7 @@ def test_devices_come_out_as_topics_through_their_troubles(
         processes.start(
             "ur10",
             f"{{robot_ip: {LOOPBACK}, tf_prefix: left_, hand_eye_m: [0.01, 0.0, 0.08], "
-            "hand_eye_rotation_rad: [0.0, 0.0, 0.7], retry_interval: 0.1}",
+            "hand_eye_rotation_rad: [0.0, 0.0, 0.7], retry_interval: 0.1, most_force_n: 40.0}",
         )
         watcher.spin_until(
             lambda: len(seen[EVENTS]) > 400 and len(seen["/tf"]) > 250 and seen[IMAGE], 90, "data"
@@ -65,6 +65,11 @@ def test_devices_come_out_as_topics_through_their_troubles(
         watcher.spin_until(lambda: watcher.value(ROBOT, "samples") > 0, 60, "robot diagnostics")
         check_poses(watcher)
         check_events(watcher, emulated_camera)
+        (force,) = {(m.header.frame_id, m.wrench.force.z) for m in seen[WRENCH]}
+        assert force == ("left_base", 20.0)
+        controller.send("force 55")
+        wait_for_message("pressed too hard: 55.0 N, the limit is 40 N")
+        controller.send("force 20")
         controller.send("protective_stop")
         wait_for_message("the robot stands: protective stop")
         controller.send("normal")

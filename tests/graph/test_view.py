@@ -47,8 +47,16 @@ class Source:
     """Publishes what a rolling cell does."""
 
     def __init__(self, node: Node) -> None:
-        names = (outputs.SURFACE_POINTS, outputs.BRAILLE_TEXT, outputs.DEPTH_IMAGE, outputs.TF)
-        self._publishers = {name: topics.publisher(node, name) for name in names}
+        names = (
+            outputs.SURFACE_POINTS,
+            outputs.BRAILLE_TEXT,
+            outputs.DEPTH_IMAGE,
+            outputs.TF,
+            outputs.WRENCH,
+        )
+        self._publishers = {
+            name: topics.publisher(node, name) for name in (*results, outputs.TF, outputs.WRENCH)
+        }
         self.x_m = 0.0
 
     def roll(self) -> None:
@@ -59,6 +67,9 @@ class Source:
             "tool0_controller",
         )  # fmt: skip
         self._publishers[outputs.TF].publish(topics.BY_NAME[outputs.TF].type(transforms=[pose]))
+        wrench = topics.BY_NAME[outputs.WRENCH].type()
+        wrench.wrench.force.z = -25.0
+        self._publishers[outputs.WRENCH].publish(wrench)
         rng = np.random.default_rng(int(self.x_m * 1e6))
         rows = rng.uniform(0, 1e-4, (200, len(SURFACE_FIELDS)))
         rows[:, :2] = rng.uniform(0, (0.005, 0.01), (200, 2))
@@ -99,6 +110,7 @@ def test_a_graph_is_shown(port, processes: Processes, watch) -> None:
     until("rolling", lambda s: s["big"]["word"] == "ROLLING" and s["map"]["points"] > 1000)
     state = until("all figures", lambda s: s["lag_s"] is not None and s["depth_revision"] > 2)
     assert state["speed_m_s"] == pytest.approx(0.1, rel=0.02)
+    assert state["force_n"] == 25.0
     assert state["map"]["points"] <= sent
     assert state["map"]["head"][0] <= source.x_m + 0.005
     assert 0 < state["coverage"]["measured"] < 1

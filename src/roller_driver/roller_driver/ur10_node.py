@@ -6,15 +6,17 @@ import sys
 from collections.abc import Mapping
 
 import numpy as np
-from geometry_msgs.msg import TwistStamped, Vector3
+from geometry_msgs.msg import TwistStamped, Vector3, WrenchStamped
 from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
+from roller_core import outputs
 from roller_core.clock import SensorClock
 from roller_core.pose_track import Pose
+from roller_driver.ur10.contact_watch import ContactWatch
 from roller_driver.ur10.receiver import SEARCHING, RobotReceiver, RobotSample
 from roller_driver.ur10.robot_settings import Ur10Parameters
-from roller_ros import diagnostics, messages, qos
+from roller_ros import diagnostics, messages, qos, topics
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 from roller_ros.shutdown import until_shutdown
@@ -37,6 +39,8 @@ class Ur10Node(Node):
         self._tf = (
             self.create_publisher(TFMessage, "/tf", qos.TF) if p.connect and p.publish_tf else None
         )
+        self._wrench = topics.publisher(self, outputs.WRENCH)
+        self._contact = ContactWatch(p.least_force_n, p.most_force_n)
         self._velocity = self.create_publisher(TwistStamped, "~/tool_velocity", qos.TF)
         if p.publish_hand_eye and p.hand_eye_known:  # a wrong place would give wrong depth
             self._static = self.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
@@ -89,6 +93,14 @@ class Ur10Node(Node):
                 TFMessage(transforms=[messages.transform(pose, stamp_ns, p.base, p.tool)])
             )
             self._published += 1
+        if sample.wrench:
+            self._contact.take(sample.wrench, sample.speed)
+        if sample.wrench and self._wrench.get_subscription_count():
+            fx, fy, fz, tx, ty, tz = sample.wrench
+            wrench = WrenchStamped(header=messages.header(stamp_ns, p.base))
+            wrench.wrench.force = Vector3(x=fx, y=fy, z=fz)
+            wrench.wrench.torque = Vector3(x=tx, y=ty, z=tz)
+            self._wrench.publish(wrench)
         if self._velocity.get_subscription_count():
             twist = TwistStamped(header=messages.header(stamp_ns, p.base))
             vx, vy, vz, wx, wy, wz = sample.speed
@@ -103,6 +115,7 @@ class Ur10Node(Node):
         missed, self._missed_reported = s.missed - self._missed_reported, s.missed
         steps = self._clock_map.steps
         jumped, self._steps_reported = steps > self._steps_reported, steps
+        contact = self._contact.verdict()
         level, text = diagnostics.OK, s.state if p.connect else "another node connects to the robot"
         if s.state == SEARCHING:
             level, text = diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"
@@ -120,6 +133,8 @@ class Ur10Node(Node):
                 f"another node publishes {p.tool} on /tf too: set publish_tf to false here or stop "
                 "the other"
             )
+        elif contact:
+            level, text = diagnostics.ERROR, contact
         elif jumped:
             level = diagnostics.WARN
             text = "the controller's clock has jumped against the host's; its map restarts"
@@ -135,6 +150,7 @@ class Ur10Node(Node):
                 "rate_hz": s.controller.rate_hz if s.controller else "",
                 "safety": s.safety,
                 "pose_rate_hz": self._meter.rates(samples=s.samples)["samples"],
+                "force_n": "" if self._contact.force_n is None else round(self._contact.force_n, 1),
                 "samples": s.samples,
                 "published": self._published,
                 "missed": s.missed,

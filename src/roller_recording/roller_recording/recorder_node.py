@@ -40,7 +40,8 @@ class RecorderNode(Node):
             replace(t, name=self.resolve_topic_name(t.name))
             for t in topics.recorded(p.raw, p.events_topic)
         ]
-        outputs = {self.resolve_topic_name(t.name) for t in topics.OUTPUTS}
+        spare = topics.CONTACT + topics.OUTPUTS
+        outputs = {self.resolve_topic_name(t.name) for t in spare}
         self.path = Path(p.output)
         self._needed = [t.name for t in chosen if t.name not in outputs and t.type is not Image]
         writer = BagWriter(

@@ -7,6 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from event_camera_msgs.msg import EventPacket
+from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -61,6 +62,8 @@ INPUTS = (
     Topic(outputs.TF, TFMessage, qos.TF),
     Topic(outputs.TF_STATIC, TFMessage, qos.TF_STATIC),
 )
+#: What a robot may say beside its poses; nothing needs it.
+CONTACT = (Topic(outputs.WRENCH, WrenchStamped, qos.TF),)
 #: What the nodes make of it.
 OUTPUTS = (
     Topic(outputs.DEPTH_IMAGE, Image, qos.DEPTH),
@@ -77,7 +80,7 @@ OUTPUTS = (
     Topic(outputs.DEVIATION, PointCloud2, qos.SURFACE),
     Topic(outputs.DIAGNOSTICS, DiagnosticArray, qos.DIAGNOSTICS),
 )
-ALL = INPUTS + OUTPUTS
+ALL = INPUTS + CONTACT + OUTPUTS
 BY_NAME = {topic.name: topic for topic in ALL}
 EVENTS_TOPIC = INPUTS[0].path
 EVENT_TYPE = INPUTS[0].type_name

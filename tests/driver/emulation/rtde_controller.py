@@ -4,8 +4,8 @@
 
 It prints `ready` with the time of its first tick (CLOCK_MONOTONIC, s) and then takes commands on
 its standard input, one a line: `protective_stop`, `normal`, `disconnect`, `late SECONDS`,
-`silence SECONDS`, `step_back SECONDS`, `start SECONDS` (CLOCK_MONOTONIC: when the trajectory
-begins), `quit`.
+`silence SECONDS`, `step_back SECONDS`, `force N`, `start SECONDS` (CLOCK_MONOTONIC: when the
+trajectory begins), `quit`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ TYPES = {
     "timestamp": ("DOUBLE", ">d"),
     "actual_TCP_pose": ("VECTOR6D", ">6d"),
     "actual_TCP_speed": ("VECTOR6D", ">6d"),
+    "actual_TCP_force": ("VECTOR6D", ">6d"),
     "tcp_offset": ("VECTOR6D", ">6d"),
     "robot_mode": ("INT32", ">i"),
     "safety_mode": ("INT32", ">i"),
@@ -63,6 +64,8 @@ class Settings:
         Variables that it says it doesn't have.
     tcp_offset : list of float
         Tool centre point on the flange: m, and rotation vector in rad.
+    force_n : float
+        Force along z of base; the command `force N` changes it.
     """
 
     rate_hz: float = 125.0
@@ -77,6 +80,7 @@ class Settings:
     refuse_protocol: bool = False
     missing: list[str] = field(default_factory=list)
     tcp_offset: list[float] = field(default_factory=lambda: [0.0, 0.01, 0.1, 0.0, 0.0, 0.5])
+    force_n: float = 20.0
     host: str = "127.0.0.1"
     port: int = 30004
 
@@ -251,6 +255,8 @@ class ControllerModel:
             self.silent_until = time.monotonic() + float(value)
         elif name == "start" and self.trajectory is not None:
             self.trajectory.start_s = float(value)
+        elif name == "force":
+            self.settings.force_n = float(value)
         elif name == "step_back":
             self.clock_shift_s -= float(value)
 
@@ -279,6 +285,7 @@ class ControllerModel:
             "timestamp": stamp,
             "actual_TCP_pose": pose,
             "actual_TCP_speed": speed,
+            "actual_TCP_force": [0.0, 0.0, s.force_n, 0.0, 0.0, 0.0],
             "tcp_offset": s.tcp_offset,
             "robot_mode": RUNNING,
             "safety_mode": self.safety,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -38,6 +39,8 @@ _PERIOD_S = 0.1
 _SPEED_OVER_S = 0.08
 #: Without poses for so long nobody knows the speed, s.
 _POSES_GONE_S = 1.0
+#: Without results for so long there is no lag to tell of, s.
+_RESULTS_GONE_S = 2.0
 #: A stamp older than this is of a recording: no lag can be told from it, s.
 _MOST_LAG_S = 30.0
 _PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
@@ -92,7 +95,7 @@ class Graph:
         self._map_points = 0.0
         self._tool = "tool0_controller"
         self._pose: tuple[int, Any] | None = None
-        self._pose_seen_s = 0.0
+        self._pose_seen_s = self._lag_seen_s = 0.0
         self._stamp_ns = 0
         self._subscriptions: dict[str, tuple[Any, Callable[[list[bytes]], None]]] = {}
         # The latched map first: it holds what is there when we come.
@@ -101,6 +104,7 @@ class Graph:
         self._subscribe(outputs.DEPTH_IMAGE, Image, _LATEST, self._take_depth)
         self._subscribe(outputs.BRAILLE_TEXT, String, qos.TEXT, self._take_text)
         self._subscribe(outputs.TF, TFMessage, QoSProfile(depth=5), self._take_tf)
+        self._subscribe(outputs.WRENCH, WrenchStamped, _LATEST, self._take_wrench)
         self._subscribe(
             outputs.DIAGNOSTICS, DiagnosticArray, QoSProfile(depth=200), self._take_statuses
         )
@@ -132,8 +136,10 @@ class Graph:
                 if found := _take_all(subscription):
                     with self._scene.lock:
                         take(found)
+            if time.monotonic() - self._lag_seen_s > _RESULTS_GONE_S:
+                self._scene.lag_s = None
             if time.monotonic() - self._pose_seen_s > _POSES_GONE_S:
-                self._scene.speed_m_s = self._pose = None
+                self._scene.speed_m_s = self._scene.force_n = self._pose = None
 
     def _take_map(self, found: list[bytes]) -> None:
         """Take the map as it was when we came; afterwards the points themselves are enough."""
@@ -181,6 +187,7 @@ class Graph:
     def _take_lag(self, stamp_ns: int) -> None:
         lag_s = (time.time_ns() - stamp_ns) * 1e-9
         self._scene.lag_s = lag_s if 0.0 <= lag_s < _MOST_LAG_S else None
+        self._lag_seen_s = time.monotonic()
 
     def _take_text(self, found: list[bytes]) -> None:
         self._scene.take_text(deserialize_message(found[-1], String).data)
@@ -202,6 +209,10 @@ class Graph:
             self._scene.speed_m_s = float(np.linalg.norm(place - before)) / passed_s
         if self._pose is None or passed_s > _SPEED_OVER_S or passed_s < 0:
             self._pose = (stamp_ns, place)
+
+    def _take_wrench(self, found: list[bytes]) -> None:
+        force = deserialize_message(found[-1], WrenchStamped).wrench.force
+        self._scene.force_n = float(np.linalg.norm([force.x, force.y, force.z]))
 
     def _take_statuses(self, found: list[bytes]) -> None:
         for data in found:

@@ -32,6 +32,8 @@ VARIABLES = [
     "robot_mode",
     "safety_mode",
 ]
+#: What it may be without.
+FORCE = "actual_TCP_force"
 SAFETY_MODES = {
     1: "normal",
     2: "reduced",
@@ -67,12 +69,16 @@ class RobotSample:
         TCP in base: x y z in metres, rotation vector in rad.
     speed : tuple of float
         Its velocity in base: m/s and rad/s.
+    wrench : tuple of float
+        Force and torque at the TCP, along the axes of base: N and Nm; empty where the controller
+        doesn't say.
     """
 
     controller_ns: int
     arrival_ns: int
     pose: tuple[float, ...]
     speed: tuple[float, ...]
+    wrench: tuple[float, ...] = ()
 
 
 @dataclass(slots=True)
@@ -127,7 +133,7 @@ class ReceiverStatus:
         return self.safety_mode not in (0, *_RUNNING_SAFELY)
 
 
-def open_receiver(host: str) -> Any:
+def open_receiver(host: str, variables: Sequence[str] = VARIABLES) -> Any:
     """Connect the robot's library.
 
     Raises
@@ -145,7 +151,7 @@ def open_receiver(host: str) -> Any:
             "Python 3.12), or apt install ros-$ROS_DISTRO-ur and set start_robot:=false"
         ) from error
     try:
-        return RTDEReceiveInterface(host, variables=VARIABLES)
+        return RTDEReceiveInterface(host, variables=list(variables))
     except Exception as error:  # the library raises what its C++ throws
         raise ProtocolRefusedError(
             f"robot {host}: the controller did not start to send ({str(error).strip()})"
@@ -222,6 +228,7 @@ class RobotReceiver:
         self._retry_s = retry_s
         self._silence_s = silence_s
         self._tcp_offset = tcp_offset
+        self._has_force = False
         self.status = ReceiverStatus()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
@@ -247,10 +254,14 @@ class RobotReceiver:
         self._change(SEARCHING, "")
         while not self._stop.is_set():
             try:
-                controller = ask_controller(self._host, VARIABLES, self._connect_timeout_s)
+                controller = ask_controller(
+                    self._host, VARIABLES, self._connect_timeout_s, spare=[FORCE]
+                )
+                self._has_force = FORCE not in controller.lacks
                 if len(self._tcp_offset) == 6:
                     check_tool(self._host, self._tcp_offset, self._connect_timeout_s)
-                interface = open_receiver(self._host)
+                variables = [*VARIABLES, FORCE] if self._has_force else VARIABLES
+                interface = open_receiver(self._host, variables)
             except RobotFault as error:
                 self._change(SEARCHING, str(error))
                 self._stop.wait(self._retry_s)
@@ -309,10 +320,11 @@ class RobotReceiver:
             arrival_ns = self._clock_ns()
             pose = tuple(interface.getActualTCPPose())
             speed = tuple(interface.getActualTCPSpeed())
+            wrench = tuple(interface.getActualTCPForce()) if self._has_force else ()
             self.status.safety_mode = int(interface.getSafetyMode())
             self.status.robot_mode = int(interface.getRobotMode())
             after = interface.getTimestamp()
             if after == stamp:
-                return RobotSample(round(stamp * 1e9), arrival_ns, pose, speed)
+                return RobotSample(round(stamp * 1e9), arrival_ns, pose, speed, wrench)
             self.status.torn += 1
             stamp = after

@@ -98,6 +98,13 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
         0.5, ge=0.05, le=10.0, description="The connection is made again after this silence, s."
     )
 
+    least_force_n: float = Field(
+        0.0, ge=0.0, le=500.0, description="Contact is lost below this force, N; 0: not watched."
+    )
+    most_force_n: float = Field(
+        0.0, ge=0.0, le=500.0, description="Pressed too hard above this force, N; 0: not watched."
+    )
+
     @model_validator(mode="after")
     def _check_tool(self) -> Ur10Parameters:
         if len(self.tcp_offset) not in (1, 6):

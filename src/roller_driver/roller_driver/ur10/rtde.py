@@ -10,7 +10,7 @@ from __future__ import annotations
 import socket
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .errors import ProtocolRefusedError, RobotUnreachableError
 
@@ -33,9 +33,12 @@ class Controller:
     ----------
     version : tuple of int
         Major, minor, bugfix, build; the first three alone also serve.
+    lacks : tuple of str
+        Variables that it was asked for and doesn't know.
     """
 
     version: tuple[int, ...]
+    lacks: tuple[str, ...] = ()
 
     @property
     def rate_hz(self) -> float:
@@ -82,9 +85,15 @@ def _exactly(connection: socket.socket, length: int) -> bytes:
 
 
 def ask_controller(
-    host: str, variables: Sequence[str], timeout_s: float = 2.0, port: int = PORT
+    host: str,
+    variables: Sequence[str],
+    timeout_s: float = 2.0,
+    port: int = PORT,
+    spare: Sequence[str] = (),
 ) -> Controller:
     """Say hello, ask for the version and whether the controller has the variables.
+
+    Those that can be spared may be missing: see `Controller.lacks`.
 
     Raises
     ------
@@ -115,19 +124,20 @@ def ask_controller(
                 raise ProtocolRefusedError(f"{where}: the controller doesn't give its version")
             count = min(len(payload) // 4, 4)
             controller = Controller(struct.unpack(f">{count}I", payload[: 4 * count]))
-            request = struct.pack(">d", controller.rate_hz) + ",".join(variables).encode()
+            wanted = [*variables, *spare]
+            request = struct.pack(">d", controller.rate_hz) + ",".join(wanted).encode()
             connection.sendall(frame(SETUP_OUTPUTS, request))
             kind, payload = _answer(connection, where)
             types = payload[1:].decode("ascii", "replace").split(",")
-            if kind != SETUP_OUTPUTS or len(types) != len(variables):
-                raise ProtocolRefusedError(f"{where}: the controller refuses to send {variables}")
-            missing = [n for n, t in zip(variables, types, strict=True) if t == "NOT_FOUND"]
-            if missing:
+            if kind != SETUP_OUTPUTS or len(types) != len(wanted):
+                raise ProtocolRefusedError(f"{where}: the controller refuses to send {wanted}")
+            lacks = tuple(n for n, t in zip(wanted, types, strict=True) if t == "NOT_FOUND")
+            if missing := [name for name in lacks if name not in spare]:
                 raise ProtocolRefusedError(
                     f"{where}: the controller {controller} doesn't know {', '.join(missing)}; "
                     "update its software"
                 )
-            return controller
+            return replace(controller, lacks=lacks)
     except OSError as error:
         reason = "no answer" if isinstance(error, TimeoutError) else (error.strerror or str(error))
         raise RobotUnreachableError(
