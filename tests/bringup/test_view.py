@@ -108,6 +108,10 @@ def test_what_lies_between_points_that_came_together_is_looked_at():
     assert sorted(states.values())[-4:] == [MEASURED] * 4
     assert states[5, 5] == UNMEASURED
     assert grid.covered() == pytest.approx(4 / 121)
+    grid.add(*corners[:1].T + 0.02, {"height": np.zeros(1, np.float32)})
+    assert _all(grid)[15, 15][0] == UNMEASURED  # a stretch between without a point
+    grid.add(*corners[:1].T + 0.2, {"height": np.zeros(1, np.float32)})
+    assert (100, 100) not in _all(grid)
     grid.add(*corners[:1].T, {"deviation": np.ones(1, np.float32)}, CONTINUED)
     assert _all(grid)[0, 0][0] == MEASURED
     assert grid.tiles[0, 0].layers["deviation"][0, 0] == 1

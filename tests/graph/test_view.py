@@ -13,12 +13,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from rclpy.node import Node
+from roller_msgs.msg import Finding, FindingArray
 
 from graph.graph_world import Processes, Watcher
 from roller_core import outputs
 from roller_core.outputs import Cloud, Output
 from roller_core.pose_track import Pose
 from roller_emvs.patch import SURFACE_FIELDS
+from roller_inspect.inspect_stage import DEVIATION_FIELDS
 from roller_ros import messages, topics
 
 pytestmark = pytest.mark.graph
@@ -47,16 +49,10 @@ class Source:
     """Publishes what a rolling cell does."""
 
     def __init__(self, node: Node) -> None:
-        names = (
-            outputs.SURFACE_POINTS,
-            outputs.BRAILLE_TEXT,
-            outputs.DEPTH_IMAGE,
-            outputs.TF,
-            outputs.WRENCH,
-        )
-        self._publishers = {
-            name: topics.publisher(node, name) for name in (*results, outputs.TF, outputs.WRENCH)
-        }
+        results = (outputs.SURFACE_POINTS, outputs.BRAILLE_TEXT, outputs.DEPTH_IMAGE)
+        inspected = (outputs.FINDINGS, outputs.DEVIATION)
+        names = (*results, *inspected, outputs.TF, outputs.WRENCH)
+        self._publishers = {name: topics.publisher(node, name) for name in names}
         self.x_m = 0.0
 
     def roll(self) -> None:
@@ -74,9 +70,16 @@ class Source:
         rows = rng.uniform(0, 1e-4, (200, len(SURFACE_FIELDS)))
         rows[:, :2] = rng.uniform(0, (0.005, 0.01), (200, 2))
         rows[:, 0] += self.x_m
+        found = Finding(id=7, kind="dent", verdict="nonconform", depth=-2e-4)
+        found.depth_uncertainty, found.area_uncertainty = 2e-5, np.nan
+        found.center.x = self.x_m
+        listed = FindingArray(verdict="nonconform", measured=0.5, unmeasured=0.5, findings=[found])
+        self._publishers[outputs.FINDINGS].publish(listed)
+        cells = np.column_stack([rows[:, :3], rows[:, 3:4], np.ones(200), np.full(200, 2)])
         depth = np.full((480, 640), 0.03, np.float32)
         for name, data in (
             (outputs.SURFACE_POINTS, Cloud(rows.astype(np.float32), SURFACE_FIELDS)),
+            (outputs.DEVIATION, Cloud(cells.astype(np.float32), DEVIATION_FIELDS)),
             (outputs.BRAILLE_TEXT, "plate seven"),
             (outputs.DEPTH_IMAGE, depth),
         ):
@@ -113,7 +116,15 @@ def test_a_graph_is_shown(port, processes: Processes, watch) -> None:
     assert state["force_n"] == 25.0
     assert state["map"]["points"] <= sent
     assert state["map"]["head"][0] <= source.x_m + 0.005
-    assert 0 < state["coverage"]["measured"] < 1
+    assert state["coverage"] == {"measured": 0.5, "continued": 0.0, "unmeasured": 0.5}
+    assert state["map"]["layers"] == ["height", "deviation"]
+    assert state["facts"] == {"verdict so far": "nonconform"}
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    connection.request("GET", "/api/findings")
+    (found,) = json.loads(connection.getresponse().read())
+    assert (found["id"], found["depth_m"], found["verdict"]) == ("7", -2e-4, "nonconform")
+    assert found["uncertainty"]["depth_m"] == 2e-5
+    assert "area_m2" not in found["uncertainty"]
     assert state["text_revision"] == 1
     assert [node["name"] for node in state["nodes"]] == ["stitcher: surface"]
     processes.stop()

@@ -13,7 +13,8 @@ from .grid import F64
 #: Verdicts, worst first; others come after them.
 VERDICTS = ("nonconform", "inconclusive", "unmeasured", "conform")
 _WORDS = ("id", "kind", "verdict")
-_FIGURES = ("length_m", "width_m", "depth_m", "area_m2", "volume_m3", "confidence")
+#: Figures of a finding that have an uncertainty.
+FIGURES = ("length_m", "width_m", "depth_m", "area_m2", "volume_m3")
 
 
 def listed(findings: Iterable[Mapping[str, Any]], map_from_base: F64) -> list[dict[str, Any]]:
@@ -35,7 +36,7 @@ def listed(findings: Iterable[Mapping[str, Any]], map_from_base: F64) -> list[di
     for number, finding in enumerate(findings, 1):
         shown: dict[str, Any] = {"id": str(number), "kind": "finding", "verdict": ""}
         shown |= {key: str(finding[key])[:80] for key in _WORDS if key in finding}
-        shown |= _figures({key: finding.get(key) for key in _FIGURES})
+        shown |= _figures({key: finding.get(key) for key in (*FIGURES, "confidence")})
         if isinstance(uncertainty := finding.get("uncertainty"), Mapping):
             shown["uncertainty"] = _figures(uncertainty)
         center = _points([finding.get("center_m")])

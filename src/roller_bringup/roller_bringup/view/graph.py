@@ -8,7 +8,7 @@ import re
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
+from roller_msgs.msg import FindingArray
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
@@ -30,6 +31,8 @@ from roller_core import outputs
 from roller_ros import messages, qos
 
 from . import health
+from .findings import FIGURES
+from .grid import CONTINUED, MEASURED
 from .scene import Scene
 
 #: Between two looks at what has come, s. Often enough for a page, and an executor that wakes for
@@ -46,6 +49,7 @@ _MOST_LAG_S = 30.0
 _PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
 #: Columns of a cloud that the map needs.
 _NEEDED = ("x", "y", "height")
+_NEEDED_OF_DEVIATION = ("x", "y", "deviation", "state")
 #: Only the newest message of these topics is read.
 _LATEST = QoSProfile(depth=1, reliability=qos.PREVIEW.reliability)
 
@@ -104,6 +108,8 @@ class Graph:
         self._subscribe(outputs.DEPTH_IMAGE, Image, _LATEST, self._take_depth)
         self._subscribe(outputs.BRAILLE_TEXT, String, qos.TEXT, self._take_text)
         self._subscribe(outputs.TF, TFMessage, QoSProfile(depth=5), self._take_tf)
+        self._subscribe(outputs.FINDINGS, FindingArray, qos.LATCHED, self._take_findings)
+        self._subscribe(outputs.DEVIATION, PointCloud2, qos.SURFACE, self._take_deviation)
         self._subscribe(outputs.WRENCH, WrenchStamped, _LATEST, self._take_wrench)
         self._subscribe(
             outputs.DIAGNOSTICS, DiagnosticArray, QoSProfile(depth=200), self._take_statuses
@@ -175,7 +181,30 @@ class Graph:
 
     def _clear(self) -> None:
         self._scene.grid.clear()
+        self._scene.coverage = None
         self._scene.head = None
+
+    def _take_deviation(self, found: list[bytes]) -> None:
+        for data in found:
+            rows = _columns(deserialize_message(data, PointCloud2), _NEEDED_OF_DEVIATION)
+            if rows is None:
+                continue
+            for state in (CONTINUED, MEASURED):
+                of_state = rows["state"] == state
+                x, y, deviation = (rows[name][of_state] for name in ("x", "y", "deviation"))
+                self._scene.grid.add(
+                    x.astype(np.float64), y.astype(np.float64), {"deviation": deviation}, state
+                )
+
+    def _take_findings(self, found: list[bytes]) -> None:
+        message = deserialize_message(found[-1], FindingArray)
+        self._scene.take_findings([_plain_finding(item) for item in message.findings])
+        shares = (message.measured, message.continued, message.unmeasured)
+        names = ("measured", "continued", "unmeasured")
+        self._scene.coverage = dict(zip(names, map(float, shares), strict=True))
+        so_far = "verdict" if message.finished else "verdict so far"
+        facts = {"part": message.part, so_far: message.verdict, "because": message.reason}
+        self._scene.facts = {name: text for name, text in facts.items() if text}
 
     def _take_depth(self, found: list[bytes]) -> None:
         """Keep the image as it came: it is only read when a browser asks for it."""
@@ -252,10 +281,32 @@ def _take_all(subscription: Any) -> list[bytes]:
     return found
 
 
-def _columns(message: Any) -> dict[str, Any] | None:
+def _plain_finding(message: Any) -> dict[str, Any]:
+    """A finding as in `inspection.json`."""
+
+    def point(p: Any) -> list[float]:
+        return [p.x, p.y, p.z]
+
+    plain = {
+        "id": message.id,
+        "kind": message.kind,
+        "verdict": message.verdict,
+        "confidence": message.confidence,
+        "center_m": point(message.center),
+        "outline_m": [point(corner) for corner in message.outline],
+        "uncertainty": {},
+    }
+    for key in FIGURES:
+        name = key.rpartition("_")[0]
+        plain[key] = getattr(message, name)
+        plain["uncertainty"][key] = getattr(message, f"{name}_uncertainty")
+    return plain
+
+
+def _columns(message: Any, needed: Sequence[str] = _NEEDED) -> dict[str, Any] | None:
     """Columns of a cloud of float32 by name; None if it has no points or isn't one of ours."""
     names = [field.name for field in message.fields]
-    if not message.width or message.point_step != 4 * len(names) or not set(_NEEDED) <= set(names):
+    if not message.width or message.point_step != 4 * len(names) or not set(needed) <= set(names):
         return None
     rows = np.frombuffer(message.data, np.float32).reshape(-1, len(names))
     return {name: rows[:, k] for k, name in enumerate(names)}

@@ -26,7 +26,9 @@ OUTSIDE, UNMEASURED, CONTINUED, MEASURED = range(4)
 #: A newer point counts at least this much in a cell's mean.
 _MOST_WEIGHT = 250
 #: Cells along the longer side of what is marked as looked at in one go.
-_SLAB = 256
+_SLAB = 1024
+#: What lies between points and those that came before was looked at if they are this near, m.
+_NEAR_M = 0.025
 
 #: Points beyond are none of ours, metres.
 _FARTHEST_M = 1e3
@@ -87,6 +89,7 @@ class Grid:
         self.revision = self.points = 0
         self.layers: list[str] = []
         self.tiles: dict[Key, Tile] = {}
+        self._before: I64 | None = None
 
     @property
     def bounds(self) -> tuple[float, float, float, float] | None:
@@ -106,6 +109,8 @@ class Grid:
     def add(self, x_m: F64, y_m: F64, values: Mapping[str, F32], state: int = MEASURED) -> None:
         """Take points; what is not finite is left out.
 
+        With a height the cells have the mean of all that came, otherwise of these alone.
+
         Parameters
         ----------
         x_m, y_m : ndarray, shape (n,)
@@ -122,7 +127,8 @@ class Grid:
             return
         values = {name: column[sound] for name, column in values.items()}
         i, j = (np.floor(v[sound] / self.cell_m).astype(np.int64) for v in (x_m, y_m))
-        self.points += len(i)
+        counted = "height" in values
+        self.points += len(i) * counted
         self._have(values)
         self._mark_hull(i, j)
         for tile, chosen, at in self._by_tile(i, j):
@@ -133,12 +139,13 @@ class Grid:
                 sums = np.bincount(at, weights=column[chosen], minlength=TILE * TILE)[hit]
                 layer = tile.layers[name].reshape(-1)
                 old = layer[hit].astype(np.float64)
-                # A layer may be new to cells that have a weight.
-                known = np.isfinite(old)
+                # The weight is that of the height: another layer has its newest values.
+                known = np.isfinite(old) & counted
                 weight = np.where(known, before, 0.0)
                 old[~known] = 0.0
                 layer[hit] = (old * weight + sums) / (weight + count[hit])
-            tile.weight.reshape(-1)[hit] = np.minimum(before + count[hit], _MOST_WEIGHT)
+            if counted:
+                tile.weight.reshape(-1)[hit] = np.minimum(before + count[hit], _MOST_WEIGHT)
             flat = tile.state.reshape(-1)
             flat[hit] = np.maximum(flat[hit], state)
             self._touch(tile)
@@ -216,6 +223,13 @@ class Grid:
 
     def _mark_hull(self, i: I64, j: I64) -> None:
         """Mark what lies between points that came together as looked at: the sensor saw it all."""
+        corners = _corners(i, j)
+        if self._before is not None:
+            away = np.maximum(corners.min(axis=0) - self._before.max(axis=0), 0)
+            away = np.maximum(away, self._before.min(axis=0) - corners.max(axis=0))
+            if away.max() * self.cell_m < _NEAR_M:  # a plain stretch that gave no point
+                i, j = np.r_[self._before[:, 0], i], np.r_[self._before[:, 1], j]
+        self._before = corners
         # In slabs across the longer side: a patch is one, the map of a long scan is many.
         along = i if np.ptp(i) >= np.ptp(j) else j
         slabs = (along - along.min()) // _SLAB
@@ -243,7 +257,7 @@ class Grid:
 
     def _double(self) -> None:
         """Cells twice as large: four become one."""
-        old, self.tiles = self.tiles, {}
+        old, self.tiles, self._before = self.tiles, {}, None
         self.cell_m *= 2
         self.epoch = secrets.token_hex(4)
         for (tx, ty), tile in old.items():
@@ -258,12 +272,18 @@ class Grid:
             new.state[at] = _fours(tile.state).max(axis=0)
             for name, layer in tile.layers.items():
                 values = _fours(layer)
-                counts = np.where(np.isfinite(values), weight, 0.0)
+                counts = np.where(np.isfinite(values), np.maximum(weight, 1.0), 0.0)
                 total = counts.sum(axis=0)
                 sums = (np.nan_to_num(values) * counts).sum(axis=0)
                 mean = np.divide(sums, total, out=np.full_like(sums, np.nan), where=total > 0)
                 new.layers[name][at] = mean
             self._touch(new)
+
+
+def _corners(i: I64, j: I64) -> I64:
+    """The outermost cells in eight directions, shape (8, 2)."""
+    found = [extreme(v) for v in (i, j, i + j, i - j) for extreme in (np.argmin, np.argmax)]
+    return np.column_stack([i[found], j[found]])
 
 
 def _fours(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
