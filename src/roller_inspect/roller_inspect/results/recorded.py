@@ -47,8 +47,8 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     truth_folder : path, optional
         Where the scan's truth lies.
     report : Report
-        Completed with windows, truth and totals (`lag_s` too), and written; its method says whether the windows
-        are depth maps or, with `surface`, clouds.
+        Completed with windows, truth and totals (`lag_s` too), and written; its method says
+        whether the windows are depth maps or, with `surface`, clouds.
 
     Raises
     ------
