@@ -22,6 +22,7 @@ setup(
             "inspect_node = roller_inspect.nodes:inspect",
         ],
         "roller.commands": [
+            "batch = roller_inspect.commands.batch",
             "inspect = roller_inspect.commands.inspect",
             "replay = roller_inspect.commands.replay",
         ],

@@ -56,7 +56,7 @@ UNSEEN = {"setuptools"}
 #: What `ros2 launch` reads our launch files with.
 LAUNCH = {"launch_ros", "launch_xml", "ros2launch"}
 #: Imported where it is there, and never needed.
-OPTIONAL = {"argcomplete", "h5py", "hdf5plugin", "louis", "rerun", "weasyprint"}
+OPTIONAL = {"argcomplete", "distributed", "h5py", "hdf5plugin", "louis", "rerun", "weasyprint"}
 
 
 def imports_of(folder: Path) -> set[str]:

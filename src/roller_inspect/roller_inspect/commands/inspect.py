@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from roller_core.command_help import add_examples
 from roller_core.progress import progress_bar
 from roller_emvs.depth_settings import REPLAY_METHODS
 
@@ -37,6 +38,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--part-id", metavar="ID", help="number of the part (the input's name)")
     parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
     parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
+    add_examples(
+        parser,
+        "inspect scan --output result",
+        "inspect scan --output result --recipe bracket.yaml --part-id A-1207 --export x3p,pdf",
+    )
     parser.set_defaults(run=run)
 
 
@@ -53,6 +59,20 @@ def add_inspection_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--export", type=_exports, default=(), metavar="LIST", help="of x3p,sdf,pdf, with commas"
     )
+
+
+def main() -> int:
+    """Run the command by itself, as the jobs of a batch do."""
+    from roller_core.errors import RollerError
+
+    parser = argparse.ArgumentParser(prog="roller")
+    add_parser(parser.add_subparsers())
+    args = parser.parse_args()
+    try:
+        return int(args.run(args))
+    except RollerError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
 
 
 def _exports(text: str) -> tuple[str, ...]:

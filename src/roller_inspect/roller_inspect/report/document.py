@@ -9,7 +9,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
-from importlib import metadata
+from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +122,11 @@ def traceability(part: str, recipe: Recipe, scan: Scan) -> dict[str, Any]:
     found: dict[str, Any] = {
         "part": part,
         "time": now.isoformat(timespec="seconds"),
-        "software": {"roller": _version("roller_inspect"), "python": platform.python_version()}
+        "software": {
+            "roller": _version("roller_inspect"),
+            "source_sha256": software()[:16],
+            "python": platform.python_version(),
+        }
         | {name: _version(name) for name in ("numpy", "scipy")},
         "method": scan.method,
         "settings_sha256": sha256_of(scan.settings),
@@ -154,6 +158,16 @@ def _calibrations(params: Path | None, now: datetime) -> dict[str, Any]:
             pass
         out["calibrations"][kind] = date
     return out
+
+
+def software() -> str:
+    """Tells versions of this package apart, by its source: for results that are kept."""
+    total = hashlib.sha256()
+    for package in ("roller_core", "roller_emvs", "roller_inspect"):
+        root = Path(str(resources.files(package)))
+        for path in sorted(root.rglob("*.py")):
+            total.update(path.read_bytes())
+    return total.hexdigest()
 
 
 def sha256_of(values: Any) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from roller_inspect.exports.pdf import write_pdf
@@ -15,8 +16,11 @@ from roller_inspect.exports.tables import write_findings_csv, write_height_png
 from roller_inspect.exports.x3p import write_x3p
 from roller_inspect.height_map import CONTINUED, OUTSIDE, HeightMap
 from roller_inspect.report.page import Pictured, page
+from roller_inspect.report.pictures import map_picture
 from roller_inspect.surface_inspector import Found
 
+#: Width of `deviation.png`.
+_PICTURE_PX = 800
 EXPORTS = ("x3p", "sdf", "pdf")
 
 
@@ -63,6 +67,8 @@ def write_inspection(
     pictured = None
     if found.height_map is not None and found.deviation_m is not None:
         pictured = Pictured(found.height_map, found.deviation_m, tolerance_m)
+        picture = map_picture(found.deviation_m, grid.state, 2 * tolerance_m, _PICTURE_PX)
+        cv2.imwrite(str(folder / "deviation.png"), picture[..., ::-1])
     html = page(document, pictured)
     (folder / "inspection.html").write_text(html, encoding="utf-8")
     if "pdf" in exports:

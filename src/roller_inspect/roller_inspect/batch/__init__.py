@@ -1,0 +1,1 @@
+"""Many recordings: one job each, on one machine or by a Dask scheduler."""

@@ -1,0 +1,127 @@
+"""Jobs of a batch: what they are told apart by, and how one runs in a process of its own."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from roller_core.output_folder import MARK
+
+#: Of the child: its memory is bounded before anything is loaded.
+_CHILD = (
+    "import resource, sys; n = int(sys.argv.pop(1)); "
+    "n and resource.setrlimit(resource.RLIMIT_DATA, (n, n)); "
+    "from roller_inspect.commands.inspect import main; sys.exit(main())"
+)
+_SUFFIXES = (".mcap", ".db3", ".bag", ".aedat4", ".raw")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One recording to inspect.
+
+    Attributes
+    ----------
+    key : str
+        Hash of the recording, the recipe, the parameters and the software.
+    source, output : str
+        The recording, and the folder of its results.
+    options : tuple of str
+        Of `roller inspect`.
+    resume : bool
+        Whether results of the key that are there count.
+    timeout_s, memory_bytes : float, int
+        Limits; 0: none.
+    """
+
+    key: str
+    source: str
+    output: str
+    options: tuple[str, ...]
+    resume: bool
+    timeout_s: float
+    memory_bytes: int
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of a job; `error` is empty where it has a verdict and no faults."""
+
+    key: str
+    source: str
+    verdict: str
+    reason: str
+    measured: float | None
+    findings: int | None
+    deepest_m: float | None
+    seconds: float
+    error: str
+
+    def plain(self) -> dict[str, Any]:
+        """For JSON and CSV."""
+        return asdict(self)
+
+
+def find_recordings(folders: Sequence[Path]) -> Iterator[Path]:
+    """Recordings in folders: rosbag2 folders, and single files that lie in none."""
+    for folder in folders:
+        bags = sorted(path.parent for path in folder.rglob("metadata.yaml"))
+        yield from bags
+        for path in sorted(folder.rglob("*")):
+            if path.suffix in _SUFFIXES and not any(path.is_relative_to(bag) for bag in bags):
+                yield path
+
+
+def key_of(*parts: str) -> str:
+    """Key of a job by what its result depends on."""
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+
+
+def run_job(job: Job) -> Row:
+    """Inspect one recording; whatever happens there is a row."""
+    begin, folder = time.monotonic(), Path(job.output)
+    error = ""
+    if not (job.resume and (folder / MARK).is_file() and (folder / "inspection.json").is_file()):
+        words = ["inspect", job.source, "--output", job.output, *job.options]
+        command = [sys.executable, "-c", _CHILD, str(job.memory_bytes), *words]
+        try:
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=job.timeout_s or None
+            )
+        except subprocess.TimeoutExpired:
+            return _failed(job, f"took longer than {job.timeout_s:g} s", begin)
+        if done.returncode not in (0, 3, 4):
+            lines = [line for line in done.stderr.splitlines() if line.strip()]
+            said = next((line for line in lines if line.startswith("error: ")), lines[-1:] or "")
+            error = str(said if isinstance(said, str) else said[0]).removeprefix("error: ")
+            error = error or f"ended with {done.returncode}"
+            if done.returncode != 1 or not (folder / "inspection.json").is_file():
+                return _failed(job, error, begin)
+    try:
+        document = json.loads((folder / "inspection.json").read_text())
+    except (OSError, ValueError) as fault:
+        return _failed(job, f"no results: {fault}", begin)
+    depths = [f["depth_m"] for f in document["findings"]]
+    return Row(
+        job.key,
+        job.source,
+        document["verdict"],
+        document["reason"],
+        document["coverage"]["measured"],
+        len(depths),
+        max(depths, key=abs, default=None),
+        round(time.monotonic() - begin, 2),
+        error or "; ".join(document["faults"]),
+    )
+
+
+def _failed(job: Job, error: str, begin: float) -> Row:
+    spent = round(time.monotonic() - begin, 2)
+    return Row(job.key, job.source, "", "", None, None, None, spent, error)

@@ -1,0 +1,67 @@
+"""The summary of a batch as table and page."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import fields
+from html import escape
+from importlib import resources
+from pathlib import Path
+
+from .jobs import Row
+
+
+def write_summary(folder: Path, rows: Sequence[Row], results: Path) -> None:
+    """Write `summary.csv`, `summary.json` and `index.html`.
+
+    Parameters
+    ----------
+    folder : path
+        Where they go.
+    rows : sequence of Row
+        One a recording.
+    results : path
+        The folder with the results by key.
+    """
+    data = [row.plain() for row in rows]
+    counts = Counter(row.verdict or "failed" for row in rows)
+    text = json.dumps({"schema": "roller-batch/1", "verdicts": counts, "jobs": data}, indent=1)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    with (folder / "summary.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [field.name for field in fields(Row)])
+        writer.writeheader()
+        writer.writerows(data)
+    (folder / "index.html").write_text(_page(rows, counts, results), encoding="utf-8")
+
+
+def _page(rows: Sequence[Row], counts: Counter[str], results: Path) -> str:
+    style = resources.files("roller_inspect.report").joinpath("style.css").read_text("utf-8")
+    said = ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common())
+    body = "".join(_row(row, results) for row in rows)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Batch</title>'
+        f"<style>{style} td img {{ width: 240px; display: block; }}</style></head>\n<body><main>"
+        f"<h1>{len(rows)} recordings: {escape(said)}</h1>\n<table><thead><tr><th>recording</th>"
+        "<th>verdict</th><th>measured</th><th>findings</th><th>deepest µm</th><th>deviation</th>"
+        f"</tr></thead><tbody>\n{body}</tbody></table></main></body></html>\n"
+    )
+
+
+def _row(row: Row, results: Path) -> str:
+    name = escape(Path(row.source).name)
+    if (results / row.key / "inspection.html").is_file() and row.verdict:
+        name = f'<a href="{row.key}/inspection.html">{name}</a>'
+    picture = ""
+    if (results / row.key / "deviation.png").is_file() and row.verdict:
+        picture = f'<img loading="lazy" alt="" src="{row.key}/deviation.png">'
+    verdict = f'<b class="{row.verdict}">{row.verdict}</b>' if row.verdict else "failed"
+    depth = "–" if row.deepest_m is None else f"{row.deepest_m * 1e6:+.0f}"
+    measured = "–" if row.measured is None else f"{row.measured:.1%}"
+    cells = (
+        name, f"{verdict}<br>{escape(row.error or row.reason)}", measured,
+        "–" if row.findings is None else str(row.findings), depth, picture,
+    )  # fmt: skip
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>\n"

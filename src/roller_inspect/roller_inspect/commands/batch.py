@@ -1,0 +1,130 @@
+"""`roller batch`: inspect many recordings."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from roller_core.command_help import add_examples
+from roller_emvs.depth_settings import REPLAY_METHODS
+
+from .inspect import USAGE, add_inspection_options
+
+if TYPE_CHECKING:
+    from roller_inspect.batch.jobs import Job, Row
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `batch` to the command's parser."""
+    parser = subparsers.add_parser(
+        "batch",
+        help="inspect many recordings",
+        description="Inspect every recording in some folders, each in a process of its own. One "
+        "that fails is a row of the summary; exits with 1 if any did.",
+    )
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="recordings")
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    parser.add_argument(
+        "--method", choices=REPLAY_METHODS, default="surface", help="depth method (surface)"
+    )
+    parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
+    add_inspection_options(parser)
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="at once (1)")
+    parser.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the jobs"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="keep results that an earlier run has made"
+    )
+    parser.add_argument("--timeout-s", type=float, default=0.0, help="most time of a job")
+    parser.add_argument("--memory-mb", type=int, default=0, help="most memory of a job")
+    add_examples(
+        parser,
+        "batch recordings --output results --jobs 4 --resume",
+        "batch monday tuesday --output results --recipe bracket.yaml --timeout-s 600",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run all jobs and write the summary.
+
+    Raises
+    ------
+    RollerError
+        If the output can't be written or there is no scheduler.
+    """
+    from roller_core.output_folder import OutputFolder
+    from roller_inspect.batch.jobs import find_recordings
+    from roller_inspect.batch.summary import write_summary
+    from roller_inspect.recipe import RecipeError, load_recipe
+
+    try:
+        recipe = load_recipe(args.recipe, args.reference)
+    except RecipeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return USAGE
+    sources = list(dict.fromkeys(find_recordings(args.folders)))
+    if not sources:
+        named = ", ".join(map(str, args.folders))
+        print(f"error: {named}: no recordings there", file=sys.stderr)
+        return USAGE
+    jobs = _jobs(args, sources, recipe.sha256())
+    inputs = [*args.folders, args.params, args.recipe]
+    with OutputFolder(args.output, "batch", inputs, lasting=[job.key for job in jobs]) as output:
+        rows = _run_all(jobs, args)
+        write_summary(output.partial, rows, output.path)
+    failed = [row for row in rows if row.error]
+    for row in rows:
+        print(f"{row.source}: {row.verdict or 'failed'}: {row.error or row.reason}")
+    print(f"results in {args.output}/: index.html, summary.csv, summary.json")
+    for row in failed:
+        print(f"error: {row.source}: {row.error}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _jobs(args: argparse.Namespace, sources: list[Path], recipe: str) -> list[Job]:
+    from roller_core.calibration_file import digest
+    from roller_inspect.batch.jobs import Job, key_of
+    from roller_inspect.report.document import software
+
+    options = ["--method", args.method, "--no-picture"]
+    for name in ("params", "recipe", "reference"):
+        if (value := getattr(args, name)) is not None:
+            # References are found from where the batch was started.
+            options += [f"--{name}", str(value.resolve() if isinstance(value, Path) else value)]
+    if args.export:
+        options += ["--export", ",".join(args.export)]
+    params = digest(args.params) if args.params else ""
+    jobs = {}
+    for source in sources:
+        key = key_of(digest(source), recipe, params, args.method, ",".join(args.export), software())
+        jobs[key] = Job(
+            key, str(source.resolve()), str(args.output.resolve() / key), tuple(options),
+            args.resume, args.timeout_s, args.memory_mb * 1_000_000,
+        )  # fmt: skip
+    return list(jobs.values())  # a recording that is there twice is one job
+
+
+def _run_all(jobs: list[Job], args: argparse.Namespace) -> list[Row]:
+    from joblib import Parallel, delayed, parallel_config
+
+    from roller_core.errors import RollerError
+    from roller_inspect.batch.jobs import run_job
+
+    if args.scheduler is None:
+        # A job is a process already; threads wait for them.
+        work = Parallel(n_jobs=args.jobs, backend="threading")
+        return list(work(delayed(run_job)(job) for job in jobs))
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise RollerError("--scheduler needs dask: pip install dask distributed") from error
+    try:
+        client = Client(args.scheduler, timeout=10)
+    except (OSError, ValueError) as error:
+        raise RollerError(f"{args.scheduler}: no Dask scheduler answers there ({error})") from error
+    with client, parallel_config(backend="dask"):
+        return list(Parallel()(delayed(run_job)(job) for job in jobs))

@@ -1,0 +1,48 @@
+"""`roller batch`: one failure is a row, what is done stays done."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from recording.bags import write_bag
+from roller_bringup.cli import main
+
+pytestmark = pytest.mark.scan
+
+
+def test_a_failure_is_a_row_and_what_is_done_stays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = tmp_path / "scans", tmp_path / "out"
+    write_bag(folder / "good")
+    (folder / "broken.mcap").write_bytes(b"\x89MCAP0\r\n nothing")
+    words = ["batch", str(folder), "--output", str(out), "--method", "focus", "--jobs", "2"]
+    assert main(words) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "broken.mcap" in line
+
+    def rows() -> dict[str, dict[str, object]]:
+        jobs = json.loads((out / "summary.json").read_text())["jobs"]
+        return {Path(str(job["source"])).name: job for job in jobs}
+
+    first = rows()
+    assert first["good"]["verdict"] == "unmeasured"
+    assert first["good"]["error"] == ""
+    assert first["broken.mcap"]["verdict"] == ""
+    done = out / str(first["good"]["key"]) / "inspection.json"
+    written = done.stat().st_mtime_ns
+    page = (out / "index.html").read_text()
+    assert f"{first['good']['key']}/inspection.html" in page
+    assert len((out / "summary.csv").read_text().splitlines()) == 3
+
+    (folder / "broken.mcap").unlink()
+    assert main([*words, "--resume"]) == 0
+    assert rows()["good"]["key"] == first["good"]["key"]
+    assert done.stat().st_mtime_ns == written
+
+
+def test_no_recordings_is_wrong_usage(tmp_path: Path) -> None:
+    assert main(["batch", str(tmp_path), "--output", str(tmp_path.parent / "out")]) == 2
