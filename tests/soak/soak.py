@@ -261,10 +261,14 @@ class Soak:
     def _work(self) -> dict[str, float]:
         return {n: self.eyes.figure(n, WORK[n]) or 0.0 for n in NODES}
 
+    def gone(self) -> list[str]:
+        """Nodes whose processes have ended."""
+        return [n for n in NODES if self.processes.running[n].poll() is not None]
+
     def working(self) -> bool:
-        """Whether every node does its work; those that are gone are noted."""
-        if any(self.processes.running[n].poll() is not None for n in NODES):
-            return True  # it won't get better
+        """Whether every node does its work, or one is gone, which won't get better."""
+        if self.gone():
+            return True
         now = time.monotonic()
         fresh = {n: self.eyes.figure(n, WORK[n], now - 3.0) for n in NODES}
         for name, value in fresh.items():
@@ -284,7 +288,7 @@ class Soak:
         over = time.monotonic()
         self._before = {n: v for n, v in self._work().items() if self.alive[n].begin_s < begin}
         recovered = self.run(RECOVERY_S, self.working)
-        gone = [n for n in NODES if self.processes.running[n].poll() is not None]
+        gone = self.gone()
         bad = gone or ([] if recovered else [
             n for n, v in self._work().items() if v <= self._before.get(n, 0.0)
         ])  # fmt: skip
@@ -546,8 +550,10 @@ def main() -> int:
         for name in NODES:
             soak.start(name)
         soak._before = {}
-        if not soak.run(120.0, soak.working):
-            print(f"the graph does not work: {soak._work()}", file=sys.stderr)
+        if not soak.run(180.0, soak.working) or soak.gone():
+            print(f"the graph does not work: {soak._work()}, {soak.gone()}", file=sys.stderr)
+            for name in soak.gone():
+                print(soak.processes.log(name), file=sys.stderr)
             return 1
         soak.run(20.0)
         end = begin + args.minutes * 60
@@ -566,7 +572,11 @@ def main() -> int:
             shutil.copy(folder / f"{name}.log", output.partial)
         print(page)
         totals = data["totals"]
-        bad = totals["faults injected"] - totals["survived"] or totals["lost and not counted"]
+        bad = (
+            totals["faults injected"] - totals["survived"]
+            or totals["lost and not counted"]
+            or soak.gone()
+        )
     return 1 if bad else 0
 
 
