@@ -28,7 +28,7 @@ _BLOCK_M, _LEAST_BLOCKS = 4e-3, 4
 #: Peaks of chance that may pass for findings at one scale, 1/m², and fewest to tell from.
 _FALSE_PER_M2, _LEAST_PEAKS = 300.0, 30
 #: Beyond the quartiles the tail is longer still.
-_LONGER = 1.3
+_LONGER = 1.5
 #: From this share of known cells on a scan counts as one that shows all of the surface; gaps in
 #: it, m, and its smallest part, m².
 _DENSE_SHARE, _GAP_M, _LEAST_AREA_M2 = 0.5, 5e-4, 1e-5

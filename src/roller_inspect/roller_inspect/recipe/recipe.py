@@ -51,7 +51,7 @@ class Plate(Settings):
 class Reference(Settings):
     """What the surface is held against."""
 
-    kind: Literal["self", "nominal"] = Field(
+    kind: Literal["self", "nominal", "golden", "cad"] = Field(
         "self",
         description="self: the scan's own background; nominal: a form fitted to it; golden: good "
         "parts that were taught; cad: a model.",

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from roller_inspect.references import NominalReference, Reference, SelfReference
+from pathlib import Path
+
+from roller_inspect.references import (
+    CadReference,
+    GoldenReference,
+    NominalReference,
+    Reference,
+    SelfReference,
+)
 
 from .recipe import Recipe
 
@@ -18,4 +26,8 @@ def load_reference(recipe: Recipe) -> Reference:
     chosen = recipe.reference
     if chosen.kind == "nominal":
         return NominalReference(chosen.form)
+    if chosen.kind == "golden":
+        return GoldenReference.load(Path(chosen.path))
+    if chosen.kind == "cad":
+        return CadReference.load(Path(chosen.path))
     return SelfReference()

@@ -1,0 +1,87 @@
+"""The surface between measured cells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roller_core.transforms import F64
+from roller_inspect.height_map import _kernels
+from roller_inspect.height_map.completion import complete_surface
+from roller_inspect.height_map.scatter import scatter_of
+
+from .analytic_surface import errors
+
+
+def matrix_of(pull: F64, bend: F64, tie_x: F64, tie_y: F64) -> F64:
+    """The kernels' matrix, one difference at a time."""
+    ny, nx = pull.shape
+    out = np.diag(pull.ravel())
+
+    def add(weight: float, cells: dict[tuple[int, int], float]) -> None:
+        row = np.zeros((ny, nx))
+        for cell, value in cells.items():
+            row[cell] = value
+        out[:] += weight * np.outer(row, row)
+
+    for i in range(ny):
+        for j in range(nx):
+            if 0 < j < nx - 1:
+                add(bend[i, j], {(i, j - 1): 1, (i, j): -2, (i, j + 1): 1})
+            if 0 < i < ny - 1:
+                add(bend[i, j], {(i - 1, j): 1, (i, j): -2, (i + 1, j): 1})
+            if i < ny - 1 and j < nx - 1:
+                mixed = {(i, j): 1, (i, j + 1): -1, (i + 1, j): -1, (i + 1, j + 1): 1}
+                add(2 * bend[i, j], mixed)
+            if j < nx - 1:
+                add(tie_x[i, j], {(i, j): -1, (i, j + 1): 1})
+            if i < ny - 1:
+                add(tie_y[i, j], {(i, j): -1, (i + 1, j): 1})
+    return out
+
+
+def test_the_solver_solves_what_its_plain_twin_does() -> None:
+    random = np.random.default_rng(3)
+    ny, nx = 7, 9
+    pull = random.uniform(0, 1, (ny, nx)) * (random.random((ny, nx)) < 0.5)
+    bend = random.uniform(0.1, 5, (ny, nx))
+    ties = random.uniform(0, 1, (ny, nx - 1)), random.uniform(0, 1, (ny - 1, nx))
+    matrix = matrix_of(pull, bend, *ties)
+    h, out = random.normal(size=(ny, nx)), np.empty((ny, nx))
+    _kernels._apply(h, pull, bend, *ties, out)
+    np.testing.assert_allclose(out.ravel(), matrix @ h.ravel(), rtol=1e-10)
+    _kernels._diagonal(pull, bend, *ties, out)
+    np.testing.assert_allclose(out.ravel(), np.diag(matrix), rtol=1e-10)
+    right = pull * random.normal(size=(ny, nx))
+    _kernels._solve(h, right, pull, bend, *ties, 1e-12, 500, np.empty((5, ny, nx)))
+    np.testing.assert_allclose(h.ravel(), np.linalg.solve(matrix, right.ravel()), atol=1e-8)
+
+
+def test_a_dome_goes_on_between_its_anchors_and_a_flat_top_stays_flat() -> None:
+    random = np.random.default_rng(0)
+    x, y = np.meshgrid(np.arange(100) * 1e-4 - 5e-3, np.arange(80) * 1e-4 - 4e-3)
+    dome = 5e-4 - (x**2 + y**2) / 0.05
+    top = np.clip((3e-3 - np.maximum(np.abs(x), np.abs(y))) / 5e-4, 0, 1) * 4e-4
+    wall = (top > 0) & (top < 4e-4)
+    for surface, known, limit in (
+        (dome, random.random(x.shape) < 0.02, 1.5e-5),
+        # Only the walls are seen, as on a plain coating.
+        (top, wall & (random.random(x.shape) < 0.5), 5e-5),
+    ):
+        height = np.where(known, surface, np.nan).astype(np.float32)
+        sigma = np.where(known, 3e-5, np.nan).astype(np.float32)
+        error = np.abs(complete_surface(height, sigma, 1e-4) - surface)
+        inside = np.maximum(np.abs(x), np.abs(y)) < 3e-3
+        assert error[inside].mean() < limit
+
+
+def test_scatter_sees_errors_but_neither_form_nor_walls() -> None:
+    random = np.random.default_rng(1)
+    x, y = np.meshgrid(np.arange(120) * 1e-4, np.arange(120) * 1e-4)
+    form = 0.2 * x + 8 * x * y + 4e-4 * (x > 6e-3)
+    noise = errors(x.shape, 1e-4, 3e-5, random)
+    measured = random.random(x.shape) < 0.6
+    quiet = scatter_of(form.astype(np.float32), measured, 1e-4)
+    loud = scatter_of((form + noise).astype(np.float32), measured, 1e-4)
+    assert np.nanmax(quiet) < 1e-5
+    assert 1.5e-5 < np.nanmedian(loud) < 6e-5
+    assert np.isnan(scatter_of(form.astype(np.float32), random.random(x.shape) < 0.01, 1e-4)).all()
