@@ -14,7 +14,7 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.errors import RollerError, SettingsError
 from roller_core.events import EventArray
-from roller_core.hot_pixels import hot_pixels
+from roller_core.hot_pixels import count_events, find_hot_pixels
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.methods.paper import bma as paper
@@ -90,6 +90,10 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         super().__init__(settings, camera, track, WindowCutter(settings, track))
         self.settings = settings
         self._table = camera.undistortion_table()
+        if settings.patch_half_length_m:
+            middle = 0.5 * (settings.depth_min_m + settings.depth_max_m)
+            ray_slope = (self._table[..., 0] - camera.cx) / camera.fx
+            self._table[np.abs(ray_slope) * middle > settings.patch_half_length_m] = np.nan
 
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
         """Depth maps of all windows that are complete, in order.
@@ -124,13 +128,11 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             Where poses are missing.
         """
         s, camera = self.settings, self.camera
-        events, notes = self._usable(window.events)
+        events, (table, notes) = window.events, self._usable(window.events)
         span = window.end_ns - window.start_ns
         middle_ns = window.start_ns + span // 2
-        if not len(events):
-            raise ParallaxError("no event of a good pixel lies in the contact patch")
         with (watch or Stopwatch())("packets"):
-            packets = make_packets(events, self._table, self.track, s.packet_events)
+            packets = make_packets(events, table, self.track, s.packet_events)
             times = [window.start_ns + round(f * span) for f, _ in s.views()]
             poses = self.track.matrices([*times, middle_ns])
         parallax = parallax_px(packets, camera, poses[-1], s.depth_min_m, s.depth_max_m)
@@ -170,20 +172,21 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         per_px = (1 / s.depth_min_m - 1 / s.depth_max_m) / prepared.parallax_px
         return depth, sure, np.float32(_PAPER_ERROR_PX * per_px) * depth**2
 
-    def _usable(self, events: EventArray) -> tuple[EventArray, tuple[str, ...]]:
-        """Events of pixels that see something, where the skin sticks to the surface."""
-        s, camera = self.settings, self.camera
+    def _usable(self, events: EventArray) -> tuple[F32, tuple[str, ...]]:
+        """Ideal pixels of those that see something where the skin sticks; NaN for all others."""
+        counts = np.zeros(self._table.shape[:2], np.float32)
+        count_events(events, counts)
+        hot, table = find_hot_pixels(counts, columns_too=True), self._table
         notes: tuple[str, ...] = ()
-        hot = hot_pixels(events, (camera.height, camera.width))
         if hot is not None:
-            keep = ~hot[events.y, events.x]
-            notes = (f"{len(keep) - int(keep.sum())} events of {int(hot.sum())} hot pixels",)
-            events = events[keep]
-        if s.patch_half_length_m and len(events):
-            middle = 0.5 * (s.depth_min_m + s.depth_max_m)
-            ray_slope = (self._table[events.y, events.x, 0] - camera.cx) / camera.fx
-            events = events[np.abs(ray_slope) * middle <= s.patch_half_length_m]
-        return events, notes
+            notes = (f"{counts[hot].sum():.0f} events of {int(hot.sum())} hot pixels",)
+            table = table.copy()
+            table[hot] = np.nan
+        if (hot is not None or self.settings.patch_half_length_m) and not counts[
+            np.isfinite(table[..., 0])
+        ].any():
+            raise ParallaxError("no event of a good pixel lies in the contact patch")
+        return table, notes
 
 
 def refuse_surface(settings: DepthSettings) -> None:

@@ -38,23 +38,22 @@ class Packets:
 
     Attributes
     ----------
-    u, v : ndarray of float32, shape (n,)
-        Ideal pinhole pixels of the events.
+    events : EventArray
+        The events, in order of time.
+    table : ndarray of float32, shape (height, width, 2)
+        Ideal pinhole pixel of every pixel; NaN where events don't count.
     starts : ndarray of int64, shape (k + 1,)
         Where packets begin; the last entry is n.
     poses : ndarray of float64, shape (k, 4, 4)
         Camera in base at each packet's median event.
-    polarity : ndarray of uint8, shape (n,)
-        Of the events.
     start_ns, end_ns : int
         Times of the first and last packet's median event.
     """
 
-    u: F32
-    v: F32
+    events: EventArray
+    table: F32
     starts: I64
     poses: F64
-    polarity: npt.NDArray[np.uint8]
     start_ns: int = 0
     end_ns: int = 0
 
@@ -88,7 +87,7 @@ def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events
     events : EventArray
         In order of time, at least one.
     table : ndarray of float32, shape (height, width, 2)
-        `Camera.undistortion_table`.
+        `Camera.undistortion_table`, NaN where events don't count.
     track : PoseTrack
         Camera in base.
     packet_events : int
@@ -104,9 +103,7 @@ def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events
     medians = (starts[:-1] + starts[1:] - 1) // 2
     times = events.t_ns[medians]
     poses = track.matrices(times)
-    u, v = np.empty(n, np.float32), np.empty(n, np.float32)
-    _look_up(events.x, events.y, table, u, v)
-    return Packets(u, v, starts, poses, events.p, int(times[0]), int(times[-1]))
+    return Packets(events, table, starts, poses, int(times[0]), int(times[-1]))
 
 
 def rays_in_view(
@@ -133,9 +130,12 @@ def rays_in_view(
     h = camera.K @ relative[:, :3, :3] @ np.linalg.inv(camera.K)
     centres = np.ascontiguousarray(relative[:, :3, 3])
     dtype = np.dtype(precision)
-    rays, limits = np.empty((len(packets.u), 4), dtype), np.empty(len(packets.u), dtype)
+    events = packets.events
+    rays, limits = np.empty((len(events), 4), dtype), np.empty(len(events), dtype)
     intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-    _make_rays(packets.u, packets.v, packets.starts, h, centres, intrinsics, rays, limits)
+    _make_rays(
+        events.x, events.y, packets.table, packets.starts, h, centres, intrinsics, rays, limits
+    )
     return RayBundle(rays, limits)
 
 
@@ -154,31 +154,24 @@ def parallax_px(packets: Packets, camera: Camera, view: F64, near_m: float, far_
 
 
 @njit(cache=True, nogil=True)
-def _look_up(x, y, table, u, v):  # type: ignore[no-untyped-def]
-    for i in range(len(x)):
-        u[i] = table[y[i], x[i], 0]
-        v[i] = table[y[i], x[i], 1]
-
-
-@njit(cache=True, nogil=True)
-def _make_rays(u, v, starts, h, centres, intrinsics, rays, limits):  # type: ignore[no-untyped-def]
+def _make_rays(x, y, table, starts, h, centres, intrinsics, rays, limits):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = intrinsics
     for k in range(len(starts) - 1):
         m = h[k]
-        x, y, z = centres[k]
+        forward = centres[k, 2]
         # A plane behind a packet's camera can't be what that camera saw.
-        limit = 1.0 / z if z > 0.0 else np.inf
+        limit = 1.0 / forward if forward > 0.0 else np.inf
         for i in range(starts[k], starts[k + 1]):
-            a = np.float64(u[i])
-            b = np.float64(v[i])
+            a = np.float64(table[y[i], x[i], 0])
+            b = np.float64(table[y[i], x[i], 1])
             w = m[2, 0] * a + m[2, 1] * b + m[2, 2]
             if w > 1e-6:
                 p = (m[0, 0] * a + m[0, 1] * b + m[0, 2]) / w
                 q = (m[1, 0] * a + m[1, 1] * b + m[1, 2]) / w
                 rays[i, 0] = p
                 rays[i, 1] = q
-                rays[i, 2] = fx * x - (p - cx) * z
-                rays[i, 3] = fy * y - (q - cy) * z
+                rays[i, 2] = fx * centres[k, 0] - (p - cx) * forward
+                rays[i, 3] = fy * centres[k, 1] - (q - cy) * forward
                 limits[i] = limit
             else:
                 rays[i, 0] = OUTSIDE

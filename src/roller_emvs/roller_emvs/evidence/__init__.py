@@ -5,6 +5,7 @@ from .coarse import coarse_planes, offset_of_parts
 from .evidence_settings import EvidenceSettings
 from .field import EvidenceField, RayField
 from .focus_measure import plane_offsets
+from .part_images import PartImages, Parts
 from .relief import Relief, measured_pixels
 from .sweep import Depths, find_depths, planes_near, sharpest
 
@@ -13,6 +14,8 @@ __all__ = [
     "Depths",
     "EvidenceField",
     "EvidenceSettings",
+    "PartImages",
+    "Parts",
     "RayField",
     "Relief",
     "coarse_planes",

@@ -99,6 +99,29 @@ def _find_peak(scores, first, last, rival, weakest, least, peak, contrast, top):
 
 
 @njit(cache=True, nogil=True)
+def _top_between(scores, at, peak, offset):  # type: ignore[no-untyped-def]
+    """Top of the parabola through a peak's three planes, which need not be evenly spaced.
+
+    `at`, shape (planes, columns), holds their offsets; `offset` is left where `peak` is NaN.
+    """
+    _, height, width = scores.shape
+    for i in range(height):
+        for j in range(width):
+            if np.isnan(peak[i, j]):
+                continue
+            k = int(np.rint(peak[i, j]))
+            middle = at[k, j]
+            a = at[k - 1, j] - middle
+            b = at[k + 1, j] - middle
+            left = np.float64(scores[k - 1, i, j]) - scores[k, i, j]
+            right = np.float64(scores[k + 1, i, j]) - scores[k, i, j]
+            # Twice the bend, and the slope in the middle.
+            bend = (right / b - left / a) / (b - a)
+            slope = left / a - bend * a
+            offset[i, j] = middle + (-0.5 * slope / bend if bend < 0 else 0.0)
+
+
+@njit(cache=True, nogil=True)
 def _centroids(measure, plane, weights, total, x, y):  # type: ignore[no-untyped-def]
     """Weighted focus measure on each cell's own plane, and where around the cell it lies, in cells.
 

@@ -71,6 +71,10 @@ class EvidenceField(ABC):
         """Spread of slopes of each column of cells, float32."""
         return np.maximum(self.slopes[1] - self.slopes[0], 0.0).astype(np.float32)
 
+    def planes_in_effect(self, at: F64) -> F64 | None:
+        """Offsets that planes have in effect, shape (planes, columns of cells); None: as asked."""
+        return None
+
     @abstractmethod
     def slope_sums(self, offset: F32, polarity: int) -> F32:
         """Count of the events that meet the surface, their slopes and squares, by cell.

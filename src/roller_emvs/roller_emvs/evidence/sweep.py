@@ -218,6 +218,9 @@ def _peaks(
     parallax = field.apertures * np.float32(at[-2] - at[1])
     peak[:, parallax < MIN_PARALLAX_PX] = np.nan
     offset = (at[0] + peak * (at[1] - at[0])).astype(np.float32)
+    in_effect = field.planes_in_effect(at)
+    if in_effect is not None:
+        peaks._top_between(scores, in_effect, peak, offset)
     nearest = np.nan_to_num(peak, nan=-1.0).round().astype(np.int64)
     reach = int(np.ceil(2.5 * sigma))
     steps = np.arange(-reach, reach + 1)

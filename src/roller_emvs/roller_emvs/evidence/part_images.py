@@ -1,0 +1,307 @@
+"""Images of the parts of an aperture, of which planes are sums: one vote an event.
+
+Where a window's motion moves the image along its rows, the events of one part of the aperture,
+all of about one slope, make one image on the middle plane, and a plane is the sum of the parts'
+images, each moved by slope · offset: slant stacking, a discrete Radon transform along rows. What
+it costs doesn't depend on how many events there are.
+
+Images move by whole bins. Their rounding would move a plane's offset by a few hundredths of the
+step between planes; the offset that a plane has in effect is that of the line through the moves
+of the parts that saw a column. Bins begin elsewhere in each part, so that no plane has all its
+parts rounded alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.events import EventArray
+from roller_core.transforms import F64
+from roller_emvs.rays import F32
+from roller_emvs.threads import share
+
+from . import _part_kernels as kernels
+from ._kernels import CELL_PX, ROW_PX
+from ._part_kernels import BINS
+from .evidence_settings import EvidenceSettings
+from .field import EvidenceField
+from .focus_measure import plane_offsets
+from .sweep import Depths, sharpest
+
+U8 = npt.NDArray[np.uint8]
+I64 = npt.NDArray[np.int64]
+
+#: Rows of a band, px: those of its parts stay in a core's cache.
+_BAND_ROWS = 8
+#: Beyond the two ends of a row, as vector instructions take some at a time.
+_SPARE = 32
+#: Of an irrational number: bins of parts begin in no steady order.
+_STAGGER = 0.381966
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts of the aperture that a window was seen through.
+
+    Attributes
+    ----------
+    slopes : ndarray of float64, shape (parts,)
+        Mean slope of each, px by unit of offset; increasing.
+    width : float
+        Range of slopes of each.
+    of_packet : ndarray of int64, shape (packets,)
+        The part that each packet belongs to.
+    """
+
+    slopes: F64
+    width: float
+    of_packet: I64
+
+    @property
+    def phase(self) -> F32:
+        """Where each part's bins begin, in bins."""
+        number = np.arange(len(self.slopes), dtype=np.float64)
+        return (0.5 * _STAGGER * number**2 % 1.0).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class PartImages(EvidenceField):
+    """Counts of events on the middle plane by part of the aperture.
+
+    Attributes
+    ----------
+    parts : Parts
+        The parts.
+    spans : ndarray of int64, shape (parts, 2)
+        Columns that each part saw, first and beyond the last.
+    images : ndarray of uint8, shape (2, parts, rows + 1, BINS, stride)
+        OFF and ON events; bins of half a pixel along x.
+    """
+
+    parts: Parts
+    spans: I64
+    images: U8
+
+    def focus_measure(self, at: F64, polarity: int, threads: int = 1) -> F32:
+        """Sharpness of the votes by plane and cell, not yet summed over neighbourhoods.
+
+        Parameters
+        ----------
+        at : ndarray of float64, shape (planes,)
+            Offsets of the planes.
+        polarity : int
+            0 for OFF, 1 for ON events.
+        threads : int
+            Threads that share the bands.
+
+        Returns
+        -------
+        ndarray of float32, shape (planes, rows, columns)
+            Sums of squared slopes along x.
+        """
+        images, width = self.images[polarity], self.shape[1]
+        count, _, _, stride = images.shape
+        pad, sources, ranges = self._moves(at)
+        measure = np.zeros((len(at), *self.cells), np.float32)
+        rows = _BAND_ROWS // ROW_PX
+
+        def run(first: int) -> None:
+            pairs = np.zeros((-(-count // 4) * 4, BINS, rows, stride + 2 * pad), np.uint8)
+            sums = np.empty((BINS, width), np.uint16)
+            votes, line = np.zeros((rows, width), np.float32), np.zeros(width, np.float32)
+            kernels._measure_bands(
+                images, self.spans, sources, ranges, first, threads, pad, pairs, sums, votes,
+                line, measure,
+            )  # fmt: skip
+
+        share(threads, threads, run, inner=True)
+        return measure
+
+    def planes_in_effect(self, at: F64) -> F64:
+        """See `EvidenceField`: of the line through the moves of the parts that saw a column."""
+        slopes, (low, high) = self.parts.slopes, self.slopes
+        moved = (self._shifts(at) + self.parts.phase) / BINS - np.outer(at, slopes)
+        half = 0.5 * self.parts.width
+        inside = np.minimum(slopes[:, None] + half, high) - np.maximum(slopes[:, None] - half, low)
+        weight = np.clip(inside / self.parts.width, 0.0, 1.0)
+        total = np.maximum(weight.sum(axis=0), 1e-9)
+        beside = slopes[:, None] - (weight * slopes[:, None]).sum(axis=0) / total
+        square = (weight * beside**2).sum(axis=0)
+        slant = moved @ (weight * beside) / np.maximum(square, self.parts.width**2)
+        return np.asarray(at[:, None] + slant)
+
+    def slope_sums(self, offset: F32, polarity: int) -> F32:
+        """See `EvidenceField`."""
+        parts, slopes = self.parts, self.parts.slopes
+        known = np.abs(offset[np.isfinite(offset)])
+        sums = np.zeros((*self.cells, 3), np.float32)
+        if not len(known):
+            return sums
+        pad = int(np.abs(slopes).max() * known.max()) + CELL_PX + 1
+        cells = np.empty((len(slopes), self.cells[0], self.shape[1] + 2 * pad), np.uint16)
+        line = np.empty(cells.shape[2] + CELL_PX, np.uint16)
+        kernels._cell_sums(self.images[polarity], self.spans, pad, line, cells)
+        square = (slopes**2 + parts.width**2 / 12).astype(np.float32)
+        kernels._slope_sums(
+            cells, offset, slopes.astype(np.float32), square, parts.phase, pad, sums
+        )
+        return sums
+
+    def support(self, offset: F32, polarity: int) -> F32:
+        """See `EvidenceField`."""
+        found, width = np.zeros(self.shape, np.float32), self.shape[1]
+        buffers = (
+            *np.empty((2, width), np.float32), *np.empty((3, width + 1), np.int32),
+            np.empty(width, np.uint16),
+        )  # fmt: skip
+        kernels._support(
+            self.images[polarity], self.spans, offset, self.parts.slopes.astype(np.float32),
+            self.parts.phase, buffers, found,
+        )  # fmt: skip
+        return found
+
+    def _moves(self, at: F64) -> tuple[int, I64, I64]:
+        """How images are moved for each plane, four parts at a time.
+
+        Returns
+        -------
+        pad : int
+            Columns before and after a row.
+        sources : ndarray of int64, shape (planes, BINS, groups, 4)
+            Where what a part adds to column 0 of a phase lies among the sums of rows.
+        ranges : ndarray of int64, shape (planes, groups, 2)
+            Columns that the parts add to, first and beyond the last.
+        """
+        shifts = self._shifts(at)
+        planes, count = shifts.shape
+        groups, width = -(-count // 4), self.shape[1]
+        pad = int(np.abs(shifts).max()) // BINS + _SPARE
+        wide, rows = self.images.shape[4] + 2 * pad, _BAND_ROWS // ROW_PX
+        moved = np.zeros((planes, BINS, groups * 4), np.int64)
+        moved[:, :, :count] = np.arange(BINS)[:, None] - shifts[:, None, :]
+        column, phase = np.divmod(moved, BINS)
+        sources = (np.arange(groups * 4) * BINS + phase) * rows * wide + pad + column
+        ends = np.zeros((planes, groups * 4, 2), np.int64)
+        ends[:, :, 0] = width
+        ends[:, :count] = self.spans + (shifts // BINS)[..., None] + [0, 2]
+        ends = ends.reshape(planes, groups, 4, 2).clip(0, width)
+        ranges = np.stack([ends[..., 0].min(axis=2), ends[..., 1].max(axis=2)], axis=-1)
+        return pad, sources.reshape(planes, BINS, groups, 4), ranges
+
+    def _shifts(self, at: F64) -> I64:
+        """Bins by which each part's image is moved for each plane, shape (planes, parts)."""
+        return np.rint(BINS * np.outer(at, self.parts.slopes) - self.parts.phase).astype(np.int64)
+
+
+def images_shape(parts: int, shape: tuple[int, int]) -> tuple[int, int, int, int, int]:
+    """Of the images of a number of parts on a grid of a shape."""
+    return 2, parts, shape[0] + 1, BINS, shape[1] + 16
+
+
+def count_events(
+    events: EventArray,
+    table: F32,
+    starts: I64,
+    to_middle: F64,
+    parts: Parts,
+    shape: tuple[int, int],
+    memory: U8,
+    threads: int = 1,
+) -> tuple[U8, I64]:
+    """Images of parts of the aperture: each event's vote.
+
+    Parameters
+    ----------
+    events : EventArray
+        In order of time.
+    table : ndarray of float32, shape (height, width, 2)
+        Ideal pixel of every pixel; NaN where events don't count.
+    starts : ndarray of int64, shape (packets + 1,)
+        Where packets begin; the last entry is n.
+    to_middle : ndarray of float64, shape (packets, 3, 3)
+        Homography from each packet's pixels to the grid's, on the plane of offset 0.
+    parts : Parts
+        The parts.
+    shape : tuple of int
+        Rows and columns of the grid.
+    memory : ndarray of uint8
+        What the images are made in; at least as long as they are.
+    threads : int
+        Threads, each of which counts parts of its own.
+
+    Returns
+    -------
+    images, spans
+        See `PartImages`.
+    """
+    count = len(parts.slopes)
+    size = images_shape(count, shape)
+    images = memory[: int(np.prod(size))].reshape(size)
+    order = np.argsort(parts.of_packet, kind="stable")
+    ends = np.searchsorted(parts.of_packet[order], np.arange(count + 1))
+    before = np.append(0, np.cumsum(np.diff(starts)[order]))[ends]
+    # Parts of each thread, about as many events for each.
+    cuts = np.searchsorted(before, before[-1] * np.arange(1, threads) / threads)
+    edges = [0, *cuts.tolist(), count]
+    mapping, phase = to_middle.astype(np.float32), parts.phase
+
+    def run(k: int) -> None:
+        images[:, edges[k] : edges[k + 1]] = 0
+        own = order[ends[edges[k]] : ends[edges[k + 1]]]
+        buffers = *np.empty((2, kernels.CHUNK), np.float32), np.empty(kernels.CHUNK, np.int32)
+        kernels._scatter(
+            events.x, events.y, events.p, table, starts, own, parts.of_packet, mapping, phase,
+            shape, buffers, images,
+        )  # fmt: skip
+
+    share(threads, threads, run)
+    return images, _spans(table, to_middle, parts, shape[1])
+
+
+def _spans(table: F32, to_middle: F64, parts: Parts, width: int) -> I64:
+    """Columns that parts saw: those between the corners of the image."""
+    border = np.concatenate([table[[0, -1]].reshape(-1, 2), table[:, [0, -1]].reshape(-1, 2)])
+    low, high = np.nanmin(border, axis=0), np.nanmax(border, axis=0)
+    corners = np.array([[a, b, 1.0] for a in (low[0], high[0]) for b in (low[1], high[1])])
+    forward = np.maximum(to_middle[:, 2] @ corners.T, 1e-6)
+    column = to_middle[:, 0] @ corners.T / forward + 0.5
+    spans = np.empty((len(parts.slopes), 2))
+    spans[:] = width, 0.0
+    np.minimum.at(spans[:, 0], parts.of_packet, column.min(axis=1))
+    np.maximum.at(spans[:, 1], parts.of_packet, column.max(axis=1) + 2)
+    return np.clip(spans, 0, width + 1).astype(np.int64)
+
+
+def find_depths_of_parts(
+    field: PartImages, low: float, high: float, settings: EvidenceSettings, threads: int = 1
+) -> list[Depths]:
+    """Depth on the grid's cells of OFF and of ON events, between two offsets; see `find_depths`."""
+    at = plane_offsets(low, high, field.aperture * (high - low), settings.planes_per_px)
+    first, last = np.zeros(field.cells, np.int32), np.full(field.cells, len(at) - 1, np.int32)
+    found: list[Depths | None] = [None, None]
+
+    def look(k: int) -> None:
+        measure = field.focus_measure(at, k, max(threads // 2, 1))
+        found[k] = sharpest(field, measure, at, first, last, k, settings)
+
+    share(threads, 2, look)
+    return [f for f in found if f is not None]
+
+
+_FREE: list[U8] = []
+
+
+@contextmanager
+def borrowed(size: int) -> Iterator[U8]:
+    """Memory that windows use one after the other; what it holds is left over."""
+    memory = _FREE.pop() if _FREE else np.empty(0, np.uint8)
+    try:
+        memory = memory if len(memory) >= size else np.empty(size, np.uint8)
+        yield memory
+    finally:
+        _FREE.append(memory)

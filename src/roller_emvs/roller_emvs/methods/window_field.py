@@ -1,0 +1,196 @@
+"""A window's events on the pixels of its reference view, by their rays or by aperture parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from roller_core.camera import Camera
+from roller_core.transforms import F64, inverse_pose
+from roller_emvs.evidence import CELL_PX, PartImages, Parts, RayField
+from roller_emvs.evidence.part_images import U8, count_events
+from roller_emvs.rays import Packets, rays_in_view
+
+#: Events a pixel of the image from which on parts cost less than rays.
+_LEAST_EVENTS = 1.0
+#: Pixels by which events may leave their row, and their part's image, at an end of the range.
+_MOST_ACROSS_PX, _MOST_BESIDE_PX = 0.5, 0.7
+#: Parallax of a part, px over the range: its events leave its image by a quarter of that.
+_PART_PX = 1.8
+#: Parts of a window: fewer are no better than rays; more take memory.
+_FEWEST_PARTS, _MOST_PARTS = 6, 40
+
+
+@dataclass(frozen=True)
+class WindowView:
+    """How a window's events are seen from its reference view.
+
+    Attributes
+    ----------
+    packets : Packets
+        The events.
+    camera : Camera
+        Intrinsics.
+    view : ndarray of float64, shape (4, 4)
+        Reference camera in base.
+    middle, half : float
+        Inverse depths of the range, 1/m: offset 0, and the offset of either end.
+    turned : bool
+        Whether planes part along the image's columns, so that rows and columns change places.
+    relative : ndarray of float64, shape (packets, 4, 4)
+        Packets' cameras in the reference view.
+    slopes : ndarray of float64, shape (2, columns of cells)
+        Least and most slope that each column can have been seen from.
+    """
+
+    packets: Packets
+    camera: Camera
+    view: F64
+    middle: float
+    half: float
+    turned: bool
+    relative: F64
+    slopes: F64
+    speed_px_s: float
+
+    @classmethod
+    def of(
+        cls,
+        packets: Packets,
+        camera: Camera,
+        view: F64,
+        depths_m: tuple[float, float],
+        patch_half_length_m: float,
+    ) -> WindowView:
+        """A window's view for a range of depths, nearest and farthest."""
+        c, (near, far) = camera, (1.0 / depths_m[0], 1.0 / depths_m[1])
+        middle = 0.5 * (near + far)
+        relative = inverse_pose(view) @ packets.poses
+        travel = np.ptp(relative[:, :2, 3] * [c.fx, c.fy], axis=0)
+        turned = bool(travel[1] > travel[0])
+        focal, axis, columns = (c.fy, c.cy, c.height) if turned else (c.fx, c.cx, c.width)
+        # A column's point was in view from where the camera saw it at a pixel.
+        left, right = 0.0, columns - 1.0
+        if patch_half_length_m:
+            reach = patch_half_length_m * middle * focal
+            left, right = max(axis - reach, left), min(axis + reach, right)
+        x = (np.arange(-(-columns // CELL_PX)) + 0.5) * CELL_PX - 0.5
+        along = focal * relative[:, 1 if turned else 0, 3]
+        slopes = np.stack(
+            [
+                np.maximum((x - right) / middle, along.min()),
+                np.minimum((x - left) / middle, along.max()),
+            ]
+        )
+        seconds = max((packets.end_ns - packets.start_ns) * 1e-9, 1e-9)
+        speed = float(travel.max()) * middle / seconds
+        half = 0.5 * (near - far)
+        return cls(packets, c, view, middle, half, turned, relative, slopes, speed)
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length along the parallax, px."""
+        return self.camera.fy if self.turned else self.camera.fx
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns that the parallax goes along, px; multiples of `CELL_PX`."""
+        rows, columns = self.camera.height, self.camera.width
+        if self.turned:
+            rows, columns = columns, rows
+        return -(-rows // CELL_PX) * CELL_PX, -(-columns // CELL_PX) * CELL_PX
+
+    @property
+    def _of_field(self) -> tuple[tuple[int, int], F64, float, float, float, float]:
+        focal = self.focal_px
+        return self.shape, self.slopes, -self.middle / focal, -(self.middle**2), focal, self.speed_px_s
+
+    def ray_field(self) -> RayField:
+        """Rays of all events; their offset is inverse depth less `middle`."""
+        polarity = self.packets.events.p
+        rays = rays_in_view(self.packets, self.camera, self.view).rays
+        rays = rays.astype(np.float32, copy=False)
+        placed, off_count = np.empty_like(rays), len(rays) - int(np.count_nonzero(polarity))
+        _place(rays, polarity, self.turned, np.float32(self.middle), off_count, placed)
+        return RayField(*self._of_field, placed, np.array([0, off_count, len(rays)], np.int64))
+
+    def parts(self) -> Parts | None:
+        """Parts of the aperture; None for few events or where the motion doesn't fit them.
+
+        It fits where events stay in their row and their part's image over the whole range.
+        """
+        c, p = self.camera, self.packets
+        if len(p.events) < _LEAST_EVENTS * c.width * c.height:
+            return None
+        x, y, z = self.relative[:, :3, 3].T
+        edge_x, edge_y = max(c.cx, c.width - c.cx), max(c.cy, c.height - c.cy)
+        along, across, beside, out = c.fx * x, c.fy * y, edge_x, edge_y
+        if self.turned:
+            along, across, beside, out = across, along, out, beside
+        if (np.abs(across) + out * np.abs(z)).max() * self.half > _MOST_ACROSS_PX:
+            return None
+        low, high = float(along.min()), float(along.max())
+        count = int(np.ceil((high - low) * 2 * self.half / _PART_PX))
+        if not _FEWEST_PARTS <= count <= _MOST_PARTS:
+            return None
+        width = (high - low) / count
+        number = np.minimum(((along - low) / width).astype(np.int64), count - 1)
+        slopes = low + (np.arange(count) + 0.5) * width
+        leaves = np.abs(along - slopes[number]) + beside * np.abs(z)
+        if leaves.max() * self.half > _MOST_BESIDE_PX:
+            return None
+        return Parts(slopes, width, number)
+
+    def part_images(self, parts: Parts, memory: U8, threads: int = 1) -> PartImages:
+        """Every event's vote in the image of its part.
+
+        Parameters
+        ----------
+        parts : Parts
+            Of this window.
+        memory : ndarray of uint8
+            At least as long as the images; see `images_shape`.
+        threads : int
+            Threads that share the parts.
+        """
+        p = self.packets
+        images, spans = count_events(
+            p.events, p.table, p.starts, self._to_middle(), parts, self.shape, memory, threads
+        )
+        return PartImages(*self._of_field, parts, spans, images)
+
+    def _to_middle(self) -> F64:
+        """Homographies from a packet's pixels to those on the middle plane, (packets, 3, 3)."""
+        c, w, r = self.camera, self.middle, self.relative
+        x, y, z = r[:, :3, 3].T[..., None]
+        # The rotation times K^-1, its rows times K, and from infinity to the middle plane.
+        at = np.stack([r[:, :3, 0] / c.fx, r[:, :3, 1] / c.fy, r[:, :3, 2]], axis=2)
+        at[..., 2] -= at[..., 0] * c.cx + at[..., 1] * c.cy
+        forward = at[:, 2].copy()
+        at[:, 0] = (1 - w * z) * (c.fx * at[:, 0] + c.cx * forward)
+        at[:, 1] = (1 - w * z) * (c.fy * at[:, 1] + c.cy * forward)
+        at[:, 0] += w * (c.fx * x + c.cx * z) * forward
+        at[:, 1] += w * (c.fy * y + c.cy * z) * forward
+        return at[:, [1, 0, 2]] if self.turned else at
+
+
+@njit(cache=True, nogil=True)
+def _place(rays, polarity, turned, middle, off_count, out):  # type: ignore[no-untyped-def]
+    """Rays on the middle plane, OFF before ON; with x and y changed over if `turned`."""
+    off = 0
+    on = off_count
+    a = 1 if turned else 0
+    b = 1 - a
+    for i in range(len(rays)):
+        if polarity[i] > 0:
+            k = on
+            on += 1
+        else:
+            k = off
+            off += 1
+        out[k, 0] = rays[i, a] + middle * rays[i, 2 + a]
+        out[k, 1] = rays[i, b] + middle * rays[i, 2 + b]
+        out[k, 2] = rays[i, 2 + a]
+        out[k, 3] = rays[i, 2 + b]
