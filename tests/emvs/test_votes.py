@@ -41,7 +41,11 @@ def twin_volume(
         relative = inverse_pose(view) @ packets.poses[packet]
         centre = relative[:3, 3]
         for i in range(packets.starts[packet], packets.starts[packet + 1]):
-            direction = relative[:3, :3] @ k_inverse @ [packets.u[i], packets.v[i], 1.0]
+            direction = (
+                relative[:3, :3]
+                @ k_inverse
+                @ [*packets.table[packets.events.y[i], packets.events.x[i]], 1.0]
+            )
             for n, z in enumerate(planes):
                 point = centre + direction * (z - centre[2]) / direction[2]
                 u, v, _ = camera.K @ (point / z)
@@ -93,9 +97,8 @@ def test_a_point_meets_itself_on_its_plane() -> None:
     for t in (0, 7 * MS, 33 * MS):
         local = inverse_pose(track.at(t).matrix) @ point
         ideal = camera.undistort(camera.project(local[None, :3]))[0].astype(np.float32)
-        packets = r.Packets(
-            ideal[:1], ideal[1:], np.array([0, 1]), track.matrices([t]), np.ones(1, np.uint8)
-        )
+        one = EventArray.from_arrays([0], [0], [t], [1])
+        packets = r.Packets(one, ideal[None, None], np.array([0, 1]), track.matrices([t]))
         ray = r.rays_in_view(packets, camera, reference).rays[0]
         u, v = ray[:2] + ray[2:] / 0.0446
         expected = camera.K @ (np.array([0.001, -0.002, 0.0446]) / 0.0446)
@@ -174,10 +177,8 @@ def test_planes_behind_a_packet_get_no_votes(track: PoseTrack) -> None:
     # A camera that stood 45.5 mm ahead of the reference sees no plane nearer than that.
     ahead = np.eye(4)
     ahead[2, 3] = 0.0455
-    packets = r.Packets(
-        np.array([80], np.float32), np.array([60], np.float32), np.array([0, 1]), ahead[None],
-        np.ones(1, np.uint8),
-    )  # fmt: skip
+    event = EventArray.from_arrays([80], [60], [0], [1])
+    packets = r.Packets(event, CAMERA.undistortion_table(), np.array([0, 1]), ahead[None])
     rays = r.rays_in_view(packets, CAMERA, np.eye(4))
     planes = np.array([0.0454, 0.0456, 0.6])
     votes = dense_volume(rays, CAMERA, planes).sum(axis=(1, 2))

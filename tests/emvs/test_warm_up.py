@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from roller_emvs.depth_settings import METHODS, DepthSettings
-from roller_emvs.evidence import _peak_kernels
+from roller_emvs.evidence import _meet_kernels, _peak_kernels
+from roller_emvs.evidence import _part_kernels as _image_kernels
 from roller_emvs.methods.paper import _view_kernels, _vote_kernels
 from roller_emvs.methods.surface import SurfaceSettings, _part_kernels
 from roller_emvs.warm_up import warm_up
@@ -16,6 +17,8 @@ def test_every_method_warms_up(method: str) -> None:
     warm_up(DepthSettings.create({"method": method}))
     if method == "focus":
         assert _peak_kernels._choose.signatures
+        assert _image_kernels._support.signatures
+        assert _meet_kernels._warp.signatures
     else:
         assert _vote_kernels._sweep_bands.signatures
     if method in ("bma", "left_right"):

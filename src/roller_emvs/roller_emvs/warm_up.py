@@ -43,8 +43,8 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
         engines = [SurfaceSweep(small, _CAMERA, _track(0.0))]
     else:
         whole = settings.changed({"window.rule": "all"})
-        # A slanted travel has every view vote for itself, which are kernels of their own.
-        engines = [DepthPipeline(whole, _CAMERA, _track(slant)) for slant in (0.0, 0.1)]
+        # A slanted travel goes by rays, and has every view vote for itself.
+        engines = [DepthPipeline(whole, _CAMERA, _track(slant)) for slant in (0.0, 0.3)]
     for engine in engines:
         engine.add_events(events)
         for _ in engine.results(flush=True):

@@ -12,6 +12,8 @@ from ._kernels import CELL_PX, ROW_PX, _add_cells, _add_slopes
 
 #: Bins to a pixel along x.
 BINS = 2
+#: Columns beyond the grid from which votes are taken, for slopes at its border.
+EDGE_PX = 4
 #: Most counts of a bin of two rows that evidence is made of: four of them fit a byte.
 _MOST = 63
 #: Events that are placed before they are counted.
@@ -20,13 +22,14 @@ CHUNK = 512
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _scatter(  # type: ignore[no-untyped-def]
-    x, y, polarity, table, starts, packets, part, to_middle, phase, shape, buffers, images
+    x, y, polarity, table, starts, packets, part, to_middle, phase, shape, margin, buffers, images
 ):
     """Count the events of some packets in their part's image, on the middle plane.
 
     `table`, shape (height, width, 2), takes a pixel to an ideal one, NaN where its events don't
     count; `to_middle`, shape (packets, 3, 3), takes those to the middle plane. `images`, shape
-    (2, parts, rows + 1, BINS, stride), stop at 255; the last row takes what goes nowhere.
+    (2, parts, rows + 1, BINS, stride), begin `margin` columns before the grid of `shape` and end
+    as many after it. Counts stop at 255; the last row takes what goes nowhere.
     """
     flat = images.reshape(-1)
     pixels = table.reshape(-1)
@@ -35,11 +38,12 @@ def _scatter(  # type: ignore[no-untyped-def]
     size = np.uint64(rows * bins * columns)
     apart = np.uint64(parts) * size
     below = np.float32(shape[0])
-    right = np.float32(shape[1])
+    right = np.float32(shape[1] + 2 * margin)
     stride = np.float32(columns)
     per_row = np.float32(bins * columns)
     lost = below * per_row
     half = np.float32(0.5)
+    left = np.float32(0.5 + margin)
     per_px = np.float32(bins)
     per_bin = np.float32(1.0 / bins)
     u, v, places = buffers
@@ -59,7 +63,7 @@ def _scatter(  # type: ignore[no-untyped-def]
             for i in range(count):
                 w = m[2, 0] * u[i] + m[2, 1] * v[i] + m[2, 2]
                 share = np.float32(1) / w
-                a = (m[0, 0] * u[i] + m[0, 1] * v[i] + m[0, 2]) * share + half
+                a = (m[0, 0] * u[i] + m[0, 1] * v[i] + m[0, 2]) * share + left
                 b = (m[1, 0] * u[i] + m[1, 1] * v[i] + m[1, 2]) * share + half
                 # Written so that NaN fails it.
                 inside = (w > 0) & (a >= 0) & (a < right) & (b >= 0) & (b < below)
@@ -81,15 +85,13 @@ def _measure_bands(  # type: ignore[no-untyped-def]
 
     `images`, shape (parts, rows, BINS, stride). `spans` holds the columns that each part saw,
     from and to. `sources` and `ranges` are those of `_moves`. `pairs`, shape (parts or up to
-    three more, BINS, rows of votes, pad + stride + pad), zero, and `sums`, shape (BINS, width),
-    are for use. `measure`, shape (planes, rows, columns) of cells, receives the sum of squared
-    slopes along x.
+    three more, BINS, rows of votes, pad + stride + pad), zero, `sums`, shape (BINS, columns), and
+    `votes` are for use; the latter begin and end `EDGE_PX` columns beyond the grid. `measure`,
+    shape (planes, rows, columns) of cells, receives the sum of squared slopes along x.
     """
     rows, width = votes.shape
     planes, cell_rows, cell_columns = measure.shape
     per_cell = CELL_PX // ROW_PX
-    line[:2] = 0
-    line[width - 2 :] = 0
     for cell_row in range(first * rows // per_cell, cell_rows, step * rows // per_cell):
         count = min(rows, (cell_rows - cell_row) * per_cell)
         if not _add_rows(images, spans, cell_row * CELL_PX, count, pad, pairs):
@@ -99,8 +101,8 @@ def _measure_bands(  # type: ignore[no-untyped-def]
                 _add_parts(pairs, sources[k], ranges[k], row, sums)
                 _share_bins(sums, row, votes)
             for r in range(count // per_cell):
-                _add_slopes(votes, r * per_cell, 2, width - 2, line)
-                _add_cells(line, 0, cell_columns, measure[k, cell_row + r])
+                _add_slopes(votes, r * per_cell, EDGE_PX, width - EDGE_PX, line)
+                _add_cells(line[EDGE_PX:], 0, cell_columns, measure[k, cell_row + r])
 
 
 @njit(cache=True, nogil=True)
@@ -176,7 +178,7 @@ def _share_bins(sums, row, votes):  # type: ignore[no-untyped-def]
 def _cell_sums(images, spans, pad, line, cells):  # type: ignore[no-untyped-def]
     """Counts of `CELL_PX` rows and columns, by part, row of cells and their first column.
 
-    `cells`, shape (parts, rows of cells, pad + width + pad); the first column is less `pad`.
+    `cells`, shape (parts, rows of cells, columns), begin `pad` columns before the images.
     """
     flat = images.reshape(-1)
     out = cells.reshape(-1)
@@ -204,11 +206,11 @@ def _cell_sums(images, spans, pad, line, cells):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _slope_sums(cells, offset, slopes, square, phase, pad, sums):  # type: ignore[no-untyped-def]
+def _slope_sums(cells, offset, slopes, square, phase, left, sums):  # type: ignore[no-untyped-def]
     """Count events, and add up their slopes along x and squares, that meet the surface.
 
     `offset` is the surface on cells, NaN where unknown; `square` the mean square of a part's
-    slopes.
+    slopes. `cells` begin `left` columns before the grid.
     """
     height, width = offset.shape
     parts, _, wide = cells.shape
@@ -222,7 +224,7 @@ def _slope_sums(cells, offset, slopes, square, phase, pad, sums):  # type: ignor
             squares = np.float32(0)
             for j in range(parts):
                 moved = np.rint(slopes[j] * z - phase[j] / np.float32(BINS))
-                at = np.int64(c * CELL_PX + pad) - np.int64(moved)
+                at = np.int64(c * CELL_PX + left) - np.int64(moved)
                 if 0 <= at < wide:
                     n = np.float32(cells[j, i, at])
                     count += n
@@ -234,7 +236,7 @@ def _slope_sums(cells, offset, slopes, square, phase, pad, sums):  # type: ignor
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _support(images, spans, depth, slopes, phase, buffers, support):  # type: ignore[no-untyped-def]
+def _support(images, spans, depth, slopes, phase, margin, buffers, support):  # type: ignore[no-untyped-def]
     """Count events at the pixels where they meet the surface `depth` (NaN: unknown).
 
     `buffers` are for use. The last place of each image stays zero.
@@ -245,8 +247,8 @@ def _support(images, spans, depth, slopes, phase, buffers, support):  # type: ig
     out = support.reshape(-1)
     size = np.uint64(rows * bins * columns)
     zero = np.float32(rows * bins * columns - 1)
-    top = np.float32(bins * width)
-    half = np.float32(0.5)
+    top = np.float32(bins * (width + 2 * margin))
+    left = np.float32(bins * margin + 0.5)
     per_px = np.float32(bins)
     per_bin = np.float32(1.0 / bins)
     stride = np.float32(columns)
@@ -271,9 +273,9 @@ def _support(images, spans, depth, slopes, phase, buffers, support):  # type: ig
         line = np.float32(row * bins * columns)
         for j in range(parts):
             slope = slopes[j]
-            shift = phase[j] + half
-            least = spans[j, 0] + int(np.floor(min(slope * low, slope * high))) - 1
-            most = spans[j, 1] + int(np.ceil(max(slope * low, slope * high))) + 1
+            shift = phase[j] + left
+            least = spans[j, 0] - margin + int(np.floor(min(slope * low, slope * high))) - 1
+            most = spans[j, 1] - margin + int(np.ceil(max(slope * low, slope * high))) + 1
             first = np.uint64(before[min(max(least, 0), width)])
             last = np.uint64(before[min(max(most, 0), width)])
             for i in range(first, last):

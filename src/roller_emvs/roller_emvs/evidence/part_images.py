@@ -27,7 +27,7 @@ from roller_emvs.threads import share
 
 from . import _part_kernels as kernels
 from ._kernels import CELL_PX, ROW_PX
-from ._part_kernels import BINS
+from ._part_kernels import BINS, EDGE_PX
 from .evidence_settings import EvidenceSettings
 from .field import EvidenceField
 from .focus_measure import plane_offsets
@@ -77,13 +77,17 @@ class PartImages(EvidenceField):
     ----------
     parts : Parts
         The parts.
+    margin : int
+        Columns before the grid at which images begin, and after it at which they end, at least
+        `EDGE_PX`: events may come into it from there.
     spans : ndarray of int64, shape (parts, 2)
-        Columns that each part saw, first and beyond the last.
+        Columns of its image that each part saw, first and beyond the last.
     images : ndarray of uint8, shape (2, parts, rows + 1, BINS, stride)
         OFF and ON events; bins of half a pixel along x.
     """
 
     parts: Parts
+    margin: int
     spans: I64
     images: U8
 
@@ -104,7 +108,7 @@ class PartImages(EvidenceField):
         ndarray of float32, shape (planes, rows, columns)
             Sums of squared slopes along x.
         """
-        images, width = self.images[polarity], self.shape[1]
+        images, width = self.images[polarity], self.shape[1] + 2 * EDGE_PX
         count, _, _, stride = images.shape
         pad, sources, ranges = self._moves(at)
         measure = np.zeros((len(at), *self.cells), np.float32)
@@ -143,12 +147,13 @@ class PartImages(EvidenceField):
         if not len(known):
             return sums
         pad = int(np.abs(slopes).max() * known.max()) + CELL_PX + 1
-        cells = np.empty((len(slopes), self.cells[0], self.shape[1] + 2 * pad), np.uint16)
-        line = np.empty(cells.shape[2] + CELL_PX, np.uint16)
+        columns = self.shape[1] + 2 * (self.margin + pad)
+        cells = np.empty((len(slopes), self.cells[0], columns), np.uint16)
+        line = np.empty(columns + CELL_PX, np.uint16)
         kernels._cell_sums(self.images[polarity], self.spans, pad, line, cells)
         square = (slopes**2 + parts.width**2 / 12).astype(np.float32)
         kernels._slope_sums(
-            cells, offset, slopes.astype(np.float32), square, parts.phase, pad, sums
+            cells, offset, slopes.astype(np.float32), square, parts.phase, pad + self.margin, sums
         )
         return sums
 
@@ -161,7 +166,7 @@ class PartImages(EvidenceField):
         )  # fmt: skip
         kernels._support(
             self.images[polarity], self.spans, offset, self.parts.slopes.astype(np.float32),
-            self.parts.phase, buffers, found,
+            self.parts.phase, self.margin, buffers, found,
         )  # fmt: skip
         return found
 
@@ -173,22 +178,24 @@ class PartImages(EvidenceField):
         pad : int
             Columns before and after a row.
         sources : ndarray of int64, shape (planes, BINS, groups, 4)
-            Where what a part adds to column 0 of a phase lies among the sums of rows.
+            Where what a part adds to the first column of a phase lies among the sums of rows.
         ranges : ndarray of int64, shape (planes, groups, 2)
             Columns that the parts add to, first and beyond the last.
         """
         shifts = self._shifts(at)
         planes, count = shifts.shape
-        groups, width = -(-count // 4), self.shape[1]
+        groups, width = -(-count // 4), self.shape[1] + 2 * EDGE_PX
+        # From a column of votes to one of the images.
+        along = self.margin - EDGE_PX
         pad = int(np.abs(shifts).max()) // BINS + _SPARE
         wide, rows = self.images.shape[4] + 2 * pad, _BAND_ROWS // ROW_PX
         moved = np.zeros((planes, BINS, groups * 4), np.int64)
         moved[:, :, :count] = np.arange(BINS)[:, None] - shifts[:, None, :]
         column, phase = np.divmod(moved, BINS)
-        sources = (np.arange(groups * 4) * BINS + phase) * rows * wide + pad + column
+        sources = (np.arange(groups * 4) * BINS + phase) * rows * wide + pad + along + column
         ends = np.zeros((planes, groups * 4, 2), np.int64)
         ends[:, :, 0] = width
-        ends[:, :count] = self.spans + (shifts // BINS)[..., None] + [0, 2]
+        ends[:, :count] = self.spans + (shifts // BINS)[..., None] + [-along, 2 - along]
         ends = ends.reshape(planes, groups, 4, 2).clip(0, width)
         ranges = np.stack([ends[..., 0].min(axis=2), ends[..., 1].max(axis=2)], axis=-1)
         return pad, sources.reshape(planes, BINS, groups, 4), ranges
@@ -198,9 +205,9 @@ class PartImages(EvidenceField):
         return np.rint(BINS * np.outer(at, self.parts.slopes) - self.parts.phase).astype(np.int64)
 
 
-def images_shape(parts: int, shape: tuple[int, int]) -> tuple[int, int, int, int, int]:
-    """Of the images of a number of parts on a grid of a shape."""
-    return 2, parts, shape[0] + 1, BINS, shape[1] + 16
+def images_shape(parts: int, shape: tuple[int, int], margin: int) -> tuple[int, ...]:
+    """Of the images of a number of parts on a grid of a shape; see `PartImages`."""
+    return 2, parts, shape[0] + 1, BINS, shape[1] + 2 * margin + 16
 
 
 def count_events(
@@ -210,9 +217,10 @@ def count_events(
     to_middle: F64,
     parts: Parts,
     shape: tuple[int, int],
-    memory: U8,
+    margin: int,
+    images: U8,
     threads: int = 1,
-) -> tuple[U8, I64]:
+) -> I64:
     """Images of parts of the aperture: each event's vote.
 
     Parameters
@@ -229,19 +237,19 @@ def count_events(
         The parts.
     shape : tuple of int
         Rows and columns of the grid.
-    memory : ndarray of uint8
-        What the images are made in; at least as long as they are.
+    margin : int
+        Columns before and after the grid.
+    images : ndarray of uint8, shape as of `images_shape`
+        Whatever they hold, the counts take its place.
     threads : int
         Threads, each of which counts parts of its own.
 
     Returns
     -------
-    images, spans
-        See `PartImages`.
+    ndarray of int64, shape (parts, 2)
+        Columns that each part saw; see `PartImages`.
     """
     count = len(parts.slopes)
-    size = images_shape(count, shape)
-    images = memory[: int(np.prod(size))].reshape(size)
     order = np.argsort(parts.of_packet, kind="stable")
     ends = np.searchsorted(parts.of_packet[order], np.arange(count + 1))
     before = np.append(0, np.cumsum(np.diff(starts)[order]))[ends]
@@ -256,25 +264,25 @@ def count_events(
         buffers = *np.empty((2, kernels.CHUNK), np.float32), np.empty(kernels.CHUNK, np.int32)
         kernels._scatter(
             events.x, events.y, events.p, table, starts, own, parts.of_packet, mapping, phase,
-            shape, buffers, images,
+            shape, margin, buffers, images,
         )  # fmt: skip
 
     share(threads, threads, run)
-    return images, _spans(table, to_middle, parts, shape[1])
+    return _spans(table, to_middle, parts, shape[1], margin)
 
 
-def _spans(table: F32, to_middle: F64, parts: Parts, width: int) -> I64:
+def _spans(table: F32, to_middle: F64, parts: Parts, width: int, margin: int) -> I64:
     """Columns that parts saw: those between the corners of the image."""
     border = np.concatenate([table[[0, -1]].reshape(-1, 2), table[:, [0, -1]].reshape(-1, 2)])
     low, high = np.nanmin(border, axis=0), np.nanmax(border, axis=0)
     corners = np.array([[a, b, 1.0] for a in (low[0], high[0]) for b in (low[1], high[1])])
     forward = np.maximum(to_middle[:, 2] @ corners.T, 1e-6)
-    column = to_middle[:, 0] @ corners.T / forward + 0.5
+    column = to_middle[:, 0] @ corners.T / forward + 0.5 + margin
     spans = np.empty((len(parts.slopes), 2))
-    spans[:] = width, 0.0
+    spans[:] = width + 2 * margin, 0.0
     np.minimum.at(spans[:, 0], parts.of_packet, column.min(axis=1))
     np.maximum.at(spans[:, 1], parts.of_packet, column.max(axis=1) + 2)
-    return np.clip(spans, 0, width + 1).astype(np.int64)
+    return np.clip(spans, 0, width + 2 * margin + 1).astype(np.int64)
 
 
 def find_depths_of_parts(
@@ -297,11 +305,12 @@ _FREE: list[U8] = []
 
 
 @contextmanager
-def borrowed(size: int) -> Iterator[U8]:
-    """Memory that windows use one after the other; what it holds is left over."""
+def borrowed(shape: tuple[int, ...]) -> Iterator[U8]:
+    """Memory that windows use one after the other; it holds what they left there."""
+    size = int(np.prod(shape))
     memory = _FREE.pop() if _FREE else np.empty(0, np.uint8)
+    memory = memory if len(memory) >= size else np.empty(size, np.uint8)
     try:
-        memory = memory if len(memory) >= size else np.empty(size, np.uint8)
-        yield memory
+        yield memory[:size].reshape(shape)
     finally:
         _FREE.append(memory)

@@ -11,13 +11,15 @@ and few events, go by their rays.
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+
 import numpy as np
 
 from roller_core.camera import Camera
 from roller_core.transforms import F64
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.evidence import Parts, Relief, find_depths, measured_pixels
-from roller_emvs.evidence.part_images import borrowed, find_depths_of_parts, images_shape
+from roller_emvs.evidence.part_images import find_depths_of_parts
 from roller_emvs.rays import F32, Packets
 from roller_emvs.stopwatch import Stopwatch
 
@@ -82,10 +84,9 @@ def _by_rays(seen: WindowView, s: DepthSettings, watch: Stopwatch) -> Relief:
 
 
 def _by_parts(seen: WindowView, parts: Parts, s: DepthSettings, watch: Stopwatch) -> Relief:
-    size = int(np.prod(images_shape(len(parts.slopes), seen.shape)))
-    with borrowed(size) as memory:
+    with ExitStack() as stack:
         with watch("rays"):
-            field = seen.part_images(parts, memory, s.threads)
+            field = stack.enter_context(seen.part_images(parts, s.threads))
         with watch("votes"):
             depths = find_depths_of_parts(field, -seen.half, seen.half, s.focus, s.threads)
         with watch("points"):

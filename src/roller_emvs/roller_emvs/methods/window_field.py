@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +12,7 @@ from numba import njit
 from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 from roller_emvs.evidence import CELL_PX, PartImages, Parts, RayField
-from roller_emvs.evidence.part_images import U8, count_events
+from roller_emvs.evidence.part_images import borrowed, count_events, images_shape
 from roller_emvs.rays import Packets, rays_in_view
 
 #: Events a pixel of the image from which on parts cost less than rays.
@@ -18,7 +20,7 @@ _LEAST_EVENTS = 1.0
 #: Pixels by which events may leave their row, and their part's image, at an end of the range.
 _MOST_ACROSS_PX, _MOST_BESIDE_PX = 0.5, 0.7
 #: Parallax of a part, px over the range: its events leave its image by a quarter of that.
-_PART_PX = 1.8
+_PART_PX = 1.2
 #: Parts of a window: fewer are no better than rays; more take memory.
 _FEWEST_PARTS, _MOST_PARTS = 6, 40
 
@@ -105,7 +107,14 @@ class WindowView:
     @property
     def _of_field(self) -> tuple[tuple[int, int], F64, float, float, float, float]:
         focal = self.focal_px
-        return self.shape, self.slopes, -self.middle / focal, -(self.middle**2), focal, self.speed_px_s
+        return (
+            self.shape,
+            self.slopes,
+            -self.middle / focal,
+            -(self.middle**2),
+            focal,
+            self.speed_px_s,
+        )
 
     def ray_field(self) -> RayField:
         """Rays of all events; their offset is inverse depth less `middle`."""
@@ -137,29 +146,32 @@ class WindowView:
             return None
         width = (high - low) / count
         number = np.minimum(((along - low) / width).astype(np.int64), count - 1)
-        slopes = low + (np.arange(count) + 0.5) * width
+        slopes = low + (np.arange(count, dtype=np.float64) + 0.5) * width
         leaves = np.abs(along - slopes[number]) + beside * np.abs(z)
         if leaves.max() * self.half > _MOST_BESIDE_PX:
             return None
         return Parts(slopes, width, number)
 
-    def part_images(self, parts: Parts, memory: U8, threads: int = 1) -> PartImages:
-        """Every event's vote in the image of its part.
+    @contextmanager
+    def part_images(self, parts: Parts, threads: int = 1) -> Iterator[PartImages]:
+        """Every event's vote in the image of its part, in memory that the next window uses again.
 
         Parameters
         ----------
         parts : Parts
             Of this window.
-        memory : ndarray of uint8
-            At least as long as the images; see `images_shape`.
         threads : int
             Threads that share the parts.
         """
         p = self.packets
-        images, spans = count_events(
-            p.events, p.table, p.starts, self._to_middle(), parts, self.shape, memory, threads
-        )
-        return PartImages(*self._of_field, parts, spans, images)
+        # What comes into the grid on a plane, the one beyond either end of the range included.
+        margin = int(1.3 * np.abs(parts.slopes).max() * self.half) + 2
+        with borrowed(images_shape(len(parts.slopes), self.shape, margin)) as images:
+            spans = count_events(
+                p.events, p.table, p.starts, self._to_middle(), parts, self.shape, margin, images,
+                threads,
+            )  # fmt: skip
+            yield PartImages(*self._of_field, parts, margin, spans, images)
 
     def _to_middle(self) -> F64:
         """Homographies from a packet's pixels to those on the middle plane, (packets, 3, 3)."""

@@ -1,0 +1,310 @@
+"""Images of aperture parts: against slow forms, against rays, and where the motion fits them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from emvs.hard.world import CAMERA, DEPTH, flat, poses, scan
+from emvs.scenes import Motion, rolling
+from roller_core.camera import Camera
+from roller_core.events import EventArray
+from roller_emvs.evidence import CELL_PX, PartImages, Parts, find_depths, part_images
+from roller_emvs.evidence import _part_kernels as kernels
+from roller_emvs.evidence import _peak_kernels as peaks
+from roller_emvs.evidence._kernels import ROW_PX
+from roller_emvs.evidence._part_kernels import BINS
+from roller_emvs.methods import window_field
+from roller_emvs.methods.focus import focus_depth
+from roller_emvs.methods.window_field import WindowView
+from roller_emvs.rays import Packets, make_packets
+from roller_emvs.stopwatch import Stopwatch
+
+SHAPE, MARGIN = (24, 64), 5
+SLOPES = np.array([-6.0, -3.7, -1.2, 1.1, 3.4, 5.9])
+RANGE_M = (0.043, 0.047)
+
+
+def some_images(rng: np.random.Generator, most: int = 9, share: float = 0.3) -> PartImages:
+    """Random counts in the columns that each part saw."""
+    parts = Parts(SLOPES, 2.3, np.arange(len(SLOPES)))
+    size = part_images.images_shape(len(SLOPES), SHAPE, MARGIN)
+    images = np.zeros(size, np.uint8)
+    spans = np.array([[0, 40], [0, 52], [3, 64], [8, 75], [17, 75], [26, 74]])
+    for j, (first, last) in enumerate(spans):
+        counts = rng.integers(0, most, (2, SHAPE[0], BINS, last - first))
+        images[:, j, : SHAPE[0], :, first:last] = counts * (rng.random(counts.shape) < share)
+    columns = SHAPE[1] // CELL_PX
+    slopes = np.tile([[-8.0], [8.0]], (1, columns))
+    return PartImages(SHAPE, slopes, 0.03, 1.0, 1000.0, 0.0, parts, MARGIN, spans, images)
+
+
+def line_of(image: np.ndarray) -> np.ndarray:
+    """Bins of an image's rows in their order along x, shape (rows, bins)."""
+    return np.moveaxis(image[: SHAPE[0]].astype(np.int64), 1, 2).reshape(SHAPE[0], -1)
+
+
+def moved(bins: np.ndarray, by: int, edge: int = 0) -> np.ndarray:
+    """Rows moved to the right by whole bins, as long as the grid's and an edge."""
+    padded = np.pad(bins, ((0, 0), (200, 200)))
+    first = 200 + BINS * (MARGIN - edge) - by
+    return padded[:, first : first + BINS * (SHAPE[1] + 2 * edge)]
+
+
+@pytest.mark.parametrize("most", [9, 120])
+def test_focus_measure_is_that_of_the_sum_of_shifted_images(most: int) -> None:
+    field = some_images(np.random.default_rng(1), most)
+    at = np.array([-2.2, -0.31, 0.0, 1.7])
+    for polarity in (0, 1):
+        found = field.focus_measure(at, polarity)
+        for k, offset in enumerate(at):
+            total = np.zeros((SHAPE[0] // ROW_PX, BINS * (SHAPE[1] + 6)), np.int64)
+            for j, slope in enumerate(SLOPES):
+                by = int(np.rint(BINS * slope * offset - field.parts.phase[j]))
+                rows = line_of(field.images[polarity, j]).reshape(len(total), ROW_PX, -1).sum(1)
+                # A bin of a pair of rows counts for so much at most.
+                total += moved(np.minimum(rows, kernels._MOST), by, 3)
+            near, beside = total[:, 2::2] + total[:, 3::2], total[:, 1:-3:2] + total[:, 4::2]
+            votes = 0.75 * near[:, : SHAPE[1] + 4] + 0.25 * beside
+            slopes = 0.4 * (votes[:, 4:] - votes[:, :-4]) + votes[:, 3:-1] - votes[:, 1:-3]
+            shape = (SHAPE[0] // CELL_PX, CELL_PX // ROW_PX, SHAPE[1] // CELL_PX, CELL_PX)
+            expected = (slopes**2).reshape(shape).sum(axis=(1, 3))
+            np.testing.assert_allclose(found[k], expected, rtol=1e-4, atol=1e-2)
+
+
+def test_statistics_are_those_of_the_bins_at_the_cells_own_shift() -> None:
+    rng = np.random.default_rng(2)
+    field = some_images(rng)
+    offset = rng.uniform(-2, 2, field.cells).astype(np.float32)
+    offset[2, 3:6] = np.nan
+    found = field.slope_sums(offset, 1)
+    expected = np.zeros_like(found)
+    for i, c in np.argwhere(np.isfinite(offset)):
+        for j, slope in enumerate(SLOPES):
+            by = int(np.rint(slope * offset[i, c] - field.parts.phase[j] / BINS))
+            bins = moved(line_of(field.images[1, j]), BINS * by)
+            own = bins[
+                i * CELL_PX : (i + 1) * CELL_PX, BINS * CELL_PX * c : BINS * CELL_PX * (c + 1)
+            ]
+            square = slope**2 + field.parts.width**2 / 12
+            expected[i, c] += own.sum() * np.array([1.0, slope, square])
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-3)
+
+
+def test_support_is_that_of_the_bins_at_the_pixels_own_shift() -> None:
+    rng = np.random.default_rng(3)
+    field = some_images(rng)
+    depth = np.linspace(-2, 2, SHAPE[1])[None, :] + rng.uniform(-0.3, 0.3, (SHAPE[0], 1))
+    depth = depth.astype(np.float32)
+    depth[4:9, 10:30] = np.nan
+    depth[11] = np.nan
+    expected = np.zeros(SHAPE)
+    for y, x in np.argwhere(np.isfinite(depth)):
+        for j, slope in enumerate(SLOPES):
+            bins = line_of(field.images[0, j])[y]
+            where = np.float32(BINS) * (np.float32(x) - np.float32(slope) * depth[y, x])
+            first = int(np.floor(where + (field.parts.phase[j] + np.float32(BINS * MARGIN + 0.5))))
+            if 0 <= first < BINS * (SHAPE[1] + 2 * MARGIN):
+                expected[y, x] += bins[first : first + BINS].sum()
+    np.testing.assert_array_equal(field.support(depth, 0), expected)
+
+
+def test_events_are_counted_where_they_meet_the_middle_plane() -> None:
+    rng = np.random.default_rng(4)
+    n, packets = 4000, 12
+    events = EventArray.from_arrays(
+        rng.integers(0, SHAPE[1], n),
+        rng.integers(0, SHAPE[0], n),
+        np.arange(n),
+        rng.random(n) < 0.5,
+    )
+    table = np.stack(np.meshgrid(np.arange(64.0), np.arange(24.0)), axis=-1).astype(np.float32)
+    table += rng.uniform(-0.4, 0.4, table.shape).astype(np.float32)
+    table[5, 7] = np.nan
+    starts = np.linspace(0, n, packets + 1).astype(np.int64)
+    to_middle = np.eye(3) + rng.normal(0, [0.02, 0.02, 1.0], (packets, 3, 3))
+    to_middle[:, 2] = [0.0, 1e-4, 1.0]
+    parts = Parts(SLOPES, 2.3, rng.integers(0, len(SLOPES), packets))
+    images = np.full(part_images.images_shape(6, SHAPE, MARGIN), 7, np.uint8)
+    of_packets = (events, table, starts, to_middle, parts, SHAPE, MARGIN)
+    spans = part_images.count_events(*of_packets, images)
+    expected = np.zeros((2, 6, SHAPE[0], BINS * images.shape[-1]), np.int64)
+    doubtful = 0
+    for i in range(n):
+        k = int(np.searchsorted(starts, i, side="right")) - 1
+        x, y, w = to_middle[k] @ [*table[events.y[i], events.x[i]], 1.0]
+        x, y, j = x / w + 0.5 + MARGIN, y / w + 0.5, parts.of_packet[k]
+        where = BINS * x + parts.phase[j]
+        doubtful += bool(min(abs(v - np.rint(v)) for v in (where, y)) < 1e-3)
+        if 0 <= x < SHAPE[1] + 2 * MARGIN and 0 <= y < SHAPE[0]:
+            expected[events.p[i], j, int(y), int(where)] += 1
+            assert spans[j, 0] <= int(where) // BINS < spans[j, 1]
+    found = np.stack([[line_of(image) for image in own] for own in images])
+    assert np.abs(found - expected).sum() <= 2 * doubtful
+    assert found.sum() > 0.8 * n
+    for threads in (2, 5):
+        again = np.full_like(images, 9)
+        part_images.count_events(*of_packets, again, threads)
+        np.testing.assert_array_equal(again, images)
+
+
+def test_counts_stop_where_they_are_full() -> None:
+    events = EventArray.from_arrays(np.full(900, 7), np.full(900, 5), np.arange(900), np.ones(900))
+    table = np.stack(np.meshgrid(np.arange(64.0), np.arange(24.0)), axis=-1).astype(np.float32)
+    parts = Parts(SLOPES[:1], 2.3, np.zeros(1, np.int64))
+    images = np.empty(part_images.images_shape(1, SHAPE, 0), np.uint8)
+    part_images.count_events(
+        events, table, np.array([0, 900]), np.eye(3)[None], parts, SHAPE, 0, images
+    )
+    assert images.max() == 255
+    assert images.sum() == 255
+
+
+def test_a_plane_lies_where_the_moves_of_its_parts_say() -> None:
+    field = some_images(np.random.default_rng(5))
+    seen = np.array(field.slopes)
+    seen[:, :4] = [[-2.0], [8.0]]
+    field = replace(field, slopes=seen)
+    at = np.linspace(-2, 2, 7)
+    found = field.planes_in_effect(at)
+    for k, offset in enumerate(at):
+        by = (np.rint(BINS * offset * SLOPES - field.parts.phase) + field.parts.phase) / BINS
+        assert found[k, -1] == pytest.approx(np.polyfit(SLOPES, by, 1)[0], abs=1e-6)
+        # Columns that a part of the parts saw.
+        weight = np.clip((SLOPES + 1.15 + 2.0) / 2.3, 0, 1)
+        slant = np.polyfit(SLOPES, by, 1, w=np.sqrt(weight))[0]
+        assert found[k, 0] == pytest.approx(slant, abs=1e-6)
+
+
+def test_top_of_a_parabola_whose_planes_are_uneven() -> None:
+    rng = np.random.default_rng(6)
+    at = np.cumsum(rng.uniform(0.7, 1.3, (9, 5)), axis=0)
+    top = at[4] + rng.uniform(-0.2, 0.2, (3, 5))
+    scores = (50 - (at[:, None, :] - top) ** 2).astype(np.float32)
+    peak = scores.argmax(axis=0).astype(np.float32)
+    peak[1, 2] = np.nan
+    offset = np.full((3, 5), 77, np.float32)
+    peaks._top_between(scores, at, peak, offset)
+    top[1, 2] = 77
+    np.testing.assert_allclose(offset, top, atol=1e-3)
+
+
+def view_of(
+    motion: Motion, camera: Camera = CAMERA, events: EventArray | None = None
+) -> WindowView:
+    """A window of a plate with lines."""
+    return WindowView.of(*packets_of(motion, camera, events), RANGE_M, 0.0)
+
+
+def packets_of(
+    motion: Motion, camera: Camera = CAMERA, events: EventArray | None = None
+) -> tuple[Packets, Camera, np.ndarray]:
+    events = scan(motion, flat(0.0446), 0.07, camera, share=1.0) if events is None else events
+    track = poses(motion)
+    packets = make_packets(events, camera.undistortion_table(), track, 64)
+    return packets, camera, track.at(int(events.t_ns.mean())).matrix
+
+
+def any_events() -> EventArray:
+    rng = np.random.default_rng(8)
+    n = 30_000
+    times = np.sort(rng.integers(0, 70_000_000, n))
+    return EventArray.from_arrays(
+        rng.integers(0, CAMERA.width, n), rng.integers(0, CAMERA.height, n), times, np.ones(n)
+    )
+
+
+def slanted(across: float, forward: float = 0.0, yaw: float = 0.0) -> Motion:
+    """Rolling along x, and across and along the axis by shares of that, turning about the axis."""
+    plain = rolling(0.3)
+
+    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
+        position, _ = plain(t)
+        x = float(position[0])
+        angle = 0.5 * yaw * x
+        return np.array([x, across * x, forward * x]), np.array(
+            [0.0, 0.0, np.sin(angle), np.cos(angle)]
+        )
+
+    return motion
+
+
+def test_motion_fits_up_to_the_bounds() -> None:
+    events = any_events()
+    half = 0.5 * (1 / RANGE_M[0] - 1 / RANGE_M[1])
+    # Half the travel of the window, at an end of the range, px.
+    reach = 0.5 * 0.3 * 0.07 * CAMERA.fx * half
+    for across, fits in ((0.0, True), (0.45 / reach, True), (0.6 / reach, False)):
+        assert (view_of(slanted(across), events=events).parts() is not None) == fits
+    # A camera that looks aside comes nearer: its image grows.
+    grows = 160.0 / CAMERA.fx
+    for forward, fits in ((0.2 / reach / grows, True), (0.8 / reach / grows, False)):
+        motion = slanted(0.0, forward)
+        assert (view_of(motion, events=events).parts() is not None) == fits
+    # Turning about its axis it does not: events are placed one by one.
+    assert view_of(slanted(0.0, yaw=2.0), events=events).parts() is not None
+    assert view_of(slanted(0.0), events=events[::3]).parts() is None
+
+
+def test_little_parallax_and_much_go_by_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    view = view_of(slanted(0.0), events=any_events())
+    count = len(view.parts().slopes)  # type: ignore[union-attr]
+    monkeypatch.setattr(window_field, "_FEWEST_PARTS", count + 1)
+    assert view.parts() is None
+    monkeypatch.setattr(window_field, "_FEWEST_PARTS", 1)
+    monkeypatch.setattr(window_field, "_MOST_PARTS", count - 1)
+    assert view.parts() is None
+
+
+UPRIGHT = Camera(40, 320, 800.0, 800.0, 19.5, 159.5)
+
+
+def along_columns(t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rolling along y."""
+    position, turn = rolling(0.3)(t)
+    return np.array([position[1], position[0], position[2]]), np.asarray(turn)
+
+
+@pytest.mark.parametrize("kind", ["along rows", "turning", "nearing", "along columns"])
+def test_depth_is_that_of_rays(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = {"turning": slanted(0.0, yaw=1.5), "nearing": slanted(0.0, forward=0.004)}.get(
+        kind, slanted(0.0)
+    )
+    packets, camera, view = packets_of(motion)
+    if kind == "along columns":
+        e, table = packets.events, UPRIGHT.undistortion_table()
+        events = EventArray.from_arrays(e.y, e.x, e.t_ns, e.p)
+        track = poses(along_columns)
+        camera, packets = UPRIGHT, make_packets(events, table, track, 64)
+        view = track.at(int(events.t_ns.mean())).matrix
+    seen = WindowView.of(packets, camera, view, RANGE_M, 0.0)
+    assert seen.turned == (kind == "along columns")
+    found = {}
+    for least in (0.0, np.inf):
+        monkeypatch.setattr(window_field, "_LEAST_EVENTS", least)
+        assert (seen.parts() is None) == (least > 0)
+        found[least] = focus_depth(packets, camera, view, DEPTH, Stopwatch())[0]
+    parts, rays = found.values()
+    both = np.isfinite(parts) & np.isfinite(rays)
+    assert both.sum() > 0.9 * np.isfinite(rays).sum() > 500
+    pixel = 0.045**2 / (800.0 * 0.3 * 0.07)
+    assert np.median(np.abs(parts - rays)[both]) < 0.2 * pixel
+    assert abs(np.median(parts[both]) - np.median(rays[both])) < 0.1 * pixel
+
+
+def test_threads_change_no_depth() -> None:
+    seen = view_of(slanted(0.0))
+    parts = seen.parts()
+    assert parts is not None
+    every = []
+    for threads in (1, 2, 4):
+        with seen.part_images(parts, threads) as field:
+            ends = (-seen.half, seen.half)
+            every.append(part_images.find_depths_of_parts(field, *ends, DEPTH.focus, threads))
+    for other in every[1:]:
+        for a, b in zip(every[0], other, strict=True):
+            np.testing.assert_array_equal(a.offset, b.offset)
+            np.testing.assert_array_equal(a.confidence, b.confidence)
+    assert find_depths(seen.ray_field(), *ends, DEPTH.focus)
