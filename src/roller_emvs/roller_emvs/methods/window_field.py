@@ -145,7 +145,8 @@ class WindowView:
         if not _FEWEST_PARTS <= count <= _MOST_PARTS:
             return None
         width = (high - low) / count
-        number = np.minimum(((along - low) / width).astype(np.int64), count - 1)
+        # Packets as far apart as parts share would lie on their borders, here or there by rounding.
+        number = np.minimum(((along - low) / width + 1e-3).astype(np.int64), count - 1)
         slopes = low + (np.arange(count, dtype=np.float64) + 0.5) * width
         leaves = np.abs(along - slopes[number]) + beside * np.abs(z)
         if leaves.max() * self.half > _MOST_BESIDE_PX:
