@@ -46,6 +46,9 @@ def test_a_scan_that_shows_little_is_unmeasured(
         (["--recipe", "{tmp}/none.yaml"], "none.yaml"),
         (["--recipe", "{tmp}/recipe.yaml"], "names 'rim', which is not there"),
         (["--reference", "sphere"], "'self'"),
+        (["--reference", "golden:{tmp}"], "has no golden.npz"),
+        (["--reference", "golden:{tmp}/none"], "no such folder"),
+        (["--reference", "cad:{tmp}/recipe.yaml"], "no triangles in it"),
         (["--export", "x3p,stl"], "'stl' is not one of"),
     ],
 )

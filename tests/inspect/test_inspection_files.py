@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from roller_bringup.cli import main
 from roller_core.outputs import DEVIATION, FINDINGS, Cloud, Output, Result
 from roller_emvs.patch import SURFACE_FIELDS, Patch
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
@@ -108,6 +109,24 @@ def test_verdicts(recipe: dict[str, Any], verdict: str, reason: str) -> None:
     known = finished(inspect(scan(HOLE, **SMALL), **recipe)[1]).judgement
     assert known.verdict == verdict, known.reason
     assert reason in known.reason
+
+
+def test_a_golden_part_and_what_differs_from_it(tmp_path: Path) -> None:
+    good = finished(inspect(scan(flat, **SMALL, seed=1))[1]).found.height_map
+    assert good is not None
+    (tmp_path / "good").mkdir()
+    good.save(tmp_path / "good" / "height_map.npz")
+    taught = tmp_path / "golden"
+    assert main(["inspect", "teach", str(tmp_path / "good"), "--output", str(taught)]) == 0
+    golden = {"reference": f"golden:{taught}"}
+    known = finished(inspect(scan(HOLE, **SMALL), **golden)[1]).judgement
+    assert known.verdict == "nonconform"
+    (judged,) = known.findings
+    assert judged.finding.kind == "missing"
+    far = scan(flat, **SMALL, start=(1.0, 0.0))
+    known = finished(inspect(far, **golden)[1]).judgement
+    assert known.verdict in ("inconclusive", "unmeasured")
+    assert "golden" in known.reason
 
 
 def test_files_and_exports(tmp_path: Path) -> None:

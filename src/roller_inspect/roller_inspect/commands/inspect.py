@@ -44,6 +44,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "inspect scan --output result --recipe bracket.yaml --part-id A-1207 --export x3p,pdf",
     )
     parser.set_defaults(run=run)
+    from .teach import add_parser as add_teach_parser
+
+    add_teach_parser(subparsers)
+
+
+def rewritten(words: list[str]) -> list[str]:
+    """`inspect teach ...` as one word, which a scan called `teach` could be."""
+    return ["inspect-teach", *words[2:]] if words[:2] == ["inspect", "teach"] else words
 
 
 def add_inspection_options(parser: argparse.ArgumentParser) -> None:
@@ -96,12 +104,14 @@ def run(args: argparse.Namespace) -> int:
     from roller_inspect.exports.pdf import check_pdf
     from roller_inspect.inspect_stage import InspectParameters, InspectStage
     from roller_inspect.pipeline import PipelineSettings
-    from roller_inspect.recipe import RecipeError, load_recipe
+    from roller_inspect.recipe import RecipeError, load_recipe, load_reference
+    from roller_inspect.references import ReferenceError
     from roller_recording.reading import open_recording
 
     try:
         recipe = load_recipe(args.recipe, args.reference)
-    except RecipeError as error:
+        load_reference(recipe)
+    except (RecipeError, ReferenceError) as error:
         print(f"error: {error}", file=sys.stderr)
         return USAGE
     if "pdf" in args.export:

@@ -16,7 +16,7 @@ from .recipe import Recipe
 
 
 def load_reference(recipe: Recipe) -> Reference:
-    """Read what a recipe's reference names.
+    """Read what a recipe's reference names; CAD lies in the recipe's frame.
 
     Raises
     ------
@@ -29,5 +29,5 @@ def load_reference(recipe: Recipe) -> Reference:
     if chosen.kind == "golden":
         return GoldenReference.load(Path(chosen.path))
     if chosen.kind == "cad":
-        return CadReference.load(Path(chosen.path))
+        return CadReference.load(Path(chosen.path), recipe.base_from_recipe)
     return SelfReference()
