@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from roller_emvs.patch import Patch
-from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap, HeightMapError
+from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap, HeightMapError
 from roller_inspect.references import NominalReference
 from roller_inspect.surface_inspector import (
     Found,
@@ -97,3 +97,21 @@ def test_without_points_nothing_is_found() -> None:
     found = inspect([])
     assert found.height_map is None
     assert found.coverage.measured == 0.0
+
+
+def test_ends_that_came_into_view_too_late_are_outside_but_gaps_are_unmeasured() -> None:
+    random = np.random.default_rng(9)
+
+    def keep(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        full = (x > 0.006) & (x < 0.03) & ((x < 0.02) | (x > 0.024))
+        return full | (random.random(x.shape) < 0.01)
+
+    found = inspect(scan(flat, length_m=0.036, keep=keep))
+    assert found.height_map is not None
+    x = found.height_map.x_m
+    state = found.height_map.state
+    assert (state[:, (x < 0.005) | (x > 0.031)] == OUTSIDE).all()
+    gap = state[:, (x > 0.021) & (x < 0.023)]
+    assert (gap == OUTSIDE).mean() < 0.1
+    # Lone points, and the gap's borders, are continued by 0.3 mm.
+    assert found.coverage.unmeasured == pytest.approx(0.75 * 3.4 / 24, abs=0.03)

@@ -16,8 +16,8 @@ from .findings.find import Search, search
 from .findings.finder_settings import FindingSettings
 from .findings.finding import Finding
 from .height_map.coverage import Coverage, coverage_of
-from .height_map.height_map import F32, HeightMap
-from .height_map.join import coarser, join, join_size, place_on
+from .height_map.height_map import F32, OUTSIDE, HeightMap
+from .height_map.join import coarser, join, join_size, place_on, without_run_in
 from .height_map.map_settings import HeightMapSettings
 from .height_map.mapper import STRIP_M, HeightMapper
 from .references.alignment import Alignment
@@ -154,6 +154,9 @@ class SurfaceInspector:
         if self._strips:
             self._conclude(sorted(self._strips))
         whole, self._whole = self._whole, None
+        if whole is not None:
+            trimmed = without_run_in(whole[0])
+            whole = trimmed, np.where(trimmed.state == OUTSIDE, np.nan, whole[1])
         self._set(tuple(self._gone))
         coverage = coverage_of(whole[0]) if whole else Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
         return Found(

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, UNMEASURED, HeightMap, centres
+
+#: Ends are looked at over this length, m, for this share of known cells, and are no longer than a
+#: view, m; in between nearly all cells are known.
+_SMOOTH_M, _GOOD_SHARE, _VIEW_M, _DENSE_SHARE = 1e-3, 0.5, 0.02, 0.8
 
 
 def _first_cell(height_map: HeightMap, step_m: float) -> tuple[int, int]:
@@ -63,6 +69,32 @@ def place_on(whole: HeightMap, piece: HeightMap, grid: np.ndarray, values: np.nd
     i0, j0 = _first_cell(whole, whole.step_m)
     i, j = _first_cell(piece, whole.step_m)
     grid[j - j0 : j - j0 + piece.shape[0], i - i0 : i - i0 + piece.shape[1]] = values
+
+
+def without_run_in(height_map: HeightMap) -> HeightMap:
+    """A map whose ends are outside where the sensor hadn't come into full view yet.
+
+    At both ends of a scan the roller isn't in contact, or rows are seen over too little travel. On
+    a scan that shows nearly all of the surface in between they are no part of it; longer ends
+    than a view, and scans of little texture, stay as they are.
+    """
+    inside = height_map.state != OUTSIDE
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.nan_to_num(height_map.known.sum(axis=0) / inside.sum(axis=0))
+    k = max(1, round(_SMOOTH_M / height_map.step_m))
+    good = np.nonzero(np.convolve(share, np.ones(k) / k, "same") >= _GOOD_SHARE)[0]
+    if not len(good) or np.median(share[good[0] : good[-1] + 1]) < _DENSE_SHARE:
+        return height_map
+    most = round(_VIEW_M / height_map.step_m)
+    ends = np.zeros(len(share), bool)
+    if good[0] <= most:
+        ends[: good[0]] = True
+    if len(share) - 1 - good[-1] <= most:
+        ends[good[-1] + 1 :] = True
+    state = np.where(ends, OUTSIDE, height_map.state).astype(np.uint8)
+    height = np.where(ends, np.nan, height_map.height_m).astype(np.float32)
+    sigma = np.where(ends, np.nan, height_map.sigma_m).astype(np.float32)
+    return replace(height_map, state=state, height_m=height, sigma_m=sigma)
 
 
 def coarser(height_map: HeightMap, deviation_m: F32, factor: int) -> tuple[HeightMap, F32]:
