@@ -234,6 +234,7 @@ def test_a_seed_places_defects_and_a_clean_plate_has_none():
     marks = [scene("defects", step_mm=0.06, seed=seed).defects for seed in (1, 1, 2)]
     assert marks[0] == marks[1] != marks[2]
     plain = scene("clean", step_mm=0.06)
+    assert plain.regions == scene("defects", step_mm=0.06).regions[:1]
     assert plain.relief.bounds == scene("defects", step_mm=0.06).relief.bounds
     assert not plain.relief.height.any()
     assert not plain.defects

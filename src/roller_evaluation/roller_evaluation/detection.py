@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_inspect.findings import Finding
+from roller_inspect.height_map.coverage import Coverage, coverage_of
+from roller_inspect.height_map.height_map import OUTSIDE, HeightMap
 from roller_inspect.references import SelfReference
 from roller_inspect.surface_inspector import InspectionSettings, SurfaceInspector
-from roller_sim.relief import DefectMark
+from roller_sim.relief import DefectMark, Region
 
 from .cases import Case
-from .plate_surface import surface_patches
+from .plate_surface import seen_area, surface_patches
 from .rows import Row
 from .scans import Scan
 
@@ -30,36 +32,51 @@ Outline = npt.NDArray[np.float64]
 def measure_detection(case: Case, scan: Scan) -> list[Row]:
     """Inspect a plate; a row a defect, and one of the plate with its false calls.
 
-    The plate's row has `false_calls`, the `area_m2` that was scanned beside the defects, and the
-    shares of it that were measured and continued. A defect's row has its true figures, `hit`, and
-    of what was found there the kind and sizes.
+    The area to inspect is the scene's region `plate`, which crossed the whole view. The plate's
+    row has `false_calls`, the `area_m2` scanned beside the defects, and the shares of it that were
+    measured and continued. A defect's row has its true figures, `hit`, and of what was found
+    there the kind and sizes.
     """
+    area, view = scan.truth.objects["plate"], seen_area(scan)
     inspector = SurfaceInspector(InspectionSettings.create({}), SelfReference())
     for patch in surface_patches(case, scan):
         inspector.add(patch)
     found = inspector.finish()
     origin = scan.truth.origin_m[:2]
-    marks = [np.asarray(mark.outline) + origin for mark in scan.truth.defects]
-    marked = {mark.name for mark in scan.truth.defects}
+    targets = [m for m in scan.truth.defects if view.contains(*(m.outline + origin).T).all()]
+    marks = [np.asarray(mark.outline) + origin for mark in targets]
     others = [
         np.array([[r.x0, r.y0], [r.x1, r.y0], [r.x1, r.y1], [r.x0, r.y1]])
-        for name, r in scan.truth.objects.items() if name not in marked
+        for name, r in scan.truth.objects.items()
+        if name.startswith("rivet") and view.contains(r.x0, [r.y0, r.y1]).any()
     ]  # fmt: skip
-    hits, false_calls = matched(found.findings, marks, others)
+    inside = [f for f in found.findings if area.contains(*f.center_m[:2])]
+    hits, false_calls = matched(inside, marks, others)
+    coverage = _coverage(found.height_map, area)
     aside = sum(footprint(outline, _NEAR_M) for outline in [*marks, *others])
     plate: Row = {
         "role": "plate",
         "false_calls": len(false_calls),
-        "area_m2": max(found.coverage.area_m2 - aside, 0.0),
-        "measured": round(found.coverage.measured, 4),
-        "continued": round(found.coverage.continued, 4),
+        "area_m2": max(coverage.area_m2 - aside, 0.0),
+        "measured": round(coverage.measured, 4),
+        "continued": round(coverage.continued, 4),
         "events": len(scan.even),
         "faults": "; ".join(found.faults),
     }
     rows = [plate]
-    for k, mark in enumerate(scan.truth.defects):
+    for k, mark in enumerate(targets):
         rows.append({"role": "defect", **_truth(mark), **_hit(hits.get(k))})
     return rows
+
+
+def _coverage(height_map: HeightMap | None, area: Region) -> Coverage:
+    """Coverage of what was scanned of an area."""
+    if height_map is None:
+        return Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
+    x, y = np.meshgrid(height_map.x_m, height_map.y_m)
+    (a, b, _, dx), (c, d, _, dy) = height_map.base_from_map[:2]
+    inside = area.contains(a * x + b * y + dx, c * x + d * y + dy)
+    return coverage_of(height_map, inside & (height_map.state != OUTSIDE))
 
 
 def matched(

@@ -26,6 +26,9 @@ KINDS = ("dent", "crater", "scratch", "raised", "missing", "extra")
 #: Plates that the inspection may be tuned on have seeds from the first on, those of a report from
 #: the second.
 TUNING_SEED, REPORT_SEED = 1, 1001
+#: Kinds that only a reference with the part's own features can name: to others they are a hollow
+#: or a rise.
+_OF_A_PART = ("missing", "extra")
 _NOT_REACHED = "not reached"
 
 
@@ -68,7 +71,7 @@ class PodOptions:
     def short(cls, **changes: Any) -> PodOptions:
         """A plate of a few large defects and a clean one, seen by part of the camera."""
         small = cls(
-            plates=1, clean=1, defects=3, depths_mm=(0.1, 0.3), widths_mm=(3.0,), speeds=(0.3,),
+            plates=1, clean=1, defects=6, depths_mm=(0.1, 0.3), widths_mm=(2.0,), speeds=(0.3,),
             coatings=("textured",),
             cell={"camera": {"height": 120}, "scene": {"step_mm": 0.04}},
         )  # fmt: skip
@@ -157,6 +160,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, list[Row]]:
             hit = where(targets, hit=True)
             off = [r["found_depth_um"] - r["skin_um"] for r in hit]
             held = [abs(e) <= r["u_depth_um"] for e, r in zip(off, hit, strict=True)]
+            named = [r["found_kind"] == r["kind"] for r in hit if r["kind"] not in _OF_A_PART]
             sizes = {f"{side}_off_mm": [r[f"found_{side}_mm"] - r[f"{side}_mm"] for r in hit]
                      for side in ("length", "width")}  # fmt: skip
             curves.append(
@@ -167,8 +171,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, list[Row]]:
                     "depth_bias_um": _rounded(np.median(off) if off else None),
                     **{name: _rounded(np.median(v) if v else None, 3) for name, v in sizes.items()},
                     "depth_within_u": _rounded(np.mean(held) if held else None, 3),
-                    "kind_right": _rounded(np.mean([r["found_kind"] == r["kind"] for r in hit])
-                                           if hit else None, 3),
+                    "kind_right": _rounded(np.mean(named) if named else None, 3),
                 }
             )  # fmt: skip
         plates = where(own, role="plate")
@@ -207,7 +210,8 @@ def tables(result: dict[str, Any]) -> list[Table]:
         f"probability of {POD:.0%} (logit on ln a), a90/95 is its upper bound at {CONFIDENCE:.0%} "
         f'(profile likelihood); "{_NOT_REACHED}" where that is beyond the deepest target. Depth '
         "errors of those found, mean and median, against the depth to which the skin follows; "
-        "length and width: median difference from the relief's. Scratches are 0.3 to 1 mm wide."
+        "length and width: median difference from the relief's. Scratches are 0.3 to 1 mm wide. "
+        "The reference is the scan itself, to which missing pieces are dents and extra ones raised."
     )
     found = [Table("Probability of detection", head, curves, note)]
     defects = where(result["rows"], role="defect")
@@ -246,7 +250,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     """
     conditions = list(_conditions(where(rows, role="defect")))
     figure, axes = plt.subplots(
-        1, max(len(conditions), 1), figsize=(4.6 * max(len(conditions), 1), 4.8), dpi=90,
+        1, max(len(conditions), 1), figsize=(max(4.6 * len(conditions), 6), 4.8), dpi=90,
         layout="constrained", sharey=True, squeeze=False,
     )  # fmt: skip
     for axis, (labels, own) in zip(axes[0], conditions, strict=False):

@@ -97,7 +97,13 @@ def clean(settings: SceneSettings) -> Scene:
 
 
 def _plate(settings: SceneSettings) -> Plate:
-    return new_plate(settings, math.ceil(settings.defects / ACROSS) * PITCH)
+    """An empty plate; its region `plate` is what is rolled over at full speed and view."""
+    length = math.ceil(settings.defects / ACROSS) * PITCH
+    plate = new_plate(settings, length)
+    half = min(PITCH_ACROSS * ACROSS, settings.width_mm) / 2
+    x0 = settings.margin_mm
+    plate.put("plate", (x0, x0 + length, -half, half), lambda x, y: 0.0)
+    return plate
 
 
 def _put_defect(
