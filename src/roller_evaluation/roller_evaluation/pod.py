@@ -73,7 +73,8 @@ class PodOptions:
         small = cls(
             plates=1, clean=1, defects=6, depths_mm=(0.1, 0.3), widths_mm=(2.0,), speeds=(0.3,),
             coatings=("textured",),
-            cell={"camera": {"height": 120}, "scene": {"step_mm": 0.04}},
+            cell={"camera": {"width": 320, "height": 64, "focal_px": 533.0},
+                  "scene": {"step_mm": 0.06}},
         )  # fmt: skip
         return replace(small, **changes)
 
