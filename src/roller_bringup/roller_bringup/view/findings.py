@@ -12,7 +12,7 @@ from .grid import F64
 
 #: Verdicts, worst first; others come after them.
 VERDICTS = ("nonconform", "inconclusive", "unmeasured", "conform")
-_WORDS = ("id", "kind", "verdict")
+_WORDS = ("id", "kind", "verdict", "limit")
 #: Figures of a finding that have an uncertainty.
 FIGURES = ("length_m", "width_m", "depth_m", "area_m2", "volume_m3")
 

@@ -106,7 +106,14 @@ class Grid:
         inside, measured = np.sum([tile.counts() for tile in self.tiles.values()] or [(0, 0)], 0)
         return float(measured / inside) if inside else None
 
-    def add(self, x_m: F64, y_m: F64, values: Mapping[str, F32], state: int = MEASURED) -> None:
+    def add(
+        self,
+        x_m: F64,
+        y_m: F64,
+        values: Mapping[str, F32],
+        state: int = MEASURED,
+        looked_at: bool = True,
+    ) -> None:
         """Take points; what is not finite is left out.
 
         With a height the cells have the mean of all that came, otherwise of these alone.
@@ -119,6 +126,8 @@ class Grid:
             Of each layer.
         state : int
             Of the cells that they fall into.
+        looked_at : bool
+            Whether what lies between them was looked at.
         """
         sound = (np.abs(x_m) < _FARTHEST_M) & (np.abs(y_m) < _FARTHEST_M)  # not so for NaN
         for column in values.values():
@@ -130,7 +139,8 @@ class Grid:
         counted = "height" in values
         self.points += len(i) * counted
         self._have(values)
-        self._mark_hull(i, j)
+        if looked_at:
+            self._mark_hull(i, j)
         for tile, chosen, at in self._by_tile(i, j):
             count = np.bincount(at, minlength=TILE * TILE)
             hit = np.flatnonzero(count)

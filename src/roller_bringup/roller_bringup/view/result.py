@@ -10,8 +10,12 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from roller_core.bags import typestore
 from roller_core.errors import RollerError
+from roller_core.transforms import inverse_pose
 from roller_emvs.ply import ply_rows
+from roller_recording.reading.bag_reader import BagReader
+from roller_recording.reading.base import RecordingError
 
 from .grid import F32, OUTSIDE, Grid
 from .scene import Scene
@@ -20,8 +24,9 @@ from .scene import Scene
 _MOST_TILES = 1500
 #: Points that are read at once.
 _POINTS_AT_ONCE = 200_000
+_DEVIATION = "/roller/inspection/deviation"
 #: Layers of `height_map.npz` and what the page calls them.
-_LAYERS = {"height_m": "height", "deviation_m": "deviation", "sigma_m": "sigma"}
+_LAYERS = {"height_m": "height", "sigma_m": "sigma"}
 #: Files of a folder that are offered, by ending.
 _OFFERED = frozenset(
     ".html .pdf .csv .json .png .ply .npz .x3p .sdf .txt .brf .mcap .yaml .qif .stl .svg".split()
@@ -49,6 +54,7 @@ def read_result(folder: Path, title: str = "") -> Scene:
     try:
         if (folder / "height_map.npz").is_file():
             _read_height_map(folder / "height_map.npz", scene)
+            _read_deviation(folder / "result", scene)
         elif (folder / "surface.ply").is_file():
             _read_surface(folder / "surface.ply", scene.grid)
         else:
@@ -101,6 +107,24 @@ def _read_height_map(path: Path, scene: Scene) -> None:
     off[:2, 3] = x[0] - cell_m / 2 - x0 * grid.cell_m, y[0] - cell_m / 2 - y0 * grid.cell_m
     scene.base_from_map = scene.base_from_map @ off
     grid.put(x0, y0, layers, state)
+
+
+def _read_deviation(bag: Path, scene: Scene) -> None:
+    """Deviations from the reference, which the result's bag has cell by cell."""
+    if not (bag / "metadata.yaml").is_file():
+        return
+    map_from_base, store = inverse_pose(scene.base_from_map), typestore()
+    for item in BagReader(bag).messages({_DEVIATION}):
+        if isinstance(item, RecordingError):
+            scene.notes.append(str(item))
+            continue
+        cloud: Any = store.deserialize_cdr(item.data, "sensor_msgs/msg/PointCloud2")
+        names = [field.name for field in cloud.fields]
+        rows = np.frombuffer(cloud.data, np.float32).reshape(-1, len(names))
+        xyz = rows[:, :3] @ map_from_base[:3, :3].T + map_from_base[:3, 3]
+        deviation = {"deviation": rows[:, names.index("deviation")]}
+        # The states are those of the height map.
+        scene.grid.add(xyz[:, 0], xyz[:, 1], deviation, OUTSIDE, looked_at=False)
 
 
 def _thinned(layers: dict[str, F32], state: Any, times: int) -> tuple[dict[str, F32], Any]:
@@ -174,7 +198,9 @@ def _read_inspection(inspection: dict[str, Any], scene: Scene) -> None:
         }
     for key in ("part", "reference"):
         if value := inspection.get(key):
-            scene.facts[key] = (value if isinstance(value, str) else json.dumps(value))[:200]
+            said = value.get("text", json.dumps(value)) if isinstance(value, dict) else value
+            scene.facts[key] = str(said)[:200]
+    scene.reason = str(inspection.get("reason", ""))[:300]
     findings = inspection.get("findings")
     if isinstance(findings, list):
         scene.take_findings([f for f in findings if isinstance(f, dict)])

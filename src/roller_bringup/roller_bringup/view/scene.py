@@ -42,7 +42,7 @@ class Scene:
         Where the newest points are, in the map.
     speed_m_s, force_n, lag_s : float, optional
         Of the robot, and from the surface to here.
-    verdict : str
+    verdict, reason : str
         Of a result.
     """
 
@@ -57,6 +57,7 @@ class Scene:
     lag_s: float | None = None
     coverage: Mapping[str, float] | None = None
     verdict: str = ""
+    reason: str = ""
     notes: list[str] = field(default_factory=list)
     facts: dict[str, str] = field(default_factory=dict)
     nodes: dict[str, health.Node] = field(default_factory=dict)
@@ -162,7 +163,8 @@ class Scene:
         if self.folder is None:
             return health.overall(self.nodes, self.speed_m_s, now_s)
         levels = {"conform": "good", "nonconform": "bad", "inconclusive": "warn"}
-        detail = f"{len(self.findings)} findings" if self.findings else ""
+        count = len(self.findings)
+        detail = self.reason or (f"{count} finding{'s' * (count != 1)}" if count else "")
         return {
             "word": self.verdict.upper() or "RESULT",
             "level": levels.get(self.verdict, "idle"),

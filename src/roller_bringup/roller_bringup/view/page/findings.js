@@ -68,7 +68,7 @@ export class Findings {
       item.tabIndex = 0;
       item.setAttribute("aria-selected", finding === this.selected);
       item.append(element("b", "", `${finding.kind} ${deep}`.trim()), " ", element("span", "chip", finding.verdict || "?"), document.createElement("br"),
-        element("span", "small", [`#${finding.id}`, size, Number.isFinite(finding.confidence) ? `sure to ${Math.round(finding.confidence * 100)} %` : ""].filter(Boolean).join(" · ")));
+        element("span", "small", [`#${finding.id}`, size, finding.limit, Number.isFinite(finding.confidence) ? `sure to ${Math.round(finding.confidence * 100)} %` : ""].filter(Boolean).join(" · ")));
       item.addEventListener("click", () => this.select(finding));
       item.addEventListener("keydown", (event) => event.key === "Enter" && this.select(finding));
       return item;

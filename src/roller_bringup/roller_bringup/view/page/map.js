@@ -116,6 +116,8 @@ export class MapView {
     this.lines = hatch(c);
     this.paintTiles(c, ([u, v]) => this.toScreen([u, v]), canvas);
     for (const finding of [...this.findings].reverse()) this.paintFinding(c, finding);
+    this.labels = [];
+    for (const finding of this.findings) this.paintLabel(c, finding);
     if (this.head && this.on.live()) this.paintHead(c);
     if (this.line) this.paintLine(c);
     if (tiles.all.size) this.paintBar(c);
@@ -163,13 +165,24 @@ export class MapView {
       c.arc(x, y, radius, 0, 2 * Math.PI);
       c.stroke();
     }
-    if (this.findings.length > 60 && !chosen && !worst) return;
+  }
+
+  /** A finding's name, where the names of worse ones leave room. */
+  paintLabel(c, finding) {
+    if (!finding.at_m) return;
+    const [x, y] = this.toScreen(this.tiles.shown(finding.at_m)), r = this.ratio;
+    if (x < 0 || y < 0 || x > this.canvas.width || y > this.canvas.height) return;
+    const worst = finding === this.on.worst();
+    const radius = Math.max(9 * r, ((finding.length_m || 0) / 2) * this.scale * 1.3);
     const text = worst ? `WORST: ${finding.kind} ${length(Math.abs(finding.depth_m))}` : finding.kind;
     c.font = `${worst ? "bold " : ""}${(worst ? 17 : 13) * r}px system-ui, sans-serif`;
     const width = c.measureText(text).width + 10 * r, tall = (worst ? 24 : 19) * r;
     // Inside the picture, also at its edges.
     const left = Math.max(2, Math.min(x + radius * 0.8, this.canvas.width - width - 2));
     const top = Math.max(2, Math.min(y - radius - tall, this.canvas.height - tall - 2));
+    const covers = ([l, t, w, h]) => left < l + w && l < left + width && top < t + h && t < top + tall;
+    if (finding !== this.selected && this.labels.some(covers)) return;
+    this.labels.push([left, top, width, tall]);
     c.fillStyle = colourOf(finding);
     c.fillRect(left, top, width, tall);
     c.fillStyle = "#fff";
