@@ -257,6 +257,4 @@ def test_focus_is_judged_about_its_median_unless_the_top_is_known(sphere: Sphere
     assert free.sum() / points.sum() < 6e-5
     assert known.sum() / points.sum() == pytest.approx(2e-4, rel=0.35)
     grid = FocusGrid()
-    assert {grid.values(k)["focus.edge_drift_m"] for k in range(grid.size)} == set(
-        grid.edge_drifts_m
-    )
+    assert {grid.values(k)["focus.sigma_px"] for k in range(grid.size)} == set(grid.sigmas_px)

@@ -9,10 +9,8 @@ import pytest
 
 from roller_emvs.evidence import CELL_PX, EvidenceSettings, RayField, coarse, find_depths, sweep
 from roller_emvs.evidence import _peak_kernels as peaks
-from roller_emvs.evidence.edge_drift import edge_drift_depth_m
 from roller_emvs.evidence.focus_measure import all_tiles, plane_offsets
 from roller_emvs.evidence.relief import enlarge
-from roller_emvs.evidence.slope_statistics import slope_statistics
 
 SHAPE = (64, 96)
 HALF_APERTURE = 10.0
@@ -34,19 +32,15 @@ def field_of(
     return RayField(SHAPE, slopes, 0.03, 1.0, 1000.0, speed, ordered, bounds)
 
 
-def lines_at(
-    offset: float, rng: np.random.Generator, n: int = 6000, drift: float = 0.0
-) -> tuple[np.ndarray, ...]:
-    """Rays of lines that lie at a offset; `drift` of them crowd at one end of the aperture."""
-    u = rng.uniform(-1, 1, n)
-    keep = rng.random(n) < 0.5 * (1 + drift * u)
-    slope = u[keep] * HALF_APERTURE
-    x = rng.choice(LINES, len(slope)) - slope * offset
-    y = rng.uniform(0, SHAPE[0], len(slope))
-    return x, y, slope, rng.random(len(slope)) < 0.5
+def lines_at(offset: float, rng: np.random.Generator, n: int = 6000) -> tuple[np.ndarray, ...]:
+    """Rays of lines that lie at a offset."""
+    slope = rng.uniform(-1, 1, n) * HALF_APERTURE
+    x = rng.choice(LINES, n) - slope * offset
+    y = rng.uniform(0, SHAPE[0], n)
+    return x, y, slope, rng.random(n) < 0.5
 
 
-SETTINGS = EvidenceSettings.create({"edge_drift_m": 0.0})
+SETTINGS = EvidenceSettings.create({})
 
 
 @pytest.mark.parametrize("parts", [1, 4])
@@ -102,42 +96,6 @@ def test_a_column_seen_from_one_side_has_its_edges_depth() -> None:
         # Evidence lies on the lines.
         distance = np.abs(found.x[known][:, None] * 4 + 1.5 - LINES).min(axis=1)
         assert np.median(distance) < 2.5
-
-
-@pytest.mark.parametrize("drift", [-0.6, 0.0, 0.6])
-def test_edge_drift_follows_the_change_of_density(drift: float) -> None:
-    """With density 1 + d·u over the aperture the mean ray slope moves by d/3 of its half."""
-    rng = np.random.default_rng(6)
-    field = field_of(*lines_at(0.0, rng, 40000, drift))
-    off = find_depths(field, -1.0, 1.0, SETTINGS)[0]
-    seen = slope_statistics(field, off.offset, 0)
-    known = np.isfinite(off.offset) & (seen.count > 20)
-    half_slope = HALF_APERTURE * field.ray_slope_scale
-    mean = np.average(seen.mean[known] * field.ray_slope_scale, weights=seen.count[known])
-    assert mean == pytest.approx(drift * half_slope / 3, abs=0.03 * half_slope)
-    depth = edge_drift_depth_m(field, seen, 0.0)[known]
-    if drift == 0.0:
-        assert abs(np.median(depth)) < 0.1
-    else:
-        # Contrast that grows with the slope makes depth look larger than it is.
-        assert np.mean(np.sign(depth) == -np.sign(drift)) > 0.95
-    # The correction is taken from the polarity that drifts alone.
-    corrected = find_depths(field, -1.0, 1.0, SETTINGS.changed({"edge_drift_m": 0.01}))
-    np.testing.assert_array_equal(
-        corrected[1].offset, find_depths(field, -1.0, 1.0, SETTINGS)[1].offset
-    )
-    moved = (corrected[0].offset - off.offset)[known]
-    np.testing.assert_allclose(moved, 0.01 * depth, atol=1e-5)
-
-
-def test_blind_pixels_hide_a_part_of_the_change() -> None:
-    field = field_of(*lines_at(0.0, np.random.default_rng(7), 40000, 0.6), speed=3000.0)
-    off = find_depths(field, -1.0, 1.0, SETTINGS)[0]
-    seen = slope_statistics(field, off.offset, 0)
-    known = seen.count > 20
-    awake, blind = (edge_drift_depth_m(field, seen, t)[known] for t in (0.0, 2e-4))
-    assert np.all(np.abs(blind) >= np.abs(awake))
-    assert np.median(np.abs(blind) / np.maximum(np.abs(awake), 1e-9)) > 1.01
 
 
 def test_shear_moves_columns_between_cells() -> None:

@@ -1,7 +1,7 @@
 """The searches behind `calibrate sphere`: what is tried, how far it is, and what is kept.
 
-Of the parameters of `focus` a sphere determines the neighbourhood, the least confidence and the
-drift of edges. The sphere's place is found by `focus` itself, so a depth that is off by the same
+Of the parameters of `focus` a sphere determines the neighbourhood and the least confidence. The
+sphere's place is found by `focus` itself, so a depth that is off by the same
 amount everywhere can't be seen: unless the height of the sphere's top is known, each choice is
 judged by its errors about their median.
 """
@@ -36,7 +36,7 @@ from .paper_search import window_errors
 #: Parameters that a calibration of each method finds.
 NAMES = {
     "bma": ("paper.threshold_c", "paper.median_px", "paper.weights"),
-    "focus": ("focus.sigma_px", "focus.min_confidence", "focus.edge_drift_m"),
+    "focus": ("focus.sigma_px", "focus.min_confidence"),
 }
 #: Windows of focus are long and few: they overlap by this share.
 _FOCUS_OVERLAP = 0.75

@@ -61,19 +61,16 @@ class FocusGrid(Grid):
         Neighbourhood, px.
     confidences : tuple of float
         Least confidence.
-    edge_drifts_m : tuple of float
-        Drift of edges under the travelling light, metres.
     """
 
     sigmas_px: tuple[float, ...] = (3.0, 4.0, 5.0, 6.0, 8.0)
     confidences: tuple[float, ...] = (0.2, 0.3, 0.4, 0.5, 0.6)
-    edge_drifts_m: tuple[float, ...] = (0.0, 1.25e-4, 2.5e-4, 3.75e-4, 5e-4)
 
     @classmethod
     def of_settings(cls, s: DepthSettings) -> FocusGrid:
         """The one choice that settings make."""
         f = s.focus
-        return cls((f.sigma_px,), (f.min_confidence,), (f.edge_drift_m,))
+        return cls((f.sigma_px,), (f.min_confidence,))
 
     @property
     def ranges(self) -> Mapping[str, Sequence[Any]]:
@@ -81,7 +78,6 @@ class FocusGrid(Grid):
         return {
             "focus.sigma_px": self.sigmas_px,
             "focus.min_confidence": self.confidences,
-            "focus.edge_drift_m": self.edge_drifts_m,
         }
 
 

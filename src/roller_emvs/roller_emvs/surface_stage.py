@@ -76,6 +76,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             "broken_passes": totals["broken_passes"],
             "still_events": totals["still_events"],
             "map_points": len(self.map),
+            "edge_drift": str(self.settings.edge_drift),
             **self._times("block", self._milliseconds),
             "block_latency_s": self._latency_s,
         }

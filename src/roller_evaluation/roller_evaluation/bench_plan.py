@@ -115,7 +115,6 @@ FACTORS: dict[str, dict[str, Values]] = {
             _travel(12),
             _time(20),
         ],
-        "edge drift": [("edge drift not corrected", {"focus.edge_drift_m": 0.0})],
     },
     "bma": {
         "planes": [
@@ -127,11 +126,10 @@ FACTORS: dict[str, dict[str, Values]] = {
     },
     "surface": {
         "planes": _densities("evidence.planes_per_px"),
-        "edge drift": [("edge drift not corrected", {"evidence.edge_drift_m": 0.0})],
     },
 }
 #: Factors of which a quick run takes the first value.
-_QUICK_FACTORS = ("planes", "window", "edge drift")
+_QUICK_FACTORS = ("planes", "window")
 _THREADS = 2
 
 

@@ -22,7 +22,7 @@ COLOURS = {
     "left_right": "tab:orange",
     "emvs": "tab:brown",
 }
-_MARKERS = {"base": "o", "planes": "^", "window": "s", "packet": "D", "edge drift": "v"}
+_MARKERS = {"base": "o", "planes": "^", "window": "s", "packet": "D"}
 
 
 def draw_speed_vs_error(result: dict[str, Any], path: Path) -> None:

@@ -6,7 +6,7 @@ import argparse
 
 from roller_core.command_help import add_examples
 
-from . import flat, hand_eye, intrinsics, scale, sphere, time_offset
+from . import edge_drift, flat, hand_eye, intrinsics, scale, sphere, time_offset
 
 __all__ = ["add_parser", "rewritten"]
 
@@ -16,6 +16,7 @@ _EXAMPLES = {
     "time-offset": "there_and_back --output cell.yaml",
     "flat": "plate --params cell.yaml --output cell.yaml",
     "sphere": "ball_1 ball_2 --radius-mm 10 --output cell.yaml",
+    "edge-drift": "--sphere ball --radius-mm 5 --steps stairs --step-mm 0.25 --output cell.yaml",
     "scale": "--readings-mm 1,2,3 --pixels 26.1,52.4,78.3",
 }
 
@@ -29,7 +30,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         f"`{_TIME_OFFSET}` is another form of `time-offset`.",
     )
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
-    for module in (intrinsics, hand_eye, time_offset, flat, sphere, scale):
+    for module in (intrinsics, hand_eye, time_offset, flat, sphere, edge_drift, scale):
         module.add_parser(kinds)
     for kind, example in _EXAMPLES.items():
         add_examples(kinds.choices[kind], f"calibrate {kind} {example}")

@@ -44,24 +44,3 @@ class EvidenceSettings(Settings):
     min_votes: float = Field(
         2.0, ge=0.0, le=1e6, description="Warped events that a pixel needs to become a point."
     )
-    edge_drift_m: float = Field(
-        2.5e-4,
-        ge=0.0,
-        le=0.01,
-        description="How far edges drift along the surface as their contrast doubles under the "
-        "light that travels with the camera; depth is corrected for it; 0 is off, m. Fitted on "
-        "the virtual cell.",
-    )
-    edge_drift_polarity: int = Field(
-        0,
-        ge=0,
-        le=1,
-        description="Polarity of the edges that drift, those where the sensor comes upon a wall: "
-        "0 (OFF) where walls look darker than flat surface.",
-    )
-    dead_time_s: float = Field(
-        2e-4,
-        ge=0.0,
-        le=0.1,
-        description="Time that a pixel is blind after an event, as it waits for its read-out, s.",
-    )

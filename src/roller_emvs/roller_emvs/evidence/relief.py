@@ -43,6 +43,8 @@ class Relief:
         0–1.
     sigma : ndarray of float32, shape (n,)
         Standard uncertainty of the offset.
+    surfaces : tuple of ndarray of float32, shape (height, width)
+        The surface by pixel where OFF and where ON events have a depth, NaN elsewhere.
     """
 
     row: np.ndarray
@@ -50,6 +52,7 @@ class Relief:
     offset: F64
     confidence: F32
     sigma: F32
+    surfaces: tuple[F32, ...]
 
 
 def measured_pixels(
@@ -97,7 +100,7 @@ def measured_pixels(
     keep = (spread_px < _MOST_SCATTER_PX) & (sure >= s.min_point_confidence)
     row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
     sigma = point_sigma(field, fit.offset, row, column, spread_px[keep])
-    return Relief(row, column, offset.astype(np.float64), sure, sigma)
+    return Relief(row, column, offset.astype(np.float64), sure, sigma, tuple(surfaces))
 
 
 def _around(support: F32) -> F32:

@@ -21,7 +21,6 @@ from roller_emvs.threads import share
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .coarse import coarse_offset, coarse_planes
-from .edge_drift import edge_drift_depth_m
 from .evidence_settings import EvidenceSettings
 from .field import EvidenceField, RayField, sample_median
 from .focus_measure import (
@@ -168,7 +167,7 @@ def sharpest(
 def _checked(
     field: EvidenceField, depths: Depths, polarity: int, span: float, s: EvidenceSettings
 ) -> Depths:
-    """Depths whose own events have parallax, with the drift of edges taken out.
+    """Depths whose own events have parallax.
 
     Events that saw a place from one side alone, as those of a hot pixel do, have none. Those that
     saw it from both sides and hardly from between are of two edges that come to lie on each other.
@@ -182,9 +181,6 @@ def _checked(
     offset = np.where(refused, np.float32(np.nan), depths.offset)
     # A depth errs by the inverse of its parallax.
     share = np.sqrt(np.minimum(seen.spread / max(field.aperture, 1e-12), 1.0))
-    if s.edge_drift_m and polarity == s.edge_drift_polarity:
-        depth_m = edge_drift_depth_m(field, seen, s.dead_time_s) * s.edge_drift_m
-        offset += (depth_m * field.offset_per_m).astype(np.float32)
     confidence = depths.confidence * share
     offset = np.where(confidence < s.min_seen_confidence, np.float32(np.nan), offset)
     return replace(depths, offset=offset, confidence=confidence)

@@ -70,7 +70,7 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     maps = f"{totals['depth_windows']} {kind}{'s' if totals['depth_windows'] != 1 else ''}"
     figure.suptitle(
         f"{report['title']}: {maps} by {report['method']}, "
-        f"{totals['surface_points']} surface points"
+        f"{totals['surface_points']} surface points, edge drift {report['edge_drift']}"
     )
     path = folder / "overview.png"
     figure.savefig(path)

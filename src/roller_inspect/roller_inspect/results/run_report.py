@@ -15,6 +15,7 @@ import numpy as np
 
 from roller_core.errors import RollerError
 from roller_emvs.depth_map import DepthMap
+from roller_emvs.lines.edge_drift import NOT_CALIBRATED
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
 
@@ -33,12 +34,15 @@ class Report:
         All settings in force.
     title : str
         For pictures; the name of the source's file by default.
+    edge_drift : str
+        Whether the instrument's drift of edges was calibrated, and so corrected.
     """
 
     source: str
     method: str
     settings: dict[str, Any]
     title: str = ""
+    edge_drift: str = NOT_CALIBRATED
     windows: list[dict[str, Any]] = field(default_factory=list)
     totals: dict[str, Any] = field(default_factory=dict)
     truth: dict[str, Any] | None = None
@@ -96,6 +100,7 @@ class Report:
             "source": self.source,
             "title": self.title or Path(self.source).name,
             "method": self.method,
+            "edge_drift": self.edge_drift,
             "totals": {**self.totals, "window_milliseconds": self.window_milliseconds()},
             "truth": self.truth,
             "faults": self.faults,

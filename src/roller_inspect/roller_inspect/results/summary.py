@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from roller_emvs.lines.edge_drift import NOT_CALIBRATED
+
 from .run_report import Report
 
 #: Findings that are printed.
@@ -32,6 +34,8 @@ def summary(report: Report, output: Path) -> str:
         lines.append("lost: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in lost.items()))
     if report.truth:
         lines += error_table(report.truth)
+    if report.edge_drift == NOT_CALIBRATED:
+        lines.append(f"edge drift: {NOT_CALIBRATED}, so not corrected")
     if t["braille_text"]:
         lines += ["text read: " + " / ".join(t["braille_text"])]
         if report.truth and report.truth["text"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,8 +13,11 @@ from roller_core.errors import RollerError
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.engine import DepthEngine
-from roller_emvs.evidence import Relief, find_depths, measured_pixels
+from roller_emvs.evidence import EvidenceField, Relief, find_depths, measured_pixels
+from roller_emvs.lines.edge_drift import TravellingLight
+from roller_emvs.lines.refine import LinePoints, refine
 from roller_emvs.patch import Patch
+from roller_emvs.rays import F32
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
@@ -70,6 +73,10 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         self.settings = settings
         self.milliseconds: dict[str, float] = {}
         self._buffers = PartBuffers()
+        self._light: tuple[Strip | None, TravellingLight] = None, TravellingLight()
+        #: Takes the lines of each block as they were fitted: places in base, shape (n, 3), metres,
+        #: the strip's axes in base (along the motion, across, away from the camera), and the rest.
+        self.on_lines: Callable[[F64, F64, LinePoints], None] | None = None
 
     def results(self, flush: bool = False) -> Iterator[SurfacePatch | RefusedWindow]:
         """Rows that are done, in order along each pass, each once.
@@ -141,8 +148,19 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 found = measured_pixels(field, depths, s.evidence, s.threads)
         finally:
             clear(strip, block, field, s.threads)
-        y = found.row * strip.pixel_m + block.low_y_m
-        return found, y + strip.fan(block, y) * found.offset
+
+        def rays(polarity: int) -> F32:
+            e = strip.events(block, polarity)
+            straight = np.zeros_like(e.slope)
+            own = np.stack([e.x_m + MARGIN_M, e.y_m - block.low_y_m, e.slope, straight], axis=1)
+            return np.asarray(own / strip.pixel_m, np.float32)
+
+        def across(row: F64, offset: F64) -> F64:
+            y = row * strip.pixel_m + block.low_y_m
+            return np.asarray(y + strip.fan(block, y) * offset, np.float64)
+
+        with watch("lines"):
+            return self._refined(strip, block, field, found, rays, across)
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
         """The same for any path."""
@@ -153,7 +171,41 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             depths = find_depths(field, -half, half, s.evidence, COARSE_PARTS, s.threads)
         with watch("points"):
             found = measured_pixels(field, depths, s.evidence, s.threads)
-        return found, found.row * strip.pixel_m + block.low_y_m
+
+        def rays(polarity: int) -> F32:
+            return field.rays[field.bounds[polarity] : field.bounds[polarity + 1]]
+
+        def across(row: F64, _offset: F64) -> F64:
+            return np.asarray(row * strip.pixel_m + block.low_y_m, np.float64)
+
+        with watch("lines"):
+            return self._refined(strip, block, field, found, rays, across)
+
+    def _refined(
+        self,
+        strip: Strip,
+        block: Block,
+        field: EvidenceField,
+        found: Relief,
+        rays: Callable[[int], F32],
+        across: Callable[[F64, F64], F64],
+    ) -> tuple[Relief, F64]:
+        """Points with lines in the place of those that they are surer than, and where they lie."""
+        s, pixel = self.settings, strip.pixel_m
+        columns = round(MARGIN_M / pixel), round((MARGIN_M + s.block_m) / pixel)
+        light = self._light_of(strip)
+        found, lines = refine(field, found, rays, columns, s.edge_drift, light, s.threads)
+        if self.on_lines is not None and len(lines.row):
+            x = lines.column * pixel + block.start_m - MARGIN_M
+            y, z = across(lines.row, lines.offset), lines.offset + strip.middle_m
+            self.on_lines(strip.to_base(np.stack([x, y, z], axis=1)), strip.rotation, lines)
+        return found, across(found.row, found.offset)
+
+    def _light_of(self, strip: Strip) -> TravellingLight:
+        """What the strip's pass says of its light."""
+        if self._light[0] is not strip:
+            self._light = strip, TravellingLight()
+        return self._light[1]
 
     def _seen(self, strip: Strip, x: np.ndarray) -> np.ndarray:
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""

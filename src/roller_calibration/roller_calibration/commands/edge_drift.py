@@ -1,0 +1,83 @@
+"""`roller calibrate edge-drift`: the drift of edges from a sphere and steps."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from roller_core.calibration_file import CalibrationError, calibration_record
+
+from .output import add_kind, write
+
+#: Nodes that correct for it.
+_NODES = ("surface",)
+
+
+def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the subcommand."""
+    texts = (
+        "drift of edges under the instrument's light, from a sphere and steps",
+        "How far edges of each polarity drift while they cross the image, by slope: from passes "
+        "over a sphere of known radius and over steps of known height. Several passes, as of "
+        "other speeds, count together.",
+    )
+    parser = add_kind(kinds, "edge-drift", run, "surface, emvs", texts, skin=True)
+    parser.add_argument(
+        "--sphere", type=Path, action="append", required=True, metavar="BAG",
+        help="a pass over a sphere; may be given several times",
+    )  # fmt: skip
+    parser.add_argument("--radius-mm", type=float, required=True, metavar="R", help="the sphere's")
+    parser.add_argument(
+        "--steps", type=Path, action="append", required=True, metavar="BAG",
+        help="a pass over equal steps, up and down along the roll; may be given several times",
+    )  # fmt: skip
+    parser.add_argument(
+        "--step-mm", type=float, required=True, metavar="H", help="height of a step"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit the drift, print it and write it.
+
+    Raises
+    ------
+    RollerError
+        If a recording can't be read or doesn't show its gauge.
+    """
+    from roller_calibration.edge_drift import fit_drift, sphere_gauge, steps_gauge
+    from roller_calibration.recordings import read_scans
+    from roller_core.progress import progress_bar
+    from roller_inspect.pipeline import PipelineSettings
+
+    if not args.radius_mm > 0:
+        raise CalibrationError(f"--radius-mm {args.radius_mm:g}: expected more than 0")
+    if not args.step_mm > 0:
+        raise CalibrationError(f"--step-mm {args.step_mm:g}: expected more than 0")
+    settings = PipelineSettings.load(args.params, "surface").surface
+    args.inputs = [*args.sphere, *args.steps]
+    scans = read_scans(args, settings.max_pose_gap_s)
+    gauges = []
+    with progress_bar("fit lines") as progress:
+        for k, scan in enumerate(scans):
+            if k < len(args.sphere):
+                gauges.append(sphere_gauge(scan, settings, args.radius_mm * 1e-3))
+            else:
+                gauges.append(steps_gauge(scan, settings, args.step_mm * 1e-3))
+            progress((k + 1) / len(scans))
+    found = fit_drift(gauges)
+    lines = [f"{gauge.name}: {gauge.text}" for gauge in gauges]
+    for name, before, after in zip(("OFF", "ON"), found.before_m, found.after_m, strict=True):
+        lines.append(
+            f"{name} events on slopes: {before * 1e6:.0f} µm off at the median without the "
+            f"correction, {after * 1e6:.0f} µm with it"
+        )
+    lines.append(f"slopes up to {found.settings.max_slope:.2f}")
+    print(*lines, sep="\n")
+    record = calibration_record(
+        args.skin, args.inputs, scans[0].camera,
+        radius_m=args.radius_mm * 1e-3, step_m=args.step_mm * 1e-3,
+        before_m=list(found.before_m), after_m=list(found.after_m),
+    )  # fmt: skip
+    values = {"edge_drift": found.settings.model_dump()}
+    write(args, "edge-drift", lines, {node: values for node in _NODES}, record)
+    return 0

@@ -1,0 +1,339 @@
+"""The drift of edges from passes over a sphere and over steps of known height.
+
+Lines are fitted to the events of each pass without a correction; what they are too high by on the
+two gauges is the drift. A line's place along the roll is right whatever its height, so on a sphere
+the true height follows from the place, and on steps from the level. Two things a gauge doesn't
+say stay unknown of the fit, each with a spread of its own: where the sphere's middle is along the
+roll, which drift moves as well, and how high on a step's wall the events of a polarity arise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.errors import RollerError
+from roller_core.transforms import F64
+from roller_emvs.lines.edge_drift import SLOPE_BINS, TERMS, EdgeDriftSettings, drift_terms
+from roller_emvs.lines.refine import LinePoints
+from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface.sweep import SurfacePatch
+
+from .recordings import Scan
+from .sphere import SphereError, find_sphere
+
+#: Lines of a gauge, at least, and on slopes.
+LEAST_LINES = 100
+#: Slope along the roll from which a line is on a wall.
+_WALL = 0.1
+#: Bins in which walls are found, m; a wall takes this share of the fullest bin; lines this near to
+#: a wall's middle are its own, in bins.
+_BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.25, 6
+#: Turns of the steps against the roll that are tried, rad.
+_TURNS = np.radians(np.linspace(-3.0, 3.0, 61))
+#: Fewest walls, and how far the height of the steps that fit may be off.
+_LEAST_WALLS, _STEP_TOLERANCE = 2, 0.3
+#: Spread of where the sphere's middle is along the roll, m, and of where on a wall events arise,
+#: by the steps' height.
+_MIDDLE_M, _ON_WALL = 5e-5, 0.15
+#: Spread of the coefficients before anything was measured, m.
+_PRIOR_M = 1.5e-4
+#: Deviation from which on lines count less, m, and rounds of that.
+_HUBER_M, _ROUNDS = 6e-5, 20
+#: Fewest lines of a bin of slopes whose residual is its own, and least residual, m.
+_LEAST_IN_BIN, _LEAST_RESIDUAL_M = 15, 5e-6
+
+
+class EdgeDriftError(RollerError):
+    """Gauges from which no drift can be had."""
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Lines of a pass over a gauge, with their heights over what they should have.
+
+    Attributes
+    ----------
+    name : str
+        Of the recording.
+    error_m : ndarray of float64, shape (n,)
+        Height less the gauge's.
+    unknown : ndarray of float64, shape (n, k)
+        How the heights of the lines change with what is unknown of the gauge.
+    spread : ndarray of float64, shape (k,)
+        Spread of that.
+    lines : LinePoints
+        The lines.
+    text : str
+        What was found, for people.
+    """
+
+    name: str
+    error_m: F64
+    unknown: F64
+    spread: F64
+    lines: LinePoints
+    text: str
+
+
+@dataclass(frozen=True)
+class EdgeDrift:
+    """What was found.
+
+    Attributes
+    ----------
+    settings : EdgeDriftSettings
+        The drift.
+    before_m, after_m : tuple of float
+        Median absolute error of the lines of OFF and of ON events, without the correction and
+        with it, metres.
+    """
+
+    settings: EdgeDriftSettings
+    before_m: tuple[float, float]
+    after_m: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PassLines:
+    """Lines of a pass in its own frame: along the roll, across, and towards the camera, metres."""
+
+    place: F64
+    lines: LinePoints
+    cloud: F64
+    axes: F64
+
+
+def pass_lines(scan: Scan, settings: SurfaceSettings) -> PassLines:
+    """Fit the lines of a recording, without a correction.
+
+    Raises
+    ------
+    EdgeDriftError
+        If there are too few of them, or the recording holds several passes in other directions.
+    """
+    plain = settings.changed({"edge_drift": EdgeDriftSettings.create({})})
+    sweep = SurfaceSweep(plain, scan.camera, scan.track)
+    found: list[tuple[F64, F64, LinePoints]] = []
+    sweep.on_lines = lambda *lines: found.append(lines)
+    sweep.add_events(scan.events)
+    cloud = [r.points for r in sweep.results(flush=True) if isinstance(r, SurfacePatch)]
+    count = sum(len(place) for place, _, _ in found)
+    if count < LEAST_LINES:
+        raise EdgeDriftError(
+            f"{scan.name}: {count} lines, fewer than {LEAST_LINES}: too few edges in view; does it "
+            "show the gauge, and is the depth range right?"
+        )
+    axes = found[0][1]
+    if any(axes[:, 0] @ other[:, 0] < 0.9 for _, other, _ in found):
+        raise EdgeDriftError(f"{scan.name}: passes in several directions; record one pass")
+    towards = np.column_stack([axes[:, 0], axes[:, 1], -axes[:, 2]])
+    lines = LinePoints(
+        **{
+            name: np.concatenate([getattr(own, name) for _, _, own in found])
+            for name in LinePoints.__dataclass_fields__
+        }
+    )
+    place = np.concatenate([place for place, _, _ in found]) @ towards
+    return PassLines(place, lines, np.concatenate(cloud), towards)
+
+
+def sphere_gauge(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Gauge:
+    """Errors of the lines on a sphere of known radius.
+
+    Raises
+    ------
+    EdgeDriftError
+        If the sphere can't be found, or shows too few lines.
+    """
+    found = pass_lines(scan, settings)
+    try:
+        sphere = find_sphere(found.cloud, found.axes[:, 2], radius_m)
+    except SphereError as error:
+        raise EdgeDriftError(f"{scan.name}: {error}") from error
+    away = found.place - sphere.centre_m @ found.axes
+    rho = np.hypot(away[:, 0], away[:, 1])
+    inside = rho < sphere.contact_radius_m
+    if inside.sum() < LEAST_LINES:
+        raise EdgeDriftError(
+            f"{scan.name}: {int(inside.sum())} lines on the sphere, fewer than {LEAST_LINES}: too "
+            "little of it is in view, or its skin shows too little"
+        )
+    away, rho = away[inside], rho[inside]
+    below = np.sqrt(radius_m**2 - rho**2)
+    error = away[:, 2] - below
+    unknown = np.column_stack([away[:, :2] / below[:, None], np.ones(len(below))])
+    # Steep and stray lines are of the sphere's foot.
+    near = np.abs(error - np.median(error)) < max(0.1 * radius_m, 4e-4)
+    text = (
+        f"sphere of {sphere.fitted_radius_m * 1e3:.2f} mm, {int(near.sum())} lines within "
+        f"{sphere.contact_radius_m * 1e3:.2f} mm of its top"
+    )
+    spread = np.array([_MIDDLE_M, 1e-3, 1e-3])
+    return Gauge(
+        scan.name, error[near], unknown[near], spread, _take(_take(found.lines, inside), near), text
+    )
+
+
+def steps_gauge(scan: Scan, settings: SurfaceSettings, step_m: float) -> Gauge:
+    """Errors of the lines on the walls of steps of equal height, up and down along the roll.
+
+    Raises
+    ------
+    EdgeDriftError
+        If the steps can't be found, or have another height.
+    """
+    found = pass_lines(scan, settings)
+    slope = found.lines.slope
+    steep = np.abs(slope) > _WALL
+    if steep.sum() < LEAST_LINES:
+        raise EdgeDriftError(
+            f"{scan.name}: {int(steep.sum())} lines on slopes along the roll, fewer than "
+            f"{LEAST_LINES}: no steps in view"
+        )
+    x, y, height = found.place[steep].T
+    lines = _take(found.lines, steep)
+    wall, count = _walls(x, y)
+    if count < _LEAST_WALLS:
+        raise EdgeDriftError(f"{scan.name}: {count} walls of steps across the roll, fewer than 2")
+    rising = np.array([np.median(lines.slope[wall == k]) > 0 for k in range(count)])
+    change = np.where(rising, 1.0, -1.0)
+    middle = np.cumsum(change) - 0.5 * change
+    of_wall = np.array([np.median(height[wall == k]) for k in range(count)])
+    # Height of a step, height of the plate, and drift, which goes with the direction.
+    design = np.column_stack([middle, np.ones(count), change])
+    if np.linalg.matrix_rank(design) < 3:
+        raise EdgeDriftError(
+            f"{scan.name}: {count} walls don't tell steps from drift: record steps up and down"
+        )
+    fitted = np.linalg.lstsq(design, of_wall, rcond=None)[0]
+    if not abs(fitted[0] / step_m - 1) < _STEP_TOLERANCE:
+        raise EdgeDriftError(
+            f"{scan.name}: {count} walls fit steps of {fitted[0] * 1e3:.3f} mm, not "
+            f"{step_m * 1e3:g} mm; check --step-mm, and that all steps are equal"
+        )
+    on = wall >= 0
+    lines, at = _take(lines, on), wall[on]
+    error = height[on] - step_m * middle[at]
+    kind = 2 * lines.polarity + (~rising)[at]
+    unknown = np.column_stack([np.ones(len(error)), *(kind == k for k in range(4))]).astype(float)
+    error -= np.median(error)
+    near = np.abs(error) < max(1.5 * step_m, 3e-4)
+    text = f"{count} walls of {fitted[0] * 1e3:.3f} mm, {int(near.sum())} lines on them"
+    spread = np.array([1e-3, *[_ON_WALL * step_m] * 4])
+    return Gauge(scan.name, error[near], unknown[near], spread, _take(lines, near), text)
+
+
+def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
+    """Fit the drift of each polarity to the gauges.
+
+    Least squares with what is unknown of the gauges, ridge and Huber's weights.
+
+    Raises
+    ------
+    EdgeDriftError
+        If too few lines lie on slopes.
+    """
+    lines = [gauge.lines for gauge in gauges]
+    slope, band, change, polarity, sigma = (
+        np.concatenate([getattr(own, name) for own in lines])
+        for name in ("slope", "band_m", "change", "polarity", "sigma_m")
+    )
+    error = np.concatenate([gauge.error_m for gauge in gauges])
+    on_slope = np.abs(slope) > _WALL
+    if on_slope.sum() < LEAST_LINES:
+        raise EdgeDriftError(f"{int(on_slope.sum())} lines on slopes, fewer than {LEAST_LINES}")
+    terms = drift_terms(slope, band, change)
+    columns = [np.where((polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
+    spreads = [np.full(2 * TERMS, _PRIOR_M)]
+    for k, gauge in enumerate(gauges):
+        column = np.zeros((len(error), gauge.unknown.shape[1]))
+        start = sum(len(g.error_m) for g in gauges[:k])
+        column[start : start + len(gauge.error_m)] = gauge.unknown
+        columns.append(column)
+        spreads.append(gauge.spread)
+    design, spread = np.concatenate(columns, axis=1), np.concatenate(spreads)
+    # A gauge counts as a whole as much as the other: neighbouring lines share what they err by.
+    share = np.concatenate([np.full(len(g.error_m), LEAST_LINES / len(g.error_m)) for g in gauges])
+    weight = np.ones(len(error))
+    noise = np.hypot(sigma, _HUBER_M)
+    for _ in range(_ROUNDS):
+        w = weight * share / noise**2
+        normal = (design * w[:, None]).T @ design + np.diag(1 / spread**2)
+        beta = np.linalg.solve(normal, design.T @ (w * error))
+        rest = error - design @ beta
+        weight = np.minimum(1.0, 1.5 * noise / np.maximum(np.abs(rest), 1e-9))
+    of_gauge = design[:, 2 * TERMS :] @ beta[2 * TERMS :]
+    most = float(np.quantile(np.abs(slope[on_slope]), 0.98))
+    table = _residuals(rest, slope, polarity, most)
+    settings = EdgeDriftSettings.create(
+        {
+            "coefficients_m": [float(f"{v:.4g}") for v in beta[: 2 * TERMS]],
+            "residual_m": [float(f"{v:.3g}") for v in table.ravel()],
+            "max_slope": round(most, 3),
+        }
+    )
+    before, after = (
+        tuple(_median(np.abs(e[on_slope & (polarity == k)])) for k in (0, 1))
+        for e in (error - of_gauge, rest)
+    )
+    return EdgeDrift(settings, before, after)
+
+
+def _median(values: F64) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def _residuals(rest: F64, slope: F64, polarity: F64, most: float) -> F64:
+    """What is left, as a standard deviation, by polarity, direction and bin of slopes."""
+    table = np.full((2, 2, SLOPE_BINS), np.nan)
+    bins = np.minimum((np.abs(slope) / most * SLOPE_BINS).astype(int), SLOPE_BINS - 1)
+    for p in range(2):
+        for falling in range(2):
+            kind = (polarity == p) & ((slope < 0) == bool(falling))
+            for b in range(SLOPE_BINS):
+                own = rest[kind & (bins == b)]
+                if len(own) >= _LEAST_IN_BIN:
+                    # 68 % lie within one deviation, whatever the tails.
+                    table[p, falling, b] = max(np.quantile(np.abs(own), 0.683), _LEAST_RESIDUAL_M)
+            # A slope that no gauge shows is as uncertain as the drift is before it is measured.
+            table[p, falling] = _filled(table[p, falling])
+    return table
+
+
+def _filled(row: F64) -> F64:
+    known = np.flatnonzero(np.isfinite(row))
+    if not len(known):
+        return np.full(len(row), _PRIOR_M)
+    return np.interp(np.arange(len(row)), known, row[known])
+
+
+def _walls(x: F64, y: F64) -> tuple[npt.NDArray[np.int64], int]:
+    """Number of the wall that each line is of, from the first on (-1: none), and how many."""
+    best: tuple[float, F64] = (-1.0, x)
+    y = y - np.median(y)
+    for turn in _TURNS:
+        across = x * np.cos(turn) + y * np.sin(turn)
+        counts = np.bincount(((across - across.min()) / _BIN_M).astype(int))
+        sharp = float((counts.astype(float) ** 2).sum())
+        if sharp > best[0]:
+            best = sharp, across
+    across = best[1] - best[1].min()
+    counts = np.bincount((across / _BIN_M).astype(int)).astype(float)
+    smooth = np.convolve(counts, np.ones(3), mode="same")
+    # Walls are where lines gather; bins that touch are of one.
+    least = _WALL_SHARE * np.quantile(smooth[smooth > 0], 0.95)
+    full = np.flatnonzero(smooth >= least)
+    groups = np.split(full, np.flatnonzero(np.diff(full) > _WALL_BINS) + 1) if len(full) else []
+    middles = [np.average(g, weights=smooth[g]) + 0.5 for g in groups]
+    wall = np.full(len(x), -1, np.int64)
+    for k, (group, _) in enumerate(zip(groups, middles, strict=True)):
+        low, high = (group[0] - 1) * _BIN_M, (group[-1] + 2) * _BIN_M
+        wall[(across >= low) & (across <= high)] = k
+    return wall, len(groups)
+
+
+def _take(lines: LinePoints, which: npt.NDArray[np.bool_]) -> LinePoints:
+    return replace(lines, **{n: getattr(lines, n)[which] for n in LinePoints.__dataclass_fields__})

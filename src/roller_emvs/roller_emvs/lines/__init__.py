@@ -1,0 +1,1 @@
+"""Lines through the events of features: exact places and heights, with their uncertainty."""

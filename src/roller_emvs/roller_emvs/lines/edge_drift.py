@@ -1,0 +1,137 @@
+"""How far the edges of a polarity drift while they cross the image: an instrument's property.
+
+Where light travels with the camera, a wall's contrast changes during its crossing, and with it the
+place on its flank where a threshold is crossed. That looks like parallax: a line through such
+events is off in height by the drift. What it is follows from the surface's slope along the roll
+and from the width of the band in which the events lie; `roller calibrate edge-drift` finds how.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from roller_core.settings import Settings
+from roller_core.transforms import F64
+
+#: What a report says where no drift is known, and none is taken out.
+NOT_CALIBRATED = "not calibrated"
+#: Terms of the model.
+TERMS = 6
+#: Slope at which the sign of a slope counts in full.
+_TURN = 0.15
+#: Change beyond which it says less.
+_STEEP = 2.0
+#: Band in which coefficients with a band count as those without, m.
+BAND_M = 3e-5
+#: Slopes of the table of what a calibration leaves over: bins from 0 to the last, by polarity and
+#: rising or falling.
+SLOPE_BINS = 6
+#: Beyond the calibrated slopes uncertainty grows by this share of the drift by unit of slope.
+_BEYOND = 1.0
+
+
+class EdgeDriftSettings(Settings):
+    """Drift of edges by polarity; written by `roller calibrate edge-drift`."""
+
+    coefficients_m: list[float] = Field(
+        default_factory=list,
+        description="Of height by slope g along the roll, g·|g|, t = tanh(g / 0.15), t and g by "
+        "band, change by band: six of OFF, then six of ON events, m; empty: not calibrated.",
+    )
+    residual_m: list[float] = Field(
+        default_factory=list,
+        description="What is left by slope: six bins up to `max_slope`, of OFF rising, OFF "
+        "falling, ON rising, ON falling, m.",
+    )
+    max_slope: float = Field(0.0, ge=0.0, le=10.0, description="Steepest slope calibrated.")
+
+    @model_validator(mode="after")
+    def _whole(self) -> EdgeDriftSettings:
+        sizes = len(self.coefficients_m), len(self.residual_m)
+        if sizes not in ((0, 0), (2 * TERMS, 4 * SLOPE_BINS)):
+            raise ValueError(
+                f"{sizes[0]} coefficients_m and {sizes[1]} residual_m: expected "
+                f"{2 * TERMS} and {4 * SLOPE_BINS}, or none"
+            )
+        if sizes[0] and not self.max_slope > 0:
+            raise ValueError("max_slope must be above 0 where the drift is calibrated")
+        return self
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether there is a calibration."""
+        return bool(self.coefficients_m)
+
+    def __str__(self) -> str:
+        return "calibrated" if self.calibrated else NOT_CALIBRATED
+
+
+def drift_terms(slope: F64, band_m: F64, change: F64) -> F64:
+    """The model's terms, shape (n, 6): height by coefficient.
+
+    Parameters
+    ----------
+    slope : ndarray of float64, shape (n,)
+        Of the surface along the roll, dh/dx.
+    band_m : ndarray of float64, shape (n,)
+        Standard deviation of the events about their line, metres.
+    change : ndarray of float64, shape (n,)
+        How fast the events get more along the crossing: (mean of the rays' slopes less the middle
+        of the aperture) / their variance.
+    """
+    turn = np.tanh(slope / _TURN)
+    band = band_m / BAND_M
+    # An edge that is seen from one side alone doesn't say how fast its contrast changes.
+    change = change / (1.0 + (change / _STEEP) ** 2)
+    terms = (slope, slope * np.abs(slope), turn, turn * band, slope * band, change * band)
+    return np.stack(terms, axis=1)
+
+
+def edge_drift(
+    settings: EdgeDriftSettings, polarity: int, slope: F64, band_m: F64, change: F64
+) -> tuple[F64, F64]:
+    """Height by which lines are too high, and its uncertainty, metres.
+
+    Beyond the calibrated slopes the drift stays what it is there, and is uncertain by as much.
+    """
+    count = TERMS * polarity
+    held = np.clip(slope, -settings.max_slope, settings.max_slope)
+    beta = np.asarray(settings.coefficients_m[count : count + TERMS])
+    height = drift_terms(held, band_m, change) @ beta
+    table = np.asarray(settings.residual_m).reshape(2, 2, SLOPE_BINS)[polarity]
+    middles = (np.arange(SLOPE_BINS) + 0.5) * settings.max_slope / SLOPE_BINS
+    rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)
+    sigma = np.where(slope >= 0, rising, falling)
+    over = np.maximum(np.abs(slope) - settings.max_slope, 0.0)
+    return height, np.hypot(sigma, _BEYOND * over * np.maximum(np.abs(height), sigma))
+
+
+class TravellingLight:
+    """Whether light travels with the camera, from how the events of lines lie over their rays.
+
+    Where contrast changes along a crossing, so does the number of events: by k = (mean of the
+    rays' slopes less the middle of the aperture) / their variance. In light that stands still k is
+    that of chance. Tuned on the virtual cell: 0.2-1 under a dome, 1.3-7 under a ring.
+    """
+
+    _STILL, _TRAVELS = 1.0, 1.6
+    #: Weight of the lines from which on they say something.
+    _ENOUGH = 100.0
+
+    def __init__(self) -> None:
+        self._square = self._weight = 0.0
+
+    def add(self, lean: F64, spread: F64, events: F64) -> None:
+        """Take lines, shape (n,): lean of the rays' slopes, their variance, independent events."""
+        chance = 1.0 / (events * spread)
+        self._square += float((((lean / spread) ** 2 - chance) / chance).sum())
+        self._weight += float((1.0 / chance).sum())
+
+    @property
+    def share(self) -> float:
+        """0 where light stands still, 1 where it travels or where that isn't known."""
+        if self._weight < self._ENOUGH:
+            return 1.0
+        change = np.sqrt(max(self._square / self._weight, 0.0))
+        return float(np.clip((change - self._STILL) / (self._TRAVELS - self._STILL), 0.0, 1.0))

@@ -1,0 +1,167 @@
+"""A line through the events of each feature, by polarity: where it lies and how high.
+
+An event on a feature at (x, offset) meets another plane beside it by its ray's slope times the
+distance of the planes. So the events of one feature, placed on any plane near it, lie on a line
+over their slopes, whose inclination is what the plane's offset lacks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.transforms import F64
+from roller_emvs.rays import F32
+
+from . import _kernels as kernels
+
+I64 = npt.NDArray[np.int64]
+
+#: Half width along the parallax and across it of the events that a line is fitted to, px.
+_WINDOW_PX = 2.9, 4.75
+#: Distance from which on an event counts for nothing, px, and rounds of the robust fit.
+_TUKEY_PX, _ROUNDS = 2.1, 3
+#: Events that the rounds before the last take.
+_SAMPLE = 300
+#: Rows from line to line, px.
+ROW_STEP = 2
+#: A line's pixel holds this share of the events of the fullest one nearby.
+_LEAST_SHARE, _NEARBY_PX = 0.4, 3
+#: Spread of the count of events that the place of a line is taken from, px.
+_BLUR_PX = 0.8, 2.0
+#: Events, a variance of the rays' slopes dx/dz and a largest correction, m, for a line to be one.
+_LEAST_EVENTS, _LEAST_VARIANCE, _MOST_M = 30.0, 0.012, 5e-4
+#: A line further than this from the median of its contour is none, m; the contour's half length
+#: and half width, px.
+_VOTE_M, _CONTOUR_PX = 1.2e-4, (6, 1.5)
+_MOST_VOTES = 64
+#: Events of a pixel's crossing come of one threshold: their number counts as this share.
+INDEPENDENT = 0.5
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines of one polarity, sorted by row; arrays of shape (n,).
+
+    Attributes
+    ----------
+    row : ndarray of int64
+        Row, px.
+    x : ndarray of float64
+        Column, px.
+    tilt : ndarray of float64
+        Columns by row.
+    offset : ndarray of float64
+        Of the plane that the line lies on.
+    variance : ndarray of float64, shape (n, 3)
+        Variance of x, covariance of x and offset, variance of the offset.
+    band_px : ndarray of float64
+        Standard deviation of the events about the line.
+    events : ndarray of float64
+        Events that the fit rests on, of equal weight.
+    lean : ndarray of float64
+        Mean slope of the rays.
+    spread : ndarray of float64
+        Variance of the slopes.
+    """
+
+    row: I64
+    x: F64
+    tilt: F64
+    offset: F64
+    variance: F64
+    band_px: F64
+    events: F64
+    lean: F64
+    spread: F64
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def __getitem__(self, which: npt.NDArray[np.bool_]) -> Lines:
+        return Lines(**{name: values[which] for name, values in self.__dict__.items()})
+
+
+NO_LINES = Lines(np.empty(0, np.int64), *np.empty((3, 0)), np.empty((0, 3)), *np.empty((4, 0)))
+
+
+def fit_lines(
+    rays: F32,
+    surface: F32,
+    columns: tuple[int, int],
+    offset_per_m: float,
+    slope_scale: float,
+) -> Lines:
+    """Fit a line wherever the events of one polarity gather along the parallax.
+
+    Parameters
+    ----------
+    rays : ndarray of float32, shape (n, 4)
+        x, y on the plane of offset 0, px, and slopes, px by unit of offset.
+    surface : ndarray of float32, shape (height, width)
+        Offset by pixel, NaN where it is unknown, which is not everywhere.
+    columns : tuple of int
+        First column in which lines are wanted, and the one after the last.
+    offset_per_m : float
+        From metres of depth to the offset.
+    slope_scale : float
+        From slopes to the rays' dx/dz.
+    """
+    height, width = surface.shape
+    pixel = np.empty(len(rays), np.int64)
+    counts = np.zeros(height * width, np.int64)
+    kernels._ground(rays, surface, np.float32(np.nanmedian(surface)), pixel, counts)
+    starts = np.zeros(height * width + 1, np.int64)
+    np.cumsum(counts, out=starts[1:])
+    ordered = np.empty((starts[-1], 4), np.float32)
+    kernels._by_pixel(rays, pixel, starts[:-1].copy(), ordered)
+    density = cv2.GaussianBlur(
+        counts.reshape(height, width).astype(np.float32),
+        (0, 0), sigmaX=_BLUR_PX[0], sigmaY=_BLUR_PX[1],
+    )  # fmt: skip
+    density[:, : columns[0]] = 0
+    density[:, columns[1] :] = 0
+    # A window of even density must hold the events that a line needs.
+    floor = _LEAST_EVENTS / (4 * _WINDOW_PX[1] * _TUKEY_PX)
+    room = height * (columns[1] - columns[0]) // 4 + 1
+    row, column = (np.empty(room, np.int64) for _ in range(2))
+    count = kernels._ridges(density, floor, _LEAST_SHARE, _NEARBY_PX, ROW_STEP, row, column)
+    row, column = row[:count], column[:count]
+    at = surface[row, column].astype(np.float64)
+    out = np.empty((count, 10))
+    kernels._fit_lines(
+        ordered, starts, width, row, column, at, np.array(_WINDOW_PX), _TUKEY_PX, _ROUNDS,
+        _SAMPLE, out,
+    )  # fmt: skip
+    p, d, tilt, v_x, v_xd, v_d, events, lean, spread, square = out.T
+    steps = np.abs(d / offset_per_m)
+    with np.errstate(invalid="ignore"):
+        keep = (
+            np.isfinite(at)
+            & (events >= _LEAST_EVENTS)
+            & (spread * slope_scale**2 >= _LEAST_VARIANCE)
+            & (steps <= _MOST_M)
+        )
+    variance = (square / INDEPENDENT)[:, None] * np.stack([v_x, -v_xd, v_d], axis=1)
+    # A ray's offset counts from the plane that it was placed on: away from there x falls short.
+    lines = Lines(row, column + p, tilt, at - d, variance, np.sqrt(square), events, lean, spread)[
+        keep
+    ]
+    return _agreeing(lines, _VOTE_M * abs(offset_per_m))
+
+
+def _agreeing(lines: Lines, most: float) -> Lines:
+    """Lines that agree with others along their contour."""
+    if not len(lines):
+        return lines
+    votes, near = np.empty(len(lines)), np.empty(len(lines), np.int64)
+    reach_y, reach_x = _CONTOUR_PX
+    ends = np.searchsorted(lines.row, lines.row + reach_y, side="right")
+    kernels._vote(
+        lines.row, lines.x, lines.tilt, lines.offset, ends, reach_y, reach_x, _MOST_VOTES,
+        votes, near,
+    )  # fmt: skip
+    return lines[(np.abs(lines.offset - votes) <= most) & (near > 1)]

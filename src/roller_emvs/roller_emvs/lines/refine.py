@@ -1,0 +1,240 @@
+"""Points that lie on lines take the lines' place, height and uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from roller_core.transforms import F64
+from roller_emvs.evidence import CELL_PX, EvidenceField, Relief
+from roller_emvs.rays import F32
+from roller_emvs.threads import share
+
+from .edge_drift import EdgeDriftSettings, TravellingLight, edge_drift
+from .fit import I64, INDEPENDENT, NO_LINES, ROW_STEP, Lines, fit_lines
+
+#: A point within this of a line, along the parallax, is of the same feature, px.
+_SAME_PX = 1
+#: Uncertainty of a line's place that its fit doesn't know of, m: the poses' stamps and noise.
+_PLACE_M = 1.5e-5
+#: Share of what line and neighbourhood differ by that stays in doubt.
+_DOUBT = 1 / 3
+#: Least uncertainty of a line's height, m.
+_FLOOR_M = 1.2e-5
+#: Neighbourhood over which points err alike, px, and what that changes over it, m.
+_SHARED_PX, _CHANGES_M = 4.0, 3e-5
+#: Drift of lines, where light travels and nothing is calibrated, and what of it a neighbourhood of
+#: both polarities errs by, m. Tuned on the virtual cell.
+_UNKNOWN_DRIFT_M, _POINT_DRIFT_M = 1.3e-4, 8e-5
+
+
+@dataclass(frozen=True)
+class LinePoints:
+    """Lines of a field with what their drift depends on; arrays of shape (n,).
+
+    Attributes
+    ----------
+    row, column : ndarray of float64
+        Place on the grid, px.
+    offset : ndarray of float64
+        As the fit has it, drift and all.
+    polarity : ndarray of int64
+        0 for OFF, 1 for ON events.
+    slope : ndarray of float64
+        dh/dx of the surface, h towards the camera.
+    band_m : ndarray of float64
+        Width of the band in which the events lie, metres.
+    change : ndarray of float64
+        How fast the events get more along the crossing; see `drift_terms`.
+    sigma_m : ndarray of float64
+        Uncertainty of the height but for drift, metres.
+    """
+
+    row: F64
+    column: F64
+    offset: F64
+    polarity: I64
+    slope: F64
+    band_m: F64
+    change: F64
+    sigma_m: F64
+
+
+def refine(
+    field: EvidenceField,
+    found: Relief,
+    rays: Callable[[int], F32],
+    columns: tuple[int, int],
+    settings: EdgeDriftSettings,
+    light: TravellingLight,
+    threads: int,
+) -> tuple[Relief, LinePoints]:
+    """Fit lines to the events, and put them in the place of the points that they are surer than.
+
+    Parameters
+    ----------
+    field : EvidenceField
+        Events.
+    found : Relief
+        Points, and the surface by polarity that they were taken from.
+    rays : callable
+        Takes a polarity and gives its rays, float32, shape (n, 4); see `fit_lines`.
+    columns : tuple of int
+        First column in which lines are wanted, and the one after the last.
+    settings : EdgeDriftSettings
+        The instrument's drift of edges; without one, lines are as uncertain as it may be large.
+    light : TravellingLight
+        What the pass says of its light; takes these lines too.
+    threads : int
+        Threads that share the work.
+
+    Returns
+    -------
+    Relief
+        Its `column` may lie between pixels; no place that had a point is without one.
+    LinePoints
+        All lines.
+    """
+    both: list[Lines] = [NO_LINES, NO_LINES]
+
+    def fit(polarity: int) -> None:
+        own, surface = rays(polarity), found.surfaces[polarity]
+        if np.isfinite(surface).any():
+            scales = (field.offset_per_m, field.ray_slope_scale)
+            both[polarity] = fit_lines(own, surface, columns, *scales)
+
+    share(threads, 2, fit)
+    pixel_m = abs(field.ray_slope_scale / field.offset_per_m)
+    parts = [
+        _judge(lines, k, found, field, pixel_m) for k, lines in enumerate(both) if lines is not None
+    ]
+    for _, lines in parts:
+        light.add(*_crossing(lines, field), lines.events * INDEPENDENT)
+    offsets, sigmas, tilts = [], [], []
+    for k, (points, lines) in enumerate(parts):
+        if settings.calibrated:
+            height, drift = edge_drift(settings, k, points.slope, points.band_m, points.change)
+        else:
+            height = np.zeros(len(lines))
+            drift = np.full(len(lines), light.share * _UNKNOWN_DRIFT_M)
+        offsets.append(points.offset + height * field.offset_per_m)
+        sigmas.append(np.hypot(points.sigma_m, drift) * abs(field.offset_per_m))
+        tilts.append(lines.tilt)
+    every = LinePoints(
+        **{
+            name: np.concatenate([getattr(points, name) for points, _ in parts])
+            for name in LinePoints.__dataclass_fields__
+        }
+    )
+    of_points = light.share * _POINT_DRIFT_M * abs(field.offset_per_m)
+    found = replace(found, sigma=np.hypot(found.sigma, np.float32(of_points)))
+    offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
+    if len(offset):
+        found = _moved(found, every, offset, sigma, abs(field.offset_per_m))
+    merged = _merge(found, every, offset, sigma, tilt)
+    return merged, every
+
+
+def _judge(
+    lines: Lines, polarity: int, found: Relief, field: EvidenceField, pixel_m: float
+) -> tuple[LinePoints, Lines]:
+    """What a line's drift depends on, and its uncertainty without drift."""
+    surface = found.surfaces[polarity]
+    column = np.clip(np.rint(lines.x).astype(np.int64), 0, surface.shape[1] - 1)
+    per_m = field.offset_per_m
+    left = surface[lines.row, np.maximum(column - CELL_PX, 0)]
+    right = surface[lines.row, np.minimum(column + CELL_PX, surface.shape[1] - 1)]
+    here = surface[lines.row, column].astype(np.float64)
+    one_sided = np.where(np.isnan(left), right - here, here - left) / CELL_PX
+    slope = np.where(np.isnan(left) | np.isnan(right), one_sided, (right - left) / (2 * CELL_PX))
+    slope = np.nan_to_num(-slope / per_m / pixel_m)
+    doubt = np.nan_to_num(here - lines.offset) / per_m * _DOUBT
+    variance = lines.variance[:, 2] / per_m**2 + doubt**2 + (slope * _PLACE_M) ** 2
+    sigma = np.sqrt(variance + _FLOOR_M**2)
+    kind = np.full(len(lines), polarity)
+    band = lines.band_px * pixel_m
+    lean, spread = _crossing(lines, field)
+    points = LinePoints(
+        lines.row.astype(np.float64), lines.x, lines.offset, kind, slope, band, lean / spread, sigma
+    )
+    return points, lines
+
+
+def _crossing(lines: Lines, field: EvidenceField) -> tuple[F64, F64]:
+    """Mean of each line's ray slopes from the middle of the aperture, and their variance."""
+    scale = field.ray_slope_scale
+    cell = np.clip((lines.x / CELL_PX).astype(np.int64), 0, len(field.middles) - 1)
+    return (lines.lean - field.middles[cell]) * scale, lines.spread * scale**2
+
+
+def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: float) -> Relief:
+    """Points moved as the lines around say, as far as those are surer.
+
+    What a neighbourhood's height is off by, it is off by at the line too.
+    """
+    shape = found.surfaces[0].shape
+    sums = np.zeros((2, *shape), np.float32)
+    row, column = lines.row.astype(np.int64), np.rint(lines.column).astype(np.int64)
+    column = column.clip(0, shape[1] - 1)
+    before = np.stack([surface[row, column] for surface in found.surfaces])
+    before = before[lines.polarity, np.arange(len(row))]
+    weight = 1.0 / sigma**2
+    np.add.at(sums[0], (row, column), weight)
+    np.add.at(sums[1], (row, column), weight * (offset - before))
+    blurred = [cv2.GaussianBlur(s, (0, 0), _SHARED_PX) for s in sums]
+    total = blurred[0][found.row, found.column]
+    move = blurred[1][found.row, found.column] / np.maximum(total, 1e-30)
+    # A line in the middle of the neighbourhood counts in full, with what height changes over it.
+    peak = ROW_STEP * np.sqrt(2 * np.pi) * _SHARED_PX
+    own = 1.0 / np.maximum(total * peak, 1e-30) + (_CHANGES_M * per_m) ** 2
+    gain = found.sigma**2 / (found.sigma**2 + own)
+    left = np.sqrt(np.maximum((1.0 - gain) * found.sigma**2, own))
+    return replace(
+        found,
+        offset=found.offset + gain * move,
+        sigma=np.minimum(found.sigma, left).astype(np.float32),
+    )
+
+
+def _merge(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64) -> Relief:
+    """Lines in the place of the points of their rows that are less sure."""
+    shape = found.surfaces[0].shape
+    least = np.full(shape, np.inf)
+    points = np.full(shape, np.inf)
+    sure = np.zeros(shape, np.float32)
+    points[found.row, found.column] = found.sigma
+    sure[found.row, found.column] = found.confidence
+    rows, columns, numbers = [], [], []
+    for step in range(ROW_STEP):
+        row = lines.row.astype(np.int64) + step
+        column = lines.column + tilt * step
+        near = np.rint(column).astype(np.int64)
+        inside = (row < shape[0]) & (near >= _SAME_PX) & (near < shape[1] - _SAME_PX)
+        rows.append(row[inside])
+        columns.append(column[inside])
+        numbers.append(np.flatnonzero(inside))
+    row, column, number = np.concatenate(rows), np.concatenate(columns), np.concatenate(numbers)
+    near = np.rint(column).astype(np.int64)
+    beside = [near + k for k in range(-_SAME_PX, _SAME_PX + 1)]
+    for at in beside:
+        np.minimum.at(least, (row, at), sigma[number])
+    best = np.min([points[row, at] for at in beside], axis=0)
+    confidence = np.max([sure[row, at] for at in beside], axis=0)
+    # A line is one where there was a point; of two that share a place the surer one counts.
+    taken = np.isfinite(best) & (sigma[number] < best)
+    taken &= np.min([least[row, at] for at in beside], axis=0) >= sigma[number]
+    kept = np.zeros(shape, bool)
+    for at in beside:
+        kept[row[taken], at[taken]] = True
+    stays = ~kept[found.row, found.column]
+    return Relief(
+        np.concatenate([found.row[stays], row[taken]]),
+        np.concatenate([found.column[stays], column[taken]]),
+        np.concatenate([found.offset[stays], offset[number[taken]]]),
+        np.concatenate([found.confidence[stays], confidence[taken]]),
+        np.concatenate([found.sigma[stays], sigma[number[taken]]]).astype(np.float32),
+        found.surfaces,
+    )

@@ -1,0 +1,102 @@
+"""The drift of edges: from made-up lines, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from roller_calibration import edge_drift as calibration
+from roller_calibration.edge_drift import EdgeDriftError, Gauge, PassLines, fit_drift
+from roller_calibration.recordings import Scan
+from roller_core.camera import Camera
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+from roller_emvs.lines.edge_drift import edge_drift
+from roller_emvs.lines.refine import LinePoints
+from roller_emvs.methods.surface import SurfaceSettings
+
+STEP_M, RADIUS_M = 2e-4, 4e-3
+SCAN = Scan("scan", EventArray.empty(), Camera(64, 48, 100.0, 100.0, 31.5, 23.5), PoseTrack())
+SETTINGS = SurfaceSettings.create({})
+
+
+def drift_m(polarity: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """OFF edges drift, ON edges hardly."""
+    return np.where(polarity == 0, 120e-6, -15e-6) * slope
+
+
+def lines_of(rng: np.random.Generator, slope: np.ndarray) -> LinePoints:
+    n = len(slope)
+    none = np.zeros(n)
+    polarity = rng.integers(0, 2, n)
+    return LinePoints(none, none, none, polarity, slope, np.full(n, 3e-5), none, np.full(n, 1e-5))
+
+
+def made_up_sphere(rng: np.random.Generator, drift: float = 1.0) -> PassLines:
+    """Lines all over a dome of 3 mm, and the cloud of points of it."""
+    n = 1500
+    rho, angle = 2.6e-3 * np.sqrt(rng.random(n)), rng.uniform(-np.pi, np.pi, n)
+    x, y = rho * np.cos(angle), rho * np.sin(angle)
+    z = np.sqrt(RADIUS_M**2 - rho**2)
+    lines = lines_of(rng, -x / z)
+    cloud = np.column_stack([x, y, z]) + [0.05, 0.0, 0.0]
+    height = z + drift * drift_m(lines.polarity, lines.slope) + rng.normal(0, 1e-5, n)
+    return PassLines(np.column_stack([x + 0.05, y, height]), lines, cloud, np.eye(3))
+
+
+def made_up_steps(
+    rng: np.random.Generator, step_m: float = STEP_M, drift: float = 1.0
+) -> PassLines:
+    """Lines on walls that turn by a degree against the roll, five up and five down."""
+    change = np.array([1.0] * 5 + [-1.0] * 5)
+    wall = rng.integers(0, 10, 2000)
+    slope = change[wall] * rng.uniform(0.5, 1.1, 2000)
+    lines = lines_of(rng, slope)
+    y = rng.uniform(-6e-3, 6e-3, 2000)
+    x = 0.03 + 1.1e-3 * wall + rng.normal(0, 3e-5, 2000) + np.radians(1.0) * y
+    height = step_m * (np.cumsum(change) - 0.5 * change)[wall] - 0.002
+    height += drift * drift_m(lines.polarity, slope) + rng.normal(0, 1e-5, 2000)
+    place = np.column_stack([x, y, height])
+    return PassLines(place, lines, place, np.eye(3))
+
+
+def gauges(monkeypatch: pytest.MonkeyPatch, drift: float = 1.0) -> list[Gauge]:
+    rng = np.random.default_rng(0)
+    found = iter([made_up_sphere(rng, drift), made_up_steps(rng, drift=drift)])
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: next(found))
+    return [
+        calibration.sphere_gauge(SCAN, SETTINGS, RADIUS_M),
+        calibration.steps_gauge(SCAN, SETTINGS, STEP_M),
+    ]
+
+
+@pytest.mark.parametrize("drift", [0.0, 1.0])
+def test_a_known_drift_is_found_again(monkeypatch: pytest.MonkeyPatch, drift: float) -> None:
+    found = fit_drift(gauges(monkeypatch, drift))
+    slope = np.array([-0.9, -0.6, 0.6, 0.9])
+    for polarity in (0, 1):
+        height, sigma = edge_drift(found.settings, polarity, slope, np.full(4, 3e-5), np.zeros(4))
+        expected = drift * drift_m(np.full(4, polarity), slope)
+        assert np.all(np.abs(height - expected) < np.minimum(2 * sigma, 4e-5))
+        assert sigma.max() < 8e-5
+    assert found.settings.max_slope == pytest.approx(1.09, abs=0.1)
+    assert max(found.after_m) < 3e-5
+
+
+def test_steps_that_are_none_or_of_another_height_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(1)
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: made_up_steps(rng, 3e-4))
+    with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.3.. mm, not 0\.2 mm"):
+        calibration.steps_gauge(SCAN, SETTINGS, STEP_M)
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: made_up_sphere(rng))
+    with pytest.raises(EdgeDriftError, match=r"not 8 mm|no sphere"):
+        calibration.sphere_gauge(SCAN, SETTINGS, 8e-3)
+    flat = lines_of(rng, np.full(500, 0.01))
+    place = rng.uniform(0, 0.01, (500, 3))
+    monkeypatch.setattr(
+        calibration, "pass_lines", lambda *_: PassLines(place, flat, place, np.eye(3))
+    )
+    with pytest.raises(EdgeDriftError, match="no steps in view"):
+        calibration.steps_gauge(SCAN, SETTINGS, STEP_M)

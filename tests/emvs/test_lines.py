@@ -1,0 +1,198 @@
+"""Lines through the events of features: analytic places and heights, and twins of the loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from roller_emvs.lines import _kernels as kernels
+from roller_emvs.lines.edge_drift import (
+    SLOPE_BINS,
+    TERMS,
+    EdgeDriftSettings,
+    TravellingLight,
+    drift_terms,
+    edge_drift,
+)
+from roller_emvs.lines.fit import ROW_STEP, Lines, fit_lines
+
+PIXEL_M = 4.2e-5
+SHAPE = (40, 60)
+
+
+def events_of_line(
+    rng: np.random.Generator, x: float, tilt: float, z_m: float, noise_px: float, count: int = 12000
+) -> np.ndarray:
+    """Rays of a feature at column x of row 0 and a depth; px, slopes px by metre."""
+    slope = rng.uniform(-0.3, 0.3, count) / PIXEL_M
+    y = rng.uniform(0, SHAPE[0] - 1, count)
+    at = x + tilt * y + rng.normal(0, noise_px, count)
+    return np.column_stack([at - slope * z_m, y, slope, np.zeros(count)]).astype(np.float32)
+
+
+def found_lines(rays: np.ndarray, surface_m: float = 0.0) -> Lines:
+    surface = np.full(SHAPE, surface_m, np.float32)
+    return fit_lines(rays, surface, (0, SHAPE[1]), 1.0, PIXEL_M)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    x=st.floats(15, 40),
+    tilt=st.floats(-0.15, 0.15),
+    depth_um=st.floats(-150, 150),
+    seed=st.integers(0, 1000),
+)
+def test_a_line_is_found_where_it_lies_and_as_surely_as_it_says(
+    x: float, tilt: float, depth_um: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    rays = events_of_line(rng, x, tilt, depth_um * 1e-6, 0.6)
+    lines = found_lines(rays)
+    assert len(lines) > 0.8 * SHAPE[0] / ROW_STEP
+    middle = (lines.row > 5) & (lines.row < SHAPE[0] - 5)
+    error_um = (lines.offset - depth_um * 1e-6)[middle] * 1e6
+    sigma_um = np.sqrt(lines.variance[middle, 2]) * 1e6
+    assert np.mean(np.abs(error_um) < 2 * sigma_um) > 0.75
+    assert np.median(np.abs(error_um)) < 15
+    beside = lines.x[middle] - x - tilt * lines.row[middle]
+    assert np.median(np.abs(beside)) < 0.1
+    assert np.median(lines.tilt[middle]) == pytest.approx(tilt, abs=0.03)
+
+
+def test_events_from_one_direction_give_no_line() -> None:
+    rng = np.random.default_rng(1)
+    rays = events_of_line(rng, 30.0, 0.0, 0.0, 0.6)
+    assert len(found_lines(rays[np.abs(rays[:, 2] * PIXEL_M - 0.2) < 0.05])) == 0
+
+
+def test_noise_gives_no_line() -> None:
+    rng = np.random.default_rng(2)
+    n = 2000
+    slope = rng.uniform(-0.3, 0.3, n) / PIXEL_M
+    x, y = rng.uniform(0, SHAPE[1], n), rng.uniform(0, SHAPE[0], n)
+    assert len(found_lines(np.column_stack([x, y, slope, 0 * x]).astype(np.float32))) < 10
+
+
+def test_grounding_equals_a_search_for_each_event() -> None:
+    rng = np.random.default_rng(3)
+    surface = np.full(SHAPE, np.nan, np.float32)
+    surface[5:30, 10:50] = 1e-4
+    rays = events_of_line(rng, 30.0, 0.1, 1e-4, 8.0, 500)
+    pixel, counts = np.empty(len(rays), np.int64), np.zeros(surface.size, np.int64)
+    kernels._ground(rays, surface, np.float32(1e-4), pixel, counts)
+    for ray, found in zip(rays, pixel, strict=True):
+        column = int(np.floor(ray[0] + np.float32(0.5) + ray[2] * np.float32(1e-4)))
+        row = int(np.floor(ray[1] + np.float32(0.5)))
+        inside = 5 <= row < 30 and 10 <= column < 50
+        assert found == (row * SHAPE[1] + column if inside else -1)
+    assert counts.sum() == np.count_nonzero(pixel >= 0)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    ordered = np.empty((starts[-1], 4), np.float32)
+    kernels._by_pixel(rays, pixel, starts[:-1].copy(), ordered)
+    expected = rays[np.argsort(pixel, kind="stable")][np.count_nonzero(pixel < 0) :]
+    np.testing.assert_array_equal(ordered, expected)
+
+
+def test_the_robust_fit_equals_reweighted_least_squares() -> None:
+    rng = np.random.default_rng(4)
+    rays = events_of_line(rng, 30.0, 0.05, 8e-5, 0.7, 3000)
+    pixel = np.floor(rays[:, 1] + 0.5).astype(int) * SHAPE[1] + np.floor(rays[:, 0] + 0.5).astype(
+        int
+    )
+    order = np.argsort(pixel, kind="stable")
+    rays = np.ascontiguousarray(rays[order])
+    starts = np.searchsorted(pixel[order], np.arange(SHAPE[0] * SHAPE[1] + 1))
+    out = np.empty((1, 10))
+    half, tukey, rounds = np.array([2.9, 4.75]), 2.1, 3
+    row, column = np.array([20]), np.array([31])
+    kernels._fit_lines(
+        rays, starts, SHAPE[1], row, column, np.zeros(1), half, tukey, rounds, 10**9, out
+    )
+    near = (np.abs(np.floor(rays[:, 1] + 0.5) - 20) <= 5) & (
+        np.abs(np.floor(rays[:, 0] + 0.5) - 31) <= 4
+    )
+    x, y, a = rays[near, 0].astype(float) - 31, rays[near, 1].astype(float) - 20, rays[near, 2]
+    design = np.column_stack([np.ones(len(x)), a, y]).astype(float)
+    within = np.abs(y) <= half[1]
+    weight = (within & (np.abs(x) <= half[0])).astype(float)
+    beta = np.zeros(3)
+    for _ in range(rounds + 1):
+        normal = (design * weight[:, None]).T @ design
+        rest_before = x - design @ beta
+        beta = np.linalg.solve(normal, design.T @ (weight * x))
+        last = weight
+        weight = within * np.maximum(1 - ((x - design @ beta) / tukey) ** 2, 0) ** 2
+    np.testing.assert_allclose(out[0, :3], beta, rtol=1e-5)
+    covariance = np.linalg.inv(normal)
+    np.testing.assert_allclose(
+        out[0, 3:6], [covariance[0, 0], covariance[0, 1], covariance[1, 1]], rtol=1e-4
+    )
+    assert out[0, 6] == pytest.approx(last.sum() ** 2 / (last**2).sum(), rel=1e-6)
+    assert out[0, 9] == pytest.approx((last * rest_before**2).sum() / last.sum(), rel=1e-5)
+
+
+def test_ridges_and_votes_equal_plain_words() -> None:
+    rng = np.random.default_rng(5)
+    density = rng.random((9, 30)).astype(np.float32)
+    row, column = (np.empty(200, np.int64) for _ in range(2))
+    n = kernels._ridges(density, 0.3, 0.8, 3, 2, row, column)
+    expected = [
+        (y, x)
+        for y in range(0, 9, 2)
+        for x in range(1, 29)
+        if density[y, x]
+        >= max(0.3, density[y, x - 1], 0.8 * density[y, max(x - 3, 0) : x + 4].max())
+        and density[y, x] > density[y, x + 1]
+    ]
+    assert list(zip(row[:n].tolist(), column[:n].tolist(), strict=True)) == expected
+    rows = np.sort(rng.integers(0, 40, 80))
+    x, tilt, offset = rng.uniform(0, 6, 80), rng.normal(0, 0.1, 80), rng.normal(0, 1, 80)
+    votes, near = np.empty(80), np.empty(80, np.int64)
+    ends = np.searchsorted(rows, rows + 6, side="right")
+    kernels._vote(rows, x, tilt, offset, ends, 6, 1.5, 64, votes, near)
+    for k in range(80):
+        along = (np.abs(rows - rows[k]) <= 6) & (
+            np.abs(x - x[k] - tilt[k] * (rows - rows[k])) < 1.5
+        )
+        assert votes[k] == pytest.approx(np.median(offset[along]))
+        assert near[k] == along.sum()
+
+
+def drift(max_slope: float = 1.0) -> EdgeDriftSettings:
+    coefficients = np.arange(1.0, 2 * TERMS + 1) * 1e-5
+    residual = np.linspace(1e-5, 4e-5, 4 * SLOPE_BINS)
+    return EdgeDriftSettings.create(
+        {
+            "coefficients_m": coefficients.tolist(),
+            "residual_m": residual.tolist(),
+            "max_slope": max_slope,
+        }
+    )
+
+
+def test_drift_is_odd_in_slope_and_stays_beyond_what_was_calibrated() -> None:
+    slope = np.array([-2.0, -1.0, -0.3, 0.3, 1.0, 2.0])
+    band = np.full(6, 3e-5)
+    for polarity in (0, 1):
+        height, sigma = edge_drift(drift(), polarity, slope, band, slope)
+        np.testing.assert_allclose(height, -height[::-1])
+        assert height[0] == height[1]
+        assert sigma[0] > 2 * sigma[1]
+    one = drift_terms(np.array([0.5]), np.array([3e-5]), np.zeros(1))[0]
+    np.testing.assert_allclose(one, [0.5, 0.25, np.tanh(0.5 / 0.15)] + [one[2], 0.5, 0.0])
+
+
+def test_events_say_whether_light_travels() -> None:
+    rng = np.random.default_rng(6)
+    n, count = 400, 500.0
+    spread = np.full(n, 0.03)
+    shares = []
+    for change in (0.3, 2.5):
+        light = TravellingLight()
+        assert light.share == 1.0  # nothing is known yet
+        k = change * rng.choice([-1, 1], n) + rng.normal(0, np.sqrt(1 / (count * spread)))
+        light.add(k * spread, spread, np.full(n, count))
+        shares.append(light.share)
+    assert shares == [0.0, 1.0]
