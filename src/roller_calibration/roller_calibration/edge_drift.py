@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import find_peaks
 
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
@@ -28,16 +29,18 @@ from .sphere import SphereError, find_sphere
 LEAST_LINES = 100
 #: Slope along the roll from which a line is on a wall.
 _WALL = 0.1
-#: Bins in which walls are found, m; a wall takes this share of the fullest bin; lines this near to
-#: a wall's middle are its own, in bins.
-_BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.25, 6
+#: Bins in which walls are found, m; a wall stands out by this share of the fullest; no two are
+#: nearer than this, in bins, and lines within half of it are a wall's own.
+_BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.15, 6
+#: Uncertainty of lines that count in full when walls are found, m.
+_SURE_M = 1.5e-5
 #: Turns of the steps against the roll that are tried, rad.
 _TURNS = np.radians(np.linspace(-3.0, 3.0, 61))
 #: Fewest walls, and how far the height of the steps that fit may be off.
 _LEAST_WALLS, _STEP_TOLERANCE = 2, 0.3
 #: Spread of where the sphere's middle is along the roll, m, and of where on a wall events arise,
 #: by the steps' height.
-_MIDDLE_M, _ON_WALL = 5e-5, 0.15
+_MIDDLE_M, _ON_WALL = 1.5e-4, 0.3
 #: Spread of the coefficients before anything was measured, m.
 _PRIOR_M = 1.5e-4
 #: Deviation from which on lines count less, m, and rounds of that.
@@ -195,7 +198,7 @@ def steps_gauge(scan: Scan, settings: SurfaceSettings, step_m: float) -> Gauge:
         )
     x, y, height = found.place[steep].T
     lines = _take(found.lines, steep)
-    wall, count = _walls(x, y)
+    wall, count = _walls(x, y, lines.sigma_m)
     if count < _LEAST_WALLS:
         raise EdgeDriftError(f"{scan.name}: {count} walls of steps across the roll, fewer than 2")
     rising = np.array([np.median(lines.slope[wall == k]) > 0 for k in range(count)])
@@ -267,7 +270,11 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         weight = np.minimum(1.0, 1.5 * noise / np.maximum(np.abs(rest), 1e-9))
     of_gauge = design[:, 2 * TERMS :] @ beta[2 * TERMS :]
     most = float(np.quantile(np.abs(slope[on_slope]), 0.98))
-    table = _residuals(rest, slope, polarity, most)
+    # What neither gauge fixes of the coefficients is uncertain too.
+    own = design[:, : 2 * TERMS]
+    covariance = np.linalg.inv(normal)[: 2 * TERMS, : 2 * TERMS]
+    unsure = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own))
+    table = _residuals(rest, unsure, slope, polarity, most)
     settings = EdgeDriftSettings.create(
         {
             "coefficients_m": [float(f"{v:.4g}") for v in beta[: 2 * TERMS]],
@@ -286,7 +293,7 @@ def _median(values: F64) -> float:
     return float(np.median(values)) if len(values) else float("nan")
 
 
-def _residuals(rest: F64, slope: F64, polarity: F64, most: float) -> F64:
+def _residuals(rest: F64, unsure: F64, slope: F64, polarity: F64, most: float) -> F64:
     """What is left, as a standard deviation, by polarity, direction and bin of slopes."""
     table = np.full((2, 2, SLOPE_BINS), np.nan)
     bins = np.minimum((np.abs(slope) / most * SLOPE_BINS).astype(int), SLOPE_BINS - 1)
@@ -294,10 +301,11 @@ def _residuals(rest: F64, slope: F64, polarity: F64, most: float) -> F64:
         for falling in range(2):
             kind = (polarity == p) & ((slope < 0) == bool(falling))
             for b in range(SLOPE_BINS):
-                own = rest[kind & (bins == b)]
-                if len(own) >= _LEAST_IN_BIN:
+                here = kind & (bins == b)
+                if here.sum() >= _LEAST_IN_BIN:
                     # 68 % lie within one deviation, whatever the tails.
-                    table[p, falling, b] = max(np.quantile(np.abs(own), 0.683), _LEAST_RESIDUAL_M)
+                    spread = max(np.quantile(np.abs(rest[here]), 0.683), _LEAST_RESIDUAL_M)
+                    table[p, falling, b] = np.hypot(spread, np.median(unsure[here]))
             # A slope that no gauge shows is as uncertain as the drift is before it is measured.
             table[p, falling] = _filled(table[p, falling])
     return table
@@ -310,29 +318,26 @@ def _filled(row: F64) -> F64:
     return np.interp(np.arange(len(row)), known, row[known])
 
 
-def _walls(x: F64, y: F64) -> tuple[npt.NDArray[np.int64], int]:
+def _walls(x: F64, y: F64, sigma_m: F64) -> tuple[npt.NDArray[np.int64], int]:
     """Number of the wall that each line is of, from the first on (-1: none), and how many."""
-    best: tuple[float, F64] = (-1.0, x)
+    weight = np.minimum(1.0, (_SURE_M / sigma_m) ** 2)
     y = y - np.median(y)
+    sharpest, across, smooth = -1.0, x, np.empty(0)
     for turn in _TURNS:
-        across = x * np.cos(turn) + y * np.sin(turn)
-        counts = np.bincount(((across - across.min()) / _BIN_M).astype(int))
-        sharp = float((counts.astype(float) ** 2).sum())
-        if sharp > best[0]:
-            best = sharp, across
-    across = best[1] - best[1].min()
-    counts = np.bincount((across / _BIN_M).astype(int)).astype(float)
-    smooth = np.convolve(counts, np.ones(3), mode="same")
-    # Walls are where lines gather; bins that touch are of one.
-    least = _WALL_SHARE * np.quantile(smooth[smooth > 0], 0.95)
-    full = np.flatnonzero(smooth >= least)
-    groups = np.split(full, np.flatnonzero(np.diff(full) > _WALL_BINS) + 1) if len(full) else []
-    middles = [np.average(g, weights=smooth[g]) + 0.5 for g in groups]
+        turned = x * np.cos(turn) + y * np.sin(turn)
+        turned -= turned.min() - _WALL_BINS * _BIN_M
+        counts = np.bincount((turned / _BIN_M).astype(int), weight)
+        counts = np.convolve(np.append(counts, np.zeros(_WALL_BINS)), np.ones(3), mode="same")
+        sharp = float((counts**2).sum())
+        if sharp > sharpest:
+            sharpest, across, smooth = sharp, turned, counts
+    # Walls are where lines gather.
+    least = _WALL_SHARE * np.sort(smooth)[-3 * _LEAST_WALLS :].mean()
+    peaks, _ = find_peaks(smooth, prominence=least, distance=_WALL_BINS)
     wall = np.full(len(x), -1, np.int64)
-    for k, (group, _) in enumerate(zip(groups, middles, strict=True)):
-        low, high = (group[0] - 1) * _BIN_M, (group[-1] + 2) * _BIN_M
-        wall[(across >= low) & (across <= high)] = k
-    return wall, len(groups)
+    for k, peak in enumerate(peaks):
+        wall[np.abs(across - (peak + 0.5) * _BIN_M) < 0.5 * _WALL_BINS * _BIN_M] = k
+    return wall, len(peaks)
 
 
 def _take(lines: LinePoints, which: npt.NDArray[np.bool_]) -> LinePoints:
