@@ -32,6 +32,8 @@ _WALL = 0.1
 #: Bins in which walls are found, m; a wall stands out by this share of the fullest; no two are
 #: nearer than this, in bins, and lines within half of it are a wall's own.
 _BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.15, 6
+#: Empty bins after the last line, so that a wall there is a peak.
+_AFTER = np.zeros(_WALL_BINS)
 #: Uncertainty of lines that count in full when walls are found, m.
 _SURE_M = 1.5e-5
 #: Turns of the steps against the roll that are tried, rad.
@@ -154,8 +156,8 @@ def sphere_gauge(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Gaug
     found = pass_lines(scan, settings)
     try:
         sphere = find_sphere(found.cloud, found.axes[:, 2], radius_m)
-    except SphereError as error:
-        raise EdgeDriftError(f"{scan.name}: {error}") from error
+    except SphereError as reason:
+        raise EdgeDriftError(f"{scan.name}: {reason}") from reason
     away = found.place - sphere.centre_m @ found.axes
     rho = np.hypot(away[:, 0], away[:, 1])
     inside = rho < sphere.contact_radius_m
@@ -282,10 +284,10 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             "max_slope": round(most, 3),
         }
     )
-    before, after = (
-        tuple(_median(np.abs(e[on_slope & (polarity == k)])) for k in (0, 1))
-        for e in (error - of_gauge, rest)
-    )
+    off, on = (on_slope & (polarity == k) for k in (0, 1))
+    plain = np.abs(error - of_gauge)
+    before = _median(plain[off]), _median(plain[on])
+    after = _median(np.abs(rest[off])), _median(np.abs(rest[on]))
     return EdgeDrift(settings, before, after)
 
 
@@ -322,12 +324,14 @@ def _walls(x: F64, y: F64, sigma_m: F64) -> tuple[npt.NDArray[np.int64], int]:
     """Number of the wall that each line is of, from the first on (-1: none), and how many."""
     weight = np.minimum(1.0, (_SURE_M / sigma_m) ** 2)
     y = y - np.median(y)
-    sharpest, across, smooth = -1.0, x, np.empty(0)
+    sharpest = -1.0
+    across: F64 = x
+    smooth: F64 = np.empty(0)
     for turn in _TURNS:
         turned = x * np.cos(turn) + y * np.sin(turn)
         turned -= turned.min() - _WALL_BINS * _BIN_M
-        counts = np.bincount((turned / _BIN_M).astype(int), weight)
-        counts = np.convolve(np.append(counts, np.zeros(_WALL_BINS)), np.ones(3), mode="same")
+        binned = np.append(np.bincount((turned / _BIN_M).astype(int), weight), _AFTER)
+        counts: F64 = np.convolve(binned, np.ones(3), mode="same")
         sharp = float((counts**2).sum())
         if sharp > sharpest:
             sharpest, across, smooth = sharp, turned, counts

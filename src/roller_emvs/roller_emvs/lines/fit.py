@@ -85,7 +85,10 @@ class Lines:
         return Lines(**{name: values[which] for name, values in self.__dict__.items()})
 
 
-NO_LINES = Lines(np.empty(0, np.int64), *np.empty((3, 0)), np.empty((0, 3)), *np.empty((4, 0)))
+_NONE = np.empty(0)
+NO_LINES = Lines(
+    np.empty(0, np.int64), _NONE, _NONE, _NONE, np.empty((0, 3)), _NONE, _NONE, _NONE, _NONE
+)
 
 
 def fit_lines(
