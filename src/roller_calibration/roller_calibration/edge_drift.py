@@ -331,7 +331,7 @@ def _walls(x: F64, y: F64, sigma_m: F64) -> tuple[npt.NDArray[np.int64], int]:
         turned = x * np.cos(turn) + y * np.sin(turn)
         turned -= turned.min() - _WALL_BINS * _BIN_M
         binned = np.append(np.bincount((turned / _BIN_M).astype(int), weight), _AFTER)
-        counts: F64 = np.convolve(binned, np.ones(3), mode="same")
+        counts = np.asarray(np.convolve(binned, np.ones(3), mode="same"), np.float64)
         sharp = float((counts**2).sum())
         if sharp > sharpest:
             sharpest, across, smooth = sharp, turned, counts
