@@ -10,12 +10,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from roller_core.bags import typestore
 from roller_core.errors import RollerError
 from roller_core.transforms import inverse_pose
 from roller_emvs.ply import ply_rows
-from roller_recording.reading.bag_reader import BagReader
-from roller_recording.reading.base import RecordingError
 
 from .grid import F32, OUTSIDE, Grid
 from .scene import Scene
@@ -113,6 +110,11 @@ def _read_deviation(bag: Path, scene: Scene) -> None:
     """Deviations from the reference, which the result's bag has cell by cell."""
     if not (bag / "metadata.yaml").is_file():
         return
+    # Some 70 MB that a live page does without.
+    from roller_core.bags import typestore
+    from roller_recording.reading.bag_reader import BagReader
+    from roller_recording.reading.base import RecordingError
+
     map_from_base, store = inverse_pose(scene.base_from_map), typestore()
     for item in BagReader(bag).messages({_DEVIATION}):
         if isinstance(item, RecordingError):
