@@ -19,7 +19,7 @@ pytestmark = pytest.mark.graph
 LAUNCH = Path(__file__).resolve().parents[2] / "launch" / "virtual.launch.xml"
 POINTS = "/roller/surface/points"
 SURFACE = "{min_aperture_m: 0.009, threads: 1}"
-STATUS = "surface: points"
+STATUS, INSPECTED = "surface: points", "inspect: findings"
 
 
 def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
@@ -32,6 +32,7 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     overrides.write_text(f"virtual_cell:\n  ros__parameters: {cell}\n")
     arguments = {
         "scene": "stairs", "speed": "0.3", "method": "surface", "braille": "false",
+        "inspect": "true",
         "params": str(overrides), "record": "true", "output": str(tmp_path / "bag"),
     }  # fmt: skip
     seen = run_until_done(load(LAUNCH, arguments), timeout_s=240)
@@ -59,3 +60,8 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     assert figures["points"] == written["totals"]["surface_points"]
     assert figures["points"] == len(read_ply(tmp_path / "surface.ply")["x"])
     assert "/roller/depth/image" not in seen.received
+    # A plain coating shows the edges alone: the part, finished when nothing more comes, says so.
+    check_keys(INSPECTED, seen.statuses[INSPECTED][1])
+    assert seen.statuses[INSPECTED][1]["verdict"] == "unmeasured"
+    assert int(seen.statuses[INSPECTED][1]["points"]) == figures["points"]
+    assert seen.received["/roller/inspection/findings"] > 1

@@ -129,6 +129,25 @@ def test_a_golden_part_and_what_differs_from_it(tmp_path: Path) -> None:
     assert "golden" in known.reason
 
 
+def test_measures_of_the_recipe_count() -> None:
+    regions = {"hole": {"circle_m": [0.008, 0, 0.0014]}, "all": {"box_m": [0, -0.01, 0.1, 0.01]}}
+    lines = {"across": [[0.008, -0.0025], [0.008, 0.0025]]}
+    common = {"tolerances": [{"depth_m": 1.0}], "regions": regions, "lines": lines}
+
+    def measured(**measure: Any) -> Any:
+        entry = {"name": "m", **measure}
+        return finished(inspect(scan(HOLE, **SMALL), **common, measures=[entry])[1]).judgement
+
+    known = measured(tool="depth", of="hole", datum="all", low=-5e-4, high=-1e-4)
+    assert (known.verdict, len(known.figures)) == ("conform", 1)
+    assert known.figures[0].value == pytest.approx(-3e-4, abs=6e-5)
+    known = measured(tool="depth", of="across", low=-1e-4)
+    assert known.verdict == "nonconform"
+    assert "1 of 1 measures out of tolerance" in known.reason
+    known = measured(tool="roughness_sq", of="all", high=1e-9)
+    assert known.verdict in ("inconclusive", "nonconform")
+
+
 def test_files_and_exports(tmp_path: Path) -> None:
     stage, results = inspect(scan(HOLE, **SMALL))
     part = finished(results)

@@ -27,6 +27,8 @@ WRONG = {
     "- 1": "expected entries",
     "least_coverage: 2": "'least_coverage' = 2",
     "schema: v9": "'schema' is 'v9'",
+    "measures: [{name: a, tool: tilt, of: b, datum: c}]": "'measures.0.datum' names 'c'",
+    "measures: [{name: a, tool: width, of: b}]": "width is of a line",
     "{": "not a YAML file",
 }
 

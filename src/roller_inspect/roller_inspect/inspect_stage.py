@@ -20,6 +20,7 @@ from roller_emvs.patch import SURFACE_FIELDS, Patch
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, coverage_of_area, judge, judge_findings
+from .measures import measure_all
 from .recipe import Recipe, load_recipe, load_reference
 from .recipe.decision import Verdict
 from .surface_inspector import Piece, SurfaceInspector
@@ -193,7 +194,10 @@ class InspectStage(Stage[InspectParameters]):
         """Finish the part; the next point begins another."""
         found = inspector.finish()
         coverage = coverage_of_area(self.recipe, found.height_map, found.coverage)
-        judgement = judge(self.recipe, found.findings, coverage, found.faults)
+        judgement = judge(
+            self.recipe, found.findings, coverage, found.faults,
+            measure_all(self.recipe, found.height_map),
+        )  # fmt: skip
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._list(judgement, finished=True)
         inspected = Inspected(self._name, found, judgement)

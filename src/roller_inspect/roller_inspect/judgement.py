@@ -13,6 +13,7 @@ from roller_core.transforms import F64, inverse_pose
 from .findings import Finding
 from .height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap
 from .height_map.coverage import Coverage
+from .measures import Figure, measure_all
 from .recipe import Recipe, decide, part_verdict
 from .recipe.decision import Verdict
 from .surface_inspector import Found
@@ -54,12 +55,15 @@ class Judgement:
         Those that count, in the order of their numbers.
     coverage : Coverage
         Of the area to inspect.
+    figures : tuple of Figure
+        The recipe's measures, once the part is finished.
     """
 
     verdict: Verdict
     reason: str
     findings: tuple[Judged, ...]
     coverage: Coverage
+    figures: tuple[Figure, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,7 @@ def judge(
     findings: Iterable[Finding],
     coverage: Coverage,
     doubts: Iterable[str] = (),
+    figures: Iterable[Figure] = (),
 ) -> Judgement:
     """The verdict of a part that is finished.
 
@@ -136,11 +141,15 @@ def judge(
         Of the area to inspect.
     doubts : iterable of str
         What keeps the part from being conform, such as a reference that doesn't fit.
+    figures : iterable of Figure
+        The recipe's measures.
     """
-    judged, doubts = judge_findings(recipe, findings), list(doubts)
+    judged, doubts, figures = judge_findings(recipe, findings), list(doubts), tuple(figures)
     enough = coverage.area_m2 > 0 and coverage.unmeasured <= 1 - recipe.least_coverage + 1e-9
-    verdict = part_verdict((j.verdict for j in judged), enough, bool(doubts))
-    return Judgement(verdict, _reason(recipe, judged, coverage, doubts, enough), judged, coverage)
+    verdicts = [*(j.verdict for j in judged), *(f.verdict for f in figures)]
+    verdict = part_verdict(verdicts, enough, bool(doubts))
+    reason = _reason(recipe, judged, coverage, doubts, enough, figures)
+    return Judgement(verdict, reason, judged, coverage, figures)
 
 
 def _reason(
@@ -149,6 +158,7 @@ def _reason(
     coverage: Coverage,
     doubts: list[str],
     enough: bool,
+    figures: tuple[Figure, ...],
 ) -> str:
     bad = sum(j.verdict == "nonconform" for j in judged)
     unclear = sum(j.verdict not in ("conform", "nonconform") for j in judged)
@@ -165,6 +175,10 @@ def _reason(
         parts.append(f"{bad} of {len(judged)} findings out of tolerance")
     if unclear:
         parts.append(f"{unclear} findings as near to their limit as they are uncertain")
+    if wrong := sum(f.verdict == "nonconform" for f in figures):
+        parts.append(f"{wrong} of {len(figures)} measures out of tolerance")
+    if unsure := sum(f.verdict in ("inconclusive", "unmeasured") for f in figures):
+        parts.append(f"{unsure} of {len(figures)} measures can't be decided")
     if not parts:
         parts.append(f"{len(judged)} findings, all within tolerance" if judged else "no findings")
     return "; ".join(parts)
@@ -174,7 +188,8 @@ def judge_nothing(recipe: Recipe, part: str) -> Inspected:
     """A part of which there is no point."""
     nothing = Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
     found = Found(None, None, (), None, nothing, ())
-    return Inspected(part, found, judge(recipe, (), nothing))
+    figures = measure_all(recipe, None)
+    return Inspected(part, found, judge(recipe, (), nothing, (), figures))
 
 
 def with_faults(judgement: Judgement, faults: Iterable[str]) -> Judgement:

@@ -24,6 +24,20 @@ from .decision import Rule
 from .regions import Region
 
 SCHEMA = "roller-recipe/1"
+Tool = Literal[
+    "step_height",
+    "flushness",
+    "tilt",
+    "width",
+    "depth",
+    "diameter",
+    "area",
+    "volume",
+    "roughness_sa",
+    "roughness_sq",
+]
+#: Tools that measure along a line, and those that need no datum.
+_ALONG, _ALONE = ("width",), ("width", "roughness_sa", "roughness_sq")
 #: Sizes that a tolerance may limit, as a finding has them.
 SIZES = ("depth_m", "length_m", "width_m", "area_m2", "volume_m3")
 
@@ -114,6 +128,23 @@ class Tolerance(Settings):
 DEFAULT_TOLERANCE = Tolerance.create({"depth_m": 100e-6})
 
 
+class Measure(Settings):
+    """A named figure of the part; without limits it is reported alone."""
+
+    name: str = Field(min_length=1, description="What reports call it.")
+    tool: Tool = Field(description="How it is measured.")
+    of: str = Field(description="The region that it is of; of width, and of depth, a line.")
+    datum: str = Field("", description="The region whose plane it is measured from.")
+    low: float | None = Field(None, description="Least value: m, m², m³ or rad, by the tool.")
+    high: float | None = Field(None, description="Most value.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Measure:
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError("low is above high")
+        return self
+
+
 class Recipe(Settings):
     """A recipe; without a file, this."""
 
@@ -142,6 +173,10 @@ class Recipe(Settings):
     )
     limits: Limits = Limits.create({})
     tolerances: tuple[Tolerance, ...] = Field((), description="By region and kind.")
+    lines: dict[str, tuple[tuple[float, float], tuple[float, float]]] = Field(
+        {}, description="Lines by name, for profiles: begin x, y and end x, y."
+    )
+    measures: tuple[Measure, ...] = Field((), description="Named figures, with limits.")
     decision: Rule = Field(
         "iso_14253_1",
         description="iso_14253_1: a figure conforms where it does so with all of its uncertainty; "
@@ -155,6 +190,16 @@ class Recipe(Settings):
         named = [("inspect", name) for name in self.inspect]
         named += [("exclude", name) for name in self.exclude]
         named += [(f"tolerances.{i}.region", t.region) for i, t in enumerate(self.tolerances)]
+        named += [(f"measures.{i}.datum", m.datum) for i, m in enumerate(self.measures)]
+        for i, m in enumerate(self.measures):
+            if m.of in self.lines and m.tool in ("width", "depth"):
+                continue
+            if m.tool in _ALONG:
+                there = ", ".join(self.lines) or "none"
+                raise ValueError(f"'measures.{i}.of' is '{m.of}'; {m.tool} is of a line ({there})")
+            named.append((f"measures.{i}.of", m.of))
+            if not m.datum and m.tool not in _ALONE:
+                raise ValueError(f"'measures.{i}': {m.tool} of a region needs a 'datum'")
         for where, name in named:
             if name and name not in self.regions:
                 there = ", ".join(self.regions) or "none"

@@ -67,6 +67,7 @@ def page(document: Mapping[str, Any], pictured: Pictured | None) -> str:
         _head(document, part),
         _map(document, pictured) if pictured is not None else "",
         _findings(document, pictured),
+        _measures(document),
         _coverage(document),
         _alignment(document),
         _traceability(document),
@@ -251,6 +252,23 @@ def _profile(
     chart.line(at * length * 1e3, height + two_sigma, "sigma")
     chart.line(at * length * 1e3, height)
     return str(chart)
+
+
+def _measures(document: Mapping[str, Any]) -> str:
+    if not document["measures"]:
+        return ""
+    rows = []
+    for m in document["measures"]:
+        limits = " … ".join("–" if v is None else f"{v:.6g}" for v in (m["low"], m["high"]))
+        value = f"{m['value']:.6g}" if m["value"] is not None else "–"
+        if m["value"] is not None and m["uncertainty"] is not None:
+            value += f" ± {m['uncertainty']:.2g}"
+        rows.append(
+            [escape(m["name"]), m["tool"], escape(m["of"]), f"{value} {m['unit']}", limits,
+             f'<b class="{m["verdict"]}">{_WORDS[m["verdict"]].lower()}</b>', escape(m["reason"])]
+        )  # fmt: skip
+    head = ("name", "tool", "of", "value ± U", "limits", "verdict", "")
+    return f"<section><h2>Measures</h2>{_table(head, rows)}</section>"
 
 
 def _coverage(document: Mapping[str, Any]) -> str:

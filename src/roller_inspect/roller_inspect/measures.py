@@ -1,0 +1,111 @@
+"""The figures that a recipe names, by the measuring tools."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from roller_core.transforms import inverse_pose
+
+from .height_map.height_map import Bools, HeightMap
+from .measuring import (
+    Measured,
+    extent,
+    fastener,
+    profile,
+    roughness,
+    step_height,
+    width_and_depth,
+)
+from .recipe import Recipe, decide
+from .recipe.decision import Verdict
+from .recipe.recipe import Measure
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure and what the recipe says of it.
+
+    Attributes
+    ----------
+    name, tool, of, datum : str
+        As the recipe has them.
+    value : float or None
+        In `unit`; None where it can't be measured.
+    uncertainty : float
+        Expanded, k = 2, in `unit`.
+    unit : str
+        m, m², m³ or rad.
+    low, high : float or None
+        The recipe's limits.
+    verdict : str
+        ``conform`` too for a figure without limits.
+    reason : str
+        Why there is no value.
+    """
+
+    name: str
+    tool: str
+    of: str
+    datum: str
+    value: float | None
+    uncertainty: float
+    unit: str
+    low: float | None
+    high: float | None
+    verdict: Verdict
+    reason: str
+
+
+def measure_all(recipe: Recipe, height_map: HeightMap | None) -> tuple[Figure, ...]:
+    """All figures that a recipe names; unmeasured ones without a map."""
+    return tuple(_figure(recipe, entry, height_map) for entry in recipe.measures)
+
+
+def _figure(recipe: Recipe, entry: Measure, height_map: HeightMap | None) -> Figure:
+    if height_map is None:
+        found = Measured(None, math.nan, "m", "nothing was measured")
+    else:
+        found = _measured(recipe, entry, height_map)
+    limits = (entry.low, entry.high)
+    low, high = (s * math.inf if v is None else v for s, v in zip((-1, 1), limits, strict=True))
+    value = math.nan if found.value is None else found.value
+    verdict: Verdict = "conform"
+    if limits != (None, None):
+        verdict = decide(value, found.uncertainty, low, high, recipe.decision)
+    return Figure(
+        entry.name, entry.tool, entry.of, entry.datum, found.value, found.uncertainty, found.unit,
+        entry.low, entry.high, verdict, found.reason,
+    )  # fmt: skip
+
+
+def _measured(recipe: Recipe, entry: Measure, height_map: HeightMap) -> Measured:
+    if entry.of in recipe.lines:
+        map_from_recipe = inverse_pose(height_map.base_from_map) @ recipe.base_from_recipe
+        ends = np.array([[*end, 0.0, 1.0] for end in recipe.lines[entry.of]])
+        start, end = (tuple(place[:2].tolist()) for place in ends @ map_from_recipe.T)
+        width, depth = width_and_depth(profile(height_map, start, end))
+        return width if entry.tool == "width" else depth
+    region = region_mask(recipe, entry.of, height_map)
+    if entry.tool.startswith("roughness"):
+        rough = roughness(height_map, region)
+        return rough.sa if entry.tool == "roughness_sa" else rough.sq
+    datum = region_mask(recipe, entry.datum, height_map) & ~region
+    if entry.tool == "step_height":
+        return step_height(height_map, datum, region)
+    if entry.tool in ("flushness", "tilt"):
+        head = fastener(height_map, region, datum, 0.0)
+        return head.flushness if entry.tool == "flushness" else head.tilt
+    found: Measured = getattr(extent(height_map, region, datum), entry.tool)
+    return found
+
+
+def region_mask(recipe: Recipe, name: str, height_map: HeightMap) -> Bools:
+    """Cells of a map that lie in a region of the recipe, shape (ny, nx)."""
+    recipe_from_map = inverse_pose(recipe.base_from_recipe) @ height_map.base_from_map
+    x, y = np.meshgrid(height_map.x_m, height_map.y_m)
+    places = [recipe_from_map[k, 0] * x + recipe_from_map[k, 1] * y + recipe_from_map[k, 3]
+              for k in (0, 1)]  # fmt: skip
+    return recipe.regions[name].contains(*places)
