@@ -9,7 +9,7 @@ from roller_inspect.height_map.coverage import Coverage
 #: Measured share of cells and events a mm² of the textured coating on which detection was shown;
 #: a scan with less than the least of them proves nothing by finding nothing. From the virtual
 #: cell (coating of 8 % speckle at 0.3 m/s), not fitted to a real roller.
-SHOWN_MEASURED, SHOWN_EVENTS_PER_MM2 = 0.5, 5000.0
+SHOWN_MEASURED, SHOWN_EVENTS_PER_MM2 = 0.5, 3800.0
 LEAST_MEASURED = 0.3
 
 
@@ -41,6 +41,6 @@ def texture(coverage: Coverage, events: int | None) -> dict[str, Any]:
         "sufficient": sufficient,
         "text": text,
         "shown_for": "Detection was shown on the virtual cell, not fitted to a real roller, with a "
-        f"textured coating: {SHOWN_MEASURED:.0%} of the cells measured or more, "
-        f"{SHOWN_EVENTS_PER_MM2:.0f} events a mm², 0.3 m/s.",
+        f"textured coating: {SHOWN_MEASURED:.0%} of the cells measured, "
+        f"{SHOWN_EVENTS_PER_MM2:.0f} events a mm², at 0.3 m/s.",
     }
