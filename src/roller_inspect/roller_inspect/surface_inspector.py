@@ -172,11 +172,13 @@ class SurfaceInspector:
     def _most_cells(self) -> int:
         return self.settings.height_map.max_cells
 
-    def _search(self, height_map: HeightMap, rounds: int) -> Search | None:
+    def _search(self, height_map: HeightMap, rounds: int, final: bool) -> Search | None:
         try:
             return search(height_map, self.reference, self.settings.findings, rounds)
         except ReferenceError as error:
-            self._faults.setdefault(str(error))
+            # A window that is still too small may say so; what is concluded must not.
+            if final:
+                self._faults.setdefault(str(error))
             return None
 
     def _look(self, k: int) -> list[Piece]:
@@ -184,7 +186,7 @@ class SurfaceInspector:
         around = round(_CONTEXT_M / STRIP_M)
         near = [j for j in range(k - around, k + around + 1) if j in self._strips]
         window = join([self._strips[j] for j in near])
-        found = self._search(window, rounds=1)
+        found = self._search(window, rounds=1, final=False)
         if found is None:
             return []
         strip = self._strips[k]
@@ -247,7 +249,7 @@ class SurfaceInspector:
         # What lies on the border is seen whole together with the strips beside it.
         beside = [self._strips[k + d] for k in strips for d in (-1, 1) if k + d in self._strips]
         window = join([*self._before.values(), *beside, *(self._strips[k] for k in strips)])
-        found = self._search(window, rounds=2)
+        found = self._search(window, rounds=2, final=True)
         self._before = {k: self._strips[k] for k in strips[-1:]}
         for k in strips:
             del self._strips[k]
