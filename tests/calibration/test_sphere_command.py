@@ -126,7 +126,7 @@ def test_spoilt_state_is_refused(
 def test_focus_has_parameters_of_its_own(
     world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    grid = grids.FocusGrid((4.0, 5.0), (0.4,), (0.0, 2.5e-4))
+    grid = grids.FocusGrid((4.0, 5.0), (0.4, 0.5))
     monkeypatch.setattr(search, "FocusGrid", lambda: grid)
     file = tmp_path / "focus.yaml"
     assert calibrate(world, "pass", "--method", "focus", "-o", str(file)) == 0

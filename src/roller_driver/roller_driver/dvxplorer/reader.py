@@ -189,6 +189,7 @@ class CameraReader:
                 self._device = device
                 self._stream(device)
             except CameraFault as error:
+                self._device = None
                 self._change(SEARCHING, str(error))
                 self._stop.wait(min(self._settings.retry_s, 0.2))
             finally:

@@ -34,34 +34,34 @@ _BEYOND = 1.0
 class EdgeDriftSettings(Settings):
     """Drift of edges by polarity; written by `roller calibrate edge-drift`."""
 
-    coefficients_m: list[float] = Field(
-        default_factory=list,
+    coefficients_m: tuple[float, ...] = Field(
+        (0.0,),  # ROS 2 has no empty lists in parameter files
         description="Of height by slope g along the roll, g·|g|, t = tanh(g / 0.15), t and g by "
-        "band, change by band: six of OFF, then six of ON events, m; empty: not calibrated.",
+        "band, change by band: six of OFF, then six of ON events, m; a single 0: not calibrated.",
     )
-    residual_m: list[float] = Field(
-        default_factory=list,
+    residual_m: tuple[float, ...] = Field(
+        (0.0,),
         description="What is left by slope: six bins up to `max_slope`, of OFF rising, OFF "
-        "falling, ON rising, ON falling, m.",
+        "falling, ON rising, ON falling, m; a single 0: not calibrated.",
     )
     max_slope: float = Field(0.0, ge=0.0, le=10.0, description="Steepest slope calibrated.")
 
     @model_validator(mode="after")
     def _whole(self) -> EdgeDriftSettings:
         sizes = len(self.coefficients_m), len(self.residual_m)
-        if sizes not in ((0, 0), (2 * TERMS, 4 * SLOPE_BINS)):
+        if sizes not in ((1, 1), (2 * TERMS, 4 * SLOPE_BINS)):
             raise ValueError(
                 f"{sizes[0]} coefficients_m and {sizes[1]} residual_m: expected "
-                f"{2 * TERMS} and {4 * SLOPE_BINS}, or none"
+                f"{2 * TERMS} and {4 * SLOPE_BINS}, or a single 0 in both"
             )
-        if sizes[0] and not self.max_slope > 0:
+        if self.calibrated and not self.max_slope > 0:
             raise ValueError("max_slope must be above 0 where the drift is calibrated")
         return self
 
     @property
     def calibrated(self) -> bool:
         """Whether there is a calibration."""
-        return bool(self.coefficients_m)
+        return len(self.coefficients_m) > 1
 
     def __str__(self) -> str:
         return "calibrated" if self.calibrated else NOT_CALIBRATED
