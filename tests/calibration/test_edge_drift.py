@@ -25,11 +25,17 @@ def drift_m(polarity: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.where(polarity == 0, 120e-6, -15e-6) * slope
 
 
+#: How much denser events get along the crossing, as under light that travels.
+LEAN = 3.0
+
+
 def lines_of(rng: np.random.Generator, slope: np.ndarray) -> LinePoints:
     n = len(slope)
     none = np.zeros(n)
     polarity = rng.integers(0, 2, n)
-    return LinePoints(none, none, none, polarity, slope, np.full(n, 3e-5), none, np.full(n, 1e-5))
+    change = LEAN * rng.choice([-1.0, 1.0], n)
+    band = np.full(n, 3e-5)
+    return LinePoints(none, none, none, polarity, slope, band, change, np.full(n, 1e-5))
 
 
 def made_up_sphere(rng: np.random.Generator, drift: float = 1.0) -> PassLines:
@@ -81,6 +87,17 @@ def test_a_known_drift_is_found_again(monkeypatch: pytest.MonkeyPatch, drift: fl
         assert sigma.max() < 8e-5
     assert found.settings.max_slope == pytest.approx(1.09, abs=0.1)
     assert max(found.after_m) < 3e-5
+
+
+def test_light_that_stands_still_has_no_drift(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where on a wall its events arise must not be taken for drift."""
+    monkeypatch.setitem(globals(), "LEAN", 0.3)
+    found = fit_drift(gauges(monkeypatch, 1.0))
+    for polarity in (0, 1):
+        slope = np.array([-0.8, 0.8])
+        height, sigma = edge_drift(found.settings, polarity, slope, np.full(2, 3e-5), np.zeros(2))
+        assert np.abs(height).max() < 2e-6
+        assert sigma.min() > 5e-6
 
 
 def test_steps_that_are_none_or_of_another_height_are_refused(

@@ -39,10 +39,15 @@ _SURE_M = 1.5e-5
 #: Turns of the steps against the roll that are tried, rad.
 _TURNS = np.radians(np.linspace(-3.0, 3.0, 61))
 #: Fewest walls, and how far the height of the steps that fit may be off.
-_LEAST_WALLS, _STEP_TOLERANCE = 2, 0.3
+_LEAST_WALLS, _STEP_TOLERANCE = 2, 0.15
+#: Lines of a polarity on a wall, at least, to tell its height.
+_LEAST_ON_WALL = 20
 #: Spread of where the sphere's middle is along the roll, m, and of where on a wall events arise,
 #: by the steps' height.
 _MIDDLE_M, _ON_WALL = 1.5e-4, 0.3
+#: Change of the events' density up to which light stands still, and from which it travels: on the
+#: virtual cell 0.2-1 under a dome, 2-6 under its ring.
+_STILL, _TRAVELS = 1.0, 1.6
 #: Spread of the coefficients before anything was measured, m.
 _PRIOR_M = 1.5e-4
 #: Deviation from which on lines count less, m, and rounds of that.
@@ -200,35 +205,57 @@ def steps_gauge(scan: Scan, settings: SurfaceSettings, step_m: float) -> Gauge:
         )
     x, y, height = found.place[steep].T
     lines = _take(found.lines, steep)
-    wall, count = _walls(x, y, lines.sigma_m)
+    wall, count = _walls(x, y, lines.sigma_m, step_m)
     if count < _LEAST_WALLS:
         raise EdgeDriftError(f"{scan.name}: {count} walls of steps across the roll, fewer than 2")
     rising = np.array([np.median(lines.slope[wall == k]) > 0 for k in range(count)])
     change = np.where(rising, 1.0, -1.0)
     middle = np.cumsum(change) - 0.5 * change
-    of_wall = np.array([np.median(height[wall == k]) for k in range(count)])
-    # Height of a step, height of the plate, and drift, which goes with the direction.
-    design = np.column_stack([middle, np.ones(count), change])
-    if np.linalg.matrix_rank(design) < 3:
+    kind = 2 * lines.polarity + (~rising)[np.maximum(wall, 0)]
+    fitted_m = _step_height(wall, kind, height, middle, scan.name)
+    if not abs(fitted_m / step_m - 1) < _STEP_TOLERANCE:
         raise EdgeDriftError(
-            f"{scan.name}: {count} walls don't tell steps from drift: record steps up and down"
-        )
-    fitted = np.linalg.lstsq(design, of_wall, rcond=None)[0]
-    if not abs(fitted[0] / step_m - 1) < _STEP_TOLERANCE:
-        raise EdgeDriftError(
-            f"{scan.name}: {count} walls fit steps of {fitted[0] * 1e3:.3f} mm, not "
+            f"{scan.name}: {count} walls fit steps of {fitted_m * 1e3:.3f} mm, not "
             f"{step_m * 1e3:g} mm; check --step-mm, and that all steps are equal"
         )
     on = wall >= 0
     lines, at = _take(lines, on), wall[on]
     error = height[on] - step_m * middle[at]
-    kind = 2 * lines.polarity + (~rising)[at]
-    unknown = np.column_stack([np.ones(len(error)), *(kind == k for k in range(4))]).astype(float)
+    # Where on a wall events of a kind arise is not known.
+    unknown = np.column_stack([np.ones(len(error)), *(kind[on] == k for k in range(4))])
     error -= np.median(error)
     near = np.abs(error) < max(1.5 * step_m, 3e-4)
-    text = f"{count} walls of {fitted[0] * 1e3:.3f} mm, {int(near.sum())} lines on them"
+    text = f"{count} walls of {fitted_m * 1e3:.3f} mm, {int(near.sum())} lines on them"
     spread = np.array([1e-3, *[_ON_WALL * step_m] * 4])
-    return Gauge(scan.name, error[near], unknown[near], spread, _take(lines, near), text)
+    return Gauge(
+        scan.name, error[near], unknown[near].astype(float), spread, _take(lines, near), text
+    )
+
+
+def _step_height(
+    wall: npt.NDArray[np.int64], kind: npt.NDArray[np.int64], height: F64, middle: F64, name: str
+) -> float:
+    """Height of a step, from walls that are alike: of one polarity, all rising or all falling.
+
+    Raises
+    ------
+    EdgeDriftError
+        If no two walls are alike.
+    """
+    rows, heights = [], []
+    for k in range(4):
+        for w in range(len(middle)):
+            own = (wall == w) & (kind == k)
+            if own.sum() >= _LEAST_ON_WALL:
+                rows.append([middle[w], *(k == j for j in range(4))])
+                heights.append(np.median(height[own]))
+    design = np.array(rows, float).reshape(-1, 5)
+    if np.linalg.matrix_rank(design) == np.linalg.matrix_rank(design[:, 1:]):
+        raise EdgeDriftError(
+            f"{name}: {len(middle)} walls don't tell the steps' height: record two steps or more "
+            "up, or two down"
+        )
+    return float(np.linalg.lstsq(design, np.array(heights), rcond=None)[0][0])
 
 
 def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
@@ -252,7 +279,11 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         raise EdgeDriftError(f"{int(on_slope.sum())} lines on slopes, fewer than {LEAST_LINES}")
     terms = drift_terms(slope, band, change)
     columns = [np.where((polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
-    spreads = [np.full(2 * TERMS, _PRIOR_M)]
+    # Where events lie evenly over the crossing the light stands still: then there is no drift, and
+    # what the gauges are off by is where on a wall events arise.
+    lean = float(np.median(np.abs(change[on_slope])))
+    travels = float(np.clip((lean - _STILL) / (_TRAVELS - _STILL), 1e-3, 1.0))
+    spreads = [np.full(2 * TERMS, travels * _PRIOR_M)]
     for k, gauge in enumerate(gauges):
         column = np.zeros((len(error), gauge.unknown.shape[1]))
         start = sum(len(g.error_m) for g in gauges[:k])
@@ -320,7 +351,7 @@ def _filled(row: F64) -> F64:
     return np.interp(np.arange(len(row)), known, row[known])
 
 
-def _walls(x: F64, y: F64, sigma_m: F64) -> tuple[npt.NDArray[np.int64], int]:
+def _walls(x: F64, y: F64, sigma_m: F64, step_m: float) -> tuple[npt.NDArray[np.int64], int]:
     """Number of the wall that each line is of, from the first on (-1: none), and how many."""
     weight = np.minimum(1.0, (_SURE_M / sigma_m) ** 2)
     y = y - np.median(y)
@@ -337,10 +368,12 @@ def _walls(x: F64, y: F64, sigma_m: F64) -> tuple[npt.NDArray[np.int64], int]:
             sharpest, across, smooth = sharp, turned, counts
     # Walls are where lines gather.
     least = _WALL_SHARE * np.sort(smooth)[-3 * _LEAST_WALLS :].mean()
-    peaks, _ = find_peaks(smooth, prominence=least, distance=_WALL_BINS)
+    # A wall's foot and its top are one wall: it is hardly less steep than 1.
+    width = max(_WALL_BINS, round(1.25 * step_m / _BIN_M))
+    peaks, _ = find_peaks(smooth, prominence=least, distance=width)
     wall = np.full(len(x), -1, np.int64)
     for k, peak in enumerate(peaks):
-        wall[np.abs(across - (peak + 0.5) * _BIN_M) < 0.5 * _WALL_BINS * _BIN_M] = k
+        wall[np.abs(across - (peak + 0.5) * _BIN_M) < 0.5 * width * _BIN_M] = k
     return wall, len(peaks)
 
 
