@@ -103,7 +103,7 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     )
     assert len(took.cloud) > 8000
     assert near.mean() > 0.95
-    assert abs(apart_um.mean()) < 2.0
+    assert abs(apart_um.mean()) < 5.0
     assert away_um.mean() < 5.0
     assert np.median(away_um) < 5.0
     # The relief is there: a pyramid of steps, 0.4 mm high and more.
