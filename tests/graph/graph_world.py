@@ -106,6 +106,15 @@ class Watcher:
         while time.monotonic() < end:
             self._executor.spin_once(timeout_sec=0.05)
 
+    def spin_until_quiet(self, messages: list[Any], quiet_s: float = 0.3) -> int:
+        """Take messages until none has come for a while; how many there are then."""
+        for _ in range(100):
+            count = len(messages)
+            self.spin(quiet_s)
+            if len(messages) == count:
+                return count
+        raise AssertionError(f"messages still come: {count}")
+
     def call(self, name: str, kind: Any, request: Any) -> Any:
         """Answer of a service."""
         client = self.node.create_client(kind, name)

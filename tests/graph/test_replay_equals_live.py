@@ -130,7 +130,7 @@ def check_clock(times: list[Clock], bag: Path) -> None:
     told = [messages.to_ns(time.clock) for time in times]
     with Reader(bag) as reader:
         begin, end = reader.start_time, reader.end_time
-    assert len(told) > 5
+    assert len(told) > 2
     assert begin <= told[0] < told[-1] <= end
     assert told == sorted(set(told))
 
