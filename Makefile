@@ -8,15 +8,15 @@ MAKEFLAGS += --no-print-directory
 export ROLLER_ROOT := $(CURDIR)
 export ROLLER_NAME := make
 
-# Processes that run tests.
-JOBS ?= 2
+# Processes that run tests; tests with nodes wait more than they compute.
+JOBS ?= 3
 # More for pytest, such as PYTEST="-k braille".
 PYTEST ?=
 
 in_workspace := source scripts/env.sh;
 python := "$$ROLLER_VENV/bin/python"
 
-.PHONY: help setup demo check test soak lint format requirements clean
+.PHONY: help setup demo check test pytest soak lint format requirements clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## (.*)/make \1|\2/' | column -t -s '|' 2>/dev/null || grep -hE '^[a-z]+:.*##' Makefile
@@ -30,7 +30,10 @@ demo: setup ## roll the virtual cell over a plate and show what was measured
 check: lint ## while developing: style, types, and the tests that need neither scan nor graph
 	@$(in_workspace) scripts/pytest.sh -n $(JOBS) -m "not graph and not scan" $(PYTEST)
 
-test: lint ## every check and every test
+test: setup ## every check and every test
+	@$(MAKE) -j2 lint pytest
+
+pytest:
 	@$(in_workspace) scripts/pytest.sh -n $(JOBS) $(PYTEST)
 
 soak: setup ## the whole graph for MINUTES=10 while faults are injected; CALM=1 without them

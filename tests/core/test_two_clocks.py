@@ -71,12 +71,12 @@ def robot(drift_ppm: float) -> Device:
 
 
 @pytest.mark.parametrize("drift_ppm", [50.0, -50.0])
-def test_both_drift_and_jam_for_twelve_minutes(drift_ppm):
+def test_both_drift_and_jam_for_minutes(drift_ppm):
     """After ten seconds within 100 µs of the truth, but for the least delay, and soon 50."""
     for part, (device, seed) in {
         "camera": (camera(drift_ppm), 1), "robot": (robot(-drift_ppm), 2),
     }.items():  # fmt: skip
-        times, true, arrival = device.run(720.0, seed)
+        times, true, arrival = device.run(300.0, seed)
         error = device.follow(times, arrival) - true - device.least_delay_ns
         since_s = (true - START_ROS_NS) * 1e-9
         assert np.abs(error[since_s > 2.0]).max() < 150_000, part
