@@ -18,9 +18,7 @@ HALF_APERTURE = 10.0
 LINES = np.array([11.0, 27.0, 49.0, 78.0])
 
 
-def field_of(
-    x: np.ndarray, y: np.ndarray, slope: np.ndarray, polarity: np.ndarray, speed: float = 0.0
-) -> RayField:
+def field_of(x: np.ndarray, y: np.ndarray, slope: np.ndarray, polarity: np.ndarray) -> RayField:
     """Rays by their place on the plane 0 and slope along x."""
     rays = np.column_stack([x, y, slope, np.zeros_like(slope)]).astype(np.float32)
     on = polarity.astype(bool)
@@ -29,7 +27,7 @@ def field_of(
     columns = SHAPE[1] // CELL_PX
     slopes = np.tile([[-HALF_APERTURE], [HALF_APERTURE]], (1, columns))
     # The ray slope grows with the slope and a metre of depth is a unit of offset.
-    return RayField(SHAPE, slopes, 0.03, 1.0, 1000.0, speed, ordered, bounds)
+    return RayField(SHAPE, slopes, 0.03, 1.0, ordered, bounds)
 
 
 def lines_at(offset: float, rng: np.random.Generator, n: int = 6000) -> tuple[np.ndarray, ...]:

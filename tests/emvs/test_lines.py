@@ -73,18 +73,21 @@ def test_grounding_equals_a_search_for_each_event() -> None:
     surface = np.full(SHAPE, np.nan, np.float32)
     surface[5:30, 10:50] = 1e-4
     rays = events_of_line(rng, 30.0, 0.1, 1e-4, 8.0, 500)
-    pixel, counts = np.empty(len(rays), np.int64), np.zeros(surface.size, np.int64)
-    kernels._ground(rays, surface, np.float32(1e-4), pixel, counts)
+    pixel, counts = np.empty(len(rays), np.int32), np.zeros(surface.size + 1, np.int32)
+    flat = np.append(surface, np.float32(np.nan))
+    kernels._ground(rays, flat, np.float32(1e-4), SHAPE[1], pixel, counts)
     for ray, found in zip(rays, pixel, strict=True):
         column = int(np.floor(ray[0] + np.float32(0.5) + ray[2] * np.float32(1e-4)))
         row = int(np.floor(ray[1] + np.float32(0.5)))
         inside = 5 <= row < 30 and 10 <= column < 50
-        assert found == (row * SHAPE[1] + column if inside else -1)
-    assert counts.sum() == np.count_nonzero(pixel >= 0)
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    ordered = np.empty((starts[-1], 4), np.float32)
-    kernels._by_pixel(rays, pixel, starts[:-1].copy(), ordered)
-    expected = rays[np.argsort(pixel, kind="stable")][np.count_nonzero(pixel < 0) :]
+        assert found == (row * SHAPE[1] + column if inside else surface.size)
+    np.testing.assert_array_equal(counts, np.bincount(pixel, minlength=len(counts)))
+    counts[[10 * SHAPE[1] + 30, -1]] = 0  # not wanted
+    place = np.where(counts > 0, np.cumsum(counts) - counts, -1)
+    ordered = np.empty((counts.sum(), 4), np.float32)
+    kernels._by_pixel(rays, pixel, place, ordered)
+    wanted = counts[pixel] > 0
+    expected = rays[wanted][np.argsort(pixel[wanted], kind="stable")]
     np.testing.assert_array_equal(ordered, expected)
 
 
@@ -101,7 +104,17 @@ def test_the_robust_fit_equals_reweighted_least_squares() -> None:
     half, tukey, rounds = np.array([2.9, 4.75]), 2.1, 3
     row, column = np.array([20]), np.array([31])
     kernels._fit_lines(
-        rays, starts, SHAPE[1], row, column, np.zeros(1), half, tukey, rounds, 10**9, out
+        rays,
+        starts,
+        SHAPE[1],
+        row,
+        column,
+        np.zeros(1),
+        half,
+        tukey,
+        rounds,
+        10**9,
+        out,
     )
     near = (np.abs(np.floor(rays[:, 1] + 0.5) - 20) <= 5) & (
         np.abs(np.floor(rays[:, 0] + 0.5) - 31) <= 4

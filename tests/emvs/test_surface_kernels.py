@@ -94,6 +94,11 @@ def test_the_store_holds_each_event_once_and_reuses_what_is_released() -> None:
             np.testing.assert_array_equal(found.y_m, y[held])
             np.testing.assert_array_equal(found.slope, slope[held])
             assert np.all((t[held] - found.t_ns >= 0) & (t[held] - found.t_ns < 1000))
+            rays, chain = np.empty((len(found), 4), np.float32), store.chain(k, polarity)
+            _event_kernels._rays(store.records, store.link, *chain, -0.001, -0.3, 4e-5, rays)
+            straight = np.zeros(len(found))
+            expected = np.stack([found.x_m, found.y_m + 0.3, found.slope, straight], axis=1) / 4e-5
+            np.testing.assert_allclose(rays, expected, rtol=1e-6, atol=1e-3)
     pages = len(store.link)
     kept = store.events(1, 1)
     for k in (-2, -1, 0):

@@ -46,16 +46,12 @@ class Packets:
         Where packets begin; the last entry is n.
     poses : ndarray of float64, shape (k, 4, 4)
         Camera in base at each packet's median event.
-    start_ns, end_ns : int
-        Times of the first and last packet's median event.
     """
 
     events: EventArray
     table: F32
     starts: I64
     poses: F64
-    start_ns: int = 0
-    end_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -101,9 +97,7 @@ def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events
     n = len(events)
     starts = np.append(np.arange(0, n, packet_events, dtype=np.int64), n)
     medians = (starts[:-1] + starts[1:] - 1) // 2
-    times = events.t_ns[medians]
-    poses = track.matrices(times)
-    return Packets(events, table, starts, poses, int(times[0]), int(times[-1]))
+    return Packets(events, table, starts, track.matrices(events.t_ns[medians]))
 
 
 def rays_in_view(

@@ -37,18 +37,12 @@ class EvidenceField(ABC):
         From a slope to the ray's slope dx/dz at the surface.
     offset_per_m : float
         From metres of depth, away from the camera, to the offset.
-    focal_px : float
-        Focal length, px.
-    speed_px_s : float
-        Speed of the surface through the image, px/s.
     """
 
     shape: tuple[int, int]
     slopes: F64
     ray_slope_scale: float
     offset_per_m: float
-    focal_px: float
-    speed_px_s: float
 
     @property
     def cells(self) -> tuple[int, int]:

@@ -6,53 +6,61 @@ import numpy as np
 from numba import njit
 
 _ROUNDS = 4
+#: Events that are placed together.
+_CHUNK = 512
+#: Events that are worked on together, and where those lie that fill them up, px.
+_VECTOR = np.uint64(16)
+_AWAY = np.float32(1e6)
 
 
-@njit(cache=True, nogil=True)
-def _ground(rays, surface, start, pixel, counts):  # type: ignore[no-untyped-def]
-    """Pixel in which each event meets the surface (-1: none), and how many meet each.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ground(rays, surface, start, width, pixel, counts):  # type: ignore[no-untyped-def]
+    """Pixel in which each event meets the surface, and how many meet each.
 
-    `surface` is the offset by pixel, NaN where it is unknown; a ray is followed from `start`.
+    `surface` is the offset by pixel, flat, NaN where it is unknown and in one entry more, which
+    stands for nowhere. A ray is followed from `start` from one place to the next; what makes a
+    place of rays, some at a time, the compiler turns into vector instructions.
     """
-    height, width = surface.shape
-    half = np.float32(0.5)
-    for i in range(len(rays)):
-        x = rays[i, 0] + half
-        y = rays[i, 1] + half
-        z = start
-        found = -1
+    nowhere = np.int32(len(surface) - 1)
+    many, half, zero = np.int32(width), np.float32(0.5), np.float32(0)
+    right, below = np.float32(width), np.float32(nowhere // width)
+    x, y, along, across, z = np.empty((5, _CHUNK), np.float32)
+    place = np.empty(_CHUNK, np.int32)
+    for begin in range(0, len(rays), _CHUNK):
+        first, size = np.uint64(begin), np.uint64(min(_CHUNK, len(rays) - begin))
+        for i in range(size):
+            x[i] = rays[first + i, 0] + half
+            y[i] = rays[first + i, 1] + half
+            along[i] = rays[first + i, 2]
+            across[i] = rays[first + i, 3]
+            z[i] = start
         for _ in range(_ROUNDS):
-            a = x + rays[i, 2] * z
-            b = y + rays[i, 3] * z
-            if not ((a >= 0) & (a < width) & (b >= 0) & (b < height)):
-                found = -1
-                break
-            # Unsigned, as what may be negative is checked to count from the end.
-            row = np.uint32(b)
-            column = np.uint32(a)
-            here = surface[row, column]
-            if np.isnan(here):
-                found = -1
-                break
-            found = np.int64(row) * width + np.int64(column)
-            if here == z:
-                break
-            z = here
-        pixel[i] = found
-        if found >= 0:
-            counts[found] += 1
+            for i in range(size):
+                a = x[i] + along[i] * z[i]
+                b = y[i] + across[i] * z[i]
+                inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
+                at = np.int32(np.int32(b) * many + np.int32(a))
+                place[i] = at if inside else nowhere
+            for i in range(size):
+                z[i] = surface[np.uint32(place[i])]
+        for i in range(size):
+            at = place[i] if z[i] == z[i] else nowhere
+            pixel[first + i] = at
+            counts[np.uint32(at)] += np.int32(1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _by_pixel(rays, pixel, place, out):  # type: ignore[no-untyped-def]
-    """Rays in the order of their pixels; `place` is where each pixel's begin, and is moved on."""
-    for i in range(len(pixel)):
-        p = pixel[i]
-        if p >= 0:
-            n = place[p]
+    """Rays in the order of their pixels.
+
+    `place` is where each pixel's begin, and is moved on; below 0, they are left out.
+    """
+    for i in range(np.uint64(len(pixel))):
+        n = place[np.uint64(pixel[i])]
+        if n >= 0:
             for c in range(4):
-                out[n, c] = rays[i, c]
-            place[p] = n + 1
+                out[np.uint64(n), c] = rays[i, c]
+            place[np.uint64(pixel[i])] = n + 1
 
 
 @njit(cache=True, nogil=True)
@@ -79,70 +87,115 @@ def _ridges(density, floor, share, reach, step, row, column):  # type: ignore[no
     return n
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _window(rays, starts, width, place, half, sample, every, some):  # type: ignore[no-untyped-def]
+    """Events around a place (row, column and offset): x and y from there on, and slopes.
+
+    `every`, shape (3, room), receives all, `some` about `sample` of them, evenly; returns their
+    numbers. Those further than `half` across are put out of reach, as is what fills the last
+    vector.
+    """
+    rows = (len(starts) - 1) // width
+    r, c, z = np.int64(place[0]), np.int64(place[1]), np.float32(place[2])
+    left, above, across = np.float32(c), np.float32(r), np.float32(half[1])
+    reach_x, reach_y = np.int64(np.ceil(half[0])) + 1, np.int64(np.ceil(half[1]))
+    low, high = max(c - reach_x, 0), min(c + reach_x + 1, width)
+    top, bottom = max(r - reach_y, 0), min(r + reach_y + 1, rows)
+    count = 0
+    for i in range(top, bottom):
+        count += starts[i * width + high] - starts[i * width + low]
+    stride = np.uint64(max(count // sample, 1))
+    n = few = np.uint64(0)
+    for i in range(top, bottom):
+        first = np.uint64(starts[i * width + low])
+        size = np.uint64(starts[i * width + high]) - first
+        for k in range(size):
+            e = first + k
+            y = rays[e, 1] + rays[e, 3] * z - above
+            x = rays[e, 0] + rays[e, 2] * z - left
+            every[0, n + k] = x if abs(y) <= across else _AWAY
+            every[1, n + k] = y
+            every[2, n + k] = rays[e, 2]
+        for k in range(np.uint64(0), size, stride):
+            for value in range(3):
+                some[value, few] = every[value, n + k]
+            few += np.uint64(1)
+        n += size
+    for k in range(_VECTOR):
+        every[0, n + k] = some[0, few + k] = _AWAY
+        every[1, n + k] = every[2, n + k] = np.float32(0)
+        some[1, few + k] = some[2, few + k] = np.float32(0)
+    return n, few
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _sums(events, count, line, middle, half, tukey, evenly):  # type: ignore[no-untyped-def]
+    """Weighted sums over events: 1, a, y, a², ay, y²; x, xa, xy; squared residuals, weights.
+
+    a are slopes from `middle` on, and the residuals those of a `line` p, d, m. Events within
+    `half` of it count `evenly`, or by Tukey's weights.
+    """
+    p, d, m = np.float32(line[0]), np.float32(line[1]), np.float32(line[2])
+    zero, one = np.float32(0), np.float32(1)
+    middle, half, per = np.float32(middle), np.float32(half), np.float32(1.0 / tukey)
+    s0 = sa = sy = saa = say = syy = sx = sxa = sxy = srr = sww = zero
+    for i in range(-(-count // _VECTOR) * _VECTOR):
+        x, y, a = events[0, i], events[1, i], events[2, i] - middle
+        rest = x - p - d * a - m * y
+        if evenly:
+            w = one if abs(rest) <= half else zero
+        else:
+            u = rest * per
+            u = max(one - u * u, zero)
+            w = u * u
+        wa = w * a
+        wy = w * y
+        s0 += w
+        sa += wa
+        sy += wy
+        saa += wa * a
+        say += wa * y
+        syy += wy * y
+        sx += w * x
+        sxa += wa * x
+        sxy += wy * x
+        srr += w * rest * rest
+        sww += w * w
+    return s0, sa, sy, saa, say, syy, sx, sxa, sxy, srr, sww
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sample, out):  # type: ignore[no-untyped-def]
     """Fit x - x_r = p + slope·d + m·(y - y_r) to the events around each place, robustly.
 
-    `rays` are by pixel of an image `width` wide, pixel k's from `starts[k]` on; `height` is the
-    offset of each place, `half` the half width and height of the window, px. All rounds but the
-    last take about `sample` of the events. `out` takes by place p, d, m; variance of p, covariance
-    of p and d, variance of d, all by unit of the residuals' variance; events of equal weight; the
-    mean and the variance of the slopes; the residuals' variance. NaN where events fix no line.
+    `rays` are by pixel of an image `width` wide, pixel k's from `starts[k]` on;
+    `height` is the offset of each place, `half` the half width and height of the window, px. All
+    rounds but the last take about `sample` of the events. `out` takes by place p, d, m; variance
+    of p, covariance of p and d, variance of d, all by unit of the residuals' variance; events of
+    equal weight; the mean and the variance of the slopes; the residuals' variance. NaN where
+    events fix no line.
     """
-    rows = (len(starts) - 1) // width
-    reach_x = int(np.ceil(half[0])) + 1
-    reach_y = int(np.ceil(half[1]))
+    room = 0
     for k in range(len(row)):
-        r = row[k]
-        c = column[k]
-        z = height[k]
+        reach = np.int64(np.ceil(half[1])) + 1
+        first, last = max(row[k] - reach, 0) * width, min((row[k] + reach) * width, len(starts) - 1)
+        room = max(room, starts[last] - starts[first])
+    every = np.empty((3, room + _VECTOR), np.float32)
+    some = np.empty_like(every)
+    line = np.empty(3)
+    for k in range(len(row)):
         out[k, :] = np.nan
-        low = max(c - reach_x, 0)
-        high = min(c + reach_x + 1, width)
-        top = max(r - reach_y, 0)
-        bottom = min(r + reach_y + 1, rows)
-        count = 0
-        for i in range(top, bottom):
-            count += starts[i * width + high] - starts[i * width + low]
-        stride = max(count // sample, 1)
-        p = 0.0
-        d = 0.0
-        m = 0.0
+        place = (row[k], column[k], height[k])
+        count, few = _window(rays, starts, width, place, half, sample, every, some)
+        line[:] = 0.0
         middle = 0.0
         for it in range(rounds + 1):
-            step = 1 if it == rounds else stride
-            s0 = sa = sy = saa = say = syy = 0.0
-            sx = sxa = sxy = sxx = sww = 0.0
-            for i in range(top, bottom):
-                for e in range(starts[i * width + low], starts[i * width + high], step):
-                    slope = rays[e, 2]
-                    x = rays[e, 0] + slope * z - c
-                    y = rays[e, 1] + rays[e, 3] * z - r
-                    if abs(y) > half[1]:
-                        continue
-                    a = slope - middle
-                    rest = x - p - a * d - m * y
-                    if it == 0:
-                        if abs(rest) > half[0]:
-                            continue
-                        w = 1.0
-                    else:
-                        u = rest / tukey
-                        u = 1.0 - u * u
-                        if u <= 0:
-                            continue
-                        w = u * u
-                    s0 += w
-                    sa += w * a
-                    sy += w * y
-                    saa += w * a * a
-                    say += w * a * y
-                    syy += w * y * y
-                    sx += w * x
-                    sxa += w * x * a
-                    sxy += w * x * y
-                    sxx += w * rest * rest
-                    sww += w * w
+            last = it == rounds
+            events, n = (every, count) if last else (some, few)
+            sums = _sums(events, n, line, middle, half[0], tukey, it == 0)
+            s0, sa, sy = np.float64(sums[0]), np.float64(sums[1]), np.float64(sums[2])
+            saa, say, syy = np.float64(sums[3]), np.float64(sums[4]), np.float64(sums[5])
+            sx, sxa, sxy = np.float64(sums[6]), np.float64(sums[7]), np.float64(sums[8])
             if s0 < 8:
                 break
             if it == 0:
@@ -165,7 +218,8 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
             p = (sx - d * sa - m * sy) / s0
             if abs(p) > half[0]:
                 break
-            if it == rounds:
+            line[:] = p, d, m
+            if last:
                 ymean = sy / s0
                 vaa = yy / det
                 vyy = aa / det
@@ -178,10 +232,10 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
                 out[k, 3] = 1 / s0 + at * at * vaa + 2 * at * ymean * vay + ymean * ymean * vyy
                 out[k, 4] = -at * vaa - ymean * vay
                 out[k, 5] = vaa
-                out[k, 6] = s0 * s0 / sww
+                out[k, 6] = s0 * s0 / np.float64(sums[10])
                 out[k, 7] = at
                 out[k, 8] = aa / s0
-                out[k, 9] = sxx / s0
+                out[k, 9] = np.float64(sums[9]) / s0
 
 
 @njit(cache=True, nogil=True)

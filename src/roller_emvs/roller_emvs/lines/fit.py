@@ -18,6 +18,7 @@ from roller_emvs.rays import F32
 
 from . import _kernels as kernels
 
+I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
 #: Half width along the parallax and across it of the events that a line is fitted to, px.
@@ -114,15 +115,11 @@ def fit_lines(
         From slopes to the rays' dx/dz.
     """
     height, width = surface.shape
-    pixel = np.empty(len(rays), np.int64)
-    counts = np.zeros(height * width, np.int64)
-    kernels._ground(rays, surface, np.float32(np.nanmedian(surface)), pixel, counts)
-    starts = np.zeros(height * width + 1, np.int64)
-    np.cumsum(counts, out=starts[1:])
-    ordered = np.empty((starts[-1], 4), np.float32)
-    kernels._by_pixel(rays, pixel, starts[:-1].copy(), ordered)
+    flat = np.append(surface, np.float32(np.nan))
+    pixel, counts = np.empty(len(rays), np.int32), np.zeros(height * width + 1, np.int32)
+    kernels._ground(rays, flat, np.float32(np.nanmedian(surface)), width, pixel, counts)
     density = cv2.GaussianBlur(
-        counts.reshape(height, width).astype(np.float32),
+        counts[:-1].reshape(height, width).astype(np.float32),
         (0, 0), sigmaX=_BLUR_PX[0], sigmaY=_BLUR_PX[1],
     )  # fmt: skip
     density[:, : columns[0]] = 0
@@ -134,6 +131,7 @@ def fit_lines(
     count = kernels._ridges(density, floor, _LEAST_SHARE, _NEARBY_PX, ROW_STEP, row, column)
     row, column = row[:count], column[:count]
     at = surface[row, column].astype(np.float64)
+    ordered, starts = _near(rays, pixel, counts, row, column, width)
     out = np.empty((count, 10))
     kernels._fit_lines(
         ordered, starts, width, row, column, at, np.array(_WINDOW_PX), _TUKEY_PX, _ROUNDS,
@@ -154,6 +152,21 @@ def fit_lines(
         keep
     ]
     return _agreeing(lines, _VOTE_M * abs(offset_per_m))
+
+
+def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int) -> tuple[F32, I64]:
+    """Rays that lie in the windows around some places, by pixel, and where each pixel's begin."""
+    wanted = np.zeros((len(counts) // width, width), np.uint8)
+    wanted[row, column] = 1
+    reach = [2 * int(np.ceil(half)) + 3 for half in _WINDOW_PX]
+    cv2.dilate(wanted, np.ones((reach[1], reach[0]), np.uint8), dst=wanted)
+    kept = np.where(wanted.ravel() > 0, counts[:-1], 0)
+    starts = np.zeros(len(counts), np.int64)
+    np.cumsum(kept, out=starts[1:])
+    ordered = np.empty((starts[-1], 4), np.float32)
+    place = np.where(kept > 0, starts[:-1], -1)
+    kernels._by_pixel(rays, pixel, np.append(place, -1), ordered)
+    return ordered, starts
 
 
 def _agreeing(lines: Lines, most: float) -> Lines:

@@ -55,7 +55,6 @@ class WindowView:
     turned: bool
     relative: F64
     slopes: F64
-    speed_px_s: float
 
     @classmethod
     def of(
@@ -86,15 +85,8 @@ class WindowView:
                 np.minimum((x - left) / middle, along.max()),
             ]
         )
-        seconds = max((packets.end_ns - packets.start_ns) * 1e-9, 1e-9)
-        speed = float(travel.max()) * middle / seconds
         half = 0.5 * (near - far)
-        return cls(packets, c, view, middle, half, turned, relative, slopes, speed)
-
-    @property
-    def focal_px(self) -> float:
-        """Focal length along the parallax, px."""
-        return self.camera.fy if self.turned else self.camera.fx
+        return cls(packets, c, view, middle, half, turned, relative, slopes)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -105,16 +97,9 @@ class WindowView:
         return -(-rows // CELL_PX) * CELL_PX, -(-columns // CELL_PX) * CELL_PX
 
     @property
-    def _of_field(self) -> tuple[tuple[int, int], F64, float, float, float, float]:
-        focal = self.focal_px
-        return (
-            self.shape,
-            self.slopes,
-            -self.middle / focal,
-            -(self.middle**2),
-            focal,
-            self.speed_px_s,
-        )
+    def _of_field(self) -> tuple[tuple[int, int], F64, float, float]:
+        focal = self.camera.fy if self.turned else self.camera.fx
+        return self.shape, self.slopes, -self.middle / focal, -(self.middle**2)
 
     def ray_field(self) -> RayField:
         """Rays of all events; their offset is inverse depth less `middle`."""

@@ -149,18 +149,14 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         finally:
             clear(strip, block, field, s.threads)
 
-        def rays(polarity: int) -> F32:
-            e = strip.events(block, polarity)
-            straight = np.zeros_like(e.slope)
-            own = np.stack([e.x_m + MARGIN_M, e.y_m - block.low_y_m, e.slope, straight], axis=1)
-            return np.asarray(own / strip.pixel_m, np.float32)
-
         def across(row: F64, offset: F64) -> F64:
             y = row * strip.pixel_m + block.low_y_m
             return np.asarray(y + strip.fan(block, y) * offset, np.float64)
 
         with watch("lines"):
-            return self._refined(strip, block, field, found, rays, across)
+            return self._refined(
+                strip, block, field, found, lambda polarity: strip.rays(block, polarity), across
+            )
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
         """The same for any path."""
