@@ -1,19 +1,19 @@
 """Refining a depth map's pose against the cloud so far, taken only when it can be trusted.
 
-Point-to-plane ICP (Chen and Medioni 1992; open3d). The robot's pose is the start and usually
-better than what relief can add (the paper found 0.0002 mm), so a correction must be well
-conditioned, as small as a robot's error, and lower the residual of points that did not help to
-find it.
+Point-to-plane ICP (Chen and Medioni 1992). The robot's pose is the start and usually better than
+what relief can add (the paper found 0.0002 mm), so a correction must be well conditioned, as small
+as a robot's error, and lower the residual of points that did not help to find it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import open3d as o3d
+import numpy.typing as npt
 
-from roller_core.transforms import F64
+from roller_core.transforms import F64, pose_matrix, rotation_vector_to_quaternion
 
 from .depth_settings import StitcherSettings
 
@@ -22,6 +22,11 @@ MAX_DISTANCE_M = 3e-4
 _MIN_PAIRS = 100
 #: Points of a depth map that are used at most.
 _MOST_POINTS = 4000
+#: Points that a normal is taken from, at most, and their distance, m.
+_NORMAL_POINTS, _NORMAL_M = 30, 4 * MAX_DISTANCE_M
+#: Steps at most, and the change of the share of points with a pair, and of their distance, m, that
+#: ends them.
+_STEPS, _SETTLED = 15, (1e-6, 1e-6)
 #: Smallest to largest eigenvalue of the normal equations below which the geometry doesn't fix the
 #: pose, and the share by which the residual must fall.
 _MIN_CONDITIONING, _MIN_GAIN = 0.01, 0.05
@@ -52,6 +57,53 @@ class Refinement:
     residual_after_m: float = float("nan")
 
 
+class _Target:
+    """The cloud to align with; normals are worked out where points come near."""
+
+    def __init__(self, points: F64) -> None:
+        from scipy.spatial import cKDTree  # takes as long to load as a scan to stitch
+
+        self._tree: Any = cKDTree(points)
+        self._points = points
+        self._normals = np.full_like(points, np.nan)
+
+    def pairs(self, points: F64) -> _Pairs:
+        """The nearest of the cloud for those points that have one near enough."""
+        away, nearest = self._tree.query(points, distance_upper_bound=MAX_DISTANCE_M)
+        own = np.flatnonzero(np.isfinite(away))
+        rms = float(np.sqrt((away[own] ** 2).mean())) if len(own) else 0.0
+        return _Pairs(own, nearest[own], len(own) / len(points), rms)
+
+    def planes(self, which: npt.NDArray[np.intp]) -> tuple[F64, F64]:
+        """Points of the cloud and their normals."""
+        new = np.unique(which[np.isnan(self._normals[which, 0])])
+        if len(new):
+            _, near = self._tree.query(
+                self._points[new], _NORMAL_POINTS, distance_upper_bound=_NORMAL_M
+            )
+            found = near < len(self._points)
+            local = self._points[np.where(found, near, 0)] - self._points[new, None]
+            local[~found] = 0.0
+            count = found.sum(axis=1)[:, None]
+            mean = local.sum(axis=1) / count
+            moments = np.einsum("nki,nkj->nij", local, local) / count[..., None]
+            moments -= mean[:, :, None] * mean[:, None, :]
+            normals = np.linalg.eigh(moments)[1][:, :, 0]
+            normals[count[:, 0] < 3] = 0.0, 0.0, 1.0
+            self._normals[new] = normals
+        return self._points[which], self._normals[which]
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Numbers of points and of the cloud's nearest; share that has one, and their distance."""
+
+    own: npt.NDArray[np.intp]
+    nearest: npt.NDArray[np.intp]
+    fitness: float
+    rms_m: float
+
+
 def refine(points: F64, target: F64, settings: StitcherSettings) -> Refinement:
     """Align points with a cloud that they overlap.
 
@@ -67,48 +119,57 @@ def refine(points: F64, target: F64, settings: StitcherSettings) -> Refinement:
     s = settings
     if min(len(points), len(target)) < _MIN_PAIRS:
         return _refused("too few points overlap")
-    # Near the origin open3d's arithmetic keeps nanometres, wherever the robot's base is.
+    # Near the origin arithmetic keeps nanometres, wherever the robot's base is.
     origin = points.mean(axis=0)
     step = max(len(points) // _MOST_POINTS, 1)
     chosen = points[::step] - origin
     # Half of the points find the correction, the other half judge it.
-    finding, judging = _cloud(chosen[::2]), _cloud(chosen[1::2])
-    cloud = _cloud(target - origin)
-    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(4 * MAX_DISTANCE_M, 30))
-    reg = o3d.pipelines.registration
-    before = reg.evaluate_registration(judging, cloud, MAX_DISTANCE_M)
-    if len(before.correspondence_set) < _MIN_PAIRS:
+    finding, judging, cloud = chosen[::2], chosen[1::2], _Target(target - origin)
+    before = cloud.pairs(judging)
+    if len(before.own) < _MIN_PAIRS:
         return _refused("too few points overlap")
-    result = reg.registration_icp(
-        finding,
-        cloud,
-        MAX_DISTANCE_M,
-        np.eye(4),
-        reg.TransformationEstimationPointToPlane(),
-        reg.ICPConvergenceCriteria(max_iteration=15),
-    )
-    pairs = np.asarray(result.correspondence_set)
-    moved = np.asarray(result.transformation)
-    if len(pairs) < _MIN_PAIRS or not np.isfinite(moved).all():
+    moved, pairs = _icp(finding, cloud)
+    if len(pairs.own) < _MIN_PAIRS or not np.isfinite(moved).all():
         return _refused("ICP did not converge")
-    conditioning = _conditioning(
-        np.asarray(finding.points)[pairs[:, 0]], np.asarray(cloud.normals)[pairs[:, 1]]
-    )
-    after = reg.evaluate_registration(judging, cloud, MAX_DISTANCE_M, moved)
-    figures = (conditioning, float(before.inlier_rmse), float(after.inlier_rmse))
+    conditioning = _conditioning(finding[pairs.own], cloud.planes(pairs.nearest)[1])
+    after = cloud.pairs(_move(moved, judging))
+    figures = (conditioning, before.rms_m, after.rms_m)
     if conditioning < _MIN_CONDITIONING:
         return _refused("the geometry does not fix the pose", *figures)
     # What counts is how far any point moves: a small turn far out is no small correction.
-    shift = np.linalg.norm(chosen @ moved[:3, :3].T + moved[:3, 3] - chosen, axis=1).max()
+    shift = np.linalg.norm(_move(moved, chosen) - chosen, axis=1).max()
     if shift > s.icp_max_correction_m:
         return _refused(f"a correction of {shift * 1e6:.0f} µm is implausible", *figures)
-    if after.inlier_rmse > before.inlier_rmse * (1 - _MIN_GAIN) or (
-        after.fitness < before.fitness * 0.98
-    ):
+    if after.rms_m > before.rms_m * (1 - _MIN_GAIN) or after.fitness < before.fitness * 0.98:
         return _refused("no better than the robot's pose", *figures)
     shift_back, shift_out = np.eye(4), np.eye(4)
     shift_back[:3, 3], shift_out[:3, 3] = -origin, origin
     return Refinement(shift_out @ moved @ shift_back, True, "", *figures)
+
+
+def _icp(points: F64, cloud: _Target) -> tuple[F64, _Pairs]:
+    """The pose that lays points onto the planes of the cloud, and what corresponds there."""
+    pose, pairs = np.eye(4), cloud.pairs(points)
+    for _ in range(_STEPS):
+        if len(pairs.own) < _MIN_PAIRS:
+            break
+        here = _move(pose, points[pairs.own])
+        there, normals = cloud.planes(pairs.nearest)
+        rows = np.hstack([np.cross(here, normals), normals])
+        away = ((there - here) * normals).sum(axis=1)
+        # A motion that nothing hinders is none.
+        turn_and_shift = np.linalg.lstsq(rows, away, rcond=1e-9)[0]
+        turn = rotation_vector_to_quaternion(turn_and_shift[:3])
+        pose = pose_matrix(turn_and_shift[3:], turn) @ pose
+        last, pairs = pairs, cloud.pairs(_move(pose, points))
+        change = abs(pairs.fitness - last.fitness), abs(pairs.rms_m - last.rms_m)
+        if change[0] < _SETTLED[0] and change[1] < _SETTLED[1]:
+            break
+    return pose, pairs
+
+
+def _move(pose: F64, points: F64) -> F64:
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _refused(
@@ -118,10 +179,6 @@ def _refused(
     after: float = float("nan"),
 ) -> Refinement:
     return Refinement(np.eye(4), False, reason, conditioning, before, after)
-
-
-def _cloud(points: F64) -> o3d.geometry.PointCloud:
-    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points)))
 
 
 def _conditioning(points: F64, normals: F64) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from roller_core.camera import Camera
 from roller_core.pose_track import PoseValueError
@@ -114,6 +113,8 @@ def radius_filter(points: F64, radius_m: float, neighbours: int) -> npt.NDArray[
     neighbours : int
         Others that a point needs.
     """
+    from scipy.spatial import cKDTree  # takes as long to load as a scan to stitch
+
     tree = cKDTree(points)
     counts = tree.query_ball_point(points, radius_m, return_length=True)
     return np.asarray(counts - 1 >= neighbours)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from roller_braille.braille_stage import BrailleParameters, BrailleStage
 from roller_core.camera import Camera
@@ -21,7 +21,8 @@ from roller_emvs.depth_stage import DepthStage, EmvsParameters
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
 from roller_emvs.surface_stage import SurfaceParameters, SurfaceStage
 
-from .inspect_stage import InspectStage
+if TYPE_CHECKING:  # what inspects loads scipy
+    from .inspect_stage import InspectStage
 
 #: Settings of the sweep in the surface's frame that the other parts have too.
 _SHARED = frozenset(

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from roller_core.errors import RollerError, UnwritableOutputError
 from roller_core.output_folder import release_reserve
@@ -17,11 +18,13 @@ from roller_emvs.windows import RefusedWindow
 from roller_recording.reading import Recording, RecordingError
 from roller_recording.reading.base import MissingTopicError
 
-from .inspect_stage import InspectStage
 from .pipeline import Pipeline, PipelineSettings
 from .results.result_writer import ResultWriter
 from .results.run_report import Report
 from .results.truth_tally import SurfaceTally, TruthTally
+
+if TYPE_CHECKING:  # what inspects loads scipy
+    from .inspect_stage import InspectStage
 
 
 def replay(

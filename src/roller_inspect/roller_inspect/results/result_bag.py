@@ -7,9 +7,8 @@ from pathlib import Path
 from rclpy.serialization import serialize_message
 
 import roller_braille.messages  # noqa: F401 (registers the messages of cells)
-import roller_inspect.messages  # noqa: F401 (and of findings)
 from roller_core.bag_writer import BagWriter
-from roller_core.outputs import DIAGNOSTICS, Output
+from roller_core.outputs import DIAGNOSTICS, FINDING_MARKERS, FINDINGS, Output
 from roller_ros import topics
 from roller_ros.messages import to_message
 
@@ -43,6 +42,9 @@ class ResultBag:
 
     def write(self, output: Output) -> None:
         """Write one output at its time."""
+        if output.topic in (FINDINGS, FINDING_MARKERS):
+            # Registers theirs; what inspects loads scipy, so not before there is some.
+            import roller_inspect.messages  # noqa: F401
         data = serialize_message(to_message(output))
         self._writer.write(topics.BY_NAME[output.topic].path, int(output.t_ns), data)
 
