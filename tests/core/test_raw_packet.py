@@ -84,6 +84,11 @@ def test_gaps_in_the_numbers() -> None:
     for seq in (2**63, 2**63 + 2, 2**64 - 1, 0):
         gaps.see("/a", seq, 10 * 10**9)
     assert (gaps.lost, gaps.gaps, gaps.restarts) == (2 + 7 + 1, 3, 1 + 3)
+    # Two at once: neither's numbers are the other's gaps.
+    for k in range(5):
+        gaps.see("/two", k, 0, b"one")
+        gaps.see("/two", 1000 + 2 * k, 0, b"other")
+    assert (gaps.lost, gaps.restarts) == (2 + 7 + 1 + 4, 5)
     gaps.forget("/a")
     gaps.see("/a", 9, 11 * 10**9)
-    assert (gaps.lost, gaps.restarts) == (2 + 7 + 1, 5)
+    assert (gaps.lost, gaps.restarts) == (2 + 7 + 1 + 4, 6)

@@ -9,18 +9,24 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from event_camera_msgs.msg import EventPacket
+from geometry_msgs.msg import TransformStamped
 from rclpy.context import Context
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
+from tf2_msgs.msg import TFMessage
 
+from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.codecs import encode
 from roller_core.events import EventArray
-from roller_ros import messages, qos
+from roller_core.outputs import Output
+from roller_emvs.stitcher_stage import StitcherStage
+from roller_ros import messages, qos, topics
 
 pytestmark = pytest.mark.graph
 
 FRAME, STATUS = "event_camera_optical_frame", "emvs: depth"
+STITCHED = "stitcher: surface"
 EVENTS = 50
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
 OTHER = Camera(320, 240, 900.0, 900.0, 160.0, 120.0)
@@ -57,6 +63,12 @@ class FakeCamera:
         self._events.publish(packet)
         self.seq += self.step
         self.sent += 1
+
+
+def pose(parent, child, t_ns=0):
+    item = TransformStamped(header=messages.header(t_ns, parent), child_frame_id=child)
+    item.transform.rotation.w = 1.0
+    return item
 
 
 @pytest.fixture
@@ -100,3 +112,29 @@ def test_one_camera_is_followed_and_the_other_refused(processes, watch, stranger
     assert watcher.value(STATUS, "decode_errors") == early
     assert 0 < watcher.value(STATUS, "seq_restarts") <= theirs.sent
     assert processes.stop() == {"emvs": 0}
+
+
+def test_a_strangers_depth_camera_begins_no_map_anew(processes, watch, stranger):
+    watcher = watch()
+    own = {name: topics.publisher(watcher.node, name) for name in StitcherStage.inputs}
+    theirs = topics.publisher(stranger, outputs.DEPTH_INFO)
+    own[outputs.TF_STATIC].publish(TFMessage(transforms=[pose("tool0_controller", FRAME)]))
+    depth = np.full((480, 640), np.nan, np.float32)
+    depth[::40, ::40] = 0.045
+
+    def send() -> None:
+        now = watcher.node.get_clock().now().nanoseconds
+        own[outputs.TF].publish(TFMessage(transforms=[pose("base", "tool0_controller", now)]))
+        for name in (outputs.DEPTH_CONFIDENCE, outputs.DEPTH_SIGMA, outputs.DEPTH_IMAGE):
+            own[name].publish(messages.to_message(Output(name, now - 50_000_000, FRAME, depth)))
+        own[outputs.DEPTH_INFO].publish(messages.camera_info(CAMERA, now, FRAME))
+        theirs.publish(messages.camera_info(OTHER, now, FRAME))
+
+    processes.start("stitcher")
+    watcher.node.create_timer(0.04, send)
+    watcher.spin_until(lambda: watcher.value(STITCHED, "depth_maps") > 20, 60, "depth maps")
+    told = "/watcher and /stranger publish /roller/depth/"
+    watcher.spin_until(lambda: watcher.has_said(STITCHED, told), 30, "the conflict")
+    assert watcher.value(STITCHED, "foreign_results") > 0
+    assert watcher.value(STITCHED, "faults") == 0
+    assert processes.stop() == {"stitcher": 0}

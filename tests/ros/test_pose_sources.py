@@ -99,11 +99,11 @@ def test_who_sends_once_is_followed_until_it_is_gone(clock):
     assert not cameras.accepts(sent_by(THEIRS))
     clock.now += 100.0
     cameras.keep_to({OURS, THEIRS})
-    told = cameras.conflict(Graph(), "/tf", "it", "stop one")
+    told = cameras.conflict(Graph(), ["/tf"], "it", "stop one")
     assert told == "/ur10 and /ur_driver publish it; /ur10 is followed: stop one"
     cameras.keep_to({THEIRS})
     assert cameras.accepts(sent_by(THEIRS))
-    assert cameras.conflict(Graph(), "/tf", "it", "stop one") == ""
+    assert cameras.conflict(Graph(), ["/tf"], "it", "stop one") == ""
 
 
 def test_other_frames_are_nobodys_business(sources):

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 _MOST_LOST = 2**20
 #: Gaps that are kept with their place; beyond it only their number counts.
 _PLACES = 1000
+#: Senders of a topic whose numbers are kept.
+_MOST_SENDERS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +51,16 @@ class SeqGaps:
         self.gaps = 0
         self.restarts = 0
         self.places: list[Gap] = []
-        self._last: dict[str, int] = {}
+        self._last: dict[str, dict[bytes, int]] = {}
 
-    def see(self, topic: str, seq: int, t_ns: int) -> None:
-        """Take the number of the next packet."""
-        last = self._last.get(topic)
-        self._last[topic] = seq
+    def see(self, topic: str, seq: int, t_ns: int, sender: bytes = b"") -> None:
+        """Take the number of the next packet; each sender counts its own."""
+        senders = self._last.setdefault(topic, {})
+        last = senders.pop(sender, None)
+        self.restarts += last is None and bool(senders)
+        if len(senders) >= _MOST_SENDERS:
+            del senders[next(iter(senders))]  # silent for longest
+        senders[sender] = seq
         if last is None:
             return
         if not last <= seq <= last + _MOST_LOST:
@@ -67,8 +73,8 @@ class SeqGaps:
 
     def skip(self, topic: str, packets: int) -> None:
         """The next numbers came, but were not looked at."""
-        if topic in self._last:
-            self._last[topic] += packets
+        for sender in self._last.get(topic, {}):
+            self._last[topic][sender] += packets
 
     def forget(self, topic: str) -> None:
         """Another source follows: its first number says nothing."""

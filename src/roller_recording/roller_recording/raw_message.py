@@ -19,9 +19,12 @@ class RawMessage:
         The message in CDR.
     type : str
         Its type, where the topic alone doesn't say it.
+    sender : bytes
+        Who published it, where that is known.
     """
 
     t_ns: int
     topic: str
     data: bytes
     type: str = ""
+    sender: bytes = b""

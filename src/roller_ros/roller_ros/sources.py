@@ -14,6 +14,8 @@ _SILENCE_S = 0.5
 _REMEMBERED_S = 3.0
 #: Bytes of a publisher's id that tell it from others; the graph's ids may be longer.
 _ID = 16
+#: Of these, those that tell its process (DDS: its participant) from others.
+_PROCESS = 12
 
 
 def publisher_of(info: Mapping[str, Any]) -> bytes | None:
@@ -25,14 +27,17 @@ def publisher_of(info: Mapping[str, Any]) -> bytes | None:
 class OneSource:
     """Keeps to one publisher where several send.
 
-    Two that don't agree would make a surface of neither. The first is followed until it is silent
-    for half a second.
+    Two that don't agree would make a surface of neither. The first is followed until it is silent.
 
     Parameters
     ----------
     latched : bool
         The topic's publishers may send once and be silent ever after: the first is followed until
         it is gone from the graph (`keep_to`).
+    processes : bool
+        Processes are told apart, not publishers: what one sends on several topics is one source.
+    silence_s : float
+        Silence after which another is followed.
     clock_s : callable
         Monotonic time, s.
 
@@ -45,11 +50,16 @@ class OneSource:
     """
 
     def __init__(
-        self, latched: bool = False, clock_s: Callable[[], float] = time.monotonic
+        self,
+        latched: bool = False,
+        clock_s: Callable[[], float] = time.monotonic,
+        processes: bool = False,
+        silence_s: float = _SILENCE_S,
     ) -> None:
         self._silence_s, self._remembered_s = (
-            (math.inf, math.inf) if latched else (_SILENCE_S, _REMEMBERED_S)
+            (math.inf, math.inf) if latched else (silence_s, _REMEMBERED_S)
         )
+        self._length = _PROCESS if processes else _ID
         self._clock_s = clock_s
         self._heard_s = 0.0
         self._others: dict[bytes, float] = {}
@@ -67,6 +77,7 @@ class OneSource:
         sender = publisher_of(info)
         if sender is None:
             return True
+        sender = sender[: self._length]
         # When it arrived, not when it was looked at: a node that was busy heard nobody.
         at_s = info.get("received_timestamp", 0) * 1e-9 or self._clock_s()
         if sender != self.followed:
@@ -86,19 +97,22 @@ class OneSource:
 
     def keep_to(self, alive: Collection[bytes]) -> None:
         """Forget publishers that are gone."""
+        alive = {sender[: self._length] for sender in alive}
         self._others = {k: t for k, t in self._others.items() if k in alive}
         if self.followed not in alive:
             self.follow(None)
 
-    def conflict(self, node: Node, topic: str, what: str, cure: str) -> str:
+    def conflict(self, node: Node, topics: Iterable[str], what: str, cure: str) -> str:
         """What to tell of publishers that don't agree; empty: there is but one.
 
         Parameters
         ----------
         node : Node
             Knows the graph.
-        topic, what, cure : str
-            Where they publish, what, and what to do, for people.
+        topics : iterable of str
+            Where they publish.
+        what, cure : str
+            What they publish, and what to do, for people.
         """
         now = self._clock_s()
         self._others = {k: t for k, t in self._others.items() if now - t < self._remembered_s}
@@ -106,6 +120,7 @@ class OneSource:
             return ""
         names = {
             bytes(info.endpoint_gid): f"/{info.node_name}"
+            for topic in topics
             for info in node.get_publishers_info_by_topic(topic)
         }
         first = _name(names, self.followed)
@@ -113,16 +128,20 @@ class OneSource:
         return f"{first} and {others} publish {what}; {first} is followed: {cure}"
 
 
-def publishers(node: Node, topic: str) -> set[bytes]:
-    """Those that publish a topic now, as `publisher_of` tells them."""
-    return {bytes(i.endpoint_gid)[:_ID] for i in node.get_publishers_info_by_topic(topic)}
+def publishers(node: Node, *topics: str) -> set[bytes]:
+    """Those that publish some topics now, as `publisher_of` tells them."""
+    return {
+        bytes(info.endpoint_gid)[:_ID]
+        for topic in topics
+        for info in node.get_publishers_info_by_topic(topic)
+    }
 
 
 def same_process(a: bytes | None, b: bytes | None) -> bool:
     """Whether two publishers are of one process (DDS: of one participant)."""
-    return a is not None and b is not None and a[:12] == b[:12]
+    return a is not None and b is not None and a[:_PROCESS] == b[:_PROCESS]
 
 
 def _name(names: Mapping[bytes, str], gid: bytes) -> str:
-    found: Iterable[str] = (n for k, n in names.items() if k[:_ID] == gid)
+    found: Iterable[str] = (n for k, n in names.items() if k.startswith(gid))
     return next(iter(found), "a node that is gone")

@@ -38,6 +38,8 @@ _HEADER_BYTES = 500
 _NEW_SOURCE = object()
 #: Messages that are taken without looking for results while more wait.
 _MOST_UNPROCESSED = 10
+#: Silence after which another node's results are followed, s: windows last up to 2 s.
+_RESULTS_SILENCE_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +128,10 @@ class StageNode(Node):
         self._faults = self._unprocessed = self._steps_told = self._left_out_told = 0
         self._poses = PoseSources(settings.base_frame, settings.moving_frame)
         self._events, self._cameras = OneSource(), OneSource(latched=True)
-        #: What publishers of camera_info said that aren't followed, by publisher.
-        self._other_cameras: dict[bytes, CameraInfo] = {}
+        #: Of all topics that other nodes of the graph work out: depth maps, points.
+        self._results = OneSource(processes=True, silence_s=_RESULTS_SILENCE_S)
+        #: What the publishers of camera_info said, by publisher.
+        self._camera_infos: dict[bytes, CameraInfo] = {}
         self._meter = diagnostics.Meter()
         self._working = threading.Lock()  # the stage: the worker's, or a service's
         self._outputs = {name: topics.publisher(self, name) for name in kind.outputs}
@@ -173,12 +177,23 @@ class StageNode(Node):
                     CameraInfo, name, self._take_camera, quality,
                     event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
                 )  # fmt: skip
-        else:
-            static = name == outputs.TF_STATIC
-            quality = qos.EVERY_LATCHED if static else topic.qos
+        elif name == outputs.TF_STATIC:
             self.create_subscription(
-                topic.type, name, lambda m: submit((name, m), not static), quality
+                TFMessage, name, lambda m: submit((name, m), False), qos.EVERY_LATCHED
             )
+        else:
+
+            def take(message: Any, info: Mapping[str, Any]) -> None:
+                if topic not in topics.OUTPUTS or self._results.accepts(info):
+                    submit((name, message))
+
+            self.create_subscription(topic.type, name, take, topic.qos)
+
+    @property
+    def _taken_results(self) -> list[str]:
+        """Topics taken that other nodes of the graph work out."""
+        ours = {topic.name for topic in topics.OUTPUTS}
+        return [self.resolve_topic_name(name) for name in self.stage.inputs if name in ours]
 
     def _take_tf(self, message: TFMessage, info: Mapping[str, Any]) -> None:
         if self._poses.takes(message, info):
@@ -209,32 +224,33 @@ class StageNode(Node):
         self._worker.submit((outputs.EVENTS, message), bulk=bulk_of(message))
 
     def _take_camera(self, message: CameraInfo, info: Mapping[str, Any]) -> None:
+        if (sender := publisher_of(info)) is not None:
+            self._camera_infos[sender] = message
         if self._cameras.accepts(info):
             self._worker.submit((outputs.CAMERA_INFO, message))
-        elif (sender := publisher_of(info)) is not None:
-            self._other_cameras[sender] = message
+        else:
             self._camera_of_events()
 
     def _camera_of_events(self) -> None:
         """Follow the camera_info of the process whose events are followed."""
         events = self._events.followed
         if not same_process(self._cameras.followed, events):
-            for sender in self._other_cameras:
+            for sender in self._camera_infos:
                 if same_process(sender, events):
                     self._follow_camera(sender)
                     return
 
     def _follow_camera(self, sender: bytes) -> None:
         self._cameras.follow(sender)
-        self._worker.submit((outputs.CAMERA_INFO, self._other_cameras.pop(sender)))
+        self._worker.submit((outputs.CAMERA_INFO, self._camera_infos[sender]))
 
     def _check_cameras(self) -> None:
         """Follow another camera_info when the publisher of the first is gone."""
         alive = publishers(self, self.resolve_topic_name(outputs.CAMERA_INFO))
-        self._other_cameras = {k: m for k, m in self._other_cameras.items() if k in alive}
+        self._camera_infos = {k: m for k, m in self._camera_infos.items() if k in alive}
         self._cameras.keep_to(alive)
-        if self._cameras.followed is None and self._other_cameras:
-            self._follow_camera(next(iter(self._other_cameras)))
+        if self._cameras.followed is None and self._camera_infos:
+            self._follow_camera(next(iter(self._camera_infos)))
 
     def _handle(self, item: tuple[str, Any]) -> None:
         with self._working:
@@ -272,6 +288,7 @@ class StageNode(Node):
         stage, worker = self.stage, self._worker
         if isinstance(stage, EventStage):
             self._check_cameras()
+        self._results.keep_to(publishers(self, *self._taken_results))
         level, message = self._health()
         values: dict[str, object] = {
             **self._meter.rates(**stage.rated()),
@@ -283,6 +300,8 @@ class StageNode(Node):
         if outputs.TF in stage.inputs:
             values |= diagnostics.pose_figures(stage.frames.counts)
             values["foreign_poses"] = self._poses.foreign
+        if self._taken_results:
+            values["foreign_results"] = self._results.foreign
         if isinstance(stage, EventStage):
             clock = stage.stream.clock if stage.stream is not None else SensorClock()
             values |= diagnostics.clock_figures(clock)
@@ -321,11 +340,12 @@ class StageNode(Node):
         """Publishers that don't agree; empty: there is but one of each topic."""
         if conflict := self._poses.pose_conflict(self):
             return conflict
-        for source, name in (
-            (self._events, outputs.EVENTS),
-            (self._cameras, outputs.CAMERA_INFO),
+        for source, names in (
+            (self._events, [self.resolve_topic_name(outputs.EVENTS)]),
+            (self._cameras, [self.resolve_topic_name(outputs.CAMERA_INFO)]),
+            (self._results, self._taken_results),
         ):
-            topic = self.resolve_topic_name(name)
-            if conflict := source.conflict(self, topic, topic, "stop all but one"):
+            what = ", ".join(names)
+            if conflict := source.conflict(self, names, what, "stop all but one"):
                 return conflict
         return ""

@@ -56,7 +56,7 @@ class PoseSources(OneSource):
         """What to tell of publishers that don't agree; empty: there is but one."""
         what = f"{' -> '.join(self._frames)} on /tf"
         return self.conflict(
-            node, "/tf", what, "stop the other, or set publish_tf of ur10 to false"
+            node, ["/tf"], what, "stop the other, or set publish_tf of ur10 to false"
         )
 
     def _is_pose(self, item: Any) -> bool:

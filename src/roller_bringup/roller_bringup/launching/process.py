@@ -59,6 +59,8 @@ class RunningProcess:
 
         def end_with_starter() -> None:
             _LIBC.prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
+            # Ignored, it would be so for good: a shell starts what it leaves behind (&) like that.
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
             if os.getppid() != starter:  # gone already
                 os._exit(1)
 

@@ -27,6 +27,7 @@ from rclpy.qos import (
 from sensor_msgs.msg import Image, PointCloud2
 
 from roller_recording.raw_message import RawMessage
+from roller_ros.sources import publisher_of
 from roller_ros.topics import Topic
 
 _PERIOD_S = 0.005
@@ -149,7 +150,7 @@ def _take_all(name: str, subscription: Any) -> list[RawMessage]:
                 size += len(data)
                 # Not every middleware says when a message arrived.
                 t_ns = info.get("received_timestamp") or time.time_ns()
-                found.append(RawMessage(t_ns, name, data))
+                found.append(RawMessage(t_ns, name, data, sender=publisher_of(info) or b""))
     except (_rclpy.RCLError, _rclpy.InvalidHandle):
         pass  # the subscription was replaced, or the graph is gone
     return found

@@ -128,7 +128,7 @@ class Recorder:
             packet = RawPacket.parse(message.data)
         except CodecError:
             return  # it is recorded as it came
-        self.losses.before.see(message.topic, packet.seq, message.t_ns)
+        self.losses.before.see(message.topic, packet.seq, message.t_ns, message.sender)
 
     def _run(self) -> None:
         try:
