@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from roller_bringup.cli import main
-from roller_core.outputs import DEVIATION, FINDINGS, Cloud, Output, Result
+from roller_core.outputs import CONTACT, DEVIATION, FINDINGS, Cloud, ContactFault, Output, Result
 from roller_emvs.patch import SURFACE_FIELDS, Patch
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
 from roller_inspect.inspect_stage import InspectParameters, InspectStage
@@ -202,3 +202,39 @@ def test_a_part_without_a_point_is_unmeasured(tmp_path: Path) -> None:
     assert written["texture"]["sufficient"] is False
     assert "Unmeasured" in (tmp_path / "inspection.html").read_text()
     assert not HeightMap.load(tmp_path / "height_map.npz").known.any()
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("slipping", "slipping: the image moves at 60% of the robot's speed (and 1 times more)"),
+        ("hard", "pressed too hard for 0.41 s, up to 41.0 N; the recipe asks for 5 to 30 N"),
+        ("light", "pressed too lightly for 0.41 s, down to 1.0 N; the recipe asks for 5 to 30 N"),
+        ("before and after", ""),
+        ("", ""),
+    ],
+)
+def test_a_part_that_was_not_in_good_contact_is_never_conform(what: str, said: str) -> None:
+    stage = InspectStage(InspectParameters.create({}), Recipe.create(PLANE | {"force_n": [5, 30]}))
+    outputs = list(clouds(scan(flat)))
+    first, last = outputs[0].t_ns, outputs[-1].t_ns
+    bad_n = {"hard": 41.0, "light": 1.0}.get(what, 20.0)
+    middle = (first + last) // 2
+    for k, output in enumerate(outputs):
+        stage.take_output(output)
+        if k == 0:
+            for t in range(first - 10**9, last + 10**9, 10**7):
+                off = first < t < last and abs(t - middle) < 2.05e8
+                out = what == "before and after" and not first < t < last
+                stage.take_force(t, 99.0 if out else bad_n if off else 20.0)
+            times = {"slipping": (first + 1, last - 1), "before and after": (first - 1, last + 1)}
+            for t in times.get(what, ()):
+                fault = ContactFault("slipping: the image moves at 60% of the robot's speed")
+                stage.take_output(Output(CONTACT, t, "", fault))
+    part = finished(list(stage.results(flush=True)))
+    judgement = part.judgement
+    assert judgement.contact == ((said,) if said else ())
+    assert judgement.verdict == ("inconclusive" if said else "conform")
+    assert said in judgement.reason
+    document = inspection_document(part, stage.recipe, Scan())
+    assert document["contact"] == list(judgement.contact)

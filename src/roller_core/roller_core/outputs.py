@@ -24,6 +24,7 @@ DEPTH_INFO = "roller/depth/camera_info"
 SURFACE_POINTS = "roller/surface/points"
 SURFACE_MAP = "roller/surface/map"
 WRENCH = "roller/robot/wrench"
+CONTACT = "roller/contact"
 BRAILLE_CELLS = "roller/braille/cells"
 BRAILLE_TEXT = "roller/braille/text"
 BRAILLE_MARKERS = "roller/braille/markers"
@@ -48,6 +49,13 @@ class Cloud:
 
     columns: npt.NDArray[np.float32]
     names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ContactFault:
+    """What is wrong with the contact between skin and surface; no points come of its stretch."""
+
+    text: str
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from roller_core.pose_track import PoseTrack
 
 from .depth_map import DepthMap, pinhole
 from .depth_settings import DepthSettings
+from .engine import contact_figures
 from .lines.edge_drift import NOT_CALIBRATED
 from .pipeline import DepthPipeline, refuse_surface
 from .warm_up import warm_up
@@ -39,6 +40,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
         outputs.DEPTH_CONFIDENCE,
         outputs.DEPTH_SIGMA,
         outputs.DEPTH_IMAGE,
+        outputs.CONTACT,
     )
 
     def __init__(self, settings: EmvsParameters) -> None:
@@ -72,7 +74,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
     def _depth_outputs(self, found: DepthMap, camera: Camera) -> tuple[Output, ...]:
         t, frame = found.stamp_ns, self.settings.sensor_frame
         data = (camera, found.confidence, found.sigma, found.depth)
-        return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs, data, strict=True))
+        return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs[:4], data, strict=True))
 
     def _pipeline_counts(
         self, pipeline: DepthPipeline, totals: Mapping[str, int]
@@ -82,6 +84,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
             "refused_windows": totals["refused_windows"],
             "left_out_windows": totals["left_out_windows"],
             "edge_drift": NOT_CALIBRATED,
+            **contact_figures(pipeline),
             **self._times("window", self._milliseconds),
             "window_latency_s": self._latency_s,
         }

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from roller_core.camera import Camera
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 
+from .contact import ContactState, ContactWatch
 from .method_settings import MethodSettings
+from .windows import RefusedWindow
 
 C = TypeVar("C", bound=EventCutter)
 
@@ -28,6 +30,7 @@ class DepthCounts:
     still_events: int = 0
     left_out_windows: int = 0
     broken_passes: int = 0
+    bad_contact_windows: int = 0
 
 
 class DepthEngine(Generic[C]):
@@ -53,6 +56,9 @@ class DepthEngine(Generic[C]):
         self._cutter = cutter
         self._counts = DepthCounts()
         self._event_delay_s = settings.event_delay_s
+        self._contact = ContactWatch(
+            camera, track, 0.5 * (settings.depth_min_m + settings.depth_max_m)
+        )
 
     @property
     def counts(self) -> DepthCounts:
@@ -70,7 +76,13 @@ class DepthEngine(Generic[C]):
     @property
     def needed_from_ns(self) -> int | None:
         """Poses from before this time are no longer needed; None while it isn't known."""
-        return self._cutter.needed_from_ns
+        needed, watched = self._cutter.needed_from_ns, self._contact.needed_from_ns
+        return needed if needed is None or watched is None else min(needed, watched)
+
+    @property
+    def contact(self) -> ContactState:
+        """What was last seen of the contact between skin and surface."""
+        return self._contact.state
 
     def add_events(self, events: EventArray) -> None:
         """Take events in order of time, ROS time.
@@ -81,11 +93,21 @@ class DepthEngine(Generic[C]):
             If one lies outside the camera's image.
         """
         events.check_inside(self.camera.width, self.camera.height)
-        self._cutter.add(events.compensate_delay(self._event_delay_s))
+        events = events.compensate_delay(self._event_delay_s)
+        self._contact.add(events)
+        self._cutter.add(events)
 
     def leave_gap(self) -> None:
         """Some events were left out, as there was no keeping up with them."""
         self._cutter.leave_gap()
+
+    def _without_contact(self, start_ns: int, end_ns: int, events: int) -> RefusedWindow | None:
+        """A window or block that gives no depth, as skin and surface didn't move as one."""
+        fault = self._contact.fault(start_ns, end_ns)
+        if not fault:
+            return None
+        self._counts.bad_contact_windows += 1
+        return RefusedWindow(start_ns, end_ns, events, fault, contact=True)
 
     def _count(self, points: int | None) -> None:
         """Take a result into account, by its points; None for one that was refused."""
@@ -94,3 +116,14 @@ class DepthEngine(Generic[C]):
         else:
             self._counts.windows += 1
             self._counts.points += points
+
+
+def contact_figures(engine: DepthEngine[Any]) -> dict[str, object]:
+    """What a status says of the contact."""
+    state = engine.contact
+    return {
+        "image_speed": "" if state.image_speed is None else round(state.image_speed, 2),
+        "contact_mm2": round(state.area_m2 * 1e6),
+        "contact_fill": round(state.fill, 2),
+        "bad_contact_windows": engine.counts.bad_contact_windows,
+    }

@@ -11,6 +11,7 @@ from roller_core.frame_settings import StreamSettings
 from roller_core.outputs import Result
 from roller_core.pose_track import PoseTrack
 
+from .engine import contact_figures
 from .methods.surface import SurfaceSettings, SurfaceSweep
 from .patch import patch_output
 from .surface_map import MapKeeper, MapSettings
@@ -32,7 +33,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
 
     node, part = "surface", "points"
     model = SurfaceParameters
-    outputs = (outputs.SURFACE_POINTS, outputs.SURFACE_MAP)
+    outputs = (outputs.SURFACE_POINTS, outputs.SURFACE_MAP, outputs.CONTACT)
 
     def __init__(self, settings: SurfaceParameters) -> None:
         super().__init__(settings)
@@ -77,6 +78,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             "still_events": totals["still_events"],
             "map_points": len(self.map),
             "edge_drift": str(self.settings.edge_drift),
+            **contact_figures(pipeline),
             **self._times("block", self._milliseconds),
             "block_latency_s": self._latency_s,
         }

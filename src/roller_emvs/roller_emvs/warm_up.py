@@ -27,7 +27,7 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
         Of the method that will run.
     """
     rng = np.random.default_rng(0)
-    n = 8000
+    n = 30_000
     times = np.sort(rng.integers(0, _END_NS, n))
     # Lines across the roll, 3 mm apart, at a depth in the middle of the usual range.
     pixels = rng.integers(0, _CAMERA.width, n)

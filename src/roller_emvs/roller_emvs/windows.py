@@ -13,7 +13,7 @@ import numpy as np
 from roller_core.errors import RollerError
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
-from roller_core.outputs import Result
+from roller_core.outputs import CONTACT, ContactFault, Output, Result
 from roller_core.pose_track import PoseError, PoseTrack
 
 from .depth_settings import DepthSettings
@@ -33,7 +33,7 @@ class RefusedWindow:
     """A window that gives no depth, and why.
 
     `fault` is the error where the data are to blame (poses missing); a window that is only too
-    short or without parallax has none.
+    short or without parallax has none. `contact`: skin and surface didn't move as one.
     """
 
     start_ns: int
@@ -41,11 +41,14 @@ class RefusedWindow:
     events: int
     reason: str
     fault: RollerError | None = None
+    contact: bool = False
 
     def result(self, piece: str, gives: str) -> Result:
-        """What a stage gives for it: nothing but a notice."""
+        """What a stage gives for it: nothing but a notice, and that there was no contact."""
         at_s = self.start_ns * 1e-9
-        return Result(self, notice=f"{piece} at {at_s:.3f} s gives no {gives}: {self.reason}")
+        notice = f"{piece} at {at_s:.3f} s gives no {gives}: {self.reason}"
+        fault = Output(CONTACT, self.end_ns, "", ContactFault(self.reason))
+        return Result(self, (fault,) if self.contact else (), notice)
 
 
 class WindowCutter(EventCutter):

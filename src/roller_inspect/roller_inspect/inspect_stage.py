@@ -13,10 +13,11 @@ from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.frame_settings import FollowedFrames, idle_flush_field
-from roller_core.outputs import Cloud, Output, Result
-from roller_core.stage import OK, Stage
+from roller_core.outputs import Cloud, ContactFault, Output, Result
+from roller_core.stage import ERROR, OK, Stage
 from roller_emvs.patch import SURFACE_FIELDS, Patch
 
+from .contact_marks import ContactMarks
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, coverage_of_area, judge, judge_findings
@@ -87,7 +88,7 @@ class InspectStage(Stage[InspectParameters]):
 
     node, part = "inspect", "findings"
     model = InspectParameters
-    inputs = (outputs.SURFACE_POINTS,)
+    inputs = (outputs.SURFACE_POINTS, outputs.CONTACT, outputs.WRENCH)
     outputs = (outputs.FINDINGS, outputs.FINDING_MARKERS, outputs.DEVIATION)
     most_waiting = 5000
 
@@ -124,7 +125,10 @@ class InspectStage(Stage[InspectParameters]):
         """Nothing: points need none."""
 
     def take_output(self, output: Output) -> None:
-        """Take points of the surface."""
+        """Take points of the surface, or what is wrong with the contact."""
+        if isinstance(output.data, ContactFault):
+            self._marks.take_fault(output.t_ns, output.data.text)
+            return
         cloud: Cloud = output.data
         if output.t_ns < self._last_ns - _RESTART_S * 1e9:
             self._finish()
@@ -135,12 +139,19 @@ class InspectStage(Stage[InspectParameters]):
         if self._inspector is None:
             self._inspector = SurfaceInspector(self.recipe.settings, self._reference)
         self._points += len(cloud.columns)
+        self._marks.passed(output.t_ns)
         self._give(self._inspector.add(patch))
+
+    def take_force(self, t_ns: int, force_n: float) -> None:
+        """Take the robot's force of a moment, N."""
+        self._marks.take_force(t_ns, force_n)
 
     def health(self) -> tuple[int, str]:
         """See `Stage`."""
         if self._inspector is None:
             return OK, self._verdict or "waiting for points"
+        if self._marks.now:
+            return ERROR, self._marks.now
         return OK, f"{self._name}: inspecting"
 
     def rated(self) -> Mapping[str, float]:
@@ -162,6 +173,7 @@ class InspectStage(Stage[InspectParameters]):
 
     def _begin(self) -> None:
         self._inspector = None
+        self._marks = ContactMarks(self.recipe.force_n)
         self._revision, self._seen = 0, -1
         self._cells = np.zeros(4, np.int64)
         self._judgement: Judgement | None = None
@@ -196,7 +208,7 @@ class InspectStage(Stage[InspectParameters]):
         coverage = coverage_of_area(self.recipe, found.height_map, found.coverage)
         judgement = judge(
             self.recipe, found.findings, coverage, found.faults,
-            measure_all(self.recipe, found.height_map),
+            measure_all(self.recipe, found.height_map), self._marks.lines(),
         )  # fmt: skip
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._list(judgement, finished=True)

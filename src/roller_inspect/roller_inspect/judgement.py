@@ -57,6 +57,8 @@ class Judgement:
         Of the area to inspect.
     figures : tuple of Figure
         The recipe's measures, once the part is finished.
+    contact : tuple of str
+        What was wrong with the contact meanwhile.
     """
 
     verdict: Verdict
@@ -64,6 +66,7 @@ class Judgement:
     findings: tuple[Judged, ...]
     coverage: Coverage
     figures: tuple[Figure, ...] = ()
+    contact: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,7 @@ def judge(
     coverage: Coverage,
     doubts: Iterable[str] = (),
     figures: Iterable[Figure] = (),
+    contact: Iterable[str] = (),
 ) -> Judgement:
     """The verdict of a part that is finished.
 
@@ -143,13 +147,18 @@ def judge(
         What keeps the part from being conform, such as a reference that doesn't fit.
     figures : iterable of Figure
         The recipe's measures.
+    contact : iterable of str
+        What was wrong with the contact: such a part is never conform.
     """
     judged, doubts, figures = judge_findings(recipe, findings), list(doubts), tuple(figures)
     enough = coverage.area_m2 > 0 and coverage.unmeasured <= 1 - recipe.least_coverage + 1e-9
     verdicts = [*(j.verdict for j in judged), *(f.verdict for f in figures)]
     verdict = part_verdict(verdicts, enough, bool(doubts))
-    reason = _reason(recipe, judged, coverage, doubts, enough, figures)
-    return Judgement(verdict, reason, judged, coverage, figures)
+    contact = tuple(contact)
+    if contact and verdict == "conform":
+        verdict = "inconclusive"
+    reason = _reason(recipe, judged, coverage, [*doubts, *contact], enough, figures)
+    return Judgement(verdict, reason, judged, coverage, figures, contact)
 
 
 def _reason(

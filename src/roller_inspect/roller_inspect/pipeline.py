@@ -167,6 +167,11 @@ class Pipeline:
         """Take events in order of time, ROS time."""
         self._report(self._all(self._of_events, lambda stage: stage.take_events(events)))
 
+    def take_force(self, t_ns: int, force_n: float) -> None:
+        """Take the robot's force of a moment, N."""
+        if self.inspect is not None:
+            self.inspect.take_force(t_ns, force_n)
+
     def restart(self) -> None:
         """Restart: the source of the events was started again."""
         for stage in self._of_events:
@@ -180,7 +185,8 @@ class Pipeline:
             yield from self._inspected(result)
             if self.stitcher is not None and result.outputs:
                 for output in result.outputs:
-                    self.stitcher.take_output(output)
+                    if output.topic in self.stitcher.inputs:
+                        self.stitcher.take_output(output)
                 for stitched in self.stitcher.results():
                     yield from self._inspected(stitched)
         if self.stitcher is not None:

@@ -96,6 +96,8 @@ def replay(
                 report.add_fault(fault)
             for transform in step.transforms:
                 pipeline.take_transform(transform)
+            if step.force is not None:
+                pipeline.take_force(*step.force)
             if step.restart:
                 pipeline.restart()
             if len(step.events):

@@ -40,7 +40,7 @@ class RecorderNode(Node):
             replace(t, name=self.resolve_topic_name(t.name))
             for t in topics.recorded(p.raw, p.events_topic)
         ]
-        spare = topics.CONTACT + topics.OUTPUTS
+        spare = topics.FORCE + topics.OUTPUTS
         outputs = {self.resolve_topic_name(t.name) for t in spare}
         self.path = Path(p.output)
         self._needed = [t.name for t in chosen if t.name not in outputs and t.type is not Image]

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header, String
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
-from roller_core.outputs import Cloud, Output
+from roller_core.outputs import Cloud, ContactFault, Output
 from roller_core.pose_track import Pose
 
 
@@ -191,3 +192,10 @@ def transform(pose: Pose, t_ns: int, parent: str, child: str) -> TransformStampe
     t.x, t.y, t.z = (float(v) for v in pose.position)
     r.x, r.y, r.z, r.w = (float(v) for v in pose.quaternion)
     return out
+
+
+@message_of.register
+def contact_message(data: ContactFault, output: Output) -> DiagnosticArray:
+    """Message of a stretch without contact."""
+    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name="contact", message=data.text)
+    return DiagnosticArray(header=header(output.t_ns, output.frame_id), status=[status])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from event_camera_msgs.msg import EventPacket
+from geometry_msgs.msg import WrenchStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -20,7 +23,7 @@ from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
 from roller_core.event_stage import EventStage
 from roller_core.frame_settings import FollowedFrames, StreamSettings
-from roller_core.outputs import Output, Result
+from roller_core.outputs import ContactFault, Output, Result
 from roller_core.sensor_pose import transforms_of
 from roller_core.stage import ERROR, Stage
 
@@ -85,6 +88,15 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
         elif isinstance(message, PointCloud2):
             stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
             stage.take_output(Output(topic, stamp, frame, messages.cloud_of(message)))
+        elif isinstance(message, DiagnosticArray):
+            stamp = messages.to_ns(message.header.stamp)
+            for status in message.status:
+                stage.take_output(Output(topic, stamp, "", ContactFault(status.message)))
+        elif isinstance(message, WrenchStamped):
+            force = message.wrench.force
+            stage.take_force(
+                messages.to_ns(message.header.stamp), math.hypot(force.x, force.y, force.z)
+            )
     except RollerError as error:
         on_fault(error)
 
@@ -184,15 +196,17 @@ class StageNode(Node):
         else:
 
             def take(message: Any, info: Mapping[str, Any]) -> None:
-                if topic not in topics.OUTPUTS or self._results.accepts(info):
-                    submit((name, message))
+                if self.resolve_topic_name(name) not in self._taken_results or (
+                    self._results.accepts(info)
+                ):
+                    submit((name, message), name != outputs.WRENCH)
 
             self.create_subscription(topic.type, name, take, topic.qos)
 
     @property
     def _taken_results(self) -> list[str]:
         """Topics taken that other nodes of the graph work out."""
-        ours = {topic.name for topic in topics.OUTPUTS}
+        ours = {topic.name for topic in topics.OUTPUTS} - {outputs.CONTACT}
         return [self.resolve_topic_name(name) for name in self.stage.inputs if name in ours]
 
     def _take_tf(self, message: TFMessage, info: Mapping[str, Any]) -> None:

@@ -63,13 +63,14 @@ INPUTS = (
     Topic(outputs.TF_STATIC, TFMessage, qos.TF_STATIC),
 )
 #: What a robot may say beside its poses; nothing needs it.
-CONTACT = (Topic(outputs.WRENCH, WrenchStamped, qos.TF),)
+FORCE = (Topic(outputs.WRENCH, WrenchStamped, qos.TF),)
 #: What the nodes make of it.
 OUTPUTS = (
     Topic(outputs.DEPTH_IMAGE, Image, qos.DEPTH),
     Topic(outputs.DEPTH_CONFIDENCE, Image, qos.DEPTH),
     Topic(outputs.DEPTH_SIGMA, Image, qos.DEPTH),
     Topic(outputs.DEPTH_INFO, CameraInfo, qos.DEPTH),
+    Topic(outputs.CONTACT, DiagnosticArray, qos.BRAILLE),
     Topic(outputs.SURFACE_POINTS, PointCloud2, qos.SURFACE),
     Topic(outputs.SURFACE_MAP, PointCloud2, qos.LATCHED),
     Topic(outputs.BRAILLE_CELLS, BrailleCell, qos.BRAILLE),
@@ -80,7 +81,7 @@ OUTPUTS = (
     Topic(outputs.DEVIATION, PointCloud2, qos.SURFACE),
     Topic(outputs.DIAGNOSTICS, DiagnosticArray, qos.DIAGNOSTICS),
 )
-ALL = INPUTS + CONTACT + OUTPUTS
+ALL = INPUTS + FORCE + OUTPUTS
 BY_NAME = {topic.name: topic for topic in ALL}
 EVENTS_TOPIC = INPUTS[0].path
 EVENT_TYPE = INPUTS[0].type_name

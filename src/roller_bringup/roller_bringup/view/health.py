@@ -28,7 +28,14 @@ _ADVICE = tuple(
         ),
         (r"the robot stands", "Clear the stop on the robot's pendant, then start the pass again."),
         (r"hand_eye", "Calibrate the camera's place: `roller calibrate hand-eye`."),
-        (r"contact lost", "Lower the roller onto the part, or raise the force of the recipe."),
+        (
+            r"contact lost|too lightly",
+            "Lower the roller onto the part, or raise the force of the recipe.",
+        ),
+        (
+            r"slipping",
+            "Roll slower or press harder, and see that the roller's bearings turn freely.",
+        ),
         (r"pressed too hard", "Lower the force: the skin and its light change beyond their range."),
         (r"poses? (were )?missed|pose gap", "Wire the robot directly; see `roller doctor`."),
         (

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from roller_core.errors import SettingsError
 from roller_core.settings import Settings
@@ -40,6 +40,11 @@ Tool = Literal[
 _ALONG, _ALONE = ("width",), ("width", "roughness_sa", "roughness_sq")
 #: Sizes that a tolerance may limit, as a finding has them.
 SIZES = ("depth_m", "length_m", "width_m", "area_m2", "volume_m3")
+
+
+#: The paper's three forces, N. It gives none in newtons: these are what a press of 0.4, 1.1 and
+#: 2 mm takes on a part 20 mm wide (line contact, radius 47 mm, E* 0.9 MPa), about.
+FORCES_N = {"light": (2.0, 20.0), "medium": (20.0, 40.0), "full": (40.0, 100.0)}
 
 
 class RecipeError(SettingsError):
@@ -177,16 +182,30 @@ class Recipe(Settings):
         {}, description="Lines by name, for profiles: begin x, y and end x, y."
     )
     measures: tuple[Measure, ...] = Field((), description="Named figures, with limits.")
+    force_n: tuple[float, float] | None = Field(
+        None,
+        description="Force that the roller is to press with: least and most, N, or light, medium "
+        "or full; none: it isn't watched.",
+    )
     decision: Rule = Field(
         "iso_14253_1",
         description="iso_14253_1: a figure conforms where it does so with all of its uncertainty; "
         "simple_acceptance: the figure alone counts.",
     )
 
+    @field_validator("force_n", mode="before")
+    @classmethod
+    def _named_force(cls, value: Any) -> Any:
+        if isinstance(value, str) and value not in FORCES_N:
+            raise ValueError(f"'{value}' is not one of {', '.join(FORCES_N)}, nor two forces in N")
+        return FORCES_N[value] if isinstance(value, str) else value
+
     @model_validator(mode="after")
     def _check(self) -> Recipe:
         if self.schema_ != SCHEMA:
             raise ValueError(f"'schema' is {self.schema_!r}; {SCHEMA} is read")
+        if self.force_n is not None and not 0 <= self.force_n[0] < self.force_n[1]:
+            raise ValueError("'force_n' is the least and the most force, N")
         named = [("inspect", name) for name in self.inspect]
         named += [("exclude", name) for name in self.exclude]
         named += [(f"tolerances.{i}.region", t.region) for i, t in enumerate(self.tolerances)]

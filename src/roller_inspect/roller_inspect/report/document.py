@@ -90,6 +90,7 @@ def inspection_document(inspected: Inspected, recipe: Recipe, scan: Scan) -> dic
             },
             "findings": [_finding(judged) for judged in judgement.findings],
             "measures": [asdict(figure) for figure in judgement.figures],
+            "contact": list(judgement.contact),
             "texture": texture(cover, scan.events),
             "recipe": recipe.model_dump(mode="json", by_alias=True),
             "faults": list(scan.faults),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream, TimeBackwardsError
 from roller_core.events import EventArray
+from roller_core.outputs import EVENTS, WRENCH
 from roller_core.pose_track import PoseTrack
 from roller_core.sensor_pose import SensorFrames, transforms_of
 
@@ -87,7 +89,10 @@ class BagRecording(Recording):
 
     def items(self) -> Iterator[Step]:
         """Read message by message; a packet that can't be decoded is left out, with a fault."""
-        wanted = {self._topic} | ({_TF, _TF_STATIC} if self.poses is None else set())
+        wrench = (
+            self._topic.removesuffix(EVENTS) if self._topic.endswith(EVENTS) else "/"
+        ) + WRENCH
+        wanted = {self._topic, wrench} | ({_TF, _TF_STATIC} if self.poses is None else set())
         progress = 0.0
         for item in self._reader.messages(wanted):
             if isinstance(item, RecordingError):
@@ -105,6 +110,10 @@ class BagRecording(Recording):
                 continue
             if item.topic == self._topic:
                 yield self._decode(message, progress)
+            elif item.topic == wrench:
+                at, f = message.header.stamp, message.wrench.force
+                force = (at.sec * 1_000_000_000 + at.nanosec, math.hypot(f.x, f.y, f.z))
+                yield Step(EventArray.empty(), progress, force=force)
             else:
                 found = tuple(transforms_of(message, static=item.topic == _TF_STATIC))
                 yield Step(EventArray.empty(), progress, transforms=found)

@@ -46,6 +46,8 @@ class Step:
         What came on /tf or /tf_static.
     restart : bool
         Whether the source of the events started again before these.
+    force : tuple, optional
+        A time, ns, and the robot's force then, N.
     """
 
     events: EventArray
@@ -53,6 +55,7 @@ class Step:
     faults: tuple[RollerError, ...] = ()
     transforms: tuple[Transform, ...] = ()
     restart: bool = False
+    force: tuple[int, float] | None = None
 
 
 class Recording(ABC):

@@ -93,10 +93,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             else:
                 strip, block = found
                 self._counts.events += block.events
+                span = block.first_ns, block.last_ns, block.events
                 try:
-                    result = self._measure(strip, block)
+                    result = self._without_contact(*span) or self._measure(strip, block)
                 except RollerError as error:
-                    result = RefusedWindow(block.first_ns, block.last_ns, block.events, str(error))
+                    result = RefusedWindow(*span, str(error))
                 strip.release(block)
             self._count(None if isinstance(result, RefusedWindow) else len(result))
             yield result

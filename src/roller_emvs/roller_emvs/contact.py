@@ -1,0 +1,280 @@
+"""Whether the skin sticks to the surface: how fast its image moves against what the poses say.
+
+An image that moves at a share s of the robot's speed looks like a surface at the depth Z / s. So
+one number, looked for like a depth but far beyond the range of depths, tells rolling (1) from
+slipping and from a roller that stands (0). A slip of some percent can't be told from a depth in
+the range, and isn't told.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from roller_core.camera import Camera
+from roller_core.event_queue import EventQueue
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseError, PoseTrack
+
+from .rays import F32, make_packets, rays_in_view
+
+#: Travel of the sensor that is judged at once, m, and the longest that it may take, ns.
+_PIECE_M, _LONGEST_NS = 0.010, 2_000_000_000
+#: Travel from which on a piece that isn't whole is judged with a window that ends in it, m.
+_REST_M = 0.004
+_FORGOTTEN_NS = 5 * _LONGEST_NS
+#: One event of so many is looked at, and at most and at least so many of a piece.
+_OF, _MOST, _LEAST = 8, 12_000, 800
+_MOST_WAITING = 1_000_000
+#: Events that share a pose.
+_PACKET = 64
+#: Shares that are tried, and how far from 1 is still rolling: the depth range, and what isn't in
+#: contact turns with the roller, up to 8 % faster at the border of the image.
+_SHARES = np.arange(0.0, 1.7, 0.05)
+_ROLLS = np.abs(_SHARES - 1.0) < 0.16
+#: Below this share the image stands.
+_STANDS = 0.2
+#: Bins along and across the motion, px.
+_BIN_PX, _ACROSS_PX = 2.0, 8.0
+#: A share is believed when it is sharper than chance by so many standard deviations, and slipping
+#: when it is so many times as sharp as all that would be rolling.
+_SURE, _CLEARER = 8.0, 1.5
+#: Cells in which contact is seen, px; of a skin with texture, this share of them is never empty.
+_CELL_PX, _TEXTURED = 16, 0.5
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """What was seen of the contact over the newest piece of travel.
+
+    Attributes
+    ----------
+    image_speed : float or None
+        Of the image, as a share of what the poses say; None where too little was seen.
+    area_m2 : float
+        Rectangle in which the skin was seen to move.
+    fill : float
+        Share of it with events, 0–1.
+    cells : float
+        Share of the whole image with events.
+    fault : str
+        What is wrong; empty: nothing that can be seen.
+    """
+
+    image_speed: float | None = None
+    area_m2: float = 0.0
+    fill: float = 0.0
+    cells: float = 0.0
+    fault: str = ""
+
+
+class ContactWatch:
+    """Judges the contact piece by piece of travel, by events and poses alone.
+
+    Parameters
+    ----------
+    camera : Camera
+        Calibration.
+    track : PoseTrack
+        Camera in base; grows meanwhile.
+    depth_m : float
+        Depth of the surface, about, metres.
+    """
+
+    def __init__(self, camera: Camera, track: PoseTrack, depth_m: float) -> None:
+        self.state = ContactState()
+        self._camera, self._track, self._depth_m = camera, track, depth_m
+        self._table: F32 = camera.undistortion_table()
+        self._queue = EventQueue(_MOST_WAITING)
+        self._seen = 0
+        self._from_ns: int | None = None
+        self._bad: deque[tuple[int, int, str]] = deque()
+        self._active: deque[float] = deque(maxlen=20)
+
+    @property
+    def needed_from_ns(self) -> int | None:
+        """Poses from before this time are no longer needed; None while it isn't known."""
+        return self._from_ns
+
+    def add(self, events: EventArray) -> None:
+        """Take events in order of time."""
+        first = -self._seen % _OF
+        self._seen += len(events)
+        part = events[first::_OF]
+        self._queue.add(EventArray.from_arrays(part.x, part.y, part.t_ns, part.p))
+        if self._from_ns is not None and self._queue.newest_ns - self._from_ns > _FORGOTTEN_NS:
+            self._skip(self._queue.newest_ns - _LONGEST_NS)  # nobody asks: the sensor stands
+
+    def fault(self, start_ns: int, end_ns: int) -> str:
+        """What is wrong with the contact in a span; the spans asked for go on in time.
+
+        Returns
+        -------
+        str
+            Empty where nothing was seen to be wrong.
+        """
+        self._judge(end_ns)
+        while self._bad and self._bad[0][1] <= start_ns:
+            self._bad.popleft()
+        found = next((fault for a, _, fault in self._bad if a < end_ns), "")
+        return found or self._rest(end_ns)
+
+    def _rest(self, until_ns: int) -> str:
+        """What is wrong with a piece that has hardly begun, as far as it goes."""
+        start_ns = self._from_ns
+        if start_ns is None or self._end(start_ns, until_ns, _REST_M) is None:
+            return ""
+        before = self._queue.count_before(start_ns)
+        events = self._queue.first(self._queue.count_before(until_ns))[before:]
+        try:
+            return self._look(events, start_ns, until_ns).fault
+        except PoseError:
+            return ""
+
+    def _judge(self, until_ns: int) -> None:
+        """Judge all pieces of travel that are complete at a time."""
+        track = self._track
+        while len(self._queue) and len(track):
+            if self._from_ns is None:
+                self._from_ns = max(self._queue.first_ns, track.start_ns)
+            start_ns = self._from_ns
+            until = min(until_ns, track.end_ns)
+            if until <= start_ns:
+                return
+            end_ns = self._end(start_ns, until)
+            if end_ns is None:
+                if until - start_ns > _LONGEST_NS:
+                    self._skip(until)
+                return
+            self._queue.drop_before(start_ns)
+            events = self._queue.take(self._queue.count_before(end_ns))
+            self._from_ns = end_ns
+            try:
+                self.state = self._look(events, start_ns, end_ns)
+            except PoseError:
+                continue
+            self._active.append(self.state.cells)
+            if self.state.fault:
+                self._bad.append((start_ns, end_ns, self.state.fault))
+
+    def _skip(self, t_ns: int) -> None:
+        self._queue.drop_before(t_ns)
+        self._from_ns = t_ns
+
+    def _end(self, start_ns: int, until_ns: int, length_m: float = _PIECE_M) -> int | None:
+        """When the sensor has gone a piece's length; None: not yet."""
+        times = self._track.times_ns
+        begin = max(int(np.searchsorted(times, start_ns, side="right")) - 1, 0)
+        end = int(np.searchsorted(times, until_ns, side="right"))
+        places = self._track.positions[begin:end]
+        if not len(places):
+            return None
+        far = np.flatnonzero(np.linalg.norm(places - places[0], axis=1) >= length_m)
+        return int(times[begin + far[0]]) if len(far) and begin + far[0] else None
+
+    def _look(self, events: EventArray, start_ns: int, end_ns: int) -> ContactState:
+        """Judge one piece.
+
+        Raises
+        ------
+        PoseError
+            Where poses are missing.
+        """
+        if end_ns - start_ns > _LONGEST_NS:
+            return ContactState()
+        cells, area_m2, fill = self._cells(events)
+        usual = float(np.median(self._active)) if self._active else 0.0
+        if usual > _TEXTURED and cells < 0.1 * usual:
+            return ContactState(
+                None, area_m2, fill, cells, "contact lost: the skin is still while the robot rolls"
+            )
+        share = self._share(events, start_ns, end_ns)
+        fault = ""
+        if share is not None and share < _STANDS:
+            fault = "contact lost: the image stands while the robot rolls"
+        elif share is not None and not _ROLLS[np.argmin(np.abs(_SHARES - share))]:
+            fault = f"slipping: the image moves at {share:.0%} of the robot's speed"
+        return ContactState(share, area_m2, fill, cells, fault)
+
+    def _share(self, events: EventArray, start_ns: int, end_ns: int) -> float | None:
+        """The share of the poses' speed at which the image is sharpest; None: it isn't clear."""
+        events = self._quiet(events[:: -(-len(events) // _MOST) or 1])
+        if len(events) < _LEAST:
+            return None
+        packets = make_packets(events, self._table, self._track, _PACKET)
+        view = self._track.matrices([(start_ns + end_ns) // 2])[0]
+        rays = np.asarray(rays_in_view(packets, self._camera, view).rays, np.float32)
+        rays[:, 2:] /= self._depth_m
+        travel = np.ptp(rays[:, 2:], axis=0)
+        size = np.array([self._camera.width, self._camera.height], np.float64)
+        if travel[1] > travel[0]:
+            rays, travel, size = rays[:, [1, 0, 3, 2]], travel[::-1], size[::-1]
+        margin = np.abs(rays[:, 2:]).max(axis=0) * _SHARES[-1] + 2.0
+        columns, rows = np.ceil((size + 2 * margin) / [_BIN_PX, _ACROSS_PX]).astype(np.int64)
+        rays[:, :2] += margin.astype(np.float32)
+        sharp = np.empty(len(_SHARES))
+        signs = 2.0 * events.p - 1.0
+        image = np.empty((rows, columns), np.float32)
+        _sharpness(rays, signs.astype(np.float32), _SHARES, _BIN_PX, _ACROSS_PX, image, sharp)
+        n = len(events)
+        chance = np.sqrt(8.0 * n * n / (rows * columns) + 4.0 * n)
+        best = int(np.argmax(sharp))
+        if sharp[best] < _SURE * chance:
+            return None
+        rolling = float(sharp[_ROLLS].max())
+        if not _ROLLS[best] and sharp[best] < _CLEARER * rolling:
+            return None
+        return float(_SHARES[best])
+
+    def _quiet(self, events: EventArray) -> EventArray:
+        """The events of pixels that don't fire far more than others: hot ones stand."""
+        pixel = events.y.astype(np.int64) * self._camera.width + events.x
+        counts = np.bincount(pixel, minlength=self._camera.width * self._camera.height)
+        usual = len(events) / max(int(np.count_nonzero(counts)), 1)
+        return events[counts[pixel] <= 2 + 3 * usual]
+
+    def _cells(self, events: EventArray) -> tuple[float, float, float]:
+        """Share of the image's cells that move, m² of their rectangle, and its share of them."""
+        camera = self._camera
+        columns, rows = -(-camera.width // _CELL_PX), -(-camera.height // _CELL_PX)
+        cell = (events.y // _CELL_PX).astype(np.int64) * columns + events.x // _CELL_PX
+        counts = np.bincount(cell, minlength=rows * columns).reshape(rows, columns)
+        active = counts > max(3.0, 0.15 * counts[counts > 0].mean() if len(events) else 0.0)
+        if not active.any():
+            return 0.0, 0.0, 0.0
+        row, column = np.nonzero(active)
+        (top, left), (bottom, right) = (
+            np.percentile([row, column], q, axis=1, method="nearest") for q in (2, 98)
+        )
+        box = (bottom - top + 1) * (right - left + 1)
+        filled = active[top : bottom + 1, left : right + 1].sum() / box
+        cell_m2 = (_CELL_PX * self._depth_m) ** 2 / (camera.fx * camera.fy)
+        return float(active.mean()), float(box * cell_m2), float(filled)
+
+
+@njit(cache=True, nogil=True)
+def _sharpness(rays, signs, shares, bin_px, across_px, image, out):  # type: ignore[no-untyped-def]
+    """How much neighbouring bins along the motion differ, beyond chance, by share of the speed.
+
+    rays (n, 4): pixel at infinity, and its shift at full speed; signs (n,): of the events;
+    image (rows, columns): for the bins; out (shares,).
+    """
+    rows, columns = image.shape
+    for k in range(len(shares)):
+        image[:] = 0.0
+        inside = 0
+        for i in range(len(rays)):
+            u = (rays[i, 0] + shares[k] * rays[i, 2]) / bin_px
+            v = (rays[i, 1] + shares[k] * rays[i, 3]) / across_px
+            if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
+                image[int(v), int(u)] += signs[i]
+                inside += 1
+        total = 0.0
+        for r in range(rows):
+            for c in range(columns - 1):
+                step = image[r, c + 1] - image[r, c]
+                total += step * step
+        out[k] = total - 2.0 * inside

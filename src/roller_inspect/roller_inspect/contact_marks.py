@@ -1,0 +1,93 @@
+"""What was wrong with the contact while a part was scanned."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+
+#: Shorter than this the force may be out of its range, s; samples further apart say nothing.
+_LEAST_S, _APART_S = 0.02, 0.1
+#: Samples of force, and faults, that wait for the points that follow them.
+_MOST_WAITING = 100_000
+
+
+class ContactMarks:
+    """Gathers faults of the contact and forces out of range between the points of a part.
+
+    What comes before the first point and after the last is of the way to the part and back.
+
+    Parameters
+    ----------
+    range_n : tuple of float, optional
+        Least and most force, N; without it force isn't watched.
+    """
+
+    def __init__(self, range_n: tuple[float, float] | None) -> None:
+        self._range_n = range_n
+        self._forces: deque[tuple[int, float]] = deque(maxlen=_MOST_WAITING)
+        self._late: deque[tuple[int, str]] = deque(maxlen=_MOST_WAITING)
+        self._from_ns: int | None = None
+        self._faults: Counter[str] = Counter()
+        self._first: dict[str, str] = {}
+        self._before_ns = 0
+        #: Seconds, and the worst force, of too little and of too much.
+        self._light_s = self._hard_s = 0.0
+        self._least_n, self._most_n = math.inf, 0.0
+        #: What is wrong with the newest force; empty: nothing.
+        self.now = ""
+
+    def take_fault(self, t_ns: int, fault: str) -> None:
+        """Take what a depth stage saw: slipping, contact lost."""
+        self._late.append((t_ns, fault))
+
+    def take_force(self, t_ns: int, force_n: float) -> None:
+        """Take the force of a moment."""
+        if self._range_n is None:
+            return
+        low, high = self._range_n
+        self.now = ""
+        if self._from_ns is not None and not low <= force_n <= high:
+            what = "pressed too hard" if force_n > high else "pressed too lightly"
+            self.now = f"{what}: {force_n:.1f} N, the recipe asks for {low:g} to {high:g} N"
+        self._forces.append((t_ns, force_n))
+
+    def passed(self, t_ns: int) -> None:
+        """Points of this time have come: what was before them counts."""
+        if self._from_ns is None:
+            self._from_ns = t_ns
+        while self._late and self._late[0][0] < t_ns:
+            at_ns, fault = self._late.popleft()
+            if at_ns >= self._from_ns:
+                kind = fault.partition(":")[0]
+                self._faults[kind] += 1
+                self._first.setdefault(kind, fault)
+        while self._forces and self._forces[0][0] < t_ns:
+            at_ns, force_n = self._forces.popleft()
+            if at_ns >= self._from_ns:
+                self._count(at_ns, force_n)
+
+    def _count(self, t_ns: int, force_n: float) -> None:
+        assert self._range_n is not None
+        (low, high), passed_s = self._range_n, (t_ns - self._before_ns) * 1e-9
+        self._before_ns = t_ns
+        passed_s = passed_s if 0.0 < passed_s < _APART_S else 0.0
+        if force_n < low:
+            self._light_s, self._least_n = self._light_s + passed_s, min(self._least_n, force_n)
+        elif force_n > high:
+            self._hard_s, self._most_n = self._hard_s + passed_s, max(self._most_n, force_n)
+
+    def lines(self) -> tuple[str, ...]:
+        """One line for each thing that was wrong; empty if nothing was."""
+        found = [
+            self._first[kind] + (f" (and {n - 1} times more)" if n > 1 else "")
+            for kind, n in self._faults.items()
+        ]
+        if self._range_n is not None:
+            asked = "the recipe asks for {:g} to {:g} N".format(*self._range_n)
+            if self._hard_s > _LEAST_S:
+                worst = f"up to {self._most_n:.1f} N"
+                found.append(f"pressed too hard for {self._hard_s:.2f} s, {worst}; {asked}")
+            if self._light_s > _LEAST_S:
+                worst = f"down to {self._least_n:.1f} N"
+                found.append(f"pressed too lightly for {self._light_s:.2f} s, {worst}; {asked}")
+        return tuple(found)

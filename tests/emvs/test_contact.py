@@ -1,0 +1,138 @@
+"""Contact by events and poses: rolling, slipping, lost; what slipped gives no depth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from emvs.scenes import CAMERA, MS, events_of, rolling
+from roller_core.camera import Camera
+from roller_core.events import EventArray
+from roller_core.outputs import CONTACT
+from roller_core.pose_track import PoseTrack
+from roller_emvs.contact import _SHARES, ContactWatch, _sharpness
+from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
+from roller_emvs.pipeline import DepthPipeline
+from roller_emvs.windows import RefusedWindow
+from simulated_scans import Scans
+
+SPEED, SECONDS, DEPTH = 0.3, 0.3, 0.045
+
+
+@pytest.fixture(scope="module")
+def texture() -> EventArray:
+    """Specks of a flat surface, rolled over."""
+    random = np.random.default_rng(2)
+    n = 8000
+    low, high = (-0.01, -0.0035, DEPTH), (SPEED * SECONDS + 0.01, 0.0035, DEPTH)
+    return events_of(random.uniform(low, high, (n, 3)), rolling(SPEED), SECONDS)
+
+
+def poses(share: float, from_s: float = 0.0, until_s: float = SECONDS) -> PoseTrack:
+    """Of a robot of whose travel the surface's image shows but a share, for a while."""
+    track, x = PoseTrack(), 0.0
+    for k in range(int(SECONDS / 0.008) + 3):
+        track.append(k * 8 * MS, [x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+        x += 0.008 * SPEED / (share if from_s <= k * 0.008 < until_s else 1.0)
+    return track
+
+
+def watched(events: EventArray, track: PoseTrack, camera: Camera = CAMERA) -> ContactWatch:
+    watch = ContactWatch(camera, track, DEPTH)
+    for begin in range(0, len(events), 5000):
+        watch.add(events[begin : begin + 5000])
+    return watch
+
+
+@pytest.mark.parametrize("share", [1.0, 0.8, 0.5, 1.4])
+def test_the_images_share_of_the_speed_is_found(texture: EventArray, share: float) -> None:
+    watch = watched(texture, poses(share))
+    fault = watch.fault(0, 200 * MS)
+    assert watch.state.image_speed == pytest.approx(share, abs=0.051)
+    assert fault == ("" if share == 1.0 else watch.state.fault)
+    assert watch.state.area_m2 == pytest.approx(320 * 120 * (DEPTH / 800) ** 2, rel=0.2)
+    assert watch.state.fill > 0.9
+
+
+def test_a_standing_image_and_a_texture_that_is_gone_are_contact_lost(texture: EventArray) -> None:
+    shaken = events_of(
+        np.random.default_rng(0).uniform([-0.01, -0.0035, DEPTH], [0.01, 0.0035, DEPTH], (2500, 3)),
+        lambda t: (np.array([1e-4 * np.sin(1000 * t), 0, 0]), np.array([0.0, 0.0, 0.0, 1.0])),
+        0.2,
+    )
+    assert "contact lost: the image stands" in watched(shaken, poses(1.0)).fault(0, 200 * MS)
+    gone = watched(texture[: len(texture) // 2], poses(1.0))
+    gone.add(EventArray.from_arrays([5], [5], [299 * MS], [1]))
+    assert gone.fault(0, 120 * MS) == ""
+    assert "the skin is still" in gone.fault(120 * MS, 290 * MS)
+
+
+def test_little_to_see_says_nothing() -> None:
+    random = np.random.default_rng(0)
+    noise = EventArray.from_arrays(
+        random.integers(0, 320, 60_000), random.integers(0, 120, 60_000),
+        np.sort(random.integers(0, 300 * MS, 60_000)), random.integers(0, 2, 60_000),
+    )  # fmt: skip
+    for events in (noise, noise[::100]):
+        watch = watched(events, poses(1.0))
+        assert watch.fault(0, 290 * MS) == ""
+        assert watch.state.image_speed is None
+
+
+def test_what_slips_gives_no_depth_and_says_so(texture: EventArray) -> None:
+    """The surface moves as the poses say but for 60 ms in the middle."""
+    track = poses(0.6, 0.1, 0.16)
+    rows = SurfaceSettings.create({"min_aperture_m": 0.002, "block_m": 0.002})
+    for engine in (
+        DepthPipeline(DepthSettings.create({"window.travel_m": 0.01}), CAMERA, track),
+        SurfaceSweep(rows, CAMERA, track),
+    ):
+        engine.add_events(texture)
+        found = list(engine.results(flush=True))
+        refused = [r for r in found if isinstance(r, RefusedWindow) and r.contact]
+        assert refused
+        assert engine.counts.bad_contact_windows == len(refused)
+        for one in refused:
+            assert one.reason.startswith("slipping: the image moves at ")
+            assert one.end_ns > 100 * MS
+            assert one.start_ns < 180 * MS
+            (output,) = one.result("window", "depth").outputs
+            assert (output.topic, output.data.text) == (CONTACT, one.reason)
+        good = [r for r in found if not isinstance(r, RefusedWindow)]
+        assert good
+        for one in good:  # what slipped for less than the piece that shows it
+            assert min(one.end_ns, 160 * MS) - max(one.start_ns, 100 * MS) < 22 * MS
+
+
+def test_a_scan_of_the_virtual_cell(scans: Scans) -> None:
+    scan = scans.scan("stairs", speed=0.3)
+    end_ns = int(scan.events.t_ns[-1])
+    for share in (1.0, 0.75):
+        track = PoseTrack()
+        first = scan.track.positions[0]
+        for t, p, q in zip(
+            scan.track.times_ns, scan.track.positions, scan.track.quaternions, strict=True
+        ):
+            track.append(int(t), first + (p - first) / share, q)
+        watch = watched(scan.events, track, scan.camera)
+        fault = watch.fault(0, end_ns)
+        assert bool(fault) == (share != 1.0)
+        assert fault.startswith("slipping") or not fault
+
+
+def test_the_kernel_is_its_plain_twin() -> None:
+    random = np.random.default_rng(1)
+    n, shape = 300, (6, 40)
+    rays = random.uniform(-30, 90, (n, 4)).astype(np.float32)
+    signs = random.choice([-1.0, 1.0], n).astype(np.float32)
+    found, image = np.empty(len(_SHARES)), np.empty(shape, np.float32)
+    _sharpness(rays, signs, _SHARES, 2.0, 8.0, image, found)
+    for share, sharp in zip(_SHARES, found, strict=True):
+        place = (rays[:, :2] + share * rays[:, 2:]) / [2.0, 8.0]
+        inside = ((place >= 0) & (place < [shape[1], shape[0]])).all(axis=1)
+        column, row = place[inside].astype(int).T
+        plain = np.zeros(shape)
+        np.add.at(plain, (row, column), signs[inside])
+        expected = (np.diff(plain, axis=1) ** 2).sum() - 2 * inside.sum()
+        assert sharp == pytest.approx(expected)
