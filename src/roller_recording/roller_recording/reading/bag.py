@@ -100,7 +100,7 @@ class BagRecording(Recording):
                 continue
             progress = self._reader.progress(item.t_ns)
             try:
-                message = self._store.deserialize_cdr(item.data, item.type)
+                message: Any = self._store.deserialize_cdr(item.data, item.type)
             except Exception as error:
                 fault = MalformedRecordingError(
                     f"bag {self._path}: a message on {item.topic} at {item.t_ns * 1e-9:.6f} s is "
