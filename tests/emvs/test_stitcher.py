@@ -8,12 +8,15 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from emvs.scenes import CAMERA, depth_map
+from emvs.scenes import CAMERA, MS, depth_map, rolling, track_of
+from roller_core import outputs
 from roller_core.errors import UnwritableOutputError
+from roller_core.outputs import Output
 from roller_emvs.depth_settings import StitcherSettings
 from roller_emvs.ply import PlyWriter, read_ply
 from roller_emvs.registration import refine
 from roller_emvs.stitcher import Stitcher, radius_filter
+from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
 from roller_emvs.voxels import VoxelMap
 
 SETTINGS = StitcherSettings.create({})
@@ -151,3 +154,17 @@ def test_ply_opens_in_open3d_and_in_ours(tmp_path: Path) -> None:
 def test_ply_says_when_it_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(UnwritableOutputError, match="can't be written"):
         PlyWriter(tmp_path / "no" / "such" / "a.ply", ())
+
+
+def test_a_depth_map_that_lacks_a_part_holds_up_nobody_for_long() -> None:
+    stage = StitcherStage(StitcherParameters.create({}))
+    stage.take_camera(CAMERA)
+    stage.take_poses(track_of(rolling(0.1), 1.0))
+    image = flat().astype(np.float32)
+    names = (outputs.DEPTH_CONFIDENCE, outputs.DEPTH_SIGMA, outputs.DEPTH_IMAGE)
+    for k in range(6):
+        for name in names[: 1 if k == 0 else 3]:
+            stage.take_output(Output(name, k * 100 * MS, "", image))
+        list(stage.results())
+    assert (stage.counts()["depth_maps"], stage.left_out) == (5, 1)
+    assert stage.counts()["waiting_maps"] == 0

@@ -23,6 +23,8 @@ from .stitcher import Stitcher
 from .surface_map import MapKeeper, MapSettings
 
 _MOST_PENDING = 100
+#: A depth map that lacks a part while so many newer ones are whole will never be.
+_MOST_BEHIND = 4
 #: A stamp this far ahead of the newest pose is none of this graph's, ns.
 _MOST_AHEAD_NS = 60_000_000_000
 
@@ -153,7 +155,10 @@ class StitcherStage(Stage[StitcherParameters]):
         while self.stitcher is not None and self._pending and len(track):
             stamp = min(self._pending)
             parts = self._pending[stamp]
-            over = len(self._pending) > _MOST_PENDING
+            whole = sum(each.complete for each in self._pending.values())
+            over = len(self._pending) > _MOST_PENDING or (
+                not parts.complete and whole >= _MOST_BEHIND
+            )
             if over and (far := max(self._pending)) > track.end_ns + _MOST_AHEAD_NS:
                 # Its pose won't come; the oldest one's may.
                 del self._pending[far]

@@ -36,8 +36,6 @@ class OneSource:
         it is gone from the graph (`keep_to`).
     processes : bool
         Processes are told apart, not publishers: what one sends on several topics is one source.
-    silence_s : float
-        Silence after which another is followed.
     clock_s : callable
         Monotonic time, s.
 
@@ -54,10 +52,9 @@ class OneSource:
         latched: bool = False,
         clock_s: Callable[[], float] = time.monotonic,
         processes: bool = False,
-        silence_s: float = _SILENCE_S,
     ) -> None:
         self._silence_s, self._remembered_s = (
-            (math.inf, math.inf) if latched else (silence_s, _REMEMBERED_S)
+            (math.inf, math.inf) if latched else (_SILENCE_S, _REMEMBERED_S)
         )
         self._length = _PROCESS if processes else _ID
         self._clock_s = clock_s

@@ -41,8 +41,6 @@ _HEADER_BYTES = 500
 _NEW_SOURCE = object()
 #: Messages that are taken without looking for results while more wait.
 _MOST_UNPROCESSED = 10
-#: Silence after which another node's results are followed, s: windows last up to 2 s.
-_RESULTS_SILENCE_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +139,7 @@ class StageNode(Node):
         self._poses = PoseSources(settings.base_frame, settings.moving_frame)
         self._events, self._cameras = OneSource(), OneSource(latched=True)
         #: Of all topics that other nodes of the graph work out: depth maps, points.
-        self._results = OneSource(processes=True, silence_s=_RESULTS_SILENCE_S)
+        self._results = OneSource(latched=True, processes=True)
         #: What the publishers of camera_info said, by publisher.
         self._camera_infos: dict[bytes, CameraInfo] = {}
         self._meter = diagnostics.Meter()
