@@ -126,7 +126,7 @@ def made_up(finds_from_um: float) -> list[dict[str, Any]]:
                 if row["hit"]:
                     row |= {"found_kind": "dent", "found_depth_um": sign * (depth + 10),
                             "found_length_mm": 3.1, "found_width_mm": 2.0,
-                            "u_depth_um": 9.0}  # fmt: skip
+                            "u_depth_um": 9.0, "u_length_mm": 0.2, "u_width_mm": 0.2}  # fmt: skip
                 rows.append(columns | row)
     return rows
 
@@ -143,8 +143,8 @@ def test_tables_say_what_was_found_and_what_was_not_reached(tmp_path: Path) -> N
     assert float(textured[3]) <= float(textured[4]) <= 150
     # A lump found too high and a dent found too deep: 10 µm each, without bias on the whole.
     assert textured[5:8] == ("10", "0", "0%")
-    assert cells["textured, 0.3", "dent"][10] == "100%"
-    assert cells["textured, 0.3", "extra"][10] == "–"
+    assert cells["textured, 0.3", "dent"][10:] == ("100%", "100%")
+    assert cells["textured, 0.3", "extra"][11] == "–"
     assert plain[2:5] == ("0 of 144", "not reached", "not reached")
     assert by_depth.rows[0][1] == "0%"
     assert by_depth.rows[0][-1] == "100%"

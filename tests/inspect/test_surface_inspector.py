@@ -41,6 +41,13 @@ def test_a_clean_plane_has_no_findings_and_a_dent_has_its_figures() -> None:
     assert finding.volume_m3 == pytest.approx(-np.pi / 3 * 1.5e-3**2 * 2e-4, rel=0.2)
 
 
+def test_a_small_dent_beside_a_deep_one_is_a_finding_of_its_own_and_its_foot_is_none() -> None:
+    deep, small = dent((0.013, 0.0), 1.5e-3, 4e-4), dent((0.0165, 0.001), 1.5e-3, 1.2e-4)
+    found = inspect(scan(lambda x, y: deep(x, y) + small(x, y)))
+    depths = [f.depth_m for f in sorted(found.findings, key=lambda f: f.depth_m)]
+    np.testing.assert_allclose(depths, [-4e-4, -1.2e-4], atol=4e-5)
+
+
 def test_findings_of_a_scan_given_in_pieces_are_those_of_the_whole() -> None:
     surface = dent((0.048, 0.0), 1.5e-3, 2e-4)
     patches = scan(surface, length_m=0.112, width_m=0.006)
@@ -106,8 +113,10 @@ def test_ends_that_came_into_view_too_late_are_outside_but_gaps_are_unmeasured()
         full = (x > 0.006) & (x < 0.03) & ((x < 0.02) | (x > 0.024))
         return full | (random.random(x.shape) < 0.01)
 
-    found = inspect(scan(flat, length_m=0.036, keep=keep))
+    bump = dent((0.004, 0.0), 1e-3, -3e-4)
+    found = inspect(scan(bump, length_m=0.036, keep=keep))
     assert found.height_map is not None
+    assert found.findings == ()
     x = found.height_map.x_m
     state = found.height_map.state
     assert (state[:, (x < 0.005) | (x > 0.031)] == OUTSIDE).all()

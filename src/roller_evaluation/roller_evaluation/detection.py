@@ -168,4 +168,6 @@ def _hit(finding: Finding | None) -> dict[str, Any]:
         "found_length_mm": round(finding.length_m * 1e3, 4),
         "found_width_mm": round(finding.width_m * 1e3, 4),
         "u_depth_um": round(finding.uncertainty.depth_m * 1e6, 2),
+        "u_length_mm": round(finding.uncertainty.length_m * 1e3, 4),
+        "u_width_mm": round(finding.uncertainty.width_m * 1e3, 4),
     }

@@ -164,6 +164,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, list[Row]]:
             named = [r["found_kind"] == r["kind"] for r in hit if r["kind"] not in _OF_A_PART]
             sizes = {f"{side}_off_mm": [r[f"found_{side}_mm"] - r[f"{side}_mm"] for r in hit]
                      for side in ("length", "width")}  # fmt: skip
+            spanned = [abs(r[f"found_{side}_mm"] - r[f"{side}_mm"]) <= r[f"u_{side}_mm"]
+                       for r in hit for side in ("length", "width")]  # fmt: skip
             curves.append(
                 {
                     **labels, "kind": kind, "targets": curve.targets, "hits": curve.hits,
@@ -172,6 +174,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, list[Row]]:
                     "depth_bias_um": _rounded(np.median(off) if off else None),
                     **{name: _rounded(np.median(v) if v else None, 3) for name, v in sizes.items()},
                     "depth_within_u": _rounded(np.mean(held) if held else None, 3),
+                    "sides_within_u": _rounded(np.mean(spanned) if spanned else None, 3),
                     "kind_right": _rounded(np.mean(named) if named else None, 3),
                 }
             )  # fmt: skip
@@ -198,13 +201,13 @@ def tables(result: dict[str, Any]) -> list[Table]:
             _name(c), c["kind"], f"{c['hits']} of {c['targets']}", _size(c["a90_um"]),
             _size(c["a90_95_um"]), number(c["depth_mae_um"], 0), number(c["depth_bias_um"], 0),
             share(c["depth_within_u"]), number(c["length_off_mm"], 2),
-            number(c["width_off_mm"], 2), share(c["kind_right"]),
+            number(c["width_off_mm"], 2), share(c["sides_within_u"]), share(c["kind_right"]),
         )
         for c in result["curves"]
     ]  # fmt: skip
     head: tuple[str, ...] = (
         "coating, m/s", "kind", "found", "a90 µm", "a90/95 µm", "depth error µm", "bias",
-        "within U", "length mm", "width mm", "kind right",
+        "within U", "length mm", "width mm", "within U", "kind right",
     )  # fmt: skip
     note = (
         f"{CAVEAT} Seeds {result['facts']['seeds']}. a: depth of the relief; a90 is found with a "

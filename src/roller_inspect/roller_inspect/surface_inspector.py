@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from roller_core.settings import Settings
-from roller_core.transforms import F64
+from roller_core.transforms import F64, inverse_pose
 from roller_emvs.patch import Patch
 
 from .findings.find import Search, search
@@ -24,7 +24,7 @@ from .references.alignment import Alignment
 from .references.reference import Reference, ReferenceError
 
 #: What a new strip is searched together with, m: findings are at most provisional on it.
-_CONTEXT_M = 24e-3
+_CONTEXT_M = 16e-3
 #: Findings are final once the scan is this far beyond them, m.
 _PASSED_M = 3e-3
 #: Findings so near to the border of two pieces are looked for in both, m.
@@ -157,6 +157,7 @@ class SurfaceInspector:
         if whole is not None:
             trimmed = without_run_in(whole[0])
             whole = trimmed, np.where(trimmed.state == OUTSIDE, np.nan, whole[1])
+            self._gone = [f for f in self._gone if _seen(f, trimmed)]
         self._set(tuple(self._gone))
         coverage = coverage_of(whole[0]) if whole else Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
         return Found(
@@ -296,6 +297,15 @@ def _part(values: F32, window: HeightMap, part: HeightMap) -> F32:
     i = round(float(part.x_m[0] - window.x_m[0]) / window.step_m)
     j = round(float(part.y_m[0] - window.y_m[0]) / window.step_m)
     return values[j : j + part.shape[0], i : i + part.shape[1]]
+
+
+def _seen(finding: Finding, height_map: HeightMap) -> bool:
+    """Whether a finding's centre lies on what a map calls scanned."""
+    map_from_base = inverse_pose(height_map.base_from_map)
+    x, y, _ = map_from_base[:3, :3] @ finding.center_m + map_from_base[:3, 3]
+    column = np.argmin(np.abs(height_map.x_m - x))
+    row = np.argmin(np.abs(height_map.y_m - y))
+    return bool(height_map.state[row, column] != OUTSIDE)
 
 
 def _same(one: Finding, other: Finding) -> bool:

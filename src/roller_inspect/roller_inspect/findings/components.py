@@ -26,7 +26,13 @@ _SCRATCH = 3.0
 #: Depth is the mean of this share of the deepest cells.
 _DEEPEST = 0.05
 #: The deep part is deeper than this share, and has so many cells, or the deepest ones stand alone.
-_DEEP, _LEAST_APEX = 0.6, 30
+_DEEP, _LEAST_APEX = 0.75, 30
+#: Strong places of one finding are two if both rise so many times above what is strong.
+_STANDS_OUT = 3.0
+#: What the skin rounds of an outline's edge, m, and the share of a depth that it doesn't follow,
+#: by as much more as it is narrower than this, m: biases that nothing corrects, as standard
+#: uncertainties. Tuned on the virtual cell.
+_ROUNDS_M, _NOT_FOLLOWED, _NARROW_M = 2.5e-4, 0.1, 1e-3
 #: z at which a finding is as good as certain.
 _CERTAIN_Z = 15.0
 
@@ -52,7 +58,7 @@ class Component:
 
 
 def components(cues: Cues) -> list[Component]:
-    """Weak cells that hang together with a strong one, by sign."""
+    """Weak cells that hang together with a strong one, by sign; what only touches is parted."""
     found = []
     for sign in (1, -1):
         weak = cues.weak & (np.sign(cues.z) == sign)
@@ -64,8 +70,27 @@ def components(cues: Cues) -> list[Component]:
         for number, box in enumerate(ndimage.find_objects(labels), 1):
             if sure[number]:
                 rows, columns = box
-                found.append(Component(rows, columns, labels[box] == number, sign))
+                mask = labels[box] == number
+                found += [
+                    Component(rows, columns, part, sign)
+                    for part in _parted(mask, np.abs(cues.z[box]), cues.strong[box])
+                ]
     return sorted(found, key=lambda c: (c.columns.start, c.rows.start, c.sign))
+
+
+def _parted(mask: Bools, size: F32, strong: Bools) -> list[Bools]:
+    """Cells by the nearest of several strong places that stand far above what joins them."""
+    labels, count = ndimage.label(mask & strong, np.ones((3, 3)))
+    index = np.arange(1, count + 1)
+    peaks = np.atleast_1d(ndimage.maximum(size, labels, index))
+    sure = index[peaks > _STANDS_OUT * size[mask & strong].min()]
+    if len(sure) < 2:
+        return [mask]
+    places = np.where(np.isin(labels, sure), labels, 0)
+    nearest = ndimage.distance_transform_edt(
+        places == 0, return_distances=False, return_indices=True
+    )
+    return [mask & (places[tuple(nearest)] == number) for number in sure]
 
 
 def measure(
@@ -226,15 +251,19 @@ def _uncertainty(
     step: float,
 ) -> Uncertainty:
     """Expanded (k = 2); noise as the scan shows it by scale, for neighbours share errors."""
-    u_depth = float(np.sqrt(noise**2 + wide_noise**2 + reference**2))
-    # The outline moves where the flank's slope meets the noise; a flank takes half the width.
-    u_edge = float(np.hypot(step / np.sqrt(12), 0.5 * width * min(u_depth / depth, 1.0)))
-    u_area = 2 * (length + width) * u_edge / np.sqrt(2)
+    u_height = float(np.sqrt(noise**2 + wide_noise**2 + reference**2))
+    u_skin = _NOT_FOLLOWED * depth * (1 + (_NARROW_M / width) ** 2)
+    # The outline moves where the flank's slope meets the noise; a flank takes half the width. The
+    # skin rounds both edges alike.
+    u_edge = float(np.hypot(step / np.sqrt(12), 0.5 * width * min(u_height / depth, 1.0)))
+    u_side = float(np.hypot(np.sqrt(2) * u_edge, 2 * _ROUNDS_M))
+    u_area = (length + width) * u_side
+    u_volume = area * np.sqrt(wide_noise**2 + reference**2 + u_skin**2)
     return Uncertainty(
         center_m=2 * u_edge,
-        length_m=2 * np.sqrt(2) * u_edge,
-        width_m=2 * np.sqrt(2) * u_edge,
-        depth_m=2 * u_depth,
+        length_m=2 * u_side,
+        width_m=2 * u_side,
+        depth_m=2 * float(np.hypot(u_height, u_skin)),
         area_m2=2 * u_area,
-        volume_m3=2 * float(np.hypot(area * np.hypot(wide_noise, reference), u_area * depth / 2)),
+        volume_m3=2 * float(np.hypot(u_volume, u_area * depth / 2)),
     )

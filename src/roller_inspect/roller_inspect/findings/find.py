@@ -51,9 +51,11 @@ def search(
         If the reference doesn't fit the map.
     """
     masked: Bools | None = None
+    # A part's model says what belongs there; the background is what lies around already.
+    local = not reference.models_part and reference.name != "self"
     for _ in range(rounds):
         comparison = reference.compare(height_map, masked)
-        cues = height_cue(height_map, comparison, settings, local=not reference.models_part)
+        cues = height_cue(height_map, comparison, settings, local)
         parts = components(cues)
         masked = _mask(parts, height_map.shape)
         if not parts:

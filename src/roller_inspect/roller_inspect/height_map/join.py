@@ -8,9 +8,10 @@ import numpy as np
 
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, UNMEASURED, HeightMap, centres
 
-#: Ends are looked at over this length, m, for this share of known cells, and are no longer than a
-#: view, m; in between nearly all cells are known.
-_SMOOTH_M, _GOOD_SHARE, _VIEW_M, _DENSE_SHARE = 1e-3, 0.5, 0.02, 0.8
+#: Ends are looked at over this length, m, for this share of known cells that are no less certain
+#: than so many times the usual, and are no longer than a view, m; in between nearly all cells are
+#: known.
+_SMOOTH_M, _GOOD_SHARE, _USUAL, _VIEW_M, _DENSE_SHARE = 1e-3, 0.5, 1.25, 0.03, 0.8
 
 
 def _first_cell(height_map: HeightMap, step_m: float) -> tuple[int, int]:
@@ -74,15 +75,18 @@ def place_on(whole: HeightMap, piece: HeightMap, grid: np.ndarray, values: np.nd
 def without_run_in(height_map: HeightMap) -> HeightMap:
     """A map whose ends are outside where the sensor hadn't come into full view yet.
 
-    At both ends of a scan the roller isn't in contact, or rows are seen over too little travel. On
-    a scan that shows nearly all of the surface in between they are no part of it; longer ends
-    than a view, and scans of little texture, stay as they are.
+    At both ends of a scan the roller isn't in contact, or rows are seen over too little travel,
+    which makes heights uncertain and bends the surface. On a scan that shows nearly all of the
+    surface in between they are no part of it; longer ends than a view, and scans of little
+    texture, stay as they are.
     """
     inside = height_map.state != OUTSIDE
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.nan_to_num(height_map.known.sum(axis=0) / inside.sum(axis=0))
     k = max(1, round(_SMOOTH_M / height_map.step_m))
-    good = np.nonzero(np.convolve(share, np.ones(k) / k, "same") >= _GOOD_SHARE)[0]
+    sigma = np.ma.median(np.ma.array(height_map.sigma_m, mask=~height_map.known), axis=0)
+    sure = np.ma.filled(sigma <= _USUAL * np.ma.median(sigma), False)
+    good = np.nonzero(np.convolve(share * sure, np.ones(k) / k, "same") >= _GOOD_SHARE)[0]
     if not len(good) or np.median(share[good[0] : good[-1] + 1]) < _DENSE_SHARE:
         return height_map
     most = round(_VIEW_M / height_map.step_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
@@ -83,7 +84,8 @@ def _local_plane(z: np.ndarray, weight: np.ndarray, reach: float) -> np.ndarray:
     yy, xx = np.indices(z.shape, np.float64)
 
     def blur(values: np.ndarray) -> np.ndarray:
-        return ndimage.gaussian_filter(values, reach, mode="constant", truncate=3.0)
+        size = 2 * int(3.0 * reach + 0.5) + 1
+        return cv2.GaussianBlur(values, (size, size), reach, borderType=cv2.BORDER_CONSTANT)
 
     w = blur(weight)
     wx, wy, wz = blur(weight * xx), blur(weight * yy), blur(weight * z)
