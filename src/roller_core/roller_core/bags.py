@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -78,8 +80,9 @@ roller_msgs/Finding[] findings
 """
 
 
+@cache
 def typestore() -> Typestore:
-    """A typestore with the standard messages, event packets of both names and those of ours."""
+    """The typestore with the standard messages, event packets of both names and those of ours."""
     store = get_typestore(Stores.ROS2_KILTED)
     types = get_types_from_msg(_EVENT_PACKET_MSG, EVENT_PACKET)
     types |= get_types_from_msg(_EVENT_PACKET_MSG, EVENT_ARRAY)

@@ -17,6 +17,7 @@ from collections import deque
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 _BLOCK_NS = 500_000_000
 _MAX_BLOCKS = 120
@@ -127,8 +128,10 @@ class SensorClock:
     def to_ros_ns(self, device_ns: npt.ArrayLike) -> npt.NDArray[np.int64]:
         """ROS time of device times, int64 ns, with the map as it stands."""
         d = np.asarray(device_ns, dtype=np.int64)
-        drift = (d - self._anchor_ns) * self._skew + self._offset_ns
-        return d + self._base + np.rint(drift).astype(np.int64)
+        out = np.empty(d.shape, np.int64)
+        line = (np.int64(self._base), np.int64(self._anchor_ns), self._offset_ns, self._skew)
+        _map(d.reshape(-1), *line, out.reshape(-1))
+        return out
 
     def _step(self, device_ns: int, arrival_ns: int) -> None:
         self.steps += 1
@@ -190,3 +193,10 @@ class SensorClock:
         above = delays - slope * times
         self._scatter_ns = float(np.median(np.abs(above - np.median(above))))
         self._line = (origin, float(np.quantile(above, _FLOOR)), slope)
+
+
+@njit(cache=True, nogil=True)
+def _map(device_ns, base, anchor_ns, offset_ns, skew, out):  # type: ignore[no-untyped-def]
+    for i in range(len(device_ns)):
+        d = device_ns[i]
+        out[i] = d + base + np.int64(np.rint((d - anchor_ns) * skew + offset_ns))

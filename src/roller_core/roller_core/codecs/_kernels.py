@@ -17,54 +17,63 @@ EVT3_JITTER = 10
 
 
 @njit(cache=True, nogil=True)
+def _bits(mask):  # type: ignore[no-untyped-def]
+    """How many of 16 bits are set."""
+    mask -= (mask >> 1) & 0x5555
+    mask = (mask & 0x3333) + ((mask >> 2) & 0x3333)
+    mask = (mask + (mask >> 4)) & 0x0F0F
+    return (mask + (mask >> 8)) & 0x1F
+
+
+@njit(cache=True, nogil=True)
 def _count_libcaer_cmp(words):  # type: ignore[no-untyped-def]
-    n = 0
-    for w in words:
+    n = np.int64(0)
+    for i in range(len(words)):
+        w = np.int32(words[i])
         code = w >> 12
-        if code == 3:
-            n += 1
-        elif code == 5:
-            mask = w & 0xFF
-            while mask:
-                n += mask & 1
-                mask >>= 1
+        n += np.int64(code == 3) + np.int64(code == 5) * np.int64(_bits(w & 0xFF))
     return n
 
 
 @njit(cache=True, nogil=True)
-def _decode_libcaer_cmp(words, time_base_ns, x, y, t, p):  # type: ignore[no-untyped-def]
-    n = 0
+def _decode_libcaer_cmp(words, time_base_ns, width, height, x, y, t, p):  # type: ignore[no-untyped-def]
+    """Events inside the image; how many. Fields have room for one more than there are events.
+
+    What kind of word comes next can't be foretold, and a branch that goes wrong costs more than a
+    word: each is taken as all kinds, and what is written without an event is written over.
+    """
+    n = np.uint64(0)
     high = np.int64(0)
     low = np.int64(0)
-    column = np.uint16(0)
-    base_y = 0
+    column = np.int64(0)
+    base_y = np.int64(0)
     polarity = np.uint8(0)
-    for w in words:
+    for i in range(len(words)):
+        w = np.int64(words[i])
         code = w >> 12
-        if code == 0:
-            high = np.int64(w & 0xFFF)
-        elif code == 1:
-            low = np.int64(w & 0xFFF)
-        elif code == 2:
-            column = np.uint16(w & 0x7FF)
-        elif code == 3:
+        value = w & 0xFFF
+        row = w & 0x7FF
+        high = value if code == 0 else high
+        low = value if code == 1 else low
+        column = row if code == 2 else column
+        now = time_base_ns + ((high << 12) | low) * 1000
+        if code < 4:
             x[n] = column
-            y[n] = w & 0x7FF
-            p[n] = (w >> 11) & 1
-            t[n] = time_base_ns + ((high << 12) | low) * 1000
-            n += 1
+            y[n] = row
+            p[n] = value >> 11
+            t[n] = now
+            n += np.uint64((code == 3) & (column < width) & (row < height))
         elif code == 4:
-            base_y = np.int64(w & 0x7FF)
-            polarity = np.uint8((w >> 11) & 1)
+            base_y = row
+            polarity = np.uint8(value >> 11)
         elif code == 5:
-            now = time_base_ns + ((high << 12) | low) * 1000
             for bit in range(8):
-                if (w >> bit) & 1:
-                    x[n] = column
-                    y[n] = base_y + bit
-                    p[n] = polarity
-                    t[n] = now
-                    n += 1
+                x[n] = column
+                y[n] = base_y + bit
+                p[n] = polarity
+                t[n] = now
+                event = ((w >> bit) & 1) != 0
+                n += np.uint64(event & (column < width) & (base_y + bit < height))
             base_y += 8
     return n
 
@@ -135,10 +144,7 @@ def _count_evt3(words):  # type: ignore[no-untyped-def]
         if code == 2:
             n += 1
         elif code == 4 or code == 5:
-            mask = w & (0xFFF if code == 4 else 0xFF)
-            while mask:
-                n += mask & 1
-                mask >>= 1
+            n += _bits(np.int64(w) & (0xFFF if code == 4 else 0xFF))
         elif code == 10:
             triggers += 1
     return n, triggers

@@ -102,9 +102,13 @@ class PacketDecoder:
             return self._inside(*_decode_libcaer(raw, time_base_ns))
         words = raw.view("<u2")
         if self.encoding == "libcaer_cmp":
-            fields = _allocate(_kernels._count_libcaer_cmp(words))
-            _kernels._decode_libcaer_cmp(words, time_base_ns, *fields)
-            return self._inside(*fields)
+            count = _kernels._count_libcaer_cmp(words)
+            x, y, t, p = _allocate(count + 1)
+            n = _kernels._decode_libcaer_cmp(
+                words, time_base_ns, self.width, self.height, x, y, t, p
+            )
+            events = EventArray(x[:n], y[:n], t[:n], p[:n])
+            return DecodedPacket(events, TriggerArray.empty(), count - n)
         n, m = _kernels._count_evt3(words)
         fields = _allocate(n)
         ids, times, edges = np.empty(m, np.uint16), np.empty(m, np.int64), np.empty(m, np.uint8)
