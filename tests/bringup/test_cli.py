@@ -14,6 +14,7 @@ import pytest
 
 from roller_bringup import cli
 from roller_core.errors import RollerError
+from roller_sim.commands import simulate
 
 
 def run_with(monkeypatch, fault):
@@ -146,7 +147,9 @@ def test_every_command_has_examples_that_parse():
             words = shlex.split(line, comments=True)
             for module in modules:
                 words = getattr(module, "rewritten", list)(words)
-            parser.parse_args(words)
+            arguments = parser.parse_args(words)
+            if name == "simulate":
+                simulate.settings_from(arguments)
 
 
 def test_a_shell_completes_commands_and_options(tmp_path):

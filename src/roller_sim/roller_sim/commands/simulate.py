@@ -58,7 +58,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         parser,
         "simulate stairs --speed 0.3 --output scan",
         'simulate braille --text "hello" --output hello',
-        "simulate stairs --set motion.passes=2 --output twice",
+        "simulate stairs --set motion.reverse=true --output to_and_fro",
     )
     parser.set_defaults(run=run)
 
