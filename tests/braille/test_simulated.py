@@ -87,6 +87,13 @@ def test_a_coarse_coating_makes_no_other_letters(scans: Scans) -> None:
     assert len(readable) >= 8
 
 
+def test_a_printed_coating_hides_no_dots(scans: Scans) -> None:
+    """Its spots give far more events than the dots, but as many ON as OFF."""
+    cells, pipeline, truth = read_plate(scans, light={"speckle": 0.08})
+    assert len(pipeline.lines()) == 1
+    assert [c.mask for c in cells if c.readable] == [m.mask for m in truth.marks]
+
+
 @pytest.mark.parametrize("name", ["bumps", "sparse_sphere"])
 def test_relief_gives_no_text(scans: Scans, name: str) -> None:
     scan = scans.scan(name, speed=0.5, camera=CAMERA, scene={"step_mm": 0.04})

@@ -90,10 +90,15 @@ class DotFinder:
         hole = _disc(rim / px)
         reach = len(hole) // 2
         ring[middle - reach : middle + reach + 1, middle - reach : middle + reach + 1] -= hole
+        self._area_px = float(self._spot.sum()) * self._factor**2
         self._ring = ring * (self._spot.sum() / ring.sum())
         self._apart = 2 * int(spacing.dot_pitch_m / 2 / px) + 1
         #: What a search needs to know on either side, columns.
         self.margin = self._factor * (middle + self._apart)
+
+    def look_at_coating(self, strip: Strip, a: int, b: int) -> None:
+        """Learn from columns a to b (b excluded) what the coating is like."""
+        strip.learn_coating(a, b, self._area_px, LEAST_VOTES)
 
     def find(self, strip: Strip, a: int, b: int, kind: Kind, learn: bool = True) -> Dots:
         """Spots whose middle lies in columns a to b (b excluded).
@@ -127,7 +132,8 @@ class DotFinder:
         peak = cv2.dilate(votes, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, size))
         # Chance varies as the root of what is counted.
         gain = strip.gain(lo, hi).reshape(-1, f).mean(axis=1)
-        least = LEAST_VOTES + CHANCE * np.sqrt(np.maximum(around, 0.0))
+        coating = 0.0 if kind is Kind.BOTH else strip.coating(self._area_px)
+        least = LEAST_VOTES + CHANCE * np.hypot(np.sqrt(np.maximum(around, 0.0)), coating)
         least *= gain  # what was seen shortly is made up, and its chance variation with it
         found = (votes >= peak) & (votes >= least)
         r, c = np.nonzero(found)

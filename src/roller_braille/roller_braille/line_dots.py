@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .dots import Dots
-from .lattice import FAINT, REACH, Lattice, no_dust
-from .recognise import Reference, certainty, completeness
+from .lattice import REACH, Lattice, no_dust
+from .recognise import LEAST_SHARE, Reference, certainty, completeness
 from .warp import F64
 
 #: Cells around one whose dots tell what a dot looks like there, and the least number of dots.
@@ -49,14 +49,14 @@ class LineDots:
         self._dots, self._halves = self._dots.where(recent), self._halves[recent]
 
     def before(self, along: float) -> Dots:
-        """Those before a place along the roll."""
-        return self._dots.where(self._dots.along < along)
+        """Those before a place along the roll that are no dust."""
+        dots = self._solid()
+        return dots.where(dots.along < along)
 
     def _solid(self) -> Dots:
         """Those that are no dust."""
-        if not len(self._dots):
-            return self._dots
-        return self._dots.where(self._dots.votes >= FAINT * np.median(self._dots.votes))
+        dots = self._dots
+        return dots.where(no_dust(dots.votes)) if len(dots) else dots
 
     def above(self, lattice: Lattice, votes: float) -> bool:
         """Whether a dot of so many events lies on cell 0 a row above its upper row."""
@@ -107,6 +107,8 @@ class LineDots:
         whole = float(np.quantile(wholes, _TYPICAL))
         if whole < least:
             return None
+        dots = wholes >= LEAST_SHARE * whole
+        at, wholes = at[dots], wholes[dots]
         # Spread of the logarithms, drawn to what is usual where there are few dots.
         n = len(wholes)
         spread = np.sqrt((n * np.var(np.log(wholes)) + _USUAL_DOTS * _USUAL**2) / (n + _USUAL_DOTS))

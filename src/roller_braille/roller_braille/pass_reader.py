@@ -116,6 +116,7 @@ class PassReader:
         if not final and (upto - self._searched < step or rolled_s - self._looked_s < _STEP_S):
             return
         self._looked_s = rolled_s
+        self._finder.look_at_coating(self.strip, self._searched, upto)
         for kind in self._kinds:
             found = self._finder.find(self.strip, self._searched, upto, kind)
             self.dots += len(found)
@@ -290,7 +291,7 @@ class PassReader:
             return 0.0, None
         _, lattice, spacing = max(fits, key=lambda fit: fit[0])
         # Between two profiles, what its first dots say is nearer than either.
-        lattice = lattice.fitted(dots, spacing)
+        lattice = lattice.fitted(solid, spacing)
         spacing = replace(spacing, dot_pitch_m=lattice.dot_along, cell_pitch_m=lattice.cell)
         on, index = lattice.assign(dots)
         if not on.any() or dots.along[on].min() > start + s.spacing.dot_pitch_m / 2:

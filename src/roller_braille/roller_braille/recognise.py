@@ -24,7 +24,7 @@ from .warp import F32, F64
 # worn, broken and misplaced dots.
 #: Share of a typical dot's events that any dot has, and share of the faintest dot's that may be
 #: left of a worn one: with less than both a place is empty, surely so with half of that.
-_LEAST, _LEFT = 0.3, 0.6
+LEAST_SHARE, _LEFT = 0.3, 0.6
 #: Events by those of the line's faintest dot at which a spot is no dot, and surely one.
 _NO_DOT, _DOT = 0.75, 1.0
 #: Most of what lies beside a cell's dots that may lie in one place.
@@ -98,7 +98,7 @@ class Reference:
     @property
     def trace(self) -> float:
         """Events from which on a place is not empty."""
-        return min(_LEAST * self.whole, _LEFT * self.faintest)
+        return min(LEAST_SHARE * self.whole, _LEFT * self.faintest)
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ class Recogniser:
         found = float(energies.whole[energies.whole > reference.trace].sum())
         astray = _IN_ONE_PLACE * max(energies.total - found, 0.0)
         shares = energies.halves / np.maximum(energies.whole, 1e-9)[:, None]
-        faintest = max(reference.faintest, _LEAST * reference.whole, astray)
+        faintest = max(reference.faintest, LEAST_SHARE * reference.whole, astray)
         dot = certainty(energies.whole / faintest, _NO_DOT, _DOT)
         complete = completeness(shares, reference.shares) / reference.complete
         dot = dot * certainty(complete, _HALF, _WHOLE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from enum import Enum
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -22,6 +23,13 @@ _MARGIN_M = 0.002
 _NEWEST = 5
 #: Blocks whose emptier ones are background, px, and parts of the mosaic that it is taken from.
 _BLOCK_PX, _PARTS = 20, 8
+#: Blur under which a printed coating's ON and OFF events make up for each other, by a dot's
+#: diameter, and how many times the spread of what they leave is taken off.
+_BLUR, _TAKEN_OFF = 1 / 5, 2.0
+#: Root mean square of what that leaves of the standard normal distribution.
+_TAIL = 0.076
+#: Share of a part where no relief is taken to be, and how far chance lies off there, by its spread.
+_LEVEL, _LEVEL_WITHIN = 0.25, 0.319
 
 
 class Kind(Enum):
@@ -35,7 +43,9 @@ class Kind(Enum):
 class Strip:
     """Counts of warped events on the surface, over the part of a pass that is still needed.
 
-    OFF and ON events are counted apart; an image takes one kind or both.
+    OFF and ON events are counted apart; an image takes one kind or both. The spots of a printed
+    coating give as many of either as they pass, the shading of a dot's flanks doesn't: on such a
+    coating an image of one kind shows by how much it outnumbers the other.
 
     Columns run along the travel of the sensor, in whichever direction it rolls, rows down the
     image. A column is numbered by its place: column c is at c times the pixel's size from where the
@@ -64,6 +74,10 @@ class Strip:
         self._until_ns = 0
         self.events = 0
         self._rates: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
+        self._blur_px = settings.spacing.dot_diameter_m * _BLUR / self.px_m
+        self._spreads: deque[float] = deque(maxlen=_PARTS)
+        #: Whether the coating is printed; None until that is known.
+        self.printed: bool | None = None
         # How long the sensor had rolled when it had come so far.
         self._travel: list[float] = []
         self._clock: list[float] = []
@@ -135,6 +149,36 @@ class Strip:
         )
         self.events += vote(events, table, knots, raster, self._counts, self._newest)
 
+    def learn_coating(self, a: int, b: int, area_px: float, least: float) -> None:
+        """Learn from columns a to b (b excluded) what the coating is like.
+
+        Parameters
+        ----------
+        a, b : int
+            Columns.
+        area_px, least : float
+            A spot's area, and events that it needs: the coating is printed if what its events
+            leave there could make up as many.
+        """
+        shown = a + np.flatnonzero(self.shown(np.arange(a, b, dtype=np.float64) * self.px_m))
+        if len(shown):
+            edge = int(np.ceil(_MARGIN_M / self.px_m))
+            left = np.abs(self._net(int(shown[0]), int(shown[-1]) + 1))[edge:-edge]
+            self._spreads.append(float(np.quantile(left, _LEVEL)) / _LEVEL_WITHIN)
+        if self._spreads and self.printed is None:
+            self.printed = True
+            self.printed = self.coating(area_px) > least
+
+    def coating(self, area_px: float) -> float:
+        """By how much what a printed coating's events leave in an area varies, events."""
+        if not self.printed:
+            return 0.0
+        return _TAIL * self._spread * float(np.sqrt(4 * np.pi * area_px)) * self._blur_px
+
+    @property
+    def _spread(self) -> float:
+        return float(np.median(self._spreads)) if self._spreads else 0.0
+
     def background(self, a: int, b: int, kind: Kind) -> float:
         """Events a pixel of columns a to b (b excluded) where nothing is.
 
@@ -204,6 +248,19 @@ class Strip:
         ndarray of float32, shape (rows, b - a)
             Events a pixel; 0 where nothing is kept.
         """
+        if not self.printed or kind is Kind.BOTH:
+            return self._counted(a, b, kind)
+        net = self._net(a, b) if kind is Kind.ON else -self._net(a, b)
+        return np.maximum(net - np.float32(_TAKEN_OFF * self._spread), np.float32(0.0))
+
+    def _net(self, a: int, b: int) -> F32:
+        """ON events less OFF events of columns a to b (b excluded), blurred, as `image`."""
+        n = int(np.ceil(3 * self._blur_px))
+        net = self._counted(a - n, b + n, Kind.ON) - self._counted(a - n, b + n, Kind.OFF)
+        return np.asarray(cv2.GaussianBlur(net, (0, 0), self._blur_px)[:, n:-n], np.float32)
+
+    def _counted(self, a: int, b: int, kind: Kind) -> F32:
+        """Events of a kind, as `image`."""
         out = np.zeros((self._rows, b - a), np.float32)
         lo, hi = max(a, self._first), min(b, self._first + self._counts.shape[2])
         if lo < hi:
