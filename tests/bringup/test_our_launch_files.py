@@ -92,8 +92,12 @@ def test_defaults_of_arguments_are_those_of_the_models(path, method):
             model = {**MODELS, "player": PlayerParameters}[process.name]
             needed = NEEDED.get(name_of(path), {}) if process.name == "player" else {}
             chosen = {"method": method} if process.name == "emvs" else {}
+            shipped = {}
+            if name_of(path) == "virtual" and process.name in ("emvs", "surface"):
+                shipped = read_parameters(ROOT / "config" / "virtual_cell_ring.yaml", process.name)
+                assert model.create(shipped).edge_drift.calibrated
             given = model.create(parameters(process), process.name)
-            assert given == model.create({**needed, **chosen}), process.name
+            assert given == model.create({**needed, **chosen, **shipped}), process.name
 
 
 def test_files_that_launch_files_fill_in_name_parameters_that_there_are():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,8 +23,8 @@ SETTINGS = SurfaceSettings.create({})
 
 
 def drift_m(polarity: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """OFF edges drift, ON edges hardly."""
-    return np.where(polarity == 0, 120e-6, -15e-6) * slope
+    """OFF edges drift, ON edges don't."""
+    return np.where(polarity == 0, 90e-6, 0.0) * np.tanh(slope / 0.15)
 
 
 #: How much denser events get along the crossing, as under light that travels.
@@ -33,9 +35,8 @@ def lines_of(rng: np.random.Generator, slope: np.ndarray) -> LinePoints:
     n = len(slope)
     none = np.zeros(n)
     polarity = rng.integers(0, 2, n)
-    change = LEAN * rng.choice([-1.0, 1.0], n)
-    band = np.full(n, 3e-5)
-    return LinePoints(none, none, none, polarity, slope, band, change, np.full(n, 1e-5))
+    lean = LEAN * rng.choice([-1.0, 1.0], n)
+    return LinePoints(none, none, none, polarity, slope, lean, none, np.full(n, 1e-5))
 
 
 def made_up_sphere(rng: np.random.Generator, drift: float = 1.0) -> PassLines:
@@ -48,6 +49,16 @@ def made_up_sphere(rng: np.random.Generator, drift: float = 1.0) -> PassLines:
     cloud = np.column_stack([x, y, z]) + [0.05, 0.0, 0.0]
     height = z + drift * drift_m(lines.polarity, lines.slope) + rng.normal(0, 1e-5, n)
     return PassLines(np.column_stack([x + 0.05, y, height]), lines, cloud, np.eye(3))
+
+
+def to_and_fro(rng: np.random.Generator, drift: float) -> list[PassLines]:
+    """The same sphere rolled over both ways; each pass has its own axes."""
+    passes = [made_up_sphere(rng, drift) for _ in range(2)]
+    # Back: x and y point the other way in base, the sphere lies where it was.
+    back = np.diag([-1.0, -1.0, 1.0])
+    moved = passes[1].place - [0.1, 0.0, 0.0]
+    passes[1] = replace(passes[1], place=moved, cloud=passes[0].cloud, axes=back)
+    return passes
 
 
 def made_up_steps(
@@ -68,11 +79,12 @@ def made_up_steps(
 
 def gauges(monkeypatch: pytest.MonkeyPatch, drift: float = 1.0) -> list[Gauge]:
     rng = np.random.default_rng(0)
-    found = iter([made_up_sphere(rng, drift), made_up_steps(rng, drift=drift)])
+    found = iter([to_and_fro(rng, drift), [made_up_steps(rng, drift=drift)]])
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: next(found))
+    monkeypatch.setattr(calibration, "_speed", lambda _: 0.1)
     return [
-        calibration.sphere_gauge(SCAN, SETTINGS, RADIUS_M),
-        calibration.steps_gauge(SCAN, SETTINGS, STEP_M),
+        *calibration.sphere_gauges(SCAN, SETTINGS, RADIUS_M),
+        *calibration.steps_gauges(SCAN, SETTINGS, STEP_M),
     ]
 
 
@@ -81,7 +93,7 @@ def test_a_known_drift_is_found_again(monkeypatch: pytest.MonkeyPatch, drift: fl
     found = fit_drift(gauges(monkeypatch, drift))
     slope = np.array([-0.9, -0.6, 0.6, 0.9])
     for polarity in (0, 1):
-        height, sigma = edge_drift(found.settings, polarity, slope, np.full(4, 3e-5), np.zeros(4))
+        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(4))
         expected = drift * drift_m(np.full(4, polarity), slope)
         assert np.all(np.abs(height - expected) < np.minimum(2 * sigma, 4e-5))
         assert sigma.max() < 8e-5
@@ -95,7 +107,7 @@ def test_light_that_stands_still_has_no_drift(monkeypatch: pytest.MonkeyPatch) -
     found = fit_drift(gauges(monkeypatch, 1.0))
     for polarity in (0, 1):
         slope = np.array([-0.8, 0.8])
-        height, sigma = edge_drift(found.settings, polarity, slope, np.full(2, 3e-5), np.zeros(2))
+        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(2))
         assert np.abs(height).max() < 2e-6
         assert sigma.min() > 5e-6
 
@@ -104,16 +116,16 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rng = np.random.default_rng(1)
-    monkeypatch.setattr(calibration, "pass_lines", lambda *_: made_up_steps(rng, 3e-4))
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [made_up_steps(rng, 3e-4)])
     with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.3.. mm, not 0\.2 mm"):
-        calibration.steps_gauge(SCAN, SETTINGS, STEP_M)
-    monkeypatch.setattr(calibration, "pass_lines", lambda *_: made_up_sphere(rng))
+        calibration.steps_gauges(SCAN, SETTINGS, STEP_M)
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [made_up_sphere(rng)])
     with pytest.raises(EdgeDriftError, match=r"not 8 mm|no sphere"):
-        calibration.sphere_gauge(SCAN, SETTINGS, 8e-3)
+        calibration.sphere_gauges(SCAN, SETTINGS, 8e-3)
     flat = lines_of(rng, np.full(500, 0.01))
     place = rng.uniform(0, 0.01, (500, 3))
     monkeypatch.setattr(
-        calibration, "pass_lines", lambda *_: PassLines(place, flat, place, np.eye(3))
+        calibration, "pass_lines", lambda *_: [PassLines(place, flat, place, np.eye(3))]
     )
     with pytest.raises(EdgeDriftError, match="no steps in view"):
-        calibration.steps_gauge(SCAN, SETTINGS, STEP_M)
+        calibration.steps_gauges(SCAN, SETTINGS, STEP_M)

@@ -27,7 +27,7 @@ def field_of(x: np.ndarray, y: np.ndarray, slope: np.ndarray, polarity: np.ndarr
     columns = SHAPE[1] // CELL_PX
     slopes = np.tile([[-HALF_APERTURE], [HALF_APERTURE]], (1, columns))
     # The ray slope grows with the slope and a metre of depth is a unit of offset.
-    return RayField(SHAPE, slopes, 0.03, 1.0, ordered, bounds)
+    return RayField(SHAPE, slopes, 0.03, 1.0, 1000.0, 0.0, 1.0, ordered, bounds)
 
 
 def lines_at(offset: float, rng: np.random.Generator, n: int = 6000) -> tuple[np.ndarray, ...]:

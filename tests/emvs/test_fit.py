@@ -21,7 +21,9 @@ def depths_of(
     offset: np.ndarray, x: np.ndarray, y: np.ndarray, measure: np.ndarray | float = 50.0
 ) -> Depths:
     full = np.array(np.broadcast_to(measure, SHAPE), np.float32)
-    return Depths(offset.astype(np.float32), full, full, x.astype(np.float32), y.astype(np.float32))
+    return Depths(
+        offset.astype(np.float32), full, full, x.astype(np.float32), y.astype(np.float32), 0 * full
+    )
 
 
 def scattered(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -38,7 +38,7 @@ def some_images(rng: np.random.Generator, most: int = 9, share: float = 0.3) -> 
         images[:, j, : SHAPE[0], :, first:last] = counts * (rng.random(counts.shape) < share)
     columns = SHAPE[1] // CELL_PX
     slopes = np.tile([[-8.0], [8.0]], (1, columns))
-    return PartImages(SHAPE, slopes, 0.03, 1.0, parts, MARGIN, spans, images)
+    return PartImages(SHAPE, slopes, 0.03, 1.0, 1000.0, 0.0, 1.0, parts, MARGIN, spans, images)
 
 
 def line_of(image: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from pydantic import Field
 from roller_core.settings import Settings
 
 from .evidence import EvidenceSettings
+from .lines.edge_drift import NOT_CALIBRATED
 from .method_settings import MethodSettings
 from .methods.paper.paper_settings import PaperSettings
 
@@ -72,6 +73,11 @@ class DepthSettings(MethodSettings):
         if self.window.rule == "auto":
             return "travel" if self.method == "focus" else "time"
         return self.window.rule
+
+    @property
+    def drift_text(self) -> str:
+        """Whether the drift of edges is taken out: the paper's methods don't."""
+        return str(self.edge_drift) if self.method == "focus" else NOT_CALIBRATED
 
     def views(self) -> tuple[tuple[float, float], ...]:
         """(fraction of the window, weight) of the reference views that the method fuses."""

@@ -14,7 +14,6 @@ from roller_core.pose_track import PoseTrack
 from .depth_map import DepthMap, pinhole
 from .depth_settings import DepthSettings
 from .engine import contact_figures
-from .lines.edge_drift import NOT_CALIBRATED
 from .pipeline import DepthPipeline, refuse_surface
 from .warm_up import warm_up
 from .windows import RefusedWindow
@@ -83,7 +82,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
             "windows": totals["windows"],
             "refused_windows": totals["refused_windows"],
             "left_out_windows": totals["left_out_windows"],
-            "edge_drift": NOT_CALIBRATED,
+            "edge_drift": self.settings.drift_text,
             **contact_figures(pipeline),
             **self._times("window", self._milliseconds),
             "window_latency_s": self._latency_s,

@@ -8,6 +8,8 @@ from pydantic import Field, model_validator
 
 from roller_core.timing_settings import TimingSettings
 
+from .lines.edge_drift import EdgeDriftSettings
+
 if TYPE_CHECKING:
     from typing import Self
 
@@ -32,6 +34,11 @@ class MethodSettings(TimingSettings):
         "counted.",
     )
     threads: int = Field(2, ge=1, le=64, description="Threads that share the work.")
+    edge_drift: EdgeDriftSettings = Field(
+        EdgeDriftSettings.create({}),
+        description="The instrument's drift of edges, of focus and surface; see `roller calibrate "
+        "edge-drift`.",
+    )
 
     @model_validator(mode="after")
     def _near_before_far(self) -> Self:

@@ -12,7 +12,6 @@ from roller_core.errors import RollerError, UnwritableOutputError
 from roller_core.output_folder import release_reserve
 from roller_core.outputs import Result
 from roller_emvs.depth_map import DepthMap
-from roller_emvs.lines.edge_drift import NOT_CALIBRATED
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
 from roller_recording.reading import Recording, RecordingError
@@ -80,7 +79,7 @@ def replay(
             "braille": settings.braille.model_dump(),
             "surface": settings.surface.model_dump(),
         },
-        edge_drift=str(settings.surface.edge_drift) if surface else NOT_CALIBRATED,
+        edge_drift=str(settings.surface.edge_drift) if surface else settings.depth.drift_text,
     )
     pipeline = Pipeline(
         settings, recording.camera, recording.poses, braille, report.add_fault, inspect

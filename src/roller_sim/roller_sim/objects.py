@@ -22,29 +22,37 @@ BUMP_RADII, BUMP_WIDTH, BUMP_GAP = (0.4, 0.65, 0.9, 1.15), 12.0, 0.6
 PYRAMID_BASE, PYRAMID_INSET, PYRAMID_RISE, PYRAMID_STEPS = 10.0, 1.0, 0.25, 5
 
 
-def put_sphere(plate: Plate, x0: float) -> float:
+def put_sphere(
+    plate: Plate, x0: float, radius: float = SPHERE_RADIUS, height: float = SPHERE_HEIGHT
+) -> float:
     """A ball of 4 mm radius that stands 1.5 mm out of the plate."""
-    r = float(np.sqrt(2 * SPHERE_RADIUS * SPHERE_HEIGHT - SPHERE_HEIGHT**2))
+    r = float(np.sqrt(2 * radius * height - height**2))
     xc = x0 + r
 
     def cap(x: F64, y: F64) -> F64:
-        rest = np.maximum(SPHERE_RADIUS**2 - (x - xc) ** 2 - y**2, 0.0)
-        return np.maximum(np.sqrt(rest) - (SPHERE_RADIUS - SPHERE_HEIGHT), 0.0)
+        rest = np.maximum(radius**2 - (x - xc) ** 2 - y**2, 0.0)
+        return np.maximum(np.sqrt(rest) - (radius - height), 0.0)
 
     plate.put("sphere", (x0, x0 + 2 * r, -r, r), cap)
     return 2 * r
 
 
-def put_stairs(plate: Plate, x0: float) -> float:
+def put_stairs(
+    plate: Plate,
+    x0: float,
+    rise: float = STAIR_RISE,
+    tread: float = STAIR_TREAD,
+    steps: int = STAIR_STEPS,
+) -> float:
     """Steps of 0.2 mm up and down again."""
-    count = 2 * STAIR_STEPS - 1
-    length = count * STAIR_TREAD
+    count = 2 * steps - 1
+    length = count * tread
 
-    def steps(x: F64, y: F64) -> F64:
-        i = np.clip(np.floor((x - x0) / STAIR_TREAD + 1e-6), 0, count - 1)
-        return STAIR_RISE * (STAIR_STEPS - np.abs(i - (STAIR_STEPS - 1)))
+    def stairs(x: F64, y: F64) -> F64:
+        i = np.clip(np.floor((x - x0) / tread + 1e-6), 0, count - 1)
+        return rise * (steps - np.abs(i - (steps - 1)))
 
-    plate.put("stairs", (x0, x0 + length, -STAIR_WIDTH / 2, STAIR_WIDTH / 2), steps)
+    plate.put("stairs", (x0, x0 + length, -STAIR_WIDTH / 2, STAIR_WIDTH / 2), stairs)
     return length
 
 

@@ -9,13 +9,17 @@ from .cell_settings import SceneSettings
 from .defects import clean, defects
 from .errors import UnknownSceneError
 from .mesh import mesh_scene
-from .objects import LENGTHS, OBJECTS
+from .objects import LENGTHS, OBJECTS, put_sphere, put_stairs
 from .plates import letter_plate, line_array, new_plate, rivet_bent, rivet_flush, three_lines
 from .relief import Scene
 
 #: Press depth of plates with one object: the plate's face is at R less this.
 PRESS_MM = 2.0
 DEMO_PRESS_MM = 1.8
+#: Gauges of `roller calibrate edge-drift`, none of which is among the objects: a sphere's radius
+#: and height, a step's height and length, and how many steps go up.
+GAUGE_SPHERE_MM = 5.0, 1.5
+GAUGE_STEPS_MM, GAUGE_STEPS = (0.25, 1.6), 4
 DEMO_GAP_MM = 2.5
 DEMO_TEXT_GAP_MM = 4.0
 DEMO_TEXT = "roller"
@@ -30,6 +34,20 @@ def _single(name: str) -> Callable[[SceneSettings], Scene]:
         return plate.scene(name, PRESS_MM)
 
     return build
+
+
+def _gauge_sphere(settings: SceneSettings) -> Scene:
+    radius, height = GAUGE_SPHERE_MM
+    plate = new_plate(settings, 2 * radius)
+    put_sphere(plate, settings.margin_mm, radius, height)
+    return plate.scene("gauge_sphere", PRESS_MM)
+
+
+def _gauge_steps(settings: SceneSettings) -> Scene:
+    rise, tread = GAUGE_STEPS_MM
+    plate = new_plate(settings, (2 * GAUGE_STEPS - 1) * tread)
+    put_stairs(plate, settings.margin_mm, rise, tread, GAUGE_STEPS)
+    return plate.scene("gauge_steps", PRESS_MM)
 
 
 def _flat(settings: SceneSettings) -> Scene:
@@ -68,6 +86,8 @@ SCENES: dict[str, Callable[[SceneSettings], Scene]] = {
     "defects": defects,
     "clean": clean,
     "flat": _flat,
+    "gauge_sphere": _gauge_sphere,
+    "gauge_steps": _gauge_steps,
 }
 
 

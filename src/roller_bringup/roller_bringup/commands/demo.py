@@ -98,6 +98,8 @@ def _run(args: argparse.Namespace, folder: Path) -> None:
         f"scene {args.scene} at {args.speed:g} m/s, live",
     )
     report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
+    for values in report.totals["live"].values():
+        report.edge_drift = values.get("edge_drift", report.edge_drift)
     gather(folder / "bag", folder, folder / "truth", report)
     from roller_inspect.results.overview import draw_overview
 

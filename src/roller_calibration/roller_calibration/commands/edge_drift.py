@@ -10,7 +10,7 @@ from roller_core.calibration_file import CalibrationError, calibration_record
 from .output import add_kind, write
 
 #: Nodes that correct for it.
-_NODES = ("surface",)
+_NODES = ("emvs", "surface")
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -18,8 +18,8 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     texts = (
         "drift of edges under the instrument's light, from a sphere and steps",
         "How far edges of each polarity drift while they cross the image, by slope: from passes "
-        "over a sphere of known radius and over steps of known height. Several passes, as of "
-        "other speeds, count together.",
+        "over a sphere of known radius, best to and fro, and over steps of known height. Several "
+        "recordings, as of other speeds, count together.",
     )
     parser = add_kind(kinds, "edge-drift", run, "surface, emvs", texts, skin=True)
     parser.add_argument(
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If a recording can't be read or doesn't show its gauge.
     """
-    from roller_calibration.edge_drift import fit_drift, sphere_gauge, steps_gauge
+    from roller_calibration.edge_drift import fit_drift, sphere_gauges, steps_gauges
     from roller_calibration.recordings import read_scans
     from roller_core.progress import progress_bar
     from roller_inspect.pipeline import PipelineSettings
@@ -60,9 +60,9 @@ def run(args: argparse.Namespace) -> int:
     with progress_bar("fit lines") as progress:
         for k, scan in enumerate(scans):
             if k < len(args.sphere):
-                gauges.append(sphere_gauge(scan, settings, args.radius_mm * 1e-3))
+                gauges.extend(sphere_gauges(scan, settings, args.radius_mm * 1e-3))
             else:
-                gauges.append(steps_gauge(scan, settings, args.step_mm * 1e-3))
+                gauges.extend(steps_gauges(scan, settings, args.step_mm * 1e-3))
             progress((k + 1) / len(scans))
     found = fit_drift(gauges)
     lines = [f"{gauge.name}: {gauge.text}" for gauge in gauges]
@@ -78,6 +78,7 @@ def run(args: argparse.Namespace) -> int:
         radius_m=args.radius_mm * 1e-3, step_m=args.step_mm * 1e-3,
         before_m=list(found.before_m), after_m=list(found.after_m),
     )  # fmt: skip
-    values = {"edge_drift": found.settings.model_dump()}
-    write(args, "edge-drift", lines, {node: values for node in _NODES}, record)
+    # Each its own: parameter files have no aliases.
+    values = {node: {"edge_drift": found.settings.model_dump(mode="json")} for node in _NODES}
+    write(args, "edge-drift", lines, values, record)
     return 0

@@ -37,12 +37,21 @@ class EvidenceField(ABC):
         From a slope to the ray's slope dx/dz at the surface.
     offset_per_m : float
         From metres of depth, away from the camera, to the offset.
+    focal_px : float
+        Focal length, px.
+    speed_px_s : float
+        Speed of the surface through the image, px/s.
+    direction : float
+        1 where the camera moves along x, -1 where it moves against it.
     """
 
     shape: tuple[int, int]
     slopes: F64
     ray_slope_scale: float
     offset_per_m: float
+    focal_px: float
+    speed_px_s: float
+    direction: float
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -64,6 +73,12 @@ class EvidenceField(ABC):
     def apertures(self) -> F32:
         """Spread of slopes of each column of cells, float32."""
         return np.maximum(self.slopes[1] - self.slopes[0], 0.0).astype(np.float32)
+
+    @property
+    def slope_per_px(self) -> float:
+        """From a change of offset by px along x to dh/dx of the surface along the motion."""
+        pixel_m = abs(self.ray_slope_scale / self.offset_per_m)
+        return self.direction / (self.offset_per_m * pixel_m)
 
     def planes_in_effect(self, at: F64) -> F64 | None:
         """Offsets that planes have in effect, shape (planes, columns of cells); None: as asked."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from roller_core.transforms import F64
+from roller_emvs.lines.edge_drift import EdgeDriftSettings, edge_drift
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
@@ -15,7 +16,7 @@ from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .evidence_settings import EvidenceSettings
 from .field import EvidenceField
-from .fit import fit_planes
+from .fit import Fit, fit_planes
 from .sweep import Depths
 from .uncertainty import point_sigma
 
@@ -45,6 +46,8 @@ class Relief:
         Standard uncertainty of the offset.
     surfaces : tuple of ndarray of float32, shape (height, width)
         The surface by pixel where OFF and where ON events have a depth, NaN elsewhere.
+    changes : tuple of ndarray of float32, shape (rows, columns)
+        Of the cells of each, see `crossing_change`.
     """
 
     row: np.ndarray
@@ -53,10 +56,15 @@ class Relief:
     confidence: F32
     sigma: F32
     surfaces: tuple[F32, ...]
+    changes: tuple[F32, ...]
 
 
 def measured_pixels(
-    field: EvidenceField, depths: list[Depths], settings: EvidenceSettings, threads: int = 1
+    field: EvidenceField,
+    depths: list[Depths],
+    settings: EvidenceSettings,
+    drift: EdgeDriftSettings,
+    threads: int = 1,
 ) -> Relief:
     """Pixels on which events of one polarity gather, and the surface there.
 
@@ -68,12 +76,19 @@ def measured_pixels(
         Of OFF and of ON events.
     settings : EvidenceSettings
         `min_votes` and `min_point_confidence`.
+    drift : EdgeDriftSettings
+        The instrument's drift of edges, which is taken out if it is calibrated.
     threads : int
         Threads that share the work.
     """
     s = settings
     px_per_offset = max(field.aperture, 1e-12)
-    fit = fit_planes(depths, _SLOPE_SIGMA_PX / CELL_PX, _RESOLUTION_PX / px_per_offset, threads)
+    smooth = _SLOPE_SIGMA_PX / CELL_PX, _RESOLUTION_PX / px_per_offset
+    fit = fit_planes(depths, *smooth, threads)
+    of_drift = np.zeros((1, 1))
+    if drift.calibrated:
+        depths, of_drift = _without_drift(field, depths, fit, drift)
+        fit = fit_planes(depths, *smooth, threads)
     fitted, nowhere = fit.offset.astype(np.float32), np.float32(np.nan)
     cells = [np.where(np.isfinite(found.offset), fitted, nowhere) for found in depths]
     scatter_px = (fit.scatter * px_per_offset).astype(np.float32)
@@ -100,7 +115,27 @@ def measured_pixels(
     keep = (spread_px < _MOST_SCATTER_PX) & (sure >= s.min_point_confidence)
     row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
     sigma = point_sigma(field, fit.offset, row, column, spread_px[keep])
-    return Relief(row, column, offset.astype(np.float64), sure, sigma, tuple(surfaces))
+    if drift.calibrated:
+        left = of_drift[row // CELL_PX, column // CELL_PX]
+        sigma = np.hypot(sigma, left).astype(np.float32)
+    changes = tuple(found.change for found in depths)
+    return Relief(row, column, offset.astype(np.float64), sure, sigma, tuple(surfaces), changes)
+
+
+def _without_drift(
+    field: EvidenceField, depths: list[Depths], fit: Fit, drift: EdgeDriftSettings
+) -> tuple[list[Depths], F64]:
+    """Depths less the drift on the slope of the surface through them, and what may be left."""
+    slope = np.nan_to_num(-np.gradient(fit.offset, axis=1) / CELL_PX) * field.slope_per_px
+    found, sigmas = [], []
+    for polarity, own in enumerate(depths):
+        height, sigma = edge_drift(drift, polarity, slope, own.change)
+        # Heights count towards the camera, offsets away from it.
+        offset = own.offset + (height * field.offset_per_m).astype(np.float32)
+        found.append(replace(own, offset=offset))
+        sigmas.append(sigma * abs(field.offset_per_m))
+    # The surface is between those of both polarities, which err apart.
+    return found, np.asarray(0.5 * np.hypot(*sigmas), np.float64)
 
 
 def _around(support: F32) -> F32:

@@ -9,7 +9,16 @@ import numpy as np
 
 from roller_emvs.rays import F32
 
+from ._kernels import CELL_PX
 from .field import EvidenceField
+
+#: Events a cell from which on their mean slope means something.
+_ENOUGH = 1.0
+#: Change by unit of slope beyond which it says less.
+_STEEP = 2.0
+#: Time that a pixel waits for its read-out, s, and the largest share of time that it is taken to
+#: be blind.
+_READOUT_S, _MOST_BLIND = 2e-4, 0.65
 
 
 @dataclass(frozen=True)
@@ -48,6 +57,25 @@ def slope_statistics(field: EvidenceField, offset: F32, polarity: int) -> SlopeS
     mean = slope * each
     variance = np.maximum(square * each - mean * mean, 0.0)
     return SlopeStatistics(count, mean, np.sqrt(12.0 * variance))
+
+
+def crossing_change(field: EvidenceField, seen: SlopeStatistics) -> F32:
+    """How fast the edges of cells gain contrast while they cross the image, by unit of slope.
+
+    More contrast crosses more thresholds, so events get denser on one side of the aperture: by
+    (mean of the slopes - middle) / variance of an even spread. An edge's path on its flank grows
+    as the root of the thresholds that it crosses, which this is multiplied by.
+    """
+    low, high = field.slopes * field.ray_slope_scale
+    middle, spread = 0.5 * (low + high), np.maximum(np.abs(high - low), 1e-9)
+    beside = np.where(seen.count > _ENOUGH, seen.mean * field.ray_slope_scale - middle, 0.0)
+    change = beside / (spread**2 / 12)
+    # An edge that is seen from one side alone doesn't say how fast its contrast changes.
+    change /= 1.0 + (change / _STEEP) ** 2
+    crossed = seen.count / (CELL_PX * field.focal_px * spread)
+    # A pixel that waits for its read-out is blind: the denser the events, the more are lost.
+    seeing = 1.0 - np.minimum(crossed * field.speed_px_s * _READOUT_S, _MOST_BLIND)
+    return np.asarray(np.sqrt(crossed / seeing) * change / seeing, np.float32)
 
 
 def _grown(offset: F32) -> F32:

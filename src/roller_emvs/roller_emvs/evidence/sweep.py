@@ -34,7 +34,7 @@ from .focus_measure import (
     tiles_reached,
     tiles_searched,
 )
-from .slope_statistics import slope_statistics
+from .slope_statistics import crossing_change, slope_statistics
 
 #: The fine depth is searched this far to either side of the coarse one, px of parallax.
 _SEARCH_PX = 8.0
@@ -57,7 +57,7 @@ class Depths:
     """Depth of one polarity on the grid's cells, float32, shape (rows, columns).
 
     `offset` is NaN where there is none; `x`, `y` is where in the neighbourhood the evidence lies,
-    in cells.
+    in cells; `change` see `crossing_change`.
     """
 
     offset: F32
@@ -65,6 +65,7 @@ class Depths:
     focus_measure: F32
     x: F32
     y: F32
+    change: F32
 
 
 def find_depths(
@@ -183,7 +184,8 @@ def _checked(
     share = np.sqrt(np.minimum(seen.spread / max(field.aperture, 1e-12), 1.0))
     confidence = depths.confidence * share
     offset = np.where(confidence < s.min_seen_confidence, np.float32(np.nan), offset)
-    return replace(depths, offset=offset, confidence=confidence)
+    change = crossing_change(field, seen)
+    return replace(depths, offset=offset, confidence=confidence, change=change)
 
 
 def _follow(measure: F32, field: EvidenceField, at: F64) -> F32:
@@ -224,4 +226,4 @@ def _peaks(
     weights = (weights / weights.sum()).astype(np.float32)
     peaks._centroids(measure, nearest, weights, total, x, y)
     x += np.nan_to_num(offset) * field.middles[None, :].astype(np.float32) / CELL_PX
-    return Depths(offset, contrast, total, x, y)
+    return Depths(offset, contrast, total, x, y, np.zeros_like(x))

@@ -9,6 +9,7 @@ and from the width of the band in which the events lie; `roller calibrate edge-d
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from roller_core.settings import Settings
@@ -17,13 +18,9 @@ from roller_core.transforms import F64
 #: What a report says where no drift is known, and none is taken out.
 NOT_CALIBRATED = "not calibrated"
 #: Terms of the model.
-TERMS = 6
+TERMS = 2
 #: Slope at which the sign of a slope counts in full.
 _TURN = 0.15
-#: Change beyond which it says less.
-_STEEP = 2.0
-#: Band in which coefficients with a band count as those without, m.
-BAND_M = 3e-5
 #: Slopes of the table of what a calibration leaves over: bins from 0 to the last, by polarity and
 #: rising or falling.
 SLOPE_BINS = 6
@@ -36,8 +33,8 @@ class EdgeDriftSettings(Settings):
 
     coefficients_m: tuple[float, ...] = Field(
         (0.0,),  # ROS 2 has no empty lists in parameter files
-        description="Of height by slope g along the roll, g·|g|, t = tanh(g / 0.15), t and g by "
-        "band, change by band: six of OFF, then six of ON events, m; a single 0: not calibrated.",
+        description="Of height by change of contrast and tanh(g / 0.15), g the slope along the "
+        "roll: two of OFF, then two of ON events, m; a single 0: not calibrated.",
     )
     residual_m: tuple[float, ...] = Field(
         (0.0,),
@@ -67,38 +64,30 @@ class EdgeDriftSettings(Settings):
         return "calibrated" if self.calibrated else NOT_CALIBRATED
 
 
-def drift_terms(slope: F64, band_m: F64, change: F64) -> F64:
-    """The model's terms, shape (n, 6): height by coefficient.
+def drift_terms(slope: F64, change: npt.NDArray[np.floating]) -> F64:
+    """The model's terms, shape (..., 2): height by coefficient.
 
     Parameters
     ----------
-    slope : ndarray of float64, shape (n,)
+    slope : ndarray of float64
         Of the surface along the roll, dh/dx.
-    band_m : ndarray of float64, shape (n,)
-        Standard deviation of the events about their line, metres.
-    change : ndarray of float64, shape (n,)
-        How fast the events get more along the crossing: (mean of the rays' slopes less the middle
-        of the aperture) / their variance.
+    change : ndarray
+        Of contrast during the crossing, see `crossing_change`; same shape.
     """
-    turn = np.tanh(slope / _TURN)
-    band = band_m / BAND_M
-    # An edge that is seen from one side alone doesn't say how fast its contrast changes.
-    change = change / (1.0 + (change / _STEEP) ** 2)
-    terms = (slope, slope * np.abs(slope), turn, turn * band, slope * band, change * band)
-    return np.stack(terms, axis=1)
+    return np.stack([change, np.tanh(slope / _TURN)], axis=-1)
 
 
 def edge_drift(
-    settings: EdgeDriftSettings, polarity: int, slope: F64, band_m: F64, change: F64
+    settings: EdgeDriftSettings, polarity: int, slope: F64, change: npt.NDArray[np.floating]
 ) -> tuple[F64, F64]:
-    """Height by which lines are too high, and its uncertainty, metres.
+    """Height by which edges are found too high, and its uncertainty, metres; see `drift_terms`.
 
     Beyond the calibrated slopes the drift stays what it is there, and is uncertain by as much.
     """
     count = TERMS * polarity
     held = np.clip(slope, -settings.max_slope, settings.max_slope)
     beta = np.asarray(settings.coefficients_m[count : count + TERMS])
-    height = drift_terms(held, band_m, change) @ beta
+    height = drift_terms(held, change) @ beta
     table = np.asarray(settings.residual_m).reshape(2, 2, SLOPE_BINS)[polarity]
     middles = (np.arange(SLOPE_BINS) + 0.5) * settings.max_slope / SLOPE_BINS
     rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)

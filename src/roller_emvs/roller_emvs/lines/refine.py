@@ -45,10 +45,11 @@ class LinePoints:
         0 for OFF, 1 for ON events.
     slope : ndarray of float64
         dh/dx of the surface, h towards the camera.
-    band_m : ndarray of float64
-        Width of the band in which the events lie, metres.
+    lean : ndarray of float64
+        How fast the events get more along the crossing: mean of the rays' slopes less the middle
+        of the aperture, by their variance.
     change : ndarray of float64
-        How fast the events get more along the crossing; see `drift_terms`.
+        The same of the cell around; see `crossing_change`.
     sigma_m : ndarray of float64
         Uncertainty of the height but for drift, metres.
     """
@@ -58,7 +59,7 @@ class LinePoints:
     offset: F64
     polarity: I64
     slope: F64
-    band_m: F64
+    lean: F64
     change: F64
     sigma_m: F64
 
@@ -107,16 +108,13 @@ def refine(
             both[polarity] = fit_lines(own, surface, columns, *scales)
 
     share(threads, 2, fit)
-    pixel_m = abs(field.ray_slope_scale / field.offset_per_m)
-    parts = [
-        _judge(lines, k, found, field, pixel_m) for k, lines in enumerate(both) if lines is not None
-    ]
+    parts = [_judge(lines, k, found, field) for k, lines in enumerate(both)]
     for _, lines in parts:
         light.add(*_crossing(lines, field), lines.events * INDEPENDENT)
     offsets, sigmas, tilts = [], [], []
     for k, (points, lines) in enumerate(parts):
         if settings.calibrated:
-            height, drift = edge_drift(settings, k, points.slope, points.band_m, points.change)
+            height, drift = edge_drift(settings, k, points.slope, points.change)
         else:
             height = np.zeros(len(lines))
             drift = np.full(len(lines), light.share * _UNKNOWN_DRIFT_M)
@@ -129,8 +127,9 @@ def refine(
             for name in LinePoints.__dataclass_fields__
         }
     )
-    of_points = light.share * _POINT_DRIFT_M * abs(field.offset_per_m)
-    found = replace(found, sigma=np.hypot(found.sigma, np.float32(of_points)))
+    if not settings.calibrated:
+        of_points = light.share * _POINT_DRIFT_M * abs(field.offset_per_m)
+        found = replace(found, sigma=np.hypot(found.sigma, np.float32(of_points)))
     offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
     if len(offset):
         found = _moved(found, every, offset, sigma, abs(field.offset_per_m))
@@ -139,7 +138,7 @@ def refine(
 
 
 def _judge(
-    lines: Lines, polarity: int, found: Relief, field: EvidenceField, pixel_m: float
+    lines: Lines, polarity: int, found: Relief, field: EvidenceField
 ) -> tuple[LinePoints, Lines]:
     """What a line's drift depends on, and its uncertainty without drift."""
     surface = found.surfaces[polarity]
@@ -150,16 +149,15 @@ def _judge(
     here = surface[lines.row, column].astype(np.float64)
     one_sided = np.where(np.isnan(left), right - here, here - left) / CELL_PX
     slope = np.where(np.isnan(left) | np.isnan(right), one_sided, (right - left) / (2 * CELL_PX))
-    slope = np.nan_to_num(-slope / per_m / pixel_m)
+    slope = np.nan_to_num(-slope) * field.slope_per_px
     doubt = np.nan_to_num(here - lines.offset) / per_m * _DOUBT
     variance = lines.variance[:, 2] / per_m**2 + doubt**2 + (slope * _PLACE_M) ** 2
     sigma = np.sqrt(variance + _FLOOR_M**2)
     kind = np.full(len(lines), polarity)
-    band = lines.band_px * pixel_m
     lean, spread = _crossing(lines, field)
-    points = LinePoints(
-        lines.row.astype(np.float64), lines.x, lines.offset, kind, slope, band, lean / spread, sigma
-    )
+    change = found.changes[polarity][lines.row // CELL_PX, column // CELL_PX].astype(np.float64)
+    row = lines.row.astype(np.float64)
+    points = LinePoints(row, lines.x, lines.offset, kind, slope, lean / spread, change, sigma)
     return points, lines
 
 
@@ -237,4 +235,5 @@ def _merge(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64)
         np.concatenate([found.confidence[stays], confidence[taken]]),
         np.concatenate([found.sigma[stays], sigma[number[taken]]]).astype(np.float32),
         found.surfaces,
+        found.changes,
     )

@@ -45,6 +45,10 @@ class WindowView:
         Packets' cameras in the reference view.
     slopes : ndarray of float64, shape (2, columns of cells)
         Least and most slope that each column can have been seen from.
+    speed_px_s : float
+        Speed of the surface through the image, px/s.
+    direction : float
+        1 where the camera moves along the parallax' columns, -1 where it moves against them.
     """
 
     packets: Packets
@@ -55,6 +59,8 @@ class WindowView:
     turned: bool
     relative: F64
     slopes: F64
+    speed_px_s: float
+    direction: float
 
     @classmethod
     def of(
@@ -85,8 +91,17 @@ class WindowView:
                 np.minimum((x - left) / middle, along.max()),
             ]
         )
+        times = packets.events.t_ns
+        seconds = max(float(times[-1] - times[0]) * 1e-9, 1e-9)
+        speed = float(travel.max()) * middle / seconds
         half = 0.5 * (near - far)
-        return cls(packets, c, view, middle, half, turned, relative, slopes)
+        direction = 1.0 if along[-1] >= along[0] else -1.0
+        return cls(packets, c, view, middle, half, turned, relative, slopes, speed, direction)
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length along the parallax, px."""
+        return self.camera.fy if self.turned else self.camera.fx
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -97,9 +112,17 @@ class WindowView:
         return -(-rows // CELL_PX) * CELL_PX, -(-columns // CELL_PX) * CELL_PX
 
     @property
-    def _of_field(self) -> tuple[tuple[int, int], F64, float, float]:
-        focal = self.camera.fy if self.turned else self.camera.fx
-        return self.shape, self.slopes, -self.middle / focal, -(self.middle**2)
+    def _of_field(self) -> tuple[tuple[int, int], F64, float, float, float, float, float]:
+        focal = self.focal_px
+        return (
+            self.shape,
+            self.slopes,
+            -self.middle / focal,
+            -(self.middle**2),
+            focal,
+            self.speed_px_s,
+            self.direction,
+        )
 
     def ray_field(self) -> RayField:
         """Rays of all events; their offset is inverse depth less `middle`."""

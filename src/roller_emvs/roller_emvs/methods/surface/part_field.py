@@ -219,8 +219,8 @@ def part_field(
     shape = (rows, parts, tiles * TILE_BINS)
     seen = np.zeros((2, rows // CELL_PX * tiles + 1), np.int32)
     field = PartField(
-        (rows, columns), slopes, pixel, 1.0,
-        buffers.take(rows * parts * tiles * TILE_BINS + 1), shape, apron * TILE_BINS, furthest,
+        (rows, columns), slopes, pixel, 1.0, strip.focal_px, strip.speed_m_s / pixel,
+        1.0, buffers.take(rows * parts * tiles * TILE_BINS + 1), shape, apron * TILE_BINS, furthest,
         part_slopes, np.zeros((2, rows // CELL_PX, count), np.bool_),
     )  # fmt: skip
     _count(strip, block, field, seen, True, threads)

@@ -109,7 +109,8 @@ class Strip:
         self.origin = pose[:3, 3].copy()
         self.middle_m = 0.5 * (s.depth_min_m + s.depth_max_m)
         self.half_m = 0.5 * (s.depth_max_m - s.depth_min_m)
-        self.pixel_m = self.middle_m / float(max(camera.fx, camera.fy))
+        self.focal_px = float(max(camera.fx, camera.fy))
+        self.pixel_m = self.middle_m / self.focal_px
         self.store = EventStore(s.block_m, start_ns)
         self._pixel_rays = rays
         border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
@@ -121,6 +122,7 @@ class Strip:
         #: Least and most x of it, for what each row was seen from.
         self.seen_m = (0.0, 0.0)
         self._slopes = (np.inf, -np.inf)
+        self._travel_m, self._travel_ns = 0.0, 0
         #: Rows before it are out of view.
         self._behind_m = -np.inf
         self._reach_m = MARGIN_M
@@ -130,6 +132,11 @@ class Strip:
     def held_events(self) -> int:
         """Events that wait."""
         return self.store.held
+
+    @property
+    def speed_m_s(self) -> float:
+        """Mean speed of the camera while there were events."""
+        return self._travel_m / self._travel_ns * 1e9 if self._travel_ns else 0.0
 
     @property
     def slopes(self) -> tuple[float, float]:
@@ -150,6 +157,8 @@ class Strip:
     def add(self, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64) -> None:
         """Take the events between two poses, given in the strip."""
         s = self.settings
+        self._travel_m += float(np.linalg.norm(pose1[:3, 3] - pose0[:3, 3]))
+        self._travel_ns += t1 - t0
         if self._placed.shape[1] < len(events):
             self._placed = np.empty((3, len(events)), np.float32)
         half_length = s.patch_half_length_m or np.inf
@@ -333,4 +342,15 @@ def ray_field(strip: Strip, block: Block) -> RayField:
     bounds = np.cumsum([0, *(len(e) for e in parts)]).astype(np.int64)
     x = strip.cell_columns(block)
     slopes = np.stack(strip.slopes_seen(x)) / pixel
-    return RayField((rows, len(x) * CELL_PX), slopes, pixel, 1.0, rays.astype(np.float32), bounds)
+    speed = strip.speed_m_s / pixel
+    return RayField(
+        (rows, len(x) * CELL_PX),
+        slopes,
+        pixel,
+        1.0,
+        strip.focal_px,
+        speed,
+        1.0,
+        rays.astype(np.float32),
+        bounds,
+    )

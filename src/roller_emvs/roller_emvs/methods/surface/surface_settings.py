@@ -5,7 +5,6 @@ from __future__ import annotations
 from pydantic import Field
 
 from roller_emvs.evidence import EvidenceSettings
-from roller_emvs.lines.edge_drift import EdgeDriftSettings
 from roller_emvs.method_settings import MethodSettings
 
 
@@ -44,8 +43,4 @@ class SurfaceSettings(MethodSettings):
     evidence: EvidenceSettings = Field(
         EvidenceSettings.create({"min_confidence": 0.25, "min_point_confidence": 0.1}),
         description="What counts as evidence of a depth.",
-    )
-    edge_drift: EdgeDriftSettings = Field(
-        EdgeDriftSettings.create({}),
-        description="The instrument's drift of edges; see `roller calibrate edge-drift`.",
     )

@@ -146,7 +146,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             with watch("votes"):
                 depths = find_part_depths(field, strip.half_m, s.evidence, s.threads)
             with watch("points"):
-                found = measured_pixels(field, depths, s.evidence, s.threads)
+                found = measured_pixels(field, depths, s.evidence, s.edge_drift, s.threads)
         finally:
             clear(strip, block, field, s.threads)
 
@@ -167,7 +167,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         with watch("votes"):
             depths = find_depths(field, -half, half, s.evidence, COARSE_PARTS, s.threads)
         with watch("points"):
-            found = measured_pixels(field, depths, s.evidence, s.threads)
+            found = measured_pixels(field, depths, s.evidence, s.edge_drift, s.threads)
 
         def rays(polarity: int) -> F32:
             return field.rays[field.bounds[polarity] : field.bounds[polarity + 1]]
