@@ -44,5 +44,23 @@ def test_a_failure_is_a_row_and_what_is_done_stays(
     assert done.stat().st_mtime_ns == written
 
 
+def test_a_dask_scheduler_does_the_jobs(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    folder, out = tmp_path / "scans", tmp_path / "out"
+    folder.mkdir()
+    (folder / "broken.mcap").write_bytes(b"\x89MCAP0\r\n nothing")
+    words = ["batch", str(folder), "--output", str(out), "--method", "focus", "--scheduler"]
+    with distributed.LocalCluster(
+        n_workers=1,
+        processes=False,
+        protocol="tcp://",
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+    ) as cluster:
+        assert main([*words, cluster.scheduler_address]) == 1
+    (job,) = json.loads((out / "summary.json").read_text())["jobs"]
+    assert "broken.mcap" in job["error"]
+
+
 def test_no_recordings_is_wrong_usage(tmp_path: Path) -> None:
     assert main(["batch", str(tmp_path), "--output", str(tmp_path.parent / "out")]) == 2

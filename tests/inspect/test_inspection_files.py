@@ -15,6 +15,7 @@ import pytest
 from roller_bringup.cli import main
 from roller_core.outputs import CONTACT, DEVIATION, FINDINGS, Cloud, ContactFault, Output, Result
 from roller_emvs.patch import SURFACE_FIELDS, Patch
+from roller_inspect.exports.pdf import PdfError, check_pdf, write_pdf
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
 from roller_inspect.inspect_stage import InspectParameters, InspectStage
 from roller_inspect.judgement import Inspected, judge_nothing
@@ -146,6 +147,15 @@ def test_measures_of_the_recipe_count() -> None:
     assert "1 of 1 measures out of tolerance" in known.reason
     known = measured(tool="roughness_sq", of="all", high=1e-9)
     assert known.verdict in ("inconclusive", "nonconform")
+
+
+def test_a_pdf_is_the_page(tmp_path: Path) -> None:
+    try:
+        check_pdf()
+    except PdfError:
+        pytest.skip("weasyprint is not there")
+    write_pdf(tmp_path / "page.pdf", "<h1>Not conform</h1>")
+    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF-")
 
 
 def test_files_and_exports(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
@@ -18,7 +19,7 @@ _STEEP, _FAR_M = 0.5, 1e-4
 _OUTLIER_M, _OUTLIER_SIGMAS = 1e-4, 3.0
 #: Where points are dense, nothing is called measured that scatters more, or is less certain, than
 #: this, m: a wrong height is one that is off by 100 µm. A lone edge is good for more.
-_MOST_SCATTER_M, _MOST_SIGMA_M, _MOST_SIGMA_SPARSE_M = 4e-5, 6e-5, 1.5e-4
+_MOST_SCATTER_M, _MOST_SIGMA_M, _MOST_SIGMA_SPARSE_M, _LEAST_NOISY_M = 4e-5, 6e-5, 1.5e-4, 3e-3
 #: What a continued cell adds to its neighbours' uncertainty by distance.
 _SLOPE = 0.1
 
@@ -47,6 +48,9 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
     scatter = scatter_of(cells.height_m[tuple(nearest)], good, step)
     dense = np.isfinite(scatter)
     noisy = dense & ((scatter > _MOST_SCATTER_M) | (_local(cells, good) > _MOST_SIGMA_M))
+    # Walls around a hollow scatter too; what is no larger than it, m, is no noise.
+    size = max(1, round(_LEAST_NOISY_M / step))
+    noisy = cv2.morphologyEx(noisy.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size))) > 0
     good &= ~noisy & (cells.sigma_m <= _MOST_SIGMA_SPARSE_M)
     if not good.any():
         state = np.where(outside, OUTSIDE, UNMEASURED).astype(np.uint8)

@@ -19,7 +19,7 @@ class HeightMapSettings(Settings):
         "m.",
     )
     max_cells: int = Field(
-        4_000_000,
+        2_500_000,
         ge=10_000,
         le=1_000_000_000,
         description="Cells kept at once; a longer scan is given in pieces, and as a coarser whole.",
