@@ -58,6 +58,10 @@ def test_a_quick_run_writes_its_files(bench: Result) -> None:
         assert 0 < case["error"]["mae_um"] < 2000
         assert 0 < case["error"]["edges_measured"] <= 1
         assert set(case["objects"]) == {"stairs"}
+        assert {"votes", "other"} < set(case["stages"])
+        whole = case["time"]["cpu_ms_per_mev"]
+        assert sum(case["stages"].values()) == pytest.approx(whole, rel=0.05, abs=1)
+    assert 0 < result["decoding_cpu_ns"] < 1e5
     assert set(result["pareto"]) == {"ms", "ms_per_mev"}
     for front in result["pareto"].values():
         assert front

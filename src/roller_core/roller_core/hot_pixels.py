@@ -52,8 +52,10 @@ def find_hot_pixels(
         return None
     near = cv2.blur(counts, (_NEAR_PX, 1))
     if columns_too:
-        near = np.maximum(near, cv2.blur(counts, (1, _NEAR_PX)))
-    hot = counts > _TIMES * near + _LEAST
+        np.maximum(near, cv2.blur(counts, (1, _NEAR_PX)), out=near)
+    near *= np.float32(_TIMES)
+    near += np.float32(_LEAST)
+    hot = counts > near
     return hot if hot.any() else None
 
 

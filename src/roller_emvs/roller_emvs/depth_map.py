@@ -39,6 +39,8 @@ class DepthMap:
         What was lost or refused in this window, one line each.
     cpu_ms : float
         Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
+    stage_cpu_ms : dict
+        The same by stage.
     """
 
     stamp_ns: int
@@ -52,6 +54,7 @@ class DepthMap:
     milliseconds: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     cpu_ms: float = 0.0
+    stage_cpu_ms: dict[str, float] = field(default_factory=dict)
 
     @property
     def points(self) -> int:

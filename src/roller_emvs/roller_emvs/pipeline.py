@@ -94,6 +94,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             middle = 0.5 * (settings.depth_min_m + settings.depth_max_m)
             ray_slope = (self._table[..., 0] - camera.cx) / camera.fx
             self._table[np.abs(ray_slope) * middle > settings.patch_half_length_m] = np.nan
+        self._seeing = np.isfinite(self._table[..., 0])
 
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
         """Depth maps of all windows that are complete, in order.
@@ -128,10 +129,12 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             Where poses are missing.
         """
         s, camera = self.settings, self.camera
-        events, (table, notes) = window.events, self._usable(window.events)
+        events, watch = window.events, watch or Stopwatch()
         span = window.end_ns - window.start_ns
         middle_ns = window.start_ns + span // 2
-        with (watch or Stopwatch())("packets"):
+        with watch("hot pixels"):
+            table, notes = self._usable(events)
+        with watch("packets"):
             packets = make_packets(events, table, self.track, s.packet_events)
             times = [window.start_ns + round(f * span) for f, _ in s.views()]
             poses = self.track.matrices([*times, middle_ns])
@@ -164,6 +167,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             {k: float(np.round(v, 3)) for k, v in watch.milliseconds.items()},
             prepared.notes,
             round((time.process_time() - cpu_s) * 1e3, 3),
+            watch.cpu_ms,
         )
 
     def _depth(self, prepared: PreparedWindow, watch: Stopwatch) -> tuple[F32, F32, F32]:
@@ -185,9 +189,9 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             notes = (f"{counts[hot].sum():.0f} events of {int(hot.sum())} hot pixels",)
             table = table.copy()
             table[hot] = np.nan
-        if (hot is not None or self.settings.patch_half_length_m) and not counts[
-            np.isfinite(table[..., 0])
-        ].any():
+            counts[hot] = 0
+        elsewhere = hot is not None or self.settings.patch_half_length_m
+        if elsewhere and not np.logical_and(counts, self._seeing).any():
             raise ParallaxError("no event of a good pixel lies in the contact patch")
         return table, notes
 

@@ -8,17 +8,19 @@ from contextlib import contextmanager
 
 
 class Stopwatch:
-    """Adds up the time spent in named stages."""
+    """Adds up the time spent in named stages, and that of the processor on all threads."""
 
     def __init__(self) -> None:
         self.milliseconds: dict[str, float] = {}
+        self.cpu_ms: dict[str, float] = {}
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time a stage."""
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), time.process_time()
         try:
             yield
         finally:
-            spent = (time.perf_counter() - start) * 1e3
-            self.milliseconds[stage] = self.milliseconds.get(stage, 0.0) + spent
+            spent, used = time.perf_counter() - start, time.process_time() - cpu
+            self.milliseconds[stage] = self.milliseconds.get(stage, 0.0) + spent * 1e3
+            self.cpu_ms[stage] = self.cpu_ms.get(stage, 0.0) + used * 1e3

@@ -12,7 +12,9 @@ from roller_core.progress import OnProgress, no_progress
 from .bench_plan import BenchOptions, depth_cases, fixed_cases
 from .bench_plots import draw_scaling, draw_speed_vs_error
 from .bench_tables import tables
+from .decoding import decoding_cpu_ns
 from .figures import ERRORS
+from .measures import STAGE_COLUMNS
 from .rows import Row, mean, provenance, values, where, write_rows
 from .run import run_timed
 from .scaling import scaling_cases
@@ -72,6 +74,7 @@ def run_bench(
         "options": {k: v for k, v in asdict(o).items() if k != "slider"},
         "paper": PAPER,
         "cases": cases,
+        "decoding_cpu_ns": decoding_cpu_ns(scans.get(o.scan(o.dense[0], o.fixed_speed))),
         "pareto": fronts(cases, o.speeds[0]),
         "growth": [r for r in grown if r["run"]],
         "fixed": fixed,
@@ -95,7 +98,8 @@ def summarise(rows: Sequence[Row]) -> list[dict[str, Any]]:
     list of dict
         `time`: of each column the mean over the objects of the median over runs, with the
         spread of the runs as `_low` and `_high`; `error`: mean over the objects, each counting
-        the same however many points it has; `objects`: each one's errors.
+        the same however many points it has; `objects`: each one's errors; `stages`: mean
+        processor time by stage, ns an event.
     """
     found: dict[tuple[str, float], list[Row]] = {}
     for row in rows:
@@ -114,6 +118,11 @@ def summarise(rows: Sequence[Row]) -> list[dict[str, Any]]:
                 "time": _times(own) | counts,
                 "error": {"objects": len(measured), **error},
                 "objects": {r["object"]: {k: r[k] for k in ERRORS} for r in first},
+                "stages": {
+                    stage: round(spent, 1)
+                    for stage, column in STAGE_COLUMNS.items()
+                    if (spent := mean(own, column)) is not None
+                },
             }
         )
     return out

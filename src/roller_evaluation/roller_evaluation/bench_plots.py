@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
 from .pictures import write_picture
 from .rows import Row, values, where
@@ -22,6 +23,12 @@ COLOURS = {
     "left_right": "tab:orange",
     "emvs": "tab:brown",
 }
+#: Where a name may stand: its side towards the point, and its offset, points.
+_BESIDE = [("left", 10, y) for y in (6, -6, 16, -16)] + [
+    (side, x, y)
+    for y in (6, -6, 16, -16, 26, -26)
+    for side, x in (("right", -10), ("left", 10), ("center", 0))
+]
 _MARKERS = {"base": "o", "planes": "^", "window": "s", "packet": "D"}
 
 
@@ -76,6 +83,9 @@ def speed_vs_error(result: dict[str, Any]) -> tuple[Figure, Axes, Axes]:
         axis.margins(x=0.15, y=0.1)
         _plain_ticks(axis)
     _legend(figure, cases)
+    figure.draw_without_rendering()  # names go where things lie
+    for axis, shown, time in ((left, windows, "ms"), (right, cases, "ms_per_mev")):
+        _name_cases(axis, shown, time)
     count = len(result["options"]["objects"])
     figure.suptitle(
         f"Speed against error: mean of {count} object{'s' if count != 1 else ''} at {speed:g} m/s, "
@@ -92,11 +102,29 @@ def _draw_cases(axis: Axes, cases: Sequence[dict[str, Any]], time: str) -> None:
             fmt=_MARKERS[c["factor"]], ms=11 if base else 7, color=COLOURS[c["method"]],
             mec="black", mew=1.2 if base else 0.4, elinewidth=0.8, zorder=4 if base else 3,
         )  # fmt: skip
-        edges = c["error"]["edges_measured"]
-        if base:
+
+
+def _name_cases(axis: Axes, cases: Sequence[dict[str, Any]], time: str) -> None:
+    """Name the base cases, each where its name covers nothing and stays in the picture."""
+    points = [(c["time"][time], c["error"]["near_edge_mae_um"]) for c in cases]
+    places = axis.transData.transform(points)
+    taken = [text.get_window_extent() for text in axis.texts]
+    taken += [Bbox.from_bounds(x - 6, y - 6, 12, 12) for x, y in places]
+    frame = axis.get_window_extent()
+    for c, point in zip(cases, points, strict=True):
+        if c["factor"] == "base":
+            edges = c["error"]["edges_measured"]
             name = c["method"] if edges is None else f"{c['method']} ({edges:.0%})"
-            axis.annotate(name, (t[time], error), xytext=(9, 6), textcoords="offset points",
-                          fontsize=9, zorder=6)  # fmt: skip
+            text = axis.annotate(name, point, xytext=(0, 0), textcoords="offset points",
+                                 fontsize=9, zorder=6)  # fmt: skip
+            for side, x, y in _BESIDE:
+                text.set(ha=side, va="center")
+                text.set_position((x, y))
+                box = text.get_window_extent()
+                inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and box.y1 <= frame.y1
+                if inside and not any(box.overlaps(other) for other in taken):
+                    break
+            taken.append(box)
 
 
 def _draw_front(

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from .fixed_window import REFERENCE
+from .measures import STAGES
 from .rows import Row, mean, values, where
 from .tables import Table, number, share
 
 
 def tables(result: dict[str, Any]) -> list[Table]:
     """All tables of a result of `run_bench`."""
-    found = [_cases(result), _objects(result)]
+    found = [_cases(result), _stages(result), _objects(result)]
     found += [_fixed(result["fixed"])] if result["fixed"] else []
     found.append(_scaling(result["growth"]))
     found += [_slider(result["slider"])] if result["slider"] else []
@@ -51,6 +52,23 @@ def _cases(result: dict[str, Any]) -> Table:
         "roll: compare it by ms/Mev. bma fuses three views, left_right two, the others none."
     )
     return Table("Cases", head, rows, note)
+
+
+def _stages(result: dict[str, Any]) -> Table:
+    cases = [c for c in result["cases"] if c["factor"] in ("base", "speed")]
+    names = [stage for stage in STAGES if any(stage in c["stages"] for c in cases)]
+    rows = [
+        (
+            c["label"], f"{c['speed']:g}", *(number(c["stages"].get(s), 1) for s in names),
+            number(sum(c["stages"].values()), 1),
+        )
+        for c in cases
+    ]  # fmt: skip
+    note = (
+        "Mean over objects and runs; all threads. Before all of them, decoding packets and mapping "
+        f"their times takes {number(result['decoding_cpu_ns'], 1)} ns an event (libcaer_cmp)."
+    )
+    return Table("CPU ns an event by stage", ("method", "m/s", *names, "sum"), rows, note)
 
 
 def _objects(result: dict[str, Any]) -> Table:

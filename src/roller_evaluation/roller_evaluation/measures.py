@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -34,9 +35,17 @@ from .scaling import measure_window
 from .scans import CROSSING_M, Scan
 from .weights import measure_weights
 
+#: Stages of depth and `surface`, in their order; what is in none of them is `other`.
+STAGES = (
+    "hot pixels", "packets", "rays", "arrange", "votes", "detection", "fusion", "points", "lines",
+    "other",
+)  # fmt: skip
+#: Columns of processor time by stage, ns an event.
+STAGE_COLUMNS = {stage: f"cpu_ns_{stage.replace(' ', '_')}" for stage in STAGES}
 #: Columns of `measure_depth` that differ from run to run.
 TIMES = (
     "ms", "ms_mean", "ms_p95", "cpu_ms", "ms_per_mev", "cpu_ms_per_mev", "spent_ms",
+    *STAGE_COLUMNS.values(),
 )  # fmt: skip
 #: Around what lies on a plate, what of it counts, m.
 _AROUND_M = 0.001
@@ -54,6 +63,7 @@ def measure_depth(case: Case, scan: Scan) -> list[Row]:
     tally: Any = SurfaceTally(scan.truth) if surface else TruthTally(scan.truth)
     spent: list[float] = []
     whole_ms = whole_cpu_ms = 0.0
+    stages: dict[str, float] = defaultdict(float)
     used, windows, refused = len(events), 0, 0
     for found, ms, cpu_ms in _timed(results_of(settings, scan, events)):
         whole_ms, whole_cpu_ms = whole_ms + ms, whole_cpu_ms + cpu_ms
@@ -61,6 +71,8 @@ def measure_depth(case: Case, scan: Scan) -> list[Row]:
             used, refused = used - found.events, refused + 1
             continue
         windows += 1
+        for stage, spent_ms in found.stage_cpu_ms.items():
+            stages[stage] += spent_ms
         tally.add(found)
         if not isinstance(found, SurfacePatch) or _over_object(found, scan):
             spent.append(ms)
@@ -70,6 +82,10 @@ def measure_depth(case: Case, scan: Scan) -> list[Row]:
     row["spent_ms"] = round(whole_ms, 3)
     for name, value in (("ms_per_mev", whole_ms), ("cpu_ms_per_mev", whole_cpu_ms)):
         row[name] = round(value / max(used * 1e-6, 1e-9), 3)
+    stages["other"] = whole_cpu_ms - sum(stages.values())
+    for stage in STAGES:
+        if stage in stages:
+            row[STAGE_COLUMNS[stage]] = round(stages[stage] * 1e6 / max(used, 1), 2)
     return [row]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,8 @@ def run(
         If a case's settings are no good.
     """
     one_opencv_thread()
+    # A worker that holds much memory is put in the place of another: that is no fault.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     kept = Memory(folder, verbose=0).cache(_rows, ignore=["case", "scans"])
     source = source_digest(*_PACKAGES)
     missing: dict[str, list[Case]] = {}

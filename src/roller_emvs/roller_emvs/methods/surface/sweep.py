@@ -41,6 +41,8 @@ class SurfacePatch(Patch):
         Time by stage, ms.
     cpu_ms : float
         Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
+    stage_cpu_ms : dict
+        The same by stage.
     """
 
     start_ns: int = 0
@@ -48,6 +50,7 @@ class SurfacePatch(Patch):
     events: int = 0
     milliseconds: dict[str, float] = field(default_factory=dict)
     cpu_ms: float = 0.0
+    stage_cpu_ms: dict[str, float] = field(default_factory=dict)
 
     @property
     def stamp_ns(self) -> int:
@@ -135,6 +138,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             block.events,
             {k: round(v, 3) for k, v in watch.milliseconds.items()},
             round((time.process_time() - cpu_s) * 1e3, 3),
+            watch.cpu_ms,
         )
 
     def _by_parts(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
