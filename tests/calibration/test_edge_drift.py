@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from roller_bringup.cli import main
 from roller_calibration import edge_drift as calibration
 from roller_calibration.edge_drift import EdgeDriftError, Gauge, PassLines, fit_drift
 from roller_calibration.recordings import Scan
@@ -16,6 +19,7 @@ from roller_core.pose_track import PoseTrack
 from roller_emvs.lines.edge_drift import edge_drift
 from roller_emvs.lines.refine import LinePoints
 from roller_emvs.methods.surface import SurfaceSettings
+from simulated_scans import Scans
 
 STEP_M, RADIUS_M = 2e-4, 4e-3
 SCAN = Scan("scan", EventArray.empty(), Camera(64, 48, 100.0, 100.0, 31.5, 23.5), PoseTrack())
@@ -129,3 +133,25 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
     )
     with pytest.raises(EdgeDriftError, match="no steps in view"):
         calibration.steps_gauges(SCAN, SETTINGS, STEP_M)
+
+
+def test_gauges_of_the_virtual_cell_correct_another_object(scans: Scans, tmp_path: Path) -> None:
+    """By the command and replays alone: the report says so, and another object errs less."""
+    small = {"camera": {"height": 180}, "scene": {"step_mm": 0.05, "width_mm": 9.0}}
+    sphere = scans.bag("gauge_sphere", speed=0.5, **{**small, "motion": {"reverse": True}})
+    steps = scans.bag("gauge_steps", speed=0.5, **small)
+    delay, found = tmp_path / "delay.yaml", tmp_path / "found.yaml"
+    delay.write_text("/**/surface:\n  ros__parameters:\n    event_delay_s: 0.00043\n")
+    words = ["calibrate", "edge-drift", "--sphere", sphere, "--radius-mm", 5, "--steps", steps]
+    words += ["--step-mm", 0.25, "--params", delay, "--output", found]
+    assert main([str(word) for word in words]) == 0
+    bag = scans.bag("bumps", speed=0.5, **small)
+    near_um = {}
+    for name, params in (("not calibrated", delay), ("calibrated", found)):
+        out = tmp_path / name
+        words = ["replay", bag, "--method", "surface", "--params", params, "--output", out]
+        assert main([str(word) for word in [*words, "--no-braille", "--no-picture"]]) == 0
+        report = json.loads((out / "report.json").read_text())
+        assert report["edge_drift"] == name
+        near_um[name] = report["truth"]["objects"]["bumps"]["near_edge_mae_um"]
+    assert near_um["calibrated"] < 0.8 * near_um["not calibrated"]

@@ -171,10 +171,11 @@ def _crossing(lines: Lines, field: EvidenceField) -> tuple[F64, F64]:
 def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: float) -> Relief:
     """Points moved as the lines around say, as far as those are surer.
 
-    What a neighbourhood's height is off by, it is off by at the line too.
+    What a neighbourhood's height is off by, it is off by at the line too. Where lines say
+    different things, as at the foot and the top of a wall, points are as unsure as those differ.
     """
     shape = found.surfaces[0].shape
-    sums = np.zeros((2, *shape), np.float32)
+    sums = np.zeros((3, *shape), np.float32)
     row, column = lines.row.astype(np.int64), np.rint(lines.column).astype(np.int64)
     column = column.clip(0, shape[1] - 1)
     before = np.stack([surface[row, column] for surface in found.surfaces])
@@ -182,9 +183,12 @@ def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: flo
     weight = 1.0 / sigma**2
     np.add.at(sums[0], (row, column), weight)
     np.add.at(sums[1], (row, column), weight * (offset - before))
+    np.add.at(sums[2], (row, column), weight * (offset - before) ** 2)
     blurred = [cv2.GaussianBlur(s, (0, 0), _SHARED_PX) for s in sums]
     total = blurred[0][found.row, found.column]
-    move = blurred[1][found.row, found.column] / np.maximum(total, 1e-30)
+    some = np.maximum(total, 1e-30)
+    move = blurred[1][found.row, found.column] / some
+    apart = np.maximum(blurred[2][found.row, found.column] / some - move**2, 0.0)
     # A line in the middle of the neighbourhood counts in full, with what height changes over it.
     peak = ROW_STEP * np.sqrt(2 * np.pi) * _SHARED_PX
     own = 1.0 / np.maximum(total * peak, 1e-30) + (_CHANGES_M * per_m) ** 2
@@ -193,7 +197,9 @@ def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: flo
     return replace(
         found,
         offset=found.offset + gain * move,
-        sigma=np.minimum(found.sigma, left).astype(np.float32),
+        sigma=np.sqrt(
+            np.minimum(found.sigma, left) ** 2 + np.sqrt(gain) * apart + ((1 - gain) * move) ** 2
+        ).astype(np.float32),
     )
 
 
