@@ -20,7 +20,7 @@ _RING_M = (3e-4, 1.2e-3)
 #: Part of a finding's depth at which its outline runs.
 _OUTLINE = 0.2
 #: A hollow with a rim higher than this part of its depth, so near to it, m, is a crater.
-_RIM, _RIM_M = 0.1, 5e-4
+_RIM, _RIM_M = 0.05, 5e-4
 #: Longer than so many widths is a scratch.
 _SCRATCH = 3.0
 #: Depth is the mean of this share of the deepest cells.
@@ -236,7 +236,7 @@ def _kind(
         return "raised"
     if length > _SCRATCH * width:
         return "scratch"
-    rim = float(-np.percentile(signed[rim_zone], 30)) if rim_zone.any() else 0.0
+    rim = float(-np.percentile(signed[rim_zone], 15)) if rim_zone.any() else 0.0
     return "crater" if rim > _RIM * depth + noise else "dent"
 
 
