@@ -14,6 +14,7 @@ from roller_core.pose_track import PoseTrack
 from roller_core.progress import progress_bar
 from roller_core.sensor_pose import SensorFrames
 from roller_core.settings import read_parameters
+from roller_recording.reading import Recording
 
 
 @dataclass(frozen=True)
@@ -71,17 +72,33 @@ def read_scan(
     recording.follow(
         SensorFrames(s.base_frame, s.moving_frame, s.sensor_frame, max_gap_s, s.pose_smoothing)
     )
-    parts = []
     with progress_bar(f"read {path.name}") as progress:
-        for step in recording.steps():
-            if step.faults:
-                raise CalibrationError(f"{path}: {step.faults[0]}")
-            if len(step.events):
-                parts.append(keep(step.events, recording.camera))
-            progress(step.progress)
+        return whole_scan(recording, path.name, keep, progress)
+
+
+def whole_scan(
+    recording: Recording,
+    name: str = "scan",
+    keep: Callable[[EventArray, Camera], EventArray] = lambda events, _camera: events,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Scan:
+    """All of a recording; see `read_scan`.
+
+    Raises
+    ------
+    CalibrationError
+        If anything in it is wrong, or it has no events.
+    """
+    parts = []
+    for step in recording.steps():
+        if step.faults:
+            raise CalibrationError(f"{recording.source}: {step.faults[0]}")
+        if len(step.events):
+            parts.append(keep(step.events, recording.camera))
+        progress(step.progress)
     if not parts:
-        raise CalibrationError(f"{path}: too few events: there are none")
-    return Scan(path.name, EventArray.concatenate(parts), recording.camera, recording.track)
+        raise CalibrationError(f"{recording.source}: too few events: there are none")
+    return Scan(name, EventArray.concatenate(parts), recording.camera, recording.track)
 
 
 def read_scans(

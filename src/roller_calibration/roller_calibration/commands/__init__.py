@@ -6,7 +6,7 @@ import argparse
 
 from roller_core.command_help import add_examples
 
-from . import edge_drift, flat, hand_eye, intrinsics, scale, sphere, time_offset
+from . import acceptance, edge_drift, flat, hand_eye, intrinsics, scale, sphere, time_offset
 
 __all__ = ["add_parser", "rewritten"]
 
@@ -17,6 +17,7 @@ _EXAMPLES = {
     "flat": "plate --params cell.yaml --output cell.yaml",
     "sphere": "ball_1 ball_2 --radius-mm 10 --output cell.yaml",
     "edge-drift": "--sphere ball --radius-mm 5 --steps stairs --step-mm 0.25 --output cell.yaml",
+    "acceptance": "--sphere ball --radius-mm 5 --params cell.yaml --output certificate",
     "scale": "--readings-mm 1,2,3 --pixels 26.1,52.4,78.3",
 }
 
@@ -30,7 +31,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         f"`{_TIME_OFFSET}` is another form of `time-offset`.",
     )
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
-    for module in (intrinsics, hand_eye, time_offset, flat, sphere, edge_drift, scale):
+    for module in (intrinsics, hand_eye, time_offset, flat, sphere, edge_drift, scale, acceptance):
         module.add_parser(kinds)
     for kind, example in _EXAMPLES.items():
         add_examples(kinds.choices[kind], f"calibrate {kind} {example}")

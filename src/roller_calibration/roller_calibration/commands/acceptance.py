@@ -1,0 +1,153 @@
+"""`roller calibrate acceptance`: a cell's certificate, from a pass over a known sphere."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from roller_core.calibration_file import SECTION, CalibrationError, calibration_record
+
+#: Exit code where the cell isn't accepted, as of a part that is out of tolerance.
+NOT_ACCEPTED = 3
+_COLUMNS = ("reached", "promised")
+_STYLE = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:46em;margin:3em auto;padding:0 1em}"
+    "table{border-collapse:collapse;width:100%}td,th{text-align:left;padding:.3em .6em;"
+    "border-bottom:1px solid #bbb}.yes{color:#176b2c}.no{color:#a3161a}"
+)
+
+
+def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the subcommand."""
+    from roller_inspect.commands.options import add_recording_options
+
+    parser = kinds.add_parser(
+        "acceptance",
+        help="certificate: what the cell reaches against what the virtual cell promises",
+        description="Measure a sphere with the cell's calibration, and the virtual cell's sphere "
+        "with this camera and speed; write certificate.json and certificate.html. "
+        f"Exit: 0 accepted, {NOT_ACCEPTED} not accepted.",
+    )
+    parser.add_argument(
+        "--sphere", type=Path, required=True, metavar="BAG", help="a pass over a sphere"
+    )
+    parser.add_argument(
+        "--radius-mm", type=float, required=True, metavar="R", help="the sphere's radius"
+    )
+    parser.add_argument(
+        "--inspection", type=Path, metavar="DIR",
+        help="result of `roller inspect` of a good part against its golden reference",
+    )  # fmt: skip
+    parser.add_argument(
+        "--light", choices=("ring", "dome", "strong"), default="ring",
+        help="the instrument's light: it travels with the camera (ring, the default) or not (dome)",
+    )  # fmt: skip
+    parser.add_argument("--skin", default="", metavar="NAME", help="name of the skin that is on")
+    parser.add_argument("--output", "-o", type=Path, required=True, metavar="DIR", help="folder")
+    add_recording_options(parser, "surface, emvs")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, compare, write the certificate and say the verdict.
+
+    Raises
+    ------
+    RollerError
+        If a recording can't be read or doesn't show its part.
+    """
+    from roller_calibration.acceptance import golden_shortfalls, on_sphere, promised, shortfalls
+    from roller_calibration.recordings import read_scan
+    from roller_core.output_folder import OutputFolder
+    from roller_core.settings import read_parameters
+    from roller_inspect.pipeline import PipelineSettings
+
+    if not args.radius_mm > 0:
+        raise CalibrationError(f"--radius-mm {args.radius_mm:g}: expected more than 0")
+    settings = PipelineSettings.load(args.params, "surface").surface
+    inputs = (args.sphere, args.params, args.poses, args.camera, args.inspection)
+    with OutputFolder(args.output, "acceptance", inputs) as output:
+        scan = read_scan(args.sphere, args, settings.max_pose_gap_s)
+        reached = on_sphere(scan, settings, args.radius_mm * 1e-3)
+        promise = promised(scan, args.light)
+        short = list(shortfalls(reached, promise))
+        inspection = _inspection(args.inspection) if args.inspection else None
+        if inspection is not None:
+            short += golden_shortfalls(inspection)
+        records = read_parameters(args.params, SECTION) if args.params else {}
+        certificate = calibration_record(
+            args.skin, [args.sphere], scan.camera,
+            schema="roller-acceptance/1",
+            verdict="not accepted" if short else "accepted",
+            reasons=short,
+            light=args.light,
+            edge_drift=str(settings.edge_drift),
+            radius_m=args.radius_mm * 1e-3,
+            reached=vars(reached),
+            promised=vars(promise),
+            golden=None if inspection is None else inspection.get("verdict"),
+            calibrations={
+                kind: str(r.get("date", "")) for kind, r in records.items() if isinstance(r, dict)
+            },
+        )  # fmt: skip
+        text = json.dumps(certificate, indent=1, ensure_ascii=False)
+        (output.partial / "certificate.json").write_text(text + "\n")
+        (output.partial / "certificate.html").write_text(_page(certificate))
+    for line in [certificate["verdict"].upper(), *short]:
+        print(line)
+    print(f"written to {args.output}")
+    return NOT_ACCEPTED if short else 0
+
+
+def _inspection(folder: Path) -> dict[str, Any]:
+    path = folder / "inspection.json"
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise CalibrationError(f"{path}: can't be read ({error})") from error
+    if not isinstance(found, dict):
+        raise CalibrationError(f"{path}: is no inspection")
+    return found
+
+
+def _page(certificate: dict[str, Any]) -> str:
+    """The certificate to print and sign."""
+    rows = ""
+    for name, key, scale, unit in (
+        ("mean error", "error_m", 1e6, "µm"),
+        ("seen", "coverage", 100, "%"),
+        ("errors within 2 σ", "within", 100, "%"),
+        ("points", "points", 1, ""),
+    ):
+        cells = (f"{certificate[which][key] * scale:.0f} {unit}" for which in _COLUMNS)
+        rows += f"<tr><td>{name}</td>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>\n"
+    camera = certificate["camera"]
+    facts = {
+        "date": certificate["date"],
+        "skin": certificate["skin"] or "–",
+        "sphere": f"{certificate['radius_m'] * 1e3:g} mm",
+        "camera": f"{camera['width']}×{camera['height']}, fx {camera['intrinsics'][0]:.1f} px",
+        "light": certificate["light"],
+        "edge drift": certificate["edge_drift"],
+        "golden scan": certificate["golden"] or "–",
+        "recordings": ", ".join(certificate["data"]),
+        "their SHA-256": ", ".join(text[:16] for text in certificate["sha256"]),
+        "calibrations": ", ".join(f"{k} {v}" for k, v in certificate["calibrations"].items())
+        or "–",
+    }
+    reasons = "".join(f"<li>{escape(line)}</li>" for line in certificate["reasons"])
+    listed = "".join(
+        f"<tr><th>{escape(k)}</th><td>{escape(str(v))}</td></tr>\n" for k, v in facts.items()
+    )
+    mark = "yes" if certificate["verdict"] == "accepted" else "no"
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Acceptance</title>'
+        f"<style>{_STYLE}</style></head><body><h1>Acceptance of the cell</h1>"
+        f'<p><b class="{mark}">{certificate["verdict"].upper()}</b></p><ul>{reasons}</ul>'
+        "<table><tr><th></th><th>this cell</th><th>virtual cell</th></tr>\n"
+        f"{rows}</table><p>The virtual cell's sphere, with this camera and speed.</p>"
+        f"<table>{listed}</table><p>Signed</p></body></html>\n"
+    )

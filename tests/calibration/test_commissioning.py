@@ -1,0 +1,124 @@
+"""A cell is commissioned as docs/commissioning.md has it, start to end, on emulated devices."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.blinking_grid import target_poses, write_grid_bag
+from driver.emulation import usb_backend
+from driver.emulation.camera_words import encode_words
+from driver.emulation.controller_process import ControllerProcess
+from own import LOOPBACK
+from roller_bringup.cli import main
+from roller_calibration.acceptance import Reached, golden_shortfalls, shortfalls
+from roller_core.camera import Camera
+from roller_core.events import EventArray
+from roller_core.settings import read_parameters
+from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
+from roller_sim.cell_settings import CameraSettings
+from simulated_scans import Scans
+
+#: What the camera reads out in scans: a region of interest, so that they take seconds.
+TOP, ROWS = 160, 160
+
+
+@pytest.fixture
+def devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """An emulated camera and an emulated robot."""
+    events = EventArray.from_arrays([1, 2], [3, 4], [1_000_000_000, 1_000_200_000], [0, 1])
+    encode_words(events).tofile(tmp_path / "words.u4")
+    monkeypatch.setenv(usb_backend.EVENTS_VARIABLE, str(tmp_path / "words.u4"))
+    with ControllerProcess(profile="still"):
+        yield
+
+
+def doctor(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, str]:
+    """Levels of what the doctor looks at, by name."""
+    capsys.readouterr()
+    main(["doctor", "--json", *words])
+    return {row["name"]: row["level"] for row in json.loads(capsys.readouterr().out)["checks"]}
+
+
+@pytest.mark.usefixtures("devices")
+def test_from_unpacked_devices_to_a_certificate(
+    scans: Scans, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell, camera_file, place = (tmp_path / n for n in ("cell.yaml", "camera.yaml", "place.yaml"))
+
+    def calibrate(kind: str, *words: object) -> None:
+        given = [str(word) for word in words]
+        assert main(["calibrate", kind, *given]) == 0, capsys.readouterr().err
+
+    def scan(name: str, speed: float = 0.3, **more: Any) -> Path:
+        return scans.bag(
+            name, speed, scene={"margin_mm": 4.0},
+            camera={"height": ROWS}, **more,
+        )  # fmt: skip
+
+    found = doctor(
+        capsys, "--camera", "--robot-ip", LOOPBACK,
+        "--backend", "driver.emulation.usb_backend:from_environment",
+    )  # fmt: skip
+    assert (found["camera"], found["robot"]) == ("OK", "OK")
+
+    true = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
+    mounting = CameraSettings.create({})
+    hand_eye = pose_matrix(
+        mounting.hand_eye_m, rotation_vector_to_quaternion(mounting.hand_eye_rotation_rad)
+    )
+    views = target_poses(12, 35.0)
+    pitch = ("--pitch-mm", 4)
+    calibrate("intrinsics", write_grid_bag(tmp_path / "views", true, views), *pitch,
+              "--output", camera_file)  # fmt: skip
+    seen = Camera.from_yaml(camera_file)
+    assert seen.fx == pytest.approx(1066.0, rel=5e-3)
+    replace(seen, height=ROWS, cy=seen.cy - TOP).to_yaml(camera_file)
+    calibrate("hand-eye", "--grid-recording",
+              write_grid_bag(tmp_path / "poses", true, views, hand_eye), *pitch,
+              "--output", place)  # fmt: skip
+    np.testing.assert_allclose(
+        read_parameters(place, "ur10")["hand_eye_m"], mounting.hand_eye_m, atol=1e-3
+    )
+
+    own = ("--camera", camera_file)
+    there_and_back = [scan("stairs", v, motion={"reverse": True}) for v in (0.25, 0.5)]  # A
+    calibrate("time-offset", *there_and_back, *own, "--output", cell)  # A
+    calibrate("flat", scan("flat", light={"speckle": 0.1}), *own, "--params", cell,
+              "--output", cell)  # fmt: skip
+
+    certificate = tmp_path / "certificate"
+    words = ["calibrate", "acceptance", "--sphere", scan("sphere"), *own, "--params", cell,
+             "--output", certificate, "--radius-mm"]  # fmt: skip
+    assert main([str(word) for word in [*words, 4.0]]) == 0, capsys.readouterr().out
+    written = json.loads((certificate / "certificate.json").read_text())
+    assert written["verdict"] == "accepted"
+    assert written["reached"]["coverage"] > 0.5
+    assert "ACCEPTED" in (certificate / "certificate.html").read_text()
+
+    found = doctor(capsys, "--cell", str(cell), "--hand-eye", str(place), "--camera-info",
+                   str(camera_file))  # fmt: skip
+    steps = {"intrinsics", "hand-eye", "flat plate", "time offset"}
+    assert {found[step] for step in steps} == {"OK"}
+    assert found["edge drift"] == "warning"
+    assert "calibration" not in found
+
+
+def test_what_keeps_a_cell_from_being_accepted() -> None:
+    promise = Reached(3e-5, 0.8, 0.98, 3000)
+    assert list(shortfalls(Reached(5e-5, 0.7, 0.85, 2000), promise)) == []
+    poor = list(shortfalls(Reached(6e-5, 0.6, 0.7, 2000), promise))
+    assert [line.partition(",")[0] for line in poor] == [
+        "the sphere errs 60 µm", "60% of the sphere was seen",
+        "70% of the errors lie within twice their uncertainty",
+    ]  # fmt: skip
+    good = {"reference": {"kind": "golden"}, "verdict": "conform"}
+    assert list(golden_shortfalls(good)) == []
+    assert "inconclusive" in next(iter(golden_shortfalls(good | {"verdict": "inconclusive"})))
+    assert "'self'" in next(iter(golden_shortfalls({"reference": {"kind": "self"}})))
