@@ -16,7 +16,7 @@ from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
 from .reader_settings import BrailleSettings, Spacing
 from .recognise import Energies, Recogniser, Reference, share
-from .strip import Kind, Strip, image_around
+from .strip import TAIL, Kind, Strip, image_around
 from .warp import F32, F64
 
 #: Cells seen beyond its first dot before a line is begun; lines above that are indented by less
@@ -41,9 +41,9 @@ _SPOILT, _CLEAN, _FEW_CELLS = 0.7, 0.85, 3
 _LIFTS = 0.5
 #: A dot is measured where it was found, if that is no further off its node, along and down.
 _MOST_SHIFT_M = 0.0001
-#: How far a spot of the coating moves the middle of a dot that it lies on, by the dot's radius and
-#: the spot's share of the dot's events: two deviations.
-_MOVED = 2 / np.sqrt(2)
+#: How far a printed coating moves the middle of a dot, by the dot's radius and by what it leaves of
+#: the dot's events: the more, as under a dot nothing is taken off.
+_MOVED = np.sqrt(0.5) / TAIL
 #: Times that a line is restarted on a lattice a row or a column further.
 _MOST_RESTARTS = 3
 #: Least confidence of dots by which a line's first cells are given before the line is known.
@@ -322,7 +322,6 @@ class LineReader:
         at = at + np.clip(off, -_MOST_SHIFT_M, _MOST_SHIFT_M) / strip.px_m
         level = self._background(lattice)
         energies = self._recogniser.measure(image, at, tile, level)
-        # A spot of the coating's that lies anywhere on a dot moves its middle.
         coating = strip.coating(self._recogniser.area) / np.maximum(energies.whole, 1e-9)
         moved = _MOVED * coating * SPOT * s.dot_diameter_m / 2
         off_m = np.maximum(np.hypot(off[:, 0], off[:, 1]) - moved, 0.0)

@@ -260,7 +260,7 @@ class PassReader:
     def _try(
         self, dots: Dots, kind: Kind, start: float, end: float
     ) -> tuple[float, LineReader | None]:
-        """A line that begins with the first of dots, and the share of events that it explains."""
+        """A line that begins with the first of dots, and how well it explains them."""
         dots = dots.where(dots.along < end)
         if len(dots) < LEAST_DOTS:
             return 0.0, None
@@ -303,7 +303,11 @@ class PassReader:
         )
         line.take(dots)
         explained = line.explained()
-        return (explained, line) if explained >= LEAST_EXPLAINED else (0.0, None)
+        if explained < LEAST_EXPLAINED:
+            return 0.0, None
+        # What lies beside dots, such as their shadows, explains as much but lies beside nodes.
+        own = solid.where(line.holds(solid))
+        return explained * lattice.fit_of(own) / max(len(own), 1), line
 
     def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
         """Whether no row of the line can lie outside the view."""

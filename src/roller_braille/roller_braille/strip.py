@@ -27,7 +27,7 @@ _BLOCK_PX, _PARTS = 20, 8
 #: diameter, and how many times the spread of what they leave is taken off.
 _BLUR, _TAKEN_OFF = 1 / 5, 2.0
 #: Root mean square of what that leaves of the standard normal distribution.
-_TAIL = 0.076
+TAIL = 0.076
 #: Share of a part where no relief is taken to be, and how far chance lies off there, by its spread.
 _LEVEL, _LEVEL_WITHIN = 0.25, 0.319
 
@@ -173,7 +173,7 @@ class Strip:
         """By how much what a printed coating's events leave in an area varies, events."""
         if not self.printed:
             return 0.0
-        return _TAIL * self._spread * float(np.sqrt(4 * np.pi * area_px)) * self._blur_px
+        return TAIL * self._spread * float(np.sqrt(4 * np.pi * area_px)) * self._blur_px
 
     @property
     def _spread(self) -> float:

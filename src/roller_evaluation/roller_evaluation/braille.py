@@ -10,7 +10,7 @@ from typing import Any
 from roller_braille.reader_settings import POSE_SMOOTHING, BrailleSettings
 from roller_core.progress import OnProgress, no_progress
 from roller_sim.cell_settings import SensorSettings
-from roller_sim.presets import LIGHTS
+from roller_sim.presets import COATINGS, LIGHTS
 
 from .cases import Case, ScanCase
 from .rows import where
@@ -31,6 +31,7 @@ CONDITIONS: dict[str, dict[str, dict[str, Any]]] = {
     "70 % contrast": {"sensor": {"threshold": round(_SENSOR.threshold / 0.7, 3)}},
     "half contrast": {"sensor": {"threshold": 2 * _SENSOR.threshold}},
     "10 × noise": {"sensor": _NOISY},
+    "textured coating": COATINGS["textured"],
     "strong light": {"light": _STRONG, "sensor": {"threshold": _STRONG_THRESHOLD}},
     "strong light, half contrast": {
         "light": _STRONG,
