@@ -99,7 +99,7 @@ BROKEN = (
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--scene", "nope"], "no scene 'nope'; there are demo, braille"),
+        (["--scene", "nope"], "no scene 'nope'; there are demo, part, braille"),
         (["--scene", "mesh:none.stl"], "mesh none.stl: no such file"),
         (["--speed", "-1"], "'motion.speed' = -1.0"),
         (["--speed", "nan"], "'motion.speed' = nan"),

@@ -11,7 +11,9 @@ from graph.graph_world import check_keys
 from roller_bringup.launching import load
 from roller_bringup.live import run_until_done
 from roller_emvs.ply import read_ply
+from roller_inspect.recipe import Recipe
 from roller_inspect.results.recorded import gather
+from roller_inspect.results.recorded_inspection import inspect_recorded
 from roller_inspect.results.run_report import Report
 
 pytestmark = pytest.mark.graph
@@ -65,3 +67,7 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     assert seen.statuses[INSPECTED][1]["verdict"] == "unmeasured"
     assert int(seen.statuses[INSPECTED][1]["points"]) == figures["points"]
     assert seen.received["/roller/inspection/findings"] > 1
+    # From its recording it is judged as it was live.
+    again = inspect_recorded(tmp_path / "bag", Recipe.create({}), "again").judgement
+    assert again.verdict == "unmeasured"
+    assert str(round(again.coverage.measured, 4)) == seen.statuses[INSPECTED][1]["measured"]

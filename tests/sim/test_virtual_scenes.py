@@ -31,7 +31,7 @@ def test_every_scene_stays_within_the_contact_depths(name):
 
 
 def test_an_unknown_scene_lists_the_known_ones():
-    with pytest.raises(UnknownSceneError, match=r"no scene 'cube'; there are demo, braille.*mesh:"):
+    with pytest.raises(UnknownSceneError, match=r"no scene 'cube'; there are demo, part.*mesh:"):
         scene("cube")
 
 

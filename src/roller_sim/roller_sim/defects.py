@@ -87,7 +87,7 @@ def defects(settings: SceneSettings) -> Scene:
                 size = 2 * RIVET_RADIUS, 2 * RIVET_RADIUS
                 _mark(plate, name, "raised", (x, y), size, RIVET_RISE + tilt, 0.0)
         else:
-            _put_defect(plate, name, kind, (x, y), (length, width), depth, angle)
+            put_defect(plate, name, kind, (x, y), (length, width), depth, angle)
     return plate.scene("defects", PLATE_PRESS)
 
 
@@ -106,7 +106,7 @@ def _plate(settings: SceneSettings) -> Plate:
     return plate
 
 
-def _put_defect(
+def put_defect(
     plate: Plate,
     name: str,
     kind: str,
@@ -115,6 +115,7 @@ def _put_defect(
     depth: float,
     angle_deg: float,
 ) -> None:
+    """Put a defect of one of the `SHAPES` on a plate, with its mark; a size is length, width."""
     shape, sign, _ = SHAPES[kind]
     c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
 

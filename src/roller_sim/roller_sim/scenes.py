@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from .braille import put_braille, text_size_mm
 from .cell_settings import SceneSettings
-from .defects import clean, defects
+from .defects import ACROSS, PITCH_ACROSS, clean, defects, put_defect
 from .errors import UnknownSceneError
 from .mesh import mesh_scene
 from .objects import LENGTHS, OBJECTS, put_sphere, put_stairs
@@ -23,6 +23,18 @@ GAUGE_STEPS_MM, GAUGE_STEPS = (0.25, 1.6), 4
 DEMO_GAP_MM = 2.5
 DEMO_TEXT_GAP_MM = 4.0
 DEMO_TEXT = "roller"
+#: The part that `roller demo` inspects: relief beside its text, and on its face defects (kind,
+#: place along and across from the face's begin and middle, length, width, depth, angle).
+PART_RELIEF = "stairs", "pyramid"
+PART_FACE_MM = 16.0
+PART_DEFECTS = (
+    ("dent", 4.0, -6.0, 3.0, 3.0, 0.2, 0.0),
+    ("missing", 4.0, 0.0, 2.5, 2.0, 0.28, 20.0),
+    ("raised", 4.0, 6.0, 3.0, 2.5, 0.1, 0.0),
+    ("crater", 12.0, -5.5, 3.5, 3.5, 0.3, 0.0),
+    ("extra", 12.0, 0.5, 2.0, 2.0, 0.15, 0.0),
+    ("dent", 12.0, 6.0, 2.5, 2.5, 0.07, 0.0),
+)
 BRAILLE_TEXT = "roller 42"
 _MESH = "mesh:"
 
@@ -74,8 +86,27 @@ def _demo(settings: SceneSettings) -> Scene:
     return plate.scene("demo", DEMO_PRESS_MM, text)
 
 
+def _part(settings: SceneSettings) -> Scene:
+    """A line of Braille, relief, and a plain face with defects: the region `face`."""
+    text = settings.text or DEMO_TEXT
+    line = text_size_mm(text, settings)[0]
+    relief = sum(LENGTHS[name] + DEMO_GAP_MM for name in PART_RELIEF)
+    plate = new_plate(settings, line + DEMO_TEXT_GAP_MM + relief + PART_FACE_MM)
+    text = put_braille(plate, text, settings.margin_mm, settings)
+    x = settings.margin_mm + line + DEMO_TEXT_GAP_MM
+    for name in PART_RELIEF:
+        x += OBJECTS[name](plate, x) + DEMO_GAP_MM
+    half = min(PITCH_ACROSS * ACROSS, settings.width_mm) / 2
+    plate.put("face", (x, x + PART_FACE_MM, -half, half), lambda x, y: 0.0)
+    for i, (kind, along, across, length, width, depth, angle) in enumerate(PART_DEFECTS):
+        name, at = f"{kind}_{i + 1}", (x + along, across)
+        put_defect(plate, name, kind, at, (length, width), depth, angle)
+    return plate.scene("part", DEMO_PRESS_MM, text)
+
+
 SCENES: dict[str, Callable[[SceneSettings], Scene]] = {
     "demo": _demo,
+    "part": _part,
     "braille": _braille,
     **{name: _single(name) for name in OBJECTS},
     "line_array": line_array,

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
 from roller_emvs.depth_settings import REPLAY_METHODS
+from roller_sim.presets import COATINGS
+
+if TYPE_CHECKING:
+    from roller_sim.relief import Region
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -14,8 +19,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = subparsers.add_parser(
         "demo",
         help="roll the virtual cell over a plate, live",
-        description="Roll the virtual cell over a plate with Braille and relief through the real "
-        "graph (separate processes, DDS), record it, and compare with the known truth.",
+        description="Roll the virtual cell over a part with Braille, relief and defects through "
+        "the real graph (separate processes, DDS), record it, and compare with the known truth.",
     )
     parser.add_argument(
         "--output",
@@ -24,7 +29,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         metavar="DIR",
         help="results go here (output/demo)",
     )
-    parser.add_argument("--scene", default="demo", help="what to roll over (demo)")
+    parser.add_argument("--scene", default="part", help="what to roll over (part)")
+    parser.add_argument(
+        "--coating", choices=tuple(COATINGS), default="textured",
+        help="what is printed on the skin (textured)",
+    )  # fmt: skip
     parser.add_argument("--speed", type=float, default=0.3, metavar="V", help="m/s (0.3)")
     parser.add_argument(
         "--method", choices=REPLAY_METHODS, default="focus", help="depth method (focus)"
@@ -32,7 +41,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_examples(
         parser,
         "demo",
-        "demo --scene stairs --speed 0.1 --output output/stairs",
+        "demo --scene demo --coating plain --output output/objects",
     )
     parser.set_defaults(run=run)
 
@@ -51,16 +60,18 @@ def run(args: argparse.Namespace) -> int:
 
     # Before anything is started, or an earlier result is touched.
     scan = {"scene": {"name": args.scene}, "motion": {"speed": args.speed}}
-    build_scene(VirtualCellSettings.create(scan, "demo").scene)
+    scene = build_scene(VirtualCellSettings.create(scan, "demo").scene)
+    face = next((region for region in scene.regions if region.name == "face"), None)
     with OutputFolder(args.output, "demo") as output:
-        _run(args, output.partial)
+        _run(args, output.partial, face)
     print(f"look at it in the browser: ./roller view {args.output}")
     return 0
 
 
-def _run(args: argparse.Namespace, folder: Path) -> None:
+def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
     import yaml
 
+    from roller_bringup.demo_inspection import inspect_part, write_recipe
     from roller_bringup.launching import load
     from roller_bringup.launching.locate import package_share
     from roller_bringup.live import check_no_duplicate_nodes, run_until_done
@@ -75,6 +86,7 @@ def _run(args: argparse.Namespace, folder: Path) -> None:
         "truth_output": str(folder / "truth"),
         "subscribers": 3,
         "pose_subscribers": 3 if args.method == "surface" else 4,
+        **COATINGS[args.coating],
     }
     nodes = {"/**/virtual_cell": cell, "/**/recorder": {"output": str(folder / "bag")}}
     parameters.write_text(
@@ -87,6 +99,10 @@ def _run(args: argparse.Namespace, folder: Path) -> None:
         "record": "true",
         "params": str(parameters),
     }
+    recipe = folder / "recipe.yaml"
+    if face is not None:
+        write_recipe(face, recipe)
+        arguments |= {"inspect": "true", "recipe": str(recipe)}
     launch_file = package_share("roller_bringup") / "launch" / "virtual.launch.xml"
     with load(launch_file, arguments) as plan:
         check_no_duplicate_nodes(plan)
@@ -95,13 +111,20 @@ def _run(args: argparse.Namespace, folder: Path) -> None:
         "virtual cell, live",
         args.method,
         {"launch": arguments | {"params": parameters.name}},
-        f"scene {args.scene} at {args.speed:g} m/s, live",
+        f"scene {args.scene} at {args.speed:g} m/s, {args.coating} coating, live",
     )
     report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
     for values in report.totals["live"].values():
         report.edge_drift = values.get("edge_drift", report.edge_drift)
     gather(folder / "bag", folder, folder / "truth", report)
+    inspected: list[str] = []
+    if face is not None:
+        depth = report.totals["live"].get(
+            "surface: points" if args.method == "surface" else "emvs: depth", {}
+        )
+        inspected = inspect_part(folder, recipe, report, int(depth.get("events", 0)))
     from roller_inspect.results.overview import draw_overview
 
     draw_overview(folder, folder / "truth", folder / "bag")
-    print(demo_table(report, args.output))
+    print(demo_table(report, folder, args.output))
+    print("\n".join(inspected))

@@ -102,7 +102,8 @@ def _find_peak(scores, first, last, rival, weakest, least, peak, contrast, top):
 def _top_between(scores, at, peak, offset):  # type: ignore[no-untyped-def]
     """Top of the parabola through a peak's three planes, which need not be evenly spaced.
 
-    `at`, shape (planes, columns), holds their offsets; `offset` is left where `peak` is NaN.
+    `at`, shape (planes, columns), holds their offsets; `offset` is left where `peak` is NaN, and
+    where rounding has put planes into one place: a column that few parts saw.
     """
     _, height, width = scores.shape
     for i in range(height):
@@ -113,6 +114,8 @@ def _top_between(scores, at, peak, offset):  # type: ignore[no-untyped-def]
             middle = at[k, j]
             a = at[k - 1, j] - middle
             b = at[k + 1, j] - middle
+            if a * b >= 0.0:
+                continue
             left = np.float64(scores[k - 1, i, j]) - scores[k, i, j]
             right = np.float64(scores[k + 1, i, j]) - scores[k, i, j]
             # Twice the bend, and the slope in the middle.

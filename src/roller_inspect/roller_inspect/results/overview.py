@@ -14,6 +14,7 @@ from rosbags.rosbag2 import Reader
 
 from roller_core.bags import typestore
 from roller_emvs.ply import read_ply
+from roller_inspect.height_map import HeightMap
 from roller_sim.truth import Truth
 
 F64 = npt.NDArray[np.float64]
@@ -47,19 +48,22 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     delay_ns = _delay_left_ns(report, truth)
     cloud = _thinned(read_ply(folder / "surface.ply"))
     # A layout that matplotlib works out takes as long as all else here.
-    figure = Figure(figsize=(15, 11), dpi=100)
+    stamps = _chosen_stamps(report)  # some methods make no depth maps
+    figure = Figure(figsize=(15, 11 if stamps else 7.5), dpi=100)
     grid = figure.add_gridspec(
-        4, 7, width_ratios=[1] * 6 + [0.08], height_ratios=[1.25, 0.9, 0.8, 0.1],
-        left=0.05, right=0.94, top=0.92, bottom=0.01, wspace=0.3, hspace=0.3,
+        4, 7, width_ratios=[1] * 6 + [0.08],
+        height_ratios=[1.25 if stamps else 0.01, 0.9, 0.8, 0.16],
+        left=0.05, right=0.94, top=0.92, bottom=0.02, wspace=0.3, hspace=0.3,
     )  # fmt: skip
-    stamps = _chosen_stamps(report)
-    rows = slice(1, 2) if stamps else slice(2)  # some methods make no depth maps
     if stamps:
         axes = [figure.add_subplot(grid[0, 2 * k : 2 * k + 2]) for k in range(len(stamps))]
         bar = figure.add_subplot(grid[0, 6])
         _draw_depths(axes, bar, bag or folder / "result", stamps, truth, delay_ns)
-    _draw_above(figure.add_subplot(grid[rows, :6]), figure.add_subplot(grid[rows, 6]), cloud)
-    _draw_profile(figure.add_subplot(grid[2, :4]), cloud, truth, delay_ns)
+    _draw_above(figure.add_subplot(grid[1, :6]), figure.add_subplot(grid[1, 6]), cloud)
+    inspected = (folder / "inspection.json").exists()
+    _draw_profile(figure.add_subplot(grid[2, : 2 if inspected else 4]), cloud, truth, delay_ns)
+    if inspected:
+        _draw_inspection(figure.add_subplot(grid[2, 2:4]), folder)
     _draw_errors(figure.add_subplot(grid[2, 4:6]), report)
     _draw_text(figure.add_subplot(grid[3, :]), report)
     totals = report["totals"]
@@ -217,6 +221,43 @@ def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None, delay_
         axis.plot(x * 1e3, height * 1e3, "k-", lw=0.8, label="truth (skin)")
         axis.set_ylim(height.min() * 1e3 - 0.4, height.max() * 1e3 + 0.4)
     axis.legend(loc="upper right", fontsize=8, markerscale=6)
+
+
+def _draw_inspection(axis: Axes, folder: Path) -> None:
+    """Height over the middle of what was inspected, and the findings' outlines and depths."""
+    document = json.loads((folder / "inspection.json").read_text())
+    grid = HeightMap.load(folder / "height_map.npz")
+    recipe = document["recipe"]
+    boxes = [recipe["regions"][name]["box_m"] for name in recipe["inspect"]]
+    corners = np.array([box for box in boxes if box] or [_bounds(grid)])
+    (left, bottom), (right, top) = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
+    # The map lies along the roll; the picture, along x.
+    x, y = np.meshgrid(np.arange(left, right, recipe["grid_m"]),
+                       np.arange(bottom, top, recipe["grid_m"]))  # fmt: skip
+    a, b = (grid.base_from_map[:2, :2].T @ [x.ravel(), y.ravel()]).reshape(2, *x.shape)
+    offset = grid.base_from_map[:2, :2].T @ grid.base_from_map[:2, 3]
+    column = np.searchsorted(grid.x_m, a - offset[0]).clip(0, len(grid.x_m) - 1)
+    row = np.searchsorted(grid.y_m, b - offset[1]).clip(0, len(grid.y_m) - 1)
+    um = np.where(grid.known, grid.height_m, np.nan)[row, column] * 1e6
+    if np.isfinite(um).any():
+        um -= np.nanmedian(um)
+    axis.set_facecolor("0.7")
+    extent = (left * 1e3, right * 1e3, bottom * 1e3, top * 1e3)
+    axis.imshow(um, origin="lower", cmap="RdBu_r", vmin=-300, vmax=300, extent=extent)
+    for f in document["findings"]:
+        outline = np.array([*f["outline_m"], f["outline_m"][0]])[:, :2] * 1e3
+        axis.plot(*outline.T, "k-", lw=0.8)
+        at = f["center_m"][0] * 1e3, f["center_m"][1] * 1e3
+        axis.annotate(f"{f['depth_m'] * 1e6:+.0f}", at, fontsize=7, ha="center", va="center")
+    axis.set_title(f"inspected: {document['verdict']}; µm, colours to ±300", fontsize=10)
+    axis.set_xlabel("x, mm")
+
+
+def _bounds(grid: HeightMap) -> list[float]:
+    """Least x and y and most x and y of a map, m in base."""
+    ends = np.array([[x, y] for x in grid.x_m[[0, -1]] for y in grid.y_m[[0, -1]]])
+    places = ends @ grid.base_from_map[:2, :2].T + grid.base_from_map[:2, 3]
+    return [*places.min(axis=0), *places.max(axis=0)]
 
 
 def _draw_errors(axis: Axes, report: dict[str, Any]) -> None:

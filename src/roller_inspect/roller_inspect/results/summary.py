@@ -70,8 +70,11 @@ def inspection_summary(document: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def demo_table(report: Report, folder: Path) -> str:
-    """What the demonstration prints: points, errors, text, milliseconds, files."""
+def demo_table(report: Report, written: Path, folder: Path) -> str:
+    """What the demonstration prints: points, errors, text, milliseconds, files.
+
+    They are written to one folder, and will lie in another.
+    """
     t = report.totals
     surface = report.method == "surface"
     status, piece = ("surface: points", "block") if surface else ("emvs: depth", "window")
@@ -89,7 +92,9 @@ def demo_table(report: Report, folder: Path) -> str:
             f"{figures['lost_packets']} packets lost, {figures['dropped_events']} events dropped; "
             f"last result {t.get('lag_s', 0.0):.1f} s after the last events"
         )
-    names = ("overview.png", "surface.ply", "braille.txt", "report.json", "bag/", "truth/")
+    names = ["overview.png", "surface.ply", "braille.txt", "report.json", "bag/", "truth/"]
+    if (written / "inspection.html").exists():
+        names.insert(1, "inspection.html")
     lines.append("files: " + ", ".join(f"{folder}/{name}" for name in names))
     return "\n".join(lines)
 

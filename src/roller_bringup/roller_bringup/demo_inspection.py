@@ -1,0 +1,89 @@
+"""The part of the demonstration that is inspected: its recipe, its findings against the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from roller_evaluation.detection import matched
+from roller_inspect.judgement import Inspected
+from roller_inspect.recipe import load_recipe
+from roller_inspect.report.document import Scan, inspection_document
+from roller_inspect.results.inspection_files import write_inspection
+from roller_inspect.results.recorded_inspection import inspect_recorded
+from roller_inspect.results.run_report import Report
+from roller_sim.relief import Region
+from roller_sim.truth import Truth
+
+#: Region of scenes that is inspected, and how deep a defect it may have, m.
+FACE, MOST_DEPTH_M = "face", 1e-4
+
+
+def write_recipe(face: Region, path: Path) -> None:
+    """Write the recipe for a plain face between relief: it alone, up to its border."""
+    box = [float(v) for v in (face.x0, face.y0, face.x1, face.y1)]
+    recipe = {
+        "schema": "roller-recipe/1",
+        "name": "demonstration",
+        "regions": {FACE: {"box_m": box}},
+        "inspect": [FACE],
+        "tolerances": [{"region": FACE, "depth_m": MOST_DEPTH_M}],
+    }
+    path.write_text(yaml.safe_dump(recipe, sort_keys=False))
+
+
+def inspect_part(folder: Path, recipe_file: Path, report: Report, events: int) -> list[str]:
+    """Write the inspection of a recorded run, and hold its findings to the truth.
+
+    Parameters
+    ----------
+    folder : path
+        With `bag/` and `truth/`; the files of the inspection go here.
+    recipe_file : path
+        What node `inspect` had.
+    report : Report
+        Of the run.
+    events : int
+        Of the scan.
+
+    Returns
+    -------
+    list of str
+        The verdict, and a table of the defects and what was found of them.
+    """
+    recipe, truth = load_recipe(recipe_file), Truth.beside(folder / "truth")
+    inspected = inspect_recorded(folder / "bag", recipe, "demonstration")
+    camera = None if truth is None else truth.camera
+    scan = Scan(folder / "bag", None, camera, report.method, report.settings, events)
+    document = inspection_document(inspected, recipe, scan)
+    write_inspection(folder, document, inspected.found, recipe.depth_tolerance_m)
+    cover = inspected.judgement.coverage
+    lines = [
+        f"the part's face: {document['verdict'].upper()}: {document['reason']}; "
+        f"measured {cover.measured:.0%}, continued {cover.continued:.0%}"
+    ]
+    return lines if truth is None else [*lines, *defect_table(inspected, truth)]
+
+
+def defect_table(inspected: Inspected, truth: Truth) -> list[str]:
+    """Each defect beside what was found of it, and what was found where there is none."""
+    origin = truth.origin_m[:2]
+    findings = [judged.finding for judged in inspected.judgement.findings]
+    verdicts = {judged.finding.id: judged.verdict for judged in inspected.judgement.findings}
+    marks = [[(x + origin[0], y + origin[1]) for x, y in mark.outline] for mark in truth.defects]
+    hits, others = matched(findings, [np.asarray(mark) for mark in marks])
+    head = f"{'defect':10s} {'true µm':>8s} {'found µm':>12s} {'found as':>9s}  verdict"
+    rows = [head, "-" * len(head)]
+    for k, mark in enumerate(truth.defects):
+        true = f"{mark.depth * 1e6:+8.0f}"
+        found = hits.get(k)
+        if found is None:
+            rows.append(f"{mark.name:10s} {true} {'not found':>12s}")
+            continue
+        u = found.uncertainty.depth_m
+        depth = f"{found.depth_m * 1e6:+.0f}" + (f" ± {u * 1e6:.0f}" if u is not None else "")
+        rows.append(f"{mark.name:10s} {true} {depth:>12s} {found.kind:>9s}  {verdicts[found.id]}")
+    rows.append(f"found where there is none: {len(others)}")
+    return rows
