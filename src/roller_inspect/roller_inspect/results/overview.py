@@ -275,10 +275,10 @@ def _draw_errors(axis: Axes, report: dict[str, Any]) -> None:
     names = [k for k, f in found.items() if f["points"]]
     values = [found[k]["mae_um"] for k in names]
     bars = axis.barh(names, values, color=["tab:blue"] * (len(names) - 1) + ["tab:gray"])
-    labels = [
-        f"{found[k]['mae_um']:.0f} µm, {(found[k]['edges_measured'] or 0):.0%} of edges"
-        for k in names
-    ]
+    labels = [f"{found[k]['mae_um']:.0f} µm" for k in names]
+    for n, k in enumerate(names):
+        if found[k]["edges_measured"] is not None:  # flat ones have none
+            labels[n] += f", {found[k]['edges_measured']:.0%} of edges"
     axis.bar_label(bars, labels, fontsize=8, padding=2)
     axis.set_xlim(0, max([*values, 1.0]) * 1.7)
     axis.invert_yaxis()
