@@ -82,7 +82,9 @@ def test_devices_come_out_as_topics_through_their_troubles(
         # Stamps are ROS time and go on.
         stamps = [messages.to_ns(t.header.stamp) for m in seen["/tf"] for t in m.transforms]
         assert np.diff(stamps).min() > -20e6
-        assert watcher.value(ROBOT, "clock_steps_back") >= 1
+        # Counted by connection: on a busy machine there may be a new one since.
+        told = [float(v.get("clock_steps_back", 0)) for _, v in watcher.statuses[ROBOT]]
+        assert max(told) >= 1
         publish_foreign_poses(watcher)
         wait_for_message("another node publishes left_tool0_controller")
         controller.stop()
