@@ -44,12 +44,14 @@ class Environment:
             return False
         if not (steps.folder / "venv").exists() and self._works():
             # Made by hand; everything else is checked against the stamps it doesn't have.
+            if not steps.folder.is_dir():
+                steps.mark("adopted", "made by hand: not ours to remove")
             steps.mark("venv", self.key)
             return False
 
         def create() -> None:
             if self.path.exists():
-                if not steps.folder.is_dir():
+                if not steps.folder.is_dir() or (steps.folder / "adopted").exists():
                     raise SetupError(f"{self.path} is not of our making: move it away")
                 shutil.rmtree(self.path)
             # What tells later that it is ours, however far this gets.

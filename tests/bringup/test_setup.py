@@ -271,3 +271,32 @@ def test_an_environment_of_others_is_never_deleted(modules, tmp_path):
     assert environment.ensure(steps)
     assert not (environment.path / "notes").exists()
     assert environment._works()
+
+    (steps.folder / "adopted").write_text("made by hand")
+    environment.mode = "distribution"  # no longer what is wanted
+    with pytest.raises(modules["steps"].SetupError, match="not of our making"):
+        environment.ensure(steps)
+    assert environment.python.exists()
+
+
+def test_cleaning_removes_what_set_up_and_builds_made(tmp_path):
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    for folder in ("src", "tests/__pycache__", "scripts", "underlay", ".venv/setup", "install"):
+        (tmp_path / folder).mkdir(parents=True)
+    for folder in ("build", "log/ros"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "COLCON_IGNORE").touch()
+    (tmp_path / "install/notes").write_text("mine")
+
+    def clean() -> set[str]:
+        done = subprocess.run(["make", "clean"], cwd=tmp_path, capture_output=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return {path.name for path in tmp_path.iterdir()}
+
+    assert clean() == {"Makefile", "src", "tests", "scripts", "underlay", "install", "log"}
+    assert (tmp_path / "install/notes").read_text() == "mine"
+    assert not (tmp_path / "tests/__pycache__").exists()
+    for mark in ("pyvenv.cfg", "setup/adopted"):  # made by hand; used by set-up
+        (tmp_path / ".venv" / mark).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / ".venv" / mark).touch()
+        assert ".venv" in clean()

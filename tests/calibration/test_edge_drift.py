@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from roller_bringup.cli import main
-from roller_calibration import edge_drift as calibration
-from roller_calibration.edge_drift import EdgeDriftError, Gauge, PassLines, fit_drift
+from roller_calibration import gauges as calibration
+from roller_calibration.edge_drift import fit_drift
+from roller_calibration.gauges import EdgeDriftError, Gauge, PassLines
 from roller_calibration.recordings import Scan
 from roller_core.camera import Camera
 from roller_core.events import EventArray
@@ -85,7 +86,7 @@ def gauges(monkeypatch: pytest.MonkeyPatch, drift: float = 1.0) -> list[Gauge]:
     rng = np.random.default_rng(0)
     found = iter([to_and_fro(rng, drift), [made_up_steps(rng, drift=drift)]])
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: next(found))
-    monkeypatch.setattr(calibration, "_speed", lambda _: 0.1)
+    monkeypatch.setattr(calibration, "rolling_speed_m_s", lambda _: 0.1)
     return [
         *calibration.sphere_gauges(SCAN, SETTINGS, RADIUS_M),
         *calibration.steps_gauges(SCAN, SETTINGS, STEP_M),

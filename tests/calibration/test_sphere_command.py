@@ -114,13 +114,15 @@ def test_interrupted_search_goes_on(
     assert sorted(tmp_path.iterdir()) == [file, whole]
 
 
-def test_spoilt_state_is_refused(
-    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("words", [["--resume"], []])
+def test_what_is_no_state_is_refused_and_stays(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
 ) -> None:
-    file = tmp_path / "skin.yaml"
-    (tmp_path / "skin.yaml.state.npz").write_bytes(b"PK\x03\x04 no archive")
-    assert calibrate(world, "pass", "-o", str(file), "--resume") == 1
-    assert "leave out --resume" in capsys.readouterr().err
+    file, foreign = tmp_path / "skin.yaml", tmp_path / "skin.yaml.state.npz"
+    foreign.write_bytes(b"PK\x03\x04 no archive")
+    assert calibrate(world, "pass", "-o", str(file), *words) == 1
+    assert "not the state of a calibration" in capsys.readouterr().err
+    assert foreign.read_bytes() == b"PK\x03\x04 no archive"
 
 
 def test_focus_has_parameters_of_its_own(

@@ -153,3 +153,13 @@ def test_a_device_that_is_started_again_is_no_jump():
     # The first packet's stamp stands for the map until there are more.
     assert np.abs(error[half:]).max() < 2_000_000
     assert device.clock.steps == 0
+
+
+def test_many_times_are_mapped_as_few_are():
+    clock = SensorClock()
+    for k in range(4000):
+        clock.observe(10**15 + k * 1_000_000, START_ROS_NS + k * 1_000_050 + k * 7919 % 30_000)
+    assert clock.skew != 0.0
+    times = 10**15 + np.random.default_rng(1).integers(-(10**9), 10**10, 5000)
+    few = [clock.to_ros_ns(part) for part in np.array_split(times, 50)]
+    np.testing.assert_array_equal(clock.to_ros_ns(times), np.concatenate(few))

@@ -106,6 +106,18 @@ def test_who_sends_once_is_followed_until_it_is_gone(clock):
     assert cameras.conflict(Graph(), ["/tf"], "it", "stop one") == ""
 
 
+def test_who_sends_but_a_part_gives_way_to_who_sends_all(clock):
+    results = OneSource(latched=True, clock_s=clock)
+    assert results.accepts(sent_by(THEIRS))
+    results.keep_to({OURS, THEIRS}, whole=[{OURS, THEIRS}, {THEIRS}])
+    assert results.followed == THEIRS, "it sends all"
+    results.keep_to({OURS, THEIRS}, whole=[{OURS}, {THEIRS}])
+    assert results.followed == THEIRS, "nobody sends all"
+    results.keep_to({OURS, THEIRS}, whole=[{OURS, THEIRS}, {OURS}])
+    assert results.followed == OURS
+    assert not results.accepts(sent_by(THEIRS))
+
+
 def test_other_frames_are_nobodys_business(sources):
     assert sources.takes(message(), sent_by(OURS))
     assert sources.takes(message("map", "base"), sent_by(THEIRS))

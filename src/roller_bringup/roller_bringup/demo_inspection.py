@@ -72,8 +72,7 @@ def defect_table(inspected: Inspected, truth: Truth) -> list[str]:
     origin = truth.origin_m[:2]
     findings = [judged.finding for judged in inspected.judgement.findings]
     verdicts = {judged.finding.id: judged.verdict for judged in inspected.judgement.findings}
-    marks = [[(x + origin[0], y + origin[1]) for x, y in mark.outline] for mark in truth.defects]
-    hits, others = matched(findings, [np.asarray(mark) for mark in marks])
+    hits, others = matched(findings, [np.asarray(m.outline) + origin for m in truth.defects])
     head = f"{'defect':10s} {'true µm':>8s} {'found µm':>12s} {'found as':>9s}  verdict"
     rows = [head, "-" * len(head)]
     for k, mark in enumerate(truth.defects):

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from roller_core.pose_track import PoseTrack
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.methods.surface.sweep import SurfacePatch
 from roller_recording.reading import open_recording
@@ -24,6 +23,7 @@ from roller_sim.cell_settings import VirtualCellSettings
 from roller_sim.objects import SPHERE_RADIUS
 from roller_sim.presets import LIGHTS
 
+from .constant_speed import rolling_speed_m_s
 from .recordings import Scan, whole_scan
 from .sphere import SphereError, find_sphere
 
@@ -105,7 +105,7 @@ def promised(scan: Scan, light: str) -> Reached:
         {
             **LIGHTS[light],
             "scene": {"name": "sphere"},
-            "motion": {"speed": round(max(_speed_m_s(scan.track), 0.02), 3)},
+            "motion": {"speed": round(max(rolling_speed_m_s(scan.track), 0.02), 3)},
             "camera": {
                 "width": camera.width, "height": camera.height, "focal_px": camera.fx,
                 "cx_px": max(camera.cx, 0.0), "cy_px": max(camera.cy, 0.0),
@@ -118,15 +118,6 @@ def promised(scan: Scan, light: str) -> Reached:
         write_bag(VirtualCell(settings), bag)
         virtual = whole_scan(open_recording(bag))
     return on_sphere(virtual, SurfaceSettings.create({}), SPHERE_RADIUS * 1e-3)
-
-
-def _speed_m_s(track: PoseTrack) -> float:
-    """Speed at which most of the way was rolled."""
-    steps = np.linalg.norm(np.diff(track.positions, axis=0), axis=1)
-    speeds = steps / np.maximum(np.diff(track.times_ns) * 1e-9, 1e-6)
-    order = np.argsort(speeds)
-    way = np.cumsum(steps[order])
-    return float(speeds[order][np.searchsorted(way, 0.5 * way[-1])])
 
 
 def shortfalls(reached: Reached, promise: Reached) -> Iterable[str]:

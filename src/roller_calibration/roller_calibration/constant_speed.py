@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from roller_core.errors import RollerError
+from roller_core.pose_track import PoseTrack
 
 from .recordings import Scan
 
@@ -69,3 +70,12 @@ def constant_speed_part(scan: Scan, least_m: float) -> Scan:
         )
     cut = np.searchsorted(scan.events.t_ns, times[[begin, end - 1]])
     return replace(scan, events=scan.events[int(cut[0]) : int(cut[1])])
+
+
+def rolling_speed_m_s(track: PoseTrack) -> float:
+    """Speed at which most of the way was rolled."""
+    steps = np.linalg.norm(np.diff(track.positions, axis=0), axis=1)
+    speeds = steps / np.maximum(np.diff(track.times_ns) * 1e-9, 1e-6)
+    order = np.argsort(speeds)
+    way = np.cumsum(steps[order])
+    return float(speeds[order][np.searchsorted(way, 0.5 * way[-1])])

@@ -38,6 +38,8 @@ NAMES = {
     "bma": ("paper.threshold_c", "paper.median_px", "paper.weights"),
     "focus": ("focus.sigma_px", "focus.min_confidence"),
 }
+#: What a state holds beside its key.
+_KEPT = ("errors_m", "points", "pixels")
 #: Windows of focus are long and few: they overlap by this share.
 _FOCUS_OVERLAP = 0.75
 
@@ -150,9 +152,11 @@ class GridSearch(ABC):
         # As JSON gives it back: without tuples.
         whole = json.loads(json.dumps({**key, "grid": self.grid.ranges}))
         path = state_path(output)
-        resumed = resume and path.exists()
-        if resumed:
-            _load(path, whole, self.table)
+        # Also where it isn't asked for: what lies there is replaced, so it must be ours.
+        kept = _read(path) if path.exists() else None
+        resumed = resume and kept is not None
+        if resume and kept is not None:
+            _take(path, kept, whole, self.table)
         self._fill(lambda: _save(path, whole, self.table))
         return resumed
 
@@ -242,17 +246,21 @@ def state_path(output: Path) -> Path:
     return output.with_name(output.name + ".state.npz")
 
 
-def _load(path: Path, key: Mapping[str, Any], table: ErrorTable) -> None:
-    """Fill a table with what an interrupted search has kept."""
+def _read(path: Path) -> dict[str, Any]:
+    """What an interrupted search has kept."""
     try:
         with np.load(path, allow_pickle=False) as state:
-            kept = json.loads(str(state["key"]))
-            errors, points, pixels = state["errors_m"], state["points"], state["pixels"]
-    except Exception as error:  # numpy's and zipfile's own, of a file that was cut off
+            return {"key": json.loads(str(state["key"])), **{name: state[name] for name in _KEPT}}
+    except Exception as error:  # numpy's and zipfile's own, of a file that is something else
         raise CalibrationError(
-            f"{path}: not the state of a calibration ({error}); delete it or leave out --resume"
+            f"{path}: not the state of a calibration ({error}); move it, or name another --output"
         ) from error
-    other = [name for name in key if kept.get(name) != key[name]]
+
+
+def _take(path: Path, kept: Mapping[str, Any], key: Mapping[str, Any], table: ErrorTable) -> None:
+    """Fill a table with what was kept."""
+    other = [name for name in key if kept["key"].get(name) != key[name]]
+    errors, points, pixels = (kept[name] for name in _KEPT)
     if other or errors.shape != table.errors_m.shape or not np.array_equal(pixels, table.pixels):
         raise CalibrationError(
             f"{path}: the state is of other {', '.join(other) or 'windows'}; give the same, or "

@@ -17,7 +17,8 @@ from collections import deque
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+I64 = npt.NDArray[np.int64]
 
 _BLOCK_NS = 500_000_000
 _MAX_BLOCKS = 120
@@ -45,6 +46,8 @@ _MAX_LATE_BLOCKS = 10
 _STEP_NS = 5_000_000_000
 #: A device's clock that goes back by more than this was set again.
 _BACK_NS = 500_000_000
+#: Times from which on a kernel maps them.
+_MANY = 1000
 
 
 class SensorClock:
@@ -125,12 +128,17 @@ class SensorClock:
         """Forget the map: the device itself was started again, which is no jump of its clock."""
         self._observed = False
 
-    def to_ros_ns(self, device_ns: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    def to_ros_ns(self, device_ns: npt.ArrayLike) -> I64:
         """ROS time of device times, int64 ns, with the map as it stands."""
         d = np.asarray(device_ns, dtype=np.int64)
-        out = np.empty(d.shape, np.int64)
         line = (np.int64(self._base), np.int64(self._anchor_ns), self._offset_ns, self._skew)
-        _map(d.reshape(-1), *line, out.reshape(-1))
+        if d.size < _MANY:
+            return _map(d, *line)
+        # Nodes that map but a time or two a message do without numba.
+        from ._clock_kernels import map_times
+
+        out = np.empty(d.shape, np.int64)
+        map_times(d.reshape(-1), *line, out.reshape(-1))
         return out
 
     def _step(self, device_ns: int, arrival_ns: int) -> None:
@@ -195,8 +203,7 @@ class SensorClock:
         self._line = (origin, float(np.quantile(above, _FLOOR)), slope)
 
 
-@njit(cache=True, nogil=True)
-def _map(device_ns, base, anchor_ns, offset_ns, skew, out):  # type: ignore[no-untyped-def]
-    for i in range(len(device_ns)):
-        d = device_ns[i]
-        out[i] = d + base + np.int64(np.rint((d - anchor_ns) * skew + offset_ns))
+def _map(device_ns: I64, base: np.int64, anchor_ns: np.int64, offset_ns: float, skew: float) -> I64:
+    """What the kernel does, in numpy."""
+    moved = np.rint((device_ns - anchor_ns) * skew + offset_ns)
+    return np.asarray(device_ns + base + moved.astype(np.int64), np.int64)

@@ -33,6 +33,8 @@ FINDING_MARKERS = "roller/inspection/markers"
 DEVIATION = "roller/inspection/deviation"
 #: All cells share these; frames have a prefix, and statuses the nodes' full names.
 TF, TF_STATIC, DIAGNOSTICS = "/tf", "/tf_static", "/diagnostics"
+#: sensor_msgs/PointField's number of the type.
+_FLOAT32 = 7
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,28 @@ class Cloud:
 
     columns: npt.NDArray[np.float32]
     names: tuple[str, ...]
+
+
+class CloudError(RollerError):
+    """A cloud that isn't one of ours."""
+
+
+def cloud_of(message: Any) -> Cloud:
+    """Columns of a PointCloud2, rclpy's or rosbags', of float32 fields without gaps.
+
+    Raises
+    ------
+    CloudError
+        If its fields are others.
+    """
+    names = tuple(field.name for field in message.fields)
+    plain = all(
+        field.datatype == _FLOAT32 and field.count == 1 and field.offset == 4 * k
+        for k, field in enumerate(message.fields)
+    )
+    if not plain or message.point_step != 4 * len(names) or message.is_bigendian:
+        raise CloudError(f"cloud of fields {', '.join(names)}: not float32 one after the other")
+    return Cloud(np.frombuffer(message.data, "<f4").reshape(-1, len(names)), names)
 
 
 @dataclass(frozen=True)

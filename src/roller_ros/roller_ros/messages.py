@@ -24,10 +24,6 @@ class ImageError(RollerError):
     """An image that can't be read."""
 
 
-class CloudError(RollerError):
-    """A cloud whose fields aren't those of the graph."""
-
-
 @singledispatch
 def message_of(data: Any, output: Output) -> Any:
     """Message of what an output holds, by its type; packages register what is their own."""
@@ -145,24 +141,6 @@ def point_cloud(cloud: Cloud, t_ns: int, frame_id: str) -> PointCloud2:
         data=payload(cloud.columns),
         is_dense=True,
     )
-
-
-def cloud_of(message: PointCloud2) -> Cloud:
-    """Columns of a cloud of float32 fields without gaps.
-
-    Raises
-    ------
-    CloudError
-        If its fields are others.
-    """
-    names = tuple(field.name for field in message.fields)
-    plain = all(
-        field.datatype == PointField.FLOAT32 and field.count == 1 and field.offset == 4 * k
-        for k, field in enumerate(message.fields)
-    )
-    if not plain or message.point_step != 4 * len(names) or message.is_bigendian:
-        raise CloudError(f"cloud of fields {', '.join(names)}: not float32 one after the other")
-    return Cloud(np.frombuffer(message.data, "<f4").reshape(-1, len(names)), names)
 
 
 @message_of.register

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -92,12 +92,25 @@ class OneSource:
         if sender is not None:
             self._others.pop(sender, None)
 
-    def keep_to(self, alive: Collection[bytes]) -> None:
-        """Forget publishers that are gone."""
+    def keep_to(self, alive: Collection[bytes], whole: Sequence[Collection[bytes]] = ()) -> None:
+        """Forget publishers that are gone.
+
+        Parameters
+        ----------
+        alive : collection of bytes
+            Those that publish now.
+        whole : sequence of collection of bytes
+            Of each topic that is needed, its publishers: who was heard first but sends only some
+            of them isn't followed any longer where another sends all.
+        """
         alive = {sender[: self._length] for sender in alive}
         self._others = {k: t for k, t in self._others.items() if k in alive}
+        parts = [{sender[: self._length] for sender in senders} for senders in whole]
+        complete: set[bytes] = set.intersection(*parts) if parts else set()
         if self.followed not in alive:
             self.follow(None)
+        elif complete and self.followed not in complete:
+            self.follow(min(complete))
 
     def conflict(self, node: Node, topics: Iterable[str], what: str, cure: str) -> str:
         """What to tell of publishers that don't agree; empty: there is but one.

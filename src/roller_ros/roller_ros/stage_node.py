@@ -85,7 +85,7 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
             stage.take_output(Output(topic, stamp, frame, messages.image_to_array(message)))
         elif isinstance(message, PointCloud2):
             stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
-            stage.take_output(Output(topic, stamp, frame, messages.cloud_of(message)))
+            stage.take_output(Output(topic, stamp, frame, outputs.cloud_of(message)))
         elif isinstance(message, DiagnosticArray):
             stamp = messages.to_ns(message.header.stamp)
             for status in message.status:
@@ -264,6 +264,11 @@ class StageNode(Node):
         if self._cameras.followed is None and self._camera_infos:
             self._follow_camera(next(iter(self._camera_infos)))
 
+    def _keep_to_results(self) -> None:
+        """Follow another process's results when the first is gone, or sends but some of them."""
+        by_topic = [publishers(self, name) for name in self._taken_results]
+        self._results.keep_to(set().union(*by_topic), whole=by_topic)
+
     def _handle(self, item: tuple[str, Any]) -> None:
         with self._working:
             feed(self.stage, *item, self._fault)
@@ -300,7 +305,7 @@ class StageNode(Node):
         stage, worker = self.stage, self._worker
         if isinstance(stage, EventStage):
             self._check_cameras()
-        self._results.keep_to(publishers(self, *self._taken_results))
+        self._keep_to_results()
         level, message = self._health()
         values: dict[str, object] = {
             **self._meter.rates(**stage.rated()),

@@ -10,6 +10,8 @@ from typing import Any
 
 from roller_core.calibration_file import SECTION, CalibrationError, calibration_record
 
+from .output import check_mm
+
 #: Exit code where the cell isn't accepted, as of a part that is out of tolerance.
 NOT_ACCEPTED = 3
 _COLUMNS = ("reached", "promised")
@@ -65,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
     from roller_core.settings import read_parameters
     from roller_inspect.pipeline import PipelineSettings
 
-    if not args.radius_mm > 0:
-        raise CalibrationError(f"--radius-mm {args.radius_mm:g}: expected more than 0")
+    check_mm("--radius-mm", args.radius_mm)
     settings = PipelineSettings.load(args.params, "surface").surface
     inputs = (args.sphere, args.params, args.poses, args.camera, args.inspection)
     with OutputFolder(args.output, "acceptance", inputs) as output:

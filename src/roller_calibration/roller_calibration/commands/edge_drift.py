@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from roller_core.calibration_file import CalibrationError, calibration_record
+from roller_core.calibration_file import calibration_record
 
-from .output import add_kind, write
+from .output import add_kind, check_mm, write
 
 #: Nodes that correct for it.
 _NODES = ("emvs", "surface")
@@ -44,15 +44,14 @@ def run(args: argparse.Namespace) -> int:
     RollerError
         If a recording can't be read or doesn't show its gauge.
     """
-    from roller_calibration.edge_drift import fit_drift, sphere_gauges, steps_gauges
+    from roller_calibration.edge_drift import fit_drift
+    from roller_calibration.gauges import sphere_gauges, steps_gauges
     from roller_calibration.recordings import read_scans
     from roller_core.progress import progress_bar
     from roller_inspect.pipeline import PipelineSettings
 
-    if not args.radius_mm > 0:
-        raise CalibrationError(f"--radius-mm {args.radius_mm:g}: expected more than 0")
-    if not args.step_mm > 0:
-        raise CalibrationError(f"--step-mm {args.step_mm:g}: expected more than 0")
+    check_mm("--radius-mm", args.radius_mm)
+    check_mm("--step-mm", args.step_mm, 0.01, 10)
     settings = PipelineSettings.load(args.params, "surface").surface
     args.inputs = [*args.sphere, *args.steps]
     scans = read_scans(args, settings.max_pose_gap_s)

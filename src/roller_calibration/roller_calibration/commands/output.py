@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from roller_core.calibration_file import write_calibration
+from roller_core.calibration_file import CalibrationError, write_calibration
 from roller_inspect.commands.options import add_recording_options, add_written_options
 
 
@@ -40,6 +40,18 @@ def add_kind(
     add_recording_options(parser, nodes)
     parser.set_defaults(run=run)
     return parser
+
+
+def check_mm(option: str, value: float, least: float = 0.1, most: float = 100.0) -> None:
+    """Refuse a gauge's size that none has, NaN too.
+
+    Raises
+    ------
+    CalibrationError
+        If it is out of range.
+    """
+    if not least <= value <= most:
+        raise CalibrationError(f"{option} {value:g}: expected {least:g} to {most:g}")
 
 
 def write(

@@ -17,7 +17,7 @@ from roller_core.calibration_file import (
 )
 from roller_core.progress import progress_bar
 
-from .output import add_kind, write
+from .output import add_kind, check_mm, write
 
 if TYPE_CHECKING:
     from roller_calibration.contact import ContactWindow
@@ -173,8 +173,7 @@ def _rounded(summary: ErrorSummary) -> dict[str, float]:
 
 
 def _check(args: argparse.Namespace) -> None:
-    if not 0.1 <= args.radius_mm <= 100:
-        raise CalibrationError(f"--radius-mm {args.radius_mm:g}: expected 0.1 to 100")
+    check_mm("--radius-mm", args.radius_mm)
     if not 0 < args.radius_tolerance <= 0.5:
         raise CalibrationError(f"--radius-tolerance {args.radius_tolerance:g}: expected 0 to 0.5")
     if not 2 <= args.weight_parts <= 60:

@@ -24,6 +24,9 @@ _TURN = 0.15
 #: Slopes of the table of what a calibration leaves over: bins from 0 to the last, by polarity and
 #: rising or falling.
 SLOPE_BINS = 6
+#: Change of the events' density up to which light stands still, and from which it travels. Tuned on
+#: the virtual cell: 0.2-1 under a dome, 1.3-7 under its ring.
+_STILL, _TRAVELS = 1.0, 1.6
 #: Beyond the calibrated slopes uncertainty grows by this share of the drift by unit of slope.
 _BEYOND = 1.0
 
@@ -96,15 +99,25 @@ def edge_drift(
     return height, np.hypot(sigma, _BEYOND * over * np.maximum(np.abs(height), sigma))
 
 
+def share_of_travel(change: float) -> float:
+    """0 where light stands still, 1 where it travels with the camera.
+
+    Parameters
+    ----------
+    change : float
+        Of the events' density along a crossing: (mean of the rays' slopes less the middle of the
+        aperture) / their variance.
+    """
+    return float(np.clip((change - _STILL) / (_TRAVELS - _STILL), 0.0, 1.0))
+
+
 class TravellingLight:
     """Whether light travels with the camera, from how the events of lines lie over their rays.
 
-    Where contrast changes along a crossing, so does the number of events: by k = (mean of the
-    rays' slopes less the middle of the aperture) / their variance. In light that stands still k is
-    that of chance. Tuned on the virtual cell: 0.2-1 under a dome, 1.3-7 under a ring.
+    Where contrast changes along a crossing, so does the number of events; in light that stands
+    still by no more than chance. See `share_of_travel`.
     """
 
-    _STILL, _TRAVELS = 1.0, 1.6
     #: Weight of the lines from which on they say something.
     _ENOUGH = 100.0
 
@@ -123,4 +136,4 @@ class TravellingLight:
         if self._weight < self._ENOUGH:
             return 1.0
         change = np.sqrt(max(self._square / self._weight, 0.0))
-        return float(np.clip((change - self._STILL) / (self._TRAVELS - self._STILL), 0.0, 1.0))
+        return share_of_travel(change)

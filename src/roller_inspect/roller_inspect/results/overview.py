@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from rosbags.rosbag2 import Reader
 
 from roller_core.bags import typestore
+from roller_core.transforms import inverse_pose
 from roller_emvs.ply import read_ply
 from roller_inspect.height_map import HeightMap
 from roller_sim.truth import Truth
@@ -234,10 +235,10 @@ def _draw_inspection(axis: Axes, folder: Path) -> None:
     # The map lies along the roll; the picture, along x.
     x, y = np.meshgrid(np.arange(left, right, recipe["grid_m"]),
                        np.arange(bottom, top, recipe["grid_m"]))  # fmt: skip
-    a, b = (grid.base_from_map[:2, :2].T @ [x.ravel(), y.ravel()]).reshape(2, *x.shape)
-    offset = grid.base_from_map[:2, :2].T @ grid.base_from_map[:2, 3]
-    column = np.searchsorted(grid.x_m, a - offset[0]).clip(0, len(grid.x_m) - 1)
-    row = np.searchsorted(grid.y_m, b - offset[1]).clip(0, len(grid.y_m) - 1)
+    map_from_base = inverse_pose(grid.base_from_map)
+    a, b = np.tensordot(map_from_base[:2, :2], [x, y], 1) + map_from_base[:2, 3, None, None]
+    column = np.searchsorted(grid.x_m, a).clip(0, len(grid.x_m) - 1)
+    row = np.searchsorted(grid.y_m, b).clip(0, len(grid.y_m) - 1)
     um = np.where(grid.known, grid.height_m, np.nan)[row, column] * 1e6
     if np.isfinite(um).any():
         um -= np.nanmedian(um)

@@ -9,11 +9,10 @@ from rosbags.rosbag2 import Reader
 
 from roller_core import outputs
 from roller_core.bags import typestore
-from roller_core.outputs import ContactFault, Output
+from roller_core.outputs import ContactFault, Output, cloud_of
 from roller_inspect.inspect_stage import InspectParameters, InspectStage
 from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
-from roller_ros.messages import cloud_of
 
 
 def inspect_recorded(bag: Path, recipe: Recipe, part: str) -> Inspected:
