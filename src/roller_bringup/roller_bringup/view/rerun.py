@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -19,6 +20,10 @@ _INSTALL = (
     "rerun isn't installed (660 MB): .venv/bin/uv pip install --python .venv/bin/python rerun-sdk; "
     "the page of `roller view` needs nothing"
 )
+#: Where the viewer listens: unless told so, rerun does on every interface.
+_HOST, _PORT = "127.0.0.1", 9876
+#: How long it may take to start, s.
+_START_S = 30.0
 
 
 class RerunError(RollerError):
@@ -39,6 +44,7 @@ def hand_over(source: Path | None, namespace: str = "") -> int:
     if source is None:
         if importlib.util.find_spec("rerun") is None:
             raise RerunError(_INSTALL)
+        _start_viewer(program)
         return _live(namespace)
     with tempfile.TemporaryDirectory(prefix="roller-view-") as folder:
         out = Path(folder) / "result.rrd"
@@ -48,7 +54,7 @@ def hand_over(source: Path | None, namespace: str = "") -> int:
         )
         if done.returncode:
             raise RerunError(f"{bag}: `rerun mcap convert` doesn't take it")
-        return subprocess.run([program, str(out)], check=False).returncode
+        return subprocess.run([program, "--bind", _HOST, str(out)], check=False).returncode
 
 
 def _bag_of(source: Path) -> Path:
@@ -61,6 +67,32 @@ def _bag_of(source: Path) -> Path:
     raise RerunError(f"{source}: no MCAP file in it, nor in result/ or bag/")
 
 
+def _start_viewer(program: str) -> None:
+    """Start the viewer in a process of its own, unless one runs.
+
+    Raises
+    ------
+    RerunError
+        If it doesn't start.
+    """
+    if _viewer_runs():
+        return
+    command = [program, "--bind", _HOST, "--port", str(_PORT), "--expect-data-soon"]
+    viewer = subprocess.Popen(command, start_new_session=True)
+    end = time.monotonic() + _START_S
+    while not _viewer_runs():
+        if viewer.poll() is not None or time.monotonic() > end:
+            viewer.terminate()
+            raise RerunError("rerun's viewer doesn't start: try `rerun` alone; it says why")
+        time.sleep(0.1)
+
+
+def _viewer_runs() -> bool:
+    with socket.socket() as connection:
+        connection.settimeout(1.0)
+        return connection.connect_ex((_HOST, _PORT)) == 0
+
+
 def _live(namespace: str) -> int:
     """Log what a graph gives until Ctrl-C; a viewer that is slow holds up this process alone."""
     import rerun
@@ -68,7 +100,8 @@ def _live(namespace: str) -> int:
     from .graph import Graph
     from .scene import Scene
 
-    rerun.init("roller", spawn=True)
+    rerun.init("roller")
+    rerun.connect_grpc(f"rerun+http://{_HOST}:{_PORT}/proxy")
     scene = Scene("live")
     revision = depth_revision = -1
     text = ""
