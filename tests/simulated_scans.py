@@ -89,7 +89,7 @@ class Scans:
 
         def test_stairs(scans):
             bag = scans.bag("stairs", speed=0.3, camera={"width": 320, "height": 120})
-            scan = scans.scan("stairs", speed=0.3, sensor={"hot_hz": 0.0})
+            scan = scans.scan("stairs", speed=0.3, sensor={"threshold": 0.3})
             scan.events, scan.track, scan.camera, scan.truth
 
     The groups (`scene`, `camera`, `motion`, `sensor`, `light`, `clock`, `packets`, ...) and the

@@ -21,8 +21,7 @@ from roller_calibration.acceptance import Reached, golden_shortfalls, shortfalls
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.settings import read_parameters
-from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
-from roller_sim.cell_settings import CameraSettings
+from roller_sim.motion import HAND_EYE_M, hand_eye
 from simulated_scans import Scans
 
 #: What the camera reads out in scans: a region of interest, so that they take seconds.
@@ -69,10 +68,6 @@ def test_from_unpacked_devices_to_a_certificate(
     assert (found["camera"], found["robot"]) == ("OK", "OK")
 
     true = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
-    mounting = CameraSettings.create({})
-    hand_eye = pose_matrix(
-        mounting.hand_eye_m, rotation_vector_to_quaternion(mounting.hand_eye_rotation_rad)
-    )
     views = target_poses(12, 35.0)
     pitch = ("--pitch-mm", 4)
     calibrate("intrinsics", write_grid_bag(tmp_path / "views", true, views), *pitch,
@@ -81,11 +76,9 @@ def test_from_unpacked_devices_to_a_certificate(
     assert seen.fx == pytest.approx(1066.0, rel=5e-3)
     replace(seen, height=ROWS, cy=seen.cy - TOP).to_yaml(camera_file)
     calibrate("hand-eye", "--grid-recording",
-              write_grid_bag(tmp_path / "poses", true, views, hand_eye), *pitch,
+              write_grid_bag(tmp_path / "poses", true, views, hand_eye()), *pitch,
               "--output", place)  # fmt: skip
-    np.testing.assert_allclose(
-        read_parameters(place, "ur10")["hand_eye_m"], mounting.hand_eye_m, atol=1e-3
-    )
+    np.testing.assert_allclose(read_parameters(place, "ur10")["hand_eye_m"], HAND_EYE_M, atol=1e-3)
 
     own = ("--camera", camera_file)
     there_and_back = [scan("stairs", v, motion={"reverse": True}) for v in (0.25, 0.5)]  # A

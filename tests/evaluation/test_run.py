@@ -68,7 +68,7 @@ def test_scans_are_kept_and_made_again_for_other_settings_or_source(
         store = ScanStore(tmp_path)
         again = store.get(case)
         assert store.get(case) is again
-        for other in (replace(case, seed=2), case.changed(sensor={"hot_hz": 1.0})):
+        for other in (replace(case, seed=2), case.changed(sensor={"threshold": 0.3})):
             with pytest.raises(AssertionError, match="measured again"):
                 store.get(other)
         patched.setattr(scanning, "source_digest", lambda *_: "another")

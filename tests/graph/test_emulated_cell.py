@@ -30,6 +30,7 @@ from roller_core.events import EventArray
 from roller_emvs.patch import Patch
 from roller_inspect.pipeline import Pipeline, PipelineSettings
 from roller_ros import messages
+from roller_sim.motion import HAND_EYE_M, HAND_EYE_ROTATION_RAD
 
 pytestmark = pytest.mark.graph
 
@@ -123,15 +124,14 @@ def take_scan(
     monkeypatch.setenv(usb_backend.PACE_VARIABLE, json.dumps(pace))
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"), prepend=os.pathsep)
     scan.cell.camera.to_yaml(folder / "camera.yaml")
-    mounting = scan.cell.settings.camera
     camera = {
         "backend": "driver.emulation.usb_backend:from_environment",
         # A reader of best effort has 1000 packets to catch up: four seconds of these.
         "event_message_time_threshold": 0.004,
     }
     robot = {
-        "hand_eye_m": mounting.hand_eye_m,
-        "hand_eye_rotation_rad": mounting.hand_eye_rotation_rad,
+        "hand_eye_m": HAND_EYE_M,
+        "hand_eye_rotation_rad": HAND_EYE_ROTATION_RAD,
         "retry_interval": 0.2,
     }
     overrides = folder / "overrides.yaml"

@@ -18,7 +18,7 @@ from roller_sim.truth import Truth
 pytestmark = pytest.mark.graph
 
 SETTINGS = (
-    "settle_s: 0.3, linger_s: 0.3, scene: {name: three_lines, margin_mm: 1.5, width_mm: 6.0}, "
+    "scene: {name: three_lines, margin_mm: 1.5, width_mm: 6.0}, "
     "camera: {width: 80, height: 48}, motion: {speed: 0.3, hold_s: 0.05}"
 )
 

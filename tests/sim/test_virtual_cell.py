@@ -5,6 +5,7 @@ import pytest
 
 from roller_core.events import EventArray
 from roller_sim.cell import Packet, Picture, PoseSample, VirtualCell
+from roller_sim.motion import PACKET_LATENCY_US
 from sim import virtual_twins as twins
 
 
@@ -15,7 +16,9 @@ def run(settings):
 
 @pytest.fixture(scope="module")
 def scan():
-    return run(twins.small("three_lines", packets={"max_events": 300}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("roller_sim.cell._PACKET_EVENTS", 300)
+        return run(twins.small("three_lines"))
 
 
 def test_everything_comes_in_order_of_arrival(scan):
@@ -97,7 +100,7 @@ def test_events_are_sharp_at_the_true_depth_and_blurred_elsewhere():
     )  # fmt: skip
     events = EventArray.concatenate([e for _, e in cell.raw_events()])
     t = (cell.sensor_to_ros_ns(events.t_ns) - cell.truth.start_ros_ns) * 1e-9
-    late = (cell.truth.event_delay_ns - cell.settings.clock.latency_us * 1e3) * 1e-9
+    late = (cell.truth.event_delay_ns - PACKET_LATENCY_US * 1e3) * 1e-9
     x = cell.path.along(t - late)
     # The first riser goes from 45 mm, the plate's face, to 44.8 mm.
     edge = cell.scene.regions[0].x0

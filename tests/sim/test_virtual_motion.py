@@ -63,14 +63,13 @@ def test_vibration_has_the_strength_set():
 
 
 def test_poses_lead_back_to_the_camera():
-    settings = twins.small("flat", clock={"pose_noise_um": 0.0, "pose_noise_urad": 0.0,
-                                          "pose_jitter_us": 0.0},
+    settings = twins.small("flat", clock={"pose_noise_um": 0.0, "pose_jitter_us": 0.0},
                            motion={"plate_origin_m": [0.4, -0.1, 0.02]})  # fmt: skip
     p = Path(
         settings.motion.model_copy(update={"start_mm": 0.0, "end_mm": 9.0}), 0.045, settings.seed
     )
-    poses = PoseStream.record(p, settings.camera, settings.clock, settings.seed)
-    fixed = hand_eye(settings.camera)
+    poses = PoseStream.record(p, settings.clock, settings.seed)
+    fixed = hand_eye()
     assert not np.allclose(fixed[:3, :3], np.eye(3), atol=0.1)
     seconds = (poses.stamp_ns - 1_700_000_000_000_000_000) * 1e-9
     true = p.in_base(seconds)
@@ -89,7 +88,7 @@ def test_pose_clock_has_the_offset_and_jitter_set():
     settings = twins.small("flat", clock={"pose_offset_us": 500.0, "pose_jitter_us": 100.0},
                            motion={"start_mm": 0.0, "end_mm": 9.0, "hold_s": 3.0})  # fmt: skip
     p = Path(settings.motion, 0.045, 1)
-    poses = PoseStream.record(p, settings.camera, settings.clock, 1)
+    poses = PoseStream.record(p, settings.clock, 1)
     true = 0.3 * 0.008 + 0.008 * np.arange(len(poses.stamp_ns))
     error = (poses.stamp_ns - 1_700_000_000_000_000_000) * 1e-9 - true
     assert error.mean() == pytest.approx(500e-6, abs=20e-6)

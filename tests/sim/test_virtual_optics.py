@@ -80,8 +80,8 @@ def test_light_is_fitted_within_a_percent():
         out = np.empty(len(r), np.float32)
         xn = (r / depth).astype(np.float32)
         kernels._shade_row(xn, flat, z, flat, flat, flat, vector, out)
-        exact = ring_field(r, 0 * r, np.full(len(r), depth), light)[2]
-        scale = ring_field(np.zeros(1), np.zeros(1), np.full(1, 45.0), light)[2]
+        exact = ring_field(r, 0 * r, np.full(len(r), depth))[2]
+        scale = ring_field(np.zeros(1), np.zeros(1), np.full(1, 45.0))[2]
         np.testing.assert_allclose(np.exp(out), exact / scale, rtol=0.01)
 
 

@@ -26,8 +26,9 @@ def slopes(height):
 
 
 @pytest.mark.parametrize("limit", [0.5, 1.0, 2.0])
-def test_skin_is_never_steeper_than_the_limit(limit):
-    skin = skin_over(block(), SkinSettings.create({"max_slope": limit}))
+def test_skin_is_never_steeper_than_the_limit(limit, monkeypatch):
+    monkeypatch.setattr("roller_sim.skin._MAX_SLOPE", limit)
+    skin = skin_over(block(), SkinSettings.create({}))
     assert max(slopes(skin.height)) <= limit * 1.001
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roller_sim.cell_settings import VirtualCellSettings
-from roller_sim.optics import ring_field
+from roller_sim.optics import RING_RADIUS_MM, RING_Z_MM, ring_field
 
 MASK = (1 << 64) - 1
 QUIET = {
@@ -78,11 +78,11 @@ def trace(xn, yn, values, camera, roller, origin):
 def shade(xn, yn, z, sx, sy, coat, light):
     """Twin of `_shade_row`: LEDs summed one by one, for the matt part and for the lobe."""
     x, y = xn * z, yn * z
-    gx, gy, gz = ring_field(x, y, z, light)
-    scale = -ring_field(np.zeros(1), np.zeros(1), np.full(1, 45.0), light)[2][0]
+    gx, gy, gz = ring_field(x, y, z)
+    scale = -ring_field(np.zeros(1), np.zeros(1), np.full(1, 45.0))[2][0]
     matt = (sx * gx + sy * gy - gz) / np.sqrt(1 + sx**2 + sy**2) / scale
-    alpha = light.ring_radius_mm / (2 * (45.0 - light.ring_z_mm / 2))
-    facing = 1 / (z - light.ring_z_mm / 2)
+    alpha = RING_RADIUS_MM / (2 * (45.0 - RING_Z_MM / 2))
+    facing = 1 / (z - RING_Z_MM / 2)
     ex, ey = sx + x * facing, sy + y * facing
     angles = np.arange(60) * np.pi / 30
 

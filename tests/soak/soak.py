@@ -40,6 +40,7 @@ from graph.graph_world import Processes, Watcher
 from own import LOOPBACK, ros_domain
 from roller_core.output_folder import OutputFolder
 from roller_ros import topics
+from roller_sim.motion import HAND_EYE_M, HAND_EYE_ROTATION_RAD
 
 from .looped_camera import VARIABLE
 
@@ -160,7 +161,6 @@ class Soak:
                 **pace,
             }
         )
-        mounting = scan.cell.settings.camera
         self.parameters = {
             "event_camera": {
                 "backend": "soak.looped_camera:from_environment",
@@ -169,8 +169,8 @@ class Soak:
             },
             "ur10": {
                 "robot_ip": LOOPBACK,
-                "hand_eye_m": mounting.hand_eye_m,
-                "hand_eye_rotation_rad": mounting.hand_eye_rotation_rad,
+                "hand_eye_m": HAND_EYE_M,
+                "hand_eye_rotation_rad": HAND_EYE_ROTATION_RAD,
             },
         }
 

@@ -108,7 +108,7 @@ def promised(scan: Scan, light: str) -> Reached:
             "motion": {"speed": round(max(rolling_speed_m_s(scan.track), 0.02), 3)},
             "camera": {
                 "width": camera.width, "height": camera.height, "focal_px": camera.fx,
-                "cx_px": max(camera.cx, 0.0), "cy_px": max(camera.cy, 0.0),
+                "principal_point_px": [max(camera.cx, 0.0), max(camera.cy, 0.0)],
             },
             "clock": {"image_rate_hz": 0.0},
         }

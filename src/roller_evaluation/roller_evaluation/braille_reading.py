@@ -10,6 +10,7 @@ import numpy as np
 from roller_braille.pipeline import BraillePipeline
 from roller_braille.reader_settings import BrailleSettings
 from roller_core.pose_track import PoseTrack
+from roller_sim.braille import DOT_PITCH_MM
 from roller_sim.cell import VirtualCell
 
 from .braille_score import score
@@ -94,7 +95,7 @@ def dot_contrast(scan: ScanCase) -> float:
     places = cell.truth.camera_positions(times)
     nearest = int(np.argmin(np.abs(places[:, 0] - middle.x)))
     log = np.log(np.maximum(cell.picture(int(times[nearest])), 1))
-    pitch = cell.settings.scene.dot_pitch_mm * 1e-3
+    pitch = DOT_PITCH_MM * 1e-3
     px = cell.camera.fx / cell.path.height_m
     half = int(pitch / 2 * px)
     found = []

@@ -13,12 +13,11 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from roller_core.errors import RollerError
-from roller_core.settings import Settings
 from roller_recording.reading.bag_reader import BagReader
 from roller_recording.reading.base import RecordingError
 from roller_recording.reading.event_topic import event_topic
 from roller_ros import diagnostics, messages, qos, topics
-from roller_ros.listeners import wait_for_listeners
+from roller_ros.listeners import LINGER_S, PlaySettings, wait_for_listeners
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -26,36 +25,17 @@ from roller_ros.parameters import declare_settings
 _CLOCK_STEP_NS = 10_000_000
 
 
-class PlayerParameters(Settings):
+class PlayerParameters(PlaySettings):
     """Parameters of the node."""
 
     bag: str = Field("", description="The rosbag2 to play: its folder or its file.")
     topic: str = Field(
         "", description="Topic of the event packets in a bag that has several; empty: the only one."
     )
-    rate: float = Field(
-        1.0, ge=0.001, le=1000.0, description="How fast to play it; 1 is as it was recorded."
-    )
-    subscribers: int = Field(
-        1, ge=0, le=100, description="Subscribers to the events to wait for before playing."
-    )
-    pose_subscribers: int = Field(
-        0, ge=0, le=100, description="Subscribers to /tf to wait for before playing."
-    )
-    wait_s: float = Field(
-        20.0, ge=0.0, le=600.0, description="How long to wait for them at most, s."
-    )
-    settle_s: float = Field(
-        1.0, ge=0.0, le=60.0, description="How long no subscriber may have come before playing, s."
-    )
     clock: bool = Field(
         False,
         description="Whether to publish the bag's time on /clock, for nodes with use_sim_time; not "
         "beside live nodes that have it.",
-    )
-    exit_when_done: bool = Field(False, description="Whether to end after the last message.")
-    linger_s: float = Field(
-        4.0, ge=0.0, le=600.0, description="How long others have to finish before it ends, s."
     )
 
 
@@ -108,14 +88,14 @@ class PlayerNode(Node):
         except RollerError as error:
             self._diagnostics.fault(str(error))
         self._state = "finished"
-        if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
+        if self._p.exit_when_done and not self._stop.wait(LINGER_S):
             self.done.set()
 
     def _wait_for_listeners(self) -> None:
         wanted = [(self._events, self._p.subscribers)]
         if "/tf" in self._outputs:
             wanted.append((self._outputs["/tf"], self._p.pose_subscribers))
-        missing = wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop)
+        missing = wait_for_listeners(wanted, self._p.wait_s, self._stop)
         if missing:
             self.get_logger().warning(missing)
 

@@ -1,4 +1,4 @@
-"""Waiting until the graph listens, so that nobody misses how a scan begins."""
+"""Playing a scan to a graph: it begins when all listen, so that nobody misses the begin."""
 
 from __future__ import annotations
 
@@ -6,6 +6,26 @@ import threading
 import time
 from collections.abc import Sequence
 from typing import Protocol
+
+from pydantic import Field
+
+from roller_core.settings import Settings
+
+#: How long no subscriber may have come before a scan begins, s: the other side needs a moment to
+#: know of the publisher, and a node subscribes to its topics one by one.
+SETTLE_S = 1.0
+#: Time others have to finish before the node that played ends, s.
+LINGER_S = 4.0
+
+
+class PlaySettings(Settings):
+    """How a node plays a scan to the graph."""
+
+    rate: float = Field(1.0, ge=0.001, le=1000.0, description="Pace; 1 is real time.")
+    subscribers: int = Field(1, ge=0, le=100, description="Subscribers to events to wait for.")
+    pose_subscribers: int = Field(0, ge=0, le=100, description="Subscribers to /tf to wait for.")
+    wait_s: float = Field(20.0, ge=0.0, le=600.0, description="Longest wait for them, s.")
+    exit_when_done: bool = Field(False, description="Whether to end after the last message.")
 
 
 class Publisher(Protocol):
@@ -18,7 +38,7 @@ class Publisher(Protocol):
 
 
 def wait_for_listeners(
-    wanted: Sequence[tuple[Publisher, int]], wait_s: float, settle_s: float, stop: threading.Event
+    wanted: Sequence[tuple[Publisher, int]], wait_s: float, stop: threading.Event
 ) -> str:
     """Wait until publishers have their subscribers, and then until no more come.
 
@@ -28,9 +48,6 @@ def wait_for_listeners(
         Publishers and how many subscribers each waits for.
     wait_s : float
         How long to wait for them at most, s.
-    settle_s : float
-        How long nothing may have changed before it goes on, s: the other side needs a moment to
-        know of the publisher, and a node subscribes to its topics one by one.
     stop : threading.Event
         Ends the waiting.
 
@@ -47,9 +64,9 @@ def wait_for_listeners(
         if counts != before:
             before, changed = counts, now
         complete = all(n >= least for n, (_, least) in zip(counts, wanted, strict=True))
-        if complete and now - changed >= settle_s:
+        if complete and now - changed >= SETTLE_S:
             return ""
-        if now > end + settle_s:
+        if now > end + SETTLE_S:
             found = ", ".join(
                 f"{publisher.topic_name} {n} of {least}"
                 for n, (publisher, least) in zip(counts, wanted, strict=True)

@@ -9,6 +9,8 @@ from .errors import SceneError
 from .relief import F64, BrailleMark, Plate, Region
 
 _A_TO_J = (0x01, 0x03, 0x09, 0x19, 0x11, 0x0B, 0x1B, 0x13, 0x0A, 0x1A)
+#: Distances of dots, cells and lines, and the base of a dot (those of the American NLS).
+DOT_PITCH_MM, CELL_PITCH_MM, LINE_PITCH_MM, DOT_DIAMETER_MM = 2.34, 6.2, 10.0, 1.44
 NUMBER_SIGN = 0x3C
 LETTER_SIGN = 0x30
 
@@ -70,25 +72,23 @@ def to_cells(text: str) -> list[tuple[int, str]]:
 
 def text_size_mm(text: str, settings: SceneSettings) -> tuple[float, float]:
     """Length and width that lines of text take up on the plate, from dot edge to dot edge, mm."""
-    length, height = _block_mm(text, settings)
-    diameter = settings.dot_diameter_mm
+    length, height = _block_mm(text)
     c, s = _turn(settings)
-    across, down = length - diameter, height - diameter
+    across, down = length - DOT_DIAMETER_MM, height - DOT_DIAMETER_MM
     return (
-        abs(c) * across + abs(s) * down + diameter,
-        abs(s) * across + abs(c) * down + diameter,
+        abs(c) * across + abs(s) * down + DOT_DIAMETER_MM,
+        abs(s) * across + abs(c) * down + DOT_DIAMETER_MM,
     )
 
 
-def _block_mm(text: str, settings: SceneSettings) -> tuple[float, float]:
+def _block_mm(text: str) -> tuple[float, float]:
     """Length and height of lines of text that aren't turned, mm."""
     lines = text.split("\n")
     longest = max(len(to_cells(line)) for line in lines)
     if not longest:
         raise SceneError("the Braille text is empty")
-    pitch, diameter = settings.dot_pitch_mm, settings.dot_diameter_mm
-    length = (longest - 1) * settings.cell_pitch_mm + pitch + diameter
-    return length, (len(lines) - 1) * settings.line_pitch_mm + 2 * pitch + diameter
+    length = (longest - 1) * CELL_PITCH_MM + DOT_PITCH_MM + DOT_DIAMETER_MM
+    return length, (len(lines) - 1) * LINE_PITCH_MM + 2 * DOT_PITCH_MM + DOT_DIAMETER_MM
 
 
 def _turn(settings: SceneSettings) -> tuple[float, float]:
@@ -114,7 +114,7 @@ def put_braille(plate: Plate, text: str, x0_mm: float, settings: SceneSettings) 
         If the text can't be written or doesn't fit the plate.
     """
     lines = text.lower().split("\n")
-    pitch, radius = settings.dot_pitch_mm, settings.dot_diameter_mm / 2
+    pitch, radius = DOT_PITCH_MM, DOT_DIAMETER_MM / 2
     length, wide = text_size_mm(text, settings)
     if wide > plate.width:
         raise SceneError(
@@ -123,7 +123,7 @@ def put_braille(plate: Plate, text: str, x0_mm: float, settings: SceneSettings) 
         )
     if x0_mm + length > plate.length + 1e-6:
         raise SceneError(f"Braille of {length:.1f} mm doesn't fit a plate of {plate.length:g} mm")
-    block = _block_mm(text, settings)[0]
+    block = _block_mm(text)[0]
     c, s = _turn(settings)
 
     def place(along: float, up: float) -> tuple[float, float]:
@@ -131,9 +131,9 @@ def put_braille(plate: Plate, text: str, x0_mm: float, settings: SceneSettings) 
         return x0_mm + length / 2 + c * along - s * up, s * along + c * up
 
     for row, line in enumerate(lines):
-        middle = (len(lines) - 1) / 2 * settings.line_pitch_mm - row * settings.line_pitch_mm
+        middle = ((len(lines) - 1) / 2 - row) * LINE_PITCH_MM
         for column, (mask, character) in enumerate(to_cells(line)):
-            left = radius + column * settings.cell_pitch_mm - block / 2
+            left = radius + column * CELL_PITCH_MM - block / 2
             for dot in range(6):
                 if mask >> dot & 1:
                     x, y = place(left + dot // 3 * pitch, middle + (1 - dot % 3) * pitch)

@@ -14,7 +14,7 @@ from roller_core.events import EventArray
 
 from . import _sensor_kernels as kernels
 from .cell_settings import MotionSettings, VirtualCellSettings
-from .motion import Path, PoseStream, hand_eye, make_camera
+from .motion import PACKET_LATENCY_US, START_SENSOR_NS, Path, PoseStream, hand_eye, make_camera
 from .optics import SurfaceMaps, light_vector, to_grey
 from .relief import F64, HeightMap, Scene
 from .scenes import build_scene
@@ -30,6 +30,8 @@ _MAP_MARGIN_MM = 0.5
 _STEP_PX, _MAX_STEP_S = 0.5, 1e-3
 #: Longest packet, ns, and the mean of what delays one beyond the least, µs.
 _PACKET_NS, _ARRIVAL_JITTER_US = 1_000_000, 80.0
+#: Most events of a packet.
+_PACKET_EVENTS = 48_000
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,8 @@ class VirtualCell:
             tuple(mark.followed(self.skin) for mark in self.scene.defects),
         )  # fmt: skip
         self.path: Path = self.truth.path
-        self.hand_eye: F64 = hand_eye(settings.camera)
-        self.poses = PoseStream.record(self.path, settings.camera, settings.clock, settings.seed)
+        self.hand_eye: F64 = hand_eye()
+        self.poses = PoseStream.record(self.path, settings.clock, settings.seed)
         self._maps = SurfaceMaps.build(self.skin, settings.light, settings.seed)
         widest = float(np.hypot(*self._rays).max()) * radius
         self._light = light_vector(settings.light, widest)
@@ -283,19 +285,20 @@ class _Packer:
             return
         window = events.t_ns // self._span
         edges = np.flatnonzero(np.diff(window)) + 1
-        most = self._cell.settings.packets.max_events
         for a, b in zip([0, *edges], [*edges, len(events)], strict=True):
-            for start in range(int(a), int(b), most):
-                yield self._packet(events[start : min(start + most, int(b))])
+            for start in range(int(a), int(b), _PACKET_EVENTS):
+                yield self._packet(events[start : min(start + _PACKET_EVENTS, int(b))])
 
     def _packet(self, events: EventArray) -> Packet:
-        clock = self._cell.settings.clock
-        delay = round((clock.latency_us + self._rng.exponential(_ARRIVAL_JITTER_US)) * 1e3)
+        delay = round((PACKET_LATENCY_US + self._rng.exponential(_ARRIVAL_JITTER_US)) * 1e3)
         first, last = self._cell.sensor_to_ros_ns([events.t_ns[0], events.t_ns[-1]])
-        base = round(clock.start_sensor_s * 1e9)
         self._arrival = max(self._arrival, int(last) + delay)
         self._seq += 1
         start = int(events.t_ns[0])
         return Packet(
-            self._seq - 1, int(first) + delay, base + start, self._arrival, events.shifted(base)
+            self._seq - 1,
+            int(first) + delay,
+            START_SENSOR_NS + start,
+            self._arrival,
+            events.shifted(START_SENSOR_NS),
         )

@@ -31,14 +31,6 @@ class SceneSettings(Settings):
     length_mm: float = Field(
         0.0, ge=0.0, le=2000.0, description="Least length of the plate, mm; 0: as its objects need."
     )
-    dot_pitch_mm: float = Field(2.34, ge=1.0, le=5.0, description="Braille: distance of dots, mm.")
-    cell_pitch_mm: float = Field(
-        6.2, ge=3.0, le=12.0, description="Braille: distance of cells, mm."
-    )
-    line_pitch_mm: float = Field(
-        10.0, ge=5.0, le=20.0, description="Braille: distance of lines, mm."
-    )
-    dot_diameter_mm: float = Field(1.44, ge=0.5, le=3.0, description="Braille: base of a dot, mm.")
     dot_height_mm: float = Field(0.48, ge=0.05, le=1.5, description="Braille: height of a dot, mm.")
     turn_deg: float = Field(
         0.0, ge=-360.0, le=360.0, description="Braille: turn of the text on the plate, degrees."
@@ -69,11 +61,11 @@ class CameraSettings(Settings):
     width: int = Field(640, ge=8, le=2047, description="Columns, px.")
     height: int = Field(480, ge=8, le=2047, description="Rows, px.")
     focal_px: float = Field(1066.0, ge=50.0, le=10000.0, description="Focal length, px.")
-    cx_px: float = Field(
-        -1.0, ge=-1.0, le=4096.0, description="Principal point; -1: the middle, px."
-    )
-    cy_px: float = Field(
-        -1.0, ge=-1.0, le=4096.0, description="Principal point; -1: the middle, px."
+    principal_point_px: list[float] = Field(
+        default_factory=lambda: [-1.0, -1.0],
+        min_length=2,
+        max_length=2,
+        description="Principal point, px; -1: the middle.",
     )
     distortion: list[float] = Field(
         default_factory=lambda: [0.0] * 5,
@@ -82,18 +74,6 @@ class CameraSettings(Settings):
         description="Plumb_bob coefficients k1 k2 p1 p2 k3.",
     )
     roller_radius_mm: float = Field(47.0, ge=10.0, le=200.0, description="Radius of the skin, mm.")
-    hand_eye_m: list[float] = Field(
-        default_factory=lambda: [0.012, -0.031, 0.084],
-        min_length=3,
-        max_length=3,
-        description="Camera's place in tool0_controller, m.",
-    )
-    hand_eye_rotation_rad: list[float] = Field(
-        default_factory=lambda: [0.08, -0.05, 0.7],
-        min_length=3,
-        max_length=3,
-        description="Camera's rotation vector in tool0_controller, rad.",
-    )
 
 
 class SkinSettings(Settings):
@@ -105,7 +85,6 @@ class SkinSettings(Settings):
     press_mm: float = Field(
         0.0, ge=0.0, le=4.5, description="Press depth at full contact, mm; 0: the scene's own."
     )
-    max_slope: float = Field(2.0, ge=0.1, le=3.0, description="Steepest skin beside a wall.")
 
 
 class LightSettings(Settings):
@@ -122,8 +101,6 @@ class LightSettings(Settings):
     diffuse: float = Field(0.5, ge=0.0, le=10.0, description="Matt part of the directed light.")
     specular: float = Field(0.15, ge=0.0, le=10.0, description="Semi-specular part of it.")
     lobe_slope: float = Field(0.6, ge=0.02, le=3.0, description="Width of the lobe, as a slope.")
-    ring_radius_mm: float = Field(20.0, ge=0.0, le=40.0, description="Radius of the LED ring, mm.")
-    ring_z_mm: float = Field(8.0, ge=-20.0, le=30.0, description="Ring before the lens, mm.")
     speckle: float = Field(0.03, ge=0.0, le=0.3, description="RMS of the coating's reflectance.")
     speckle_mm: float = Field(0.1, ge=0.01, le=2.0, description="Correlation length of it, mm.")
 
@@ -143,7 +120,6 @@ class SensorSettings(Settings):
         0.3, ge=0.0, le=1000.0, description="Noise events a pixel and second."
     )
     hot_share: float = Field(1e-4, ge=0.0, le=0.1, description="Share of hot pixels.")
-    hot_hz: float = Field(500.0, ge=0.0, le=1e4, description="Median rate of a hot pixel.")
     latency_us: float = Field(100.0, ge=0.0, le=1e4, description="Pixel's delay, µs.")
     jitter_us: float = Field(20.0, ge=0.0, le=1e3, description="Its RMS spread, µs.")
     readout_us: float = Field(
@@ -178,20 +154,14 @@ class MotionSettings(Settings):
 class ClockSettings(Settings):
     """Clocks, poses and arrival times."""
 
-    start_ros_s: float = Field(1.7e9, ge=0.0, le=4e9, description="ROS time at the start, s.")
-    start_sensor_s: float = Field(
-        3.7, ge=0.0, le=1000.0, description="Sensor time at the start, s."
-    )
     drift_ppm: float = Field(15.0, ge=-200.0, le=200.0, description="Sensor clock's rate error.")
-    latency_us: float = Field(150.0, ge=0.0, le=1e5, description="Least delay of a packet, µs.")
     pose_rate_hz: float = Field(125.0, ge=5.0, le=1000.0, description="Poses a second.")
     pose_offset_us: float = Field(0.0, ge=-1e5, le=1e5, description="Error of all pose stamps, µs.")
     pose_jitter_us: float = Field(
         30.0, ge=0.0, le=1e4, description="RMS error of a pose stamp, µs."
     )
-    pose_noise_um: float = Field(2.0, ge=0.0, le=500.0, description="RMS noise of positions, µm.")
-    pose_noise_urad: float = Field(
-        5.0, ge=0.0, le=5000.0, description="RMS noise of rotations, µrad."
+    pose_noise_um: float = Field(
+        2.0, ge=0.0, le=500.0, description="RMS noise of positions, µm; of rotations 2.5 µrad a µm."
     )
     image_rate_hz: float = Field(25.0, ge=0.0, le=200.0, description="Intensity images a second.")
 
@@ -202,7 +172,6 @@ class PacketSettings(Settings):
     encoding: Literal["mono", "libcaer", "libcaer_cmp", "evt3"] = Field(
         "libcaer_cmp", description="Encoding of event packets."
     )
-    max_events: int = Field(48000, ge=100, le=1000000, description="Most events a packet.")
 
 
 class VirtualCellSettings(Settings):

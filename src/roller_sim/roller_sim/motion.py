@@ -25,6 +25,14 @@ CAMERA_DOWN = np.diag([1.0, -1.0, -1.0])
 _TONES = 5
 #: Mean delay of a pose, µs.
 _POSE_LATENCY_US = 1500.0
+#: Noise of rotations by that of positions, µrad/µm.
+_URAD_A_UM = 2.5
+#: The camera's place and rotation vector in tool0_controller.
+HAND_EYE_M, HAND_EYE_ROTATION_RAD = (0.012, -0.031, 0.084), (0.08, -0.05, 0.7)
+#: ROS time and sensor time at the start.
+START_ROS_NS, START_SENSOR_NS = 1_700_000_000_000_000_000, 3_700_000_000
+#: Least delay of a packet.
+PACKET_LATENCY_US = 150.0
 
 
 class Path:
@@ -140,24 +148,23 @@ class Path:
 
 def make_camera(settings: CameraSettings) -> Camera:
     """The camera of the virtual cell."""
-    cx = (settings.width - 1) / 2 if settings.cx_px < 0 else settings.cx_px
-    cy = (settings.height - 1) / 2 if settings.cy_px < 0 else settings.cy_px
+    cx, cy = settings.principal_point_px
     return Camera(
         settings.width,
         settings.height,
         settings.focal_px,
         settings.focal_px,
-        cx,
-        cy,
+        (settings.width - 1) / 2 if cx < 0 else cx,
+        (settings.height - 1) / 2 if cy < 0 else cy,
         tuple(settings.distortion),
     )
 
 
-def hand_eye(camera: CameraSettings) -> F64:
+def hand_eye() -> F64:
     """The camera's pose in tool0_controller, 4×4, metres."""
     out = np.eye(4)
-    out[:3, :3] = quaternion_to_matrix(rotation_vector_to_quaternion(camera.hand_eye_rotation_rad))
-    out[:3, 3] = camera.hand_eye_m
+    out[:3, :3] = quaternion_to_matrix(rotation_vector_to_quaternion(HAND_EYE_ROTATION_RAD))
+    out[:3, 3] = HAND_EYE_M
     return out
 
 
@@ -181,27 +188,24 @@ class PoseStream:
     quaternion: F64
 
     @classmethod
-    def record(
-        cls, path: Path, camera: CameraSettings, clock: ClockSettings, seed: int
-    ) -> PoseStream:
+    def record(cls, path: Path, clock: ClockSettings, seed: int) -> PoseStream:
         """What the robot reports while it goes along a path."""
         rng = np.random.default_rng([seed, 13])
         period = 1.0 / clock.pose_rate_hz
         t = np.arange(0.3 * period, path.duration_s + 2 * period, period)
-        to_tool = np.linalg.inv(hand_eye(camera))
+        to_tool = np.linalg.inv(hand_eye())
         rotation = CAMERA_DOWN @ to_tool[:3, :3]
         position = path.in_base(t) + CAMERA_DOWN @ to_tool[:3, 3]
         position += rng.normal(0.0, 1.0, position.shape) * clock.pose_noise_um * 1e-6
         true_q = matrix_to_quaternion(rotation)
-        tilt = rng.normal(0.0, 1.0, position.shape) * clock.pose_noise_urad * 1e-6
+        tilt = rng.normal(0.0, 1.0, position.shape) * clock.pose_noise_um * _URAD_A_UM * 1e-6
         quaternion = np.array(
             [multiply_quaternions(rotation_vector_to_quaternion(v), true_q) for v in tilt]
         )
-        start = round(clock.start_ros_s * 1e9)
         error_us = clock.pose_offset_us + clock.pose_jitter_us * rng.normal(0.0, 1.0, len(t))
-        stamp = start + np.round(t * 1e9 + error_us * 1e3).astype(np.int64)
+        stamp = START_ROS_NS + np.round(t * 1e9 + error_us * 1e3).astype(np.int64)
         delay_us = _POSE_LATENCY_US * (0.7 + 0.3 * rng.exponential(1.0, len(t)))
-        arrival = start + np.round(t * 1e9 + delay_us * 1e3).astype(np.int64)
+        arrival = START_ROS_NS + np.round(t * 1e9 + delay_us * 1e3).astype(np.int64)
         return cls(
             np.maximum.accumulate(stamp), np.maximum.accumulate(arrival), position, quaternion
         )

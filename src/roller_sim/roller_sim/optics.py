@@ -16,11 +16,13 @@ _Z_MID, _Z_HALF = 45.0, 2.5
 _R_SQ_UNIT = 200.0
 #: Distance of the dome's light, mm: from there a place in the image makes no difference.
 _FAR_MM = 1e9
+#: Radius of the LED ring, and how far it lies before the lens.
+RING_RADIUS_MM, RING_Z_MM = 20.0, 8.0
 #: Squares of the coarse map, how far from relief they count as near it, and what counts as level.
 _COARSE_MM, _NEAR_MM, _LEVEL_MM = 0.25, 0.5, 2e-4
 
 
-def ring_field(x: F64, y: F64, z: F64, light: LightSettings) -> tuple[F64, F64, F64]:
+def ring_field(x: F64, y: F64, z: F64) -> tuple[F64, F64, F64]:
     """Irradiance vector of the LED ring: ring average of (L - P) / |L - P|³.
 
     A matt surface of normal n receives n · G, so near field and fall-off with distance are in G.
@@ -29,8 +31,6 @@ def ring_field(x: F64, y: F64, z: F64, light: LightSettings) -> tuple[F64, F64, 
     ----------
     x, y, z : ndarray of float64
         Points in the camera frame, mm.
-    light : LightSettings
-        Radius of the ring and its place before the lens.
 
     Returns
     -------
@@ -42,9 +42,9 @@ def ring_field(x: F64, y: F64, z: F64, light: LightSettings) -> tuple[F64, F64, 
     for angle in angles:
         d = np.stack(
             np.broadcast_arrays(
-                light.ring_radius_mm * np.cos(angle) - x,
-                light.ring_radius_mm * np.sin(angle) - y,
-                light.ring_z_mm - z,
+                RING_RADIUS_MM * np.cos(angle) - x,
+                RING_RADIUS_MM * np.sin(angle) - y,
+                RING_Z_MM - z,
             )
         )
         total += d / np.sum(d * d, axis=0) ** 1.5
@@ -75,17 +75,14 @@ def light_vector(light: LightSettings, radius_mm: float) -> F32:
     r = np.linspace(0.05, 1.0, 24) * radius_mm
     z = _Z_MID + _Z_HALF * np.linspace(-1, 1, 9)
     rr, zz = (a.ravel() for a in np.meshgrid(r, z))
-    gx, _, gz = ring_field(rr, np.zeros_like(rr), zz, light)
-    middle = -float(ring_field(np.zeros(1), np.zeros(1), np.full(1, _Z_MID), light)[2][0])
+    gx, _, gz = ring_field(rr, np.zeros_like(rr), zz)
+    middle = -float(ring_field(np.zeros(1), np.zeros(1), np.full(1, _Z_MID))[2][0])
     rho, zeta = rr**2 / _R_SQ_UNIT, (zz - _Z_MID) / _Z_HALF
     basis = np.stack([rho**0, rho, rho**2, rho**3, zeta, zeta * rho, zeta * rho**2], axis=1)
     side = np.linalg.lstsq(basis, -gx / rr / middle, rcond=None)[0]
     front = np.linalg.lstsq(basis, -gz / middle, rcond=None)[0]
     # Normals' slopes seen from the surface: half-way between lens and ring.
-    alpha, half_way = (
-        light.ring_radius_mm / (2 * (_Z_MID - light.ring_z_mm / 2)),
-        light.ring_z_mm / 2,
-    )
+    alpha, half_way = RING_RADIUS_MM / (2 * (_Z_MID - RING_Z_MM / 2)), RING_Z_MM / 2
     if light.kind == "dome":
         side, front, alpha, half_way = np.zeros(len(side)), np.eye(len(front))[0], 0.0, -_FAR_MM
     inv_m2 = 1.0 / light.lobe_slope**2

@@ -20,6 +20,8 @@ _MASK_11 = np.uint64(0x7FF)
 _CAP_FRAME_NS = 200_000
 #: Share of ON among noise events.
 _ON_SHARE = 0.6
+#: Median rate of a hot pixel.
+_HOT_HZ = 500.0
 #: Events one row's buffer holds, in units of what a group of frames may give.
 _BUFFER_GROUPS = 2
 
@@ -88,7 +90,7 @@ class EventSensor:
         self._on, self._off = threshold(), threshold()
         rate = np.full(shape, s.background_hz, np.float32)
         hot = rng.random(shape) < s.hot_share
-        rate[hot] += (s.hot_hz * np.exp(rng.normal(0.0, 0.7, shape)))[hot].astype(np.float32)
+        rate[hot] += (_HOT_HZ * np.exp(rng.normal(0.0, 0.7, shape)))[hot].astype(np.float32)
         self._rate = rate
         self._draws = np.zeros(shape, np.int64)
         wait = rng.exponential(1.0, shape) / np.maximum(rate, 1e-12) * 1e9

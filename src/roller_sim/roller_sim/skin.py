@@ -22,6 +22,8 @@ from .relief import F32, HeightMap
 _PYRAMID = (2.0, 1.0)
 #: Width of the last one at full contact, mm.
 _SMOOTHING_MM = 0.08
+#: Steepest skin beside a wall, at full contact.
+_MAX_SLOPE = 2.0
 #: Share of the full press depth, and with it the reach of the skin.
 CONTACT = {"light": 0.2, "medium": 0.55, "full": 1.0}
 
@@ -102,7 +104,7 @@ def skin_over(relief: HeightMap, settings: SkinSettings) -> HeightMap:
     pressure = math.sqrt(CONTACT[settings.contact])
     step_mm = relief.step * 1e3
     envelope = relief.height.copy()
-    _envelope(envelope, settings.max_slope * pressure * relief.step)
+    _envelope(envelope, _MAX_SLOPE * pressure * relief.step)
     sigma = _SMOOTHING_MM / pressure / step_mm
     skin = envelope
     for scale in _PYRAMID:

@@ -18,7 +18,14 @@ from roller_core.text_file import TextFileError, read_yaml
 from . import _render_kernels as kernels
 from .cell_settings import VirtualCellSettings
 from .errors import TruthError
-from .motion import CAMERA_DOWN, Path, hand_eye, make_camera
+from .motion import (
+    CAMERA_DOWN,
+    PACKET_LATENCY_US,
+    START_ROS_NS,
+    Path,
+    hand_eye,
+    make_camera,
+)
 from .optics import SurfaceMaps
 from .relief import F32, F64, BrailleMark, DefectMark, HeightMap, Region
 
@@ -29,13 +36,6 @@ _VERSION = 1
 _TOUCH_M = 20e-6
 #: Rounding of the skin at the border of the patch, mm.
 _BLEND_MM = 0.05
-#: Settings of older files that are constants now.
-_RETIRED = {
-    "skin": ("smoothing_mm", "blend_mm"),
-    "sensor": ("background_on", "step_px", "max_step_ms"),
-    "clock": ("arrival_jitter_us", "pose_latency_us"),
-    "packets": ("time_ms",),
-}
 
 
 class Truth:
@@ -78,7 +78,7 @@ class Truth:
         self.radius_mm = settings.camera.roller_radius_mm
         self.path = Path(settings.motion, (self.radius_mm - press_mm) * 1e-3, settings.seed)
         self.origin_m = np.asarray(settings.motion.plate_origin_m, np.float64)
-        self.start_ros_ns = round(settings.clock.start_ros_s * 1e9)
+        self.start_ros_ns = START_ROS_NS
 
     @property
     def roller(self) -> F64:
@@ -98,7 +98,7 @@ class Truth:
     @property
     def hand_eye(self) -> F64:
         """True pose of the camera in tool0_controller, 4×4."""
-        return hand_eye(self.settings.camera)
+        return hand_eye()
 
     @property
     def event_delay_ns(self) -> int:
@@ -109,7 +109,7 @@ class Truth:
         """
         s = self.settings.sensor
         low_pass_us = 1e6 / (2 * np.pi * s.bandwidth_hz) if s.bandwidth_hz > 0 else 0.0
-        total_us = low_pass_us + s.latency_us + s.readout_us / 2 + self.settings.clock.latency_us
+        total_us = low_pass_us + s.latency_us + s.readout_us / 2 + PACKET_LATENCY_US
         return round(total_us * 1e3)
 
     @property
@@ -313,11 +313,8 @@ class Truth:
             with np.load(folder / grid["file"]) as maps:
                 skin = HeightMap(maps["skin"], *where)
                 relief = HeightMap(maps["relief"], *where)
-            for group, names in _RETIRED.items():
-                for name in names:
-                    data["settings"][group].pop(name, None)
             truth = cls(
-                VirtualCellSettings.create(data["settings"], f"{folder / TEXT_FILE}"),
+                VirtualCellSettings.create(_known(data["settings"]), f"{folder / TEXT_FILE}"),
                 data["press_mm"],
                 skin,
                 relief,
@@ -332,6 +329,16 @@ class Truth:
         except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
             raise TruthError(f"{folder}: the truth can't be read ({error})") from error
         return truth
+
+
+def _known(settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings of a file, maybe an older one, without what is a constant by now."""
+    found = {k: v for k, v in settings.items() if k in VirtualCellSettings.model_fields}
+    for name, group in found.items():
+        if isinstance(group, dict):
+            known = type(VirtualCellSettings.default_of(name)).model_fields
+            found[name] = {k: v for k, v in group.items() if k in known}
+    return found
 
 
 def _defect(entry: dict[str, Any]) -> DefectMark:

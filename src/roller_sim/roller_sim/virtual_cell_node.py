@@ -26,7 +26,7 @@ from roller_core.outputs import PREVIEW as IMAGE
 from roller_core.pose_track import Pose
 from roller_core.transforms import matrix_to_quaternion
 from roller_ros import diagnostics, messages, topics
-from roller_ros.listeners import wait_for_listeners
+from roller_ros.listeners import LINGER_S, PlaySettings, wait_for_listeners
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -34,22 +34,11 @@ from .cell import Item, Packet, PoseSample, VirtualCell
 from .cell_settings import VirtualCellSettings
 
 
-class VirtualCellParameters(VirtualCellSettings, RobotFrames):
+class VirtualCellParameters(PlaySettings, VirtualCellSettings, RobotFrames):
     """Parameters of the node: the cell's settings and how the scan is played."""
 
-    rate: float = Field(1.0, ge=0.001, le=1000.0, description="Pace; 1 is real time.")
     prepare: bool = Field(
         True, description="Simulate all of the scan before it starts; else while it runs."
-    )
-    subscribers: int = Field(1, ge=0, le=100, description="Subscribers to events to wait for.")
-    pose_subscribers: int = Field(0, ge=0, le=100, description="Subscribers to /tf to wait for.")
-    wait_s: float = Field(20.0, ge=0.0, le=600.0, description="Longest wait for them, s.")
-    settle_s: float = Field(
-        1.0, ge=0.0, le=60.0, description="How long no subscriber may have come before the scan, s."
-    )
-    exit_when_done: bool = Field(False, description="End after the scan.")
-    linger_s: float = Field(
-        4.0, ge=0.0, le=600.0, description="Time others have to finish before it ends, s."
     )
     truth_output: str = Field(
         "", description="Folder to write the scan's truth to when it starts; empty: nowhere."
@@ -106,7 +95,7 @@ class VirtualCellNode(Node):
                 (self._outputs[EVENTS], self._p.subscribers),
                 (self._outputs[TF], self._p.pose_subscribers),
             )
-            missing = wait_for_listeners(wanted, self._p.wait_s, self._p.settle_s, self._stop)
+            missing = wait_for_listeners(wanted, self._p.wait_s, self._stop)
             if missing:
                 self.get_logger().warning(missing)
             if not self._stop.is_set():
@@ -120,7 +109,7 @@ class VirtualCellNode(Node):
             self._done.set()
             return
         self._state = "finished"
-        if self._p.exit_when_done and not self._stop.wait(self._p.linger_s):
+        if self._p.exit_when_done and not self._stop.wait(LINGER_S):
             self._done.set()
 
     def _messages(self) -> Iterator[tuple[int, str, Any, int]]:

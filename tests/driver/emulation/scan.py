@@ -14,7 +14,7 @@ from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, matrix_to_quaternion
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import VirtualCellSettings
-from roller_sim.motion import CAMERA_DOWN
+from roller_sim.motion import CAMERA_DOWN, START_SENSOR_NS
 
 from .camera_words import encode_words
 
@@ -49,7 +49,7 @@ class EmulatedScan:
                 break
         events = EventArray.concatenate(parts)
         events = events[: int(np.searchsorted(events.t_ns, end_ns))]
-        return cls(cell, events.shifted(round(cell.settings.clock.start_sensor_s * 1e9)))
+        return cls(cell, events.shifted(START_SENSOR_NS))
 
     @property
     def duration_s(self) -> float:
@@ -58,15 +58,14 @@ class EmulatedScan:
 
     def seconds_of(self, sensor_ns: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """True time since the begin of sensor times, s."""
-        clock = self.cell.settings.clock
-        elapsed = np.asarray(sensor_ns, np.int64) - round(clock.start_sensor_s * 1e9)
-        return np.asarray(elapsed * 1e-9 / (1 + clock.drift_ppm * 1e-6))
+        elapsed = np.asarray(sensor_ns, np.int64) - START_SENSOR_NS
+        return np.asarray(elapsed * 1e-9 / (1 + self.cell.settings.clock.drift_ppm * 1e-6))
 
     def write_words(self, path: Path) -> dict[str, object]:
         """Write what the camera sends; the settings of its `PacedCamera`."""
         encode_words(self.events).tofile(path)
-        clock = self.cell.settings.clock
-        return {"first_us": round(clock.start_sensor_s * 1e6), "clock_ppm": clock.drift_ppm}
+        ppm = self.cell.settings.clock.drift_ppm
+        return {"first_us": START_SENSOR_NS // 1000, "clock_ppm": ppm}
 
     def write_trajectory(self, path: Path) -> Path:
         """Write the tool's true poses as the controller gives them."""
