@@ -33,8 +33,9 @@ def test_every_setting_is_described_and_bounded() -> None:
 
 def test_own_spacing_goes_before_the_profile() -> None:
     assert BrailleSettings.create({}).spacing == PROFILES["nls"]
-    s = BrailleSettings.create({"profile": "wide", "dot_pitch_m": 0.00254}).spacing
+    s = BrailleSettings.create({"profile": "wide", "spacing_m": [0.00254, 0.0, 0.0101]}).spacing
     assert (s.dot_pitch_m, s.cell_pitch_m) == (0.00254, 0.0068)
+    assert (s.line_pitch_m, s.dot_diameter_m) == (0.0101, 0.0015)
 
 
 def test_wrong_settings_are_named() -> None:

@@ -37,13 +37,14 @@ def directions(items: list[Batch | PassEnd]) -> list[int]:
     return [i.roll.direction for i in items if isinstance(i, PassEnd)]
 
 
-def test_batches_end_by_events_or_travel() -> None:
+def test_batches_end_by_events_or_travel(monkeypatch: pytest.MonkeyPatch) -> None:
     track = roll_track([0.0, 0.1], [0.0, 1.0])
     by_travel = [b for b in cut(track, clockwork(track)) if isinstance(b, Batch)]
     assert all(len(b.events) < 20_000 for b in by_travel)
     # 1.5 mm, up to the next of the poses that come every 0.8 mm.
     assert len(by_travel) == pytest.approx(0.1 / 0.0016, abs=1)
-    by_events = [b for b in cut(track, clockwork(track), batch_events=1000) if isinstance(b, Batch)]
+    monkeypatch.setattr("roller_braille.batches._MOST_EVENTS", 1000)
+    by_events = [b for b in cut(track, clockwork(track)) if isinstance(b, Batch)]
     assert {len(b.events) for b in by_events[:10]} <= {1000, *range(1, 1000)}
     assert max(len(b.events) for b in by_events) == 1000
     for one, two in pairwise(by_events):
@@ -111,7 +112,7 @@ def test_a_gap_in_the_poses_ends_the_pass() -> None:
 
 
 def test_waiting_events_are_bounded() -> None:
-    cutter = BatchCutter(BrailleSettings.create({"max_backlog_events": 10_000}), PoseTrack())
+    cutter = BatchCutter(BrailleSettings.create({"max_waiting_mb": 0.16}), PoseTrack())
     track = roll_track([0.0, 0.1], [0.0, 1.0])
     events = clockwork(track)
     for a in range(0, 50_000, 1000):

@@ -19,8 +19,6 @@ from roller_emvs.stitcher import Stitcher, radius_filter
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
 from roller_emvs.voxels import VoxelMap
 
-SETTINGS = StitcherSettings.create({})
-
 
 def flat(z_m: float = 0.045) -> np.ndarray:
     return np.full((CAMERA.height, CAMERA.width), z_m)
@@ -98,7 +96,7 @@ def hills(n: int, seed: int) -> np.ndarray:
 
 def test_icp_corrects_a_small_offset_on_relief() -> None:
     offset = np.array([2e-5, -1.5e-5, 2.5e-5])
-    found = refine(hills(20_000, 1) + offset, hills(60_000, 2), SETTINGS)
+    found = refine(hills(20_000, 1) + offset, hills(60_000, 2))
     assert found.accepted, found.reason
     np.testing.assert_allclose(found.correction[:3, 3], -offset, atol=8e-6)
 
@@ -107,25 +105,25 @@ def test_icp_is_refused_on_a_flat_plate() -> None:
     """Nothing fixes a slide along the plate; the offset across it must not tempt ICP."""
     rng = np.random.default_rng(0)
     plate = np.column_stack([rng.uniform(-0.01, 0.01, (40_000, 2)), rng.normal(0, 2e-6, 40_000)])
-    found = refine(plate[:10_000] + [0, 0, 2e-5], plate[10_000:], SETTINGS)
+    found = refine(plate[:10_000] + [0, 0, 2e-5], plate[10_000:])
     assert not found.accepted
     assert "does not fix" in found.reason
     np.testing.assert_array_equal(found.correction, np.eye(4))
 
 
 def test_icp_is_refused_when_implausibly_large() -> None:
-    found = refine(hills(20_000, 1) + [1.5e-4, 0, 0], hills(60_000, 2), SETTINGS)
+    found = refine(hills(20_000, 1) + [1.5e-4, 0, 0], hills(60_000, 2))
     assert not found.accepted
     assert "implausible" in found.reason
 
 
 def test_icp_is_refused_when_no_better() -> None:
-    found = refine(hills(20_000, 1), hills(60_000, 2), SETTINGS)
+    found = refine(hills(20_000, 1), hills(60_000, 2))
     assert not found.accepted
 
 
 def test_icp_needs_overlap() -> None:
-    found = refine(hills(5000, 1), hills(5000, 2) + [1.0, 0, 0], SETTINGS)
+    found = refine(hills(5000, 1), hills(5000, 2) + [1.0, 0, 0])
     assert not found.accepted
     assert "overlap" in found.reason
 

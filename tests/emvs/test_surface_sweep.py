@@ -145,7 +145,7 @@ def test_a_stop_in_a_pass_adds_nothing(scan: EventArray) -> None:
 
 
 def test_a_backlog_is_dropped_and_counted(scan: EventArray) -> None:
-    engine = SurfaceSweep(settings(max_backlog_events=10_000), CAMERA, PoseTrack())
+    engine = SurfaceSweep(settings(max_waiting_mb=0.16), CAMERA, PoseTrack())
     for k in range(0, len(scan), 2000):
         engine.add_events(scan[k : k + 2000])
         assert not list(engine.results())
@@ -155,7 +155,7 @@ def test_a_backlog_is_dropped_and_counted(scan: EventArray) -> None:
 
 def test_rays_held_are_bounded_too(scan: EventArray) -> None:
     track = track_of(rolling(0.3), DURATION_S)
-    _, _, engine = sweep(scan, track, max_backlog_events=10_000)
+    _, _, engine = sweep(scan, track, max_waiting_mb=0.16)
     assert engine.counts.dropped_events > 0
 
 

@@ -99,7 +99,7 @@ def test_a_window_waits_for_its_poses() -> None:
 
 
 def test_standstill_is_refused() -> None:
-    cutter = WindowCutter(setting(window={"max_time_s": 0.05}), track_of(rolling(0.0), 0.3))
+    cutter = WindowCutter(setting(max_still_s=0.05), track_of(rolling(0.0), 0.3))
     cutter.add(ticking(200))
     windows = cut_all(cutter)
     assert windows
@@ -162,7 +162,7 @@ def test_quiet_times_are_skipped() -> None:
 
 
 def test_the_backlog_is_bounded_and_counted() -> None:
-    cutter = WindowCutter(setting(max_backlog_events=10_000), PoseTrack())
+    cutter = WindowCutter(setting(max_waiting_mb=0.16), PoseTrack())
     for k in range(30):
         cutter.add(ticking(100, start_ns=k * 100 * MS))
     assert cutter.held_events <= 10_000

@@ -57,7 +57,7 @@ def test_devices_come_out_as_topics_through_their_troubles(
         processes.start(
             "ur10",
             f"{{robot_ip: {LOOPBACK}, tf_prefix: left_, hand_eye_m: [0.01, 0.0, 0.08], "
-            "hand_eye_rotation_rad: [0.0, 0.0, 0.7], retry_interval: 0.1, most_force_n: 40.0}",
+            "hand_eye_rotation_rad: [0.0, 0.0, 0.7], most_force_n: 40.0}",
         )
         watcher.spin_until(
             lambda: len(seen[EVENTS]) > 400 and len(seen["/tf"]) > 250 and seen[IMAGE], 90, "data"
@@ -175,7 +175,7 @@ def test_without_devices_the_nodes_say_so_and_stay(processes, watch, tmp_path, m
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     watcher = watch("/tf_static")
     processes.start("event_camera", "{backend: 'nothing:none'}")
-    processes.start("ur10", f"{{robot_ip: {LOOPBACK}, retry_interval: 0.1, connect_timeout: 0.5}}")
+    processes.start("ur10", f"{{robot_ip: {LOOPBACK}}}")
     # Where another driver connects to the robot, the camera's place is published all the same.
     processes.start("ur10", "{connect: false}", "unset")
     processes.start("ur10", "{connect: false, hand_eye_identity: true, tf_prefix: left_}", "left")

@@ -132,7 +132,6 @@ def take_scan(
     robot = {
         "hand_eye_m": HAND_EYE_M,
         "hand_eye_rotation_rad": HAND_EYE_ROTATION_RAD,
-        "retry_interval": 0.2,
     }
     overrides = folder / "overrides.yaml"
     # A machine that stalls for a second must not make the graph take it for the scan's end.

@@ -24,7 +24,7 @@ PARAMS = """
 emvs:
   ros__parameters: {depth_max_m: 0.0475, threads: 1}
 surface:
-  ros__parameters: {evidence: {min_votes: 1.0}, min_aperture_m: 0.009}
+  ros__parameters: {evidence: {sigma_px: 4.0}, min_aperture_m: 0.009}
 """
 
 
@@ -56,7 +56,7 @@ def test_a_surface_is_written(tmp_path: Path) -> None:
 def test_other_sections_say_what_is_shared(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text(PARAMS)
     settings = PipelineSettings.load(tmp_path / "p.yaml").surface
-    assert (settings.depth_max_m, settings.threads, settings.evidence.min_votes) == (0.0475, 1, 1.0)
+    assert (settings.depth_max_m, settings.threads, settings.evidence.sigma_px) == (0.0475, 1, 4.0)
 
 
 def test_its_gap_between_poses_counts_where_it_is_the_method(tmp_path: Path) -> None:

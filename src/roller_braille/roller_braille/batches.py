@@ -17,6 +17,9 @@ from roller_core.pose_track import PoseTrack
 
 from .reader_settings import BrailleSettings
 
+#: Most events of a batch (paper: 20 000), and the travel of the sensor that ends one too, m.
+_MOST_EVENTS, _TRAVEL_M = 100_000, 0.0015
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -41,15 +44,14 @@ class BatchCutter(EventCutter):
     Parameters
     ----------
     settings : BrailleSettings
-        Events and travel a batch, limits.
+        Limits.
     track : PoseTrack
         Camera in base; grows while batches are cut.
     """
 
     def __init__(self, settings: BrailleSettings, track: PoseTrack) -> None:
-        super().__init__(settings.max_backlog_events, track)
-        self._settings = settings
-        self._rolls = RollTracker(settings.roll_rule, track)
+        super().__init__(settings.max_waiting_events, track)
+        self._rolls = RollTracker(track)
         self._span: Span | None = None
         self._start_ns = 0
         # What the batch's end was last found for, and where it is.
@@ -133,13 +135,12 @@ class BatchCutter(EventCutter):
         limit = self._limit(span)
         if hole is not None and (limit is None or hole[0] < limit):
             limit = hole[0] + 1
-        most = self._settings.batch_events
         passed = limit is not None and (self._queue.newest_ns >= limit or flush)
-        if not passed and len(self._queue) < most:
+        if not passed and len(self._queue) < _MOST_EVENTS:
             return None
         until = span.end_ns if limit is None else limit
-        count = min(self._queue.count_before(until), most)
-        if count == most:
+        count = min(self._queue.count_before(until), _MOST_EVENTS)
+        if count == _MOST_EVENTS:
             end = self._queue.time_of(count - 1)
         elif limit is not None and passed:
             end = limit
@@ -163,7 +164,7 @@ class BatchCutter(EventCutter):
         along = self._track.positions[before:b] @ span.roll.rotation[:, 0]
         clock = (times[before:b] - self._start_ns).astype(np.float64)
         away = along[a - before :] - np.interp(0.0, clock, along)
-        reached = np.flatnonzero(np.abs(away) >= self._settings.batch_travel_m)
+        reached = np.flatnonzero(np.abs(away) >= _TRAVEL_M)
         if len(reached):
             return int(times[a + reached[0]])
         return None if span.open else span.end_ns

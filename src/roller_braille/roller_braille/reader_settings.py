@@ -5,12 +5,13 @@ Node parameters, `config/braille.yaml` and the README's table come from here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import astuple, dataclass
+from itertools import zip_longest
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from roller_core.passes import RollRule
+from roller_core.frame_settings import NominalSurface
 from roller_core.timing_settings import TimingSettings
 
 #: Poses on either side over which the stamps of poses are smoothed: each costs the time between two
@@ -18,6 +19,7 @@ from roller_core.timing_settings import TimingSettings
 POSE_SMOOTHING = 1
 
 Profile = Literal["auto", "nls", "marburg", "wide"]
+_Length = Annotated[float, Field(ge=0.0, le=0.05)]
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ PROFILES: dict[str, Spacing] = {
 }
 
 
-class BrailleSettings(TimingSettings):
+class BrailleSettings(TimingSettings, NominalSurface):
     """From events to text."""
 
     profile: Profile = Field(
@@ -47,17 +49,11 @@ class BrailleSettings(TimingSettings):
         "marburg (2.5 / 6.0 / 10 mm), wide (2.5 / 6.8 / 10 mm), or auto: whichever fits a line's "
         "first dots best.",
     )
-    dot_pitch_m: float = Field(
-        0.0, ge=0.0, le=0.01, description="Distance of dots in a cell, m; 0: the profile's."
-    )
-    cell_pitch_m: float = Field(
-        0.0, ge=0.0, le=0.03, description="Distance of cells in a line, m; 0: the profile's."
-    )
-    line_pitch_m: float = Field(
-        0.0, ge=0.0, le=0.05, description="Distance of lines, m; 0: the profile's."
-    )
-    dot_diameter_m: float = Field(
-        0.0, ge=0.0, le=0.01, description="Diameter of a dot's base, m; 0: the profile's."
+    spacing_m: tuple[_Length, ...] = Field(
+        (0.0,),
+        max_length=4,
+        description="Spacing of another plate: distances of dots in a cell, of cells and of lines, "
+        "diameter of a dot's base, m; a 0, or what isn't given: the profile's.",
     )
     code: Literal["grade1", "ueb1", "ueb2"] = Field(
         "grade1",
@@ -71,15 +67,6 @@ class BrailleSettings(TimingSettings):
     )
     depth_m: float = Field(
         0.0455, ge=0.001, le=10.0, description="Depth of the surface with source fixed, m."
-    )
-    surface_z_m: float = Field(
-        0.0, ge=-10.0, le=10.0, description="Height of the plate in base with source surface, m."
-    )
-    batch_events: int = Field(
-        100_000, ge=100, le=1_000_000, description="Most events of a batch (paper: 20 000)."
-    )
-    batch_travel_m: float = Field(
-        0.0015, ge=0.0005, le=0.1, description="Travel of the sensor that ends a batch too, m."
     )
     view_half_width_m: float = Field(
         0.0125,
@@ -107,12 +94,6 @@ class BrailleSettings(TimingSettings):
         description="Events that make up the image: both, as in the paper; off or on; or auto, "
         "line by line the kind that is better confined to dots.",
     )
-    min_speed_m_s: float = Field(
-        0.005, ge=0.0, le=1.0, description="Events of a sensor slower than this are noise, m/s."
-    )
-    standstill_s: float = Field(
-        1.0, ge=0.05, le=60.0, description="A standstill this long ends the line, s."
-    )
     line_order: Literal["seen", "reading"] = Field(
         "seen",
         description="Of lines in view together, seen: cells of all come as they pass, told apart "
@@ -121,32 +102,16 @@ class BrailleSettings(TimingSettings):
     min_dot_confidence: float = Field(
         0.4, ge=0.0, le=1.0, description="A cell with a dot less certain than this isn't read."
     )
-    max_backlog_events: int = Field(
-        20_000_000,
-        ge=10_000,
-        le=2_000_000_000,
-        description="Events that may wait for poses; beyond it the oldest are dropped, counted.",
-    )
 
     @property
     def spacings(self) -> tuple[Spacing, ...]:
         """Spacings that a line may have: all profiles' with `auto`, unless one is set apart."""
-        if self.profile == "auto" and self.spacing == PROFILES["nls"]:
+        if self.profile == "auto" and not any(self.spacing_m):
             return tuple(PROFILES.values())
         return (self.spacing,)
 
     @property
     def spacing(self) -> Spacing:
         """The profile's spacing with what is set apart put in; with `auto` that of `nls`."""
-        p = PROFILES["nls" if self.profile == "auto" else self.profile]
-        return Spacing(
-            self.dot_pitch_m or p.dot_pitch_m,
-            self.cell_pitch_m or p.cell_pitch_m,
-            self.line_pitch_m or p.line_pitch_m,
-            self.dot_diameter_m or p.dot_diameter_m,
-        )
-
-    @property
-    def roll_rule(self) -> RollRule:
-        """When the sensor rolls and when its pass is over."""
-        return RollRule(self.min_speed_m_s, self.standstill_s)
+        known = astuple(PROFILES["nls" if self.profile == "auto" else self.profile])
+        return Spacing(*(own or of for own, of in zip_longest(self.spacing_m, known)))

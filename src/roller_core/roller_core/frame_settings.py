@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import Field
 
 from .settings import Settings
-from .timing_settings import PoseGapSettings
+from .timing_settings import PoseGapSettings, WaitingSettings
 
 #: Poses on either side of one over which its stamp is smoothed.
 DEFAULT_SMOOTHING = 4
@@ -73,21 +73,24 @@ class FollowedFrames(FrameSettings, PoseGapSettings):
     )
 
 
-class StreamSettings(FollowedFrames):
+class NominalSurface(Settings):
+    """Where the surface should be."""
+
+    surface_z_m: float = Field(
+        0.0,
+        ge=-1e4,
+        le=1e4,
+        description="Height of the nominal surface in base, m; `height` of a point counts from it.",
+    )
+
+
+class StreamSettings(FollowedFrames, WaitingSettings):
     """What every stage that takes events has beside its numerics."""
 
     calibrated_camera: tuple[float, ...] = Field(
         (0.0,),
         description="Camera that the other parameters were calibrated with: width, height, fx, fy, "
         "cx, cy (px), distortion; with another the node refuses to go on. A single 0: any.",
-    )
-    max_waiting_mb: float = Field(
-        512.0,
-        ge=1.0,
-        le=1e6,
-        description="Event packets that may wait to be decoded, 10⁶ bytes; beyond it a stretch of "
-        "the oldest is left out, and so are the windows that it touches. Decoded events that wait "
-        "for poses have their own limit, max_backlog_events (16 bytes each).",
     )
     max_latency_s: float = Field(
         0.0,

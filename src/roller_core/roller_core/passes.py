@@ -22,6 +22,8 @@ _STRAY_M = 0.004
 _MOSTLY = 2.0
 #: Steps shorter than this are joined: over them the noise of poses would look like motion.
 _STEP_NS = 5_000_000
+#: A slower sensor stands, m/s; a standstill this long, s, and rolling back this far, m, end a pass.
+_MIN_SPEED_M_S, _STANDSTILL_S, _TURN_BACK_M = 0.005, 1.0, 0.002
 
 
 def stands(motion_m: float, duration_ns: int, min_speed_m_s: float) -> bool:
@@ -80,25 +82,6 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class RollRule:
-    """When a sensor rolls and when its pass is over.
-
-    Attributes
-    ----------
-    min_speed_m_s : float
-        A slower sensor stands.
-    standstill_s : float
-        A standstill this long ends a pass.
-    turn_back_m : float
-        Rolling back this far ends a pass.
-    """
-
-    min_speed_m_s: float
-    standstill_s: float
-    turn_back_m: float = 0.002
-
-
-@dataclass(frozen=True)
 class Pass:
     """One roll over the surface.
 
@@ -131,18 +114,15 @@ class RollTracker:
 
     Parameters
     ----------
-    rule : RollRule
-        Least speed, standstill, turning back.
     track : PoseTrack
         Camera in base; grows.
     """
 
-    def __init__(self, rule: RollRule, track: PoseTrack) -> None:
-        self._rule = rule
+    def __init__(self, track: PoseTrack) -> None:
         self._track = track
         self._pass: Pass | None = None
         self._span: Span | None = None
-        self._progress = Progress(rule.turn_back_m)
+        self._progress = Progress(_TURN_BACK_M)
         self._moved_ns = 0
         #: Time of the newest pose that was looked at; None before the first two.
         self.known_ns: int | None = None
@@ -182,13 +162,13 @@ class RollTracker:
         axes = r0 if self._pass is None else self._pass.rotation
         move = (p1 - p0) @ axes
         across = float(np.hypot(move[1], move[2]))
-        still = stands(abs(move[0]), b - a, self._rule.min_speed_m_s)
+        still = stands(abs(move[0]), b - a, _MIN_SPEED_M_S)
         rolls = not still and abs(move[0]) >= _MOSTLY * across
         if self._pass is None:
             if not rolls:
                 return
             self._pass = Pass(r0.copy(), p0.copy(), 1 if move[0] > 0 else -1)
-            self._progress = Progress(self._rule.turn_back_m)
+            self._progress = Progress(_TURN_BACK_M)
         travel = float((p1 - self._pass.origin) @ axes[:, 0]) * self._pass.direction
         if rolls and move[0] * self._pass.direction > 0 and self._progress.advance(travel):
             self._moved_ns = b
@@ -200,7 +180,7 @@ class RollTracker:
         if self._span is not None:
             self._span.open = False
             self._span = None
-        stood = b - self._moved_ns >= self._rule.standstill_s * 1e9
+        stood = b - self._moved_ns >= _STANDSTILL_S * 1e9
         if stood or self._progress.turned_back(travel):
             self._end_pass()
 

@@ -15,7 +15,25 @@ class PoseGapSettings(Settings):
     )
 
 
-class TimingSettings(PoseGapSettings):
+class WaitingSettings(Settings):
+    """How much may wait."""
+
+    max_waiting_mb: float = Field(
+        512.0,
+        ge=0.1,
+        le=1e6,
+        description="Memory for event packets that wait to be decoded, 10⁶ bytes, and as much for "
+        "decoded events that wait for poses (16 bytes each); beyond it a stretch of the oldest is "
+        "left out, counted, and so are the windows that it touches.",
+    )
+
+    @property
+    def max_waiting_events(self) -> int:
+        """Decoded events that may wait."""
+        return round(self.max_waiting_mb * 1e6 / 16)
+
+
+class TimingSettings(PoseGapSettings, WaitingSettings):
     """How the times of events and poses go together."""
 
     event_delay_s: float = Field(

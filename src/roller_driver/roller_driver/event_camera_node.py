@@ -16,7 +16,6 @@ from event_camera_msgs.msg import EventPacket
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
 from roller_core.camera import Camera
@@ -44,6 +43,13 @@ from .dvxplorer import protocol, reader
 
 _OK, _FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 _NEVER_S = 1e9
+#: Most events of a packet: above 400 kB, with 8 bytes an event at worst, a DDS set up as usual
+#: loses messages.
+_PACKET_EVENTS = 47_500
+#: Packets that may wait to be sent.
+_MOST_WAITING = 1000
+#: Pause between rates in the log, s.
+_STATISTICS_S = 10.0
 
 
 class EventCameraNode(LifecycleNode):
@@ -68,8 +74,7 @@ class EventCameraNode(LifecycleNode):
         self._meter, self._log_meter = diagnostics.Meter(), diagnostics.Meter()
         self._error: RollerError | None = None
         self._diagnostics = diagnostics.Diagnostics(self, "camera", self._status)
-        if self._p.statistics_print_interval > 0:
-            self.create_timer(self._p.statistics_print_interval, self._print_statistics)
+        self.create_timer(_STATISTICS_S, self._print_statistics)
         if self._p.image_rate > 0:
             self.create_timer(1.0 / self._p.image_rate, self._publish_image)
         if self._p.autostart:
@@ -94,13 +99,8 @@ class EventCameraNode(LifecycleNode):
         encode(p.encoding, warm, 0)
         self._preview.add(warm)
         self._preview.take()
-        events = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=p.event_send_queue_size,
-            reliability=ReliabilityPolicy.BEST_EFFORT,
-        )
         self._outputs = {
-            "events": self.create_lifecycle_publisher(EventPacket, "~/events", events),
+            "events": self.create_lifecycle_publisher(EventPacket, "~/events", qos.EVENTS),
             "info": self.create_lifecycle_publisher(CameraInfo, "~/camera_info", qos.LATCHED),
             "image": self.create_lifecycle_publisher(Image, "~/image_raw", qos.PREVIEW),
         }
@@ -108,23 +108,16 @@ class EventCameraNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to look for the camera and to stream."""
-        p = self._p
         result = super().on_activate(state)
         self._outputs["info"].publish(self._camera_info())
-        self._worker = Worker(
-            self._publish, lambda: None, _NEVER_S, Backlog(p.event_send_queue_size)
-        )
+        self._worker = Worker(self._publish, lambda: None, _NEVER_S, Backlog(_MOST_WAITING))
         self._reader = reader.CameraReader(
             self._connect,
             self._take_packet,
             on_events=self._take_events,
             on_change=self._on_change,
             settings=reader.ReaderSettings(
-                span_ns=round(p.event_message_time_threshold * 1e9),
-                max_events=p.max_events,
-                transfer_bytes=p.usb_transfer_size,
-                retry_s=p.retry_interval,
-                time_reset_delay_s=p.time_reset_delay,
+                round(self._p.event_message_time_threshold * 1e9), _PACKET_EVENTS
             ),
             clock_ns=self._now_ns,
         )

@@ -56,9 +56,6 @@ class Ur10Node(Node):
             self._take,
             on_change=self._on_change,
             clock_ns=lambda: int(self.get_clock().now().nanoseconds),
-            connect_timeout_s=p.connect_timeout,
-            retry_s=p.retry_interval,
-            silence_s=p.silence_timeout,
             tcp_offset=p.tcp_offset,
         )
         if p.connect:

@@ -9,9 +9,10 @@ from typing import Literal
 
 from pydantic import Field
 
+from roller_core.frame_settings import NominalSurface
 from roller_core.settings import Settings
 
-from .evidence import EvidenceSettings
+from .evidence.evidence_settings import FocusEvidence
 from .lines.edge_drift import NOT_CALIBRATED
 from .method_settings import MethodSettings
 from .methods.paper.paper_settings import PaperSettings
@@ -35,12 +36,6 @@ class WindowSettings(Settings):
     travel_m: float = Field(
         0.020, ge=0.0005, le=0.1, description="Length in travel of the sensor, m."
     )
-    max_time_s: float = Field(
-        2.0,
-        ge=0.01,
-        le=60.0,
-        description="A window by travel that takes longer than this (standstill) is given up, s.",
-    )
     overlap: float = Field(
         0.0, ge=0.0, le=0.9, description="Share of a window that the next one repeats."
     )
@@ -59,11 +54,8 @@ class DepthSettings(MethodSettings):
         256, ge=1, le=65536, description="Events that share the pose of their median event."
     )
     window: WindowSettings = WindowSettings.create({})
-    focus: EvidenceSettings = Field(
-        EvidenceSettings.create(
-            {"min_confidence": 0.4, "min_seen_confidence": 0.3, "min_point_confidence": 0.25}
-        ),
-        description="What counts as evidence of a depth for focus.",
+    focus: FocusEvidence = Field(
+        FocusEvidence.create({}), description="What counts as evidence of a depth for focus."
     )
     paper: PaperSettings = PaperSettings.create({})
 
@@ -88,7 +80,7 @@ class DepthSettings(MethodSettings):
         return ((0.5, 1.0),)
 
 
-class StitcherSettings(Settings):
+class StitcherSettings(NominalSurface):
     """From depth maps to one cloud in `base`."""
 
     voxel_m: float = Field(
@@ -98,26 +90,12 @@ class StitcherSettings(Settings):
         0.0, ge=0.0, le=1.0, description="Points of less confidence are left out."
     )
     icp: bool = Field(True, description="Refine each depth map's pose against the cloud by ICP.")
-    icp_max_correction_m: float = Field(
-        5e-5,
-        gt=0.0,
-        le=1.0,
-        description="An ICP correction that moves a point further than this is refused, m.",
-    )
     outlier_radius_m: float = Field(
         0.0,
         ge=0.0,
         le=10.0,
-        description="Radius of the outlier filter on each depth map; 0 is off, m.",
-    )
-    outlier_neighbours: int = Field(
-        3, ge=1, le=1000, description="Neighbours within the radius that a point needs to stay."
-    )
-    surface_z_m: float = Field(
-        0.0,
-        ge=-1e4,
-        le=1e4,
-        description="Height of the nominal surface in base; `height` of a point counts from it, m.",
+        description="Points of a depth map with fewer than three neighbours within this are left "
+        "out; 0 is off, m.",
     )
     max_voxels: int = Field(
         3_000_000,

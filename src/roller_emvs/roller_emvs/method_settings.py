@@ -26,12 +26,12 @@ class MethodSettings(TimingSettings):
         description="Events further than this from the camera's axis along the roll are left out, "
         "as the skin doesn't stick to the surface there; 0 takes the whole image, m.",
     )
-    max_backlog_events: int = Field(
-        40_000_000,
-        ge=10_000,
-        le=2_000_000_000,
-        description="Events that may wait for processing; beyond it the oldest are dropped, "
-        "counted.",
+    max_still_s: float = Field(
+        2.0,
+        ge=0.01,
+        le=60.0,
+        description="Events are given up where the sensor doesn't move for this long, or takes "
+        "longer than this for a window by travel, s.",
     )
     threads: int = Field(2, ge=1, le=64, description="Threads that share the work.")
     edge_drift: EdgeDriftSettings = Field(

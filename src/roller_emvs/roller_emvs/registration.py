@@ -15,8 +15,6 @@ import numpy.typing as npt
 
 from roller_core.transforms import F64, pose_matrix, rotation_vector_to_quaternion
 
-from .depth_settings import StitcherSettings
-
 #: Points further apart than this don't correspond, m.
 MAX_DISTANCE_M = 3e-4
 _MIN_PAIRS = 100
@@ -30,6 +28,8 @@ _STEPS, _SETTLED = 15, (1e-6, 1e-6)
 #: Smallest to largest eigenvalue of the normal equations below which the geometry doesn't fix the
 #: pose, and the share by which the residual must fall.
 _MIN_CONDITIONING, _MIN_GAIN = 0.01, 0.05
+#: A correction that moves a point further than this is refused, m.
+_MOST_CORRECTION_M = 5e-5
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class _Pairs:
     rms_m: float
 
 
-def refine(points: F64, target: F64, settings: StitcherSettings) -> Refinement:
+def refine(points: F64, target: F64) -> Refinement:
     """Align points with a cloud that they overlap.
 
     Parameters
@@ -113,10 +113,7 @@ def refine(points: F64, target: F64, settings: StitcherSettings) -> Refinement:
         New points in base, metres, as the robot's pose puts them.
     target : ndarray of float64, shape (m, 3)
         The cloud so far near them, metres.
-    settings : StitcherSettings
-        `icp_max_correction_m`.
     """
-    s = settings
     if min(len(points), len(target)) < _MIN_PAIRS:
         return _refused("too few points overlap")
     # Near the origin arithmetic keeps nanometres, wherever the robot's base is.
@@ -138,7 +135,7 @@ def refine(points: F64, target: F64, settings: StitcherSettings) -> Refinement:
         return _refused("the geometry does not fix the pose", *figures)
     # What counts is how far any point moves: a small turn far out is no small correction.
     shift = np.linalg.norm(_move(moved, chosen) - chosen, axis=1).max()
-    if shift > s.icp_max_correction_m:
+    if shift > _MOST_CORRECTION_M:
         return _refused(f"a correction of {shift * 1e6:.0f} µm is implausible", *figures)
     if after.rms_m > before.rms_m * (1 - _MIN_GAIN) or after.fitness < before.fitness * 0.98:
         return _refused("no better than the robot's pose", *figures)

@@ -15,6 +15,9 @@ from .patch import Patch
 from .registration import MAX_DISTANCE_M, Refinement, refine
 from .voxels import VoxelMap
 
+#: Neighbours within `outlier_radius_m` that a point needs to stay.
+_NEIGHBOURS = 3
+
 
 class Stitcher:
     """Adds depth maps to a cloud; a point is handed out once, when it is out of view.
@@ -59,7 +62,7 @@ class Stitcher:
         if self.settings.icp and len(points) and len(self.voxels):
             margin = MAX_DISTANCE_M
             target = self.voxels.near(points.min(axis=0) - margin, points.max(axis=0) + margin)
-            found = refine(points, target, self.settings)
+            found = refine(points, target)
             self.last_refinement = found
             self.icp_tried += 1
             if found.accepted:
@@ -82,9 +85,7 @@ class Stitcher:
         sigma = depth_map.sigma.reshape(-1)[pixels]
         keep = confidence >= self.settings.min_confidence
         if self.settings.outlier_radius_m and len(points):
-            keep &= radius_filter(
-                points, self.settings.outlier_radius_m, self.settings.outlier_neighbours
-            )
+            keep &= radius_filter(points, self.settings.outlier_radius_m, _NEIGHBOURS)
         pose = depth_map.pose
         return points[keep] @ pose[:3, :3].T + pose[:3, 3], confidence[keep], sigma[keep]
 

@@ -63,7 +63,7 @@ class WindowCutter(EventCutter):
     """
 
     def __init__(self, settings: DepthSettings, track: PoseTrack) -> None:
-        super().__init__(settings.max_backlog_events, track)
+        super().__init__(settings.max_waiting_events, track)
         self._settings = settings
         self._start_ns: int | None = None
         #: Windows without all of their events, because there was no keeping up.
@@ -161,7 +161,7 @@ class WindowCutter(EventCutter):
     def _travel_end(self, start: int, last: int) -> tuple[int | None, int, float, str]:
         """End, following start, share reached and refusal of a window by travel."""
         s = self._settings
-        limit = start + round(s.window.max_time_s * 1e9)
+        limit = start + round(s.max_still_s * 1e9)
         try:
             origin = self._track.at(start).position
         except PoseError as error:
@@ -187,7 +187,7 @@ class WindowCutter(EventCutter):
                 0.0,
                 (
                     f"the sensor moved less than {s.window.travel_m * 1e3:g} mm "
-                    f"in {s.window.max_time_s:g} s: no parallax, no depth"
+                    f"in {s.max_still_s:g} s: no parallax, no depth"
                 ),
             )
         within = away[times <= last]

@@ -39,7 +39,7 @@ def seen_area(scan: Scan) -> Region:
     """The plate around its objects, as wide as the view."""
     camera, objects = scan.camera, scan.truth.objects.values()
     half = camera.height / 2 / camera.fy * scan.truth.path.height_m - _BORDER_M
-    y = scan.truth.settings.motion.offset_y_mm * 1e-3 + float(scan.truth.origin_m[1])
+    y = float(scan.truth.origin_m[1])
     x0 = min(o.x0 for o in objects) - _AROUND_M
     return Region("plate", x0, max(o.x1 for o in objects) + _AROUND_M, y - half, y + half)
 

@@ -30,7 +30,7 @@ _SHARED = frozenset(
         "depth_min_m",
         "depth_max_m",
         "threads",
-        "max_backlog_events",
+        "max_waiting_mb",
         "surface_z_m",
         "event_delay_s",
         "max_pose_gap_s",

@@ -248,9 +248,8 @@ def _with_ends(settings: VirtualCellSettings, scene: Scene, reach_mm: float) -> 
 def _cover(relief: HeightMap, path: Path, reach_x: float, reach_y: float) -> HeightMap:
     """The relief, made larger with flat plate to cover all that the camera sees."""
     x0, x1 = path.x_range_m
-    y = path.settings.offset_y_mm * 1e-3
     dx, dy = (reach_x + 2 * _MAP_MARGIN_MM) * 1e-3, (reach_y + 2 * _MAP_MARGIN_MM) * 1e-3
-    return relief.padded(x0 - dx, x1 + dx, y - dy, y + dy)
+    return relief.padded(x0 - dx, x1 + dx, -dy, dy)
 
 
 class _Packer:

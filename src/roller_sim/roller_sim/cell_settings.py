@@ -139,7 +139,6 @@ class MotionSettings(Settings):
     reverse: bool = Field(False, description="Roll back to the start afterwards.")
     start_mm: float | None = Field(None, description="Camera's x where full speed begins, mm.")
     end_mm: float | None = Field(None, description="Camera's x where full speed ends, mm.")
-    offset_y_mm: float = Field(0.0, ge=-50.0, le=50.0, description="Camera's y over the plate, mm.")
     vibration_um: float = Field(
         3.0, ge=0.0, le=500.0, description="RMS of the arm's vibration, µm."
     )

@@ -110,7 +110,6 @@ class Path:
         t = np.atleast_1d(np.asarray(t_s, np.float64))
         out = np.zeros((len(t), 3))
         out[:, 0] = self.along(t)
-        out[:, 1] = self.settings.offset_y_mm * 1e-3
         out[:, 2] = self.height_m
         if self.settings.vibration_um > 0:
             amplitude = self.settings.vibration_um * 1e-6 * np.sqrt(2.0 / _TONES)

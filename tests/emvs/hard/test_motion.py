@@ -70,9 +70,8 @@ def test_no_parallax_no_depth_in_windows_by_time(
 def test_no_parallax_no_depth_by_travel(
     seen: dict[str, EventArray], method: str, name: str
 ) -> None:
-    windows = {"window": {"rule": "travel", "max_time_s": 0.05}}
-    values = {"max_start_s": 0.05} if method == "surface" else windows
-    found = world.run(method, seen[name], world.poses(MOTIONS[name]), **values)
+    values = {} if method == "surface" else {"window": {"rule": "travel"}}
+    found = world.run(method, seen[name], world.poses(MOTIONS[name]), max_still_s=0.05, **values)
     assert not len(world.points_of(found))
     assert "parallax" in world.refused_of(found)[0].reason
 
@@ -93,9 +92,9 @@ def crawl_poses() -> world.PoseTrack:
 
 @pytest.mark.parametrize("method", ALL)
 def test_crawling_is_measured_where_it_may_take_long(crawl: EventArray, method: str) -> None:
-    windows = {"window": {"rule": "travel", "max_time_s": 30.0}}
-    values = {"max_start_s": 10.0, "min_speed_m_s": 0.0} if method == "surface" else windows
-    world.assert_right(world.points_of(world.run(method, crawl, crawl_poses(), **values)))
+    values = {"min_speed_m_s": 0.0} if method == "surface" else {"window": {"rule": "travel"}}
+    found = world.run(method, crawl, crawl_poses(), max_still_s=30.0, **values)
+    world.assert_right(world.points_of(found))
 
 
 @pytest.mark.parametrize("method", METHODS)

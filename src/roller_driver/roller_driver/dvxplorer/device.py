@@ -95,12 +95,6 @@ class CameraDevice:
         """Begin the stream; call while a `read` waits, or the first data may be lost."""
         self._send(sequences.run(self.firmware))
 
-    def reset_time(self) -> bool:
-        """Set the sensor's clock to zero; False where the firmware has no known way to."""
-        steps = sequences.reset_time(self.firmware)
-        self._send(steps)
-        return bool(steps)
-
     def read(self, buffer: array[int], timeout_ms: int) -> int:
         """Read one transfer.
 

@@ -42,15 +42,12 @@ class ReaderSettings:
         Size of one USB read.
     retry_s : float
         Pause between attempts to connect, s.
-    time_reset_delay_s : float
-        The sensor's clock is set to zero this long after the start, s; 0: never.
     """
 
     span_ns: int = 1_000_000
     max_events: int = 48_000
     transfer_bytes: int = 65536
     retry_s: float = 1.0
-    time_reset_delay_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,15 +204,11 @@ class CameraReader:
         reader.start()
         self._connects += 1
         self._change(STREAMING, "")
-        begin = last = time.monotonic()
-        reset_due = s.time_reset_delay_s > 0
+        last = time.monotonic()
         try:
             while not self._stop.is_set():
                 transfer = reader.next(_POLL_S)
                 now = time.monotonic()
-                if reset_due and now - begin > s.time_reset_delay_s:
-                    device.reset_time()
-                    reset_due = False
                 if transfer is None:
                     self._packetiser.tick(self._clock_ns())
                     if now - last > _SILENT_S:

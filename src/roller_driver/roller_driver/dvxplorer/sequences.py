@@ -169,18 +169,9 @@ def run(firmware: int) -> Sequence[Step]:
         return (Write(p.MODULE_DVS, p.DVS_RUN, 1), *imu)
     return (
         *imu,
-        *reset_time(firmware),
-        Write(p.MODULE_SENSOR, p.REG_MODE, p.MODE_STREAM),
-    )
-
-
-def reset_time(firmware: int) -> Sequence[Step]:
-    """What sets the sensor's clock to zero; nothing where no way is known (firmware 10 up)."""
-    if firmware >= p.FIRST_NEW_FIRMWARE:
-        return ()
-    return (
         Write(p.MODULE_SENSOR, p.REG_TIME_RESET, 1),
         Write(p.MODULE_SENSOR, p.REG_TIME_RESET, 0),
+        Write(p.MODULE_SENSOR, p.REG_MODE, p.MODE_STREAM),
     )
 
 

@@ -88,16 +88,6 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
     publish_hand_eye: bool = Field(
         True, description="Publish tool -> camera on /tf_static, once it is set."
     )
-    connect_timeout: float = Field(
-        2.0, ge=0.1, le=30.0, description="Longest wait for the controller's answer, s."
-    )
-    retry_interval: float = Field(
-        1.0, ge=0.05, le=60.0, description="Pause between attempts to connect, s."
-    )
-    silence_timeout: float = Field(
-        0.5, ge=0.05, le=10.0, description="The connection is made again after this silence, s."
-    )
-
     least_force_n: float = Field(
         0.0, ge=0.0, le=500.0, description="Contact is lost below this force, N; 0: not watched."
     )

@@ -28,6 +28,8 @@ _AROUND = 9
 _RESOLUTION_PX = 1.0
 #: Scatter from which on the depths around a place give none, pixels of parallax.
 _MOST_SCATTER_PX = 1.5
+#: Warped events that a pixel needs to become a point.
+_MIN_VOTES = np.float32(2.0)
 
 
 @dataclass(frozen=True)
@@ -75,13 +77,12 @@ def measured_pixels(
     depths : list of Depths
         Of OFF and of ON events.
     settings : EvidenceSettings
-        `min_votes` and `min_point_confidence`.
+        `min_point_confidence`.
     drift : EdgeDriftSettings
         The instrument's drift of edges, which is taken out if it is calibrated.
     threads : int
         Threads that share the work.
     """
-    s = settings
     px_per_offset = max(field.aperture, 1e-12)
     smooth = _SLOPE_SIGMA_PX / CELL_PX, _RESOLUTION_PX / px_per_offset
     fit = fit_planes(depths, *smooth, threads)
@@ -102,8 +103,7 @@ def measured_pixels(
 
     share(threads, 2, gather)
     which = np.empty(field.shape, np.uint8)
-    least = np.float32(max(s.min_votes, 0.5))
-    count = peaks._choose(support[0], around[0], support[1], around[1], least, which)
+    count = peaks._choose(support[0], around[0], support[1], around[1], _MIN_VOTES, which)
     row, column = (np.empty(count, np.int64) for _ in range(2))
     offset, sure, spread_px = (np.empty(count, np.float32) for _ in range(3))
     confidences = tuple(found.confidence for found in depths)
@@ -112,7 +112,7 @@ def measured_pixels(
     )
     spread_px = np.where(np.isfinite(spread_px), spread_px, np.float32(_RESOLUTION_PX))
     sure /= 1.0 + spread_px**2
-    keep = (spread_px < _MOST_SCATTER_PX) & (sure >= s.min_point_confidence)
+    keep = (spread_px < _MOST_SCATTER_PX) & (sure >= settings.min_point_confidence)
     row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
     sigma = point_sigma(field, fit.offset, row, column, spread_px[keep])
     if drift.calibrated:

@@ -47,7 +47,7 @@ class PassCutter(EventCutter):
     """
 
     def __init__(self, settings: SurfaceSettings, camera: Camera, track: PoseTrack) -> None:
-        super().__init__(settings.max_backlog_events, track)
+        super().__init__(settings.max_waiting_events, track)
         self._settings = settings
         self._camera = camera
         table = camera.undistortion_table().astype(np.float64)
@@ -162,12 +162,12 @@ class PassCutter(EventCutter):
                 self._vote(strip, part, a, b, strip.to_strip(first), second)
                 self._leaves(second)
                 strip.advance(b, second)
-        elif t1 - since > self._settings.max_start_s * 1e9:
+        elif t1 - since > self._settings.max_still_s * 1e9:
             yield from self._give_up(
                 since,
                 t1,
                 f"the sensor moved less than {_START_M * 1e3:g} mm in "
-                f"{self._settings.max_start_s:g} s: no parallax, no depth",
+                f"{self._settings.max_still_s:g} s: no parallax, no depth",
             )
 
     def _give_up(self, start_ns: int, end_ns: int, reason: str) -> Iterator[RefusedWindow]:
@@ -195,7 +195,7 @@ class PassCutter(EventCutter):
             self.still_events += len(events)
             return
         strip.add(events, t0, t1, pose0, pose1)
-        most = self._settings.max_backlog_events
+        most = self._settings.max_waiting_events
         while strip.held_events > most and len(strip.store.blocks) > 1:
             self._dropped += strip.drop_oldest()
 
