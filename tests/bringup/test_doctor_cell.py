@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -9,8 +10,11 @@ from pathlib import Path
 import pytest
 
 from roller_bringup.doctor.commissioning import CellFiles, check_commissioning
-from roller_core.calibration_file import calibration_record, write_calibration
+from roller_bringup.doctor.host import HostSettings, find_host, judge_host
+from roller_bringup.doctor.result import Result
+from roller_core.calibration_file import SECTION, calibration_record, write_calibration
 from roller_core.camera import Camera
+from roller_core.settings import read_parameters
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 320.0, 240.0)
 
@@ -39,7 +43,8 @@ def levels(files: CellFiles, now: datetime | None = None) -> dict[str, str]:
 
 def test_each_step_says_whether_it_is_done_and_what_to_do_next(files: CellFiles) -> None:
     results = {r.name: r for r in check_commissioning(files)}
-    assert {n for n, r in results.items() if r.level != "OK"} == {"edge drift"}
+    left = {n for n, r in results.items() if r.level != "OK"}
+    assert left == {"edge drift", "acceptance"}
     assert "roller calibrate edge-drift" in results["edge drift"].advice
     assert "0.20 mm" in results["hand-eye"].found
     assert "4.00e-04" in results["time offset"].found
@@ -56,6 +61,64 @@ def test_what_is_old_of_another_skin_or_another_camera(files: CellFiles) -> None
     assert files.camera_info is not None
     replace(CAMERA, fx=1200.0).to_yaml(files.camera_info)
     assert levels(files)["calibration"] == "fault"
+
+
+def test_a_certificate_holds_for_the_calibration_it_was_made_with(
+    files: CellFiles, tmp_path: Path
+) -> None:
+    assert files.params is not None
+    dates = {k: r["date"] for k, r in read_parameters(files.params, SECTION).items()}
+    record = calibration_record(
+        "",
+        [],
+        CAMERA,
+        verdict="accepted",
+        reasons=[],
+        reached={"error_m": 3e-5},
+        calibrations=dates,
+    )
+    path = tmp_path / "certificate.json"
+
+    def result(**changed: object) -> Result:
+        path.write_text(json.dumps({**record, **changed}))
+        return {r.name: r for r in check_commissioning(replace(files, certificate=tmp_path))}[
+            "acceptance"
+        ]
+
+    assert result().level == "OK"
+    assert "30 µm" in result().found
+    assert "calibrated again" in result(calibrations={}).found
+    assert result(date="2020-01-01T00:00:00Z").level == "warning"
+    refused = result(verdict="not accepted", reasons=["too little was seen"])
+    assert (refused.level, refused.found) == ("fault", "not accepted: too little was seen")
+    assert result(reached=None).level == "fault"
+
+
+def test_a_golden_scan_that_cannot_be_read_is_a_fault(files: CellFiles, tmp_path: Path) -> None:
+    assert levels(files)["golden scan"] == "OK"
+    assert levels(replace(files, golden=tmp_path))["golden scan"] == "fault"
+
+
+def test_the_hosts_settings_are_read_and_judged(tmp_path: Path) -> None:
+    for name, text in (
+        ("proc/sys/net/core/rmem_max", "212992"),
+        ("sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "powersave"),
+        ("sys/kernel/realtime", "1"),
+    ):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text(text + "\n")
+    found = find_host(tmp_path)
+    assert (found.governor, found.socket_bytes, found.realtime_kernel) == (
+        "powersave",
+        212992,
+        True,
+    )
+    slow = judge_host(found)
+    assert slow.level == "warning"
+    assert "cpupower" in slow.advice
+    assert "rmem_max" in slow.advice
+    assert judge_host(HostSettings("performance", 1 << 24, False, 0)).level == "OK"
+    assert judge_host(find_host(tmp_path / "nothing")).level == "OK"
 
 
 def test_files_that_cannot_be_read_are_faults(files: CellFiles, tmp_path: Path) -> None:

@@ -55,6 +55,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--camera-info", type=Path, metavar="FILE", help="with --cell: the camera's calibration"
     )
+    parser.add_argument(
+        "--golden", type=Path, metavar="DIR", help="with --cell: what `inspect teach` wrote"
+    )
+    parser.add_argument(
+        "--certificate", type=Path, metavar="DIR", help="with --cell: of `calibrate acceptance`"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     add_examples(
         parser,
@@ -72,12 +78,13 @@ def run(args: argparse.Namespace) -> int:
     from roller_bringup.doctor.examination import Request, examine
     from roller_bringup.doctor.result import as_json, as_table
 
-    if (args.hand_eye or args.camera_info) and args.cell is None:
+    of_cell = (args.hand_eye, args.camera_info, args.golden, args.certificate)
+    if any(of_cell) and args.cell is None:
         args.cell = Path()
     cell = None
     if args.cell is not None:
         params = args.cell if args.cell != Path() else None
-        cell = CellFiles(params, args.hand_eye, args.camera_info)
+        cell = CellFiles(params, *of_cell)
     request = Request(args.camera, args.robot_ip, args.output, args.backend, cell)
     with Console(stderr=True).status("looking") as status:
         results = list(examine(request, lambda what: status.update(f"looking at {what}")))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -31,11 +32,15 @@ class CellFiles:
         Parameter file with the camera's place on the tool; without it `params` may hold it.
     camera_info : path or None
         ROS camera_info YAML.
+    golden, certificate : path or None
+        Folders that `roller inspect teach` and `roller calibrate acceptance` wrote.
     """
 
     params: Path | None = None
     hand_eye: Path | None = None
     camera_info: Path | None = None
+    golden: Path | None = None
+    certificate: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,8 @@ def check_commissioning(files: CellFiles, now: datetime | None = None) -> Iterat
             "skin", f"calibrations are of different skins: {', '.join(sorted(skins))}",
             "calibrate edge drift, flat and sphere again on the skin that is on",
         )  # fmt: skip
+    yield _golden(files.golden)
+    yield _certificate(files.certificate, records, now)
 
 
 def _camera(path: Path | None) -> tuple[Camera | None, Result]:
@@ -128,6 +135,44 @@ def _hand_eye(files: CellFiles) -> Result:
             f"{record['rms_deg']:.2f}° rms, {record.get('date', '')[:10]}",
         )  # fmt: skip
     return warning("hand-eye", f"{path}: set, by whom isn't recorded", make)
+
+
+def _golden(folder: Path | None) -> Result:
+    make = "roller inspect teach GOOD_SCAN... --output golden"
+    if folder is None:
+        return ok("golden scan", "none given; only parts judged by good ones need it")
+    from roller_inspect.references.golden import GoldenScan
+
+    try:
+        golden = GoldenScan.load(folder)
+    except RollerError as error:
+        return fault("golden scan", str(error), make)
+    return ok("golden scan", f"taught by {int(golden.scans)} scans")
+
+
+def _certificate(folder: Path | None, records: Mapping[str, Any], now: datetime) -> Result:
+    """Whether the cell was accepted as it is calibrated now."""
+    name = "acceptance"
+    make = "roller calibrate acceptance --sphere BAG --radius-mm R --params cell.yaml --output DIR"
+    if folder is None:
+        return warning(name, "no certificate given", f"--certificate DIR; {make}")
+    path = folder / "certificate.json"
+    try:
+        found = json.loads(path.read_text())
+        accepted, reasons = found["verdict"] == "accepted", ", ".join(found["reasons"])
+        error_m, known = found["reached"]["error_m"], dict(found["calibrations"])
+        days = (now - datetime.fromisoformat(found["date"].replace("Z", "+00:00"))).days
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return fault(name, f"{path}: can't be read ({error})", make)
+    if not accepted:
+        return fault(name, f"not accepted: {reasons}", "mend that, then scan the sphere again")
+    dates = {k: str(r.get("date", "")) for k, r in records.items() if isinstance(r, dict)}
+    if dates != known:
+        return warning(name, "the cell was calibrated again since", make)
+    text = f"accepted, the sphere errs {error_m * 1e6:.0f} µm"
+    if days > _OLD_DAYS:
+        return warning(name, f"{text}: {days} days old", f"skins wear: {make}")
+    return ok(name, text)
 
 
 def _judge(step: _Step, record: Any, now: datetime, params: Path | None) -> Result:

@@ -118,6 +118,9 @@ def _clock(request: Request, share: Path | None) -> Iterator[Result]:
 
 def _cell(request: Request, share: Path | None) -> Iterator[Result]:
     if request.cell is not None:
+        from . import host
+
+        yield host.judge_host(host.find_host())
         yield from check_commissioning(request.cell)
 
 
