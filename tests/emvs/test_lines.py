@@ -62,6 +62,17 @@ def test_a_line_is_found_where_it_lies_and_as_surely_as_it_says(
     assert np.median(lines.tilt[middle]) == pytest.approx(tilt, abs=0.03)
 
 
+@pytest.mark.parametrize("noise_px", [0.5, 1.3])
+def test_a_line_knows_its_uncertainty_whether_its_band_is_narrow_or_wide(noise_px: float) -> None:
+    """Events that spread wider than the fit looks say less than their residuals within it."""
+    ratio: list[float] = []
+    for seed in range(8):
+        rays = events_of_line(np.random.default_rng(seed), 30.0, 0.05, 5e-5, noise_px)
+        lines = found_lines(rays)
+        ratio.extend((lines.offset - 5e-5) / np.sqrt(lines.variance[:, 2]))
+    assert 0.7 < np.sqrt(np.mean(np.square(ratio))) < 1.4
+
+
 def test_events_from_one_direction_give_no_line() -> None:
     rng = np.random.default_rng(1)
     rays = events_of_line(rng, 30.0, 0.0, 0.0, 0.6)
@@ -100,7 +111,7 @@ def test_the_robust_fit_equals_reweighted_least_squares() -> None:
     order = np.argsort(pixel, kind="stable")
     rays = np.ascontiguousarray(rays[order])
     starts = np.searchsorted(pixel[order], np.arange(SHAPE[0] * SHAPE[1] + 1))
-    out = np.empty((1, 10))
+    out = np.empty((1, 11))
     half, tukey, rounds = np.array([2.9, 4.75]), 2.1, 3
     row, column = np.array([20]), np.array([31])
     kernels._fit_lines(
@@ -137,6 +148,10 @@ def test_the_robust_fit_equals_reweighted_least_squares() -> None:
     )
     assert out[0, 6] == pytest.approx(last.sum() ** 2 / (last**2).sum(), rel=1e-6)
     assert out[0, 9] == pytest.approx((last * rest_before**2).sum() / last.sum(), rel=1e-5)
+    u2 = np.minimum((rest_before / tukey) ** 2, 1)
+    psi, slope = (1 - u2) ** 2 * rest_before, (1 - u2) * (1 - 5 * u2)
+    robust = (within * psi**2).sum() / (within * slope).sum() ** 2
+    assert out[0, 10] / last.sum() == pytest.approx(robust, rel=1e-4)
 
 
 def test_ridges_and_votes_equal_plain_words() -> None:

@@ -99,7 +99,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     own = design[:, : 2 * TERMS]
     covariance = np.linalg.inv(normal)[: 2 * TERMS, : 2 * TERMS]
     unsure = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own))
-    table = _residuals(rest, unsure, slope, polarity, most)
+    table = _residuals(rest, sigma, unsure, slope, polarity, most)
     settings = EdgeDriftSettings.create(
         {
             "coefficients_m": [float(f"{v:.4g}") for v in beta[: 2 * TERMS]],
@@ -132,8 +132,11 @@ def _median(values: F64) -> float:
     return float(np.median(values)) if len(values) else float("nan")
 
 
-def _residuals(rest: F64, unsure: F64, slope: F64, polarity: F64, most: float) -> F64:
-    """What is left, as a standard deviation, by polarity, direction and bin of slopes."""
+def _residuals(rest: F64, sigma: F64, unsure: F64, slope: F64, polarity: F64, most: float) -> F64:
+    """What is left, as a standard deviation, by polarity, direction and bin of slopes.
+
+    What the fits of the lines themselves err by is taken out.
+    """
     table = np.full((2, 2, SLOPE_BINS), np.nan)
     bins = np.minimum((np.abs(slope) / most * SLOPE_BINS).astype(int), SLOPE_BINS - 1)
     for p in range(2):
@@ -143,8 +146,9 @@ def _residuals(rest: F64, unsure: F64, slope: F64, polarity: F64, most: float) -
                 here = kind & (bins == b)
                 if here.sum() >= _LEAST_IN_BIN:
                     # 68 % lie within one deviation, whatever the tails.
-                    spread = max(np.quantile(np.abs(rest[here]), 0.683), _LEAST_RESIDUAL_M)
-                    table[p, falling, b] = np.hypot(spread, np.median(unsure[here]))
+                    spread = np.quantile(np.abs(rest[here]), 0.683) ** 2
+                    drift = max(spread - np.median(sigma[here]) ** 2, _LEAST_RESIDUAL_M**2)
+                    table[p, falling, b] = np.sqrt(drift + np.median(unsure[here]) ** 2)
             # A slope that no gauge shows is as uncertain as the drift is before it is measured.
             table[p, falling] = _filled(table[p, falling])
     return table

@@ -11,6 +11,9 @@ _CHUNK = 512
 #: Events that are worked on together, and where those lie that fill them up, px.
 _VECTOR = np.uint64(16)
 _AWAY = np.float32(1e6)
+#: Least share of the weights that holds a line: where events spread wider than the fit looks, what
+#: it leaves out on one side balances what it takes on the other.
+_SLACK = 0.05
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -132,21 +135,26 @@ def _window(rays, starts, width, place, half, sample, every, some):  # type: ign
 def _sums(events, count, line, middle, half, tukey, evenly):  # type: ignore[no-untyped-def]
     """Weighted sums over events: 1, a, y, a², ay, y²; x, xa, xy; squared residuals, weights.
 
+    And what a robust fit's variance is of: the squares of what it sums, and how fast that changes
+    with the residual.
+
     a are slopes from `middle` on, and the residuals those of a `line` p, d, m. Events within
     `half` of it count `evenly`, or by Tukey's weights.
     """
     p, d, m = np.float32(line[0]), np.float32(line[1]), np.float32(line[2])
     zero, one = np.float32(0), np.float32(1)
     middle, half, per = np.float32(middle), np.float32(half), np.float32(1.0 / tukey)
-    s0 = sa = sy = saa = say = syy = sx = sxa = sxy = srr = sww = zero
+    s0 = sa = sy = saa = say = syy = sx = sxa = sxy = srr = sww = spp = srw = zero
     for i in range(-(-count // _VECTOR) * _VECTOR):
         x, y, a = events[0, i], events[1, i], events[2, i] - middle
         rest = x - p - d * a - m * y
         if evenly:
             w = one if abs(rest) <= half else zero
+            v = w
         else:
             u = rest * per
             u = max(one - u * u, zero)
+            v = u
             w = u * u
         wa = w * a
         wy = w * y
@@ -161,7 +169,9 @@ def _sums(events, count, line, middle, half, tukey, evenly):  # type: ignore[no-
         sxy += wy * x
         srr += w * rest * rest
         sww += w * w
-    return s0, sa, sy, saa, say, syy, sx, sxa, sxy, srr, sww
+        srw += w * w * rest * rest
+        spp += v * (np.float32(5) * v - np.float32(4))
+    return s0, sa, sy, saa, say, syy, sx, sxa, sxy, srr, sww, srw, spp
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -172,8 +182,8 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
     `height` is the offset of each place, `half` the half width and height of the window, px. All
     rounds but the last take about `sample` of the events. `out` takes by place p, d, m; variance
     of p, covariance of p and d, variance of d, all by unit of the residuals' variance; events of
-    equal weight; the mean and the variance of the slopes; the residuals' variance. NaN where
-    events fix no line.
+    equal weight; the mean and the variance of the slopes; the residuals' variance, and what it
+    counts as for the line's (Huber's variance of an M-estimate). NaN where events fix no line.
     """
     room = 0
     for k in range(len(row)):
@@ -236,6 +246,7 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
                 out[k, 7] = at
                 out[k, 8] = aa / s0
                 out[k, 9] = np.float64(sums[9]) / s0
+                out[k, 10] = np.float64(sums[11]) * s0 / max(np.float64(sums[12]), _SLACK * s0) ** 2
 
 
 @njit(cache=True, nogil=True)

@@ -132,12 +132,12 @@ def fit_lines(
     row, column = row[:count], column[:count]
     at = surface[row, column].astype(np.float64)
     ordered, starts = _near(rays, pixel, counts, row, column, width)
-    out = np.empty((count, 10))
+    out = np.empty((count, 11))
     kernels._fit_lines(
         ordered, starts, width, row, column, at, np.array(_WINDOW_PX), _TUKEY_PX, _ROUNDS,
         _SAMPLE, out,
     )  # fmt: skip
-    p, d, tilt, v_x, v_xd, v_d, events, lean, spread, square = out.T
+    p, d, tilt, v_x, v_xd, v_d, events, lean, spread, square, robust = out.T
     steps = np.abs(d / offset_per_m)
     with np.errstate(invalid="ignore"):
         keep = (
@@ -146,7 +146,7 @@ def fit_lines(
             & (spread * slope_scale**2 >= _LEAST_VARIANCE)
             & (steps <= _MOST_M)
         )
-    variance = (square / INDEPENDENT)[:, None] * np.stack([v_x, -v_xd, v_d], axis=1)
+    variance = (robust / INDEPENDENT)[:, None] * np.stack([v_x, -v_xd, v_d], axis=1)
     # A ray's offset counts from the plane that it was placed on: away from there x falls short.
     lines = Lines(row, column + p, tilt, at - d, variance, np.sqrt(square), events, lean, spread)[
         keep
