@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -157,7 +157,7 @@ class SurfaceInspector:
         if whole is not None:
             trimmed = without_run_in(whole[0])
             whole = trimmed, np.where(trimmed.state == OUTSIDE, np.nan, whole[1])
-            self._gone = [f for f in self._gone if _seen(f, trimmed)]
+            self._gone = [f for f in self._gone if trimmed.state[_cell(f, trimmed)] != OUTSIDE]
         self._set(tuple(self._gone))
         coverage = coverage_of(whole[0]) if whole else Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
         return Found(
@@ -173,9 +173,12 @@ class SurfaceInspector:
     def _most_cells(self) -> int:
         return self.settings.height_map.max_cells
 
-    def _search(self, height_map: HeightMap, rounds: int, final: bool) -> Search | None:
+    def _search(
+        self, height_map: HeightMap, rounds: int, final: bool, known: Iterable[Finding] = ()
+    ) -> Search | None:
+        cells = [(*_cell(f, height_map), f.depth_m) for f in known]
         try:
-            return search(height_map, self.reference, self.settings.findings, rounds)
+            return search(height_map, self.reference, self.settings.findings, rounds, cells)
         except ReferenceError as error:
             # A window that is still too small may say so; what is concluded must not.
             if final:
@@ -187,7 +190,8 @@ class SurfaceInspector:
         around = round(_CONTEXT_M / STRIP_M)
         near = [j for j in range(k - around, k + around + 1) if j in self._strips]
         window = join([self._strips[j] for j in near])
-        found = self._search(window, rounds=1, final=False)
+        passed = [f for f in self.findings if f.final and self._inside(f, window)]
+        found = self._search(window, rounds=1, final=False, known=passed)
         if found is None:
             return []
         strip = self._strips[k]
@@ -299,13 +303,12 @@ def _part(values: F32, window: HeightMap, part: HeightMap) -> F32:
     return values[j : j + part.shape[0], i : i + part.shape[1]]
 
 
-def _seen(finding: Finding, height_map: HeightMap) -> bool:
-    """Whether a finding's centre lies on what a map calls scanned."""
+def _cell(finding: Finding, height_map: HeightMap) -> tuple[int, int]:
+    """Row and column of a finding's centre."""
     map_from_base = inverse_pose(height_map.base_from_map)
     x, y, _ = map_from_base[:3, :3] @ finding.center_m + map_from_base[:3, 3]
-    column = np.argmin(np.abs(height_map.x_m - x))
-    row = np.argmin(np.abs(height_map.y_m - y))
-    return bool(height_map.state[row, column] != OUTSIDE)
+    row, column = (np.argmin(np.abs(a - b)) for a, b in ((height_map.y_m, y), (height_map.x_m, x)))
+    return int(row), int(column)
 
 
 def _same(one: Finding, other: Finding) -> bool:

@@ -11,7 +11,7 @@ from scipy import ndimage
 from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
 from roller_inspect.references.reference import Comparison
 
-from .cues import SCALES_M, Cues, cell_weights, smoothed
+from .cues import SCALES_M, Cues, cell_weights, connected, distance, smoothed
 from .finder_settings import FindingSettings
 from .finding import Finding, Kind, Uncertainty
 
@@ -56,34 +56,37 @@ class Component:
     mask: Bools
     sign: int
 
+    def holds(self, row: int, column: int) -> bool:
+        """Whether a cell of the map is one of them."""
+        i, j = row - self.rows.start, column - self.columns.start
+        inside = 0 <= i < self.mask.shape[0] and 0 <= j < self.mask.shape[1]
+        return inside and bool(self.mask[i, j])
+
 
 def components(cues: Cues) -> list[Component]:
     """Weak cells that hang together with a strong one, by sign; what only touches is parted."""
     found = []
     for sign in (1, -1):
         weak = cues.weak & (np.sign(cues.z) == sign)
-        labels, count = ndimage.label(weak, np.ones((3, 3)))
-        if not count:
-            continue
-        sure = np.zeros(count + 1, bool)
-        sure[np.unique(labels[cues.strong & weak])] = True
-        for number, box in enumerate(ndimage.find_objects(labels), 1):
-            if sure[number]:
-                rows, columns = box
-                mask = labels[box] == number
-                found += [
-                    Component(rows, columns, part, sign)
-                    for part in _parted(mask, np.abs(cues.z[box]), cues.strong[box])
-                ]
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(weak.astype(np.uint8))
+        for number in np.unique(labels[cues.strong & weak]):
+            x, y, width, height, _ = stats[number]
+            box = slice(y, y + height), slice(x, x + width)
+            mask = labels[box] == number
+            found += [
+                Component(*box, part, sign)
+                for part in _parted(mask, np.abs(cues.z[box]), cues.strong[box])
+            ]
     return sorted(found, key=lambda c: (c.columns.start, c.rows.start, c.sign))
 
 
 def _parted(mask: Bools, size: F32, strong: Bools) -> list[Bools]:
     """Cells by the nearest of several strong places that stand far above what joins them."""
-    labels, count = ndimage.label(mask & strong, np.ones((3, 3)))
-    index = np.arange(1, count + 1)
-    peaks = np.atleast_1d(ndimage.maximum(size, labels, index))
-    sure = index[peaks > _STANDS_OUT * size[mask & strong].min()]
+    sure_cells = mask & strong
+    count, labels = cv2.connectedComponents(sure_cells.astype(np.uint8))
+    peaks = np.zeros(count)
+    np.maximum.at(peaks, labels[sure_cells], size[sure_cells])
+    sure = np.flatnonzero(peaks > _STANDS_OUT * size[sure_cells].min())
     if len(sure) < 2:
         return [mask]
     places = np.where(np.isin(labels, sure), labels, 0)
@@ -125,7 +128,7 @@ def measure(
     weight = cell_weights(part, deviation)
     fine, share = smoothed(deviation, weight, max(SCALES_M[0] / step, 0.5))
     known = (share > 0) & np.isfinite(fine) & part.known
-    away_m = ndimage.distance_transform_edt(~mask) * step
+    away_m = distance(~mask) * step
     ring = (away_m > _RING_M[0]) & (away_m < _RING_M[1]) & known & ~others
     noise = float(cues.noise_m[0])
     level = float(np.median(fine[ring])) if ring.sum() >= 20 and not models_part else 0.0
@@ -138,11 +141,10 @@ def measure(
         return None
     # The outline: where a part of the depth is reached, within reach of what was detected.
     limit = max(_OUTLINE * depth, min(2.0 * noise, 0.5 * depth))
-    grown = ndimage.binary_dilation(mask, iterations=max(1, round(2e-4 / step)))
-    shape = known & (signed > limit) & grown
-    labels, _ = ndimage.label(shape, np.ones((3, 3)))
-    keep = np.unique(labels[shape & mask])
-    shape = ndimage.binary_fill_holes(np.isin(labels, keep[keep > 0]))
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    grown = cv2.dilate(mask.astype(np.uint8), cross, iterations=max(1, round(2e-4 / step))) > 0
+    shape = connected(known & (signed > limit) & grown, mask)
+    shape = _filled(shape)
     if not shape.any():
         return None
     outline, center, length, width = _outline(shape, part)
@@ -201,6 +203,13 @@ def _depth(signed: F32, raw: F32, inside: Bools) -> float:
     basis = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
     found = np.linalg.lstsq(basis, raw[rows, columns].astype(np.float64), rcond=None)[0]
     return float(np.percentile(basis @ found, 98))
+
+
+def _filled(shape: Bools) -> Bools:
+    """Cells with the holes in them."""
+    out = shape.astype(np.uint8)
+    around, _ = cv2.findContours(out, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return cv2.drawContours(out, around, -1, 1, cv2.FILLED) > 0
 
 
 def _outline(shape: Bools, part: HeightMap) -> tuple[np.ndarray, np.ndarray, float, float]:

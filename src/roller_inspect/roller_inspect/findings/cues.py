@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from roller_inspect.height_map.height_map import CONTINUED, F32, MEASURED, OUTSIDE, Bools, HeightMap
+from roller_inspect.height_map.medians import block_medians, median_around, spread_blocks
 from roller_inspect.references.background import SelfReference
 from roller_inspect.references.reference import Comparison
 
@@ -110,22 +110,40 @@ def height_cue(
             mean, share = smoothed(
                 field, np.where(found, np.float32(0), weight), max(scale / step, 0.5)
             )
-            counts = usable & ~found & (share > _LEAST_SHARE) & np.isfinite(mean)
+            counts = usable & ~found & (share > _LEAST_SHARE)
             noise = _noise(mean, counts & (weight > 0), step)
             if counts.any():
                 noises[k] = np.median(noise[counts])
             with np.errstate(invalid="ignore"):
-                z = np.where(counts, mean / np.hypot(noise, comparison.sigma_m), 0.0)
+                z = np.where(counts, mean / np.hypot(noise, comparison.sigma_m), np.float32(0))
             z *= settings.strong_z / max(_tail(z, counts, scale / step, step), settings.strong_z)
-            best = np.where(np.abs(z) > np.abs(best), z, best).astype(np.float32)
             size = np.abs(z)
-            sure = ndimage.binary_propagation(
-                size > settings.strong_z, np.ones((3, 3)), mask=size > settings.weak_z
-            )
-            if sure.any():
-                found |= ndimage.distance_transform_edt(~sure) * step <= _FOUND_M
+            np.copyto(best, z, where=size > np.abs(best))
+            sure = connected(size > settings.weak_z, size > settings.strong_z)
+            found |= cv2.dilate(sure.astype(np.uint8), disc(_FOUND_M / step)) > 0
     size = np.abs(best)
     return Cues(best, size > settings.weak_z, size > settings.strong_z, noises)
+
+
+def connected(weak: Bools, strong: Bools) -> Bools:
+    """Weak cells that hang together with a strong one, corners included."""
+    count, labels = cv2.connectedComponents(weak.astype(np.uint8))
+    sure = np.zeros(count, bool)
+    sure[labels[weak & strong]] = True
+    return sure[labels]
+
+
+def disc(reach_cells: float) -> npt.NDArray[np.uint8]:
+    """Cells within a distance of the middle one, for `cv2.dilate`."""
+    k = int(reach_cells)
+    away = np.hypot(*np.mgrid[-k : k + 1, -k : k + 1])
+    return (away <= reach_cells).astype(np.uint8)
+
+
+def distance(cells: Bools) -> npt.NDArray[np.float64]:
+    """Distance of each of some cells to the nearest other one, in cells."""
+    away = cv2.distanceTransform(cells.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.sqrt(np.rint(np.square(away, dtype=np.float64)))
 
 
 def _tail(z: npt.NDArray[np.floating], usable: Bools, scale: float, step_m: float) -> float:
@@ -137,7 +155,8 @@ def _tail(z: npt.NDArray[np.floating], usable: Bools, scale: float, step_m: floa
     """
     size = np.abs(z)
     reach = 2 * max(1, round(scale)) + 1
-    peaks = size[(size == ndimage.maximum_filter(size, reach)) & usable & (size > 0)]
+    highest = cv2.dilate(size, np.ones((reach, reach), np.uint8))
+    peaks = size[(size == highest) & usable & (size > 0)]
     if len(peaks) < _LEAST_PEAKS:
         return 0.0
     middle, high = np.percentile(peaks, [50, 75]) ** 2
@@ -165,43 +184,28 @@ def inspectable(height_map: HeightMap, edge_m: float) -> Bools:
         # What is close together; gaps as wide as findings belong to it.
         k = max(1, round(_GAP_M / step))
         ones = np.ones((2 * k + 1, 2 * k + 1), np.uint8)
-        area = cv2.morphologyEx(height_map.known.astype(np.uint8), cv2.MORPH_CLOSE, ones) > 0
-        area = cv2.morphologyEx(area.astype(np.uint8), cv2.MORPH_OPEN, ones) > 0
-        labels, count = ndimage.label(area)
-        sizes = np.bincount(labels.ravel(), minlength=count + 1) * step**2
-        sizes[0] = 0.0
-        area = (sizes >= _LEAST_AREA_M2)[labels]
-    edge = ndimage.distance_transform_edt(np.pad(area, 1))[1:-1, 1:-1] * step <= edge_m
-    return np.asarray(area & ~edge)
+        close = cv2.morphologyEx(height_map.known.astype(np.uint8), cv2.MORPH_CLOSE, ones)
+        close = cv2.morphologyEx(close, cv2.MORPH_OPEN, ones)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(close, connectivity=4)
+        large = stats[:, cv2.CC_STAT_AREA] * step**2 >= _LEAST_AREA_M2
+        large[0] = False
+        area = large[labels]
+    return distance(np.pad(area, 1))[1:-1, 1:-1] * step > edge_m
 
 
-def _noise(mean: F32, usable: Bools, step_m: float) -> npt.NDArray[np.float64]:
+def _noise(mean: F32, usable: Bools, step_m: float) -> F32:
     """Robust spread of a smoothed deviation around each place.
 
     The median of nine blocks, so that a finding, which fills one or two, doesn't hide itself; and
     never far below the whole's.
     """
     if not usable.any():
-        return np.full(mean.shape, np.inf)
-    whole = 1.4826 * float(np.median(np.abs(mean[usable])))
+        return np.full(mean.shape, np.inf, np.float32)
     # Every other cell says as much: errors of neighbours are alike.
     m = max(1, round(_BLOCK_M / step_m / 2))
-    k = 2 * m
-    ny, nx = (-(-n // k) for n in mean.shape)
-    kept = np.full((ny * m, nx * m), np.nan, np.float32)
-    thinned = np.where(usable, np.abs(mean), np.nan)[::2, ::2]
-    kept[: thinned.shape[0], : thinned.shape[1]] = thinned
-    ordered = np.sort(kept.reshape(ny, m, nx, m).swapaxes(1, 2).reshape(ny, nx, -1), axis=-1)
-    count = np.isfinite(ordered).sum(axis=-1)
-    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)
-    blocks = np.pad(
-        np.where(count > m / 2, 1.4826 * middle[..., 0], np.nan), 1, constant_values=np.nan
-    )
-    around = np.stack([blocks[j : j + ny, i : i + nx] for j in range(3) for i in range(3)])
-    spread = np.full((ny, nx), whole)
-    some = np.isfinite(around).sum(axis=0) >= _LEAST_BLOCKS
-    spread[some] = np.nanmedian(around[:, some], axis=0)
-    spread = np.maximum(spread, 0.4 * whole)
-    rows = np.minimum(np.arange(mean.shape[0]) // k, ny - 1)
-    columns = np.minimum(np.arange(mean.shape[1]) // k, nx - 1)
-    return np.maximum(spread[rows[:, None], columns[None, :]], _LEAST_SIGMA_M)
+    size, counts = np.abs(mean[::2, ::2]), usable[::2, ::2]
+    whole = 1.4826 * float(np.median(size[counts])) if counts.any() else 0.0
+    blocks = block_medians(size, counts, m, m / 2)
+    around = 1.4826 * median_around(blocks, _LEAST_BLOCKS)
+    spread = np.maximum(np.where(np.isfinite(around), around, whole), 0.4 * whole)
+    return np.maximum(spread_blocks(spread, 2 * m, mean.shape), _LEAST_SIGMA_M).astype(np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,8 +43,14 @@ def search(
     reference: Reference,
     settings: FindingSettings,
     rounds: int = _ROUNDS,
+    known: Iterable[tuple[int, int, float]] = (),
 ) -> Search:
     """Compare a map with a reference and find where it differs.
+
+    Parameters
+    ----------
+    known : iterable of (int, int, float)
+        Row, column and depth of findings that need not be measured again.
 
     Raises
     ------
@@ -61,7 +68,10 @@ def search(
         if not parts:
             break
     found = []
+    known = list(known)
     for part in parts:
+        if any(part.holds(row, column) and part.sign * depth > 0 for row, column, depth in known):
+            continue
         finding = measure(
             0, part, height_map, comparison, cues, settings, reference.models_part, final=True
         )

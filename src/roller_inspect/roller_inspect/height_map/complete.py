@@ -73,8 +73,10 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
 def _local(cells: Cells, good: Bools) -> F32:
     """Mean uncertainty of the measured cells around."""
     size = 15
-    total = ndimage.uniform_filter(np.where(good, cells.sigma_m, 0).astype(np.float32), size)
-    share = ndimage.uniform_filter(good.astype(np.float32), size)
+    total, share = (
+        cv2.blur(values, (size, size), borderType=cv2.BORDER_REFLECT)
+        for values in (np.where(good, cells.sigma_m, np.float32(0)), good.astype(np.float32))
+    )
     return np.asarray(total / np.maximum(share, 1e-6), np.float32)
 
 

@@ -10,10 +10,9 @@ event, no change of shading, the surface goes on as it was. The third lets steep
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from scipy import ndimage
-
-from roller_core.transforms import F64
 
 from . import _kernels
 from .height_map import F32
@@ -52,10 +51,10 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
     if not known.any():
         return height_m.copy()
     level = float(np.median(height_m[known]))
-    z = np.where(known, height_m - level, 0.0).astype(np.float64)
-    weight = np.where(known, (step_m / _CELL_M) ** 2, 0.0)
-    sigma = np.where(known, np.minimum(sigma_m, _MOST_SIGMA_M), 1.0).astype(np.float64)
-    found: F64 | None = None
+    z = np.where(known, height_m - np.float32(level), np.float32(0))
+    weight = np.where(known, np.float32((step_m / _CELL_M) ** 2), np.float32(0))
+    sigma = np.where(known, np.minimum(sigma_m, np.float32(_MOST_SIGMA_M)), np.float32(1))
+    found: F32 | None = None
     for factor, rounds, steps in zip(_FACTORS, _ROUNDS, _STEPS, strict=True):
         zc, wc, sc = _coarser(z, weight, sigma, factor)
         if found is None:
@@ -67,16 +66,16 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
             start = _finer(found, zc.shape)
         found = _solve(zc, wc, sc, start, step_m * factor, rounds, steps)
     assert found is not None
-    return (found + level).astype(np.float32)
+    return np.asarray(found + np.float32(level), np.float32)
 
 
-def _coarser(z: F64, weight: F64, sigma: F64, factor: int) -> tuple[F64, F64, F64]:
+def _coarser(z: F32, weight: F32, sigma: F32, factor: int) -> tuple[F32, F32, F32]:
     """Weighted means over blocks, their total weight, their uncertainty."""
     if factor == 1:
         return z, weight, sigma
     pad = [(0, -n % factor) for n in z.shape]
 
-    def total(values: F64) -> F64:
+    def total(values: F32) -> F32:
         padded = np.pad(values, pad)
         ny, nx = padded.shape
         blocks = padded.reshape(ny // factor, factor, nx // factor, factor)
@@ -84,32 +83,32 @@ def _coarser(z: F64, weight: F64, sigma: F64, factor: int) -> tuple[F64, F64, F6
 
     w = total(weight)
     safe = np.maximum(w, 1e-12)
-    return total(weight * z) / safe, w, np.where(w > 0, total(weight * sigma) / safe, 1.0)
+    mean, spread = (np.asarray(total(weight * v) / safe, np.float32) for v in (z, sigma))
+    return mean, w, np.where(w > 0, spread, np.float32(1))
 
 
-def _finer(values: F64, shape: tuple[int, ...]) -> F64:
+def _finer(values: F32, shape: tuple[int, ...]) -> F32:
     """The double of a grid, cropped to a shape."""
-    at = (np.indices(shape) + 0.5) / 2 - 0.5
-    return np.asarray(ndimage.map_coordinates(values, at, order=1, mode="nearest"))
+    double = (2 * values.shape[1], 2 * values.shape[0])
+    finer = cv2.resize(values, double, interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(finer[: shape[0], : shape[1]], np.float32)
 
 
 def _solve(
-    z: F64, weight: F64, sigma: F64, start: F64, step_m: float, rounds: int, steps: int
-) -> F64:
+    z: F32, weight: F32, sigma: F32, start: F32, step_m: float, rounds: int, steps: int
+) -> F32:
     """Reweighted least squares on one grid."""
     known = weight > 0
-    bend = np.where(known, _FREE, 1.0) * (_CELL_M / step_m) ** 2 / _BEND_M**2
-    h, work = np.ascontiguousarray(start), np.empty((5, *z.shape))
+    stiff = (_CELL_M / step_m) ** 2 / _BEND_M**2
+    bend = np.where(known, np.float32(_FREE * stiff), np.float32(stiff))
+    h, work = np.ascontiguousarray(start), np.empty((5, *z.shape), np.float32)
+    # Of slopes as of bends: a sum over cells of _CELL_M, whatever the grid.
+    tie = np.float32((step_m / _CELL_M) ** 2 * _SLOPE_WEIGHT / (step_m * _SLOPE) ** 2)
+    slope = np.float32(1 / (step_m * _SLOPE))
+    tolerance = np.float32(_TOLERANCE)
     for _ in range(rounds):
         away = np.abs(h - z) / sigma
-        pull = weight / sigma**2 * np.minimum(1.0, _HUBER / np.maximum(away, 1e-9))
-        # Of slopes as of bends: a sum over cells of _CELL_M, whatever the grid.
-        ties = [
-            (step_m / _CELL_M) ** 2
-            * _SLOPE_WEIGHT
-            / np.sqrt(1 + (np.diff(h, axis=axis) / step_m / _SLOPE) ** 2)
-            / (step_m * _SLOPE) ** 2
-            for axis in (1, 0)
-        ]
-        _kernels._solve(h, pull * z, pull, bend, ties[0], ties[1], _TOLERANCE, steps, work)
+        pull = weight / sigma**2 * np.minimum(1, _HUBER / np.maximum(away, np.float32(1e-9)))
+        ties = [tie / np.sqrt(1 + np.square(np.diff(h, axis=axis) * slope)) for axis in (1, 0)]
+        _kernels._solve(h, pull * z, pull, bend, *ties, tolerance, steps, work)
     return h

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, UNMEASURED, HeightMap, centres
+from .medians import median_known
 
 #: Ends are looked at over this length, m, for this share of known cells that are no less certain
 #: than so many times the usual, and are no longer than a view, m; in between nearly all cells are
@@ -84,8 +85,8 @@ def without_run_in(height_map: HeightMap) -> HeightMap:
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.nan_to_num(height_map.known.sum(axis=0) / inside.sum(axis=0))
     k = max(1, round(_SMOOTH_M / height_map.step_m))
-    sigma = np.ma.median(np.ma.array(height_map.sigma_m, mask=~height_map.known), axis=0)
-    sure = np.ma.filled(sigma <= _USUAL * np.ma.median(sigma), False)
+    usual = median_known(np.where(height_map.known, height_map.sigma_m, np.nan).T)
+    sure = usual <= _USUAL * median_known(usual)
     good = np.nonzero(np.convolve(share * sure, np.ones(k) / k, "same") >= _GOOD_SHARE)[0]
     if not len(good) or np.median(share[good[0] : good[-1] + 1]) < _DENSE_SHARE:
         return height_map

@@ -124,13 +124,14 @@ class HeightMapper:
 
     def _motion(self) -> F64:
         """How far the points moved from the first patch to the last, by regression."""
-        number = np.repeat(np.arange(len(self._waiting)), [len(p) for p in self._waiting])
-        centred = number - number.mean()
-        spread = float(centred @ centred)
+        count = np.array([len(patch) for patch in self._waiting])
+        number = np.arange(len(count))
+        centred = number - number @ count / count.sum()
+        spread = float(centred**2 @ count)
         if not spread:
             return np.zeros(3)
-        points = np.concatenate([patch.points for patch in self._waiting])
-        return np.asarray(centred @ points / spread * (len(self._waiting) - 1))
+        totals = np.array([patch.points.sum(axis=0) for patch in self._waiting])
+        return np.asarray(centred @ totals / spread * number[-1])
 
     def _take(self, patch: Patch) -> tuple[int, int]:
         """Points to their strips; first and last strip touched."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .height_map import F32, Bools
+from .medians import block_medians, median_around, spread_blocks
 
 #: Distance of the cells that are compared, m; errors of points are alike over some 0.3 mm.
 _LAG_M = 5e-4
@@ -50,19 +51,6 @@ def scatter_of(height_m: F32, measured: Bools, step_m: float) -> F32:
 
 def _by_block(values: F32, measured: Bools, k: int) -> F32:
     """Median by block, then of three by three blocks; none where little was measured."""
-    pad = [(0, -n % k) for n in values.shape]
-    kept = np.pad(np.where(measured, values, np.nan), pad, constant_values=np.nan)
-    ny, nx = kept.shape[0] // k, kept.shape[1] // k
-    blocks = kept.reshape(ny, k, nx, k).swapaxes(1, 2).reshape(ny, nx, -1)
-    enough = np.isfinite(blocks).sum(axis=-1) >= _LEAST_CELLS
-    median = np.full((ny, nx), np.nan)
-    if enough.any():
-        median[enough] = np.nanmedian(blocks[enough], axis=-1)
-    around = np.pad(median, 1, constant_values=np.nan)
-    shifted = np.stack([around[i : i + ny, j : j + nx] for i in range(3) for j in range(3)])
-    out = np.full((ny, nx), np.nan)
-    if enough.any():
-        out[enough] = np.nanmedian(shifted[:, enough], axis=0) / _MEDIAN
-    return np.repeat(np.repeat(out, k, 0), k, 1)[: values.shape[0], : values.shape[1]].astype(
-        np.float32
-    )
+    median = block_medians(values, measured, k, _LEAST_CELLS)
+    out = np.where(np.isfinite(median), median_around(median, 1), np.nan) / _MEDIAN
+    return spread_blocks(out, k, values.shape).astype(np.float32)

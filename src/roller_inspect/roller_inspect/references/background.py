@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+from roller_inspect.height_map.medians import spread_blocks
 
 from .alignment import Alignment
 from .nominal import tukey
@@ -72,30 +73,26 @@ class SelfReference:
         spread = rms_robust((mean - background)[count > 0])
         total = ndimage.gaussian_filter(weight, reach) * 4 * np.pi * reach**2
         sigma = spread / np.sqrt(np.maximum(total, 1.0))
-        grid = np.indices(height_map.shape, np.float64)
-        at = (grid + 0.5) / k - 0.5
-        fine = ndimage.map_coordinates(background, at, order=1, mode="nearest")
-        fine_sigma = ndimage.map_coordinates(sigma, at, order=0, mode="nearest")
-        return fine, fine_sigma.astype(np.float32)
+        size = (nx * k, ny * k)
+        fine = cv2.resize(background.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+        fine_sigma = spread_blocks(sigma, k, height_map.shape).astype(np.float32)
+        return fine[: height_map.shape[0], : height_map.shape[1]], fine_sigma
 
 
 def _local_plane(z: np.ndarray, weight: np.ndarray, reach: float) -> np.ndarray:
     """Value of the plane fitted around each cell with a Gaussian window, cells."""
     yy, xx = np.indices(z.shape, np.float64)
 
-    def blur(values: np.ndarray) -> np.ndarray:
-        size = 2 * int(3.0 * reach + 0.5) + 1
-        return cv2.GaussianBlur(values, (size, size), reach, borderType=cv2.BORDER_CONSTANT)
-
-    w = blur(weight)
-    wx, wy, wz = blur(weight * xx), blur(weight * yy), blur(weight * z)
-    safe = np.maximum(w, 1e-12)
-    mx, my, mz = wx / safe, wy / safe, wz / safe
-    sxx = blur(weight * xx * xx) / safe - mx**2
-    syy = blur(weight * yy * yy) / safe - my**2
-    sxy = blur(weight * xx * yy) / safe - mx * my
-    sxz = blur(weight * xx * z) / safe - mx * mz
-    syz = blur(weight * yy * z) / safe - my * mz
+    size = 2 * int(3.0 * reach + 0.5) + 1
+    moments = (np.ones_like(z), xx, yy, z, xx * xx, yy * yy, xx * yy, xx * z, yy * z)
+    blurred = cv2.GaussianBlur(
+        np.stack([weight * m for m in moments], axis=-1), (size, size), reach,
+        borderType=cv2.BORDER_CONSTANT,
+    )  # fmt: skip
+    w, *sums = np.moveaxis(blurred, -1, 0)
+    mx, my, mz, *squares = (total / np.maximum(w, 1e-12) for total in sums)
+    products = (mx * mx, my * my, mx * my, mx * mz, my * mz)
+    sxx, syy, sxy, sxz, syz = (s - p for s, p in zip(squares, products, strict=True))
     # A little ridge: with few cells the plane is level.
     ridge = 0.05 * reach**2
     sxx, syy = sxx + ridge, syy + ridge
