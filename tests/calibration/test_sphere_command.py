@@ -79,52 +79,6 @@ def test_sphere_gives_the_nodes_parameters_and_an_account(
     assert "calibrated with another camera" in capsys.readouterr().err
 
 
-def test_interrupted_search_goes_on(
-    world: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    whole, file = tmp_path / "whole.yaml", tmp_path / "skin.yaml"
-    assert calibrate(world, "pass", "-o", str(whole)) == 0
-    plain, calls = search.window_errors, []
-
-    def interrupted(*args: Any) -> Any:
-        if args[3].size > 1:
-            calls.append(args)
-            if len(calls) == 2:
-                raise KeyboardInterrupt
-        return plain(*args)
-
-    monkeypatch.setattr(search, "window_errors", interrupted)
-    assert calibrate(world, "pass", "-o", str(file)) == 130
-    assert not file.exists()
-
-    # The state is no other calibration's.
-    assert calibrate(world, "pass", "-o", str(file), "--resume", "--weight-parts", "9") == 1
-    assert "state is of other grid" in capsys.readouterr().err
-    assert calibrate(world, "beside", "-o", str(file), "--resume") == 1
-    assert "lies whole on the contact patch in no window" in capsys.readouterr().err
-
-    assert calibrate(world, "pass", "-o", str(file), "--resume") == 0
-    assert "resumed" in capsys.readouterr().out
-    # One window was known: of two, each was searched once, and one of them twice.
-    assert len(calls) == 3
-    assert read_parameters(file, "emvs") == read_parameters(whole, "emvs")
-    assert sorted(tmp_path.iterdir()) == [file, whole]
-
-
-@pytest.mark.parametrize("words", [["--resume"], []])
-def test_what_is_no_state_is_refused_and_stays(
-    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
-    file, foreign = tmp_path / "skin.yaml", tmp_path / "skin.yaml.state.npz"
-    foreign.write_bytes(b"PK\x03\x04 no archive")
-    assert calibrate(world, "pass", "-o", str(file), *words) == 1
-    assert "not the state of a calibration" in capsys.readouterr().err
-    assert foreign.read_bytes() == b"PK\x03\x04 no archive"
-
-
 def test_focus_has_parameters_of_its_own(
     world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -151,7 +105,6 @@ def test_focus_has_parameters_of_its_own(
         ("pass", ["--scale-mm-per-px", "0.0422"], "off the camera's calibration"),
         ("pass", ["--least-coverage", "0.9"], "no parameters of the grid measure"),
         ("pass", ["--least-coverage", "7"], "expected 0 to 1"),
-        ("pass", ["--resume"], "goes with --output"),
         ("pass", ["--params", "{simplex}"], "simplex"),
         ("pass", ["--previous", "{params}"], "not a calibration by a sphere"),
         ("missing", [], "there is no such file"),

@@ -21,7 +21,6 @@ from roller_evaluation.dense_reference import dense_reference
 from roller_evaluation.measures import measure_depth
 from roller_evaluation.pictures import png
 from roller_evaluation.scans import Scan
-from roller_evaluation.slider import run_slider
 from roller_evaluation.windows import densest_piece, resample, window_pieces
 
 Result = tuple[Path, dict[str, Any]]
@@ -224,13 +223,3 @@ def test_wrong_names_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert main(["bench", "--output", str(tmp_path / "out"), option, word]) == 1
         assert option in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.recordings
-def test_slider_depth_gives_events_a_second(shared_data: Path) -> None:
-    found = run_slider(shared_data / "slider_depth", 1)
-    assert [row["threads"] for row in found] == [1, 2]
-    for row in found:
-        assert row["events"] > 1_000_000
-        assert row["votes_mev_s"] >= row["depth_map_mev_s"] > 0
-        assert 2300 < row["points"] < 3200

@@ -86,9 +86,7 @@ class Sphere:
         return Sphere(**values)
 
 
-def find_sphere(
-    points_m: F64, towards: F64, radius_m: float, tolerance: float = RADIUS_TOLERANCE
-) -> Sphere:
+def find_sphere(points_m: F64, towards: F64, radius_m: float) -> Sphere:
     """Find the one sphere among points.
 
     Parameters
@@ -99,8 +97,6 @@ def find_sphere(
         Direction in base from the surface to the camera.
     radius_m : float
         Radius of the sphere, metres.
-    tolerance : float
-        Share by which the radius that fits may differ.
 
     Raises
     ------
@@ -127,10 +123,10 @@ def find_sphere(
             f"{len(domes)} spheres in view, {apart * 1e3:.1f} mm apart: roll over one alone"
         )
     dome = domes[0]
-    if abs(dome.radius_m / radius_m - 1) > tolerance:
+    if abs(dome.radius_m / radius_m - 1) > RADIUS_TOLERANCE:
         raise SphereError(
             f"the dome in view fits a radius of {dome.radius_m * 1e3:.2f} mm, not "
-            f"{radius_m * 1e3:g} mm (allowed: {tolerance:.0%}); check --radius-mm and the camera's "
+            f"{radius_m * 1e3:g} mm (allowed: {RADIUS_TOLERANCE:.0%}); check --radius-mm and the camera's "
             "calibration"
         )
     return _with_radius(local, dome, radius_m, frame)

@@ -35,7 +35,6 @@ def calibration_record(
     skin: str,
     inputs: Sequence[Path],
     camera: Camera | None,
-    digests: Sequence[str] | None = None,
     **results: Any,
 ) -> dict[str, Any]:
     """What a calibration file says of a calibration.
@@ -48,8 +47,6 @@ def calibration_record(
         Recordings and files that were used.
     camera : Camera or None
         The camera they are from.
-    digests : sequence of str, optional
-        Of the inputs, where they are known; see `digest`.
     results : dict
         What was found; numbers, texts, lists of one kind or dicts of them.
     """
@@ -58,7 +55,7 @@ def calibration_record(
         "date": f"{datetime.now(timezone.utc):%Y-%m-%dT%H:%M:%SZ}",
         "skin": skin,
         "data": [path.name for path in inputs],
-        "sha256": list(digests or map(digest, inputs)),
+        "sha256": [digest(path) for path in inputs],
     }
     if camera is not None:
         found["camera"] = {

@@ -19,7 +19,6 @@ from .rows import Row, mean, provenance, values, where, write_rows
 from .run import run_timed
 from .scaling import scaling_cases
 from .scans import ScanStore
-from .slider import run_slider
 from .tables import write_json, write_markdown
 
 #: The paper: ms a window (EMVS, laptop with an i7-1365U) and µm (mean absolute error).
@@ -54,7 +53,7 @@ def run_bench(
     UnwritableOutputError
         If results can't be written.
     RollerError
-        If an object or the slider's folder is no good.
+        If an object is no good.
     """
     o = options
     scans = ScanStore(output / "scans", hold=len(o.objects) * (len(o.speeds) + 1), threads=0)
@@ -71,17 +70,16 @@ def run_bench(
     result: dict[str, Any] = {
         "version": 3,
         "machine": provenance(),
-        "options": {k: v for k, v in asdict(o).items() if k != "slider"},
+        "options": asdict(o),
         "paper": PAPER,
         "cases": cases,
         "decoding_cpu_ns": decoding_cpu_ns(scans.get(o.scan(o.dense[0], o.fixed_speed))),
         "pareto": fronts(cases, o.speeds[0]),
         "growth": [r for r in grown if r["run"]],
         "fixed": fixed,
-        "slider": run_slider(o.slider, o.repeats) if o.slider is not None else [],
     }
     on_progress("results", 1.0)
-    write_rows([*rows, *result["growth"], *fixed, *result["slider"]], output / "rows.csv")
+    write_rows([*rows, *result["growth"], *fixed], output / "rows.csv")
     write_json(result, output / "bench.json")
     about = f"{result['machine']['processor']}, {result['machine']['cores']} cores."
     write_markdown("Speed against error", about, tables(result), output / "bench.md")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from roller_sim.objects import OBJECTS
@@ -40,8 +39,6 @@ class BenchOptions:
         Steps by which the work grows.
     cell : mapping
         Settings of the virtual cell that differ from its defaults.
-    slider : path, optional
-        Folder of the public sequence slider_depth.
     """
 
     quick: bool = False
@@ -59,7 +56,6 @@ class BenchOptions:
     scaling_planes: tuple[int, ...] = (50, 100, 250, 500)
     scaling_threads: tuple[int, ...] = (1, 2)
     cell: Mapping[str, Any] = field(default_factory=dict)
-    slider: Path | None = None
 
     @classmethod
     def short(cls, **changes: Any) -> BenchOptions:

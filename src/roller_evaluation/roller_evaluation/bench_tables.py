@@ -16,7 +16,6 @@ def tables(result: dict[str, Any]) -> list[Table]:
     found = [_cases(result), _stages(result), _objects(result)]
     found += [_fixed(result["fixed"])] if result["fixed"] else []
     found.append(_scaling(result["growth"]))
-    found += [_slider(result["slider"])] if result["slider"] else []
     return found
 
 
@@ -123,19 +122,6 @@ def _scaling(rows: Sequence[Row]) -> Table:
     note = f"The densest window of {rows[0]['object']} at {rows[0]['speed']:g} m/s."
     return Table("Cost as the work grows", ("quantity", "method", "ms", "CPU ms", "spread"), cells,
                  note)  # fmt: skip
-
-
-def _slider(rows: Sequence[Row]) -> Table:
-    cells = [
-        (
-            str(r["threads"]), number(r["votes_mev_s"], 2), number(r["depth_map_mev_s"], 2),
-            number(r["cpp_mev_s"], 2), f"{number(r['ratio'], 2)} ×",
-        )
-        for r in rows
-    ]  # fmt: skip
-    head = ("threads", "votes Mev/s", "depth map Mev/s", "C++ votes Mev/s", "ratio")
-    note = "The C++ figures were measured on another machine with two cores."
-    return Table(f"slider_depth, {rows[0]['planes']} planes", head, cells, note)
 
 
 def _spread(low: float | None, high: float | None) -> str:

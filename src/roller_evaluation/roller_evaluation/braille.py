@@ -115,30 +115,7 @@ def run_braille(
 ) -> dict[str, Any]:
     """Simulate plates, read them, and write `braille.json` and `braille.png`.
 
-    What was read is kept in `passes`, so a run that was broken off goes on.
-
-    Parameters
-    ----------
-    options : BrailleOptions
-        Size of the experiment.
-    output : path
-        Folder for the results.
-    on_progress : callable
-        Takes what is being done and the share done, 0–1.
-    jobs : int
-        Processes.
-
-    Returns
-    -------
-    dict
-        What `braille.json` holds.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If results can't be written.
-    RollerError
-        If the text or a setting is no good.
+    Parameters, errors and what is kept are those of `run.run`; the result is `braille.json`.
     """
     from .braille_plot import draw
 

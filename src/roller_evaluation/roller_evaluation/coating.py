@@ -102,30 +102,8 @@ def run_coating(
 ) -> dict[str, Any]:
     """Measure coatings, and write `coating.json`, `rows.csv` and `coating.png`.
 
-    What was measured is kept in `passes`, so a run that was broken off goes on.
-
-    Parameters
-    ----------
-    options : CoatingOptions
-        Which.
-    output : path
-        Folder for the results.
-    on_progress : callable
-        Takes what is being done and the share done, 0–1.
-    jobs : int
-        Processes.
-
-    Returns
-    -------
-    dict
-        What `coating.json` holds: `rows`, and the skin to print as `recommended`.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If results can't be written.
-    RollerError
-        If a setting is no good.
+    Parameters, errors and what is kept are those of `run.run`; the result is `coating.json`:
+    `rows`, and the skin to print as `recommended`.
     """
     rows = run(coating_cases(options), output / "passes", jobs, on_progress)
     result = {

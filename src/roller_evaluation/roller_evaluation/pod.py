@@ -102,30 +102,8 @@ def run_pod(
 ) -> dict[str, Any]:
     """Inspect plates, and write `pod.json`, `rows.csv` and `pod.png`.
 
-    What was measured is kept in `passes`, so a run that was broken off goes on.
-
-    Parameters
-    ----------
-    options : PodOptions
-        Which plates.
-    output : path
-        Folder for the results.
-    on_progress : callable
-        Takes what is being done and the share done, 0–1.
-    jobs : int
-        Processes.
-
-    Returns
-    -------
-    dict
-        What `pod.json` holds: `rows` of defects and plates, and what `summarise` makes of them.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If results can't be written.
-    RollerError
-        If a setting is no good.
+    Parameters, errors and what is kept are those of `run.run`; the result is `pod.json`: `rows` of
+    defects and plates, and what `summarise` makes of them.
     """
     rows = run(pod_cases(options), output / "passes", jobs, on_progress)
     result: dict[str, Any] = {

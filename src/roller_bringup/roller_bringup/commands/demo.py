@@ -47,13 +47,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the graph, gather its results, draw and print.
-
-    Raises
-    ------
-    RollerError
-        If scene or speed are no good, or the graph or one of its nodes can't do its work.
-    """
+    """Run the graph, gather its results, draw and print."""
     from roller_core.output_folder import OutputFolder
     from roller_sim.cell_settings import VirtualCellSettings
     from roller_sim.scenes import build_scene

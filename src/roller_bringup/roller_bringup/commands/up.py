@@ -36,13 +36,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the launch file, or list its arguments.
-
-    Raises
-    ------
-    LaunchError
-        The file or an argument isn't right.
-    """
+    """Run the launch file, or list its arguments."""
     path = find(args.file)
     if args.show_args:
         show(path)

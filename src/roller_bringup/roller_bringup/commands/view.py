@@ -47,13 +47,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C.
-
-    Raises
-    ------
-    RollerError
-        If the input can't be read, or the address not be listened at.
-    """
+    """Serve the page until Ctrl-C."""
     if args.rerun:
         from roller_bringup.view.rerun import hand_over
 

@@ -54,13 +54,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, compare, write the certificate and say the verdict.
-
-    Raises
-    ------
-    RollerError
-        If a recording can't be read or doesn't show its part.
-    """
+    """Measure, compare, write the certificate and say the verdict."""
     from roller_calibration.acceptance import golden_shortfalls, on_sphere, promised, shortfalls
     from roller_calibration.recordings import read_scan
     from roller_core.output_folder import OutputFolder

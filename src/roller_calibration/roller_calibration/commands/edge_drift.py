@@ -37,13 +37,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit the drift, print it and write it.
-
-    Raises
-    ------
-    RollerError
-        If a recording can't be read or doesn't show its gauge.
-    """
+    """Fit the drift, print it and write it."""
     from roller_calibration.edge_drift import fit_drift
     from roller_calibration.gauges import sphere_gauges, steps_gauges
     from roller_calibration.recordings import read_scans

@@ -41,13 +41,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find the plate, print the range and write it.
-
-    Raises
-    ------
-    RollerError
-        If the recording can't be read or shows no flat plate.
-    """
+    """Find the plate, print the range and write it."""
     from roller_calibration.constant_speed import constant_speed_part
     from roller_calibration.contact import pass_points
     from roller_calibration.flat import find_plate

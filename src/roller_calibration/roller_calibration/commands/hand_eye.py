@@ -62,13 +62,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find the camera's place, print it with its residuals and write it.
-
-    Raises
-    ------
-    RollerError
-        If the file can't be read or its poses give nothing.
-    """
+    """Find the camera's place, print it with its residuals and write it."""
     if args.scan:
         return _from_scan(args)
     if args.grid_recording:

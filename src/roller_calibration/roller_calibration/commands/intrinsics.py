@@ -63,13 +63,7 @@ def add_grid_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find the intrinsics, print them and write them.
-
-    Raises
-    ------
-    RollerError
-        If a recording can't be read or its views give nothing.
-    """
+    """Find the intrinsics, print them and write them."""
     from roller_calibration.dot_grid import target_page
     from roller_calibration.intrinsics import find_intrinsics
     from roller_recording.reading.uncalibrated import open_uncalibrated

@@ -25,13 +25,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the mean scale and its spread.
-
-    Raises
-    ------
-    RollerError
-        If a reading makes no sense.
-    """
+    """Print the mean scale and its spread."""
     from roller_calibration.scale import PAPER_MM_PER_PX, PAPER_READINGS, scale_of
     from roller_core.camera import Camera
 

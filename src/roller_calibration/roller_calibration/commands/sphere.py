@@ -12,7 +12,6 @@ from roller_core.calibration_file import (
     CalibrationError,
     calibration_record,
     check_same_camera,
-    digest,
     read_record,
 )
 from roller_core.progress import progress_bar
@@ -52,19 +51,12 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         help="an earlier calibration: where the search starts, and what it is compared with",
     )  # fmt: skip
     parser.add_argument(
-        "--resume", action="store_true", help="go on where an interrupted calibration stopped"
-    )
-    parser.add_argument(
         "--least-coverage", type=float, metavar="SHARE",
         help="share of the contact circle that must be measured (default: as much as before)",
     )  # fmt: skip
     parser.add_argument(
         "--weight-parts", type=int, default=18, metavar="N",
         help="weights are multiples of 1/N (default: 18, which holds the paper's)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--radius-tolerance", type=float, default=0.1, metavar="SHARE",
-        help="share by which the radius that fits may differ from the stated one (default: 0.1)",
     )  # fmt: skip
     parser.add_argument(
         "--top-height-mm", type=float, metavar="Z",
@@ -78,17 +70,11 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate, print what was found and write it.
-
-    Raises
-    ------
-    RollerError
-        With the reason why nothing can be found.
-    """
+    """Calibrate, print what was found and write it."""
     begin = time.perf_counter()
     _check(args)
     settings = _settings(args)
-    from roller_calibration.grid_search import make_search, state_path
+    from roller_calibration.grid_search import make_search
     from roller_calibration.grids import check_weights
     from roller_calibration.recordings import read_scans
 
@@ -96,8 +82,6 @@ def run(args: argparse.Namespace) -> int:
 
     if args.method == "bma":
         check_weights(settings)
-    # Known before the long part, as is a file that can't be hashed.
-    digests = [digest(path) for path in args.inputs]
     passes = read_scans(args, settings.max_pose_gap_s)
     camera = passes[0].camera
     check_same_camera(args.previous, camera)
@@ -112,13 +96,8 @@ def run(args: argparse.Namespace) -> int:
             "measured; say with --least-coverage how many must be"
         )
     least = before.coverage if args.least_coverage is None else args.least_coverage
-    key = {
-        "recordings": digests,
-        "settings": settings.model_dump(mode="json"),
-        "options": [args.method, args.radius_mm, args.radius_tolerance, args.top_height_mm],
-    }
     searched = time.perf_counter()
-    resumed = search.run(args.output, key, args.resume)
+    search.run()
     search_s = time.perf_counter() - searched
     choice = search.table.best(least)
     values, after = search.grid.values(choice), search.table.summary(choice)
@@ -150,10 +129,10 @@ def run(args: argparse.Namespace) -> int:
     total_s = time.perf_counter() - begin
     print(
         f"{total_s:.1f} s, of which the search of {search.grid.size} choices over {len(windows)} "
-        f"windows took {search_s:.1f} s" + (", resumed" if resumed else "")
+        f"windows took {search_s:.1f} s"
     )
     record = calibration_record(
-        args.skin, args.inputs, camera, digests,
+        args.skin, args.inputs, camera,
         method=args.method, radius_m=args.radius_mm * 1e-3,
         contact_radii_m=[round(s.contact_radius_m, 7) for s in spheres],
         fitted_radii_m=[round(s.fitted_radius_m, 7) for s in spheres],
@@ -163,8 +142,6 @@ def run(args: argparse.Namespace) -> int:
     if held is not None:
         record["held_out"] = _rounded(held)
     write(args, "sphere", found + lines, {"emvs": values}, record)
-    if args.output:
-        state_path(args.output).unlink(missing_ok=True)
     return 0
 
 
@@ -174,14 +151,10 @@ def _rounded(summary: ErrorSummary) -> dict[str, float]:
 
 def _check(args: argparse.Namespace) -> None:
     check_mm("--radius-mm", args.radius_mm)
-    if not 0 < args.radius_tolerance <= 0.5:
-        raise CalibrationError(f"--radius-tolerance {args.radius_tolerance:g}: expected 0 to 0.5")
     if not 2 <= args.weight_parts <= 60:
         raise CalibrationError(f"--weight-parts {args.weight_parts}: expected 2 to 60")
     if args.least_coverage is not None and not 0 < args.least_coverage <= 1:
         raise CalibrationError(f"--least-coverage {args.least_coverage:g}: expected 0 to 1")
-    if args.resume and not args.output:
-        raise CalibrationError("--resume goes with --output: the state lies beside it")
 
 
 def _settings(args: argparse.Namespace) -> DepthSettings:
@@ -215,7 +188,7 @@ def _find(
         for k, scan in enumerate(passes):
             points, towards = pass_points(scan, settings)
             try:
-                sphere = find_sphere(points, towards, args.radius_mm * 1e-3, args.radius_tolerance)
+                sphere = find_sphere(points, towards, args.radius_mm * 1e-3)
             except SphereError as error:
                 raise CalibrationError(f"{scan.name}: {error}") from error
             if args.top_height_mm is not None:

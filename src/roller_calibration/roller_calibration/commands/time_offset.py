@@ -32,13 +32,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate, print what was found and write it.
-
-    Raises
-    ------
-    RollerError
-        If a recording can't be read or gives nothing, or the file can't be written.
-    """
+    """Calibrate, print what was found and write it."""
     from roller_calibration.bidirectional import central_events
     from roller_calibration.recordings import read_scans
     from roller_calibration.time_offset import estimate_time_offset

@@ -63,13 +63,7 @@ class MotionError(RollerError):
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the programs that are asked for.
-
-    Raises
-    ------
-    RollerError
-        If the pass makes no sense, or a file can't be written.
-    """
+    """Write the programs that are asked for."""
     import numpy as np
     import yaml
 

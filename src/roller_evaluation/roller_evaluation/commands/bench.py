@@ -37,9 +37,6 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--methods", type=words, metavar="A,B", help=f"of {', '.join(REPLAY_METHODS)}"
     )
-    parser.add_argument(
-        "--slider", type=Path, metavar="FOLDER", help="public sequence slider_depth: events/s"
-    )
     add_examples(
         parser,
         "bench --output output/bench --quick  # minutes",
@@ -49,19 +46,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, write and print.
-
-    Raises
-    ------
-    RollerError
-        If the arguments make no sense or results can't be written.
-    """
+    """Measure, write and print."""
     from roller_evaluation.bench import run_bench
     from roller_evaluation.bench_plan import ALL_OBJECTS, BenchOptions
     from roller_evaluation.bench_tables import tables
     from roller_evaluation.tables import show_tables
 
-    chosen = given(args, "repeats", "objects", "speeds", "methods", "slider")
+    chosen = given(args, "repeats", "objects", "speeds", "methods")
     check_names("objects", chosen.get("objects", ()), ALL_OBJECTS)
     check_names("methods", chosen.get("methods", ()), REPLAY_METHODS)
     if any(not 0.001 <= v <= 2.0 for v in chosen.get("speeds", ())):
@@ -70,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("--repeats: at least 1")
     options = BenchOptions.short(**chosen) if args.quick else BenchOptions(**chosen)
     with (
-        OutputFolder(args.output, "bench", [args.slider], lasting=["scans"]) as output,
+        OutputFolder(args.output, "bench", lasting=["scans"]) as output,
         shown_progress("bench") as on_progress,
     ):
         result = run_bench(options, output.partial, on_progress)

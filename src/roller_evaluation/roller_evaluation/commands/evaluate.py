@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
 from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
+from roller_evaluation.tables import Table, show_tables
 from roller_sim.presets import COATINGS, LIGHTS
 
 
@@ -73,7 +75,6 @@ def _run_all(args: argparse.Namespace) -> int:
     from roller_evaluation.braille import CONDITIONS
     from roller_evaluation.evaluation import run_evaluation
     from roller_evaluation.results_page import check_results, write_results
-    from roller_evaluation.tables import show_tables
 
     chosen = given(args, "only", "repeats", "seed", "lights", "conditions")
     check_names("only", chosen.get("only", ()), EXPERIMENTS)
@@ -107,119 +108,112 @@ def _command_line(args: argparse.Namespace, chosen: dict[str, Any]) -> list[str]
     return out
 
 
-def _check(args: argparse.Namespace, chosen: dict[str, Any]) -> None:
+def _add_experiment(
+    experiments: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    summary: str,
+    description: str,
+    quick: str,
+    run: Callable[[argparse.Namespace], int],
+) -> argparse.ArgumentParser:
+    parser = experiments.add_parser(name, help=summary, description=description)
+    _add_output(parser)
+    parser.add_argument("--quick", action="store_true", help=quick)
+    parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s")
+    _add_jobs(parser)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _measured(
+    args: argparse.Namespace,
+    chosen: dict[str, Any],
+    options: Any,
+    measure: Callable[..., dict[str, Any]],
+    tables: Callable[[dict[str, Any]], Sequence[Table]],
+) -> dict[str, Any]:
+    """Result of one experiment, shown as tables."""
     speeds = chosen.get("speeds", (0.3,))
     if not speeds or any(not 0.01 <= v <= 2.0 for v in speeds):
         raise SettingsError("--speeds: 0.01 to 2 m/s, such as 0.1,0.3")
     if args.jobs < 1 or chosen.get("seed", 0) < 0:
         raise SettingsError("--jobs: at least 1; --seed: at least 0")
+    wanted = options.short(**chosen) if args.quick else options(**chosen)
+    name = f"evaluate {args.experiment}"
+    with (
+        OutputFolder(args.output, name, lasting=["passes"]) as output,
+        shown_progress("evaluate") as on_progress,
+    ):
+        result = measure(wanted, output.partial, on_progress, args.jobs)
+    show_tables(tables(result))
+    return result
 
 
 def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = experiments.add_parser(
-        "braille",
-        help="error rates of reading Braille",
-        description="Character and word error rates of reading Braille by speed, noise and method, "
-        "and with a wrong speed or depth.",
-    )
-    _add_output(parser)
-    parser.add_argument("--quick", action="store_true", help="a few letters at one speed")
-    parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s")
+    parser = _add_experiment(
+        experiments, "braille", "error rates of reading Braille",
+        "Character and word error rates of reading Braille by speed, noise and method, and with a "
+        "wrong speed or depth.",
+        "a few letters at one speed", _run_braille,
+    )  # fmt: skip
     parser.add_argument("--text", help="text of the plate: a–z, digits, spaces; \\n ends a line")
     parser.add_argument("--seed", type=int, help="seed of all chance (default: 1)")
-    _add_jobs(parser)
-    parser.set_defaults(run=_run_braille)
 
 
 def _run_braille(args: argparse.Namespace) -> int:
     from roller_evaluation.braille import BrailleOptions, run_braille
     from roller_evaluation.braille_tables import tables
-    from roller_evaluation.tables import show_tables
 
     chosen = given(args, "speeds", "seed")
     if args.text is not None:
         chosen["text"] = args.text.replace("\\n", "\n")
-    _check(args, chosen)
-    options = BrailleOptions.short(**chosen) if args.quick else BrailleOptions(**chosen)
-    with (
-        OutputFolder(args.output, "evaluate braille", lasting=["passes"]) as output,
-        shown_progress("evaluate") as on_progress,
-    ):
-        result = run_braille(options, output.partial, on_progress, args.jobs)
-    show_tables(tables(result))
+    _measured(args, chosen, BrailleOptions, run_braille, tables)
     print(f"files: {args.output}/braille.json, {args.output}/braille.png")
     return 0
 
 
 def _add_coating(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = experiments.add_parser(
-        "coating",
-        help="which skin to print",
-        description="Error, measured area and rate of events by contrast and grain of the skin's "
-        "coating, by speed and by the sensor's threshold.",
-    )
-    _add_output(parser)
-    parser.add_argument("--quick", action="store_true", help="two contrasts, few rows")
-    parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s")
+    parser = _add_experiment(
+        experiments, "coating", "which skin to print",
+        "Error, measured area and rate of events by contrast and grain of the skin's coating, by "
+        "speed and by the sensor's threshold.",
+        "two contrasts, few rows", _run_coating,
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, help="seed of all chance (default: 1)")
-    _add_jobs(parser)
-    parser.set_defaults(run=_run_coating)
 
 
 def _run_coating(args: argparse.Namespace) -> int:
     from roller_evaluation.coating import CoatingOptions, run_coating, tables, verdict
-    from roller_evaluation.tables import show_tables
 
-    chosen = given(args, "speeds", "seed")
-    _check(args, chosen)
-    options = CoatingOptions.short(**chosen) if args.quick else CoatingOptions(**chosen)
-    with (
-        OutputFolder(args.output, "evaluate coating", lasting=["passes"]) as output,
-        shown_progress("evaluate") as on_progress,
-    ):
-        result = run_coating(options, output.partial, on_progress, args.jobs)
-    show_tables(tables(result))
+    result = _measured(args, given(args, "speeds", "seed"), CoatingOptions, run_coating, tables)
     print(verdict(result["recommended"]))
     print(f"files: {args.output}/coating.json, {args.output}/coating.png, {args.output}/rows.csv")
     return 0
 
 
 def _add_pod(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = experiments.add_parser(
-        "pod",
-        help="probability of detection of defects",
-        description="Inspect plates with labelled defects: probability of detection by depth, "
-        "kind, speed and coating, errors of sizes, false calls.",
-    )
-    _add_output(parser)
-    parser.add_argument("--quick", action="store_true", help="a few defects, few rows")
+    parser = _add_experiment(
+        experiments, "pod", "probability of detection of defects",
+        "Inspect plates with labelled defects: probability of detection by depth, kind, speed and "
+        "coating, errors of sizes, false calls.",
+        "a few defects, few rows", _run_pod,
+    )  # fmt: skip
     parser.add_argument("--plates", type=int, metavar="N", help="with defects, of each kind (10)")
-    parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s (0.3,0.5)")
     parser.add_argument("--coatings", type=words, metavar="A,B", help="textured, plain (both)")
     parser.add_argument(
         "--tuning", action="store_true", help="the plates that the inspection may be tuned on"
     )
-    _add_jobs(parser)
-    parser.set_defaults(run=_run_pod)
 
 
 def _run_pod(args: argparse.Namespace) -> int:
     from roller_evaluation.pod import TUNING_SEED, PodOptions, run_pod, tables
-    from roller_evaluation.tables import show_tables
 
     chosen = given(args, "plates", "speeds", "coatings")
     check_names("coatings", chosen.get("coatings", ()), COATINGS)
-    _check(args, chosen)
     if chosen.get("plates", 1) < 1:
         raise SettingsError("--plates: at least 1")
     if args.tuning:
         chosen["seed"] = TUNING_SEED
-    options = PodOptions.short(**chosen) if args.quick else PodOptions(**chosen)
-    with (
-        OutputFolder(args.output, "evaluate pod", lasting=["passes"]) as output,
-        shown_progress("evaluate") as on_progress,
-    ):
-        result = run_pod(options, output.partial, on_progress, args.jobs)
-    show_tables(tables(result))
+    _measured(args, chosen, PodOptions, run_pod, tables)
     print(f"files: {args.output}/pod.json, {args.output}/pod.png, {args.output}/rows.csv")
     return 0

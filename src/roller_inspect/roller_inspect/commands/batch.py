@@ -49,13 +49,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run all jobs and write the summary.
-
-    Raises
-    ------
-    RollerError
-        If the output can't be written or there is no scheduler.
-    """
+    """Run all jobs and write the summary."""
     from roller_core.output_folder import OutputFolder
     from roller_inspect.batch.jobs import find_recordings
     from roller_inspect.batch.summary import write_summary

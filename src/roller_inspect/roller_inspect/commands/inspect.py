@@ -92,13 +92,7 @@ def _exports(text: str) -> tuple[str, ...]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay, inspect, and say the verdict.
-
-    Raises
-    ------
-    RollerError
-        If the recording can't be opened or results can't be written.
-    """
+    """Replay, inspect, and say the verdict."""
     from roller_core.calibration_file import check_same_camera
     from roller_core.output_folder import OutputFolder
     from roller_inspect.exports.pdf import check_pdf

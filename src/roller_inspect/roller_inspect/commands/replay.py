@@ -38,13 +38,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay, draw the overview and say what came of it.
-
-    Raises
-    ------
-    RollerError
-        If the recording can't be opened or results can't be written.
-    """
+    """Replay, draw the overview and say what came of it."""
     from roller_core.calibration_file import check_same_camera
     from roller_core.output_folder import OutputFolder
     from roller_inspect.pipeline import PipelineSettings

@@ -36,13 +36,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make a map of each scan, and the reference of all.
-
-    Raises
-    ------
-    RollerError
-        If a scan can't be read or is not of the same part, or the output can't be written.
-    """
+    """Make a map of each scan, and the reference of all."""
     from roller_core.output_folder import OutputFolder
     from roller_inspect.references import teach
 

@@ -39,13 +39,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Count and print.
-
-    Raises
-    ------
-    RollerError
-        If the recording can't be read.
-    """
+    """Count and print."""
     from roller_recording.reading.summary import summarise
 
     summary = summarise(args.input, args.topic, args.check)

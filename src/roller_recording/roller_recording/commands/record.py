@@ -72,13 +72,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until it is asked to end, or something ends it.
-
-    Raises
-    ------
-    RollerError
-        If the bag can't be written at all.
-    """
+    """Record until it is asked to end, or something ends it."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter

@@ -116,18 +116,7 @@ def _put(values: dict[str, Any], name: str, value: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the subcommand.
-
-    Returns
-    -------
-    int
-        Exit code 0.
-
-    Raises
-    ------
-    RollerError
-        If the settings, the scene or the output folder are no good.
-    """
+    """Run the subcommand."""
     console = Console(stderr=True)
     settings = settings_from(args)
     columns = (
