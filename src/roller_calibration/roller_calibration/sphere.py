@@ -126,8 +126,8 @@ def find_sphere(points_m: F64, towards: F64, radius_m: float) -> Sphere:
     if abs(dome.radius_m / radius_m - 1) > RADIUS_TOLERANCE:
         raise SphereError(
             f"the dome in view fits a radius of {dome.radius_m * 1e3:.2f} mm, not "
-            f"{radius_m * 1e3:g} mm (allowed: {RADIUS_TOLERANCE:.0%}); check --radius-mm and the camera's "
-            "calibration"
+            f"{radius_m * 1e3:g} mm (allowed: {RADIUS_TOLERANCE:.0%}); check --radius-mm and the "
+            "camera's calibration"
         )
     return _with_radius(local, dome, radius_m, frame)
 
