@@ -10,7 +10,7 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.outputs import CONTACT
 from roller_core.pose_track import PoseTrack
-from roller_emvs.contact import _SHARES, ContactWatch, _sharpness
+from roller_emvs.contact import _SHARES, ContactWatch, _keep_quiet, _sharpness
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
@@ -121,18 +121,28 @@ def test_a_scan_of_the_virtual_cell(scans: Scans) -> None:
         assert fault.startswith("slipping") or not fault
 
 
-def test_the_kernel_is_its_plain_twin() -> None:
+def test_the_kernels_are_their_plain_twins() -> None:
     random = np.random.default_rng(1)
-    n, shape = 300, (6, 40)
-    rays = random.uniform(-30, 90, (n, 4)).astype(np.float32)
-    signs = random.choice([-1.0, 1.0], n).astype(np.float32)
-    found, image = np.empty(len(_SHARES)), np.empty(shape, np.float32)
-    _sharpness(rays, signs, _SHARES, 2.0, 8.0, image, found)
-    for share, sharp in zip(_SHARES, found, strict=True):
-        place = (rays[:, :2] + share * rays[:, 2:]) / [2.0, 8.0]
-        inside = ((place >= 0) & (place < [shape[1], shape[0]])).all(axis=1)
-        column, row = place[inside].astype(int).T
-        plain = np.zeros(shape)
+    n, rows, columns = 300, 6, 40
+    bins = random.uniform(-15, 45, (4, n)).astype(np.float32)
+    bins[:, 7] = np.nan
+    signs, shares = random.choice([-1, 1], n).astype(np.int16), _SHARES.astype(np.float32)
+    found, image = np.empty(len(shares)), np.empty((rows + 1, columns), np.int16)
+    _sharpness(bins, signs, shares, np.empty(n, np.int32), image, found)
+    for share, sharp in zip(shares, found, strict=True):
+        place = bins[:2] + share * bins[2:]
+        inside = ((place >= 0) & (place < [[columns], [rows]])).all(axis=0)
+        column, row = place[:, inside].astype(int)
+        plain = np.zeros((rows, columns))
         np.add.at(plain, (row, column), signs[inside])
-        expected = (np.diff(plain, axis=1) ** 2).sum() - 2 * inside.sum()
-        assert sharp == pytest.approx(expected)
+        assert sharp == (np.diff(plain, axis=1) ** 2).sum() - 2 * inside.sum()
+
+    x, y = random.integers(0, 30, n).astype(np.uint16), random.integers(0, 20, n).astype(np.uint16)
+    x[:40], y[:40] = 3, 5
+    counts, kept = np.zeros((20, 30), np.uint16), np.empty(n, np.bool_)
+    _keep_quiet(x, y, counts, kept)
+    assert not counts.any()
+    np.add.at(counts, (y, x), 1)
+    np.testing.assert_array_equal(kept, counts[y, x] <= 2 + 3 * n / (counts > 0).sum())
+    assert not kept[0]
+    assert kept.any()

@@ -225,7 +225,7 @@ class PoseTrack:
         self.check(int(t.min()), int(t.max()))
         if self._n == 1:
             return np.repeat(self.positions, len(t), 0), np.repeat(self.quaternions, len(t), 0)
-        k = np.clip(np.searchsorted(self.times_ns, t, side="right") - 1, 0, self._n - 2)
+        k = np.searchsorted(self._t[1 : self._n - 1], t, side="right")
         # Subtract in int64: epoch nanoseconds don't fit a float64 exactly.
         fraction = (t - self._t[k]) / (self._t[k + 1] - self._t[k])
         positions = self._p[k] + fraction[:, None] * (self._p[k + 1] - self._p[k])

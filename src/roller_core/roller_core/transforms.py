@@ -36,13 +36,16 @@ def unit_quaternion(quaternion: npt.ArrayLike) -> F64:
 
 def quaternion_to_matrix(quaternion: npt.ArrayLike) -> F64:
     """Rotation matrices, shape (..., 3, 3), of unit quaternions, shape (..., 4)."""
-    x, y, z, w = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    q = np.asarray(quaternion, dtype=np.float64)
+    # Twice the products of any two components.
+    (xx, xy, xz, xw), (_, yy, yz, yw), (_, _, zz, zw), _ = np.moveaxis(
+        2.0 * q[..., :, None] * q[..., None, :], (-2, -1), (0, 1)
+    )
+    out = np.empty((*q.shape[:-1], 3, 3))
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - (yy + zz), xy - zw, xz + yw
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = xy + zw, 1 - (xx + zz), yz - xw
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = xz - yw, yz + xw, 1 - (xx + yy)
+    return out
 
 
 def matrix_to_quaternion(rotation: npt.ArrayLike) -> F64:
@@ -100,15 +103,15 @@ def slerp(q0: F64, q1: F64, fraction: F64) -> F64:
     fraction : ndarray, shape (n,)
         0 gives `q0`, 1 gives `q1`.
     """
-    dot = np.sum(q0 * q1, axis=-1)
-    q1 = np.where((dot < 0)[:, None], -q1, q1)
-    angle = np.arccos(np.clip(np.abs(dot), 0.0, 1.0))
+    dot = np.einsum("ij,ij->i", q0, q1)
+    angle = np.arccos(np.minimum(np.abs(dot), 1.0))
     sine = np.sin(angle)
     near = sine < 1e-9
-    safe = np.where(near, 1.0, sine)
-    w0 = np.where(near, 1.0 - fraction, np.sin((1.0 - fraction) * angle) / safe)
-    w1 = np.where(near, fraction, np.sin(fraction * angle) / safe)
-    return unit_quaternion(w0[:, None] * q0 + w1[:, None] * q1)
+    sine[near] = 1.0
+    w0 = np.where(near, 1.0 - fraction, np.sin((1.0 - fraction) * angle) / sine)
+    w1 = np.copysign(np.where(near, fraction, np.sin(fraction * angle) / sine), dot)
+    q = w0[:, None] * q0 + w1[:, None] * q1
+    return np.asarray(q / np.sqrt(np.einsum("ij,ij->i", q, q))[:, None], np.float64)
 
 
 def pose_matrix(position: npt.ArrayLike, quaternion: npt.ArrayLike) -> F64:

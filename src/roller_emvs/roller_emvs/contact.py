@@ -38,7 +38,7 @@ _ROLLS = np.abs(_SHARES - 1.0) < 0.16
 #: Below this share the image stands.
 _STANDS = 0.2
 #: Bins along and across the motion, px.
-_BIN_PX, _ACROSS_PX = 2.0, 8.0
+_BINS_PX = np.array([2.0, 8.0])
 #: A share is believed when it is sharper than chance by so many standard deviations, and slipping
 #: when it is so many times as sharp as all that would be rolling.
 _SURE, _CLEARER = 8.0, 1.5
@@ -88,6 +88,8 @@ class ContactWatch:
         self.state = ContactState()
         self._camera, self._track, self._depth_m = camera, track, depth_m
         self._table: F32 = camera.undistortion_table()
+        #: Events by pixel; zero between two looks.
+        self._counts = np.zeros(self._table.shape[:2], np.uint16)
         self._queue = EventQueue(_MOST_WAITING)
         self._seen = 0
         self._from_ns: int | None = None
@@ -202,24 +204,28 @@ class ContactWatch:
     def _share(self, events: EventArray, start_ns: int, end_ns: int) -> float | None:
         """The share of the poses' speed at which the image is sharpest; None: it isn't clear."""
         events = self._quiet(events[:: -(-len(events) // _MOST) or 1])
-        if len(events) < _LEAST:
+        n = len(events)
+        if n < _LEAST:
             return None
         packets = make_packets(events, self._table, self._track, _PACKET)
         view = self._track.matrices([(start_ns + end_ns) // 2])[0]
-        rays = np.asarray(rays_in_view(packets, self._camera, view).rays, np.float32)
-        rays[:, 2:] /= self._depth_m
-        travel = np.ptp(rays[:, 2:], axis=0)
+        # A row for each number, as the loop over events takes them.
+        rays: F32 = np.ascontiguousarray(
+            rays_in_view(packets, self._camera, view).rays.T, np.float32
+        )
+        rays[2:] /= self._depth_m
         size = np.array([self._camera.width, self._camera.height], np.float64)
-        if travel[1] > travel[0]:
-            rays, travel, size = rays[:, [1, 0, 3, 2]], travel[::-1], size[::-1]
-        margin = np.abs(rays[:, 2:]).max(axis=0) * _SHARES[-1] + 2.0
-        columns, rows = np.ceil((size + 2 * margin) / [_BIN_PX, _ACROSS_PX]).astype(np.int64)
-        rays[:, :2] += margin.astype(np.float32)
+        if np.ptp(rays[3]) > np.ptp(rays[2]):
+            rays, size = rays[[1, 0, 3, 2]], size[::-1]
+        margin = [float(max(-moved.min(), moved.max())) * _SHARES[-1] + 2.0 for moved in rays[2:]]
+        columns, rows = np.ceil((size + 2 * np.array(margin)) / _BINS_PX).astype(np.int64)
+        rays[0] += margin[0]
+        rays[1] += margin[1]
+        rays /= np.tile(_BINS_PX, 2).astype(np.float32)[:, None]
+        signs = events.p.astype(np.int16) * np.int16(2) - np.int16(1)
         sharp = np.empty(len(_SHARES))
-        signs = 2.0 * events.p - 1.0
-        image = np.empty((rows, columns), np.float32)
-        _sharpness(rays, signs.astype(np.float32), _SHARES, _BIN_PX, _ACROSS_PX, image, sharp)
-        n = len(events)
+        image, places = np.empty((rows + 1, columns), np.int16), np.empty(n, np.int32)
+        _sharpness(rays, signs, _SHARES.astype(np.float32), places, image, sharp)
         chance = np.sqrt(8.0 * n * n / (rows * columns) + 4.0 * n)
         best = int(np.argmax(sharp))
         if sharp[best] < _SURE * chance:
@@ -231,10 +237,9 @@ class ContactWatch:
 
     def _quiet(self, events: EventArray) -> EventArray:
         """The events of pixels that don't fire far more than others: hot ones stand."""
-        pixel = events.y.astype(np.int64) * self._camera.width + events.x
-        counts = np.bincount(pixel, minlength=self._camera.width * self._camera.height)
-        usual = len(events) / max(int(np.count_nonzero(counts)), 1)
-        return events[counts[pixel] <= 2 + 3 * usual]
+        kept = np.empty(len(events), np.bool_)
+        _keep_quiet(events.x, events.y, self._counts, kept)
+        return events[kept]
 
     def _cells(self, events: EventArray) -> tuple[float, float, float]:
         """Share of the image's cells that move, m² of their rectangle, and its share of them."""
@@ -246,9 +251,8 @@ class ContactWatch:
         if not active.any():
             return 0.0, 0.0, 0.0
         row, column = np.nonzero(active)
-        (top, left), (bottom, right) = (
-            np.percentile([row, column], q, axis=1, method="nearest") for q in (2, 98)
-        )
+        ends = np.rint(np.array([0.02, 0.98]) * (len(row) - 1)).astype(np.int64)
+        (top, bottom), (left, right) = row[ends], np.sort(column)[ends]
         box = (bottom - top + 1) * (right - left + 1)
         filled = active[top : bottom + 1, left : right + 1].sum() / box
         cell_m2 = (_CELL_PX * self._depth_m) ** 2 / (camera.fx * camera.fy)
@@ -256,25 +260,52 @@ class ContactWatch:
 
 
 @njit(cache=True, nogil=True)
-def _sharpness(rays, signs, shares, bin_px, across_px, image, out):  # type: ignore[no-untyped-def]
+def _keep_quiet(x, y, counts, kept):  # type: ignore[no-untyped-def]
+    """Whether each event's pixel fires no more than some times as often as pixels that fire.
+
+    counts (height, width): zero, and left so.
+    """
+    pixels = 0
+    for i in range(len(x)):
+        pixels += counts[y[i], x[i]] == 0
+        counts[y[i], x[i]] += np.uint16(1)
+    most = 2.0 + 3.0 * len(x) / max(pixels, 1)
+    for i in range(len(x)):
+        kept[i] = counts[y[i], x[i]] <= most
+    for i in range(len(x)):
+        counts[y[i], x[i]] = 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sharpness(bins, signs, shares, places, image, out):  # type: ignore[no-untyped-def]
     """How much neighbouring bins along the motion differ, beyond chance, by share of the speed.
 
-    rays (n, 4): pixel at infinity, and its shift at full speed; signs (n,): of the events;
-    image (rows, columns): for the bins; out (shares,).
+    bins (4, n): place at infinity and its shift at full speed, in bins; signs (n,): of the events;
+    image (rows + 1, columns): of the bins, the last row for what lies outside; out (shares,).
+    Whole numbers, which vector instructions add up in any order: no more than 20,000 events.
     """
-    rows, columns = image.shape
+    rows, columns = image.shape[0] - 1, image.shape[1]
+    flat = image.reshape(-1)
+    x0, y0, dx, dy = bins[0], bins[1], bins[2], bins[3]
+    right, below = np.float32(columns), np.float32(rows)
+    zero = np.float32(0)
     for k in range(len(shares)):
-        image[:] = 0.0
-        inside = 0
-        for i in range(len(rays)):
-            u = (rays[i, 0] + shares[k] * rays[i, 2]) / bin_px
-            v = (rays[i, 1] + shares[k] * rays[i, 3]) / across_px
-            if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-                image[int(v), int(u)] += signs[i]
-                inside += 1
-        total = 0.0
+        share = shares[k]
+        inside = np.int32(0)
+        for i in range(np.uint64(len(signs))):
+            u = x0[i] + share * dx[i]
+            v = y0[i] + share * dy[i]
+            # Written so that NaN fails it.
+            seen = (u >= zero) & (u < right) & (v >= zero) & (v < below)
+            inside += np.int32(seen)
+            places[i] = np.int32(np.floor(v) * right + np.floor(u) if seen else below * right)
+        flat[:] = 0
+        for i in range(np.uint64(len(signs))):
+            flat[np.uint64(places[i])] += signs[i]
+        total = np.int32(0)
         for r in range(rows):
-            for c in range(columns - 1):
-                step = image[r, c + 1] - image[r, c]
+            start = np.uint64(r * columns)
+            for c in range(start, start + np.uint64(columns - 1)):
+                step = np.int32(flat[c + np.uint64(1)]) - np.int32(flat[c])
                 total += step * step
         out[k] = total - 2.0 * inside
