@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from emvs.scenes import CAMERA, events_of, lines, rolling, tilted, tilted_scan, track_of, turning
+from roller_core import hot_pixels as hot_pixels_module
 from roller_core.camera import Camera
 from roller_core.events import EventArray
-from roller_core.hot_pixels import hot_pixels
+from roller_core.hot_pixels import find_hot_pixels, hot_pixels
 from roller_core.transforms import quaternion_to_matrix, rotation_vector_to_quaternion
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
@@ -135,6 +136,20 @@ def test_rolling_along_v_is_found_by_focus() -> None:
             errors.append(z - tilted(base_x))
     assert len(np.concatenate(errors)) > 2000
     assert np.median(np.abs(np.concatenate(errors))) < 80e-6
+
+
+def test_few_busy_pixels_are_judged_as_many_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    counts = rng.poisson(0.4, (60, 90)).astype(np.float32)
+    counts[rng.integers(0, 60, 60), rng.integers(0, 90, 60)] += rng.integers(0, 60, 60)
+    counts[0, :3] += 20
+    counts[-1, -2] = 90
+    for columns_too in (False, True):
+        few = find_hot_pixels(counts, columns_too)
+        monkeypatch.setattr(hot_pixels_module, "_FEW", 0)
+        np.testing.assert_array_equal(few, find_hot_pixels(counts, columns_too))
+        monkeypatch.undo()
+        assert few is not None
 
 
 def test_a_pixel_that_fires_on_its_own_is_hot() -> None:

@@ -13,6 +13,8 @@ from .events import EventArray
 _NEAR_PX = 41
 #: A hot pixel has so many events more than so many times its neighbours' mean.
 _LEAST, _TIMES = 12.0, 4.0
+#: Pixels with so many events below which they are compared one by one.
+_FEW = 1000
 
 
 def count_events(events: EventArray, counts: npt.NDArray[np.float32]) -> None:
@@ -48,15 +50,34 @@ def find_hot_pixels(
     -------
     ndarray of bool, shape (height, width), or None
     """
-    if counts.max(initial=0.0) <= _LEAST:
+    busy = np.flatnonzero(counts > _LEAST)
+    if not len(busy):
         return None
-    near = cv2.blur(counts, (_NEAR_PX, 1))
-    if columns_too:
-        np.maximum(near, cv2.blur(counts, (1, _NEAR_PX)), out=near)
-    near *= np.float32(_TIMES)
-    near += np.float32(_LEAST)
-    hot = counts > near
+    if len(busy) < _FEW:
+        hot = np.zeros(counts.shape, np.bool_)
+        rows, columns = np.unravel_index(busy, counts.shape)
+        near = _mean_beside(counts, rows, columns)
+        if columns_too:
+            near = np.maximum(near, _mean_beside(counts.T, columns, rows))
+        hot[rows, columns] = counts[rows, columns] > near * _TIMES + _LEAST
+    else:
+        near = cv2.blur(counts, (_NEAR_PX, 1))
+        if columns_too:
+            np.maximum(near, cv2.blur(counts, (1, _NEAR_PX)), out=near)
+        near *= np.float32(_TIMES)
+        near += np.float32(_LEAST)
+        hot = counts > near
     return hot if hot.any() else None
+
+
+def _mean_beside(
+    counts: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float32]:
+    """Mean of the neighbours of some pixels along their row, as `cv2.blur` has it."""
+    last = counts.shape[1] - 1
+    beside = np.abs(columns[:, None] + np.arange(_NEAR_PX) - _NEAR_PX // 2)
+    beside = np.clip(last - np.abs(last - beside), 0, last)  # reflected at the border
+    return counts[rows[:, None], beside].mean(axis=1)
 
 
 def hot_pixels(events: EventArray, shape: tuple[int, int]) -> npt.NDArray[np.bool_] | None:

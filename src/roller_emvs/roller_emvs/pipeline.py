@@ -94,7 +94,6 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             middle = 0.5 * (settings.depth_min_m + settings.depth_max_m)
             ray_slope = (self._table[..., 0] - camera.cx) / camera.fx
             self._table[np.abs(ray_slope) * middle > settings.patch_half_length_m] = np.nan
-        self._seeing = np.isfinite(self._table[..., 0])
 
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
         """Depth maps of all windows that are complete, in order.
@@ -186,12 +185,17 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         hot, table = find_hot_pixels(counts, columns_too=True), self._table
         notes: tuple[str, ...] = ()
         if hot is not None:
-            notes = (f"{counts[hot].sum():.0f} events of {int(hot.sum())} hot pixels",)
+            pixels = np.flatnonzero(hot)
+            count = counts.reshape(-1)[pixels].sum()
+            notes = (f"{count:.0f} events of {len(pixels)} hot pixels",)
             table = table.copy()
-            table[hot] = np.nan
-            counts[hot] = 0
+            table.reshape(-1, 2)[pixels] = np.nan
         elsewhere = hot is not None or self.settings.patch_half_length_m
-        if elsewhere and not np.logical_and(counts, self._seeing).any():
+        # As a rule one of the first is.
+        if elsewhere and not any(
+            np.isfinite(table[events.y[k : k + 1000], events.x[k : k + 1000], 0]).any()
+            for k in range(0, len(events), 1000)
+        ):
             raise ParallaxError("no event of a good pixel lies in the contact patch")
         return table, notes
 

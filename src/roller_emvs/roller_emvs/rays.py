@@ -30,6 +30,8 @@ I64 = npt.NDArray[np.int64]
 MIN_PARALLAX_PX = 2.0
 #: Pixel of a ray that never meets a plane in front of the reference view.
 OUTSIDE = -1e9
+#: Events that are looked up before they are placed.
+_CHUNK = 256
 
 
 @dataclass(frozen=True)
@@ -120,16 +122,18 @@ def rays_in_view(
         Type of the rays, `float32` or `float64`.
     """
     relative = inverse_pose(view) @ packets.poses
-    # Homography at infinity K·R·K^-1 of each packet.
-    h = camera.K @ relative[:, :3, :3] @ np.linalg.inv(camera.K)
-    centres = np.ascontiguousarray(relative[:, :3, 3])
     dtype = np.dtype(precision)
+    # Homography at infinity K·R·K^-1 of each packet.
+    h = (camera.K @ relative[:, :3, :3] @ np.linalg.inv(camera.K)).astype(dtype)
+    centres = relative[:, :3, 3].astype(dtype)
     events = packets.events
     rays, limits = np.empty((len(events), 4), dtype), np.empty(len(events), dtype)
-    intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy], dtype)
+    pixels = np.empty((2, _CHUNK), dtype)
     _make_rays(
-        events.x, events.y, packets.table, packets.starts, h, centres, intrinsics, rays, limits
-    )
+        events.x, events.y, packets.table, packets.starts, h, centres, intrinsics, pixels, rays,
+        limits,
+    )  # fmt: skip
     return RayBundle(rays, limits)
 
 
@@ -147,29 +151,38 @@ def parallax_px(packets: Packets, camera: Camera, view: F64, near_m: float, far_
     return max(camera.fx, camera.fy) * baseline * (1.0 / near_m - 1.0 / far_m)
 
 
-@njit(cache=True, nogil=True)
-def _make_rays(x, y, table, starts, h, centres, intrinsics, rays, limits):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _make_rays(  # type: ignore[no-untyped-def]
+    x, y, table, starts, h, centres, intrinsics, pixels, rays, limits
+):
+    """Rays of packets; `pixels` is for use. Those that meet nothing in front are OUTSIDE."""
+    real = rays.dtype.type
     fx, fy, cx, cy = intrinsics
+    one, zero, outside, nearest = real(1), real(0), real(OUTSIDE), real(1e-6)
+    flat = table.reshape(-1)
+    width = np.uint64(table.shape[1])
+    a, b = pixels[0], pixels[1]
     for k in range(len(starts) - 1):
         m = h[k]
-        forward = centres[k, 2]
+        right, down, forward = centres[k, 0] * fx, centres[k, 1] * fy, centres[k, 2]
         # A plane behind a packet's camera can't be what that camera saw.
-        limit = 1.0 / forward if forward > 0.0 else np.inf
-        for i in range(starts[k], starts[k + 1]):
-            a = np.float64(table[y[i], x[i], 0])
-            b = np.float64(table[y[i], x[i], 1])
-            w = m[2, 0] * a + m[2, 1] * b + m[2, 2]
-            if w > 1e-6:
-                p = (m[0, 0] * a + m[0, 1] * b + m[0, 2]) / w
-                q = (m[1, 0] * a + m[1, 1] * b + m[1, 2]) / w
-                rays[i, 0] = p
-                rays[i, 1] = q
-                rays[i, 2] = fx * centres[k, 0] - (p - cx) * forward
-                rays[i, 3] = fy * centres[k, 1] - (q - cy) * forward
-                limits[i] = limit
-            else:
-                rays[i, 0] = OUTSIDE
-                rays[i, 1] = OUTSIDE
-                rays[i, 2] = 0.0
-                rays[i, 3] = 0.0
-                limits[i] = 0.0
+        limit = one / forward if forward > zero else real(np.inf)
+        for start in range(starts[k], starts[k + 1], len(a)):
+            begin = np.uint64(start)
+            count = np.uint64(min(len(a), starts[k + 1] - start))
+            for i in range(count):
+                at = np.uint64(2) * (np.uint64(y[begin + i]) * width + np.uint64(x[begin + i]))
+                a[i] = flat[at]
+                b[i] = flat[at + np.uint64(1)]
+            for i in range(count):
+                w = m[2, 0] * a[i] + m[2, 1] * b[i] + m[2, 2]
+                share = one / w
+                p = (m[0, 0] * a[i] + m[0, 1] * b[i] + m[0, 2]) * share
+                q = (m[1, 0] * a[i] + m[1, 1] * b[i] + m[1, 2]) * share
+                # Written so that NaN fails it.
+                seen = w > nearest
+                rays[begin + i, 0] = p if seen else outside
+                rays[begin + i, 1] = q if seen else outside
+                rays[begin + i, 2] = right - (p - cx) * forward if seen else zero
+                rays[begin + i, 3] = down - (q - cy) * forward if seen else zero
+                limits[begin + i] = limit if seen else zero

@@ -9,7 +9,7 @@ from numba import njit
 _STIFFNESS = 0.05
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _weigh(offset, x, y, measure, row, column, weight):  # type: ignore[no-untyped-def]
     """Weight of each depth, and the cell that its evidence lies in; weight 0 where there is none.
 
@@ -30,18 +30,19 @@ def _weigh(offset, x, y, measure, row, column, weight):  # type: ignore[no-untyp
             column[i, j] = min(max(int(np.rint(x[i, j])), 0), width - 1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_moments(offset, x, y, weight, row, column, moments):  # type: ignore[no-untyped-def]
     """Weighted sums of 1, x, y, z, x², xy, y², xz and yz by cell; `offset` is z."""
+    real = moments.dtype.type
     height, width = offset.shape
     for i in range(height):
         for j in range(width):
             w = weight[i, j]
             if w == 0:
                 continue
-            a = np.float64(x[i, j])
-            b = np.float64(y[i, j])
-            z = np.float64(offset[i, j])
+            a = real(x[i, j])
+            b = real(y[i, j])
+            z = real(offset[i, j])
             r = row[i, j]
             c = column[i, j]
             moments[0, r, c] += w
@@ -55,38 +56,39 @@ def _add_moments(offset, x, y, weight, row, column, moments):  # type: ignore[no
             moments[8, r, c] += w * b * z
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve(moments, planes):  # type: ignore[no-untyped-def]
     """Planes through the depths around each cell: mean x, y, z and slopes along x and y.
 
     `moments` are summed over neighbourhoods. NaN where there is no weight.
     """
+    real = moments.dtype.type
+    stiffness = real(_STIFFNESS)
     _, height, width = moments.shape
     for i in range(height):
         for j in range(width):
             w = moments[0, i, j]
-            if not w > 1e-9:
-                planes[:, i, j] = np.nan
-                continue
-            x = moments[1, i, j] / w
-            y = moments[2, i, j] / w
-            z = moments[3, i, j] / w
-            xx = moments[4, i, j] / w - x * x + _STIFFNESS
-            xy = moments[5, i, j] / w - x * y
-            yy = moments[6, i, j] / w - y * y + _STIFFNESS
-            xz = moments[7, i, j] / w - x * z
-            yz = moments[8, i, j] / w - y * z
-            det = xx * yy - xy * xy
+            each = real(1) / w if w > real(1e-9) else real(np.nan)
+            x = moments[1, i, j] * each
+            y = moments[2, i, j] * each
+            z = moments[3, i, j] * each
+            xx = moments[4, i, j] * each - x * x + stiffness
+            xy = moments[5, i, j] * each - x * y
+            yy = moments[6, i, j] * each - y * y + stiffness
+            xz = moments[7, i, j] * each - x * z
+            yz = moments[8, i, j] * each - y * z
+            of_det = real(1) / (xx * yy - xy * xy)
             planes[0, i, j] = x
             planes[1, i, j] = y
             planes[2, i, j] = z
-            planes[3, i, j] = (yy * xz - xy * yz) / det
-            planes[4, i, j] = (xx * yz - xy * xz) / det
+            planes[3, i, j] = (yy * xz - xy * yz) * of_det
+            planes[4, i, j] = (xx * yz - xy * xz) * of_det
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_residuals(offset, x, y, weight, row, column, trust, planes, sums):  # type: ignore[no-untyped-def]
     """Sums of w, w², w·r and w·r² by cell; r is a depth less the plane where it lies."""
+    real = sums.dtype.type
     height, width = offset.shape
     for i in range(height):
         for j in range(width):
@@ -96,10 +98,10 @@ def _add_residuals(offset, x, y, weight, row, column, trust, planes, sums):  # t
             if w == 0:
                 continue
             rest = (
-                np.float64(offset[i, j])
+                real(offset[i, j])
                 - planes[2, r, c]
-                - planes[3, r, c] * (np.float64(x[i, j]) - planes[0, r, c])
-                - planes[4, r, c] * (np.float64(y[i, j]) - planes[1, r, c])
+                - planes[3, r, c] * (real(x[i, j]) - planes[0, r, c])
+                - planes[4, r, c] * (real(y[i, j]) - planes[1, r, c])
             )
             sums[0, r, c] += w
             sums[1, r, c] += w * w

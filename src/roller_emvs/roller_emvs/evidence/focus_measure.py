@@ -153,8 +153,10 @@ def all_tiles(field: RayField, planes: int) -> I64:
 
 def blur(volume: F32, sigma_px: float) -> F32:
     """Sum each plane over a neighbourhood."""
-    out = np.zeros_like(volume)
+    out = np.empty_like(volume)
     for plane, blurred in zip(volume, out, strict=True):
         if cv2.countNonZero(plane):
             cv2.GaussianBlur(plane, (0, 0), sigma_px / CELL_PX, dst=blurred)
+        else:
+            blurred[:] = 0
     return out

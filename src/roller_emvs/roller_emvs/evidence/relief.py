@@ -90,9 +90,9 @@ def measured_pixels(
     if drift.calibrated:
         depths, of_drift = _without_drift(field, depths, fit, drift)
         fit = fit_planes(depths, *smooth, threads)
-    fitted, nowhere = fit.offset.astype(np.float32), np.float32(np.nan)
-    cells = [np.where(np.isfinite(found.offset), fitted, nowhere) for found in depths]
-    scatter_px = (fit.scatter * px_per_offset).astype(np.float32)
+    nowhere = np.float32(np.nan)
+    cells = [np.where(np.isfinite(found.offset), fit.offset, nowhere) for found in depths]
+    scatter_px = fit.scatter * np.float32(px_per_offset)
     surfaces = [np.empty((0, 0), np.float32)] * 2
     support, around = (np.empty((2, *field.shape), np.float32) for _ in range(2))
 

@@ -219,11 +219,12 @@ def _peaks(
     in_effect = field.planes_in_effect(at)
     if in_effect is not None:
         peaks._top_between(scores, in_effect, peak, offset)
-    nearest = np.nan_to_num(peak, nan=-1.0).round().astype(np.int64)
+    nearest = np.where(np.isnan(peak), np.float32(-1), np.rint(peak)).astype(np.int64)
     reach = int(np.ceil(2.5 * sigma))
     steps = np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (steps / sigma) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
     peaks._centroids(measure, nearest, weights, total, x, y)
-    x += np.nan_to_num(offset) * field.middles[None, :].astype(np.float32) / CELL_PX
+    known = np.where(np.isnan(offset), np.float32(0), offset)
+    x += known * (field.middles / CELL_PX).astype(np.float32)
     return Depths(offset, contrast, total, x, y, np.zeros_like(x))

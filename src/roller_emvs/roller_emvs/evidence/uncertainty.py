@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from roller_core.transforms import F64
 from roller_emvs.rays import F32
 
 from ._kernels import CELL_PX
@@ -20,7 +19,7 @@ _PLACE_PX = 1.0
 I64 = npt.NDArray[np.int64]
 
 
-def point_sigma(field: EvidenceField, fitted: F64, row: I64, column: I64, scatter_px: F32) -> F32:
+def point_sigma(field: EvidenceField, fitted: F32, row: I64, column: I64, scatter_px: F32) -> F32:
     """Standard uncertainty of the offset of pixels, float32, shape (n,).
 
     Depths that scatter about their surface err by what they scatter, in parallax; where the
@@ -30,7 +29,7 @@ def point_sigma(field: EvidenceField, fitted: F64, row: I64, column: I64, scatte
     ----------
     field : EvidenceField
         Events.
-    fitted : ndarray of float64, shape (rows, columns)
+    fitted : ndarray of float32, shape (rows, columns)
         Surface on cells.
     row, column : ndarray of int64, shape (n,)
         Pixels.
@@ -39,7 +38,7 @@ def point_sigma(field: EvidenceField, fitted: F64, row: I64, column: I64, scatte
     """
     i, j = row // CELL_PX, column // CELL_PX
     down, along = np.gradient(fitted)
-    slope = np.nan_to_num(np.hypot(down, along)[i, j]) / CELL_PX
-    parallax = np.maximum(field.apertures[j], 1e-12)
+    slope = np.nan_to_num(np.hypot(down[i, j], along[i, j])) / CELL_PX
+    parallax = np.maximum(field.apertures[j], np.float32(1e-12))
     of_peak = np.hypot(scatter_px, _PEAK_PX) / parallax
     return np.hypot(of_peak, _PLACE_PX * slope).astype(np.float32)
