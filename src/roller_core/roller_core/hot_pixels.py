@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from . import numba_start  # noqa: F401 (before a kernel runs)
 from .events import EventArray
 
 #: Neighbours along a row or column that a pixel is compared with, px.

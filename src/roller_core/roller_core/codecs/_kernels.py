@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core import numba_start  # noqa: F401 (before a kernel runs)
+
 # State of an EVT 3.0 decoder between packets.
 EVT3_TIME_HIGH, EVT3_TIME_LOW, EVT3_WRAPS, EVT3_Y, EVT3_BASE_X, EVT3_BASE_P, EVT3_VALID = range(7)
 EVT3_STATE_SIZE = 7
