@@ -19,9 +19,6 @@ import numpy as np
 import numpy.typing as npt
 
 I64 = npt.NDArray[np.int64]
-
-from . import numba_start  # noqa: F401 (before a kernel runs)
-
 _BLOCK_NS = 500_000_000
 _MAX_BLOCKS = 120
 _MIN_BLOCKS_FOR_SKEW = 4

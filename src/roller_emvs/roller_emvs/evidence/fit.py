@@ -68,9 +68,7 @@ def fit_planes(depths: list[Depths], sigma: float, resolution: float, threads: i
     def judge(k: int) -> None:
         """Moments around each cell of a polarity, and the inverse of its variance there."""
         found, (row, column) = depths[k], place[k]
-        kernels._weigh(
-            found.offset, found.x, found.y, found.focus_measure, row, column, weight[k]
-        )
+        kernels._weigh(found.offset, found.x, found.y, found.focus_measure, row, column, weight[k])
         kernels._add_moments(*values[k], weight[k], row, column, summed[k])
         for moment in summed[k]:
             cv2.GaussianBlur(moment, (0, 0), sigma, dst=moment)

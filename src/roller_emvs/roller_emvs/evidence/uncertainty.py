@@ -37,7 +37,7 @@ def point_sigma(field: EvidenceField, fitted: F32, row: I64, column: I64, scatte
         Deviation of the depths around from the surface, pixels of parallax.
     """
     i, j = row // CELL_PX, column // CELL_PX
-    down, along = np.gradient(fitted)
+    down, along = map(np.asarray, np.gradient(fitted))
     slope = np.nan_to_num(np.hypot(down[i, j], along[i, j])) / CELL_PX
     parallax = np.maximum(field.apertures[j], np.float32(1e-12))
     of_peak = np.hypot(scatter_px, _PEAK_PX) / parallax
