@@ -70,8 +70,9 @@ def test_every_point_comes_out_once() -> None:
     assert len(patches[6]) > 0
 
 
-def test_memory_is_bounded() -> None:
-    settings = StitcherSettings.create({"icp": False, "voxel_m": 1e-4, "max_voxels": 1000})
+def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("roller_emvs.stitcher._MOST_VOXELS", 1000)
+    settings = StitcherSettings.create({"icp": False, "voxel_m": 1e-4})
     stitcher = Stitcher(settings, CAMERA)
     patch = stitcher.add(depth_map(flat()))
     assert len(stitcher.voxels) == 1000

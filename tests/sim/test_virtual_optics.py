@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from roller_sim import _render_kernels as kernels
+from roller_sim import optics
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import LightSettings
 from roller_sim.optics import light_vector, ring_field, speckle
@@ -70,9 +71,9 @@ def test_rendering_equals_its_numpy_twin(scene, contact):
     assert np.mean(np.abs(out - bright)) < 4e-3
 
 
-def test_light_is_fitted_within_a_percent():
-    light = LightSettings.create({"ambient": 0.0, "diffuse": 1.0, "specular": 0.0})
-    vector = light_vector(light, 17.0)
+def test_light_is_fitted_within_a_percent(monkeypatch):
+    monkeypatch.setitem(optics.MIXES, "ring", optics.Mix(0.0, 1.0, 0.0, 0.6))
+    vector = light_vector(LightSettings.create({}), 17.0)
     r = np.linspace(0.0, 16.5, 50)
     for depth in (43.0, 45.0, 47.0):
         z = np.full(len(r), depth, np.float32)
@@ -85,10 +86,10 @@ def test_light_is_fitted_within_a_percent():
         np.testing.assert_allclose(np.exp(out), exact / scale, rtol=0.01)
 
 
-@pytest.mark.parametrize("part", ["ambient", "diffuse", "specular"])
-def test_each_part_of_the_light_can_be_switched(part):
-    off = {"ambient": 0.0, "diffuse": 0.0, "specular": 0.0} | {part: 1.0}
-    vector = light_vector(LightSettings.create(off), 17.0)
+@pytest.mark.parametrize("part", [0, 1, 2], ids=["ambient", "diffuse", "specular"])
+def test_each_part_of_the_light_counts_at_the_middle(part, monkeypatch):
+    monkeypatch.setitem(optics.MIXES, "ring", optics.Mix(*np.eye(3)[part], 0.6))
+    vector = light_vector(LightSettings.create({}), 17.0)
     zero, z, out = np.zeros(1, np.float32), np.full(1, 45.0, np.float32), np.empty(1, np.float32)
     kernels._shade_row(zero, zero, z, zero, zero, zero, vector, out)
     assert out[0] == pytest.approx(0.0, abs=0.01)

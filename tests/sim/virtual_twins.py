@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roller_sim.cell_settings import VirtualCellSettings
-from roller_sim.optics import RING_RADIUS_MM, RING_Z_MM, ring_field
+from roller_sim.optics import MIXES, RING_RADIUS_MM, RING_Z_MM, ring_field
 
 MASK = (1 << 64) - 1
 QUIET = {
@@ -77,6 +77,7 @@ def trace(xn, yn, values, camera, roller, origin):
 
 def shade(xn, yn, z, sx, sy, coat, light):
     """Twin of `_shade_row`: LEDs summed one by one, for the matt part and for the lobe."""
+    mix = MIXES[light.kind]
     x, y = xn * z, yn * z
     gx, gy, gz = ring_field(x, y, z)
     scale = -ring_field(np.zeros(1), np.zeros(1), np.full(1, 45.0))[2][0]
@@ -89,14 +90,14 @@ def shade(xn, yn, z, sx, sy, coat, light):
     def lobe(a, b):
         parts = [
             (1 + ((a - alpha * np.cos(t)) ** 2 + (b - alpha * np.sin(t)) ** 2)
-             / light.lobe_slope**2) ** -2.0
+             / mix.lobe_slope**2) ** -2.0
             for t in angles
         ]  # fmt: skip
         return np.mean(parts, axis=0)
 
     gloss = lobe(ex, ey) / lobe(np.zeros(1), np.zeros(1))
-    scattered = light.ambient * (1 + 1 / np.sqrt(1 + sx**2 + sy**2)) / 2
-    total = scattered + light.diffuse * np.maximum(matt, 0) + light.specular * gloss
+    scattered = mix.ambient * (1 + 1 / np.sqrt(1 + sx**2 + sy**2)) / 2
+    total = scattered + mix.diffuse * np.maximum(matt, 0) + mix.specular * gloss
     return np.log(total) + coat
 
 

@@ -86,9 +86,6 @@ class StitcherSettings(NominalSurface):
     voxel_m: float = Field(
         5e-5, gt=0.0, le=1.0, description="Edge of the voxels in which points are merged, m."
     )
-    min_confidence: float = Field(
-        0.0, ge=0.0, le=1.0, description="Points of less confidence are left out."
-    )
     icp: bool = Field(True, description="Refine each depth map's pose against the cloud by ICP.")
     outlier_radius_m: float = Field(
         0.0,
@@ -96,10 +93,4 @@ class StitcherSettings(NominalSurface):
         le=10.0,
         description="Points of a depth map with fewer than three neighbours within this are left "
         "out; 0 is off, m.",
-    )
-    max_voxels: int = Field(
-        3_000_000,
-        ge=1000,
-        le=1_000_000_000,
-        description="Voxels under work at most; beyond it the oldest are settled early.",
     )

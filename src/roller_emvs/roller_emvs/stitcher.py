@@ -15,6 +15,8 @@ from .patch import Patch
 from .registration import MAX_DISTANCE_M, Refinement, refine
 from .voxels import VoxelMap
 
+#: Voxels under work at most; beyond it the oldest are settled early.
+_MOST_VOXELS = 3_000_000
 #: Neighbours within `outlier_radius_m` that a point needs to stay.
 _NEIGHBOURS = 3
 
@@ -22,7 +24,7 @@ _NEIGHBOURS = 3
 class Stitcher:
     """Adds depth maps to a cloud; a point is handed out once, when it is out of view.
 
-    Memory holds what is in view and at most `max_voxels`, so a scan may be of any length.
+    Memory holds what is in view and at most three million voxels, so a scan may be of any length.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ class Stitcher:
                 points = points @ found.correction[:3, :3].T + found.correction[:3, 3]
         self.voxels.add(points, confidence, sigma)
         keep = self._in_view(self.voxels.points()[0], depth_map.pose)
-        over = int(keep.sum()) - self.settings.max_voxels
+        over = int(keep.sum()) - _MOST_VOXELS
         if over > 0:
             keep &= self.voxels.oldest(over)
         return self._patch(*self.voxels.settle(keep))
@@ -83,7 +85,7 @@ class Stitcher:
         points, pixels = back_project(depth_map.depth, self.camera)
         confidence = depth_map.confidence.reshape(-1)[pixels]
         sigma = depth_map.sigma.reshape(-1)[pixels]
-        keep = confidence >= self.settings.min_confidence
+        keep = confidence >= 0.0  # NaN isn't
         if self.settings.outlier_radius_m and len(points):
             keep &= radius_filter(points, self.settings.outlier_radius_m, _NEIGHBOURS)
         pose = depth_map.pose

@@ -22,6 +22,8 @@ from .voxels import HALF, I64, cell_key, cells_of_keys
 
 #: Points that wait before they are merged, so that many small patches cost little.
 _MOST_WAITING = 100_000
+#: Edge of its voxels at first; each keeps the point it is surest of.
+_VOXEL_M = 1e-4
 #: The map is given at most this often, s of the scan.
 PERIOD_S = 1.0
 
@@ -35,12 +37,6 @@ class MapSettings(Settings):
 
     max_points: int = Field(
         500_000, ge=100, le=50_000_000, description="Points at most; when full, voxels get larger."
-    )
-    voxel_m: float = Field(
-        1e-4,
-        ge=1e-6,
-        le=1.0,
-        description="Edge of its voxels at first, m; each keeps the point it is surest of.",
     )
     folder: str = Field("surface_maps", description="Folder that ~/save writes to.")
 
@@ -148,7 +144,7 @@ class MapKeeper:
         self.period_s: float | None = PERIOD_S
         self._settings = settings
         self._frame_id = frame_id
-        self._map = SurfaceMap(settings.max_points, settings.voxel_m)
+        self._map = SurfaceMap(settings.max_points, _VOXEL_M)
         self._changed = self._shown = False
         self._t_ns = 0
         self._given_ns: int | None = None
@@ -163,7 +159,7 @@ class MapKeeper:
 
     def clear(self) -> None:
         """Forget all; who has seen points is shown that there are none."""
-        self._map = SurfaceMap(self._settings.max_points, self._settings.voxel_m)
+        self._map = SurfaceMap(self._settings.max_points, _VOXEL_M)
         self._changed, self._given_ns = self._shown, None
 
     def results(self, flush: bool) -> Iterator[Result]:

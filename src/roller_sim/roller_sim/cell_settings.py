@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from roller_core.settings import Settings
 
@@ -88,19 +88,14 @@ class SkinSettings(Settings):
 
 
 class LightSettings(Settings):
-    """Light and coating; strengths count at the plate's middle."""
+    """Light and coating."""
 
-    kind: Literal["ring", "dome"] = Field(
+    kind: Literal["ring", "dome", "strong"] = Field(
         "ring",
-        description="ring: LEDs that travel with the camera; dome: diffuse light that does not: "
-        "brightness depends on the slope alone.",
+        description="ring: LEDs that travel with the camera; strong: the same with less scattered "
+        "light and a narrower lobe; dome: diffuse light that doesn't travel: brightness depends on "
+        "the slope alone.",
     )
-    ambient: float = Field(
-        1.0, ge=0.0, le=10.0, description="Light scattered in the roller, from the dome above."
-    )
-    diffuse: float = Field(0.5, ge=0.0, le=10.0, description="Matt part of the directed light.")
-    specular: float = Field(0.15, ge=0.0, le=10.0, description="Semi-specular part of it.")
-    lobe_slope: float = Field(0.6, ge=0.02, le=3.0, description="Width of the lobe, as a slope.")
     speckle: float = Field(0.03, ge=0.0, le=0.3, description="RMS of the coating's reflectance.")
     speckle_mm: float = Field(0.1, ge=0.01, le=2.0, description="Correlation length of it, mm.")
 
@@ -188,10 +183,3 @@ class VirtualCellSettings(Settings):
     motion: MotionSettings = MotionSettings.create({})
     clock: ClockSettings = ClockSettings.create({})
     packets: PacketSettings = PacketSettings.create({})
-
-    @model_validator(mode="after")
-    def _consistent(self) -> VirtualCellSettings:
-        light = self.light
-        if light.ambient + light.diffuse + light.specular <= 0:
-            raise ValueError("the light is off: ambient, diffuse and specular are all 0")
-        return self

@@ -18,6 +18,36 @@ _R_SQ_UNIT = 200.0
 _FAR_MM = 1e9
 #: Radius of the LED ring, and how far it lies before the lens.
 RING_RADIUS_MM, RING_Z_MM = 20.0, 8.0
+
+
+@dataclass(frozen=True)
+class Mix:
+    """What light is made of; strengths count at the plate's middle.
+
+    Attributes
+    ----------
+    ambient : float
+        Light scattered in the roller, from the dome above.
+    diffuse, specular : float
+        Matt and semi-specular part of the directed light.
+    lobe_slope : float
+        Width of the lobe, as a slope.
+    """
+
+    ambient: float
+    diffuse: float
+    specular: float
+    lobe_slope: float
+
+    @property
+    def total(self) -> float:
+        """All of it."""
+        return self.ambient + self.diffuse + self.specular
+
+
+_USUAL = Mix(1.0, 0.5, 0.15, 0.6)
+#: By kind of light.
+MIXES = {"ring": _USUAL, "dome": _USUAL, "strong": Mix(0.3, 0.5, 0.35, 0.3)}
 #: Squares of the coarse map, how far from relief they count as near it, and what counts as level.
 _COARSE_MM, _NEAR_MM, _LEVEL_MM = 0.25, 0.5, 2e-4
 
@@ -85,12 +115,12 @@ def light_vector(light: LightSettings, radius_mm: float) -> F32:
     alpha, half_way = RING_RADIUS_MM / (2 * (_Z_MID - RING_Z_MM / 2)), RING_Z_MM / 2
     if light.kind == "dome":
         side, front, alpha, half_way = np.zeros(len(side)), np.eye(len(front))[0], 0.0, -_FAR_MM
-    inv_m2 = 1.0 / light.lobe_slope**2
+    mix = MIXES[light.kind]
+    inv_m2 = 1.0 / mix.lobe_slope**2
     at_rest = 1.0 / (1.0 + alpha**2 * inv_m2) ** 2
-    total = light.ambient + light.diffuse + light.specular
-    out = [light.ambient, light.diffuse, light.specular / at_rest, inv_m2, alpha**2]
+    out = [mix.ambient, mix.diffuse, mix.specular / at_rest, inv_m2, alpha**2]
     out += [half_way, _Z_MID, 1.0 / _Z_HALF, 1.0 / _R_SQ_UNIT]
-    out += [*side, *front, 0.01 * total]
+    out += [*side, *front, 0.01 * mix.total]
     return np.array(out, np.float32)
 
 
@@ -181,5 +211,5 @@ class SurfaceMaps:
 
 def to_grey(log_intensity: F32, light: LightSettings) -> npt.NDArray[np.uint8]:
     """An 8-bit picture for people: the flat plate's middle at 140."""
-    scale = 140.0 / (light.ambient + light.diffuse + light.specular)
+    scale = 140.0 / MIXES[light.kind].total
     return np.clip(np.exp(log_intensity) * scale, 0, 255).astype(np.uint8)

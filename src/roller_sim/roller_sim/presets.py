@@ -14,7 +14,7 @@ LIGHTS: dict[str, Groups] = {
     "ring": {},
     "dome": {"light": {"kind": "dome"}},
     "strong": {
-        "light": {"ambient": 0.3, "specular": 0.35, "lobe_slope": 0.3},
+        "light": {"kind": "strong"},
         "sensor": {
             "threshold": 0.25, "bandwidth_hz": 4000.0, "refractory_us": 500.0, "background_hz": 0.1,
         },
