@@ -17,7 +17,7 @@ from roller_core.outputs import CONTACT, DEVIATION, FINDINGS, Cloud, ContactFaul
 from roller_emvs.patch import SURFACE_FIELDS, Patch
 from roller_inspect.exports.pdf import PdfError, check_pdf, write_pdf
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
-from roller_inspect.inspect_stage import InspectParameters, InspectStage
+from roller_inspect.inspect_stage import InspectParameters, InspectStage, inspect_parameters
 from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
 from roller_inspect.report.document import Scan, inspection_document
@@ -199,6 +199,34 @@ def test_files_and_exports(tmp_path: Path) -> None:
     np.testing.assert_allclose(x3p.data, known)
     sdf = pytest.importorskip("sdfio").read(str(tmp_path / "height_map.sdf"))
     np.testing.assert_allclose(np.asarray(sdf.data).reshape(known.shape), known, atol=1e-9)
+
+
+def test_the_uncertainty_is_the_sum_of_its_budget_which_says_what_is_not_calibrated(
+    tmp_path: Path,
+) -> None:
+    params = tmp_path / "cell.yaml"
+    cell = {"uncertainty": {"drift_m": 5e-4, "pose_m": 2e-5}}
+    params.write_text(json.dumps({"/**/inspect": {"ros__parameters": cell}}))
+    figures = {}
+    for given, reference in ((None, "nominal"), (params, "nominal:none")):
+        recipe = Recipe.create(PLANE | {"reference": reference})
+        stage = InspectStage(inspect_parameters(given), recipe)
+        for output in clouds(scan(HOLE, **SMALL)):
+            stage.take_output(output)
+        part = finished(list(stage.results(flush=True)))
+        document = inspection_document(part, recipe, Scan(params=given))
+        (found,) = document["findings"]
+        budget = found["budget_m"]
+        assert budget.keys() == document["uncertainty"].keys()
+        total = np.sqrt(sum(v**2 for v in budget.values()))
+        assert found["uncertainty"]["depth_m"] == pytest.approx(2 * total)
+        figures[given] = budget
+        write_inspection(tmp_path, document, part.found, 1e-4)
+        html = (tmp_path / "inspection.html").read_text()
+        assert ("not calibrated" in html) == (given is None)
+    assert figures[None]["pose"] == 0.0  # the plane is fitted to the scan itself
+    assert figures[params]["pose"] == 2e-5
+    assert figures[params]["drift"] > 3 * figures[None]["drift"] > 0
 
 
 def test_a_part_without_a_point_is_unmeasured(tmp_path: Path) -> None:

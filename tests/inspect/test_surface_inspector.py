@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,33 @@ def test_a_small_dent_beside_a_deep_one_is_a_finding_of_its_own_and_its_foot_is_
     found = inspect(scan(lambda x, y: deep(x, y) + small(x, y)))
     depths = [f.depth_m for f in sorted(found.findings, key=lambda f: f.depth_m)]
     np.testing.assert_allclose(depths, [-4e-4, -1.2e-4], atol=4e-5)
+
+
+def test_a_raised_edge_all_around_makes_a_crater_and_no_finding_of_its_own() -> None:
+    hollow, bump = dent((0.014, 0.0), 1.3e-3, 2e-4), dent((0.0165, 0.0), 1e-3, -1e-4)
+
+    def rim(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        away = np.abs(np.hypot(x - 0.014, y) - 1.6e-3) / 4e-4
+        return np.where(away < 1, 6e-5 * (1 - away**2) ** 2, 0.0)
+
+    (crater,) = inspect(scan(lambda x, y: hollow(x, y) + rim(x, y))).findings
+    assert crater.kind == "crater"
+    assert crater.rim_m == pytest.approx(6e-5, abs=2.5e-5)
+    assert abs(crater.depth_m + 2e-4) < crater.uncertainty.depth_m
+    assert crater.length_m == pytest.approx(3.7e-3, abs=5e-4)
+    assert crater.volume_m3 == pytest.approx(-np.pi / 3 * 1.3e-3**2 * 2e-4, rel=0.25)
+    # What rises on one side alone is a finding beside a dent.
+    kinds = [f.kind for f in inspect(scan(lambda x, y: hollow(x, y) + bump(x, y))).findings]
+    assert sorted(kinds) == ["dent", "raised"]
+
+
+def test_few_stray_points_do_not_turn_the_map() -> None:
+    first, *rest = scan(flat)
+    stray = replace(first, **{name: value[:2] for name, value in vars(first).items()})
+    stray.points[:] = [(-0.004, 0.012, 0.0), (-0.004, 0.013, 0.0)]
+    found = inspect([stray, first, *rest])
+    assert found.height_map is not None
+    np.testing.assert_array_equal(found.height_map.base_from_map[:3, :3], np.eye(3))
 
 
 def test_findings_of_a_scan_given_in_pieces_are_those_of_the_whole() -> None:

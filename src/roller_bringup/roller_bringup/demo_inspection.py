@@ -34,14 +34,16 @@ def write_recipe(face: Region, path: Path) -> None:
     path.write_text(yaml.safe_dump(recipe, sort_keys=False))
 
 
-def inspect_part(folder: Path, recipe_file: Path, report: Report, events: int) -> list[str]:
+def inspect_part(
+    folder: Path, recipe_file: Path, calibration: Path, report: Report, events: int
+) -> list[str]:
     """Write the inspection of a recorded run, and hold its findings to the truth.
 
     Parameters
     ----------
     folder : path
         With `bag/` and `truth/`; the files of the inspection go here.
-    recipe_file : path
+    recipe_file, calibration : path
         What node `inspect` had.
     report : Report
         Of the run.
@@ -54,9 +56,9 @@ def inspect_part(folder: Path, recipe_file: Path, report: Report, events: int) -
         The verdict, and a table of the defects and what was found of them.
     """
     recipe, truth = load_recipe(recipe_file), Truth.beside(folder / "truth")
-    inspected = inspect_recorded(folder / "bag", recipe, "demonstration")
+    inspected = inspect_recorded(folder / "bag", recipe, "demonstration", calibration)
     camera = None if truth is None else truth.camera
-    scan = Scan(folder / "bag", None, camera, report.method, report.settings, events)
+    scan = Scan(folder / "bag", calibration, camera, report.method, report.settings, events)
     document = inspection_document(inspected, recipe, scan)
     write_inspection(folder, document, inspected.found, recipe.depth_tolerance_m)
     cover = inspected.judgement.coverage

@@ -45,6 +45,11 @@ class EdgeDrift:
     before_m: tuple[float, float]
     after_m: tuple[float, float]
 
+    @property
+    def left_on_slopes_m(self) -> float:
+        """Height by which lines are off with the correction, on a slope of 1, metres."""
+        return float(f"{sum(self.after_m) / self.settings.max_slope:.3g}")
+
 
 def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     """Fit the drift of each polarity to the gauges.

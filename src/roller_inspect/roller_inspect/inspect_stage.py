@@ -14,10 +14,12 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.frame_settings import FollowedFrames, idle_flush_field
 from roller_core.outputs import Cloud, ContactFault, Output, Result
+from roller_core.settings import read_parameters
 from roller_core.stage import ERROR, OK, Stage
 from roller_emvs.patch import SURFACE_FIELDS, Patch
 
 from .contact_marks import ContactMarks
+from .findings import CellUncertainty
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, coverage_of_area, judge, judge_findings
@@ -40,7 +42,16 @@ class InspectParameters(FollowedFrames):
 
     recipe: str = Field("", description="The recipe, a YAML file; empty: the default recipe.")
     part: str = Field("", description="Name of the parts; each gets a number after it.")
+    uncertainty: CellUncertainty = Field(
+        CellUncertainty.create({}), description="What the cell adds to that of figures."
+    )
     idle_flush_s: float = idle_flush_field(2.0, "points for this long the part is finished")
+
+
+def inspect_parameters(params: Path | None, **own: str) -> InspectParameters:
+    """Parameters of the node from a parameter file, and on top of them some of its own."""
+    found = read_parameters(params, "inspect") if params is not None else {}
+    return InspectParameters.create(found | own, str(params or "settings"))
 
 
 @dataclass(frozen=True)
@@ -137,7 +148,8 @@ class InspectStage(Stage[InspectParameters]):
         if not len(cloud.columns):
             return
         if self._inspector is None:
-            self._inspector = SurfaceInspector(self.recipe.settings, self._reference)
+            known = {"findings.cell": self.settings.uncertainty}
+            self._inspector = SurfaceInspector(self.recipe.settings.changed(known), self._reference)
         self._points += len(cloud.columns)
         self._marks.passed(output.t_ns)
         self._give(self._inspector.add(patch))
@@ -208,7 +220,8 @@ class InspectStage(Stage[InspectParameters]):
         coverage = coverage_of_area(self.recipe, found.height_map, found.coverage)
         judgement = judge(
             self.recipe, found.findings, coverage, found.faults,
-            measure_all(self.recipe, found.height_map), self._marks.lines(),
+            measure_all(self.recipe, found.height_map, self.settings.uncertainty),
+            self._marks.lines(),
         )  # fmt: skip
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._list(judgement, finished=True)

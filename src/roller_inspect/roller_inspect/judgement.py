@@ -10,7 +10,7 @@ import numpy as np
 
 from roller_core.transforms import F64, inverse_pose
 
-from .findings import Finding
+from .findings import CellUncertainty, Finding
 from .height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap
 from .height_map.coverage import Coverage
 from .measures import Figure, measure_all
@@ -197,7 +197,7 @@ def judge_nothing(recipe: Recipe, part: str) -> Inspected:
     """A part of which there is no point."""
     nothing = Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
     found = Found(None, None, (), None, nothing, ())
-    figures = measure_all(recipe, None)
+    figures = measure_all(recipe, None, CellUncertainty.create({}))
     return Inspected(part, found, judge(recipe, (), nothing, (), figures))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from roller_core.transforms import inverse_pose
 
+from .findings import CellUncertainty
 from .height_map.height_map import Bools, HeightMap
 from .measuring import (
     Measured,
@@ -22,6 +23,9 @@ from .measuring import (
 from .recipe import Recipe, decide
 from .recipe.decision import Verdict
 from .recipe.recipe import Measure
+
+#: How often the scale's uncertainty counts, by unit; slopes know none.
+_POWERS = {"m": 1, "m²": 2, "m³": 3, "rad": 0}
 
 
 @dataclass(frozen=True)
@@ -59,12 +63,16 @@ class Figure:
     reason: str
 
 
-def measure_all(recipe: Recipe, height_map: HeightMap | None) -> tuple[Figure, ...]:
+def measure_all(
+    recipe: Recipe, height_map: HeightMap | None, cell: CellUncertainty
+) -> tuple[Figure, ...]:
     """All figures that a recipe names; unmeasured ones without a map."""
-    return tuple(_figure(recipe, entry, height_map) for entry in recipe.measures)
+    return tuple(_figure(recipe, entry, height_map, cell) for entry in recipe.measures)
 
 
-def _figure(recipe: Recipe, entry: Measure, height_map: HeightMap | None) -> Figure:
+def _figure(
+    recipe: Recipe, entry: Measure, height_map: HeightMap | None, cell: CellUncertainty
+) -> Figure:
     if height_map is None:
         found = Measured(None, math.nan, "m", "nothing was measured")
     else:
@@ -72,11 +80,14 @@ def _figure(recipe: Recipe, entry: Measure, height_map: HeightMap | None) -> Fig
     limits = (entry.low, entry.high)
     low, high = (s * math.inf if v is None else v for s, v in zip((-1, 1), limits, strict=True))
     value = math.nan if found.value is None else found.value
+    # Of an area twice, of a volume three times.
+    scale = 2 * cell.values[1] * _POWERS[found.unit] * value
+    uncertainty = math.hypot(found.uncertainty, scale)
     verdict: Verdict = "conform"
     if limits != (None, None):
-        verdict = decide(value, found.uncertainty, low, high, recipe.decision)
+        verdict = decide(value, uncertainty, low, high, recipe.decision)
     return Figure(
-        entry.name, entry.tool, entry.of, entry.datum, found.value, found.uncertainty, found.unit,
+        entry.name, entry.tool, entry.of, entry.datum, found.value, uncertainty, found.unit,
         entry.low, entry.high, verdict, found.reason,
     )  # fmt: skip
 

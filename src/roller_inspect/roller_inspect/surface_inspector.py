@@ -142,7 +142,7 @@ class SurfaceInspector:
         passed = self._mapper.add(patch)
         for k in passed:
             self._strips[k] = self._mapper.strip(k)
-        pieces = [piece for k in passed for piece in self._look(k)]
+        pieces = self._look(passed) if passed else []
         if sum(strip.height_m.size for strip in self._strips.values()) > self._most_cells:
             self._conclude(self._cut())
         return pieces
@@ -185,28 +185,33 @@ class SurfaceInspector:
                 self._faults.setdefault(str(error))
             return None
 
-    def _look(self, k: int) -> list[Piece]:
-        """Findings around a new strip: provisional near it, final behind."""
+    def _look(self, strips: list[int]) -> list[Piece]:
+        """Findings around new strips: provisional near them, final behind."""
         around = round(_CONTEXT_M / STRIP_M)
-        near = [j for j in range(k - around, k + around + 1) if j in self._strips]
-        window = join([self._strips[j] for j in near])
-        passed = [f for f in self.findings if f.final and self._inside(f, window)]
+        near = range(min(strips) - around, max(strips) + around + 1)
+        window = join([self._strips[j] for j in near if j in self._strips])
+        # A crater is measured again, as what rises around it is told by it.
+        passed = [f for f in self.findings if f.final and f.kind != "crater"]
+        passed = [f for f in passed if self._inside(f, window)]
         found = self._search(window, rounds=1, final=False, known=passed)
         if found is None:
             return []
-        strip = self._strips[k]
-        deviation = _part(found.comparison.deviation_m, window, strip)
+        new = [self._strips[k] for k in strips]
         margin = round(_PASSED_M / window.step_m)
-        i = round(float(strip.x_m[0] - window.x_m[0]) / window.step_m)
-        ends = (i < margin, i + strip.shape[1] > window.shape[1] - margin)
+        at = [(s.x_m[[0, -1]] - window.x_m[0]) / window.step_m for s in new]
+        ends = (
+            min(first for first, _ in at) < margin,
+            max(last for _, last in at) + 1 > window.shape[1] - margin,
+        )
         fresh = []
         for finding, (first, last) in zip(found.findings, found.spans, strict=True):
             open_end = (ends[1] and last > window.shape[1] - margin) or (ends[0] and first < margin)
             fresh.append(replace(finding, final=not open_end))
         kept = [f for f in self.findings if f.final or not self._inside(f, window)]
-        new = [f for f in fresh if not any(f0.final and _same(f, f0) for f0 in kept)]
-        self._set(tuple([*kept, *self._numbered(new)]))
-        return [Piece(strip, deviation)]
+        fresh = [f for f in fresh if not any(f0.final and _same(f, f0) for f0 in kept)]
+        self._set(tuple([*kept, *self._numbered(fresh)]))
+        deviation = found.comparison.deviation_m
+        return [Piece(strip, _part(deviation, window, strip)) for strip in new]
 
     def _inside(self, finding: Finding, window: HeightMap, margin_m: float = 0.0) -> bool:
         """Whether a finding's centre lies on a map, or so near to it along x."""

@@ -86,7 +86,9 @@ def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
     parameters.write_text(
         yaml.safe_dump({node: {"ros__parameters": values} for node, values in nodes.items()})
     )
+    calibration = package_share("roller_bringup") / "config" / "virtual_cell_ring.yaml"
     arguments = {
+        "calibration": str(calibration),
         "scene": args.scene,
         "speed": str(args.speed),
         "method": args.method,
@@ -104,7 +106,7 @@ def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
     report = Report(
         "virtual cell, live",
         args.method,
-        {"launch": arguments | {"params": parameters.name}},
+        {"launch": arguments | {"params": parameters.name, "calibration": calibration.name}},
         f"scene {args.scene} at {args.speed:g} m/s, {args.coating} coating, live",
     )
     report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
@@ -116,7 +118,8 @@ def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
         depth = report.totals["live"].get(
             "surface: points" if args.method == "surface" else "emvs: depth", {}
         )
-        inspected = inspect_part(folder, recipe, report, int(depth.get("events", 0)))
+        events = int(depth.get("events", 0))
+        inspected = inspect_part(folder, recipe, calibration, report, events)
     from roller_inspect.results.overview import draw_overview
 
     draw_overview(folder, folder / "truth", folder / "bag")

@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     from roller_core.calibration_file import check_same_camera
     from roller_core.output_folder import OutputFolder
     from roller_inspect.exports.pdf import check_pdf
-    from roller_inspect.inspect_stage import InspectParameters, InspectStage
+    from roller_inspect.inspect_stage import InspectStage, inspect_parameters
     from roller_inspect.pipeline import PipelineSettings
     from roller_inspect.recipe import RecipeError, load_recipe, load_reference
     from roller_inspect.references import ReferenceError
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
     settings = PipelineSettings.load(args.params, args.method)
     part = args.part_id or args.input.resolve().name
     frame = settings.surface.base_frame if settings.sweeps else settings.stitcher.base_frame
-    stage = InspectStage(InspectParameters.create({"part": part, "base_frame": frame}), recipe)
+    stage = InspectStage(inspect_parameters(args.params, part=part, base_frame=frame), recipe)
     reference = Path(recipe.reference.path) if recipe.reference.path else None
     inputs = (args.input, args.params, args.poses, args.camera, args.recipe, reference)
     with OutputFolder(args.output, "inspect", inputs) as output:

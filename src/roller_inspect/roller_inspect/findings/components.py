@@ -11,16 +11,20 @@ from scipy import ndimage
 from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
 from roller_inspect.references.reference import Comparison
 
-from .cues import SCALES_M, Cues, cell_weights, connected, distance, smoothed
+from .cues import SCALES_M, Cues, cell_weights, connected, disc, distance, smoothed
 from .finder_settings import FindingSettings
-from .finding import Finding, Kind, Uncertainty
+from .finding import Finding, Kind
+from .uncertainty import uncertainty
 
 #: Width of the ring around a finding that its depth counts from, m.
 _RING_M = (3e-4, 1.2e-3)
 #: Part of a finding's depth at which its outline runs.
 _OUTLINE = 0.2
-#: A hollow with a rim higher than this part of its depth, so near to it, m, is a crater.
-_RIM, _RIM_M = 0.05, 5e-4
+#: A hollow is a crater if around it, in rings so wide and up to so far, m, the surface rises by
+#: more than this part of its depth and of the noise. Tuned on the virtual cell.
+_RIM, _RIM_NOISE, _RIM_STEP_M, _RIM_M = 0.03, 1 / 3, 2e-4, 1.2e-3
+#: Beyond, up to here, m, lies what the rim rises above.
+_BEYOND_RIM_M = 1.8e-3
 #: Longer than so many widths is a scratch.
 _SCRATCH = 3.0
 #: Depth is the mean of this share of the deepest cells.
@@ -29,10 +33,6 @@ _DEEPEST = 0.05
 _DEEP, _LEAST_APEX = 0.75, 30
 #: Strong places of one finding are two if both rise so many times above what is strong.
 _STANDS_OUT = 3.0
-#: What the skin rounds of an outline's edge, m, and the share of a depth that it doesn't follow,
-#: by as much more as it is narrower than this, m: biases that nothing corrects, as standard
-#: uncertainties. Tuned on the virtual cell.
-_ROUNDS_M, _NOT_FOLLOWED, _NARROW_M = 2.5e-4, 0.1, 1e-3
 #: z at which a finding is as good as certain.
 _CERTAIN_Z = 15.0
 
@@ -61,6 +61,15 @@ class Component:
         i, j = row - self.rows.start, column - self.columns.start
         inside = 0 <= i < self.mask.shape[0] and 0 <= j < self.mask.shape[1]
         return inside and bool(self.mask[i, j])
+
+    def share_in(self, other: Component) -> float:
+        """Share of its cells that are another's too."""
+        rows, columns = np.nonzero(self.mask)
+        rows += self.rows.start - other.rows.start
+        columns += self.columns.start - other.columns.start
+        inside = (rows >= 0) & (rows < other.mask.shape[0])
+        inside &= (columns >= 0) & (columns < other.mask.shape[1])
+        return float(other.mask[rows[inside], columns[inside]].sum()) / len(rows)
 
 
 def components(cues: Cues) -> list[Component]:
@@ -105,14 +114,15 @@ def measure(
     settings: FindingSettings,
     models_part: bool,
     final: bool,
-) -> Finding | None:
-    """Figures of a component; None if it is below the limits.
+) -> tuple[Finding, Component] | None:
+    """Figures of a component, and the cells in its outline; None if it is below the limits.
 
     Detection is by smoothed heights, measuring at the finest scale: smoothing takes the depth out
-    of what is narrow.
+    of what is narrow. A crater's outline goes around its raised edge.
     """
     step = height_map.step_m
-    margin = round(_RING_M[1] / step) + 2
+    hollow = component.sign < 0 and not models_part
+    margin = round((_BEYOND_RIM_M if hollow else _RING_M[1]) / step) + 2
     window = (
         slice(max(component.rows.start - margin, 0), component.rows.stop + margin),
         slice(max(component.columns.start - margin, 0), component.columns.stop + margin),
@@ -143,13 +153,11 @@ def measure(
     limit = max(_OUTLINE * depth, min(2.0 * noise, 0.5 * depth))
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     grown = cv2.dilate(mask.astype(np.uint8), cross, iterations=max(1, round(2e-4 / step))) > 0
-    shape = connected(known & (signed > limit) & grown, mask)
-    shape = _filled(shape)
+    shape = _filled(connected(known & (signed > limit) & grown, mask))
     if not shape.any():
         return None
     outline, center, length, width = _outline(shape, part)
-    cells = int(shape.sum())
-    area = cells * step**2
+    area = int(shape.sum()) * step**2
     volume = component.sign * float(np.nansum(np.where(shape & known, signed, 0.0))) * step**2
     points = int(part.points[shape].sum(dtype=np.int64))
     limits = settings.limits
@@ -161,15 +169,25 @@ def measure(
         or points < limits.points
     ):
         return None
+    kind, rim, hollow_m = _kind(component.sign, length, width, models_part), 0.0, width
+    if kind == "dent":
+        other_hollows = others & (cues.z[window] < 0)
+        rim, level_there, reach = _rim(fine, shape, known & ~other_hollows, step)
+        if rim > _RIM * depth + _RIM_NOISE * noise:
+            kind, depth = "crater", depth + level_there - level
+            shape = cv2.dilate(shape.astype(np.uint8), disc(reach / step)) > 0
+            outline, center, length, width = _outline(shape, part)
+            area = int(shape.sum()) * step**2
     largest = float(np.abs(cues.z[window][mask]).max())
     reference = float(np.median(comparison.sigma_m[window][mask]))
-    wide = float(cues.noise_m[-1])
-    u = _uncertainty(noise, wide, reference, depth, length, width, area, step)
-    rim_zone = known & ~shape & (away_m < _RIM_M)
+    u, budget = uncertainty(
+        (noise, float(cues.noise_m[-1])), reference, comparison.by_pose, (length, width, depth),
+        area, hollow_m, step, settings.cell,
+    )  # fmt: skip
     middle = part.in_base(center[0], center[1], float(np.median(part.height_m[shape & known])))
-    return Finding(
+    finding = Finding(
         id=number,
-        kind=_kind(component.sign, length, width, depth, signed, rim_zone, noise, models_part),
+        kind=kind,
         center_m=middle,
         length_m=length,
         width_m=width,
@@ -183,7 +201,11 @@ def measure(
         measured=float((part.state[shape] == MEASURED).mean()),
         cues=("height",),
         final=final,
+        rim_m=rim if kind == "crater" else 0.0,
+        budget=budget,
     )
+    rows, columns = (slice(w.start, w.start + n) for w, n in zip(window, shape.shape, strict=True))
+    return finding, Component(rows, columns, shape, component.sign)
 
 
 def _depth(signed: F32, raw: F32, inside: Bools) -> float:
@@ -229,50 +251,28 @@ def _outline(shape: Bools, part: HeightMap) -> tuple[np.ndarray, np.ndarray, flo
     return outline, center, float(length), float(width)
 
 
-def _kind(
-    sign: int,
-    length: float,
-    width: float,
-    depth: float,
-    signed: F32,
-    rim_zone: Bools,
-    noise: float,
-    models_part: bool,
-) -> Kind:
+def _kind(sign: int, length: float, width: float, models_part: bool) -> Kind:
     if models_part:
         return "extra" if sign > 0 else "missing"
     if sign > 0:
         return "raised"
-    if length > _SCRATCH * width:
-        return "scratch"
-    rim = float(-np.percentile(signed[rim_zone], 15)) if rim_zone.any() else 0.0
-    return "crater" if rim > _RIM * depth + noise else "dent"
+    return "scratch" if length > _SCRATCH * width else "dent"
 
 
-def _uncertainty(
-    noise: float,
-    wide_noise: float,
-    reference: float,
-    depth: float,
-    length: float,
-    width: float,
-    area: float,
-    step: float,
-) -> Uncertainty:
-    """Expanded (k = 2); noise as the scan shows it by scale, for neighbours share errors."""
-    u_height = float(np.sqrt(noise**2 + wide_noise**2 + reference**2))
-    u_skin = _NOT_FOLLOWED * depth * (1 + (_NARROW_M / width) ** 2)
-    # The outline moves where the flank's slope meets the noise; a flank takes half the width. The
-    # skin rounds both edges alike.
-    u_edge = float(np.hypot(step / np.sqrt(12), 0.5 * width * min(u_height / depth, 1.0)))
-    u_side = float(np.hypot(np.sqrt(2) * u_edge, 2 * _ROUNDS_M))
-    u_area = (length + width) * u_side
-    u_volume = area * np.sqrt(wide_noise**2 + reference**2 + u_skin**2)
-    return Uncertainty(
-        center_m=2 * u_edge,
-        length_m=2 * u_side,
-        width_m=2 * u_side,
-        depth_m=2 * float(np.hypot(u_height, u_skin)),
-        area_m2=2 * u_area,
-        volume_m3=2 * float(np.hypot(u_volume, u_area * depth / 2)),
-    )
+def _rim(height: F32, shape: Bools, usable: Bools, step: float) -> tuple[float, float, float]:
+    """How high the surface rises around a hollow, above which level, and up to where, metres.
+
+    By medians of rings: a rise on one side alone is none of a rim.
+    """
+    away = distance(~shape) * step
+    beyond = usable & (away > _RIM_M) & (away <= _BEYOND_RIM_M)
+    if not beyond.any():
+        return 0.0, 0.0, 0.0
+    level = float(np.median(height[beyond]))
+    ends = np.arange(_RIM_STEP_M, _RIM_M + 1e-9, _RIM_STEP_M)
+    rings = [usable & (away > end - _RIM_STEP_M) & (away <= end) for end in ends]
+    rises = np.array([np.median(height[r]) - level if r.any() else -np.inf for r in rings])
+    top = int(np.argmax(rises))
+    low = np.flatnonzero(rises[top:] < 0.5 * rises[top])
+    last = top + int(low[0]) - 1 if len(low) else len(ends) - 1
+    return float(rises[top]), level, float(ends[last])

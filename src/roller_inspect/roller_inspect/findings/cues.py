@@ -113,7 +113,7 @@ def height_cue(
             counts = usable & ~found & (share > _LEAST_SHARE)
             noise = _noise(mean, counts & (weight > 0), step)
             if counts.any():
-                noises[k] = np.median(noise[counts])
+                noises[k] = np.median(noise[::2, ::2][counts[::2, ::2]])
             with np.errstate(invalid="ignore"):
                 z = np.where(counts, mean / np.hypot(noise, comparison.sigma_m), np.float32(0))
             z *= settings.strong_z / max(_tail(z, counts, scale / step, step), settings.strong_z)

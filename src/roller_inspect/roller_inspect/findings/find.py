@@ -17,6 +17,8 @@ from .finding import Finding
 
 #: Fits of the reference, each without the findings of the one before.
 _ROUNDS = 2
+#: A rise that lies in a crater's outline by more than this share is the crater's edge.
+_RIM_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -67,20 +69,27 @@ def search(
         masked = _mask(parts, height_map.shape)
         if not parts:
             break
-    found = []
+    found: list[tuple[Finding, Component]] = []
+    craters: list[Component] = []
     known = list(known)
-    for part in parts:
+    # Hollows first: what rises around a crater is part of it.
+    for part in sorted(parts, key=lambda part: part.sign):
         if any(part.holds(row, column) and part.sign * depth > 0 for row, column, depth in known):
             continue
-        finding = measure(
+        if part.sign > 0 and any(part.share_in(crater) > _RIM_SHARE for crater in craters):
+            continue
+        measured = measure(
             0, part, height_map, comparison, cues, settings, reference.models_part, final=True
         )
-        if finding is not None:
-            found.append((finding, (part.columns.start, part.columns.stop)))
+        if measured is not None:
+            found.append((measured[0], part))
+            if measured[0].kind == "crater":
+                craters.append(measured[1])
+    found.sort(key=lambda f: (f[1].columns.start, f[1].rows.start, f[1].sign))
     return Search(
         comparison,
         tuple(replace(f, id=i) for i, (f, _) in enumerate(found, 1)),
-        tuple(span for _, span in found),
+        tuple((part.columns.start, part.columns.stop) for _, part in found),
     )
 
 

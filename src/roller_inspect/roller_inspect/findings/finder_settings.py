@@ -7,12 +7,14 @@ from pydantic import Field
 from roller_core.settings import Settings
 
 from .limits import Limits
+from .uncertainty import CellUncertainty
 
 
 class FindingSettings(Settings):
     """What counts as a finding."""
 
     limits: Limits = Limits.create({})
+    cell: CellUncertainty = CellUncertainty.create({})
     edge_exclusion_m: float = Field(
         1e-3, ge=0.0, le=0.1, description="Margin of the scanned area that isn't searched, m."
     )

@@ -7,22 +7,12 @@ from typing import Literal, get_args
 
 from roller_core.transforms import F64
 
+from .uncertainty import Budget, Uncertainty
+
 #: After ISO 8785: a hollow without and with a raised edge, a hollow or groove more than three
 #: times as long as wide, a rise; and material that is missing or extra against CAD or golden scan.
 Kind = Literal["dent", "crater", "scratch", "raised", "missing", "extra"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """Expanded uncertainties (k = 2) of a finding's figures, in the units of the figures."""
-
-    center_m: float
-    length_m: float
-    width_m: float
-    depth_m: float
-    area_m2: float
-    volume_m3: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +48,11 @@ class Finding:
         What it was seen by: ``height``, ``edges``.
     final : bool
         False while more of it may come.
+    rim_m : float
+        Height of a crater's raised edge, the median around it; 0 of other kinds. A crater's
+        outline, length, width and area include the edge, its volume is that of the hollow.
+    budget : Budget or None
+        What the uncertainty of its depth is made of.
     """
 
     id: int
@@ -75,3 +70,5 @@ class Finding:
     measured: float
     cues: tuple[str, ...]
     final: bool
+    rim_m: float = 0.0
+    budget: Budget | None = field(default=None, repr=False)

@@ -52,12 +52,11 @@ def _plane_normal(spread: F64) -> F64 | None:
     """Normal of the plane that most points lie in, upwards; None unless they clearly do."""
     inner = spread
     for _ in range(5):
-        found = np.linalg.svd(inner, full_matrices=False)[2][2]
+        found = np.linalg.eigh(inner.T @ inner)[1][:, 0]
         away = np.abs(spread @ found)
         inner = spread[away <= _FLAT_M]
         if len(inner) < _SHARE * len(spread):
             return None
-    sizes = np.linalg.svd(inner, compute_uv=False) / np.sqrt(len(inner))
-    if sizes[1] < _WIDE_M:
+    if np.linalg.eigvalsh(inner.T @ inner)[1] < _WIDE_M**2 * len(inner):
         return None
     return np.asarray(found * np.sign(found[2] or 1.0))

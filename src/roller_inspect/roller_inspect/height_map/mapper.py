@@ -21,6 +21,8 @@ from .map_settings import HeightMapSettings
 STRIP_M, OVERLAP_M = 8e-3, 2e-3
 #: The frame is found once the scan has gone so far, m, and has so many points.
 _START_M, _START_POINTS = 8e-3, 60
+#: Patches with less than this part of the largest one's points don't say where the scan goes.
+_LEAST_PATCH = 0.05
 #: Rows are allocated so many at once.
 _ROWS = 32
 
@@ -125,13 +127,15 @@ class HeightMapper:
     def _motion(self) -> F64:
         """How far the points moved from the first patch to the last, by regression."""
         count = np.array([len(patch) for patch in self._waiting])
-        number = np.arange(len(count))
+        number = np.flatnonzero(count >= _LEAST_PATCH * count.max())
+        used = [self._waiting[k] for k in number]
+        count = count[number]
         centred = number - number @ count / count.sum()
         spread = float(centred**2 @ count)
         if not spread:
             return np.zeros(3)
-        totals = np.array([patch.points.sum(axis=0) for patch in self._waiting])
-        return np.asarray(centred @ totals / spread * number[-1])
+        totals = np.array([patch.points.sum(axis=0) for patch in used])
+        return np.asarray(centred @ totals / spread * (number[-1] - number[0]))
 
     def _take(self, patch: Patch) -> tuple[int, int]:
         """Points to their strips; first and last strip touched."""

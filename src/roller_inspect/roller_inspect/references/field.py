@@ -96,6 +96,7 @@ def compare_field(
         deviation,
         np.nan_to_num(sigma, nan=0.0).astype(np.float32),
         Alignment(name, _in_base(motion, centre, height_map), refined, left, int(overlap.sum())),
+        by_pose="z" not in refined,
     )
 
 

@@ -62,6 +62,7 @@ class NominalReference:
             deviation.astype(np.float32),
             np.full(height_map.shape, sigma, np.float32),
             Alignment("nominal", np.eye(4), (), rms_robust(residual), int(used.sum())),
+            by_pose=self.form == "none",
         )
 
     def _fit(self, x: F64, y: F64, z: F64) -> Model:

@@ -30,11 +30,14 @@ class Comparison:
         Standard uncertainty of the reference itself, metres.
     alignment : Alignment
         How it was laid on the scan.
+    by_pose : bool
+        Whether its height over the scan rests on the robot's pose alone.
     """
 
     deviation_m: F32
     sigma_m: F32
     alignment: Alignment
+    by_pose: bool = False
 
 
 class Reference(Protocol):

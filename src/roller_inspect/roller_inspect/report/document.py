@@ -18,7 +18,7 @@ import numpy as np
 from roller_core.calibration_file import SECTION, digest
 from roller_core.camera import Camera
 from roller_core.settings import read_parameters
-from roller_inspect.inspect_stage import Inspected
+from roller_inspect.inspect_stage import Inspected, inspect_parameters
 from roller_inspect.judgement import Judged
 from roller_inspect.recipe import Recipe
 
@@ -37,7 +37,7 @@ class Scan:
     source : Path or None
         The recording.
     params : Path or None
-        The parameter file, with its record of calibrations.
+        The parameter file, with node `inspect` and the record of calibrations.
     camera : Camera or None
         The camera's calibration.
     method : str
@@ -91,6 +91,7 @@ def inspection_document(inspected: Inspected, recipe: Recipe, scan: Scan) -> dic
             "findings": [_finding(judged) for judged in judgement.findings],
             "measures": [asdict(figure) for figure in judgement.figures],
             "contact": list(judgement.contact),
+            "uncertainty": inspect_parameters(scan.params).uncertainty.sources(),
             "texture": texture(cover, scan.events),
             "recipe": recipe.model_dump(mode="json", by_alias=True),
             "faults": list(scan.faults),
@@ -107,7 +108,9 @@ def _finding(judged: Judged) -> dict[str, Any]:
         "region": judged.region,
         "center_m": found.center_m.tolist(),
         **{name: getattr(found, name) for name in _SIZES},
+        "rim_m": found.rim_m,
         "uncertainty": asdict(found.uncertainty),
+        "budget_m": None if found.budget is None else asdict(found.budget),
         "confidence": found.confidence,
         "verdict": judged.verdict,
         "limit": judged.limit,

@@ -68,6 +68,7 @@ def page(document: Mapping[str, Any], pictured: Pictured | None) -> str:
         _map(document, pictured) if pictured is not None else "",
         _findings(document, pictured),
         _measures(document),
+        _uncertainty(document),
         _coverage(document),
         _alignment(document),
         _traceability(document),
@@ -223,8 +224,9 @@ def _card(f: Mapping[str, Any], pictured: Pictured) -> str:
     u = f["uncertainty"]["depth_m"]
     words = (
         f"<b>{f['id']}</b> {f['kind']}, {f['length_m'] * 1e3:.2f} × {f['width_m'] * 1e3:.2f} mm, "
-        f"{_with_u(f['depth_m'], u, 1e6, 0, sign=True)} µm: "
-        f'<b class="{f["verdict"]}">{_WORDS[f["verdict"]].lower()}</b>'
+        f"{_with_u(f['depth_m'], u, 1e6, 0, sign=True)} µm"
+        + (f", edge raised by {f['rim_m'] * 1e6:.0f} µm: " if f["rim_m"] else ": ")
+        + f'<b class="{f["verdict"]}">{_WORDS[f["verdict"]].lower()}</b>'
         + (f"; {escape(f['limit'])}" if f.get("limit") else "")
     )
     profile = _profile(part, deviation, ends, pictured)
@@ -269,6 +271,24 @@ def _measures(document: Mapping[str, Any]) -> str:
         )  # fmt: skip
     head = ("name", "tool", "of", "value ± U", "limits", "verdict", "")
     return f"<section><h2>Measures</h2>{_table(head, rows)}</section>"
+
+
+def _uncertainty(document: Mapping[str, Any]) -> str:
+    """What U of the depths is made of, and where that is from."""
+    sources = document["uncertainty"]
+    rows = [
+        [str(f["id"]), f["kind"], f"{f['depth_m'] * 1e6:+.0f}".replace("-", "−")]
+        + [f"{f['budget_m'][name] * 1e6:.1f}" for name in sources]
+        + [f"{f['uncertainty']['depth_m'] * 1e6:.0f}"]
+        for f in document["findings"]
+        if f["budget_m"] is not None
+    ]
+    table = _table(("no.", "kind", "depth µm", *sources, "U (k = 2)"), rows) if rows else ""
+    words = "".join(f"<li><b>{n}</b>: {escape(text)}</li>" for n, text in sources.items())
+    return (
+        "<section><h2>Uncertainty</h2><p>Of depths, standard contributions in µm; U is twice their "
+        f"root of squares.</p>{table}<ul>{words}</ul></section>"
+    )
 
 
 def _coverage(document: Mapping[str, Any]) -> str:

@@ -10,12 +10,12 @@ from rosbags.rosbag2 import Reader
 from roller_core import outputs
 from roller_core.bags import typestore
 from roller_core.outputs import ContactFault, Output, cloud_of
-from roller_inspect.inspect_stage import InspectParameters, InspectStage
+from roller_inspect.inspect_stage import InspectStage, inspect_parameters
 from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
 
 
-def inspect_recorded(bag: Path, recipe: Recipe, part: str) -> Inspected:
+def inspect_recorded(bag: Path, recipe: Recipe, part: str, params: Path | None = None) -> Inspected:
     """Inspect the surface that a recorded graph published, as its node `inspect` did.
 
     Parameters
@@ -26,13 +26,15 @@ def inspect_recorded(bag: Path, recipe: Recipe, part: str) -> Inspected:
         What the node had.
     part : str
         Name of the part.
+    params : path, optional
+        The node's parameter file, where it was given any.
 
     Raises
     ------
     RollerError
         If the points are none of ours.
     """
-    stage = InspectStage(InspectParameters.create({"part": part}), recipe)
+    stage = InspectStage(inspect_parameters(params, part=part), recipe)
     wanted = {f"/{topic}" for topic in (outputs.SURFACE_POINTS, outputs.CONTACT)}
     store, found = typestore(), []
     with Reader(bag) as reader:
