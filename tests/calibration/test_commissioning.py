@@ -25,7 +25,7 @@ from roller_sim.motion import HAND_EYE_M, hand_eye
 from simulated_scans import Scans
 
 #: What the camera reads out in scans: a region of interest, so that they take seconds.
-TOP, ROWS = 160, 160
+TOP, ROWS = 180, 120
 
 
 @pytest.fixture
@@ -81,9 +81,11 @@ def test_from_unpacked_devices_to_a_certificate(
     np.testing.assert_allclose(read_parameters(place, "ur10")["hand_eye_m"], HAND_EYE_M, atol=1e-3)
 
     own = ("--camera", camera_file)
-    there_and_back = [scan("stairs", v, motion={"reverse": True}) for v in (0.25, 0.5)]  # A
+    path = {"reverse": True, "start_mm": -4.0, "end_mm": 22.0, "acceleration": 50.0}
+    there_and_back = [scan("stairs", v, motion=path) for v in (0.25, 0.5)]  # A
     calibrate("time-offset", *there_and_back, *own, "--output", cell)  # A
-    calibrate("flat", scan("flat", light={"speckle": 0.1}), *own, "--params", cell,
+    flat = scan("flat", light={"speckle": 0.1}, motion={"start_mm": 6.0, "end_mm": 22.0})
+    calibrate("flat", flat, *own, "--params", cell,
               "--output", cell)  # fmt: skip
 
     certificate = tmp_path / "certificate"

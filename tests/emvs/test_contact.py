@@ -106,7 +106,7 @@ def test_what_slips_gives_no_depth_and_says_so(texture: EventArray) -> None:
 
 
 def test_a_scan_of_the_virtual_cell(scans: Scans) -> None:
-    scan = scans.scan("stairs", speed=0.3)
+    scan = scans.scan("stairs", speed=0.3, camera={"height": 120}, scene={"step_mm": 0.04})
     end_ns = int(scan.events.t_ns[-1])
     for share in (1.0, 0.75):
         track = PoseTrack()

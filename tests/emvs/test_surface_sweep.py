@@ -160,7 +160,7 @@ def test_rays_held_are_bounded_too(scan: EventArray) -> None:
 
 
 def test_stairs_of_the_virtual_cell(scans: Scans) -> None:
-    scan = scans.scan("stairs", speed=0.3)
+    scan = scans.scan("stairs", speed=0.3, camera={"height": 120}, scene={"step_mm": 0.04})
     engine = SurfaceSweep(SurfaceSettings.create({}), scan.camera, scan.track)
     engine.add_events(scan.events)
     points = points_of([f for f in engine.results(flush=True) if isinstance(f, SurfacePatch)])
@@ -169,7 +169,7 @@ def test_stairs_of_the_virtual_cell(scans: Scans) -> None:
     x, y = points[:, 0] - 0.3 * truth.event_delay_ns * 1e-9, points[:, 1]
     on = (x > region.x0) & (x < region.x1) & (y > region.y0) & (y < region.y1)
     errors = np.abs(points[:, 2] - truth.height_at(x, y))[on]
-    assert on.sum() > 8000
+    assert on.sum() > 6000
     assert np.mean(errors) < 70e-6
     assert np.median(errors) < 65e-6
     assert np.quantile(errors, 0.99) < 300e-6

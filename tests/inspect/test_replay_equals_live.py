@@ -48,7 +48,11 @@ STORE = typestore()
 @pytest.fixture(scope="module")
 def bag(scans: Scans, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scan over four letters of Braille, recorded with `tf_prefix`."""
-    source = scans.bag("braille", scene={"text": "dfhj", "margin_mm": 3.0})
+    source = scans.bag(
+        "braille",
+        scene={"text": "dfhj", "margin_mm": 3.0, "step_mm": 0.03},
+        camera={"width": 280, "height": 166, "focal_px": 711.0},
+    )
     path = tmp_path_factory.mktemp("prefixed") / "scan"
     connections: dict[str, Any] = {}
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)

@@ -196,13 +196,14 @@ def _is_active(xl, xr, yn, first, last, active, origin):  # type: ignore[no-unty
     return False
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _simulate_rows(  # type: ignore[no-untyped-def]
+    begin_row, end_row,
     xn, yn, flat, shape, active, active_origin, cameras, times, tau, roller, origin, light,
     depth, before, signal, level, held, noise, draws, on, off, rate, timing, seed, first,
     out, counts,
 ):  # fmt: skip
-    """Render and watch all rows over a chunk of frames.
+    """Render and watch rows `begin_row` to `end_row` over a chunk of frames.
 
     `times` has one entry more than `cameras`: the time the chunk starts from. Frames are done in
     groups of GROUP; parts of a row that see only flat plate are rendered at a group's last frame
@@ -210,13 +211,14 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
     frame to do, when its buffer `out[v]` might overflow; the caller empties the buffers and calls
     again.
     """
-    h, w = xn.shape
-    for v in numba.prange(h):
-        sx = np.empty(_SEGMENT, np.float32)
-        sy = np.empty(_SEGMENT, np.float32)
-        coat = np.empty(_SEGMENT, np.float32)
-        seen = np.empty(_SEGMENT, np.float32)
-        n = 0
+    w = xn.shape[1]
+    sx = np.empty(_SEGMENT, np.float32)
+    sy = np.empty(_SEGMENT, np.float32)
+    coat = np.empty(_SEGMENT, np.float32)
+    seen = np.empty(_SEGMENT, np.float32)
+    for v in range(begin_row, end_row):
+        # A plain 0 has a type of its own, which everything called would be compiled for once more.
+        n = np.int64(0)
         i = first[v]
         while i < len(cameras) and n + w * MAX_PER_STEP * GROUP <= out.shape[1]:
             stop = min(i + GROUP, len(cameras))
@@ -250,11 +252,11 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
         counts[v] = n
 
 
-@numba.njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _render_rows(xn, yn, flat, shape, camera, roller, origin, light, depth, sx, sy, out):  # type: ignore[no-untyped-def]
     """Render one frame; `depth` holds first guesses and becomes the depth."""
     h, w = xn.shape
-    for v in numba.prange(h):
-        coat = np.empty(w, np.float32)
+    coat = np.empty(w, np.float32)
+    for v in range(h):
         _trace_row(xn[v], yn[v], flat, shape, camera, roller, origin, depth[v], sx[v], sy[v], coat)
         _shade_row(xn[v], yn[v], depth[v], sx[v], sy[v], coat, light, out[v])

@@ -18,7 +18,7 @@ from .motion import PACKET_LATENCY_US, START_SENSOR_NS, Path, PoseStream, hand_e
 from .optics import SurfaceMaps, light_vector, to_grey
 from .relief import F64, HeightMap, Scene
 from .scenes import build_scene
-from .sensor import EventSensor, unpack, use_threads
+from .sensor import EventSensor, unpack
 from .skin import press_depth_mm, skin_over
 from .truth import Truth
 
@@ -158,15 +158,15 @@ class VirtualCell:
 
         Times of the events count from the start as well.
         """
-        use_threads(self.settings.threads)
         s = self.settings.sensor
         rate = 1.0 + self.settings.clock.drift_ppm * 1e-6
         true_s = self.path.frame_times(_STEP_PX * self._px_mm * 1e-3, _MAX_STEP_S)
         times = np.round(true_s * rate * 1e9).astype(np.int64)
         cameras = self.path.over_plate(true_s) * 1e3
         sensor = EventSensor(
-            self._rays, self._maps, self.truth.roller, self._light, s, self.settings.seed
-        )
+            self._rays, self._maps, self.truth.roller, self._light, s, self.settings.seed,
+            self.settings.threads,
+        )  # fmt: skip
         sensor.start(cameras[0])
         for a in range(1, len(times), _CHUNK):
             words = sensor.advance(cameras[a : a + _CHUNK], times[a : a + _CHUNK])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import os
-import warnings
+from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -24,15 +24,13 @@ _ON_SHARE = 0.6
 _HOT_HZ = 500.0
 #: Events one row's buffer holds, in units of what a group of frames may give.
 _BUFFER_GROUPS = 2
+#: Parts that each thread's share of the rows is cut into: some rows see more than others.
+_PARTS_A_THREAD = 4
 
 
-def use_threads(count: int) -> None:
-    """Let the kernels use so many threads; 0: as many as there are cores."""
-    available = numba.config.NUMBA_NUM_THREADS
-    with warnings.catch_warnings():
-        # Which of several libraries the threads are from is nothing to a user.
-        warnings.filterwarnings("ignore", message="The TBB threading layer")
-        numba.set_num_threads(min(count or os.cpu_count() or 1, available))
+@functools.cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="virtual_sensor")
 
 
 def unpack(words: U64) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16], I64, npt.NDArray]:
@@ -60,6 +58,8 @@ class EventSensor:
         Thresholds, noise, timing.
     seed : int
         Seed of everything that differs from pixel to pixel or is left to chance.
+    threads : int
+        Threads to use; 0: as many as there are cores.
     """
 
     def __init__(
@@ -70,7 +70,9 @@ class EventSensor:
         light: F32,
         settings: SensorSettings,
         seed: int,
+        threads: int = 0,
     ) -> None:
+        self._threads = threads or os.cpu_count() or 1
         self._xn, self._yn = rays
         self._maps, self._roller, self._light = maps, roller, light
         self.settings = settings
@@ -151,14 +153,21 @@ class EventSensor:
         first = np.zeros(len(self._xn), np.int64)
         counts = np.zeros(len(self._xn), np.int64)
         parts = [self._pending]
-        while int(first.min()) < len(times_ns):
+        edges = np.linspace(0, len(first), _PARTS_A_THREAD * self._threads + 1).astype(np.int64)
+
+        def simulate(begin_row: np.int64, end_row: np.int64) -> None:
             kernels._simulate_rows(
+                begin_row, end_row,
                 self._xn, self._yn, self._maps.flat, self._maps.shape, self._maps.active,
                 self._maps.active_origin, cameras, times, tau_ns, self._roller, self._maps.origin,
                 self._light, self._depth, self._before, self._signal, self._level, self._held,
                 self._noise, self._draws, self._on, self._off, self._rate, self._timing,
                 self._seed, first, self._out, counts,
             )  # fmt: skip
+
+        while int(first.min()) < len(times_ns):
+            # Taken from the pool to the last, so that an error is raised here.
+            list(_pool(self._threads).map(simulate, edges[:-1], edges[1:]))
             parts += [row[:n] for row, n in zip(self._out, counts, strict=True) if n]
             parts = [np.concatenate(parts)]
         words = parts[0]
