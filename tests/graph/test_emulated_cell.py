@@ -64,7 +64,8 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     """Heights within 5 µm in mean and median, but for the constant delay between the devices."""
     pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
     scan = EmulatedScan.simulate(
-        scene={"name": "pyramid"},
+        scene={"name": "pyramid", "step_mm": 0.04},
+        camera={"width": 320, "height": 120, "focal_px": 533.0},
         motion={"speed": 0.1, "start_mm": -6.5, "end_mm": 34.5, "hold_s": HOLD_S},
         clock={"drift_ppm": -40.0},
     )
@@ -90,7 +91,7 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     # On a busy machine the graph may have begun to listen a few packets after this test.
     events = events[max(len(events) - took.mapped, 0) :]
     track = scan.camera_track((ticks_ns - took.begin_ns) * 1e-9, ticks_ns + robot_delay, MAX_GAP_S)
-    pipeline = Pipeline(PipelineSettings.load(), scan.cell.camera, track, braille=False)
+    pipeline = Pipeline(PipelineSettings.load(), scan.camera, track, braille=False)
     pipeline.add_events(events)
     found = [r.found for r in pipeline.results(flush=True)]
     direct = np.concatenate([p.columns() for p in found if isinstance(p, Patch)])
@@ -106,7 +107,7 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
         f"95 % within {np.percentile(away_um, 95):.2f}; delays {camera_delay / 1e3:.0f} and "
         f"{robot_delay / 1e3:.0f} µs"
     )
-    assert len(took.cloud) > 8000
+    assert len(took.cloud) > 5000
     assert near.mean() > 0.9
     assert abs(apart_um.mean()) < 5.0
     assert away_um.mean() < 5.0
@@ -123,7 +124,7 @@ def take_scan(
     monkeypatch.setenv(usb_backend.EVENTS_VARIABLE, str(folder / "words.u4"))
     monkeypatch.setenv(usb_backend.PACE_VARIABLE, json.dumps(pace))
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"), prepend=os.pathsep)
-    scan.cell.camera.to_yaml(folder / "camera.yaml")
+    scan.camera.to_yaml(folder / "camera.yaml")
     camera = {
         "backend": "driver.emulation.usb_backend:from_environment",
         # A reader of best effort has 1000 packets to catch up: four seconds of these.
@@ -210,7 +211,7 @@ def take_scan(
 
 def decoded(packets: list[Any], scan: EmulatedScan) -> tuple[EventArray, I64, I64]:
     """The first event, and of each packet's first event ROS time and sensor time."""
-    stream = EventStream(scan.cell.camera.width, scan.cell.camera.height)
+    stream = EventStream(scan.camera.width, scan.camera.height)
     events = [
         stream.push(
             m.encoding, m.width, m.height, m.seq, messages.to_ns(m.header.stamp), m.time_base,

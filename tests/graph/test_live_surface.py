@@ -29,7 +29,7 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     overrides = tmp_path / "overrides.yaml"
     cell = (
         f"{{truth_output: {tmp_path / 'truth'}, subscribers: 2, pose_subscribers: 2, "
-        "scene: {margin_mm: 4.0}}"
+        "scene: {margin_mm: 4.0, width_mm: 6.0, step_mm: 0.04}, camera: {height: 180}}"
     )
     overrides.write_text(f"virtual_cell:\n  ros__parameters: {cell}\n")
     arguments = {
@@ -44,9 +44,9 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     written = json.loads((tmp_path / "report.json").read_text())
 
     stairs = written["truth"]["objects"]["stairs"]
-    assert stairs["points"] > 8000
+    assert stairs["points"] > 5000
     assert stairs["near_edge_mae_um"] < 60
-    assert stairs["edges_measured"] > 0.8
+    assert stairs["edges_measured"] > 0.7
 
     check_keys(STATUS, seen.statuses[STATUS][1])
     figures = {name: int(v) for name, v in seen.statuses[STATUS][1].items() if v.isdigit()}

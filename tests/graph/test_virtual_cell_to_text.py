@@ -5,17 +5,25 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from graph.graph_world import Watcher, check_keys
+from graph.graph_world import Processes, Watcher, check_keys
+from roller_braille.braille_stage import BrailleStage
 from roller_bringup.launching import load
 from roller_bringup.live import run_until_done
+from roller_core.stage import Stage
+from roller_emvs.depth_stage import DepthStage
 from roller_emvs.ply import read_ply
+from roller_emvs.stitcher_stage import StitcherStage
+from roller_emvs.surface_stage import SurfaceStage
+from roller_inspect.inspect_stage import InspectStage
 from roller_inspect.results.recorded import gather
 from roller_inspect.results.run_report import Report
 from roller_ros import qos
+from roller_ros.stage_node import StageNode
 
 pytestmark = pytest.mark.graph
 
@@ -28,7 +36,8 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
         "virtual_cell:\n"
         "  ros__parameters:\n"
         f"    truth_output: {tmp_path / 'truth'}\n"
-        "    scene: {text: 'dfhj', margin_mm: 3.0}\n"
+        "    scene: {text: 'dfhj', margin_mm: 3.0, step_mm: 0.03}\n"
+        "    camera: {width: 280, height: 166, focal_px: 711.0}\n"
     )
     plan = load(
         LAUNCH,
@@ -64,45 +73,44 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
     assert travel_scale == "" or float(travel_scale) == pytest.approx(1.0, abs=0.03)
 
 
-def test_publishers_offer_what_the_contract_says(domain: int, tmp_path: Path) -> None:
+def test_publishers_offer_what_the_contract_says(
+    watch: Callable[..., Watcher], processes: Processes
+) -> None:
     """Reliability and durability of every topic, asked of the graph itself."""
-    from graph.graph_world import Processes
-
-    watcher = Watcher(())
-    processes = Processes(tmp_path)
-    try:
-        for name in ("emvs", "stitcher", "surface", "braille", "inspect"):
-            processes.start(name)
-        processes.start(
-            "virtual_cell", "{scene: {name: flat}, wait_s: 60.0, subscribers: 9, prepare: false}"
-        )
-        expected = {
-            "/event_camera/events": qos.EVENTS,
-            "/event_camera/camera_info": qos.LATCHED,
-            "/tf": qos.TF,
-            "/tf_static": qos.TF_STATIC,
-            "/roller/depth/image": qos.DEPTH,
-            "/roller/depth/confidence": qos.DEPTH,
-            "/roller/depth/sigma": qos.DEPTH,
-            "/roller/depth/camera_info": qos.DEPTH,
-            "/roller/surface/points": qos.SURFACE,
-            "/roller/surface/map": qos.LATCHED,
-            "/roller/braille/cells": qos.BRAILLE,
-            "/roller/braille/text": qos.TEXT,
-            "/roller/braille/markers": qos.MARKERS,
-            "/roller/inspection/findings": qos.LATCHED,
-            "/roller/inspection/markers": qos.LATCHED,
-            "/roller/inspection/deviation": qos.SURFACE,
-        }
-        node = watcher.node
-        watcher.spin_until(
-            lambda: all(node.get_publishers_info_by_topic(t) for t in expected), 90, "publishers"
-        )
-        for topic, profile in expected.items():
-            for info in node.get_publishers_info_by_topic(topic):
-                offered = info.qos_profile
-                assert offered.reliability == profile.reliability, topic
-                assert offered.durability == profile.durability, topic
-    finally:
-        processes.stop()
-        watcher.close()
+    watcher = watch()
+    node = watcher.node
+    processes.start(
+        "virtual_cell", "{scene: {name: flat}, wait_s: 60.0, subscribers: 9, prepare: false}"
+    )
+    stages: list[type[Stage[Any]]] = [
+        DepthStage, StitcherStage, SurfaceStage, BrailleStage, InspectStage
+    ]  # fmt: skip
+    made = [StageNode(kind, context=node.context) for kind in stages]
+    expected = {
+        "/event_camera/events": qos.EVENTS,
+        "/event_camera/camera_info": qos.LATCHED,
+        "/tf": qos.TF,
+        "/tf_static": qos.TF_STATIC,
+        "/roller/depth/image": qos.DEPTH,
+        "/roller/depth/confidence": qos.DEPTH,
+        "/roller/depth/sigma": qos.DEPTH,
+        "/roller/depth/camera_info": qos.DEPTH,
+        "/roller/surface/points": qos.SURFACE,
+        "/roller/surface/map": qos.LATCHED,
+        "/roller/braille/cells": qos.BRAILLE,
+        "/roller/braille/text": qos.TEXT,
+        "/roller/braille/markers": qos.MARKERS,
+        "/roller/inspection/findings": qos.LATCHED,
+        "/roller/inspection/markers": qos.LATCHED,
+        "/roller/inspection/deviation": qos.SURFACE,
+    }
+    watcher.spin_until(
+        lambda: all(node.get_publishers_info_by_topic(t) for t in expected), 90, "publishers"
+    )
+    for topic, profile in expected.items():
+        for info in node.get_publishers_info_by_topic(topic):
+            offered = info.qos_profile
+            assert offered.reliability == profile.reliability, topic
+            assert offered.durability == profile.durability, topic
+    for one in made:
+        one.destroy_node()

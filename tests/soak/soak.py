@@ -21,7 +21,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +138,7 @@ class Soak:
             scene={"name": "demo"}, motion={"speed": SPEED_M_S}, clock={"drift_ppm": 0.0}
         )
         # As much as a busy scan has, on a machine that does all of it.
-        scan = EmulatedScan(scan.cell, scan.events[::3])
+        scan = replace(scan, events=scan.events[::3])
         self.scan_s = scan.duration_s
         self.period_s = round(self.scan_s + BACK_S + QUIET_S, 3)
         motion = scan.cell.settings.motion
@@ -151,7 +151,7 @@ class Soak:
         np.savez(
             self.trajectory, t_s=np.append(t_s, back), pose=np.vstack([pose, pose[0], pose[0]])
         )
-        scan.cell.camera.to_yaml(self.folder / "camera.yaml")
+        scan.camera.to_yaml(self.folder / "camera.yaml")
         os.environ[VARIABLE] = json.dumps(
             {
                 "words": str(self.folder / "words.u4"),

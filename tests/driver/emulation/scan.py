@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, matrix_to_quaternion
@@ -19,6 +20,7 @@ from roller_sim.motion import CAMERA_DOWN, START_SENSOR_NS
 from .camera_words import encode_words
 
 _GRID_S = 1e-3
+WIDTH, HEIGHT = 640, 480
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,13 @@ class EmulatedScan:
         What was simulated.
     events : EventArray
         In sensor time, as the camera stamps them.
+    camera : Camera
+        Of 640 × 480 px; what was simulated lies in its middle.
     """
 
     cell: VirtualCell
     events: EventArray
+    camera: Camera
 
     @classmethod
     def simulate(cls, **settings: dict[str, object]) -> EmulatedScan:
@@ -49,7 +54,14 @@ class EmulatedScan:
                 break
         events = EventArray.concatenate(parts)
         events = events[: int(np.searchsorted(events.t_ns, end_ns))]
-        return cls(cell, events.shifted(START_SENSOR_NS))
+        events = events.shifted(START_SENSOR_NS)
+        small = cell.camera
+        dx, dy = (WIDTH - small.width) // 2, (HEIGHT - small.height) // 2
+        placed = EventArray(
+            events.x + np.uint16(dx), events.y + np.uint16(dy), events.t_ns, events.p
+        )
+        camera = Camera(WIDTH, HEIGHT, small.fx, small.fy, small.cx + dx, small.cy + dy)
+        return cls(cell, placed, camera)
 
     @property
     def duration_s(self) -> float:
