@@ -5,14 +5,13 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from braille.synthetic import Plate, over, read, scan
 from roller_braille import table, translation
-from roller_braille.brf import from_brf, to_brf
+from roller_braille.brf import to_brf
 from roller_braille.translation import LineCell, TranslationError, line_reader
 
 needs_liblouis = pytest.mark.skipif(
@@ -118,19 +117,13 @@ def test_a_plate_in_contracted_braille() -> None:
     assert all(c.readable for c in found)
 
 
-@given(st.lists(st.lists(st.integers(1, 63), min_size=1, max_size=40), max_size=60))
-def test_brf_comes_back(lines: list[list[int]]) -> None:
-    assert from_brf(to_brf(lines)) == lines
-
-
 def test_brf_breaks_lines_at_spaces_and_pages_after_25() -> None:
     line = [1, 3, 9, 0] * 11
     written = to_brf([line] * 26)
     assert written.startswith("ABC " * 9 + "ABC\r\nABC\r\n")
     assert written.count("\f") == 2
     assert max(len(row) for row in written.replace("\f", "").split("\r\n")) <= 40
-    back = np.concatenate([[*row, 0] for row in from_brf(written)])
-    np.testing.assert_array_equal(back, line * 26)
+    assert written.replace("\f", "").split() == ["ABC"] * 11 * 26
 
 
 @needs_liblouis

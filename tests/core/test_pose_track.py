@@ -85,10 +85,6 @@ def test_epoch_times_lose_nothing() -> None:
     np.testing.assert_allclose(x - x[0], [0, 0.5e-9, 0.5e-6], atol=1e-15)
 
 
-def test_velocity() -> None:
-    np.testing.assert_allclose(straight().velocity(EPOCH_NS + 9_000_000), [0.5, 0, 0])
-
-
 def test_unnormalised_quaternions_are_normalised() -> None:
     track = PoseTrack()
     track.append(0, [0, 0, 0], [0, 0, 0, 2.0])
@@ -124,14 +120,6 @@ def test_discarding_keeps_what_is_needed() -> None:
     track.discard_before(t)
     assert len(track) == 50
     np.testing.assert_array_equal(track.at(t).position, before)
-
-
-def test_hand_eye_composition() -> None:
-    fixed = pose_matrix([0.1, 0, 0.05], rotation_vector_to_quaternion([0.3, -0.2, 1.0]))
-    track = straight()
-    moved = track.transformed(fixed)
-    t = EPOCH_NS + 5_000_000
-    np.testing.assert_allclose(moved.at(t).matrix, track.at(t).matrix @ fixed, atol=1e-12)
 
 
 def test_tum_round_trip(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
-from roller_core.transforms import inverse_pose, pose_matrix
+from roller_core.transforms import inverse_pose, matrix_to_quaternion, pose_matrix
 from roller_recording.raw_message import RawMessage
 from roller_ros import topics
 from roller_sim.bag import BASE, TOOL, BagMessages
@@ -143,10 +143,11 @@ def analytic_dataset(folder: Path, most: int | None = None) -> Path:
 
 def _poses(make: BagMessages) -> list[tuple[int, str, str, Any]]:
     tool_from_camera = inverse_pose(pose_matrix(HAND_EYE_POSITION, HAND_EYE_ROTATION))
-    tool = camera_track().transformed(tool_from_camera)
+    times = camera_track().times_ns
     out = []
-    for t, p, q in zip(tool.times_ns.tolist(), tool.positions, tool.quaternions, strict=True):
-        out.append((t + 1_500_000, "/tf", TF_MESSAGE, make.transform(t, BASE, TOOL, p, q)))
+    for t, m in zip(times.tolist(), camera_track().matrices(times) @ tool_from_camera, strict=True):
+        pose = make.transform(t, BASE, TOOL, m[:3, 3], matrix_to_quaternion(m[:3, :3]))
+        out.append((t + 1_500_000, "/tf", TF_MESSAGE, pose))
     return out
 
 

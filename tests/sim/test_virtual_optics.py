@@ -143,10 +143,8 @@ def test_depth_of_stairs_is_exact_on_the_treads():
         when = at(cell, x0 + 1.1 * tread)
         depth = cell.truth.depth_at(when, [[40.0, 24.0]])
         assert depth[0] == pytest.approx((45.0 - rise) * 1e-3, abs=2e-6)
-    pose = cell.truth.camera_pose(when)
-    assert cell.truth.depth_at(pose, [[40.0, 24.0]]) == depth
-    assert cell.truth.height_at(pose[0, 3], 0.0) == pytest.approx(0.4e-3, abs=1e-6)
-    assert cell.truth.touches(pose[0, 3], 0.0)
+    x = cell.truth.camera_positions(when)[0, 0]
+    assert cell.truth.height_at(x, 0.0) == pytest.approx(0.4e-3, abs=1e-6)
 
 
 def test_speckle_moves_with_the_surface_in_contact_and_turns_outside():

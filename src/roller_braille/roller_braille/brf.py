@@ -33,12 +33,3 @@ def to_brf(lines: Iterable[Sequence[int]]) -> str:
         rows.append(text)
     pages = [rows[k : k + _PAGE_LINES] for k in range(0, len(rows), _PAGE_LINES)]
     return "\f".join("".join(f"{row}\r\n" for row in page) for page in pages)
-
-
-def from_brf(text: str) -> list[list[int]]:
-    """Lines of masks of a BRF file; characters that stand for no cell are blank."""
-    of_ascii = {c: mask for mask, c in enumerate(_ASCII)}
-    return [
-        [of_ascii.get(c, 0) for c in line.upper()]
-        for line in text.replace("\f", "").replace("\r\n", "\n").splitlines()
-    ]

@@ -19,6 +19,8 @@ from roller_ros import qos, topics
 
 from .launching import LaunchPlan, Runner
 
+#: How long outputs must be quiet at the end, s; longer than the nodes' idle flush.
+_QUIET_S = 3.0
 #: Statuses that tell that the source has nothing more to send.
 SOURCES = ("virtual_cell: scan", "player: playback")
 
@@ -136,7 +138,6 @@ def check_no_duplicate_nodes(plan: LaunchPlan, wait_s: float = 1.0) -> None:
 
 def run_until_done(
     plan: LaunchPlan,
-    quiet_s: float = 3.0,
     timeout_s: float = 600.0,
     report: Callable[[str], None] = lambda line: None,
 ) -> Observation:
@@ -146,8 +147,6 @@ def run_until_done(
     ----------
     plan : LaunchPlan
         What to run.
-    quiet_s : float
-        How long outputs must be quiet, s; longer than the nodes' idle flush.
     timeout_s : float
         Give up after this, s.
     report : callable
@@ -169,7 +168,7 @@ def run_until_done(
                 report(f"source: {source}")
             if source == "finished":
                 done_at = done_at or now
-                if now - max(seen.last_output, done_at) > quiet_s and seen.drained:
+                if now - max(seen.last_output, done_at) > _QUIET_S and seen.drained:
                     return seen
             if runner.poll() is not None:
                 ended = (f"{name} exited with {code}" for name, code in runner.exit_codes.items())

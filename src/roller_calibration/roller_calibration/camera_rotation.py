@@ -77,7 +77,6 @@ def find_camera_rotation(
     scan: Scan,
     depth_range_m: tuple[float, float],
     report: Callable[[float], None] = lambda _share: None,
-    seed: int = 0,
 ) -> CameraRotation:
     """Find the turn of a camera that rolled straight over a flat plate, level in base.
 
@@ -89,15 +88,13 @@ def find_camera_rotation(
         Between which the plate lies, metres.
     report : callable
         Gets the share done.
-    seed : int
-        Of the choice of events.
 
     Raises
     ------
     CameraRotationError
         If the pass is short or bent, or the plate shows too little texture.
     """
-    rays, rotations, positions = _rays(scan, seed)
+    rays, rotations, positions = _rays(scan)
     # A camera that looks down has the plate below it.
     side = float(rotations[:, 2, 2].mean())
     if abs(side) < _LEAST_LEVEL:
@@ -140,7 +137,7 @@ def find_camera_rotation(
     return CameraRotation(vector, scatter, float(found[:, 3].mean() + centre[2]), size * _PARTS)
 
 
-def _rays(scan: Scan, seed: int) -> tuple[F64, F64, F64]:
+def _rays(scan: Scan) -> tuple[F64, F64, F64]:
     """Directions of events in the camera, rotations and positions of the camera; shuffled."""
     events, camera, track = scan.events, scan.camera, scan.track
     inside = (events.t_ns >= track.start_ns) & (events.t_ns <= track.end_ns)
@@ -158,7 +155,7 @@ def _rays(scan: Scan, seed: int) -> tuple[F64, F64, F64]:
         raise CameraRotationError(
             f"{len(number)} events, fewer than {_LEAST_EVENTS}: too few events"
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     number = rng.permutation(number)[: _EVENTS * _PARTS]
     table = camera.undistortion_table()
     # Events lie anywhere in their pixels; as grid points they would beat with the map's cells.

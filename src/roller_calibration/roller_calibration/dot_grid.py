@@ -239,15 +239,13 @@ class GridWatcher:
         self._still = []
 
 
-def target_page(grid: DotGrid, blinks_a_second: float = 4.0) -> str:
+def target_page(grid: DotGrid) -> str:
     """An HTML page that shows the grid blinking, to open full screen on a phone or tablet.
 
     Parameters
     ----------
     grid : DotGrid
         The target; its true pitch on that screen has to be measured.
-    blinks_a_second : float
-        How often the dots come and go.
     """
     mm = grid.points_m[:, :2].astype(np.float64) * 1e3
     pitch = grid.pitch_m * 1e3
@@ -259,7 +257,7 @@ def target_page(grid: DotGrid, blinks_a_second: float = 4.0) -> str:
     return (
         "<!doctype html><meta charset=utf-8><title>Target</title><style>"
         "html,body{margin:0;background:#888;height:100%;display:grid;place-items:center}"
-        f"@keyframes b{{50%{{opacity:0}}}}g{{animation:b {1 / blinks_a_second:.3f}s steps(1) "
+        f"@keyframes b{{50%{{opacity:0}}}}g{{animation:b 0.25s steps(1) "
         "infinite}</style>"
         f'<svg width="{width:.3f}mm" height="{height:.3f}mm" viewBox="0 0 {width:.3f} '
         f'{height:.3f}"><rect width="100%" height="100%" fill="#fff"/><g>{dots}</g></svg>\n'

@@ -11,6 +11,8 @@ from roller_core.errors import RollerError
 
 #: Scale of the paper's sensor, mm/px, and its number of readings.
 PAPER_MM_PER_PX, PAPER_READINGS = 0.0422, 8
+#: Share by which a scale may differ from the camera's own.
+_MOST_OFF = 0.05
 #: A reading may differ by this share from the median of all.
 MOST_OFF = 0.1
 
@@ -85,9 +87,7 @@ def scale_of(readings_mm: Sequence[float], pixels: Sequence[float]) -> Scale:
     return Scale(mean, float(each.std(ddof=1)), float(np.ptp(each)) / mean, len(each))
 
 
-def check_scale(
-    given_mm_per_px: float, depth_m: float, focal_px: float, most: float = 0.05
-) -> float:
+def check_scale(given_mm_per_px: float, depth_m: float, focal_px: float) -> float:
     """How far a measured scale is off the camera's own at a depth, as a share.
 
     Parameters
@@ -98,21 +98,19 @@ def check_scale(
         Depth of the surface, metres.
     focal_px : float
         Focal length, px.
-    most : float
-        Share that is allowed.
 
     Raises
     ------
     ScaleError
-        If it is more, or the scale isn't positive.
+        If it is more than `_MOST_OFF`, or the scale isn't positive.
     """
     if not given_mm_per_px > 0:
         raise ScaleError(f"a scale of {given_mm_per_px:g} mm/px isn't positive")
     own = depth_m * 1e3 / focal_px
     off = given_mm_per_px / own - 1
-    if abs(off) > most:
+    if abs(off) > _MOST_OFF:
         raise ScaleError(
             f"the scale {given_mm_per_px:g} mm/px is {off:+.1%} off the camera's calibration "
-            f"({own:.4f} mm/px at {depth_m * 1e3:.2f} mm), more than {most:.0%}: one is wrong"
+            f"({own:.4f} mm/px at {depth_m * 1e3:.2f} mm), more than {_MOST_OFF:.0%}: one is wrong"
         )
     return off

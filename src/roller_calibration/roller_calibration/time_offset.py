@@ -48,6 +48,8 @@ _LEAST_CORRELATION, _MOST_RIVAL = 0.1, 0.9
 #: which a travel can be distinguished from a time.
 _ALIKE, _APART = 1.25, 1.5
 _ROUNDS = 6
+#: Largest delay, of either sign, that is looked for, s.
+_MOST_S = 0.02
 #: A lag is no better than this share of a pixel, however well strips agree.
 _FINEST_PX = 0.1
 
@@ -78,7 +80,7 @@ class TimeOffset:
     events: int
 
 
-def estimate_time_offset(scans: Sequence[Scan], depth_m: float, most_s: float = 0.02) -> TimeOffset:
+def estimate_time_offset(scans: Sequence[Scan], depth_m: float) -> TimeOffset:
     """Delay of event stamps against poses from scans that reverse.
 
     Parameters
@@ -87,8 +89,6 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float, most_s: float = 
         At least one; at two speeds, or one with long ramps, for a delay free of what edges lag.
     depth_m : float
         Depth of the surface, metres; relief of a millimetre does no harm.
-    most_s : float
-        Largest delay, of either sign, that is looked for, seconds.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float, most_s: float = 
         lags = [
             lag
             for scan, course in zip(scans, courses, strict=True)
-            for lag in _lags(scan, course, depth_m, delay_s, most_s)
+            for lag in _lags(scan, course, depth_m, delay_s)
         ]
         closing = np.array([lag.closing_m_s for lag in lags])
         apart = closing.max() / closing.min() >= _APART
@@ -110,9 +110,9 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float, most_s: float = 
         design, target = terms * weight[:, None], np.array([g.lag_m for g in lags]) * weight
         solution, *_ = np.linalg.lstsq(design, target, rcond=None)
         delay_s += float(solution[0])
-        if abs(delay_s) > most_s:
+        if abs(delay_s) > _MOST_S:
             raise TimeOffsetError(
-                f"no offset within ±{most_s * 1e3:g} ms makes the passes agree; are poses and "
+                f"no offset within ±{_MOST_S * 1e3:g} ms makes the passes agree; are poses and "
                 "events of the same clock?"
             )
     # Larger than strips of the image say where the stretches themselves don't agree.
@@ -138,7 +138,7 @@ class _Lag:
     events: int
 
 
-def _lags(scan: Scan, course: Course, depth_m: float, delay_s: float, most_s: float) -> list[_Lag]:
+def _lags(scan: Scan, course: Course, depth_m: float, delay_s: float) -> list[_Lag]:
     """Lags of a scan's stretches."""
     forward, back = passes_of(scan, course, depth_m, delay_s)
     pixel_m = depth_m / scan.camera.fx
@@ -171,23 +171,23 @@ def _lags(scan: Scan, course: Course, depth_m: float, delay_s: float, most_s: fl
         if own.sum() * pixel_m < LEAST_TRAVEL_M / 2 or events < 2 * LEAST_EVENTS:
             continue
         speed = float(np.average(closing[own], weights=counts[own]))
-        lag = _compare([(a, b * own) for a, b in maps], pixel_m, speed, most_s)
+        lag = _compare([(a, b * own) for a, b in maps], pixel_m, speed)
         if lag is not None:
             found.append(_Lag(*lag, speed, events))
     if not found:
         raise TimeOffsetError(
             "the two passes agree nowhere: too little relief, or an offset beyond "
-            f"±{most_s * 1e3:g} ms"
+            f"±{_MOST_S * 1e3:g} ms"
         )
     return found
 
 
 def _compare(
-    maps: list[tuple[F64, F64]], pixel_m: float, closing_m_s: float, most_s: float
+    maps: list[tuple[F64, F64]], pixel_m: float, closing_m_s: float
 ) -> tuple[float, float] | None:
     """Lag and its standard error, metres; None where the maps don't agree."""
     shape = maps[0][0].shape
-    reach = min(int(np.ceil(most_s * closing_m_s / pixel_m)) + 8, shape[1] // 2 - 1)
+    reach = min(int(np.ceil(_MOST_S * closing_m_s / pixel_m)) + 8, shape[1] // 2 - 1)
     total = np.zeros((shape[0], 2 * reach + 1))
     energy = np.zeros(2)
     for a, b in maps:

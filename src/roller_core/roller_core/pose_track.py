@@ -240,41 +240,6 @@ class PoseTrack:
         """Interpolated poses as 4×4 matrices, shape (n, 4, 4); see `sample`."""
         return pose_matrix(*self.sample(t_ns))
 
-    def velocity(self, t_ns: int) -> F64:
-        """Velocity in m/s, shape (3,), of the interval between poses that holds `t_ns`.
-
-        Raises
-        ------
-        NoPosesError, PoseExtrapolationError, PoseGapError
-            Where there is no such interval.
-        """
-        self.check(t_ns, t_ns)
-        if self._n < 2:
-            raise NoPosesError("one pose alone has no velocity; at least two are needed")
-        k = min(max(int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1, 0), self._n - 2)
-        return (self._p[k + 1] - self._p[k]) / ((self._t[k + 1] - self._t[k]) * 1e-9)
-
-    def transformed(self, tool_to_sensor: npt.ArrayLike) -> PoseTrack:
-        """The track of a frame fixed to this one: each pose times a 4×4 matrix on the right.
-
-        Raises
-        ------
-        PoseValueError
-            If the matrix is not finite.
-        """
-        fixed = np.asarray(tool_to_sensor, dtype=np.float64)
-        if not np.all(np.isfinite(fixed)):
-            raise PoseValueError("the fixed transform from tool to sensor is not finite")
-        from .transforms import matrix_to_quaternion, multiply_quaternions
-
-        out = PoseTrack(self.max_gap_s)
-        q_fixed = matrix_to_quaternion(fixed[:3, :3])
-        matrices = pose_matrix(self.positions, self.quaternions) @ fixed
-        out.extend(
-            self.times_ns, matrices[:, :3, 3], multiply_quaternions(self.quaternions, q_fixed)
-        )
-        return out
-
     @classmethod
     def read_tum(cls, path: Path | str, max_gap_s: float = 0.1) -> PoseTrack:
         """Read lines `t x y z qx qy qz qw` (seconds, metres); `#` starts a comment.

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 _MOST_LOST = 2**20
 #: Gaps that are kept with their place; beyond it only their number counts.
 _PLACES = 1000
+#: Places that are told.
+_MOST_TOLD = 5
 #: Senders of a topic whose numbers are kept.
 _MOST_SENDERS = 100
 
@@ -81,10 +83,10 @@ class SeqGaps:
         if self._last.pop(topic, None) is not None:
             self.restarts += 1
 
-    def told(self, start_ns: int, most: int = 5) -> str:
+    def told(self, start_ns: int) -> str:
         """Where they are missing, for people; seconds count from `start_ns`."""
         shown = [
             f"{gap.packets} before {(gap.t_ns - start_ns) * 1e-9:.3f} s"
-            for gap in self.places[:most]
+            for gap in self.places[:_MOST_TOLD]
         ]
-        return ", ".join(shown) + (", …" if self.gaps > most else "")
+        return ", ".join(shown) + (", …" if self.gaps > _MOST_TOLD else "")

@@ -102,9 +102,7 @@ def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events
     return Packets(events, table, starts, track.matrices(events.t_ns[medians]))
 
 
-def rays_in_view(
-    packets: Packets, camera: Camera, view: F64, precision: str = "float32"
-) -> RayBundle:
+def rays_in_view(packets: Packets, camera: Camera, view: F64) -> RayBundle:
     """Rays of packets in a reference view.
 
     Absolute poses stay float64 until they are relative to the view, so a robot base kilometres
@@ -118,18 +116,15 @@ def rays_in_view(
         Intrinsics.
     view : ndarray of float64, shape (4, 4)
         Reference camera in base.
-    precision : str
-        Type of the rays, `float32` or `float64`.
     """
     relative = inverse_pose(view) @ packets.poses
-    dtype = np.dtype(precision)
     # Homography at infinity K·R·K^-1 of each packet.
-    h = (camera.K @ relative[:, :3, :3] @ np.linalg.inv(camera.K)).astype(dtype)
-    centres = relative[:, :3, 3].astype(dtype)
+    h = (camera.K @ relative[:, :3, :3] @ np.linalg.inv(camera.K)).astype(np.float32)
+    centres = relative[:, :3, 3].astype(np.float32)
     events = packets.events
-    rays, limits = np.empty((len(events), 4), dtype), np.empty(len(events), dtype)
-    intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy], dtype)
-    pixels = np.empty((2, _CHUNK), dtype)
+    rays, limits = np.empty((len(events), 4), np.float32), np.empty(len(events), np.float32)
+    intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
+    pixels = np.empty((2, _CHUNK), np.float32)
     _make_rays(
         events.x, events.y, packets.table, packets.starts, h, centres, intrinsics, pixels, rays,
         limits,

@@ -43,18 +43,11 @@ class Refinement:
     accepted : bool
     reason : str
         Why it was refused; empty if it was taken.
-    conditioning : float
-        Smallest to largest eigenvalue of the normal equations; 0 if never computed.
-    residual_before_m, residual_after_m : float
-        Root mean square distance of corresponding points, metres.
     """
 
     correction: F64
     accepted: bool
     reason: str
-    conditioning: float = 0.0
-    residual_before_m: float = float("nan")
-    residual_after_m: float = float("nan")
 
 
 class _Target:
@@ -130,18 +123,17 @@ def refine(points: F64, target: F64) -> Refinement:
         return _refused("ICP did not converge")
     conditioning = _conditioning(finding[pairs.own], cloud.planes(pairs.nearest)[1])
     after = cloud.pairs(_move(moved, judging))
-    figures = (conditioning, before.rms_m, after.rms_m)
     if conditioning < _MIN_CONDITIONING:
-        return _refused("the geometry does not fix the pose", *figures)
+        return _refused("the geometry does not fix the pose")
     # What counts is how far any point moves: a small turn far out is no small correction.
     shift = np.linalg.norm(_move(moved, chosen) - chosen, axis=1).max()
     if shift > _MOST_CORRECTION_M:
-        return _refused(f"a correction of {shift * 1e6:.0f} µm is implausible", *figures)
+        return _refused(f"a correction of {shift * 1e6:.0f} µm is implausible")
     if after.rms_m > before.rms_m * (1 - _MIN_GAIN) or after.fitness < before.fitness * 0.98:
-        return _refused("no better than the robot's pose", *figures)
+        return _refused("no better than the robot's pose")
     shift_back, shift_out = np.eye(4), np.eye(4)
     shift_back[:3, 3], shift_out[:3, 3] = -origin, origin
-    return Refinement(shift_out @ moved @ shift_back, True, "", *figures)
+    return Refinement(shift_out @ moved @ shift_back, True, "")
 
 
 def _icp(points: F64, cloud: _Target) -> tuple[F64, _Pairs]:
@@ -169,13 +161,8 @@ def _move(pose: F64, points: F64) -> F64:
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
-def _refused(
-    reason: str,
-    conditioning: float = 0.0,
-    before: float = float("nan"),
-    after: float = float("nan"),
-) -> Refinement:
-    return Refinement(np.eye(4), False, reason, conditioning, before, after)
+def _refused(reason: str) -> Refinement:
+    return Refinement(np.eye(4), False, reason)
 
 
 def _conditioning(points: F64, normals: F64) -> float:

@@ -106,6 +106,6 @@ def fit_pod(sizes: Sequence[float], hits: Sequence[bool]) -> PodCurve:
     )  # fmt: skip
 
 
-def poisson_bound(count: int, exposure: float, confidence: float = CONFIDENCE) -> float:
+def poisson_bound(count: int, exposure: float) -> float:
     """Upper bound of a rate of which so many were counted over an exposure."""
-    return float(chi2.ppf(confidence, 2 * (count + 1))) / 2 / exposure if exposure > 0 else np.inf
+    return float(chi2.ppf(CONFIDENCE, 2 * (count + 1))) / 2 / exposure if exposure > 0 else np.inf

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -22,7 +22,7 @@ from .worker import CRASHED
 TRACEBACK = "ROLLER_TRACEBACK"
 
 
-def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def run_node(make: Callable[[], Node]) -> int:
     """Spin a node until it is interrupted or its worker gives up.
 
     Returns
@@ -36,7 +36,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
     try:
         keep_freed_memory()
         one_opencv_thread()
-        rclpy.init(args=list(args) if args is not None else None)
+        rclpy.init()
         node = make()
         rclpy.spin_until_future_complete(node, CRASHED)
         if CRASHED.done():

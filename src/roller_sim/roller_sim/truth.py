@@ -19,7 +19,6 @@ from . import _render_kernels as kernels
 from .cell_settings import VirtualCellSettings
 from .errors import TruthError
 from .motion import (
-    CAMERA_DOWN,
     PACKET_LATENCY_US,
     START_ROS_NS,
     Path,
@@ -32,8 +31,6 @@ from .relief import F32, F64, BrailleMark, DefectMark, HeightMap, Region
 MAPS_FILE = "truth.npz"
 TEXT_FILE = "truth.yaml"
 _VERSION = 1
-#: A skin this far from the relief, m, doesn't touch it.
-_TOUCH_M = 20e-6
 #: Rounding of the skin at the border of the patch, mm.
 _BLEND_MM = 0.05
 
@@ -122,13 +119,6 @@ class Truth:
         t = (np.atleast_1d(np.asarray(t_ros_ns, np.int64)) - self.start_ros_ns) * 1e-9
         return self.path.in_base(t)
 
-    def camera_pose(self, t_ros_ns: int) -> F64:
-        """True pose of the camera in `base`, 4×4."""
-        out = np.eye(4)
-        out[:3, :3] = CAMERA_DOWN
-        out[:3, 3] = self.camera_positions(t_ros_ns)[0]
-        return out
-
     def height_at(
         self, x: npt.ArrayLike, y: npt.ArrayLike, surface: Literal["skin", "relief"] = "skin"
     ) -> F64:
@@ -150,14 +140,13 @@ class Truth:
         ox, oy, oz = self.origin_m
         return grid.sample(np.asarray(x) - ox, np.asarray(y) - oy) + oz
 
-    def depth_at(self, when: int | npt.ArrayLike, pixels: npt.ArrayLike) -> F64:
+    def depth_at(self, when: int, pixels: npt.ArrayLike) -> F64:
         """Depth of the skin along pixels' rays.
 
         Parameters
         ----------
-        when : int or array_like
-            ROS time in ns, or the camera's pose in `base` (4×4, its position counts; the camera
-            looks straight down) or position (3,), metres.
+        when : int
+            ROS time, ns.
         pixels : array_like, shape (n, 2)
             Observed u, v, px.
 
@@ -168,7 +157,7 @@ class Truth:
         """
         return self._trace(when, pixels)[0]
 
-    def depth_image(self, when: int | npt.ArrayLike) -> F32:
+    def depth_image(self, when: int) -> F32:
         """Depth of every pixel, metres, float32, shape (height, width)."""
         depth = self.depth_at(when, self._all_pixels)
         return depth.reshape(self.camera.height, self.camera.width).astype(np.float32)
@@ -181,18 +170,14 @@ class Truth:
         x = x0 + (u - camera.cx) / camera.fx * depth
         return x, y0 - (v - camera.cy) / camera.fy * depth
 
-    def contact_at(self, when: int | npt.ArrayLike, pixels: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    def contact_at(self, when: int, pixels: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether the skin is pressed on the surface where the pixels look, shape (n,)."""
         return self._trace(when, pixels)[1]
 
-    def contact_mask(self, when: int | npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    def contact_mask(self, when: int) -> npt.NDArray[np.bool_]:
         """`contact_at` of every pixel, shape (height, width)."""
         mask = self.contact_at(when, self._all_pixels)
         return mask.reshape(self.camera.height, self.camera.width)
-
-    def touches(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether the pressed skin reaches the bare surface at points of `base` (no tent)."""
-        return self.height_at(x, y) - self.height_at(x, y, "relief") < _TOUCH_M
 
     @cached_property
     def _all_pixels(self) -> F64:
@@ -204,22 +189,8 @@ class Truth:
         bare = self.settings.light.model_copy(update={"speckle": 0.0})
         return SurfaceMaps.build(self.skin, bare, 0)
 
-    def _position_mm(self, when: int | npt.ArrayLike) -> F64:
-        value = np.asarray(when)
-        if value.ndim == 0:
-            position = self.camera_positions(value)[0]
-        elif value.shape == (4, 4):
-            position = value[:3, 3]
-        elif value.shape == (3,):
-            position = value
-        else:
-            raise TruthError(f"a time, a 4×4 pose or a position was expected, not {value.shape}")
-        return (np.asarray(position, np.float64) - self.origin_m) * 1e3
-
-    def _trace(
-        self, when: int | npt.ArrayLike, pixels: npt.ArrayLike
-    ) -> tuple[F64, npt.NDArray[np.bool_]]:
-        position = self._position_mm(when)
+    def _trace(self, when: int, pixels: npt.ArrayLike) -> tuple[F64, npt.NDArray[np.bool_]]:
+        position = (self.camera_positions(when)[0] - self.origin_m) * 1e3
         rays = self.camera.rays(self.camera.undistort(np.asarray(pixels, np.float64)))
         xn, yn = rays[:, 0].astype(np.float32), rays[:, 1].astype(np.float32)
         z = np.full(len(xn), position[2], np.float32)

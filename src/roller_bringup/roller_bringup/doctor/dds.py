@@ -122,29 +122,25 @@ def judge_transport(facts: TransportFacts) -> Result:
     return ok(name, f"{found}, profile {facts.profile}")
 
 
-def exchange_messages(
-    default_profile: Path | None = None, timeout_s: float = _TIMEOUT_S
-) -> Exchange:
+def exchange_messages(default_profile: Path | None = None) -> Exchange:
     """Start a process that publishes and receive what it sends.
 
     Parameters
     ----------
     default_profile : path, optional
         Fast DDS profile where none is set, as the launch files have it.
-    timeout_s : float
-        Longest wait, s.
     """
     unset = PROFILE not in os.environ
     if unset and default_profile is not None:
         os.environ[PROFILE] = str(default_profile)
     try:
-        return _exchange(timeout_s)
+        return _exchange()
     finally:
         if unset:
             os.environ.pop(PROFILE, None)
 
 
-def _exchange(timeout_s: float) -> Exchange:
+def _exchange() -> Exchange:
     try:
         import rclpy
         from rclpy.context import Context
@@ -171,12 +167,12 @@ def _exchange(timeout_s: float) -> Exchange:
     # The depth images' size, with nothing sent again.
     node.create_subscription(UInt8MultiArray, f"{topic}_large", take, qos.EVENTS)
     peer = subprocess.Popen(
-        [sys.executable, "-m", "roller_bringup.doctor.dds_peer", topic, str(timeout_s)],
+        [sys.executable, "-m", "roller_bringup.doctor.dds_peer", topic, str(_TIMEOUT_S)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     try:
-        end = time.monotonic() + timeout_s
+        end = time.monotonic() + _TIMEOUT_S
         while time.monotonic() < end and min(map(len, arrivals.values())) < MESSAGES:
             executor.spin_once(timeout_sec=0.05)
             if peer.poll() is not None:

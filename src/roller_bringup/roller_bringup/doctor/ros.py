@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 
@@ -44,10 +43,9 @@ class RosFacts:
     missing: tuple[str, ...] = ()
 
 
-def find_ros(environment: Mapping[str, str] | None = None) -> RosFacts:
+def find_ros() -> RosFacts:
     """Look at rclpy, its middleware and the messages."""
-    environment = os.environ if environment is None else environment
-    distribution = environment.get("ROS_DISTRO", "")
+    distribution = os.environ.get("ROS_DISTRO", "")
     try:
         wheels = metadata.version("ros-kilted-rclpy")
     except metadata.PackageNotFoundError:

@@ -63,17 +63,11 @@ class WordDecoder:
 
     Parameters
     ----------
-    width, height : int
-        Sensor size, px; the height is a multiple of 8.
     words : int
         Largest transfer expected, in words; longer ones enlarge the buffers.
     """
 
-    def __init__(
-        self, width: int = protocol.WIDTH, height: int = protocol.HEIGHT, words: int = 32768
-    ) -> None:
-        self._width = width
-        self._height = height
+    def __init__(self, words: int = 32768) -> None:
         self._counts = np.zeros(_kernels.COUNTS, np.int64)
         self._events = 0
         self._allocate(words)
@@ -113,7 +107,7 @@ class WordDecoder:
             self._allocate(len(words))
         x, y, t, p = self._x, self._y, self._t, self._p
         n = _kernels._decode_words(
-            words, self._width, self._height, self._state, self._counts, x, y, t, p
+            words, protocol.WIDTH, protocol.HEIGHT, self._state, self._counts, x, y, t, p
         )
         self._events += n
         return EventArray(x[:n], y[:n], t[:n], p[:n])

@@ -146,9 +146,7 @@ def ask_controller(
         ) from error
 
 
-def read_tcp_offset(
-    host: str, timeout_s: float = 2.0, port: int = PORT
-) -> tuple[float, ...] | None:
+def read_tcp_offset(host: str, timeout_s: float = 2.0) -> tuple[float, ...] | None:
     """The tool centre point on the flange: x y z in metres, rotation vector in rad.
 
     Returns
@@ -163,7 +161,7 @@ def read_tcp_offset(
     """
     request = struct.pack(">d", 10.0) + b"tcp_offset"
     try:
-        with socket.create_connection((host, port), timeout=timeout_s) as connection:
+        with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
             connection.settimeout(timeout_s)
             for kind, payload in (
                 (REQUEST_PROTOCOL_VERSION, struct.pack(">H", PROTOCOL_VERSION)),
@@ -171,7 +169,7 @@ def read_tcp_offset(
                 (START, b""),
             ):
                 connection.sendall(frame(kind, payload))
-                answer = _answer(connection, f"robot {host}:{port}")[1]
+                answer = _answer(connection, f"robot {host}:{PORT}")[1]
                 if kind == SETUP_OUTPUTS and answer[1:] != b"VECTOR6D":
                     return None
             while True:
@@ -180,7 +178,7 @@ def read_tcp_offset(
                     return struct.unpack(">6d", payload[1:])
     except OSError as error:
         raise RobotUnreachableError(
-            f"robot {host}:{port}: its tool centre point can't be read ({error})"
+            f"robot {host}:{PORT}: its tool centre point can't be read ({error})"
         ) from error
 
 

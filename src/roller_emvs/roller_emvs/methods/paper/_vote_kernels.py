@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 #: Rays that are placed before they vote.
 _CHUNK = 256
 
 
-def chunk(dtype: npt.DTypeLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def chunk() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Buffers of `_vote`: two places and two shares for each ray at hand."""
     places = (np.empty(_CHUNK, np.int32), np.empty(_CHUNK, np.int32))
-    return *places, np.empty(_CHUNK, dtype), np.empty(_CHUNK, dtype)
+    return *places, np.empty(_CHUNK, np.float32), np.empty(_CHUNK, np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -28,7 +28,7 @@ BAND_ROWS, _VIEWS_BAND_ROWS = 16, 8
 _REACH = (0.01, 1.01)
 
 
-def dense_volume(rays: RayBundle, camera: Camera, planes: F64) -> npt.NDArray[np.floating]:
+def dense_volume(rays: RayBundle, camera: Camera, planes: F64) -> F32:
     """Disparity space image of all planes.
 
     Parameters
@@ -42,11 +42,11 @@ def dense_volume(rays: RayBundle, camera: Camera, planes: F64) -> npt.NDArray[np
 
     Returns
     -------
-    ndarray of the rays' type, shape (n, height, width)
+    ndarray of float32, shape (n, height, width)
         Bilinear votes.
     """
-    volume = np.zeros((len(planes), camera.height, camera.width), rays.rays.dtype)
-    inverse = (1.0 / planes).astype(rays.rays.dtype)
+    volume = np.zeros((len(planes), camera.height, camera.width), np.float32)
+    inverse = (1.0 / planes).astype(np.float32)
     for k in range(len(planes)):
         kernels._vote_plane(rays.rays, rays.limits, inverse[k], volume[k])
     return volume
@@ -77,14 +77,13 @@ def sweep_maximum(
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
     bands, limits = _bands(rays, inverse, shape, BAND_ROWS, 0, threads)
-    dtype = rays.rays.dtype
     votes, index = np.zeros(shape, np.float32), np.zeros(shape, np.uint16)
 
     def run(first: int) -> None:
-        best = np.empty((BAND_ROWS, shape[1]), dtype)
+        best = np.empty((BAND_ROWS, shape[1]), np.float32)
         kernels._sweep_bands(
-            bands.rays, limits, bands.starts, first, threads, inverse.astype(dtype),
-            np.zeros((BAND_ROWS + 4, shape[1]), dtype), kernels.chunk(dtype), best,
+            bands.rays, limits, bands.starts, first, threads, inverse.astype(np.float32),
+            np.zeros((BAND_ROWS + 4, shape[1]), np.float32), kernels.chunk(), best,
             np.empty(best.shape, np.int32), votes, index,
         )  # fmt: skip
 
@@ -112,27 +111,25 @@ def sweep_views(
     -------
     votes, index : ndarray, shape (views, height, width)
         As of `sweep_maximum`, but that votes which differ by less than a share of n / 2^22 for n
-        planes (n / 2^51 in float64) count as equal.
+        planes count as equal.
     """
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
     pad = int(np.abs(half_shifts).max()) // 2 + 2
     rows = _VIEWS_BAND_ROWS
     bands, limits = _bands(rays, inverse, shape, rows, pad, threads)
-    dtype, count = rays.rays.dtype, len(half_shifts)
+    count = len(half_shifts)
     votes = np.zeros((count, *shape), np.float32)
     index = np.zeros((count, *shape), np.uint16)
 
-    bits = np.dtype(f"i{dtype.itemsize}")
-
     def run(first: int) -> None:
-        hats = np.zeros((2, rows + 4, 2, shape[1] + 2 * pad), dtype)
-        lines = np.empty((2, 2, shape[1] + 2 * pad), dtype)
-        best = np.empty((count, rows, shape[1]), dtype)
+        hats = np.zeros((2, rows + 4, 2, shape[1] + 2 * pad), np.float32)
+        lines = np.empty((2, 2, shape[1] + 2 * pad), np.float32)
+        best = np.empty((count, rows, shape[1]), np.float32)
         view_kernels._sweep_bands_views(
-            bands.rays, limits, bands.starts, first, threads, inverse.astype(dtype),
-            half_shifts, pad, hats, kernels.chunk(dtype), (lines, lines.view(bits)),
-            (best, best.view(bits)), votes, index,
+            bands.rays, limits, bands.starts, first, threads, inverse.astype(np.float32),
+            half_shifts, pad, hats, kernels.chunk(), (lines, lines.view(np.int32)),
+            (best, best.view(np.int32)), votes, index,
         )  # fmt: skip
 
     share(threads, threads, run)
@@ -141,7 +138,7 @@ def sweep_views(
 
 def _bands(
     rays: RayBundle, inverse: F64, shape: tuple[int, int], rows: int, pad: int, threads: int
-) -> tuple[Bands, npt.NDArray[np.floating]]:
+) -> tuple[Bands, F32]:
     """Rays by band, moved by `pad` columns, and their limits; none if no plane reaches any."""
     ends = (float(inverse.min()), float(inverse.max()))
     padded = (shape[0], shape[1] + 2 * pad)
