@@ -150,11 +150,6 @@ class TravelScale:
     Batches are held back until the factor is known, `_HOLD_M` of travel at most: on a bare plate
     there is nothing to see it by, and nothing that would be smeared. Once found it is followed
     slowly.
-
-    Parameters
-    ----------
-    settings : BrailleSettings
-        Largest error.
     """
 
     def __init__(self, settings: BrailleSettings) -> None:

@@ -71,15 +71,7 @@ def log_odds(cells: Sequence[Seen], code: str) -> float:
 
 
 def upside_down(cells: Sequence[Seen], least: float) -> list[Seen]:
-    """The cells of a line as they are when it is turned, in the order they were seen.
-
-    Parameters
-    ----------
-    cells : sequence of Seen
-        Cells of one line.
-    least : float
-        The setting `min_dot_confidence`.
-    """
+    """The cells of a line as they are when it is turned, in the order they were seen."""
     down, right = _moves([seen.mask for seen in cells if seen.certain])
     return [_turned_cell(_moved_cell(seen, down, right, least)) for seen in cells]
 

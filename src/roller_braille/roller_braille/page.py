@@ -58,13 +58,6 @@ class Page:
     passes (`line_order`). A sensor that rolls against the reading direction, or over text that is
     upside down, sees a line's end first, so its lines come when the pass is over.
     Cells that an earlier pass has read are left out.
-
-    Parameters
-    ----------
-    settings : BrailleSettings
-        Spacing.
-    warp : Warp
-        Gives positions in base.
     """
 
     def __init__(self, settings: BrailleSettings, warp: Warp) -> None:
@@ -93,15 +86,7 @@ class Page:
         ]
 
     def collect(self, reader: PassReader, over: bool) -> Iterator[Cell]:
-        """Cells of a pass that can be given now.
-
-        Parameters
-        ----------
-        reader : PassReader
-            The pass.
-        over : bool
-            Whether it is over.
-        """
+        """Cells of a pass that can be given now."""
         turned = reader.upside_down
         backwards = (reader.roll.direction < 0) != bool(turned)
         # Where its rows lie in text upside down, a line as a whole tells.

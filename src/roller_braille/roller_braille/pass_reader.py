@@ -38,17 +38,7 @@ def _at(dots: Dots, start: float) -> bool:
 
 
 class PassReader:
-    """Reads one pass.
-
-    Parameters
-    ----------
-    settings : BrailleSettings
-        See there.
-    warp : Warp
-        Motion compensation.
-    roll : Pass
-        The pass.
-    """
+    """Reads one pass."""
 
     def __init__(self, settings: BrailleSettings, warp: Warp, roll: Pass) -> None:
         self._settings = settings

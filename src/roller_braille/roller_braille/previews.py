@@ -50,17 +50,7 @@ class Preview:
 
 
 class Previewer:
-    """Looks for first cells.
-
-    Parameters
-    ----------
-    settings : BrailleSettings
-        Spacing.
-    strip : Strip
-        The pass's mosaic.
-    finder : DotFinder
-        Finds dots in it.
-    """
+    """Looks for first cells."""
 
     def __init__(self, settings: BrailleSettings, strip: Strip, finder: DotFinder) -> None:
         self._strip, self._finder = strip, finder

@@ -149,11 +149,6 @@ class Decoder:
     def read(self, mask: int) -> str | None:
         """What the next cell stands for.
 
-        Parameters
-        ----------
-        mask : int
-            Its dots.
-
         Returns
         -------
         str or None

@@ -94,17 +94,7 @@ def typestore() -> Typestore:
 
 
 def bag_qos(depth: int, reliable: bool = True, latched: bool = False) -> list[Qos]:
-    """Quality of service of a topic as a bag's metadata hold it.
-
-    Parameters
-    ----------
-    depth : int
-        Messages kept.
-    reliable : bool
-        Reliable or best effort.
-    latched : bool
-        Transient local or volatile.
-    """
+    """Quality of service of a topic as a bag's metadata hold it."""
     zero = QosTime(0, 0)
     return [
         Qos(

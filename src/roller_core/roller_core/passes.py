@@ -110,13 +110,7 @@ class Span:
 
 
 class RollTracker:
-    """Finds the spans of passes along the camera's x axis, pose by pose.
-
-    Parameters
-    ----------
-    track : PoseTrack
-        Camera in base; grows.
-    """
+    """Finds the spans of passes along the camera's x axis, pose by pose."""
 
     def __init__(self, track: PoseTrack) -> None:
         self._track = track

@@ -31,11 +31,6 @@ class Stage(ABC, Generic[S]):
 
     Broken input raises and is left out; a source that starts anew is followed.
 
-    Parameters
-    ----------
-    settings : FollowedFrames
-        Parameters of its node.
-
     Attributes
     ----------
     node, part : str

@@ -49,15 +49,5 @@ class Patch:
 
 
 def patch_output(patch: Patch, t_ns: int, frame_id: str) -> Output:
-    """What goes out of a patch; a point is in one patch only, so the clouds add up.
-
-    Parameters
-    ----------
-    patch : Patch
-        The points.
-    t_ns : int
-        Stamp, ROS time.
-    frame_id : str
-        Frame of the points.
-    """
+    """What goes out of a patch; a point is in one patch only, so the clouds add up."""
     return Output(SURFACE_POINTS, t_ns, frame_id, Cloud(patch.columns(), SURFACE_FIELDS))

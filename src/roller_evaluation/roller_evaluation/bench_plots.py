@@ -157,13 +157,6 @@ def _legend(figure: Figure, cases: Sequence[dict[str, Any]]) -> None:
 def draw_scaling(rows: Sequence[Row], path: Path) -> None:
     """Draw milliseconds a window against events, planes and threads.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        Of `scaling_cases`.
-    path : path
-        PNG file.
-
     Raises
     ------
     UnwritableOutputError

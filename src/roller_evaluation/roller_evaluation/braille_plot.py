@@ -20,13 +20,6 @@ _PER_CENT, _MS = (0, 1, 2, 5, 10, 20, 50, 100), (1, 2, 5, 10, 20, 50, 100)
 def draw(result: dict[str, Any], path: Path) -> None:
     """Draw character error rates and times by speed, beside what others published.
 
-    Parameters
-    ----------
-    result : dict
-        Of `run_braille`.
-    path : path
-        PNG file.
-
     Raises
     ------
     UnwritableOutputError

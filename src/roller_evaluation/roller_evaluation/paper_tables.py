@@ -44,15 +44,7 @@ _WINDOWS = {"surface": "a block of rows", "focus": "20 mm of travel"}
 
 
 def tables(rows: Sequence[Row], options: EvaluationOptions) -> dict[str, Table]:
-    """Tables by experiment, of those that were asked for.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        Of `experiment_cases`.
-    options : EvaluationOptions
-        What was asked for.
-    """
+    """Tables by experiment, of those that were asked for."""
     makers: dict[str, Callable[[Sequence[Row], EvaluationOptions], Table]] = {
         "weights": weights, "fusion": fusion, "objects": objects, "speed": speed, "views": views,
         "lines": lines, "force": force, "large": large, "sensors": sensors,

@@ -121,11 +121,6 @@ def run_pod(
 def summarise(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Curves with sizing errors by coating, speed and kind, and false calls by coating and speed.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        Of the measure `detection`.
-
     Returns
     -------
     dict

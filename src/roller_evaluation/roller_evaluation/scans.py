@@ -96,13 +96,6 @@ def between(events: EventArray, start_ns: int, end_ns: int) -> EventArray:
 def simulate(case: ScanCase, threads: int = 1) -> Scan:
     """Roll the virtual cell over a scene, and read what it gives as a node reads it.
 
-    Parameters
-    ----------
-    case : ScanCase
-        The scan.
-    threads : int
-        0 takes all cores.
-
     Raises
     ------
     RollerError

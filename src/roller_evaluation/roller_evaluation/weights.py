@@ -54,13 +54,6 @@ def cross_validated(rows: Sequence[Row], names: Sequence[str]) -> list[tuple[str
 
     As the paper does it: mean over an object's passes first, then over the objects.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        Of `measure_weights`.
-    names : sequence of str
-        The objects.
-
     Returns
     -------
     list of (str, ndarray, ndarray, ndarray)

@@ -44,13 +44,7 @@ class BagSummary:
 
 
 class BagMessages:
-    """Builds a cell's messages as `rosbags` has them.
-
-    Parameters
-    ----------
-    camera : Camera
-        Calibration of the sensor.
-    """
+    """Builds a cell's messages as `rosbags` has them."""
 
     def __init__(self, camera: Camera) -> None:
         self.store = typestore()

@@ -262,11 +262,6 @@ class Truth:
     def load(cls, folder: FilePath | str) -> Truth:
         """Read the truth beside a recording.
 
-        Parameters
-        ----------
-        folder : path
-            The bag's folder.
-
         Raises
         ------
         TruthError

@@ -73,15 +73,7 @@ def _listen_only() -> None:
 
 
 class Graph:
-    """Subscribes to a graph and fills a scene; a context manager.
-
-    Parameters
-    ----------
-    scene : Scene
-        Filled.
-    namespace : str
-        Of the cell.
-    """
+    """Subscribes to a graph and fills a scene; a context manager."""
 
     def __init__(self, scene: Scene, namespace: str = "") -> None:
         self._scene = scene

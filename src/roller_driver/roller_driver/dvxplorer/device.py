@@ -98,13 +98,6 @@ class CameraDevice:
     def read(self, buffer: array[int], timeout_ms: int) -> int:
         """Read one transfer.
 
-        Parameters
-        ----------
-        buffer : array of 'B'
-            Takes the data.
-        timeout_ms : int
-            Longest wait.
-
         Returns
         -------
         int

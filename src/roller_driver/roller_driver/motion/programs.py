@@ -27,11 +27,6 @@ def urscript(rolling: RollingPass) -> str:
 
     The ramps are straight continuations of the pass: the roller must touch nothing there, or a
     run-in plate that is level with the part. Pressing with a force begins on the run-in plate.
-
-    Parameters
-    ----------
-    rolling : RollingPass
-        What to do.
     """
     before, after = rolling.ends_m
     up = np.array([0.0, 0.0, rolling.lift_m])

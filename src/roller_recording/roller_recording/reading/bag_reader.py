@@ -32,11 +32,6 @@ class BagReader:
 
     Bags may be split into several files and compressed (zstd) by file, message or chunk.
 
-    Parameters
-    ----------
-    path : path
-        Folder or file.
-
     Attributes
     ----------
     topics : dict

@@ -56,13 +56,6 @@ def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:
 def read_events(path: Path, count: int) -> Iterator[EventArray]:
     """Events of a file, block by block; times are `t_offset` + `t`, µs to ns.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    count : int
-        See `event_stream`.
-
     Raises
     ------
     RecordingError

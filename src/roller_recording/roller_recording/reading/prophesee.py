@@ -51,13 +51,6 @@ def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:
 def read_events(path: Path, begin: int) -> Iterator[EventArray]:
     """Events of a file, block by block, times as recorded (µs to ns).
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    begin : int
-        See `event_stream`.
-
     Raises
     ------
     RecordingError

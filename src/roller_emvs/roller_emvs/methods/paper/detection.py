@@ -46,11 +46,6 @@ def adaptive_threshold(votes: F32, c: float, kernel_px: int, full_scale_votes: f
 def margins(votes: F32, kernel_px: int, full_scale_votes: float) -> F32:
     """How far each pixel stands out: `adaptive_threshold` is where this exceeds a whole C.
 
-    Parameters
-    ----------
-    votes, kernel_px, full_scale_votes
-        As for `adaptive_threshold`.
-
     Returns
     -------
     ndarray of float32, shape (height, width)

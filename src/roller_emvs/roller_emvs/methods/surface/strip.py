@@ -221,13 +221,7 @@ class Strip:
         return max(float((high - low).max()), 0.0) * self.middle_m
 
     def ready(self, flush: bool = False) -> list[Block]:
-        """Blocks that no event reaches any more as their rows are out of view, in order.
-
-        Parameters
-        ----------
-        flush : bool
-            All that is left.
-        """
+        """Blocks that no event reaches any more as their rows are out of view, in order."""
         held, length, beside = self.store.blocks, self.settings.block_m, self._beside
         if not held:
             return []
