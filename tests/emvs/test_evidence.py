@@ -10,7 +10,8 @@ import pytest
 from roller_emvs.evidence import CELL_PX, EvidenceSettings, RayField, coarse, find_depths, sweep
 from roller_emvs.evidence import _peak_kernels as peaks
 from roller_emvs.evidence.focus_measure import all_tiles, plane_offsets
-from roller_emvs.evidence.relief import enlarge
+from roller_emvs.evidence.relief import enlarge, measured_pixels
+from roller_emvs.lines.edge_drift import EdgeDriftSettings
 
 SHAPE = (64, 96)
 HALF_APERTURE = 10.0
@@ -179,3 +180,20 @@ def test_tiles_left_out_hold_no_depth(parts: int, monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr(module, "tiles_reached", lambda _r, f, at: all_tiles(f, len(at)))
     for a, b in zip(found, find_depths(field, -1.0, 1.0, SETTINGS, parts), strict=True):
         np.testing.assert_allclose(a.offset, b.offset, atol=0.02)
+
+
+def test_the_fringe_of_an_edge_gives_no_points() -> None:
+    """What holds little is measured by itself, but not close beside an edge of ten times more."""
+    taken = {}
+    for name, beside in (("alone", 88.0), ("beside", 54.0)):
+        rng = np.random.default_rng(11)
+        n = 12000
+        slope = rng.uniform(-1, 1, n) * HALF_APERTURE
+        x = np.where(rng.random(n) < 0.09, beside, 49.0)
+        field = field_of(x, rng.uniform(0, SHAPE[0], n), slope, rng.random(n) < 0.5)
+        depths = find_depths(field, -1.0, 1.0, SETTINGS)
+        found = measured_pixels(field, depths, SETTINGS, EdgeDriftSettings.create({}))
+        taken[name] = np.count_nonzero(found.column == beside)
+        assert np.count_nonzero(found.column == 49.0) > 50
+    assert taken["alone"] > 30
+    assert taken["beside"] == 0

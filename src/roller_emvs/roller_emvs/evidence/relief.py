@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.transforms import F64
 from roller_emvs.lines.edge_drift import EdgeDriftSettings, edge_drift
@@ -24,6 +25,9 @@ from .uncertainty import point_sigma
 _SLOPE_SIGMA_PX = 5.0
 #: Neighbourhood whose mean a pixel's support must exceed, cells.
 _AROUND = 9
+#: What holds less than this share of the support of an edge so near (columns and rows, px) is that
+#: edge's fringe: its events where they meet a surface that doesn't follow it.
+_FRINGE, _NEAR_PX, _ALIKE_PX = 0.15, (11, 1), (3, 5)
 #: Deviation of a depth that is as good as its evidence, pixels of parallax.
 _RESOLUTION_PX = 1.0
 #: Scatter from which on the depths around a place give none, pixels of parallax.
@@ -113,6 +117,7 @@ def measured_pixels(
     spread_px = np.where(np.isfinite(spread_px), spread_px, np.float32(_RESOLUTION_PX))
     sure /= 1.0 + spread_px**2
     keep = (spread_px < _MOST_SCATTER_PX) & (sure >= settings.min_point_confidence)
+    keep &= ~_fringe(support)[row, column]
     row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
     sigma = point_sigma(field, fit.offset, row, column, spread_px[keep])
     if drift.calibrated:
@@ -143,6 +148,13 @@ def _around(support: F32) -> F32:
     height, width = support.shape
     cells = cv2.resize(support, (width // CELL_PX, height // CELL_PX), interpolation=cv2.INTER_AREA)
     return enlarge(cv2.blur(cells, (_AROUND, _AROUND)))
+
+
+def _fringe(support: F32) -> npt.NDArray[np.bool_]:
+    """Pixels beside an edge of much more support."""
+    most = cv2.blur(np.maximum(support[0], support[1]), _ALIKE_PX)
+    around = cv2.dilate(most, np.ones(_NEAR_PX[::-1], np.uint8))
+    return np.asarray(most < _FRINGE * around)
 
 
 def enlarge(values: F32) -> F32:
