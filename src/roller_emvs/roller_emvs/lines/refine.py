@@ -20,9 +20,6 @@ from .fit import I64, INDEPENDENT, NO_LINES, ROW_STEP, Lines, fit_lines
 _SAME_PX = 1
 #: Uncertainty of a line's place that its fit doesn't know of, m: the poses' stamps and noise.
 _PLACE_M = 1.5e-5
-#: Points of a strip err by this share of what the depths that they are fitted to do: many of them
-#: agree. On the virtual cell's gauges 0.62-0.75 in light that stands still and that travels.
-_OF_DEPTHS = 0.75
 #: Correlation of what a line and the points around it err by: they are of the same events.
 #: On the virtual cell's gauges 0.6-0.9.
 _ALIKE = 0.7
@@ -133,9 +130,9 @@ def refine(
             for name in LinePoints.__dataclass_fields__
         }
     )
-    of_drift = 0.0 if settings.calibrated else light.share * _POINT_DRIFT_M
-    of_points = np.float32(of_drift * abs(field.offset_per_m))
-    found = replace(found, sigma=np.hypot(np.float32(_OF_DEPTHS) * found.sigma, of_points))
+    if not settings.calibrated:
+        of_points = light.share * _POINT_DRIFT_M * abs(field.offset_per_m)
+        found = replace(found, sigma=np.hypot(found.sigma, np.float32(of_points)))
     offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
     if len(offset):
         found = _moved(found, every, offset, sigma, abs(field.offset_per_m))
