@@ -165,7 +165,7 @@ def pictured(case: Case, scan: Scan) -> dict[str, npt.NDArray[np.generic]]:
     if maps:
         best = max(maps, key=lambda depth_map: depth_map.points)
         seen_ns = best.stamp_ns - scan.truth.event_delay_ns
-        contact, truth = scan.truth.contact_mask(seen_ns), scan.truth.depth_image(seen_ns)
+        truth, contact = scan.truth.seen_images(seen_ns)
         out |= {"depth": best.depth, "truth": np.where(contact, truth, np.nan).astype(np.float32)}
     return out
 

@@ -167,8 +167,8 @@ def _error_um(depth: npt.NDArray[np.float32], stamp: int, truth: Truth, delay_ns
     pixels = np.stack([u, v], axis=-1)
     # Stamps are later than what caused the events by a known delay, as in `truth.py`.
     seen_ns = stamp - delay_ns
-    contact = truth.contact_at(seen_ns, pixels)
-    return np.asarray((depth[v, u] - truth.depth_at(seen_ns, pixels))[contact] * 1e6)
+    seen, contact = truth.seen_at(seen_ns, pixels)
+    return np.asarray((depth[v, u] - seen)[contact] * 1e6)
 
 
 def _limits(values: F64) -> tuple[float, float]:

@@ -82,8 +82,8 @@ class TruthTally(_Tallies):
         """Compare one depth map."""
         seen_ns = found.stamp_ns - self._delay_ns
         camera = self.truth.camera
-        depth = self.truth.depth_image(seen_ns).astype(np.float64)
-        contact = self.truth.contact_mask(seen_ns)
+        seen, contact = self.truth.seen_images(seen_ns)
+        depth = seen.astype(np.float64)
         dy, dx = np.gradient(depth)
         slope = np.hypot(dx * camera.fx, dy * camera.fy) / depth
         edges = (slope > EDGE_SLOPE) & contact
