@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -153,25 +154,14 @@ class Camera:
     def undistortion_table(self) -> npt.NDArray[np.float32]:
         """Ideal pinhole pixel of every sensor pixel, float32, shape (height, width, 2), (u, v).
 
+        Whoever asks again gets the same array, which is not to be written to.
+
         Raises
         ------
         CameraError
             If the distortion folds the image: a pixel that no direction, or a wrong one, leads to.
         """
-        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
-        table = self.undistort(pixels)
-        if self.is_distorted:
-            apart = np.linalg.norm(self.distort(table) - pixels, axis=1)
-            # Written so that NaN fails it.
-            bad = np.flatnonzero(~(apart < _MAX_MISS_PX))
-            if len(bad):
-                where = pixels[bad[len(bad) // 2]]
-                raise CameraError(
-                    f"the distortion can't be undone at {len(bad)} of {len(pixels)} pixels, such "
-                    f"as ({where[0]}, {where[1]}); calibrate with targets up to the corners"
-                )
-        return table.reshape(self.height, self.width, 2).astype(np.float32)
+        return _table_of(self)
 
     def rays(self, pixels: npt.ArrayLike) -> F64:
         """Directions (x, y, 1) of ideal pinhole pixels, shape (n, 3)."""
@@ -285,3 +275,22 @@ class Camera:
             "projection_matrix": {"rows": 3, "cols": 4, "data": projection},
         }
         return str(yaml.safe_dump(data, sort_keys=False))
+
+
+@lru_cache(maxsize=2)
+def _table_of(camera: Camera) -> npt.NDArray[np.float32]:
+    """See `Camera.undistortion_table`; a distorted one takes a good part of a second."""
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
+    table = camera.undistort(pixels)
+    if camera.is_distorted:
+        apart = np.linalg.norm(camera.distort(table) - pixels, axis=1)
+        # Written so that NaN fails it.
+        bad = np.flatnonzero(~(apart < _MAX_MISS_PX))
+        if len(bad):
+            where = pixels[bad[len(bad) // 2]]
+            raise CameraError(
+                f"the distortion can't be undone at {len(bad)} of {len(pixels)} pixels, such "
+                f"as ({where[0]}, {where[1]}); calibrate with targets up to the corners"
+            )
+    return table.reshape(camera.height, camera.width, 2).astype(np.float32)

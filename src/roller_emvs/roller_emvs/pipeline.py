@@ -93,6 +93,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         if settings.patch_half_length_m:
             middle = 0.5 * (settings.depth_min_m + settings.depth_max_m)
             ray_slope = (self._table[..., 0] - camera.cx) / camera.fx
+            self._table = self._table.copy()
             self._table[np.abs(ray_slope) * middle > settings.patch_half_length_m] = np.nan
 
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
