@@ -74,5 +74,5 @@ def run(args: argparse.Namespace) -> int:
     # Each its own: parameter files have no aliases.
     values = {node: {"edge_drift": found.settings.model_dump(mode="json")} for node in _NODES}
     values["inspect"] = {"uncertainty": {"drift_m": found.left_on_slopes_m}}
-    write(args, "edge-drift", lines, values, record)
+    write(args, "edge_drift", lines, values, record)
     return 0
