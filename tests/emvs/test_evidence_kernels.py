@@ -93,11 +93,11 @@ def find_peak(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Peak, contrast and top of every cell; all planes are searched unless limits are given."""
     planes, *cells = scores.shape
-    first = np.zeros(cells, np.int64) if first is None else first
-    last = np.full(cells, planes - 1) if last is None else last
+    first = np.zeros(cells, np.int32) if first is None else first.astype(np.int32)
+    last = np.full(cells, planes - 1, np.int32) if last is None else last.astype(np.int32)
     out = tuple(np.empty(cells, np.float32) for _ in range(3))
     scores = scores.astype(np.float32)
-    _peak_kernels._find_peak(scores, first, last, rival, weakest, least, *out)
+    _peak_kernels._find_peak(scores, first, last, rival, float(weakest), least, *out)
     return out[0], out[1], out[2]
 
 
@@ -277,7 +277,7 @@ def test_events_gather_on_the_surface_that_they_meet() -> None:
 
 def test_rays_are_ordered_by_group_within_their_band() -> None:
     rng = np.random.default_rng(6)
-    rays, plane = some_rays(200, rng), rng.integers(-1, 5, 200)
+    rays, plane = some_rays(200, rng), rng.integers(-1, 5, 200, np.int32)
     edges = np.array([0, 80, 80, 200])
     starts, out = np.empty((3, 6), np.int64), np.empty((4, 200), np.float32)
     _kernels._order_groups(rays.T.copy(), plane, edges, starts, out)
