@@ -1,15 +1,14 @@
-"""Progress bars and status lines that keep out of pipes."""
+"""Progress bars and status lines that keep out of pipes.
+
+rich draws them; it takes a tenth of a second to load, so only where there is a terminal.
+"""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-
-from rich.console import Console
-from rich.live import Live
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.text import Text
 
 #: Takes what is being done and the share done, 0–1.
 OnProgress = Callable[[str, float], None]
@@ -25,7 +24,18 @@ def no_progress(_text: str, _share: float) -> None:
 @contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[float], None]]:
     """Show a bar on standard error; the callable takes the share done, 0–1."""
-    console = Console(stderr=True)
+    if not sys.stderr.isatty():
+        yield lambda share: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -33,7 +43,7 @@ def progress_bar(title: str) -> Iterator[Callable[[float], None]]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(title, total=1.0)
         yield lambda share: bar.update(task, completed=share)
         bar.update(task, completed=1.0)
@@ -50,18 +60,25 @@ def status_line() -> Iterator[tuple[Callable[[str], None], Callable[[str], None]
     report : callable
         Prints a line that stays.
     """
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         last = time.monotonic()
+
+        def report(line: str) -> None:
+            print(line, file=sys.stderr, flush=True)
 
         def now_and_then(line: str) -> None:
             nonlocal last
             if time.monotonic() - last >= _PRINT_EVERY_S:
                 last = time.monotonic()
-                console.print(line, markup=False)
+                report(line)
 
-        yield now_and_then, lambda line: console.print(line, markup=False)
+        yield now_and_then, report
         return
+    from rich.console import Console
+    from rich.live import Live
+    from rich.text import Text
+
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
     with Live(console=console, auto_refresh=False, transient=True) as live:
         yield (
             lambda line: live.update(Text(line, no_wrap=True), refresh=True),

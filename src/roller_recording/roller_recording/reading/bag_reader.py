@@ -15,7 +15,6 @@ from .bag_folder import BagFolder
 from .base import MalformedRecordingError, RecordingError
 from .dvs_messages import DVS_ARRAY, DvsPackets
 from .mcap_scan import McapScan
-from .ros1_file import Ros1File
 from .sqlite_scan import SqliteScan, has_journal
 from .storage import MCAP, ROS1, SQLITE, ScannedFile, Storage, WholeFile, reason
 
@@ -141,6 +140,8 @@ class BagReader:
 def _open(file: Path, shown: Path) -> Storage:
     """The whole file if it is whole, else what can be read of it."""
     if file.suffix == ROS1:
+        from .ros1_file import Ros1File  # what reads ROS 1 takes a moment to load
+
         return Ros1File(file, shown)
     if file.suffix == SQLITE and has_journal(file):
         return SqliteScan(file, shown)  # the library reads past journals
