@@ -23,8 +23,9 @@ from .height_map.mapper import STRIP_M, HeightMapper
 from .references.alignment import Alignment
 from .references.reference import Reference, ReferenceError
 
-#: What a new strip is searched together with, m: findings are at most provisional on it.
-_CONTEXT_M = 16e-3
+#: What a new strip is searched together with, m: findings are at most provisional on it; and so
+#: many strips more where one goes on.
+_CONTEXT_M, _MOST_OPEN = 8e-3, 4
 #: Findings are final once the scan is this far beyond them, m.
 _PASSED_M = 3e-3
 #: Findings so near to the border of two pieces are looked for in both, m.
@@ -188,8 +189,12 @@ class SurfaceInspector:
     def _look(self, strips: list[int]) -> list[Piece]:
         """Findings around new strips: provisional near them, final behind."""
         around = round(_CONTEXT_M / STRIP_M)
-        near = range(min(strips) - around, max(strips) + around + 1)
-        window = join([self._strips[j] for j in near if j in self._strips])
+        low, high = min(strips) - around, max(strips) + around
+        # What wasn't passed yet is seen whole.
+        for first, last in (self._reach(f) for f in self.findings if not f.final):
+            if last >= low and first <= high:
+                low, high = max(min(low, first), low - _MOST_OPEN), max(high, last)
+        window = join([s for k, s in self._strips.items() if low <= k <= high])
         # A crater is measured again, as what rises around it is told by it.
         passed = [f for f in self.findings if f.final and f.kind != "crater"]
         passed = [f for f in passed if self._inside(f, window)]
@@ -219,6 +224,12 @@ class SurfaceInspector:
         margin_m += window.step_m / 2
         return bool(window.x_m[0] - margin_m <= x <= window.x_m[-1] + margin_m)
 
+    def _reach(self, finding: Finding) -> tuple[int, int]:
+        """First and last strip that a finding touches."""
+        frame = self._mapper.frame
+        x = (finding.outline_m - frame[:3, 3]) @ frame[:3, 0]
+        return int(np.floor(x.min() / STRIP_M)), int(np.floor(x.max() / STRIP_M))
+
     def _numbered(self, findings: list[Finding]) -> list[Finding]:
         """Findings that were reported before keep their number."""
         out, taken = [], set()
@@ -242,14 +253,9 @@ class SurfaceInspector:
     def _cut(self) -> list[int]:
         """Strips to conclude: all but what the newest findings may still need."""
         order = list(self._strips)
-        keep = set(order[-2 * round(_CONTEXT_M / STRIP_M) :])
-        for finding in self.findings:
-            if not finding.final:
-                frame = self._mapper.frame
-                x = (finding.outline_m - frame[:3, 3]) @ frame[:3, 0]
-                keep |= set(
-                    range(int(np.floor(x.min() / STRIP_M)), int(np.floor(x.max() / STRIP_M)) + 1)
-                )
+        keep = set(order[-4:])
+        for first, last in (self._reach(f) for f in self.findings if not f.final):
+            keep |= set(range(first, last + 1))
         done = [k for k in order if k not in keep]
         return done or order[:-1]
 

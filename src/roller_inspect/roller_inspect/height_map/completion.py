@@ -54,9 +54,15 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
     z = np.where(known, height_m - np.float32(level), np.float32(0))
     weight = np.where(known, np.float32((step_m / _CELL_M) ** 2), np.float32(0))
     sigma = np.where(known, np.minimum(sigma_m, np.float32(_MOST_SIGMA_M)), np.float32(1))
+    # Of each grid the weights of its cells, and their sums of heights and uncertainties.
+    grids = [np.stack([weight, weight * z, weight * sigma])]
+    while 2 ** len(grids) <= _FACTORS[0]:
+        grids.append(_coarser(grids[-1]))
     found: F32 | None = None
     for factor, rounds, steps in zip(_FACTORS, _ROUNDS, _STEPS, strict=True):
-        zc, wc, sc = _coarser(z, weight, sigma, factor)
+        wc, heights, spreads = grids[factor.bit_length() - 1]
+        share = 1 / np.maximum(wc, np.float32(1e-12))
+        zc, sc = heights * share, np.where(wc > 0, spreads * share, np.float32(1))
         if found is None:
             nearest = ndimage.distance_transform_edt(
                 wc == 0, return_distances=False, return_indices=True
@@ -69,22 +75,12 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
     return np.asarray(found + np.float32(level), np.float32)
 
 
-def _coarser(z: F32, weight: F32, sigma: F32, factor: int) -> tuple[F32, F32, F32]:
-    """Weighted means over blocks, their total weight, their uncertainty."""
-    if factor == 1:
-        return z, weight, sigma
-    pad = [(0, -n % factor) for n in z.shape]
-
-    def total(values: F32) -> F32:
-        padded = np.pad(values, pad)
-        ny, nx = padded.shape
-        blocks = padded.reshape(ny // factor, factor, nx // factor, factor)
-        return np.asarray(blocks.sum(axis=(1, 3)))
-
-    w = total(weight)
-    safe = np.maximum(w, 1e-12)
-    mean, spread = (np.asarray(total(weight * v) / safe, np.float32) for v in (z, sigma))
-    return mean, w, np.where(w > 0, spread, np.float32(1))
+def _coarser(values: F32) -> F32:
+    """Sums over two by two cells, shape (..., ny, nx) halved, rounded up."""
+    pad = [(0, 0)] * (values.ndim - 2) + [(0, n % 2) for n in values.shape[-2:]]
+    rows = np.pad(values, pad) if values.shape[-1] % 2 or values.shape[-2] % 2 else values
+    pairs = rows[..., ::2, :] + rows[..., 1::2, :]
+    return np.asarray(pairs[..., ::2] + pairs[..., 1::2], np.float32)
 
 
 def _finer(values: F32, shape: tuple[int, ...]) -> F32:
