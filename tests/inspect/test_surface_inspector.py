@@ -67,6 +67,27 @@ def test_a_raised_edge_all_around_makes_a_crater_and_no_finding_of_its_own() -> 
     assert sorted(kinds) == ["dent", "raised"]
 
 
+def test_where_little_is_seen_dense_edges_are_a_finding_if_they_lie_off() -> None:
+    random = np.random.default_rng(4)
+
+    def keep(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        edge = np.abs(np.hypot(x - 0.016, y) - 6e-4) < 2.5e-4
+        return edge | (random.random(x.shape) < 0.003)
+
+    for depth_m, most in ((2e-4, -5e-5), (0.0, None)):
+        surface = dent((0.016, 0.0), 1e-3, depth_m)
+        found = inspect(scan(surface, length_m=0.032, keep=keep)).findings
+        if most is None:  # as what trails behind strong edges does
+            assert found == ()
+        else:
+            (one,) = found
+            assert "edges" in one.cues
+            assert one.depth_m < most
+            np.testing.assert_allclose(one.center_m[:2], [0.016, 0.0], atol=5e-4)
+    dense = inspect(scan(dent((0.015, 0.001), 1.5e-3, 2e-4)))
+    assert [f.cues for f in dense.findings] == [("height",)]
+
+
 def test_few_stray_points_do_not_turn_the_map() -> None:
     first, *rest = scan(flat)
     stray = replace(first, **{name: value[:2] for name, value in vars(first).items()})

@@ -23,6 +23,8 @@ _OUTLINE = 0.2
 #: A hollow is a crater if around it, in rings so wide and up to so far, m, the surface rises by
 #: more than this part of its depth and of the noise. Tuned on the virtual cell.
 _RIM, _RIM_NOISE, _RIM_STEP_M, _RIM_M = 0.03, 1 / 3, 2e-4, 1.2e-3
+#: No rim is told where less than this share is known.
+_RIM_KNOWN = 0.5
 #: Beyond, up to here, m, lies what the rim rises above.
 _BEYOND_RIM_M = 1.8e-3
 #: Longer than so many widths is a scratch.
@@ -33,6 +35,8 @@ _DEEPEST = 0.05
 _DEEP, _LEAST_APEX = 0.75, 30
 #: Strong places of one finding are two if both rise so many times above what is strong.
 _STANDS_OUT = 3.0
+#: Of what was measured less than this share the scan's scatter says little: points' own σ counts.
+_SCATTERS = 0.2
 #: z at which a finding is as good as certain.
 _CERTAIN_Z = 15.0
 
@@ -140,7 +144,7 @@ def measure(
     known = (share > 0) & np.isfinite(fine) & part.known
     away_m = distance(~mask) * step
     ring = (away_m > _RING_M[0]) & (away_m < _RING_M[1]) & known & ~others
-    noise = float(cues.noise_m[0])
+    noise = float(np.nan_to_num(cues.noise_m[0]))
     level = float(np.median(fine[ring])) if ring.sum() >= 20 and not models_part else 0.0
     signed = component.sign * (fine - level)
     inside = mask & known
@@ -180,8 +184,13 @@ def measure(
             area = int(shape.sum()) * step**2
     largest = float(np.abs(cues.z[window][mask]).max())
     reference = float(np.median(comparison.sigma_m[window][mask]))
+    sure = shape & (part.state == MEASURED)
+    measured = float(sure.sum() / shape.sum())
+    if measured < _SCATTERS and sure.any():
+        noise = max(noise, float(np.median(part.sigma_m[sure])))
+    scatter = noise, float(np.nan_to_num(cues.noise_m[-1]))
     u, budget = uncertainty(
-        (noise, float(cues.noise_m[-1])), reference, comparison.by_pose, (length, width, depth),
+        scatter, reference, comparison.by_pose, (length, width, depth),
         area, hollow_m, step, settings.cell,
     )  # fmt: skip
     middle = part.in_base(center[0], center[1], float(np.median(part.height_m[shape & known])))
@@ -198,8 +207,8 @@ def measure(
         confidence=float(np.clip(largest / _CERTAIN_Z, 0.0, 1.0)),
         outline_m=outline,
         points=points,
-        measured=float((part.state[shape] == MEASURED).mean()),
-        cues=("height",),
+        measured=measured,
+        cues=_named(cues, window, mask),
         final=final,
         rim_m=rim if kind == "crater" else 0.0,
         budget=budget,
@@ -251,6 +260,12 @@ def _outline(shape: Bools, part: HeightMap) -> tuple[np.ndarray, np.ndarray, flo
     return outline, center, float(length), float(width)
 
 
+def _named(cues: Cues, window: tuple[slice, slice], mask: Bools) -> tuple[str, ...]:
+    edges = cues.edges[window] & mask
+    height = cues.strong[window] & mask & ~edges
+    return ("height",) * bool(height.any()) + ("edges",) * bool(edges.any())
+
+
 def _kind(sign: int, length: float, width: float, models_part: bool) -> Kind:
     if models_part:
         return "extra" if sign > 0 else "missing"
@@ -266,7 +281,7 @@ def _rim(height: F32, shape: Bools, usable: Bools, step: float) -> tuple[float, 
     """
     away = distance(~shape) * step
     beyond = usable & (away > _RIM_M) & (away <= _BEYOND_RIM_M)
-    if not beyond.any():
+    if not beyond.any() or usable[away <= _BEYOND_RIM_M].mean() < _RIM_KNOWN:
         return 0.0, 0.0, 0.0
     level = float(np.median(height[beyond]))
     ends = np.arange(_RIM_STEP_M, _RIM_M + 1e-9, _RIM_STEP_M)

@@ -225,6 +225,7 @@ def _card(f: Mapping[str, Any], pictured: Pictured) -> str:
     words = (
         f"<b>{f['id']}</b> {f['kind']}, {f['length_m'] * 1e3:.2f} × {f['width_m'] * 1e3:.2f} mm, "
         f"{_with_u(f['depth_m'], u, 1e6, 0, sign=True)} µm"
+        + (" (seen by edges alone)" if f["cues"] == ["edges"] else "")
         + (f", edge raised by {f['rim_m'] * 1e6:.0f} µm: " if f["rim_m"] else ": ")
         + f'<b class="{f["verdict"]}">{_WORDS[f["verdict"]].lower()}</b>'
         + (f"; {escape(f['limit'])}" if f.get("limit") else "")
