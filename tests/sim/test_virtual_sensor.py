@@ -9,7 +9,6 @@ import pytest
 from roller_sim import _render_kernels as render_kernels
 from roller_sim import _sensor_kernels as kernels
 from roller_sim.cell import VirtualCell
-from roller_sim.cell_settings import SensorSettings
 from roller_sim.sensor import EventSensor, unpack
 from sim import virtual_twins as twins
 
