@@ -193,7 +193,7 @@ class ContactWatch:
             return ContactState(
                 None, area_m2, fill, cells, "contact lost: the skin is still while the robot rolls"
             )
-        share = self._share(events, start_ns, end_ns)
+        share = self._share(events)
         fault = ""
         if share is not None and share < _STANDS:
             fault = "contact lost: the image stands while the robot rolls"
@@ -201,14 +201,14 @@ class ContactWatch:
             fault = f"slipping: the image moves at {share:.0%} of the robot's speed"
         return ContactState(share, area_m2, fill, cells, fault)
 
-    def _share(self, events: EventArray, start_ns: int, end_ns: int) -> float | None:
+    def _share(self, events: EventArray) -> float | None:
         """The share of the poses' speed at which the image is sharpest; None: it isn't clear."""
         events = self._quiet(events[:: -(-len(events) // _MOST) or 1])
         n = len(events)
         if n < _LEAST:
             return None
         packets = make_packets(events, self._table, self._track, _PACKET)
-        view = self._track.matrices([(start_ns + end_ns) // 2])[0]
+        view = packets.poses[len(packets.poses) // 2]
         # A row for each number, as the loop over events takes them.
         rays: F32 = np.ascontiguousarray(
             rays_in_view(packets, self._camera, view).rays.T, np.float32
