@@ -251,8 +251,8 @@ def _profile(
     reach = max(1.3 * t, float(np.nanmax(np.abs(height))) * 1.15 if known.any() else 0.0)
     chart = Chart((0, length * 1e3), (-reach, reach), "along, mm", "deviation, µm", _DETAIL_PX, 170)
     chart.band(-t, t)
-    chart.line(at * length * 1e3, height - two_sigma, "sigma")
-    chart.line(at * length * 1e3, height + two_sigma, "sigma")
+    for edge in (height - two_sigma, height + two_sigma):
+        chart.line(at * length * 1e3, edge.clip(-reach, reach), "sigma")
     chart.line(at * length * 1e3, height)
     return str(chart)
 
