@@ -16,7 +16,7 @@ pytestmark = pytest.mark.graph
 
 CODE = (
     "from roller_bringup.doctor import dds; from dataclasses import asdict; import json; "
-    "dds._TIMEOUT_S = 12.0; print(json.dumps(asdict(dds.exchange_messages())))"
+    "dds._TIMEOUT_S = 60.0; print(json.dumps(asdict(dds.exchange_messages())))"
 )
 BARE = """<?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"/>

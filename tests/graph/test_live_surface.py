@@ -33,7 +33,7 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     )
     overrides.write_text(f"virtual_cell:\n  ros__parameters: {cell}\n")
     arguments = {
-        "scene": "stairs", "speed": "0.3", "method": "surface", "braille": "false",
+        "scene": "stairs", "speed": "0.1", "method": "surface", "braille": "false",
         "inspect": "true",
         "params": str(overrides), "record": "true", "output": str(tmp_path / "bag"),
     }  # fmt: skip
