@@ -138,9 +138,8 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
 
 def test_gauges_of_the_virtual_cell_correct_another_object(scans: Scans, tmp_path: Path) -> None:
     """By the command and replays alone: the report says so, and another object errs less."""
-    small = {"camera": {"height": 150}, "scene": {"step_mm": 0.05, "width_mm": 8.0}}
-    there_and_back = {"reverse": True, "acceleration": 50.0}
-    sphere = scans.bag("gauge_sphere", speed=0.5, **small, motion=there_and_back)
+    small = {"camera": {"height": 180}, "scene": {"step_mm": 0.05, "width_mm": 9.0}}
+    sphere = scans.bag("gauge_sphere", speed=0.5, **small, motion={"reverse": True})
     steps = scans.bag("gauge_steps", speed=0.5, **small)
     delay, found = tmp_path / "delay.yaml", tmp_path / "found.yaml"
     delay.write_text("/**/surface:\n  ros__parameters:\n    event_delay_s: 0.00043\n")
