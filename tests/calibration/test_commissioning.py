@@ -28,7 +28,12 @@ from roller_sim.motion import HAND_EYE_M, hand_eye
 from simulated_scans import Scans
 
 #: What the camera reads out in scans: a region of interest, so that they take seconds.
-TOP, ROWS = 160, 160
+TOP, ROWS = 150, 180
+#: Scans of the gauges are shared with other tests that have these.
+SMALL = {"camera": {"height": ROWS}, "scene": {"step_mm": 0.05, "width_mm": 9.0}}
+#: A part's face in base, and the stretch of the roll that shows it whole.
+BOX_M = [0.012, -0.003, 0.022, 0.003]
+PATH = {"start_mm": 6.0, "end_mm": 28.0}
 
 
 @pytest.fixture
@@ -78,10 +83,7 @@ def test_from_unpacked_devices_to_a_certificate(
         run("calibrate", kind, *words)
 
     def scan(name: str, speed: float = 0.3, **more: Any) -> Path:
-        bag = scans.bag(
-            name, speed, scene={"margin_mm": 4.0},
-            camera={"height": ROWS}, **more,
-        )  # fmt: skip
+        bag = scans.bag(name, speed, **SMALL, **more)
         return recorded_with(Camera.from_yaml(camera_file), bag, tmp_path / bag.name)
 
     found = doctor(
@@ -106,7 +108,7 @@ def test_from_unpacked_devices_to_a_certificate(
     path = {"reverse": True, "start_mm": -4.0, "end_mm": 22.0, "acceleration": 50.0}
     there_and_back = [scan("stairs", v, motion=path) for v in (0.1, 0.25)]  # A
     calibrate("time-offset", *there_and_back, "--output", cell)  # A
-    flat = scan("flat", light={"speckle": 0.1}, motion={"start_mm": 6.0, "end_mm": 22.0})
+    flat = scan("flat", light={"speckle": 0.1}, motion=PATH)
     calibrate("flat", flat, "--params", cell, "--output", cell)
 
     calibrate(
@@ -116,10 +118,14 @@ def test_from_unpacked_devices_to_a_certificate(
     )  # fmt: skip
 
     golden, good, certificate = (tmp_path / n for n in ("golden", "good", "certificate"))
-    parts = [scan("clean", seed=k, light={"speckle": 0.1}) for k in range(3)]
+    parts = [scan("clean", seed=k, light={"speckle": 0.1}, motion=PATH) for k in range(3)]
     run("inspect", "teach", *parts[:2], "--params", cell, "--output", golden)
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text(
+        f"schema: roller-recipe/1\nregions: {{face: {{box_m: {BOX_M}}}}}\ninspect: [face]\n"
+    )
     run("inspect", parts[2], "--reference", f"golden:{golden}", "--params", cell,
-        "--output", good)  # fmt: skip
+        "--recipe", recipe, "--output", good)  # fmt: skip
     run("calibrate", "acceptance", "--sphere", scan("sphere"), "--params", cell,
         "--output", certificate, "--radius-mm", 4, "--inspection", good)  # fmt: skip
     written = json.loads((certificate / "certificate.json").read_text())
