@@ -68,6 +68,20 @@ def test_a_standing_image_and_a_texture_that_is_gone_are_contact_lost(texture: E
     assert "the skin is still" in gone.fault(120 * MS, 290 * MS)
 
 
+def test_events_that_could_not_wait_are_no_contact_lost(
+    texture: EventArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("roller_emvs.contact._MOST_WAITING", len(texture) // 8 // 3)
+    watch = ContactWatch(CAMERA, poses(1.0), DEPTH)
+    half = np.searchsorted(texture.t_ns, 100 * MS)
+    for begin in range(0, half, 5000):
+        watch.add(texture[begin : min(begin + 5000, half)])
+    assert watch.fault(0, 90 * MS) == ""
+    for begin in range(half, len(texture), 5000):
+        watch.add(texture[begin : begin + 5000])
+    assert watch.fault(90 * MS, 290 * MS) == ""
+
+
 def test_little_to_see_says_nothing() -> None:
     random = np.random.default_rng(0)
     noise = EventArray.from_arrays(

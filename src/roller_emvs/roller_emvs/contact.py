@@ -106,7 +106,11 @@ class ContactWatch:
         first = -self._seen % _OF
         self._seen += len(events)
         part = events[first::_OF]
+        dropped = self._queue.dropped
         self._queue.add(EventArray.from_arrays(part.x, part.y, part.t_ns, part.p))
+        if self._queue.dropped > dropped and self._from_ns is not None:
+            # Nobody asked in time: what didn't wait isn't a skin that stands still.
+            self._from_ns = max(self._from_ns, self._queue.first_ns)
         if self._from_ns is not None and self._queue.newest_ns - self._from_ns > _FORGOTTEN_NS:
             self._skip(self._queue.newest_ns - _LONGEST_NS)  # nobody asks: the sensor stands
 
