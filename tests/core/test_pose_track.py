@@ -122,6 +122,42 @@ def test_discarding_keeps_what_is_needed() -> None:
     np.testing.assert_array_equal(track.at(t).position, before)
 
 
+def test_bends_are_what_a_straight_line_errs_by() -> None:
+    # 10 m/s² between 40 and 80 ms; poses every 8 ms: 80 µm off in the middle of a step.
+    t = np.arange(0, 160_000_001, 8_000_000) + EPOCH_NS
+
+    def travel(t_ns: np.ndarray) -> np.ndarray:
+        s = np.clip((t_ns - EPOCH_NS) * 1e-9 - 0.04, 0, None)
+        return 5.0 * np.minimum(s, 0.04) ** 2 + 0.4 * np.clip(s - 0.04, 0, None)
+
+    def place(t_ns: np.ndarray) -> np.ndarray:
+        return np.stack([travel(t_ns), np.zeros(len(t_ns)), np.zeros(len(t_ns))], 1)
+
+    track = PoseTrack()
+    track.extend(t, place(t), np.tile([0.0, 0, 0, 1], (len(t), 1)))
+    middle = (t[:-1] + t[1:]) // 2
+    error = np.abs(track.sample(middle)[0] - place(middle))[:, 0]
+    found = {begin for begin, _ in track.bent(int(t[0]), int(t[-1]), 20e-6)}
+    assert found >= set(t[:-1][error > 20e-6].tolist())
+    assert all(EPOCH_NS + 40_000_000 <= begin < EPOCH_NS + 80_000_000 for begin in found)
+    assert not track.bent(int(t[0]), int(t[-1]), 85e-6)
+    two = PoseTrack()
+    two.extend(t[:2], place(t)[:2] + [[0.0, 0, 0], [1.0, 0, 0]], np.tile([0.0, 0, 0, 1], (2, 1)))
+    assert not two.bent(int(t[0]), int(t[1]), 1e-6), "what is not known is no ramp"
+    assert track.bent(EPOCH_NS + 57_000_000, EPOCH_NS + 58_000_000, 20e-6) == [
+        (EPOCH_NS + 56_000_000, EPOCH_NS + 64_000_000)
+    ]
+
+
+def test_half_way_is_of_the_way_not_of_the_time() -> None:
+    track = PoseTrack()
+    for k, x in enumerate([0.0, 0.0, 0.0, 0.0, 0.004, 0.008]):
+        track.append(EPOCH_NS + k * 8_000_000, [x, 0, 0], [0, 0, 0, 1])
+    assert track.half_way(EPOCH_NS, EPOCH_NS + 40_000_000) == EPOCH_NS + 32_000_000
+    assert track.half_way(EPOCH_NS + 28_000_000, EPOCH_NS + 36_000_000) == EPOCH_NS + 32_000_000
+    assert track.half_way(EPOCH_NS, EPOCH_NS + 20_000_000) == EPOCH_NS + 10_000_000, "stands"
+
+
 def test_tum_round_trip(tmp_path: Path) -> None:
     track = straight()
     track.write_tum(tmp_path / "poses.txt")

@@ -142,6 +142,41 @@ def test_a_gap_in_the_poses_costs_only_its_windows(rule: str) -> None:
         track.check(w.start_ns, w.end_ns)
 
 
+def test_events_of_a_hard_ramp_are_left_out_and_counted_however_they_arrive() -> None:
+    # From 0.3 m/s to rest at 15 m/s² in 20 ms, after 100 ms.
+    t = np.arange(0, 201, 8) * MS
+    s = np.clip(t * 1e-9 - 0.1, 0, 0.02)
+    x = 0.3 * np.minimum(t * 1e-9, 0.1) + 0.3 * s - 7.5 * s**2
+
+    def cutter_of(track: PoseTrack) -> WindowCutter:
+        cutter = WindowCutter(setting(method="bma"), track)
+        cutter.most_bend_m = 40e-6
+        return cutter
+
+    whole = PoseTrack()
+    whole.extend(t, np.stack([x, 0 * x, 0 * x], 1), np.tile([0.0, 0, 0, 1], (len(t), 1)))
+    cutter = cutter_of(whole)
+    events = ticking(200)
+    cutter.add(events)
+    windows = [w for w in cut_all(cutter) if isinstance(w, Window)]
+    kept = np.concatenate([w.events.t_ns for w in windows])
+    assert len(kept) + cutter.ramp_events == len(events)
+    lost = np.setdiff1d(events.t_ns, kept)
+    assert lost.min() >= 96 * MS
+    assert lost.max() < 128 * MS
+    assert np.isin(np.arange(104, 120) * MS, lost).all()
+
+    track = PoseTrack()
+    live = cutter_of(track)
+    live.add(events)
+    pieces = []
+    for k in range(len(t)):
+        track.append(int(t[k]), [x[k], 0, 0], [0, 0, 0, 1])
+        pieces += cut_all(live, flush=k == len(t) - 1)
+    got = np.concatenate([w.events.t_ns for w in pieces if isinstance(w, Window)])
+    np.testing.assert_array_equal(got, kept)
+
+
 def test_events_without_poses_are_counted() -> None:
     track = PoseTrack()
     for k in range(10):

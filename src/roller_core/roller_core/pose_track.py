@@ -85,6 +85,7 @@ class PoseTrack:
         self._t = np.empty(64, np.int64)
         self._p = np.empty((64, 3))
         self._q = np.empty((64, 4))
+        self._acc = np.empty(64)
 
     def __len__(self) -> int:
         return self._n
@@ -136,8 +137,22 @@ class PoseTrack:
             self._t = np.concatenate([self._t, np.empty_like(self._t)])
             self._p = np.concatenate([self._p, np.empty_like(self._p)])
             self._q = np.concatenate([self._q, np.empty_like(self._q)])
-        self._t[self._n], self._p[self._n], self._q[self._n] = t_ns, p, q
+            self._acc = np.concatenate([self._acc, np.empty_like(self._acc)])
+        n = self._n
+        self._t[n], self._p[n], self._q[n], self._acc[n] = t_ns, p, q, np.nan
         self._n += 1
+        if n > 1:
+            self._acc[n - 1] = self._acceleration(n - 1)
+
+    def _acceleration(self, k: int) -> float:
+        """Of the sensor at a pose between two others, m/s²."""
+        before, after = ((self._t[k + j + 1] - self._t[k + j]) * 1e-9 for j in (-1, 0))
+        p0, p1, p2 = self._p[k - 1 : k + 2].tolist()
+        change = math.dist(
+            [(b - a) / before for a, b in zip(p0, p1, strict=True)],
+            [(b - a) / after for a, b in zip(p1, p2, strict=True)],
+        )
+        return 2 * change / float(before + after)
 
     def extend(
         self, t_ns: npt.ArrayLike, positions: npt.ArrayLike, quaternions: npt.ArrayLike
@@ -152,6 +167,7 @@ class PoseTrack:
         """Take the poses of another track in place of one's own."""
         self._n = len(other)
         self._t, self._p, self._q = other._t.copy(), other._p.copy(), other._q.copy()
+        self._acc = other._acc.copy()
 
     def clear(self) -> None:
         """Forget all poses."""
@@ -165,7 +181,46 @@ class PoseTrack:
             self._t[: self._n - first] = self._t[kept].copy()
             self._p[: self._n - first] = self._p[kept].copy()
             self._q[: self._n - first] = self._q[kept].copy()
+            self._acc[: self._n - first] = self._acc[kept].copy()
             self._n -= first
+
+    def bent(self, start_ns: int, end_ns: int, most_m: float) -> list[tuple[int, int]]:
+        """Where the sensor accelerates too hard for straight lines between its poses.
+
+        Parameters
+        ----------
+        start_ns, end_ns : int
+            Span to look at. For its last step to be judged as it will be for good, another pose
+            has to have followed.
+        most_m : float
+            Error of position that is let pass, metres.
+
+        Returns
+        -------
+        list of (int, int)
+            Times of neighbouring poses, in order.
+        """
+        first = max(int(np.searchsorted(self.times_ns, start_ns, side="right")), 1)
+        last = min(int(np.searchsorted(self.times_ns, end_ns, side="left")) + 1, self._n)
+        if last <= first:
+            return []
+        times, acc = self._t[first - 1 : last], self._acc[first - 1 : last]
+        # A parabola is off its chord by an eighth of acceleration times time squared. A path that
+        # bends within the step is off by no more than the time squared times the acceleration at
+        # the end that tells of less; one that bends at a pose leaves both steps straight.
+        low, high = np.fmin(acc[:-1], acc[1:]), np.fmax(acc[:-1], acc[1:])
+        off = np.minimum(8 * low, high) * (np.diff(times) * 1e-9) ** 2 / 8
+        return [(int(times[k]), int(times[k + 1])) for k in np.flatnonzero(off > most_m)]
+
+    def half_way(self, start_ns: int, end_ns: int) -> int:
+        """Time at which the sensor has come half of its way through a span that poses cover."""
+        times = self.times_ns
+        inner = times[(times > start_ns) & (times < end_ns)]
+        at = np.concatenate([[start_ns], inner, [end_ns]])
+        way = np.cumsum(np.linalg.norm(np.diff(self.sample(at)[0], axis=0), axis=1))
+        if not way[-1] > 0:
+            return (start_ns + end_ns) // 2
+        return start_ns + round(float(np.interp(way[-1] / 2, [0.0, *way], at - start_ns)))
 
     def covers(self, start_ns: int, end_ns: int) -> bool:
         """Whether every time of the closed interval has a pose."""

@@ -28,6 +28,7 @@ class DepthCounts:
     dropped_events: int = 0
     events_without_pose: int = 0
     still_events: int = 0
+    ramp_events: int = 0
     left_out_windows: int = 0
     broken_passes: int = 0
     bad_contact_windows: int = 0
@@ -54,6 +55,7 @@ class DepthEngine(Generic[C]):
         self.camera = camera
         self.track = track
         self._cutter = cutter
+        cutter.most_bend_m = settings.depth_min_m / max(camera.fx, camera.fy)
         self._counts = DepthCounts()
         self._event_delay_s = settings.event_delay_s
         self._contact = ContactWatch(
@@ -66,6 +68,7 @@ class DepthEngine(Generic[C]):
         self._counts.dropped_events = self._cutter.dropped_events
         self._counts.events_without_pose = self._cutter.events_without_pose
         self._counts.still_events = self._cutter.still_events
+        self._counts.ramp_events = self._cutter.ramp_events
         return self._counts
 
     @property
@@ -100,6 +103,11 @@ class DepthEngine(Generic[C]):
     def leave_gap(self) -> None:
         """Some events were left out, as there was no keeping up with them."""
         self._cutter.leave_gap()
+        self._contact.leave_gap()
+
+    def miss(self) -> None:
+        """Some events never came: a window does without them, the contact can't be told."""
+        self._contact.leave_gap()
 
     def _without_contact(self, start_ns: int, end_ns: int, events: int) -> RefusedWindow | None:
         """A window or block that gives no depth, as skin and surface didn't move as one."""

@@ -134,7 +134,8 @@ class WindowCutter(EventCutter):
     def _find_end(self, start: int, flush: bool) -> tuple[int, int, str] | None:
         """End of the window, start of the one after, and why it is refused, if it is."""
         s = self._settings
-        track_end = self._track.end_ns
+        # The newest pose tells how bent the way to the one before it was.
+        track_end = int(self._track.times_ns[-1 if flush else -2])
         last = min(self._queue.newest_ns + 1, track_end)
         if s.window_rule == "all":
             return (last, last, "") if flush and last > start else None
@@ -210,4 +211,4 @@ class WindowCutter(EventCutter):
         taken = self._queue.first(self._queue.count_before(end))
         self._start_ns = following if following < 2**62 else None
         self._queue.drop_before(following)
-        return Window(start, end, taken)
+        return Window(start, end, self._without_ramps(taken, start, end))
