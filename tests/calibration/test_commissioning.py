@@ -106,8 +106,8 @@ def test_from_unpacked_devices_to_a_certificate(
     np.testing.assert_allclose(read_parameters(place, "ur10")["hand_eye_m"], HAND_EYE_M, atol=1e-3)
 
     path = {"reverse": True, "start_mm": -4.0, "end_mm": 22.0, "acceleration": 50.0}
-    there_and_back = [scan("stairs", v, motion=path) for v in (0.1, 0.25)]  # A
-    calibrate("time-offset", *there_and_back, "--output", cell)  # A
+    there_and_back = [scan("stairs", v, motion=path) for v in (0.1, 0.25)]
+    calibrate("time-offset", *there_and_back, "--output", cell)
     flat = scan("flat", light={"speckle": 0.1}, motion=PATH)
     calibrate("flat", flat, "--params", cell, "--output", cell)
 

@@ -53,7 +53,7 @@ def made_up_sphere(rng: np.random.Generator, drift: float = 1.0) -> PassLines:
     lines = lines_of(rng, -x / z)
     cloud = np.column_stack([x, y, z]) + [0.05, 0.0, 0.0]
     height = z + drift * drift_m(lines.polarity, lines.slope) + rng.normal(0, 1e-5, n)
-    return PassLines(np.column_stack([x + 0.05, y, height]), lines, cloud, np.eye(3))
+    return PassLines(np.column_stack([x + 0.05, y, height]), lines, cloud, np.eye(3), travel=LEAN)
 
 
 def to_and_fro(rng: np.random.Generator, drift: float) -> list[PassLines]:
@@ -67,25 +67,34 @@ def to_and_fro(rng: np.random.Generator, drift: float) -> list[PassLines]:
 
 
 def made_up_steps(
-    rng: np.random.Generator, step_m: float = STEP_M, drift: float = 1.0
+    rng: np.random.Generator,
+    step_m: float = STEP_M,
+    drift: float = 1.0,
+    base_m: float = -0.002,
+    higher_m: float = 0.0,
 ) -> PassLines:
-    """Lines on walls that turn by a degree against the roll, five up and five down."""
+    """Lines on walls that turn by a degree against the roll, five up and five down.
+
+    OFF lines lie at their foot, ON lines at their top.
+    """
     change = np.array([1.0] * 5 + [-1.0] * 5)
     wall = rng.integers(0, 10, 2000)
     slope = change[wall] * rng.uniform(0.5, 1.1, 2000)
     lines = lines_of(rng, slope)
     y = rng.uniform(-6e-3, 6e-3, 2000)
-    x = 0.03 + 1.1e-3 * wall + rng.normal(0, 3e-5, 2000) + np.radians(1.0) * y
-    height = step_m * (np.cumsum(change) - 0.5 * change)[wall] - 0.002
+    up = np.where(lines.polarity == 0, -0.4, 0.4)
+    x = 0.03 + 1.1e-3 * wall + 1.5e-4 * up * change[wall] + np.radians(1.0) * y
+    x += rng.normal(0, 1e-5, 2000)
+    height = step_m * ((np.cumsum(change) - 0.5 * change)[wall] + up) + base_m + higher_m
     height += drift * drift_m(lines.polarity, slope) + rng.normal(0, 1e-5, 2000)
     place = np.column_stack([x, y, height])
-    return PassLines(place, lines, place, np.eye(3))
+    return PassLines(place, lines, place, np.eye(3), travel=LEAN)
 
 
 def gauges(monkeypatch: pytest.MonkeyPatch, drift: float = 1.0) -> list[Gauge]:
     rng = np.random.default_rng(0)
     found = iter([to_and_fro(rng, drift), [made_up_steps(rng, drift=drift)]])
-    monkeypatch.setattr(calibration, "pass_lines", lambda *_: next(found))
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [next(found)])
     monkeypatch.setattr(calibration, "rolling_speed_m_s", lambda _: 0.1)
     return [
         *calibration.sphere_gauges(SCAN, SETTINGS, RADIUS_M),
@@ -117,20 +126,42 @@ def test_light_that_stands_still_has_no_drift(monkeypatch: pytest.MonkeyPatch) -
         assert sigma.min() > 5e-6
 
 
+@pytest.mark.parametrize("kind", ["lines", "depths"])
+@pytest.mark.parametrize("base_m", [0.0, 0.05])
+def test_steps_alone_tell_drift_and_on_the_nominal_surface_its_mean(
+    monkeypatch: pytest.MonkeyPatch, base_m: float, kind: str
+) -> None:
+    """What lifts all edges alike shows where the height of the steps' foot is known."""
+    rng = np.random.default_rng(3)
+    steps = made_up_steps(rng, base_m=base_m, higher_m=8e-5)
+    # Too few lines, and depths of neighbourhoods in their place.
+    few = replace(steps, lines=calibration._take(steps.lines, rng.random(2000) < 0.01))
+    few = replace(few, place=steps.place[: len(few.lines.row)])
+    passes = [[steps]] if kind == "lines" else [[few], [replace(steps, kind=kind)]]
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: passes)
+    found = fit_drift(calibration.steps_gauges(SCAN, SETTINGS, STEP_M))
+    slope, none = np.array([-0.8, 0.8]), np.zeros(2)
+    both = np.array([edge_drift(found.settings, k, slope, none) for k in (0, 1)])
+    expected = np.stack([drift_m(np.full(2, k), slope) for k in (0, 1)])
+    if base_m == 0.0:
+        expected += 8e-5
+    assert np.all(np.abs(both[:, 0] - expected) < 3e-5)
+
+
 def test_steps_that_are_none_or_of_another_height_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rng = np.random.default_rng(1)
-    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [made_up_steps(rng, 3e-4)])
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_steps(rng, 3e-4)]])
     with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.3.. mm, not 0\.2 mm"):
         calibration.steps_gauges(SCAN, SETTINGS, STEP_M)
-    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [made_up_sphere(rng)])
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_sphere(rng)]])
     with pytest.raises(EdgeDriftError, match=r"not 8 mm|no sphere"):
         calibration.sphere_gauges(SCAN, SETTINGS, 8e-3)
     flat = lines_of(rng, np.full(500, 0.01))
     place = rng.uniform(0, 0.01, (500, 3))
     monkeypatch.setattr(
-        calibration, "pass_lines", lambda *_: [PassLines(place, flat, place, np.eye(3))]
+        calibration, "pass_lines", lambda *_: [[PassLines(place, flat, place, np.eye(3))]]
     )
     with pytest.raises(EdgeDriftError, match="no steps in view"):
         calibration.steps_gauges(SCAN, SETTINGS, STEP_M)

@@ -10,11 +10,11 @@ ways, and it is known.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import find_peaks
 
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
@@ -25,38 +25,36 @@ from roller_emvs.methods.surface.sweep import SurfacePatch
 
 from .constant_speed import rolling_speed_m_s
 from .recordings import Scan
-from .sphere import Sphere, SphereError, find_sphere
+from .sphere import OtherRadiusError, Sphere, SphereError, find_sphere
+from .step_walls import LEAST_WALLS, find_walls, parts_by_kind, step_height
 
 #: Lines of a gauge, at least, and on slopes.
 LEAST_LINES = 100
 #: Slope along the roll from which a line is on a wall.
 WALL_SLOPE = 0.1
-#: Bins in which walls are found, m; a wall stands out by this share of the fullest; no two are
-#: nearer than this, in bins, and lines within half of it are a wall's own.
-_BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.15, 6
-#: Peaks nearer than this share of a long gap between them are of one wall, if both rise or both
-#: fall, and which quantile of the gaps is a long one.
-_SAME_WALL, _LONG_GAP = 0.5, 0.8
-#: Empty bins after the last line, so that a wall there is a peak.
-_AFTER = np.zeros(_WALL_BINS)
-#: Uncertainty of lines that count in full when walls are found, m.
-_SURE_M = 1.5e-5
-#: Turns of the steps against the roll that are tried, rad.
-_TURNS = np.radians(np.linspace(-3.0, 3.0, 61))
-#: Fewest walls, and how far the height of the steps that fit may be off.
-_LEAST_WALLS, _STEP_TOLERANCE = 2, 0.15
-#: Lines of a polarity on a wall, at least, to tell its height.
-_LEAST_ON_WALL = 20
+#: How far the height of the steps that fit may be off.
+_STEP_TOLERANCE = {"lines": 0.15, "depths": 0.25}
+#: Share that a gauge's size may be off by drift.
+_OTHER_SIZE = 0.3
 #: Spread of where the sphere's middle is along the roll after a pass one way, and to and fro, m;
 #: of the events' delay before and after it was calibrated, s; and of where on a wall events arise,
 #: by the steps' height.
 _MIDDLE_M, _BOTH_WAYS_M = 1.5e-4, 2e-5
 _DELAY_S, _CALIBRATED_DELAY_S = 5e-4, 3e-5
-_ON_WALL = 0.5
+_ON_WALL = 0.15
+#: Scatter of the depths of a kind, over walls and on them, from which on they tell nothing, m, and
+#: fewest of a wall that count.
+_SCATTER_M, _LEAST_ON_WALL = 7.5e-5, 20
+#: Steps whose foot is found so near to the nominal surface stand on it, and how surely they do, m.
+_MOST_FOOT_M, _STANDS_M = 3e-4, 2e-5
 
 
 class EdgeDriftError(RollerError):
     """Gauges from which no drift can be had."""
+
+
+class OtherGaugeError(EdgeDriftError):
+    """A gauge whose size is so far off the stated one that drift doesn't explain it."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +77,8 @@ class Gauge:
         Whether it is a sphere, on which the height of every place is known.
     text : str
         What was found, for people.
+    travel : float
+        See `PassLines`.
     """
 
     name: str
@@ -88,44 +88,69 @@ class Gauge:
     lines: LinePoints
     sphere: bool
     text: str
+    travel: float
 
 
 @dataclass(frozen=True)
 class PassLines:
     """Lines of a pass in its own frame: along the roll, across, and towards the camera, metres.
 
-    `cloud` are the points in base of all passes of the recording.
+    `cloud` are the points in base of all passes of the recording; `kind` says whether lines are
+    lines, or depths of neighbourhoods in their place; `travel` how fast the density of events
+    changes along the crossing, at the median of what is on slopes.
     """
 
     place: F64
     lines: LinePoints
     cloud: F64
     axes: F64
+    kind: str = "lines"
+    travel: float = 0.0
 
 
-def pass_lines(scan: Scan, settings: SurfaceSettings) -> list[PassLines]:
-    """Fit the lines of a recording's passes, without a correction: to, or to and fro.
+def pass_lines(scan: Scan, settings: SurfaceSettings) -> Iterator[list[PassLines]]:
+    """Lines of a recording's passes, without a correction, then depths: to, or to and fro.
 
     Raises
     ------
     EdgeDriftError
-        If there are too few of them, or a pass goes in a third direction.
+        If there are too few of either, or a pass goes in a third direction.
     """
     plain = settings.changed({"edge_drift": EdgeDriftSettings.create({})})
     sweep = SurfaceSweep(plain, scan.camera, scan.track)
-    found: list[tuple[F64, F64, LinePoints]] = []
-    sweep.on_lines = lambda *lines: found.append(lines)
+    lines: _Found = []
+    depths: _Found = []
+    sweep.on_lines = lambda *own: lines.append(own)
+    sweep.on_depths = lambda *own: depths.append(own)
     sweep.add_events(scan.events)
-    cloud = [r.points for r in sweep.results(flush=True) if isinstance(r, SurfacePatch)]
-    count = sum(len(place) for place, _, _ in found)
-    if count < LEAST_LINES:
-        raise EdgeDriftError(
-            f"{scan.name}: {count} lines, fewer than {LEAST_LINES}: too few edges in view; does it "
-            "show the gauge, and is the depth range right?"
-        )
+    patches = [r.points for r in sweep.results(flush=True) if isinstance(r, SurfacePatch)]
+    cloud = np.concatenate([np.empty((0, 3)), *patches])
+    # Depths are of several edges, whose changes cancel: lines say more, if there are any.
+    travel = _travel(lines or depths)
+    for kind, found in (("lines", lines), ("depths", depths)):
+        passes = _passes(scan.name, kind, found, cloud, travel)
+        if passes:
+            yield passes
+
+
+_Found = list[tuple[F64, F64, LinePoints]]
+
+
+def _travel(found: _Found) -> float:
+    """Median change of the events' density on slopes; 0 without any."""
+    lean = [np.abs(own.lean[np.abs(own.slope) > WALL_SLOPE]) for _, _, own in found]
+    every = np.concatenate([np.empty(0), *lean])
+    return float(np.median(every)) if len(every) else 0.0
+
+
+def _passes(name: str, kind: str, found: _Found, cloud: F64, travel: float) -> list[PassLines]:
+    """What was found by pass."""
+    found = [part for part in found if len(part[0])]
+    if not found:
+        return []
     along = np.array([own[:, 0] @ found[0][1][:, 0] for _, own, _ in found])
     if (np.abs(along) < 0.9).any():
-        raise EdgeDriftError(f"{scan.name}: passes in several directions; roll to and fro")
+        raise EdgeDriftError(f"{name}: passes in several directions; roll to and fro")
     passes = []
     for sign in (1.0, -1.0):
         own = [part for part, a in zip(found, along, strict=True) if a * sign > 0]
@@ -140,7 +165,7 @@ def pass_lines(scan: Scan, settings: SurfaceSettings) -> list[PassLines]:
             }
         )
         place = np.concatenate([place for place, _, _ in own]) @ towards
-        passes.append(PassLines(place, lines, np.concatenate(cloud), towards))
+        passes.append(PassLines(place, lines, cloud, towards, kind, travel))
     return passes
 
 
@@ -152,18 +177,38 @@ def sphere_gauges(scan: Scan, settings: SurfaceSettings, radius_m: float) -> lis
     EdgeDriftError
         If the sphere can't be found, or shows too few lines.
     """
-    passes = pass_lines(scan, settings)
-    try:
-        sphere = find_sphere(passes[0].cloud, passes[0].axes[:, 2], radius_m)
-    except SphereError as reason:
-        raise EdgeDriftError(f"{scan.name}: {reason}") from reason
     delay_s = _CALIBRATED_DELAY_S if settings.event_delay_s else _DELAY_S
-    middle = (
-        _MIDDLE_M
-        if len(passes) == 1
-        else np.hypot(_BOTH_WAYS_M, delay_s * rolling_speed_m_s(scan.track))
+
+    def measure(passes: list[PassLines]) -> list[Gauge]:
+        try:
+            sphere = find_sphere(passes[0].cloud, passes[0].axes[:, 2], radius_m)
+        except SphereError as reason:
+            other = isinstance(reason, OtherRadiusError) and abs(reason.ratio - 1) > _OTHER_SIZE
+            kind = OtherGaugeError if other else EdgeDriftError
+            raise kind(f"{scan.name}: {reason}") from reason
+        middle = (
+            _MIDDLE_M
+            if len(passes) == 1
+            else np.hypot(_BOTH_WAYS_M, delay_s * rolling_speed_m_s(scan.track))
+        )
+        return [_on_sphere(scan.name, own, sphere, float(middle)) for own in passes]
+
+    return _of_lines_or_depths(scan, settings, measure)
+
+
+def _of_lines_or_depths(
+    scan: Scan, settings: SurfaceSettings, measure: Callable[[list[PassLines]], list[Gauge]]
+) -> list[Gauge]:
+    """What lines tell, or where those are too few, the depths of neighbourhoods."""
+    reason = EdgeDriftError(
+        f"{scan.name}: no edges in view; does it show the gauge, and is the depth range right?"
     )
-    return [_on_sphere(scan.name, own, sphere, float(middle)) for own in passes]
+    for passes in pass_lines(scan, settings):
+        try:
+            return measure(passes)
+        except EdgeDriftError as own:
+            reason = own
+    raise reason
 
 
 def _on_sphere(name: str, found: PassLines, sphere: Sphere, middle_m: float) -> Gauge:
@@ -173,8 +218,8 @@ def _on_sphere(name: str, found: PassLines, sphere: Sphere, middle_m: float) -> 
     inside = rho < sphere.contact_radius_m
     if inside.sum() < LEAST_LINES:
         raise EdgeDriftError(
-            f"{name}: {int(inside.sum())} lines on the sphere, fewer than {LEAST_LINES}: too "
-            "little of it is in view, or its skin shows too little"
+            f"{name}: {int(inside.sum())} {found.kind} on the sphere, fewer than {LEAST_LINES}: "
+            "too little of it is in view, or its skin shows too little"
         )
     away, rho = away[inside], rho[inside]
     below = np.sqrt(radius_m**2 - rho**2)
@@ -183,13 +228,13 @@ def _on_sphere(name: str, found: PassLines, sphere: Sphere, middle_m: float) -> 
     # Steep and stray lines are of the sphere's foot.
     near = np.abs(error - np.median(error)) < max(0.1 * radius_m, 4e-4)
     text = (
-        f"sphere of {sphere.fitted_radius_m * 1e3:.2f} mm, {int(near.sum())} lines within "
+        f"sphere of {sphere.fitted_radius_m * 1e3:.2f} mm, {int(near.sum())} {found.kind} within "
         f"{sphere.contact_radius_m * 1e3:.2f} mm of its top"
     )
     spread = np.array([middle_m, 1e-3, 1e-3])
     return Gauge(
         name, error[near], unknown[near], spread, _take(_take(found.lines, inside), near), True,
-        text,
+        text, found.travel,
     )  # fmt: skip
 
 
@@ -201,106 +246,85 @@ def steps_gauges(scan: Scan, settings: SurfaceSettings, step_m: float) -> list[G
     EdgeDriftError
         If the steps can't be found, or have another height.
     """
-    return [_on_steps(scan.name, own, step_m) for own in pass_lines(scan, settings)]
+
+    def measure(passes: list[PassLines]) -> list[Gauge]:
+        return [_on_steps(scan.name, own, step_m, settings.surface_z_m) for own in passes]
+
+    return _of_lines_or_depths(scan, settings, measure)
 
 
-def _on_steps(name: str, found: PassLines, step_m: float) -> Gauge:
+def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) -> Gauge:
     slope = found.lines.slope
     steep = np.abs(slope) > WALL_SLOPE
     if steep.sum() < LEAST_LINES:
         raise EdgeDriftError(
-            f"{name}: {int(steep.sum())} lines on slopes along the roll, fewer than "
+            f"{name}: {int(steep.sum())} {found.kind} on slopes along the roll, fewer than "
             f"{LEAST_LINES}: no steps in view"
         )
     x, y, height = found.place[steep].T
     lines = _take(found.lines, steep)
-    wall, count = _walls(x, y, lines.slope, lines.sigma_m, step_m)
-    if count < _LEAST_WALLS:
+    wall, count, across = find_walls(x, y, lines.slope, lines.sigma_m, step_m)
+    if count < LEAST_WALLS:
         raise EdgeDriftError(f"{name}: {count} walls of steps across the roll, fewer than 2")
     rising = np.array([np.median(lines.slope[wall == k]) > 0 for k in range(count)])
+    if found.kind == "lines" and rising.all() | (~rising).all():
+        raise EdgeDriftError(f"{name}: lines on walls that rise alone, or fall; record both")
     change = np.where(rising, 1.0, -1.0)
     middle = np.cumsum(change) - 0.5 * change
     kind = 2 * lines.polarity + (~rising)[np.maximum(wall, 0)]
-    fitted_m = _step_height(wall, kind, height, middle, name)
-    if not abs(fitted_m / step_m - 1) < _STEP_TOLERANCE:
+    fitted_m = step_height(wall, kind, height, middle)
+    if np.isnan(fitted_m):
         raise EdgeDriftError(
+            f"{name}: {count} walls don't tell the steps' height: record two steps or more up, or "
+            "two down"
+        )
+    if not abs(fitted_m / step_m - 1) < _STEP_TOLERANCE[found.kind]:
+        other = abs(fitted_m / step_m - 1) > _OTHER_SIZE
+        raise (OtherGaugeError if other else EdgeDriftError)(
             f"{name}: {count} walls fit steps of {fitted_m * 1e3:.3f} mm, not "
             f"{step_m * 1e3:g} mm; check --step-mm, and that all steps are equal"
         )
     on = wall >= 0
     lines, at = _take(lines, on), wall[on]
-    error = height[on] - step_m * middle[at]
-    # Where on a wall events of a kind arise is not known.
+    # A wall's foot and its top show in a polarity each, or both in both.
+    part = parts_by_kind(across, wall, kind, rising)[kind[on]]
+    level = step_m * (middle[at] + part)
+    # Steps that begin at the height of the nominal surface stand on it; on others the height of
+    # all is not known.
+    base = found.place[steep][on] @ found.axes.T
+    foot_m = float(np.median(base[:, 2] - level)) - surface_z_m
+    stands = abs(foot_m) < min(_MOST_FOOT_M, 0.5 * step_m)
+    error = height[on] - level
+    error += foot_m - np.median(error) if stands else -np.median(error)
+    # How far up its wall a kind lies stays uncertain.
     unknown = np.column_stack([np.ones(len(error)), *(kind[on] == k for k in range(4))])
-    error -= np.median(error)
-    near = np.abs(error) < max(1.5 * step_m, 3e-4)
-    text = f"{count} walls of {fitted_m * 1e3:.3f} mm, {int(near.sum())} lines on them"
-    spread = np.array([1e-3, *[_ON_WALL * step_m] * 4])
-    return Gauge(
-        name, error[near], unknown[near].astype(float), spread, _take(lines, near), False, text
-    )
-
-
-def _step_height(
-    wall: npt.NDArray[np.int64], kind: npt.NDArray[np.int64], height: F64, middle: F64, name: str
-) -> float:
-    """Height of a step, from walls that are alike: of one polarity, all rising or all falling.
-
-    Raises
-    ------
-    EdgeDriftError
-        If no two walls are alike.
-    """
-    rows, heights = [], []
-    for k in range(4):
-        for w in range(len(middle)):
-            own = (wall == w) & (kind == k)
-            if own.sum() >= _LEAST_ON_WALL:
-                rows.append([middle[w], *(k == j for j in range(4))])
-                heights.append(np.median(height[own]))
-    design = np.array(rows, float).reshape(-1, 5)
-    if np.linalg.matrix_rank(design) == np.linalg.matrix_rank(design[:, 1:]):
+    near = np.abs(error - np.median(error)) < max(1.5 * step_m, 3e-4)
+    if found.kind == "depths":
+        # A kind that scatters, or by which walls differ, is of edges mistaken for others.
+        for k in range(4):
+            own = near & (kind[on] == k)
+            walls = [error[own & (at == w)] for w in np.unique(at[own])]
+            middles = [np.median(values) for values in walls if len(values) >= _LEAST_ON_WALL]
+            if middles and max(_mad(error[own]), _mad(np.array(middles))) > _SCATTER_M:
+                near &= kind[on] != k
+    if near.sum() < LEAST_LINES:
         raise EdgeDriftError(
-            f"{name}: {len(middle)} walls don't tell the steps' height: record two steps or more "
-            "up, or two down"
+            f"{name}: what is found on its walls scatters too much to tell drift; softer light, "
+            "or a printed skin, helps"
         )
-    return float(np.linalg.lstsq(design, np.array(heights), rcond=None)[0][0])
+    text = (
+        f"{count} walls of {fitted_m * 1e3:.3f} mm, {int(near.sum())} {found.kind} on them, foot "
+        f"{foot_m * 1e6:+.0f} µm " + ("off" if stands else "away from") + " the nominal surface"
+    )
+    spread = np.array([_STANDS_M if stands else 1e-3, *[_ON_WALL * step_m] * 4])
+    return Gauge(
+        name, error[near], unknown[near].astype(float), spread, _take(lines, near), False, text,
+        found.travel,
+    )  # fmt: skip
 
 
-def _walls(
-    x: F64, y: F64, slope: F64, sigma_m: F64, step_m: float
-) -> tuple[npt.NDArray[np.int64], int]:
-    """Number of the wall that each line is of, from the first on (-1: none), and how many."""
-    weight = np.minimum(1.0, (_SURE_M / sigma_m) ** 2)
-    y = y - np.median(y)
-    sharpest = -1.0
-    across: F64 = x
-    smooth: F64 = np.empty(0)
-    for turn in _TURNS:
-        turned = x * np.cos(turn) + y * np.sin(turn)
-        turned -= turned.min() - _WALL_BINS * _BIN_M
-        binned = np.append(np.bincount((turned / _BIN_M).astype(int), weight), _AFTER)
-        counts = np.asarray(np.convolve(binned, np.ones(3), mode="same"), np.float64)
-        sharp = float((counts**2).sum())
-        if sharp > sharpest:
-            sharpest, across, smooth = sharp, turned, counts
-    # Walls are where lines gather.
-    least = _WALL_SHARE * np.sort(smooth)[-3 * _LEAST_WALLS :].mean()
-    # A wall's foot and its top are one wall: it is hardly less steep than 1.
-    width = max(_WALL_BINS, round(1.25 * step_m / _BIN_M))
-    peaks, _ = find_peaks(smooth, prominence=least, distance=width)
-    wall = np.full(len(x), -1, np.int64)
-    if not len(peaks):
-        return wall, 0
-    near = np.abs(across[:, None] - (peaks + 0.5) * _BIN_M) < 0.5 * width * _BIN_M
-    rising = np.array([np.median(slope[own]) > 0 if own.any() else False for own in near.T])
-    # Equal steps are as long as each other: what is much nearer is the same wall's other edge.
-    gaps = np.diff(peaks)
-    apart = gaps > _SAME_WALL * np.quantile(gaps, _LONG_GAP) if len(gaps) else gaps
-    number = np.concatenate([[0], np.cumsum(apart | (rising[1:] != rising[:-1]))]).astype(np.int64)
-    for k, own in zip(number, near.T, strict=True):
-        wall[own] = k
-    return wall, int(number[-1]) + 1
+def _mad(values: F64) -> float:
+    return float(np.median(np.abs(values - np.median(values))))
 
 
 def _take(lines: LinePoints, which: npt.NDArray[np.bool_]) -> LinePoints:

@@ -98,7 +98,7 @@ def _by_pattern(weights: F64) -> tuple[F64, I64]:
     sets = (np.arange(2**views)[:, None] >> np.arange(views)) & 1
     kept = sets[:, :, None] * weights.T[None]
     total = kept.sum(axis=1, keepdims=True)
-    normalised = np.divide(kept, total, out=np.zeros_like(kept), where=total > 0)
+    normalised = np.divide(kept, total, out=np.zeros(kept.shape), where=total > 0)
     return normalised, (total[:, 0] > 0).astype(np.int64)
 
 
@@ -195,8 +195,8 @@ class _ViewPart:
     ) -> None:
         """Put depths where the middle view sees them; out is NaN where it sees none."""
         kernels._warp(
-            rows, columns, depth, self.relative, self.intrinsics, self.box.left, self.box.top,
-            self.number, out,
+            rows, columns, np.ascontiguousarray(depth), self.relative, self.intrinsics,
+            self.box.left, self.box.top, self.number, out,
         )  # fmt: skip
 
 
@@ -231,5 +231,7 @@ def medians(
         return found
     sums = np.zeros((index.shape[0] + 1, index.shape[1] + 1, levels), np.int32)
     kernels._sum_levels(index, mask, sums)
+    # A row of what `np.nonzero` gives is contiguous or not: two types for the kernel.
+    rows, columns = np.ascontiguousarray(rows), np.ascontiguousarray(columns)
     kernels._medians(sums, rows, columns, np.array(sizes_px, np.int64) // 2, found)
     return found

@@ -39,6 +39,14 @@ class SphereError(RollerError):
     """A pass in which the sphere can't be found."""
 
 
+class OtherRadiusError(SphereError):
+    """A sphere of another radius than was said; `ratio` is to the stated one."""
+
+    def __init__(self, message: str, ratio: float) -> None:
+        super().__init__(message)
+        self.ratio = ratio
+
+
 @dataclass(frozen=True)
 class Sphere:
     """A sphere in base, and the circle within which the skin touches it.
@@ -124,10 +132,11 @@ def find_sphere(points_m: F64, towards: F64, radius_m: float) -> Sphere:
         )
     dome = domes[0]
     if abs(dome.radius_m / radius_m - 1) > RADIUS_TOLERANCE:
-        raise SphereError(
+        raise OtherRadiusError(
             f"the dome in view fits a radius of {dome.radius_m * 1e3:.2f} mm, not "
             f"{radius_m * 1e3:g} mm (allowed: {RADIUS_TOLERANCE:.0%}); check --radius-mm and the "
-            "camera's calibration"
+            "camera's calibration",
+            dome.radius_m / radius_m,
         )
     return _with_radius(local, dome, radius_m, frame)
 

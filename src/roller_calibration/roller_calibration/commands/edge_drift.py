@@ -39,7 +39,13 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 def run(args: argparse.Namespace) -> int:
     """Fit the drift, print it and write it."""
     from roller_calibration.edge_drift import fit_drift
-    from roller_calibration.gauges import sphere_gauges, steps_gauges
+    from roller_calibration.gauges import (
+        EdgeDriftError,
+        Gauge,
+        OtherGaugeError,
+        sphere_gauges,
+        steps_gauges,
+    )
     from roller_calibration.recordings import read_scans
     from roller_core.progress import progress_bar
     from roller_inspect.pipeline import PipelineSettings
@@ -49,20 +55,34 @@ def run(args: argparse.Namespace) -> int:
     settings = PipelineSettings.load(args.params, "surface").surface
     args.inputs = [*args.sphere, *args.steps]
     scans = read_scans(args, settings.max_pose_gap_s)
-    gauges = []
+    gauges: list[Gauge] = []
+    missing: list[EdgeDriftError] = []
     with progress_bar("fit lines") as progress:
         for k, scan in enumerate(scans):
-            if k < len(args.sphere):
-                gauges.extend(sphere_gauges(scan, settings, args.radius_mm * 1e-3))
-            else:
-                gauges.extend(steps_gauges(scan, settings, args.step_mm * 1e-3))
+            try:
+                if k < len(args.sphere):
+                    gauges.extend(sphere_gauges(scan, settings, args.radius_mm * 1e-3))
+                else:
+                    gauges.extend(steps_gauges(scan, settings, args.step_mm * 1e-3))
+            except OtherGaugeError:
+                raise
+            except EdgeDriftError as reason:
+                missing.append(reason)
             progress((k + 1) / len(scans))
+    # Either gauge tells the drift, less surely than both.
+    if not gauges:
+        raise EdgeDriftError("; ".join(str(reason) for reason in missing))
     found = fit_drift(gauges)
     lines = [f"{gauge.name}: {gauge.text}" for gauge in gauges]
-    for name, before, after in zip(("OFF", "ON"), found.before_m, found.after_m, strict=True):
+    lines += [f"left out: {reason}" for reason in missing]
+    for k, name in enumerate(("OFF", "ON")):
+        before, after = found.before_m[k] * 1e6, found.after_m[k] * 1e6
+        seen = any((gauge.lines.polarity == k).any() for gauge in gauges)
         lines.append(
-            f"{name} events on slopes: {before * 1e6:.0f} µm off at the median without the "
-            f"correction, {after * 1e6:.0f} µm with it"
+            f"{name} events on slopes: {before:.0f} µm off at the median without the correction, "
+            f"{after:.0f} µm with it"
+            if seen
+            else f"{name} events on slopes: not calibrated, no gauge tells what they are off by"
         )
     lines.append(f"slopes up to {found.settings.max_slope:.2f}")
     print(*lines, sep="\n")

@@ -228,7 +228,9 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
             p = (sx - d * sa - m * sy) / s0
             if abs(p) > half[0]:
                 break
-            line[:] = p, d, m
+            line[0] = p
+            line[1] = d
+            line[2] = m
             if last:
                 ymean = sy / s0
                 vaa = yy / det

@@ -17,8 +17,8 @@ from roller_core.transforms import F64
 
 #: What a report says where no drift is known, and none is taken out.
 NOT_CALIBRATED = "not calibrated"
-#: Terms of the model.
-TERMS = 2
+#: Terms of the model: two that `coefficients_m` is of, and one of `even_m`.
+TERMS = 3
 #: Slope at which the sign of a slope counts in full.
 _TURN = 0.15
 #: Slopes of the table of what a calibration leaves over: bins from 0 to the last, by polarity and
@@ -39,6 +39,10 @@ class EdgeDriftSettings(Settings):
         description="Of height by change of contrast and tanh(g / 0.15), g the slope along the "
         "roll: two of OFF, then two of ON events, m; a single 0: not calibrated.",
     )
+    even_m: tuple[float, float] = Field(
+        (0.0, 0.0),
+        description="Of height by |tanh(g / 0.15)|: of OFF and of ON events, m.",
+    )
     residual_m: tuple[float, ...] = Field(
         (0.0,),
         description="What is left by slope: six bins up to `max_slope`, of OFF rising, OFF "
@@ -49,10 +53,10 @@ class EdgeDriftSettings(Settings):
     @model_validator(mode="after")
     def _whole(self) -> EdgeDriftSettings:
         sizes = len(self.coefficients_m), len(self.residual_m)
-        if sizes not in ((1, 1), (2 * TERMS, 4 * SLOPE_BINS)):
+        if sizes not in ((1, 1), (2 * (TERMS - 1), 4 * SLOPE_BINS)):
             raise ValueError(
                 f"{sizes[0]} coefficients_m and {sizes[1]} residual_m: expected "
-                f"{2 * TERMS} and {4 * SLOPE_BINS}, or a single 0 in both"
+                f"{2 * (TERMS - 1)} and {4 * SLOPE_BINS}, or a single 0 in both"
             )
         if self.calibrated and not self.max_slope > 0:
             raise ValueError("max_slope must be above 0 where the drift is calibrated")
@@ -68,7 +72,7 @@ class EdgeDriftSettings(Settings):
 
 
 def drift_terms(slope: F64, change: npt.NDArray[np.floating]) -> F64:
-    """The model's terms, shape (..., 2): height by coefficient.
+    """The model's terms, shape (..., 3): height by coefficient.
 
     Parameters
     ----------
@@ -77,7 +81,8 @@ def drift_terms(slope: F64, change: npt.NDArray[np.floating]) -> F64:
     change : ndarray
         Of contrast during the crossing, see `crossing_change`; same shape.
     """
-    return np.stack([change, np.tanh(slope / _TURN)], axis=-1)
+    turned = np.tanh(slope / _TURN)
+    return np.stack([change, turned, np.abs(turned)], axis=-1)
 
 
 def edge_drift(
@@ -87,10 +92,10 @@ def edge_drift(
 
     Beyond the calibrated slopes the drift stays what it is there, and is uncertain by as much.
     """
-    count = TERMS * polarity
+    first = (TERMS - 1) * polarity
     held = np.clip(slope, -settings.max_slope, settings.max_slope)
-    beta = np.asarray(settings.coefficients_m[count : count + TERMS])
-    height = drift_terms(held, change) @ beta
+    beta = [*settings.coefficients_m[first : first + TERMS - 1], settings.even_m[polarity]]
+    height = drift_terms(held, change) @ np.asarray(beta)
     table = np.asarray(settings.residual_m).reshape(2, 2, SLOPE_BINS)[polarity]
     middles = (np.arange(SLOPE_BINS) + 0.5) * settings.max_slope / SLOPE_BINS
     rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)

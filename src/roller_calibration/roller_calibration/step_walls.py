@@ -1,0 +1,113 @@
+"""Walls of steps among lines: where they are, how high a step is, what shows where on a wall."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import find_peaks
+
+from roller_core.transforms import F64
+
+I64 = npt.NDArray[np.int64]
+
+#: Fewest walls of steps.
+LEAST_WALLS = 2
+#: Bins in which walls are found, m; the root of a wall's count stands out by this share of
+#: the fullest one's; no two are
+#: nearer than this, in bins, and lines within half of it are a wall's own.
+_BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.3, 6
+#: Peaks nearer than this share of a long gap between them are of one wall, if both rise or both
+#: fall, and which quantile of the gaps is a long one.
+_SAME_WALL, _LONG_GAP = 0.5, 0.8
+#: Empty bins after the last line, so that a wall there is a peak.
+_AFTER = np.zeros(_WALL_BINS)
+#: Uncertainty of lines that count in full when walls are found, m; or that of the surest
+#: quarter.
+_SURE_M = 1.5e-5
+#: Turns of the steps against the roll that are tried, rad.
+_TURNS = np.radians(np.linspace(-3.0, 3.0, 61))
+#: Lines of a polarity on a wall, at least, to tell its height.
+_LEAST_ON_WALL = 20
+#: Distance of the polarities of a wall from which on one is of its foot, the other of its top, m;
+#: where those lie from its middle, by the steps' height.
+_APART_M, _FOOT = 1e-4, 0.4
+
+
+def parts_by_kind(
+    across: F64,
+    wall: I64,
+    kind: I64,
+    rising: npt.NDArray[np.bool_],
+) -> F64:
+    """How far over its wall's middle each kind lies, in steps, shape (4,).
+
+    A wall's foot and its top show in a polarity each: which comes first along the roll says which
+    is which. Where neither does, both show both.
+    """
+    parts = np.zeros(4)
+    for falling in (0, 1):
+        gaps = []
+        for w in np.flatnonzero(rising != bool(falling)):
+            off, on = (across[(wall == w) & (kind == 2 * p + falling)] for p in (0, 1))
+            if min(len(off), len(on)) >= _LEAST_ON_WALL:
+                gaps.append(np.median(on) - np.median(off))
+        if gaps:
+            up = np.clip(np.median(gaps) / _APART_M, -1.0, 1.0) * (-1.0 if falling else 1.0)
+            parts[[falling, 2 + falling]] = -_FOOT * up, _FOOT * up
+    return parts
+
+
+def step_height(wall: I64, kind: I64, height: F64, middle: F64) -> float:
+    """Height of a step: the median over pairs of walls of one polarity, both rising or falling.
+
+    NaN if no two walls are alike.
+    """
+    pairs = []
+    for k in range(4):
+        own = [(w, (wall == w) & (kind == k)) for w in range(len(middle))]
+        found = [(middle[w], np.median(height[on])) for w, on in own if on.sum() >= _LEAST_ON_WALL]
+        for (low, at_low), (high, at_high) in itertools.combinations(found, 2):
+            if high != low:
+                pairs.append((at_high - at_low) / (high - low))
+    return float(np.median(pairs)) if pairs else float("nan")
+
+
+def find_walls(x: F64, y: F64, slope: F64, sigma_m: F64, step_m: float) -> tuple[I64, int, F64]:
+    """Number of the wall that each line is of, from the first on (-1: none), and how many.
+
+    And where lines lie across the walls, metres.
+    """
+    sure_m = max(_SURE_M, float(np.quantile(sigma_m, 0.25)))
+    weight = np.minimum(1.0, (sure_m / sigma_m) ** 2)
+    y = y - np.median(y)
+    sharpest = -1.0
+    across: F64 = x
+    smooth: F64 = np.empty(0)
+    for turn in _TURNS:
+        turned = x * np.cos(turn) + y * np.sin(turn)
+        turned -= turned.min() - _WALL_BINS * _BIN_M
+        binned = np.append(np.bincount((turned / _BIN_M).astype(int), weight), _AFTER)
+        counts = np.asarray(np.convolve(binned, np.ones(3), mode="same"), np.float64)
+        sharp = float((counts**2).sum())
+        if sharp > sharpest:
+            sharpest, across, smooth = sharp, turned, counts
+    # Walls are where lines gather, more on some than on others.
+    smooth = np.sqrt(smooth)
+    least = _WALL_SHARE * np.sort(smooth)[-3 * LEAST_WALLS :].mean()
+    # A wall's foot and its top are one wall: it is hardly less steep than 1.
+    width = max(_WALL_BINS, round(1.25 * step_m / _BIN_M))
+    peaks, _ = find_peaks(smooth, prominence=least, distance=width)
+    wall = np.full(len(x), -1, np.int64)
+    if not len(peaks):
+        return wall, 0, across
+    near = np.abs(across[:, None] - (peaks + 0.5) * _BIN_M) < 0.5 * width * _BIN_M
+    rising = np.array([np.median(slope[own]) > 0 if own.any() else False for own in near.T])
+    # Equal steps are as long as each other: what is much nearer is the same wall's other edge.
+    gaps = np.diff(peaks)
+    apart = gaps > _SAME_WALL * np.quantile(gaps, _LONG_GAP) if len(gaps) else gaps
+    number = np.concatenate([[0], np.cumsum(apart | (rising[1:] != rising[:-1]))]).astype(np.int64)
+    for k, own in zip(number, near.T, strict=True):
+        wall[own] = k
+    return wall, int(number[-1]) + 1, across
