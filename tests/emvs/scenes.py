@@ -64,10 +64,10 @@ def _pixels_entered(points, to_camera, intrinsics, size, out):  # type: ignore[n
     """Number of the pixel that each point enters at each time; -1 where it enters none."""
     fx, fy, cx, cy = intrinsics
     width, height = size
-    for i in range(len(points)):
-        last = -1
-        for k in range(len(to_camera)):
-            m = to_camera[k]
+    last = np.full(len(points), -1)
+    for k in range(len(to_camera)):
+        m = to_camera[k]
+        for i in range(len(points)):
             x, y, z = m[:3, 3]
             for j in range(3):
                 x += m[0, j] * points[i, j]
@@ -79,8 +79,8 @@ def _pixels_entered(points, to_camera, intrinsics, size, out):  # type: ignore[n
                 v = np.rint(fy * y / z + cy)
                 if 0 <= u < width and 0 <= v < height:
                     number = int(v) * width + int(u)
-            out[k, i] = number if number != last else -1
-            last = number
+            out[k, i] = number if number != last[i] else -1
+            last[i] = number
 
 
 @cache

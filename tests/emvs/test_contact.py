@@ -82,6 +82,25 @@ def test_events_that_could_not_wait_are_no_contact_lost(
     assert watch.fault(90 * MS, 290 * MS) == ""
 
 
+@pytest.mark.parametrize("on_purpose", [True, False])
+def test_events_that_are_missing_are_no_contact_lost(texture: EventArray, on_purpose: bool) -> None:
+    """Packets are left out to keep up, or never came; the window after them is whole."""
+    engine = DepthPipeline(DepthSettings.create({"window.travel_m": 0.015985}), CAMERA, poses(1.0))
+    begin, end = np.searchsorted(texture.t_ns, [120 * MS, 159.8 * MS])
+    engine.add_events(texture[:begin])
+    if on_purpose:
+        engine.leave_gap()
+    else:
+        engine.miss()
+    engine.add_events(texture[end:])
+    found = list(engine.results(flush=True))
+    assert engine.counts.bad_contact_windows == 0
+    assert engine.contact.image_speed == pytest.approx(1.0, abs=0.051)
+    assert engine.counts.left_out_windows == on_purpose
+    starts = [one.start_ns for one in found if not isinstance(one, RefusedWindow)]
+    assert any(159 * MS < start < 160 * MS for start in starts)
+
+
 def test_little_to_see_says_nothing() -> None:
     random = np.random.default_rng(0)
     noise = EventArray.from_arrays(

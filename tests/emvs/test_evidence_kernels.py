@@ -97,7 +97,7 @@ def find_peak(
     last = np.full(cells, planes - 1, np.int32) if last is None else last.astype(np.int32)
     out = tuple(np.empty(cells, np.float32) for _ in range(3))
     scores = scores.astype(np.float32)
-    _peak_kernels._find_peak(scores, first, last, rival, float(weakest), least, *out)
+    _peak_kernels._find_peak(scores, first, last, rival, float(weakest), float(least), *out)
     return out[0], out[1], out[2]
 
 

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from roller_emvs.lines import _kernels as kernels
 from roller_emvs.lines.edge_drift import (
     SLOPE_BINS,
-    TERMS,
     EdgeDriftSettings,
     TravellingLight,
     drift_terms,
@@ -182,26 +181,30 @@ def test_ridges_and_votes_equal_plain_words() -> None:
 
 
 def drift(max_slope: float = 1.0) -> EdgeDriftSettings:
-    coefficients = np.arange(1.0, 2 * TERMS + 1) * 1e-5
+    coefficients = np.arange(1.0, 5.0) * 1e-5
     residual = np.linspace(1e-5, 4e-5, 4 * SLOPE_BINS)
     return EdgeDriftSettings.create(
         {
             "coefficients_m": coefficients.tolist(),
+            "even_m": [2e-5, -3e-5],
             "residual_m": residual.tolist(),
             "max_slope": max_slope,
         }
     )
 
 
-def test_drift_is_odd_in_slope_and_stays_beyond_what_was_calibrated() -> None:
+def test_drift_has_an_odd_and_an_even_part_and_stays_beyond_what_was_calibrated() -> None:
     slope = np.array([-2.0, -1.0, -0.3, 0.3, 1.0, 2.0])
     for polarity in (0, 1):
         height, sigma = edge_drift(drift(), polarity, slope, np.sign(slope))
-        np.testing.assert_allclose(height, -height[::-1])
+        even = drift().even_m[polarity] * np.abs(np.tanh(slope / 0.15))
+        np.testing.assert_allclose(
+            height + height[::-1], 2 * np.array([*even[[1, 1, 2]], *even[[3, 4, 4]]])
+        )
         assert height[0] == height[1]
         assert sigma[0] > 1.4 * sigma[1]
     one = drift_terms(np.array([0.5]), np.array([0.2]))[0]
-    np.testing.assert_allclose(one, [0.2, np.tanh(0.5 / 0.15)])
+    np.testing.assert_allclose(one, [0.2, np.tanh(0.5 / 0.15), np.tanh(0.5 / 0.15)])
 
 
 def test_events_say_whether_light_travels() -> None:

@@ -167,3 +167,21 @@ def test_a_depth_map_that_lacks_a_part_holds_up_nobody_for_long() -> None:
         list(stage.results())
     assert (stage.counts()["depth_maps"], stage.left_out) == (5, 1)
     assert stage.counts()["waiting_maps"] == 0
+
+
+def test_depth_maps_that_wait_are_given_up_by_count_alone() -> None:
+    stage = StitcherStage(StitcherParameters.create({}))
+    image = flat().astype(np.float32)
+    names = (outputs.DEPTH_CONFIDENCE, outputs.DEPTH_SIGMA, outputs.DEPTH_IMAGE)
+    for k, name in enumerate(names):  # of the first, some parts come before the camera
+        stage.take_output(Output(name, 0, "", image))
+        if k == 1:
+            stage.take_camera(CAMERA)
+    stage.take_poses(track_of(rolling(0.1), 0.2))
+    list(stage.results())
+    assert (stage.counts()["depth_maps"], stage.left_out) == (1, 0)
+    for name in names:
+        stage.take_output(Output(name, 900 * MS, "", image))  # its pose hasn't come
+    list(stage.results())
+    stage.clear()
+    assert (stage.counts()["depth_maps"], stage.left_out) == (1, 1)

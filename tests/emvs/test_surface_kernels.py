@@ -8,6 +8,7 @@ from roller_core.events import EventArray
 from roller_core.transforms import F64, pose_matrix, rotation_vector_to_quaternion
 from roller_emvs.evidence import CELL_PX
 from roller_emvs.methods.surface import _event_kernels, _part_kernels
+from roller_emvs.methods.surface._event_kernels import PIECES
 from roller_emvs.methods.surface._part_kernels import BINS_PX, MOST, TILE_BINS, TILE_CELLS
 from roller_emvs.methods.surface.event_store import EventStore
 from roller_emvs.methods.surface.part_field import whole_shifts
@@ -88,17 +89,31 @@ def test_the_store_holds_each_event_once_and_reuses_what_is_released() -> None:
             atol=1e-7,
         )
         for polarity in range(2):
-            held = own & (p == polarity)
             found = store.events(k, polarity, 0.001)
-            np.testing.assert_allclose(found.x_m, x[held] - k * length + 0.001, atol=1e-7)
-            np.testing.assert_array_equal(found.y_m, y[held])
-            np.testing.assert_array_equal(found.slope, slope[held])
-            assert np.all((t[held] - found.t_ns >= 0) & (t[held] - found.t_ns < 1000))
-            rays, chain = np.empty((len(found), 4), np.float32), store.chain(k, polarity)
-            _event_kernels._rays(store.records, store.link, *chain, -0.001, -0.3, 4e-5, rays)
+            # Those of a piece lie together.
+            piece = np.floor(
+                store.events(k, polarity).x_m * (np.float32(PIECES) / np.float32(length))
+            )
+            assert np.all(np.diff(piece) >= 0)
+            held = np.flatnonzero(own & (p == polarity))
+            held = held[np.lexsort((y[held], slope[held]))]
+            order = np.lexsort((found.y_m, found.slope))
+            np.testing.assert_allclose(found.x_m[order], x[held] - k * length + 0.001, atol=1e-7)
+            np.testing.assert_array_equal(found.y_m[order], y[held])
+            np.testing.assert_array_equal(found.slope[order], slope[held])
+            late = t[held] - found.t_ns[order]
+            assert np.all((late >= 0) & (late < 1000))
+            rays, n = np.empty((len(found), 4), np.float32), 0
+            for page, count in store.chains(k, polarity):
+                _event_kernels._rays(
+                    store.records, store.link, page, count, -0.001, -0.3, 4e-5, rays[n:]
+                )
+                n += count
             straight = np.zeros(len(found))
             expected = np.stack([found.x_m, found.y_m + 0.3, found.slope, straight], axis=1) / 4e-5
             np.testing.assert_allclose(rays, expected, rtol=1e-6, atol=1e-3)
+            inner = sum(count for _, count in store.chains(k, polarity, 0.0016, 0.0024))
+            assert inner == np.sum((piece >= 3) & (piece <= 4))
     pages = len(store.link)
     kept = store.events(1, 1)
     for k in (-2, -1, 0):
@@ -133,10 +148,11 @@ def test_events_are_counted_in_their_part_row_and_bin() -> None:
     store.add(placed, events, 0.0, 0, [0])
     counts = np.zeros(np.prod(SHAPE) + 1, np.uint8)
     tiles = np.zeros(ROWS // CELL_PX * TILES + 1, np.int32)
-    _part_kernels._count(
-        store.records, store.link, *store.chain(0, 1), shift, pixel, top, least, width, SHAPE,
-        LEFT, np.empty((2, _event_kernels.PAGE), np.int32), True, counts, tiles,
-    )  # fmt: skip
+    for page, count in store.chains(0, 1):
+        _part_kernels._count(
+            store.records, store.link, page, count, shift, pixel, top, least, width, SHAPE,
+            float(LEFT), np.empty((2, _event_kernels.PAGE), np.int32), True, counts, tiles,
+        )  # fmt: skip
     x, y, slope = placed.astype(float)
     bins = np.floor((x + shift) / pixel * BINS_PX + LEFT).astype(int)
     rows = np.floor((y - top) / pixel + 0.5).astype(int)

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from roller_core.camera import Camera
-from roller_core.event_queue import EventQueue
+from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
 
@@ -71,8 +71,10 @@ class ContactState:
     fault: str = ""
 
 
-class ContactWatch:
+class ContactWatch(EventCutter):
     """Judges the contact piece by piece of travel, by events and poses alone.
+
+    A piece of which events are missing isn't judged: it would look like a skin that stands still.
 
     Parameters
     ----------
@@ -85,12 +87,12 @@ class ContactWatch:
     """
 
     def __init__(self, camera: Camera, track: PoseTrack, depth_m: float) -> None:
+        super().__init__(_MOST_WAITING, track)
         self.state = ContactState()
-        self._camera, self._track, self._depth_m = camera, track, depth_m
+        self._camera, self._depth_m = camera, depth_m
         self._table: F32 = camera.undistortion_table()
         #: Events by pixel; zero between two looks.
         self._counts = np.zeros(self._table.shape[:2], np.uint16)
-        self._queue = EventQueue(_MOST_WAITING)
         self._seen = 0
         self._from_ns: int | None = None
         self._bad: deque[tuple[int, int, str]] = deque()
@@ -106,11 +108,7 @@ class ContactWatch:
         first = -self._seen % _OF
         self._seen += len(events)
         part = events[first::_OF]
-        dropped = self._queue.dropped
-        self._queue.add(EventArray.from_arrays(part.x, part.y, part.t_ns, part.p))
-        if self._queue.dropped > dropped and self._from_ns is not None:
-            # Nobody asked in time: what didn't wait isn't a skin that stands still.
-            self._from_ns = max(self._from_ns, self._queue.first_ns)
+        super().add(EventArray.from_arrays(part.x, part.y, part.t_ns, part.p))
         if self._from_ns is not None and self._queue.newest_ns - self._from_ns > _FORGOTTEN_NS:
             self._skip(self._queue.newest_ns - _LONGEST_NS)  # nobody asks: the sensor stands
 
@@ -132,6 +130,8 @@ class ContactWatch:
         """What is wrong with a piece that has hardly begun, as far as it goes."""
         start_ns = self._from_ns
         if start_ns is None or self._end(start_ns, until_ns, _REST_M) is None:
+            return ""
+        if self._in_gap(start_ns, until_ns):
             return ""
         before = self._queue.count_before(start_ns)
         events = self._queue.first(self._queue.count_before(until_ns))[before:]
@@ -158,6 +158,8 @@ class ContactWatch:
             self._queue.drop_before(start_ns)
             events = self._queue.take(self._queue.count_before(end_ns))
             self._from_ns = end_ns
+            if self._in_gap(start_ns, end_ns):
+                continue
             try:
                 self.state = self._look(events, start_ns, end_ns)
             except PoseError:

@@ -82,6 +82,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
             "windows": totals["windows"],
             "refused_windows": totals["refused_windows"],
             "left_out_windows": totals["left_out_windows"],
+            "ramp_events": totals["ramp_events"],
             "edge_drift": self.settings.drift_text,
             **contact_figures(pipeline),
             **self._times("window", self._milliseconds),

@@ -132,6 +132,9 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         events, watch = window.events, watch or Stopwatch()
         span = window.end_ns - window.start_ns
         middle_ns = window.start_ns + span // 2
+        if s.window_rule == "travel":
+            # A sensor that stood for part of it saw the surface from the way alone.
+            middle_ns = self.track.half_way(window.start_ns, window.end_ns)
         with watch("hot pixels"):
             table, notes = self._usable(events)
         with watch("packets"):

@@ -91,7 +91,9 @@ class StitcherStage(Stage[StitcherParameters]):
 
     def take_camera(self, camera: Camera) -> None:
         """Take the camera of the depth maps."""
-        if self.camera != camera:
+        if self.camera is None:  # parts of its first depth map may have come before
+            self.camera, self.stitcher = camera, Stitcher(self.settings, camera)
+        elif self.camera != camera:
             self.camera = camera
             self._begin()
 
@@ -135,6 +137,7 @@ class StitcherStage(Stage[StitcherParameters]):
         }
 
     def _begin(self) -> None:
+        self.left_out += len(self._pending)
         self._pending.clear()
         self.map.clear()
         if self.camera is not None:

@@ -76,6 +76,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             "refused_blocks": totals["refused_windows"],
             "broken_passes": totals["broken_passes"],
             "still_events": totals["still_events"],
+            "ramp_events": totals["ramp_events"],
             "map_points": len(self.map),
             "edge_drift": str(self.settings.edge_drift),
             **contact_figures(pipeline),

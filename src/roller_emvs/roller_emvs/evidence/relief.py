@@ -88,12 +88,11 @@ def measured_pixels(
         Threads that share the work.
     """
     px_per_offset = max(field.aperture, 1e-12)
-    smooth = _SLOPE_SIGMA_PX / CELL_PX, _RESOLUTION_PX / px_per_offset
-    fit = fit_planes(depths, *smooth, threads)
+    fit, slope = surface_slope(field, depths, threads)
     of_drift = np.zeros((1, 1))
     if drift.calibrated:
-        depths, of_drift = _without_drift(field, depths, fit, drift)
-        fit = fit_planes(depths, *smooth, threads)
+        depths, of_drift = _without_drift(field, depths, slope, drift)
+        fit, _ = surface_slope(field, depths, threads)
     nowhere = np.float32(np.nan)
     cells = [np.where(np.isfinite(found.offset), fit.offset, nowhere) for found in depths]
     scatter_px = fit.scatter * np.float32(px_per_offset)
@@ -127,11 +126,18 @@ def measured_pixels(
     return Relief(row, column, offset.astype(np.float64), sure, sigma, tuple(surfaces), changes)
 
 
+def surface_slope(field: EvidenceField, depths: list[Depths], threads: int = 1) -> tuple[Fit, F64]:
+    """The surface through depths on cells, and its slope dh/dx along the roll."""
+    resolution = _RESOLUTION_PX / max(field.aperture, 1e-12)
+    fit = fit_planes(depths, _SLOPE_SIGMA_PX / CELL_PX, resolution, threads)
+    slope = np.nan_to_num(-np.gradient(fit.offset, axis=1) / CELL_PX) * field.slope_per_px
+    return fit, np.asarray(slope, np.float64)
+
+
 def _without_drift(
-    field: EvidenceField, depths: list[Depths], fit: Fit, drift: EdgeDriftSettings
+    field: EvidenceField, depths: list[Depths], slope: F64, drift: EdgeDriftSettings
 ) -> tuple[list[Depths], F64]:
     """Depths less the drift on the slope of the surface through them, and what may be left."""
-    slope = np.nan_to_num(-np.gradient(fit.offset, axis=1) / CELL_PX) * field.slope_per_px
     found, sigmas = [], []
     for polarity, own in enumerate(depths):
         height, sigma = edge_drift(drift, polarity, slope, own.change)

@@ -38,7 +38,7 @@ def _sweep_bands_views(  # type: ignore[no-untyped-def]
                     rank = keys[j, r, x] & ranks
                     index[j, top + r, x] = planes - rank if rank else 0
                     keys[j, r, x] -= rank
-                votes[j, top + r] = sums[j, r]
+                    votes[j, top + r, x] = sums[j, r, x]
 
 
 @njit(cache=True, nogil=True)

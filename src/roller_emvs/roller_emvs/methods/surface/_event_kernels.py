@@ -7,6 +7,8 @@ from numba import njit
 
 #: Events to a page of the store.
 PAGE = 2048
+#: Pieces of a block of the store, so that what reaches another block need not be looked for in all.
+PIECES = 8
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -64,16 +66,17 @@ def _keep(  # type: ignore[no-untyped-def]
     placed, t, polarity, t_base, start, length, slots, records, times, link, free, free_count,
     pages, counts, spans, ends,
 ):  # fmt: skip
-    """Append events to the pages of their block and polarity; how many, and free pages left.
+    """Append events to the pages of their block, polarity and piece; how many, and free pages left.
 
     `placed` is as of `_place`, `start` the place of the block of `slots[0]` in its x. `records`,
     shape (pages, 3, PAGE), receives x from the block's start on, y and slope, `times` microseconds
-    from `t_base` on. `pages` holds the first and last page of each slot and polarity, -1 for none,
-    `counts` their events; `spans` least and largest x and y of a slot, `ends` its first and last
-    time.
+    from `t_base` on. `pages` holds the first and last page of each slot and of each polarity's
+    pieces, -1 for none, `counts` their events; `spans` least and largest x and y of a slot, `ends`
+    its first and last time.
     """
     per_length = np.float32(1) / np.float32(length)
     size = np.float32(length)
+    per_piece = np.float32(PIECES) / size
     start = np.float32(start)
     kept = 0
     for i in range(len(t)):
@@ -87,7 +90,8 @@ def _keep(  # type: ignore[no-untyped-def]
         slot = slots[k]
         x -= np.float32(k) * size
         y = placed[1, i]
-        p = np.int64(polarity[i] > 0)
+        piece = np.int64(x * per_piece)
+        p = np.int64(polarity[i] > 0) * PIECES + (piece if piece < PIECES else PIECES - 1)
         n = counts[slot, p] % PAGE
         page = pages[slot, p, 1]
         if n == 0:
@@ -100,7 +104,7 @@ def _keep(  # type: ignore[no-untyped-def]
                 link[page] = new
             pages[slot, p, 1] = new
             page = new
-        if counts[slot, 0] + counts[slot, 1] == 0:
+        if spans[slot, 0] > spans[slot, 1]:
             ends[slot, 0] = t[i]
         ends[slot, 1] = t[i]
         counts[slot, p] += 1

@@ -7,7 +7,7 @@ arrays, while the block is held: until a few blocks after it was done (see `Stri
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,17 +17,17 @@ from roller_core.events import EventArray
 from roller_emvs.rays import F32, I64
 
 from . import _event_kernels as kernels
-from ._event_kernels import PAGE
+from ._event_kernels import PAGE, PIECES
 
 I32 = npt.NDArray[np.int32]
 
-#: Pages at first.
-_FIRST_PAGES = 64
+#: Pages at first: memory that the system gives when they are used.
+_FIRST_PAGES = 1024
 
 
 @dataclass(frozen=True)
 class StripEvents:
-    """Events where their rays meet a strip's middle plane, in order of time.
+    """Events where their rays meet a strip's middle plane, in order of time by pieces of blocks.
 
     Attributes
     ----------
@@ -70,8 +70,8 @@ class EventStore:
         self.link = np.empty(0, np.int32)
         self._free = np.empty(0, np.int32)
         self._free_count = 0
-        self._pages = np.empty((0, 2, 2), np.int32)
-        self._counts = np.empty((0, 2), np.int64)
+        self._pages = np.empty((0, 2 * PIECES, 2), np.int32)
+        self._counts = np.empty((0, 2 * PIECES), np.int64)
         self._spans = np.empty((0, 4), np.float32)
         self._ends = np.empty((0, 2), np.int64)
         self.held = 0
@@ -92,7 +92,7 @@ class EventStore:
         slots = np.full(wanted[-1] - low + 1, -1, np.int64)
         for k in wanted:
             slots[k - low] = self._slot(k)
-        self._reserve(len(events) // PAGE + 2 * len(wanted) + 1)
+        self._reserve(len(events) // PAGE + 2 * PIECES * len(wanted) + 1)
         kept, self._free_count = kernels._keep(
             placed, events.t_ns, events.p, self._start_ns, -start_m, self._length_m, slots,
             self.records, self._times, self.link, self._free, self._free_count, self._pages,
@@ -105,12 +105,10 @@ class EventStore:
         if k not in self._slots:
             if not self._spare:
                 n = len(self._counts)
-                more = max(n, 16)
-                self._spare = list(range(n, n + more))
-                self._pages = np.concatenate([self._pages, np.empty((more, 2, 2), np.int32)])
-                self._counts = np.concatenate([self._counts, np.empty((more, 2), np.int64)])
-                self._spans = np.concatenate([self._spans, np.empty((more, 4), np.float32)])
-                self._ends = np.concatenate([self._ends, np.empty((more, 2), np.int64)])
+                room = n + max(n, 16)
+                self._spare = list(range(n, room))
+                self._pages, self._counts = _grown(self._pages, room), _grown(self._counts, room)
+                self._spans, self._ends = _grown(self._spans, room), _grown(self._ends, room)
             slot = self._slots[k] = self._spare.pop()
             self._pages[slot] = -1
             self._counts[slot] = 0
@@ -124,20 +122,19 @@ class EventStore:
         if self._free_count >= pages:
             return
         more = max(pages, held, _FIRST_PAGES)
-        self.records = np.concatenate([self.records, np.empty((more, 3, PAGE), np.float32)])
-        self._times = np.concatenate([self._times, np.empty((more, PAGE), np.uint32)])
-        self.link = np.concatenate([self.link, np.empty(more, np.int32)])
-        free = np.empty(held + more, np.int32)
-        free[: self._free_count] = self._free[: self._free_count]
-        free[self._free_count : self._free_count + more] = np.arange(held, held + more)
-        self._free, self._free_count = free, self._free_count + more
+        room = held + more
+        self.records, self._times = _grown(self.records, room), _grown(self._times, room)
+        self.link, self._free = _grown(self.link, room), _grown(self._free, room)
+        self._free[self._free_count : self._free_count + more] = np.arange(held, room)
+        self._free_count += more
 
     def count(self, k: int, polarity: int | None = None) -> int:
         """Events of a block, of one polarity or of both."""
         slot = self._slots.get(k)
         if slot is None:
             return 0
-        return int(self._counts[slot].sum() if polarity is None else self._counts[slot, polarity])
+        counts = self._counts[slot].reshape(2, PIECES)
+        return int(counts.sum() if polarity is None else counts[polarity].sum())
 
     def span(self, k: int) -> tuple[float, float, float, float]:
         """Least and largest x and y of a block's events, metres, x from its start on."""
@@ -149,20 +146,32 @@ class EventStore:
         first, last = self._ends[self._slots[k]].tolist()
         return first, last
 
-    def chain(self, k: int, polarity: int) -> tuple[int, int]:
-        """First page of a block's events of a polarity, -1 for none, and their number."""
-        slot = self._slots.get(k)
-        if slot is None:
-            return -1, 0
-        return int(self._pages[slot, polarity, 0]), int(self._counts[slot, polarity])
+    def chains(
+        self, k: int, polarity: int, low_m: float = -np.inf, high_m: float = np.inf
+    ) -> Iterator[tuple[int, int]]:
+        """First page and number of the events of each piece of a block, of one polarity.
+
+        Pieces that lie below `low_m` or beyond `high_m`, from the block's start on, are left out.
+        """
+        slot, size = self._slots.get(k), self._length_m / PIECES
+        for piece in range(PIECES):
+            if slot is None or (piece + 1) * size < low_m or piece * size > high_m:
+                continue
+            count = int(self._counts[slot, polarity * PIECES + piece])
+            if count:
+                yield int(self._pages[slot, polarity * PIECES + piece, 0]), count
 
     def events(self, k: int, polarity: int, shift_m: float = 0.0) -> StripEvents:
         """Events of a block and polarity as arrays, x `shift_m` further on."""
-        page, count = self.chain(k, polarity)
-        x, y, slope = (np.empty(count, np.float32) for _ in range(3))
-        t = np.empty(count, np.int64)
-        shift = np.float32(shift_m)
-        kernels._collect(self.records, self._times, self.link, page, count, shift, x, y, slope, t)
+        total, n = self.count(k, polarity), 0
+        x, y, slope = (np.empty(total, np.float32) for _ in range(3))
+        t = np.empty(total, np.int64)
+        for page, count in self.chains(k, polarity):
+            kernels._collect(
+                self.records, self._times, self.link, page, count, np.float32(shift_m), x[n:],
+                y[n:], slope[n:], t[n:],
+            )  # fmt: skip
+            n += count
         return StripEvents(x, y, slope, t * 1000 + self._start_ns)
 
     def release(self, k: int) -> int:
@@ -170,11 +179,16 @@ class EventStore:
         slot = self._slots.pop(k, None)
         if slot is None:
             return 0
-        for polarity in range(2):
-            self._free_count = kernels._release(
-                self.link, self._pages[slot, polarity, 0], self._free, self._free_count
-            )
+        for page in self._pages[slot, :, 0].tolist():
+            self._free_count = kernels._release(self.link, page, self._free, self._free_count)
         self._spare.append(slot)
         count = int(self._counts[slot].sum())
         self.held -= count
         return count
+
+
+def _grown(values: np.ndarray, room: int) -> np.ndarray:
+    """The same with room for more, which isn't touched."""
+    out = np.empty((room, *values.shape[1:]), values.dtype)
+    out[: len(values)] = values
+    return out

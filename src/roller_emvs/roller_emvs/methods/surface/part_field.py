@@ -73,6 +73,8 @@ class PartField(EvidenceField):
         Slopes of the parts' middles, px by unit of offset.
     reached : ndarray of bool, shape (2, rows of cells, tiles of the grid)
         Tiles that enough events of a polarity can reach.
+    reach_m : float
+        Events reach no further beside the block on any plane.
     """
 
     counts: tuple[npt.NDArray[np.uint8], ...]
@@ -81,6 +83,7 @@ class PartField(EvidenceField):
     most_offset: float
     part_slopes: F64
     reached: Mask
+    reach_m: float
 
     @property
     def _per_offset(self) -> F32:
@@ -222,6 +225,7 @@ def part_field(
         (rows, columns), slopes, pixel, 1.0, strip.focal_px, strip.speed_m_s / pixel,
         1.0, buffers.take(rows * parts * tiles * TILE_BINS + 1), shape, apron * TILE_BINS, furthest,
         part_slopes, np.zeros((2, rows // CELL_PX, count), np.bool_),
+        MARGIN_M + size + max(-least, most) * furthest,
     )  # fmt: skip
     _count(strip, block, field, seen, True, threads)
     reach = int(np.ceil(strip.half_m * bins_per_m / TILE_BINS))
@@ -253,10 +257,9 @@ def _count(
 
     def run(polarity: int) -> None:
         place = np.empty((2, PAGE), np.int32)
-        for j in block.sources:
-            shift = (j - block.number) * strip.settings.block_m
+        for start, page, count in strip.chains(block, polarity, field.reach_m):
             kernels._count(
-                store.records, store.link, *store.chain(j, polarity), shift, pixel,
+                store.records, store.link, page, count, -start, pixel,
                 block.low_y_m, least, width, field.bins, left, place, keep,
                 field.counts[polarity], seen[polarity],
             )  # fmt: skip

@@ -7,6 +7,7 @@ however far the robot's base is. Its slope across follows from where the camera 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -282,18 +283,31 @@ class Strip:
             )
         )
 
-    def rays(self, block: Block, polarity: int) -> F32:
-        """The same as rays of a straight path, in pixels of the block's grid.
+    def chains(
+        self, block: Block, polarity: int, reach_m: float
+    ) -> Iterator[tuple[float, int, int]]:
+        """Pages of the store with the events within some distance of a block.
+
+        How much their x begins before the block, first page and number of events.
+        """
+        length = self.settings.block_m
+        for j in block.sources:
+            start = (block.number - j) * length
+            ends = start - reach_m, start + length + reach_m
+            for page, count in self.store.chains(j, polarity, *ends):
+                yield start, page, count
+
+    def rays(self, block: Block, polarity: int, reach_m: float) -> F32:
+        """Events that reach a block's rows as rays of a straight path, in pixels of its grid.
 
         float32, shape (n, 4): place on the middle plane, slopes along and across.
         """
-        chains = [self.store.chain(j, polarity) for j in block.sources]
-        out = np.empty((sum(count for _, count in chains), 4), np.float32)
+        chains = list(self.chains(block, polarity, reach_m))
+        out = np.empty((sum(count for _, _, count in chains), 4), np.float32)
         n = 0
-        for j, (page, count) in zip(block.sources, chains, strict=True):
-            left = (block.number - j) * self.settings.block_m - MARGIN_M
+        for start, page, count in chains:
             kernels._rays(
-                self.store.records, self.store.link, page, count, left, block.low_y_m,
+                self.store.records, self.store.link, page, count, start - MARGIN_M, block.low_y_m,
                 self.pixel_m, out[n:],
             )  # fmt: skip
             n += count

@@ -13,8 +13,9 @@ from roller_core.errors import RollerError
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.engine import DepthEngine
-from roller_emvs.evidence import EvidenceField, Relief, find_depths, measured_pixels
+from roller_emvs.evidence import Depths, EvidenceField, Relief, find_depths, measured_pixels
 from roller_emvs.lines.edge_drift import TravellingLight
+from roller_emvs.lines.neighbourhoods import depth_points
 from roller_emvs.lines.refine import LinePoints, refine
 from roller_emvs.patch import Patch
 from roller_emvs.rays import F32
@@ -80,6 +81,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         #: Takes the lines of each block as they were fitted: places in base, shape (n, 3), metres,
         #: the strip's axes in base (along the motion, across, away from the camera), and the rest.
         self.on_lines: Callable[[F64, F64, LinePoints], None] | None = None
+        #: Takes the depths of neighbourhoods in the same form.
+        self.on_depths: Callable[[F64, F64, LinePoints], None] | None = None
 
     def results(self, flush: bool = False) -> Iterator[SurfacePatch | RefusedWindow]:
         """Rows that are done, in order along each pass, each once.
@@ -160,8 +163,9 @@ class SurfaceSweep(DepthEngine[PassCutter]):
 
         with watch("lines"):
             return self._refined(
-                strip, block, field, found, lambda polarity: strip.rays(block, polarity), across
-            )
+                strip, block, field, depths, found,
+                lambda polarity: strip.rays(block, polarity, field.reach_m), across,
+            )  # fmt: skip
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
         """The same for any path."""
@@ -180,13 +184,14 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             return np.asarray(row * strip.pixel_m + block.low_y_m, np.float64)
 
         with watch("lines"):
-            return self._refined(strip, block, field, found, rays, across)
+            return self._refined(strip, block, field, depths, found, rays, across)
 
     def _refined(
         self,
         strip: Strip,
         block: Block,
         field: EvidenceField,
+        depths: list[Depths],
         found: Relief,
         rays: Callable[[int], F32],
         across: Callable[[F64, F64], F64],
@@ -196,10 +201,15 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         columns = round(MARGIN_M / pixel), round((MARGIN_M + s.block_m) / pixel)
         light = self._light_of(strip)
         found, lines = refine(field, found, rays, columns, s.edge_drift, light, s.threads)
-        if self.on_lines is not None and len(lines.row):
-            x = lines.column * pixel + block.start_m - MARGIN_M
-            y, z = across(lines.row, lines.offset), lines.offset + strip.middle_m
-            self.on_lines(strip.to_base(np.stack([x, y, z], axis=1)), strip.rotation, lines)
+        for take, own in (
+            (self.on_lines, lambda: lines),
+            (self.on_depths, lambda: depth_points(field, depths, columns)),
+        ):
+            if take is not None:
+                points = own()
+                x = points.column * pixel + block.start_m - MARGIN_M
+                y, z = across(points.row, points.offset), points.offset + strip.middle_m
+                take(strip.to_base(np.stack([x, y, z], axis=1)), strip.rotation, points)
         return found, across(found.row, found.offset)
 
     def _light_of(self, strip: Strip) -> TravellingLight:
