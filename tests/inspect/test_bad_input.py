@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Callable
@@ -171,6 +172,8 @@ def test_no_events_at_all(tmp_path: Path, capsys: Capture) -> None:
 
 def test_missing_input(tmp_path: Path, capsys: Capture) -> None:
     refuse(tmp_path, capsys, tmp_path / "nothing", "there is no such file or folder")
+    os.mkfifo(tmp_path / "pipe")
+    refuse(tmp_path, capsys, tmp_path / "pipe", "neither a file nor a folder")
 
 
 def test_a_folder_that_is_no_bag(tmp_path: Path, capsys: Capture) -> None:

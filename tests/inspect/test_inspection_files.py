@@ -58,7 +58,7 @@ SMALL: dict[str, Any] = {"length_m": 0.016, "width_m": 0.006}
 
 
 def test_the_list_is_whole_revised_and_final_at_the_end() -> None:
-    _, results = inspect(scan(HOLE, length_m=0.03, width_m=0.006))
+    _, results = inspect(scan(HOLE, length_m=0.044, width_m=0.006))
     outs = [o for r in results for o in r.outputs]
     lists = [o.data for o in outs if o.topic == FINDINGS]
     assert [known.revision for known in lists] == list(range(1, len(lists) + 1))
@@ -72,6 +72,7 @@ def test_the_list_is_whole_revised_and_final_at_the_end() -> None:
     cells = np.concatenate([o.data.columns for o in outs if o.topic == DEVIATION])
     assert cells[:, 3].min() == pytest.approx(-3e-4, abs=5e-5)
     assert set(cells[:, 5]) <= {CONTINUED, MEASURED}
+    np.testing.assert_allclose([cells[:, 0].min(), cells[:, 0].max()], [0, 0.044], atol=1e-3)
 
 
 def test_parts_end_on_request_and_when_the_source_starts_again() -> None:

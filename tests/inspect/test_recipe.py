@@ -11,14 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, UNMEASURED, HeightMap
-from roller_inspect.height_map.coverage import coverage_of
-from roller_inspect.judgement import coverage_of_area
+from roller_inspect.height_map.coverage import Coverage, coverage_of
+from roller_inspect.judgement import coverage_of_area, judge
 from roller_inspect.recipe import Recipe, RecipeError, Region, decide, load_recipe, part_verdict
 
 WRONG = {
     "regions: {a: {box_m: [1, 2]}}": "'regions.a.box_m.2'",
     "regions: {a: {box_m: [1, 0, 0, 1]}}": "lowest x",
     "regions: {a: {}}": "one of box_m",
+    "regions: {a: {box_m: [0, -2, 10, 2]}}": "it reaches to 10 m; recipes are in metres",
     "tolerances: [{region: b, depth_m: 1.0e-4}]": "names 'b', which is not there (regions: none)",
     "inspect: [rim]": "'inspect' names 'rim'",
     "tolerances: [{kind: hole, depth_m: 1.0e-4}]": "'tolerances.0.kind' = 'hole'",
@@ -85,6 +86,12 @@ def test_what_was_not_measured_is_never_conform() -> None:
     assert part_verdict(["conform", "inconclusive"], measured_enough=True) == "inconclusive"
     assert part_verdict([], measured_enough=True, doubts=True) == "inconclusive"
     assert part_verdict(["conform"], measured_enough=False) == "unmeasured"
+    # Few points that all is continued from: whatever the grid.
+    for measured, grid_m, verdict in ((0.2, 1e-4, "inconclusive"), (0.12, 5e-5, "conform")):
+        few = Coverage(measured, 1 - measured, 0.0, 1e-4, 20.0)
+        judged = judge(Recipe.create({"grid_m": grid_m}), (), few)
+        assert judged.verdict == verdict
+        assert ("texture" in judged.reason) == (verdict != "conform")
 
 
 @given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))

@@ -106,6 +106,16 @@ def test_a_model_is_laid_on_the_scan_in_what_its_shape_determines() -> None:
     assert set(plane.refined) == {"z", "rx", "ry"}
 
 
+def test_what_is_left_of_the_form_hides_no_bump_from_a_model() -> None:
+    bump = dent((0.015, 0.0), 1e-3, -1.5e-4)
+
+    def wavy(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 7e-5 * np.sin(x / 4e-3) * np.cos(y / 4e-3) + bump(x, y)
+
+    found = inspect(wavy, CadReference(*mesh_of(flat, (0.0, 0.0, 0.0))))
+    assert ("extra", True) in {(f.kind, bool(f.depth_m > 1e-4)) for f in found.findings}
+
+
 def test_a_model_in_millimetres_or_elsewhere_is_refused_in_one_line() -> None:
     vertices, triangles = mesh_of(part, (0.0, 0.0, 0.0))
     for wrong, words in ((vertices * 1e3, "millimetres"), (vertices + [1, 0, 0], "from the scan")):

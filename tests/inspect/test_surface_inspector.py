@@ -120,7 +120,7 @@ def test_findings_of_a_scan_given_in_pieces_are_those_of_the_whole() -> None:
 
 
 def test_a_finding_is_provisional_until_the_scan_has_passed_it_and_keeps_its_number() -> None:
-    patches = scan(dent((0.0155, 0.0), 1.5e-3, 3e-4), length_m=0.05)
+    patches = scan(dent((0.0235, 0.0), 1.5e-3, 3e-4), length_m=0.06)
     inspector = SurfaceInspector(InspectionSettings.create({}), NominalReference("plane"))
     seen = []
     for patch in patches:

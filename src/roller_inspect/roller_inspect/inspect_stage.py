@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,12 +11,10 @@ from pydantic import Field
 
 from roller_core import outputs
 from roller_core.camera import Camera
-from roller_core.errors import RollerError
 from roller_core.frame_settings import FollowedFrames, idle_flush_field
 from roller_core.outputs import Cloud, ContactFault, Output, Result
 from roller_core.settings import read_parameters
 from roller_core.stage import ERROR, OK, Stage
-from roller_emvs.patch import SURFACE_FIELDS, Patch
 
 from .contact_marks import ContactMarks
 from .findings import CellUncertainty
@@ -24,6 +22,7 @@ from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, coverage_of_area, judge, judge_findings
 from .measures import measure_all
+from .part_points import PartPoints
 from .recipe import Recipe, load_recipe, load_reference
 from .recipe.decision import Verdict
 from .surface_inspector import Piece, SurfaceInspector
@@ -31,10 +30,6 @@ from .surface_inspector import Piece, SurfaceInspector
 DEVIATION_FIELDS = ("x", "y", "z", "deviation", "sigma", "state")
 #: Points this much older are of a source that started again, s.
 _RESTART_S = 1.0
-
-
-class PointsError(RollerError):
-    """A cloud that isn't one of points of the surface."""
 
 
 class InspectParameters(FollowedFrames):
@@ -110,6 +105,7 @@ class InspectStage(Stage[InspectParameters]):
         self.recipe = recipe
         self._reference = load_reference(recipe)
         self._number = self._points = 0
+        self._part_points = PartPoints()
         self._verdict = ""
         self._last_ns = 0
         self._inspector: SurfaceInspector | None = None
@@ -144,13 +140,13 @@ class InspectStage(Stage[InspectParameters]):
         if output.t_ns < self._last_ns - _RESTART_S * 1e9:
             self._finish()
         self._last_ns = output.t_ns
-        patch = _patch(cloud)
-        if not len(cloud.columns):
+        patch = self._part_points.take(cloud)
+        if not len(patch):
             return
         if self._inspector is None:
             known = {"findings.cell": self.settings.uncertainty}
             self._inspector = SurfaceInspector(self.recipe.settings.changed(known), self._reference)
-        self._points += len(cloud.columns)
+        self._points += len(patch)
         self._marks.passed(output.t_ns)
         self._give(self._inspector.add(patch))
 
@@ -177,6 +173,7 @@ class InspectStage(Stage[InspectParameters]):
             "part": self._name,
             "parts": self._number,
             "points": self._points,
+            "left_out_points": self._part_points.left_out,
             "findings": len(known.findings) if known is not None else 0,
             "measured": round(known.coverage.measured, 4) if known is not None else "",
             "unmeasured": round(known.coverage.unmeasured, 4) if known is not None else "",
@@ -185,6 +182,7 @@ class InspectStage(Stage[InspectParameters]):
 
     def _begin(self) -> None:
         self._inspector = None
+        self._part_points.begin()
         self._marks = ContactMarks(self.recipe.force_n)
         self._revision, self._seen = 0, -1
         self._cells = np.zeros(4, np.int64)
@@ -200,10 +198,9 @@ class InspectStage(Stage[InspectParameters]):
     def _give(self, pieces: list[Piece]) -> None:
         """Put out strips that were passed, and the list of findings if it changed."""
         assert self._inspector is not None
-        outs = []
+        outs = self._deviations(pieces)
         for piece in pieces:
             self._cells += np.bincount(piece.height_map.state.ravel(), minlength=4)
-            outs.append(self._output(outputs.DEVIATION, deviation_cloud(piece)))
         if pieces or self._inspector.revision != self._seen:
             self._seen = self._inspector.revision
             judged = judge_findings(self.recipe, self._inspector.findings)
@@ -224,7 +221,7 @@ class InspectStage(Stage[InspectParameters]):
             self._marks.lines(),
         )  # fmt: skip
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
-        outs = self._list(judgement, finished=True)
+        outs = self._deviations(found.last) + self._list(judgement, finished=True)
         inspected = Inspected(self._name, found, judgement)
         self._number += 1
         self._begin()
@@ -255,25 +252,11 @@ class InspectStage(Stage[InspectParameters]):
             self._output(outputs.FINDING_MARKERS, FindingMarkers(judgement.findings)),
         ]
 
+    def _deviations(self, pieces: Iterable[Piece]) -> list[Output]:
+        return [self._output(outputs.DEVIATION, deviation_cloud(piece)) for piece in pieces]
+
     def _output(self, topic: str, data: object) -> Output:
         return Output(topic, self._last_ns, self.settings.base_frame, data)
-
-
-def _patch(cloud: Cloud) -> Patch:
-    """Points of a cloud as the stages handed them out.
-
-    Raises
-    ------
-    PointsError
-        If they aren't points of ours.
-    """
-    if cloud.names != SURFACE_FIELDS:
-        raise PointsError(
-            f"{outputs.SURFACE_POINTS}: fields {', '.join(cloud.names)}; expected "
-            f"{', '.join(SURFACE_FIELDS)}"
-        )
-    xyz, properties = cloud.columns[:, :3], cloud.columns[:, 3:]
-    return Patch(xyz.astype(np.float64), *properties.T)
 
 
 def deviation_cloud(piece: Piece) -> Cloud:

@@ -12,13 +12,15 @@ from roller_core.transforms import F64, inverse_pose
 
 from .findings import CellUncertainty, Finding
 from .height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap
-from .height_map.coverage import Coverage
+from .height_map.coverage import Coverage, textured
 from .measures import Figure, measure_all
 from .recipe import Recipe, decide, part_verdict
 from .recipe.decision import Verdict
 from .surface_inspector import Found
 
 _UNITS = {"m": ("mm", 1e3), "m2": ("mm²", 1e6), "m3": ("mm³", 1e9)}
+#: An area to inspect is looked at in so many places at most.
+_MOST_CELLS = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,11 @@ def judge(
     contact = tuple(contact)
     if contact and verdict == "conform":
         verdict = "inconclusive"
-    reason = _reason(recipe, judged, coverage, [*doubts, *contact], enough, figures)
+    more = [*doubts, *contact]
+    if verdict == "conform" and not textured(coverage, recipe.grid_m):
+        verdict = "inconclusive"
+        more.append("too little texture to be sure: defects between what was measured are not seen")
+    reason = _reason(recipe, judged, coverage, more, enough, figures)
     return Judgement(verdict, reason, judged, coverage, figures, contact)
 
 
@@ -178,6 +184,7 @@ def _reason(
         parts.append(
             f"{1 - coverage.unmeasured:.1%} of the area to inspect was measured or continued, the "
             f"recipe asks for {recipe.least_coverage:.1%}"
+            + (f"; the scan reached {coverage.scanned:.1%} of it" if coverage.scanned < 1 else "")
         )
     parts += doubts
     if bad:
@@ -223,14 +230,16 @@ def coverage_of_area(recipe: Recipe, height_map: HeightMap | None, scanned: Cove
     """
     if height_map is None or not (recipe.inspect or recipe.exclude):
         return scanned
-    step = height_map.step_m
+    fine = step = height_map.step_m
     map_from_recipe = inverse_pose(height_map.base_from_map) @ recipe.base_from_recipe
     if recipe.inspect:
         # A grid of the regions, which may reach beyond the map's.
         regions = [recipe.regions[name] for name in recipe.inspect]
         corners = np.concatenate([region.outline() for region in regions])
-        axes = zip(corners.min(axis=0), corners.max(axis=0), strict=True)
-        x, y = np.meshgrid(*(np.arange(low + step / 2, high, step) for low, high in axes))
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        fine = max(fine, math.sqrt(float(np.prod(high - low)) / _MOST_CELLS))
+        axes = zip(low, high, strict=True)
+        x, y = np.meshgrid(*(np.arange(low + fine / 2, high, fine) for low, high in axes))
         inside = np.logical_or.reduce([region.contains(x, y) for region in regions])
         mx, my = _moved(map_from_recipe, x, y)
         column = np.rint((mx - height_map.x_m[0]) / step).astype(np.int64)
@@ -251,7 +260,8 @@ def coverage_of_area(recipe: Recipe, height_map: HeightMap | None, scanned: Cove
     measured = float((state[inside] == MEASURED).sum()) / cells
     continued = float((state[inside] == CONTINUED).sum()) / cells
     rest = max(1.0 - measured - continued, 0.0)
-    return Coverage(measured, continued, rest, cells * step**2, scanned.points_per_mm2)
+    reached = float((state[inside] != OUTSIDE).sum()) / cells
+    return Coverage(measured, continued, rest, cells * fine**2, scanned.points_per_mm2, reached)
 
 
 def _moved(pose: F64, x: F64, y: F64) -> tuple[F64, F64]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import TypeVar, cast
 
 import numpy as np
 from pydantic import Field
@@ -16,15 +18,17 @@ from .findings.find import Search, search
 from .findings.finder_settings import FindingSettings
 from .findings.finding import Finding
 from .height_map.coverage import Coverage, coverage_of
-from .height_map.height_map import F32, OUTSIDE, HeightMap
+from .height_map.height_map import F32, OUTSIDE, Bools, HeightMap
 from .height_map.join import coarser, join, join_size, place_on, without_run_in
 from .height_map.map_settings import HeightMapSettings
-from .height_map.mapper import STRIP_M, HeightMapper
+from .height_map.mapper import HeightMapper
 from .references.alignment import Alignment
 from .references.reference import Reference, ReferenceError
 
-#: What a new strip is searched together with, m: findings are at most provisional on it; and so
-#: many strips more where one goes on.
+#: So many new strips are mapped and searched at once.
+_STRIPS_AT_ONCE = 3
+#: What they are searched together with, m: findings are at most provisional on it; and so many
+#: strips more where one goes on.
 _CONTEXT_M, _MOST_OPEN = 8e-3, 4
 #: Findings are final once the scan is this far beyond them, m.
 _PASSED_M = 3e-3
@@ -32,6 +36,8 @@ _PASSED_M = 3e-3
 _BORDER_M = 1e-3
 #: Findings nearer than this are the same one, seen again, in part of their length.
 _SAME = 0.5
+
+_Grid = TypeVar("_Grid", bound=np.ndarray)
 
 
 class InspectionSettings(Settings):
@@ -76,6 +82,8 @@ class Found:
         Of what was scanned.
     faults : tuple of str
         Why parts could not be compared; empty if all was.
+    last : tuple of Piece
+        The strips that `SurfaceInspector.add` hadn't given yet.
     """
 
     height_map: HeightMap | None
@@ -84,6 +92,7 @@ class Found:
     alignment: Alignment | None
     coverage: Coverage
     faults: tuple[str, ...]
+    last: tuple[Piece, ...] = ()
 
 
 class SurfaceInspector:
@@ -122,7 +131,10 @@ class SurfaceInspector:
         self.revision = 0
         self._mapper = HeightMapper(settings.height_map, base_from_map)
         self._on_piece = on_piece
+        self._passed: list[int] = []
         self._strips: dict[int, HeightMap] = {}
+        #: Where findings are on them: they stay out of the reference's fit.
+        self._masks: dict[int, Bools] = {}
         #: The last strip of the piece before, for what lies on the border.
         self._before: dict[int, HeightMap] = {}
         self._number = 0
@@ -138,20 +150,21 @@ class SurfaceInspector:
         Returns
         -------
         list of Piece
-            Strips that the scan has passed, each once (again where the scan came back to it).
+            Strips that the scan has passed, each once (again where the scan came back to it);
+            the last ones come with `finish`.
         """
-        passed = self._mapper.add(patch)
-        for k in passed:
-            self._strips[k] = self._mapper.strip(k)
-        pieces = self._look(passed) if passed else []
+        self._passed += self._mapper.add(patch)
+        if len(self._passed) < _STRIPS_AT_ONCE:
+            return []
+        pieces = self._look(self._mapped())
         if sum(strip.height_m.size for strip in self._strips.values()) > self._most_cells:
             self._conclude(self._cut())
         return pieces
 
     def finish(self) -> Found:
         """The scan is over: everything, final."""
-        for k in self._mapper.finish():
-            self._strips[k] = self._mapper.strip(k)
+        self._passed += self._mapper.finish()
+        last = self._look(self._mapped()) if self._passed else []
         if self._strips:
             self._conclude(sorted(self._strips))
         whole, self._whole = self._whole, None
@@ -159,6 +172,7 @@ class SurfaceInspector:
             trimmed = without_run_in(whole[0])
             whole = trimmed, np.where(trimmed.state == OUTSIDE, np.nan, whole[1])
             self._gone = [f for f in self._gone if trimmed.state[_cell(f, trimmed)] != OUTSIDE]
+            last = _within(last, trimmed)
         self._set(tuple(self._gone))
         coverage = coverage_of(whole[0]) if whole else Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
         return Found(
@@ -168,18 +182,29 @@ class SurfaceInspector:
             self._worst,
             coverage,
             tuple(self._faults),
+            tuple(last),
         )
 
     @property
     def _most_cells(self) -> int:
         return self.settings.height_map.max_cells
 
+    def _mapped(self) -> list[int]:
+        """Strips that were passed, mapped by now."""
+        passed, self._passed = sorted(set(self._passed)), []
+        self._strips.update(self._mapper.strips(passed))
+        return passed
+
     def _search(
-        self, height_map: HeightMap, rounds: int, final: bool, known: Iterable[Finding] = ()
+        self,
+        height_map: HeightMap,
+        final: bool,
+        known: Iterable[Finding] = (),
+        masked: Bools | None = None,
     ) -> Search | None:
         cells = [(*_cell(f, height_map), f.depth_m) for f in known]
         try:
-            return search(height_map, self.reference, self.settings.findings, rounds, cells)
+            return search(height_map, self.reference, self.settings.findings, cells, masked)
         except ReferenceError as error:
             # A window that is still too small may say so; what is concluded must not.
             if final:
@@ -188,19 +213,22 @@ class SurfaceInspector:
 
     def _look(self, strips: list[int]) -> list[Piece]:
         """Findings around new strips: provisional near them, final behind."""
-        around = round(_CONTEXT_M / STRIP_M)
+        around = round(_CONTEXT_M / self._mapper.length_m)
         low, high = min(strips) - around, max(strips) + around
         # What wasn't passed yet is seen whole.
         for first, last in (self._reach(f) for f in self.findings if not f.final):
             if last >= low and first <= high:
                 low, high = max(min(low, first), low - _MOST_OPEN), max(high, last)
-        window = join([s for k, s in self._strips.items() if low <= k <= high])
+        near = [k for k in self._strips if low <= k <= high]
+        window = join([self._strips[k] for k in near])
         # A crater is measured again, as what rises around it is told by it.
         passed = [f for f in self.findings if f.final and f.kind != "crater"]
         passed = [f for f in passed if self._inside(f, window)]
-        found = self._search(window, rounds=1, final=False, known=passed)
+        found = self._search(window, final=False, known=passed)
         if found is None:
             return []
+        for k in near:
+            self._masks[k] = _part(found.mask, window, self._strips[k])
         new = [self._strips[k] for k in strips]
         margin = round(_PASSED_M / window.step_m)
         at = [(s.x_m[[0, -1]] - window.x_m[0]) / window.step_m for s in new]
@@ -228,7 +256,8 @@ class SurfaceInspector:
         """First and last strip that a finding touches."""
         frame = self._mapper.frame
         x = (finding.outline_m - frame[:3, 3]) @ frame[:3, 0]
-        return int(np.floor(x.min() / STRIP_M)), int(np.floor(x.max() / STRIP_M))
+        length_m = self._mapper.length_m
+        return int(np.floor(x.min() / length_m)), int(np.floor(x.max() / length_m))
 
     def _numbered(self, findings: list[Finding]) -> list[Finding]:
         """Findings that were reported before keep their number."""
@@ -263,12 +292,18 @@ class SurfaceInspector:
         """Inspect strips as a whole and give them up."""
         whole = join([self._strips[k] for k in strips])
         # What lies on the border is seen whole together with the strips beside it.
-        beside = [self._strips[k + d] for k in strips for d in (-1, 1) if k + d in self._strips]
-        window = join([*self._before.values(), *beside, *(self._strips[k] for k in strips)])
-        found = self._search(window, rounds=2, final=True)
+        beside = {k + d for k in strips for d in (-1, 1) if k + d in self._strips}
+        parts = self._before | {k: self._strips[k] for k in [*sorted(beside), *strips]}
+        window = join(list(parts.values()))
+        masked = np.zeros(window.shape, bool)
+        for k in parts.keys() & self._masks.keys():
+            place_on(window, parts[k], masked, self._masks[k])
+        found = self._search(window, final=True, masked=masked)
         self._before = {k: self._strips[k] for k in strips[-1:]}
         for k in strips:
             del self._strips[k]
+        kept = self._before.keys() | self._strips.keys()
+        self._masks = {k: mask for k, mask in self._masks.items() if k in kept}
         self._mapper.forget(strips)
         deviation = np.full(whole.shape, np.nan, np.float32)
         if found is not None:
@@ -307,11 +342,25 @@ class SurfaceInspector:
         self._whole = (joined, deviation)
 
 
-def _part(values: F32, window: HeightMap, part: HeightMap) -> F32:
+def _within(pieces: list[Piece], whole: HeightMap) -> list[Piece]:
+    """What of pieces lies where a map isn't outside of what was scanned."""
+    x = whole.x_m[(whole.state != OUTSIDE).any(axis=0)]
+    out = []
+    for piece in pieces:
+        ends = x[0] - whole.step_m / 2, x[-1] + whole.step_m / 2
+        first, end = np.searchsorted(piece.height_map.x_m, ends)
+        if first < end:
+            columns = slice(int(first), int(end))
+            part = piece.height_map.cropped(columns, slice(None))
+            out.append(Piece(part, piece.deviation_m[:, columns]))
+    return out
+
+
+def _part(values: _Grid, window: HeightMap, part: HeightMap) -> _Grid:
     """What a grid of a window holds for a part of it."""
     i = round(float(part.x_m[0] - window.x_m[0]) / window.step_m)
     j = round(float(part.y_m[0] - window.y_m[0]) / window.step_m)
-    return values[j : j + part.shape[0], i : i + part.shape[1]]
+    return cast("_Grid", values[j : j + part.shape[0], i : i + part.shape[1]])
 
 
 def _cell(finding: Finding, height_map: HeightMap) -> tuple[int, int]:
@@ -324,7 +373,6 @@ def _cell(finding: Finding, height_map: HeightMap) -> tuple[int, int]:
 
 def _same(one: Finding, other: Finding) -> bool:
     """Whether two findings are the same place."""
-    away = float(np.linalg.norm(one.center_m - other.center_m))
-    return away < _SAME * max(one.length_m, other.length_m) and (
-        np.sign(one.depth_m) == np.sign(other.depth_m)
-    )
+    return (one.depth_m > 0) == (other.depth_m > 0) and math.dist(
+        one.center_m, other.center_m
+    ) < _SAME * max(one.length_m, other.length_m)

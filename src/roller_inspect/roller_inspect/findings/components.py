@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -35,8 +36,11 @@ _DEEPEST = 0.05
 _DEEP, _LEAST_APEX = 0.75, 30
 #: Strong places of one finding are two if both rise so many times above what is strong.
 _STANDS_OUT = 3.0
-#: Of what was measured less than this share the scan's scatter says little: points' own σ counts.
-_SCATTERS = 0.2
+#: Distance over which points share their errors, m: smoothing by a Gaussian of 0.6 mm, an area of
+#: 4.5 mm², halves them.
+_ALIKE_M = 1.1e-3
+#: From this share of measured cells on they are spread over a finding.
+_SPREAD = 0.2
 #: z at which a finding is as good as certain.
 _CERTAIN_Z = 15.0
 
@@ -122,7 +126,8 @@ def measure(
     """Figures of a component, and the cells in its outline; None if it is below the limits.
 
     Detection is by smoothed heights, measuring at the finest scale: smoothing takes the depth out
-    of what is narrow. A crater's outline goes around its raised edge.
+    of what is narrow. A crater's outline goes around its raised edge. What is no deeper than the
+    scatter of heights (k = 2) is none, unless edges are dense there.
     """
     step = height_map.step_m
     hollow = component.sign < 0 and not models_part
@@ -186,13 +191,23 @@ def measure(
     reference = float(np.median(comparison.sigma_m[window][mask]))
     sure = shape & (part.state == MEASURED)
     measured = float(sure.sum() / shape.sum())
-    if measured < _SCATTERS and sure.any():
-        noise = max(noise, float(np.median(part.sigma_m[sure])))
+    shown = math.hypot(noise, float(np.nan_to_num(cues.noise_m[-1])))
+    if sure.any():
+        # What the points of this place say of themselves, where that is more.
+        places = max(1.0, length / _ALIKE_M) * max(1.0, area / length / _ALIKE_M)
+        claimed = float(np.median(part.sigma_m[sure]))
+        noise = max(noise, claimed / math.sqrt(places if measured >= _SPREAD else 1.0))
     scatter = noise, float(np.nan_to_num(cues.noise_m[-1]))
     u, budget = uncertainty(
         scatter, reference, comparison.by_pose, (length, width, depth),
         area, hollow_m, step, settings.cell,
     )  # fmt: skip
+    seen_by = _named(cues, window, mask)
+    # Points may claim more than they err by: the middle of what they claim and what is seen. Dense
+    # edges speak for themselves: what they lie off by is less sure than that they do.
+    doubt = math.hypot((shown + budget.scatter) / 2, reference)
+    if seen_by == ("height",) and depth < 2 * doubt:
+        return None
     middle = part.in_base(center[0], center[1], float(np.median(part.height_m[shape & known])))
     finding = Finding(
         id=number,
@@ -208,7 +223,7 @@ def measure(
         outline_m=outline,
         points=points,
         measured=measured,
-        cues=_named(cues, window, mask),
+        cues=seen_by,
         final=final,
         rim_m=rim if kind == "crater" else 0.0,
         budget=budget,

@@ -15,8 +15,6 @@ from .cues import height_cue
 from .finder_settings import FindingSettings
 from .finding import Finding
 
-#: Fits of the reference, each without the findings of the one before.
-_ROUNDS = 2
 #: A rise that lies in a crater's outline by more than this share is the crater's edge.
 _RIM_SHARE = 0.5
 
@@ -33,19 +31,22 @@ class Search:
         Numbered from 1.
     spans : tuple of (int, int)
         First column of each finding, and the first behind it.
+    mask : ndarray of bool, shape (ny, nx)
+        All that may be a finding.
     """
 
     comparison: Comparison
     findings: tuple[Finding, ...]
     spans: tuple[tuple[int, int], ...]
+    mask: Bools
 
 
 def search(
     height_map: HeightMap,
     reference: Reference,
     settings: FindingSettings,
-    rounds: int = _ROUNDS,
     known: Iterable[tuple[int, int, float]] = (),
+    masked: Bools | None = None,
 ) -> Search:
     """Compare a map with a reference and find where it differs.
 
@@ -53,22 +54,19 @@ def search(
     ----------
     known : iterable of (int, int, float)
         Row, column and depth of findings that need not be measured again.
+    masked : ndarray of bool, shape (ny, nx), optional
+        What an earlier search found: it stays out of the reference's fit.
 
     Raises
     ------
     ReferenceError
         If the reference doesn't fit the map.
     """
-    masked: Bools | None = None
-    # A part's model says what belongs there; the background is what lies around already.
-    local = not reference.models_part and reference.name != "self"
-    for _ in range(rounds):
-        comparison = reference.compare(height_map, masked)
-        cues = height_cue(height_map, comparison, settings, local)
-        parts = components(cues)
-        masked = _mask(parts, height_map.shape)
-        if not parts:
-            break
+    # The background is what lies around already.
+    local = reference.name != "self"
+    comparison = reference.compare(height_map, masked)
+    cues = height_cue(height_map, comparison, settings, local)
+    parts = components(cues)
     found: list[tuple[Finding, Component]] = []
     craters: list[Component] = []
     known = list(known)
@@ -90,6 +88,7 @@ def search(
         comparison,
         tuple(replace(f, id=i) for i, (f, _) in enumerate(found, 1)),
         tuple((part.columns.start, part.columns.stop) for _, part in found),
+        _mask(parts, height_map.shape),
     )
 
 

@@ -9,10 +9,10 @@ from pydantic import Field
 
 from roller_core.settings import Settings
 
-#: What the skin rounds of an outline's edge, m, and the share of a depth that it doesn't follow,
-#: by as much more as it is narrower than this, m: biases that nothing corrects, as standard
-#: uncertainties. Tuned on the virtual cell.
-_ROUNDS_M, _NOT_FOLLOWED, _NARROW_M = 2.5e-4, 0.1, 1e-3
+#: What the skin rounds of an outline's edge, m, and the share of a depth that it, and the patches
+#: that depth is told from, don't follow, by as much more as it is narrower than this, m: biases
+#: that nothing corrects, as standard uncertainties. Tuned on the virtual cell.
+_ROUNDS_M, _NOT_FOLLOWED, _NARROW_M = 2.5e-4, 0.1, 1.5e-3
 #: What is taken for granted where nothing is known: the drift of edges under the virtual cell's
 #: ring, a camera calibrated to half a percent, a robot that repeats within 0.1 mm (rectangular).
 _DRIFT_M, _SCALE, _POSE_M = 1.2e-4, 5e-3, 5.8e-5
@@ -52,10 +52,11 @@ class CellUncertainty(Settings):
         drift, scale, pose = self.values
         taken = "{}, taken for granted"
         return {
-            "scatter": "this scan's own scatter, at the finest and the coarsest scale",
+            "scatter": "this scan's own scatter, at the finest and the coarsest scale, or what the "
+            "points there say of themselves where that is more",
             "reference": "of the reference that heights are held against",
-            "skin": f"what the skin doesn't follow: {_NOT_FOLLOWED:.0%} of a depth, more where it "
-            f"is narrower than {_NARROW_M * 1e3:g} mm",
+            "skin": f"what skin and depth don't follow: {_NOT_FOLLOWED:.0%} of a depth, more where "
+            f"it is narrower than {_NARROW_M * 1e3:g} mm",
             "drift": f"drift of edges left over, {drift * 1e6:.0f} µm on a slope of 1: "
             + ("calibrated" if self.drift_m else taken.format("not calibrated")),
             "scale": f"{scale:.1%} of lengths and depths: "
@@ -109,8 +110,7 @@ def uncertainty(
     Parameters
     ----------
     scatter_m : (float, float)
-        Scatter of smoothed heights as the scan shows it, at the finest and the coarsest scale:
-        neighbours share errors.
+        Of heights in it, and of heights smoothed by the coarsest scale: neighbours share errors.
     reference_m : float
         Standard uncertainty of the reference.
     by_pose : bool

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy.typing as npt
 from roller_core.transforms import F64, inverse_pose
 from roller_emvs.patch import Patch
 
-from .cells import Cells, bin_points
+from .cells import bin_points
 from .complete import complete
 from .height_map import HeightMap, centres
 from .map_frame import find_frame
@@ -19,6 +18,8 @@ from .map_settings import HeightMapSettings
 
 #: Length of a strip, and what a strip is completed with on either side, m.
 STRIP_M, OVERLAP_M = 8e-3, 2e-3
+#: So many neighbours are completed together at most.
+_MOST_AT_ONCE = 4
 #: The frame is found once the scan has gone so far, m, and has so many points.
 _START_M, _START_POINTS = 8e-3, 60
 #: Patches with less than this part of the largest one's points don't say where the scan goes.
@@ -53,6 +54,11 @@ class HeightMapper:
         self._overlap = max(1, round(OVERLAP_M / settings.grid_m))
         self._waiting: list[Patch] = []
         self._strips: dict[int, _Strip] = {}
+
+    @property
+    def length_m(self) -> float:
+        """Of a strip."""
+        return self.columns * self.settings.grid_m
 
     @property
     def frame(self) -> F64:
@@ -101,15 +107,34 @@ class HeightMapper:
         for k in strips:
             self._strips.pop(k, None)
 
-    def strip(self, k: int) -> HeightMap:
-        """The map of a strip, as the points so far have it."""
+    def strips(self, numbers: list[int]) -> dict[int, HeightMap]:
+        """Maps of strips, as the points so far have them; neighbours are completed together."""
+        runs: list[list[int]] = []
+        for k in numbers:
+            if runs and k == runs[-1][-1] + 1 and len(runs[-1]) < _MOST_AT_ONCE:
+                runs[-1].append(k)
+            else:
+                runs.append([k])
+        return {k: strip for run in runs for k, strip in self._run(run[0], len(run)).items()}
+
+    def _run(self, first: int, count: int) -> dict[int, HeightMap]:
+        """Maps of so many strips one after the other."""
         grid, n, m = self.settings.grid_m, self.columns, self._overlap
-        rows = self._rows(k)
-        cells = self._cells(k, rows, n + 2 * m)
+        points = self._points(first, count)
+        low, high = np.floor(np.array([points[1].min(), points[1].max()]) / grid)
+        rows = int(low // _ROWS * _ROWS), int((high // _ROWS + 1) * _ROWS)
+        shape = rows[1] - rows[0], count * n + 2 * m
+        x, y, heights, sigmas = points
+        cells = bin_points(
+            np.floor(x / grid).astype(np.int64) + m,
+            np.floor(y / grid).astype(np.int64) - rows[0],
+            heights, sigmas, shape,
+        )  # fmt: skip
         height, sigma, state = complete(cells, self.settings)
-        x, y = centres(k * n - m, n + 2 * m, grid), centres(rows[0], rows[1] - rows[0], grid)
-        whole = HeightMap(x, y, height, sigma, state, cells.points, self.frame)
-        return whole.cropped(slice(m, m + n), slice(None))
+        place = centres(first * n - m, shape[1], grid), centres(rows[0], shape[0], grid)
+        whole = HeightMap(*place, height, sigma, state, cells.points, self.frame)
+        starts = {first + i: m + i * n for i in range(count)}
+        return {k: whole.cropped(slice(at, at + n), slice(None)) for k, at in starts.items()}
 
     def _find_frame(self, enough: bool) -> bool:
         points = np.concatenate([patch.points for patch in self._waiting])
@@ -146,7 +171,7 @@ class HeightMapper:
         local, sigma = local[good], sigma[good]
         if not len(local):
             return (0, -1)
-        length = self.columns * self.settings.grid_m
+        length = self.length_m
         number = np.floor(local[:, 0] / length).astype(np.int64)
         for k in np.unique(number):
             mine = number == k
@@ -162,33 +187,16 @@ class HeightMapper:
             self._strips[k].done = True
         return sorted(strips)
 
-    def _near(self, k: int) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        for other in (k - 1, k, k + 1):
-            strip = self._strips.get(other)
-            if strip is not None:
-                if len(strip.points) > 1:
-                    strip.points = [np.concatenate(strip.points)]
-                yield other, strip.points[0]
-
-    def _rows(self, k: int) -> tuple[int, int]:
-        """Rows of a strip: what it and its neighbours reach."""
-        y = np.concatenate([points[:, 1] for _, points in self._near(k)])
-        grid = self.settings.grid_m
-        low, high = np.floor(float(y.min()) / grid), np.floor(float(y.max()) / grid)
-        return int(low // _ROWS * _ROWS), int((high // _ROWS + 1) * _ROWS)
-
-    def _cells(self, k: int, rows: tuple[int, int], columns: int) -> Cells:
-        grid, n = self.settings.grid_m, self.columns
+    def _points(self, first: int, count: int) -> F64:
+        """Points of some strips and of those beside: x from the first on, y, height, sigma."""
         parts = []
-        for other, points in self._near(k):
-            moved = points.astype(np.float64)
-            moved[:, 0] += (other - k) * n * grid + self._overlap * grid
+        for k in range(first - 1, first + count + 1):
+            strip = self._strips.get(k)
+            if strip is None:
+                continue
+            if len(strip.points) > 1:
+                strip.points = [np.concatenate(strip.points)]
+            moved = strip.points[0].astype(np.float64)
+            moved[:, 0] += (k - first) * self.length_m
             parts.append(moved)
-        x, y, height, sigma = np.concatenate(parts).T
-        return bin_points(
-            np.floor(x / grid).astype(np.int64),
-            np.floor(y / grid).astype(np.int64) - rows[0],
-            height,
-            sigma,
-            (rows[1] - rows[0], columns),
-        )
+        return np.concatenate(parts).T

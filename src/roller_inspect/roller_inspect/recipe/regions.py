@@ -10,6 +10,9 @@ from roller_core.settings import Settings
 
 Mask = npt.NDArray[np.bool_]
 
+#: No robot's part is larger or farther away, m: a number beyond is in another unit.
+_FARTHEST_M = 5.0
+
 
 class Region(Settings):
     """A box, polygon or circle in the recipe's frame, metres; one of the three."""
@@ -33,6 +36,9 @@ class Region(Settings):
             raise ValueError("polygon_m needs three corners or more")
         if self.circle_m and self.circle_m[2] <= 0:
             raise ValueError("circle_m is middle x, y and a radius above 0")
+        farthest = float(np.abs(self.outline()).max())
+        if not farthest <= _FARTHEST_M:
+            raise ValueError(f"it reaches to {farthest:g} m; recipes are in metres")
         return self
 
     def outline(self) -> npt.NDArray[np.float64]:

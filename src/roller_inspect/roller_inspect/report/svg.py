@@ -120,11 +120,11 @@ class Chart:
         for value in ticks(*self._x, max(2, (x1 - x0) // 70)):
             at = float(self.px(value))
             axes.append(f'<path class="tick" d="M{at:.1f} {y1}v4"/>')
-            axes.append(f'<text class="mid" x="{at:.1f}" y="{y1 + 15}">{_plain(value)}</text>')
+            axes.append(f'<text class="mid" x="{at:.1f}" y="{y1 + 15}">{plain(value)}</text>')
         for value in ticks(*self._y, max(2, (y1 - y0) // 30)):
             at = float(self.py(value))
             axes.append(f'<path class="tick" d="M{x0} {at:.1f}h-4"/>')
-            axes.append(f'<text class="end" x="{x0 - 7}" y="{at + 3.5:.1f}">{_plain(value)}</text>')
+            axes.append(f'<text class="end" x="{x0 - 7}" y="{at + 3.5:.1f}">{plain(value)}</text>')
         middle, (below, beside) = (y0 + y1) / 2, map(escape, self._labels)
         axes += [
             f'<text class="mid" x="{(x0 + x1) / 2:.0f}" y="{h - 5}">{below}</text>',
@@ -147,7 +147,8 @@ def ticks(low: float, high: float, most: int) -> list[float]:
     return [round(n * step, 12) for n in range(first, math.floor(high / step + 1e-9) + 1)]
 
 
-def _plain(value: float) -> str:
+def plain(value: float) -> str:
+    """A number as axes show it."""
     return f"{value:g}".replace("-", "−")
 
 

@@ -4,43 +4,50 @@ from __future__ import annotations
 
 from typing import Any
 
-from roller_inspect.height_map.coverage import Coverage
+from roller_inspect.height_map.coverage import LEAST_TEXTURE, Coverage, textured
 
 #: Measured share of cells and events a mm² of the textured coating on which detection was shown,
 #: and the depth that it finds: `roller evaluate pod`, seeds 1001 to 1007, all kinds. With less
-#: contrast: 37 % and about 1,700 events found all from 70 µm on, 7 % and 500 missed half.
+#: contrast: about 1,700 events found all from 70 µm on, 500 missed half.
 #: From the virtual cell, not fitted to a real roller.
 SHOWN_MEASURED, SHOWN_EVENTS_PER_MM2, SHOWN_A90_95_UM = 0.45, 3800.0, 120
-#: A scan with less proves nothing by finding nothing.
-LEAST_MEASURED, LEAST_EVENTS_PER_MM2 = 0.3, 1000.0
+#: Fewest events a mm².
+LEAST_EVENTS_PER_MM2 = 1000.0
 
 
-def texture(coverage: Coverage, events: int | None) -> dict[str, Any]:
+def texture(
+    coverage: Coverage, grid_m: float, events: int | None, scanned_m2: float
+) -> dict[str, Any]:
     """What a report says of a scan's texture.
 
     Parameters
     ----------
     coverage : Coverage
         Of the area to inspect.
+    grid_m : float
+        Edge of a cell.
     events : int or None
         Of the scan; None where it isn't known.
+    scanned_m2 : float
+        Area of the scan.
     """
-    area_mm2 = coverage.area_m2 * 1e6
-    per_mm2 = events / area_mm2 if events is not None and area_mm2 > 0 else None
-    sufficient = coverage.measured >= LEAST_MEASURED and (
-        per_mm2 is None or per_mm2 >= LEAST_EVENTS_PER_MM2
-    )
-    seen = f"{coverage.measured:.1%} of the cells measured"
+    per_mm2 = events / scanned_m2 * 1e-6 if events is not None and scanned_m2 > 0 else None
+    measured = coverage.measured / coverage.scanned if coverage.scanned else 0.0
+    sufficient = textured(coverage, grid_m) and (per_mm2 is None or per_mm2 >= LEAST_EVENTS_PER_MM2)
+    seen = f"{measured:.1%} of the cells measured"
     if per_mm2 is not None:
         seen += f", {per_mm2:.0f} events a mm²"
     text = (
         f"Texture suffices: {seen}."
         if sufficient
+        else "The scan didn't reach what is to be inspected: are the recipe's frame and regions "
+        "those of this part?"
+        if not coverage.scanned
         else f"Too little texture: {seen}. Defects between what was measured are not seen; use a "
         "coating with a printed, high-contrast texture."
     )
     return {
-        "measured": coverage.measured,
+        "measured": measured,
         "events_per_mm2": per_mm2,
         "sufficient": sufficient,
         "text": text,
@@ -48,5 +55,5 @@ def texture(coverage: Coverage, events: int | None) -> dict[str, Any]:
         f"textured coating: {SHOWN_MEASURED:.0%} of the cells measured, "
         f"{SHOWN_EVENTS_PER_MM2:.0f} events a mm², at 0.3 m/s. There a defect "
         f"{SHOWN_A90_95_UM} µm deep was found with a probability of 90 % (a90/95). At least "
-        f"{LEAST_MEASURED:.0%} and {LEAST_EVENTS_PER_MM2:.0f} events a mm² are asked for.",
+        f"{LEAST_TEXTURE:.0%} and {LEAST_EVENTS_PER_MM2:.0f} events a mm² are asked for.",
     }

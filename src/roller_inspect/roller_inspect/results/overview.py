@@ -6,25 +6,30 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from rosbags.rosbag2 import Reader
 
 from roller_core.bags import typestore
 from roller_core.transforms import inverse_pose
 from roller_emvs.ply import read_ply
 from roller_inspect.height_map import HeightMap
+from roller_inspect.report.pictures import colour
 from roller_sim.truth import Truth
+
+from .drawing import BLACK, BLUE, GREY, LIGHT, TITLE, Panel, Picture, colours, scale_bar
 
 F64 = npt.NDArray[np.float64]
 
 _MOST_POINTS = 400_000
-#: Pixels of the longer side of the surface from above.
-_PICTURE_PX = 1200
-_DEPTH_MAP = "turbo_r"
-_HEIGHT_MAP = "viridis"
+_DEPTH_CHART, _HEIGHT_CHART = cv2.COLORMAP_TURBO, cv2.COLORMAP_VIRIDIS
+#: Deviation of the last colours of what was inspected, µm.
+_DEVIATION_UM = 300
+#: Pixels: width, left and right of the panels, of the scales of colours.
+_WIDTH, _LEFT, _RIGHT, _SCALE = 1500, 75, 1330, (1380, 1398)
+#: Heights of the rows of panels; room for the title, and between rows; for the text read.
+_DEPTHS, _ABOVE, _CHARTS, _HEAD, _GAP, _TEXT = 275, 215, 250, 70, 88, 60
 
 
 def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
@@ -48,35 +53,49 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     truth = Truth.beside(source)
     delay_ns = _delay_left_ns(report, truth)
     cloud = _thinned(read_ply(folder / "surface.ply"))
-    # A layout that matplotlib works out takes as long as all else here.
     stamps = _chosen_stamps(report)  # some methods make no depth maps
-    figure = Figure(figsize=(15, 11 if stamps else 7.5), dpi=100)
-    grid = figure.add_gridspec(
-        4, 7, width_ratios=[1] * 6 + [0.08],
-        height_ratios=[1.25 if stamps else 0.01, 0.9, 0.8, 0.16],
-        left=0.05, right=0.94, top=0.92, bottom=0.02, wspace=0.3, hspace=0.3,
-    )  # fmt: skip
+    rows = [_DEPTHS, _ABOVE, _CHARTS] if stamps else [_ABOVE, _CHARTS]
+    picture = Picture(_WIDTH, _HEAD + sum(rows) + _GAP * len(rows) + _TEXT - 30)
+    top = _HEAD
     if stamps:
-        axes = [figure.add_subplot(grid[0, 2 * k : 2 * k + 2]) for k in range(len(stamps))]
-        bar = figure.add_subplot(grid[0, 6])
-        _draw_depths(axes, bar, bag or folder / "result", stamps, truth, delay_ns)
-    _draw_above(figure.add_subplot(grid[1, :6]), figure.add_subplot(grid[1, 6]), cloud)
+        _draw_depths(picture, top, bag or folder / "result", stamps, truth, delay_ns)
+        top += _DEPTHS + _GAP
+    _draw_above(picture, top, cloud)
+    top += _ABOVE + _GAP
     inspected = (folder / "inspection.json").exists()
-    _draw_profile(figure.add_subplot(grid[2, : 2 if inspected else 4]), cloud, truth, delay_ns)
+    boxes = [
+        (left, top, right, top + _CHARTS)
+        for left, right in _columns([2, 2, 2] if inspected else [4, 2])
+    ]
+    _draw_profile(picture, boxes[0], cloud, truth, delay_ns)
     if inspected:
-        _draw_inspection(figure.add_subplot(grid[2, 2:4]), folder)
-    _draw_errors(figure.add_subplot(grid[2, 4:6]), report)
-    _draw_text(figure.add_subplot(grid[3, :]), report)
+        _draw_inspection(picture, boxes[1], folder)
+    _draw_errors(picture, boxes[-1], report)
+    _draw_text(picture, top + _CHARTS + _GAP - 30, report)
     totals = report["totals"]
     kind = "block" if report["method"] == "surface" else "depth map"
     maps = f"{totals['depth_windows']} {kind}{'s' if totals['depth_windows'] != 1 else ''}"
-    figure.suptitle(
+    picture.text(
+        _WIDTH / 2,
+        14,
         f"{report['title']}: {maps} by {report['method']}, "
-        f"{totals['surface_points']} surface points, edge drift {report['edge_drift']}"
+        f"{totals['surface_points']} surface points, edge drift {report['edge_drift']}",
+        size=TITLE,
     )
     path = folder / "overview.png"
-    figure.savefig(path)
+    picture.save(path)
     return path
+
+
+def _columns(shares: list[int]) -> list[tuple[int, int]]:
+    """Left and right of panels beside each other, by their shares of the width."""
+    gap = 130
+    unit = (_RIGHT - _LEFT - gap * (len(shares) - 1)) / sum(shares)
+    out, left = [], float(_LEFT)
+    for share in shares:
+        out.append((round(left), round(left + share * unit)))
+        left += share * unit + gap
+    return out
 
 
 def _thinned(cloud: dict[str, F64]) -> dict[str, F64]:
@@ -103,30 +122,31 @@ def _chosen_stamps(report: dict[str, Any]) -> list[int]:
 
 
 def _draw_depths(
-    axes: list[Axes],
-    bar: Axes,
-    bag: Path,
-    stamps: list[int],
-    truth: Truth | None,
-    delay_ns: int,
+    picture: Picture, top: int, bag: Path, stamps: list[int], truth: Truth | None, delay_ns: int
 ) -> None:
     images = _depth_images(bag, set(stamps))
     measured = [i[np.isfinite(i)].astype(np.float64) for i in images.values()]
-    low, high = _limits(np.concatenate(measured) if measured else np.empty(0))
-    picture = None
-    for axis, stamp in zip(axes, stamps, strict=False):
-        mm = images[stamp] * 1e3
-        picture = axis.imshow(_thick(mm), cmap=_DEPTH_MAP, vmin=low * 1e3, vmax=high * 1e3)
+    low, high = (
+        1e3 * end for end in _limits(np.concatenate(measured) if measured else np.empty(0))
+    )
+    for n, (stamp, (left, right)) in enumerate(zip(stamps, _columns([1, 1, 1]), strict=False)):
+        height, width = images[stamp].shape
         title = f"depth at {(stamp - stamps[0]) * 1e-9:+.3f} s"
         if truth is not None:
             error = _error_um(images[stamp], stamp, truth, delay_ns)
             if len(error):
                 title += f", error {np.abs(error).mean():.0f} µm"
-        axis.set_title(title, fontsize=10)
-        axis.set_xlabel("u, px")
-    axes[0].set_ylabel("v, px")
-    if picture is not None:
-        axes[0].figure.colorbar(picture, cax=bar, label="depth, mm")
+        panel = Panel(
+            picture, (left, top, right, top + _DEPTHS), (0, width), (height, 0), title, "u, px",
+            "" if n else "v, px", equal=True,
+        )  # fmt: skip
+        # Near is red, as it is high.
+        rgb = colours(_thick(images[stamp] * 1e3), high, low, _DEPTH_CHART)
+        panel.rgb[:] = cv2.resize(rgb, (panel.width, panel.height), interpolation=cv2.INTER_AREA)
+        panel.close()
+    if images:
+        box = (_SCALE[0], top, _SCALE[1], top + _DEPTHS)
+        scale_bar(picture, box, low, high, _DEPTH_CHART, "depth, mm", falls=True)
 
 
 def _thick(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -178,34 +198,40 @@ def _limits(values: F64) -> tuple[float, float]:
     return float(low), float(max(high, low + 1e-6))
 
 
-def _draw_above(axis: Axes, bar: Axes, cloud: dict[str, F64]) -> None:
-    axis.set_title("surface from above", fontsize=10)
+def _draw_above(picture: Picture, top: int, cloud: dict[str, F64]) -> None:
+    box, title = (_LEFT, top, _RIGHT, top + _ABOVE), "surface from above"
     if not len(cloud["x"]):
-        axis.text(0.5, 0.5, "no surface points", ha="center", transform=axis.transAxes)
-        bar.set_axis_off()
+        panel = Panel(picture, box, (0, 1), (0, 1), title)
+        panel.label(0.5, 0.5, "no surface points", "mm")
+        panel.close(x_ticks=False, y_ticks=False)
         return
-    low, high = _limits(cloud["height"])
-    # The highest point of each pixel; markers would take ten times as long.
-    x, y = cloud["x"] * 1e3, cloud["y"] * 1e3
-    left, bottom, size = x.min(), y.min(), max(np.ptp(x), np.ptp(y), 1e-3) / _PICTURE_PX
-    column, row = ((x - left) / size).astype(int), ((y - bottom) / size).astype(int)
-    heights = np.full((row.max() + 1, column.max() + 1), np.nan, np.float32)
-    np.fmax.at(heights, (row, column), (cloud["height"] * 1e3).astype(np.float32))
-    picture = axis.imshow(
-        heights, origin="lower", cmap=_HEIGHT_MAP, vmin=low * 1e3, vmax=high * 1e3,
-        interpolation="nearest",
-        extent=(left, left + size * heights.shape[1], bottom, bottom + size * heights.shape[0]),
-    )  # fmt: skip
-    axis.set_xlabel("x, mm")
-    axis.set_ylabel("y, mm")
-    axis.figure.colorbar(picture, cax=bar, label="height, mm")
+    x, y, height = (cloud[name] * 1e3 for name in ("x", "y", "height"))
+    low, high = _limits(height)
+    panel = Panel(
+        picture, box, (x.min(), x.max()), (y.min(), y.max()), title, "x, mm", "y, mm", equal=True
+    )
+    # The highest point of each pixel.
+    place = np.floor(panel.places(x, y)).astype(np.int64)
+    column, row = place[:, 0].clip(0, panel.width - 1), place[:, 1].clip(0, panel.height - 1)
+    highest = np.full((panel.height, panel.width), np.nan)
+    np.fmax.at(highest, (row, column), height)
+    panel.rgb[:] = colours(highest, low, high, _HEIGHT_CHART)
+    panel.close()
+    scale_bar(
+        picture, (_SCALE[0], top, _SCALE[1], top + _ABOVE), low, high, _HEIGHT_CHART, "height, mm"
+    )
 
 
-def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None, delay_ns: int) -> None:
-    axis.set_title("profile along the middle", fontsize=10)
-    axis.set_xlabel("x, mm")
-    axis.set_ylabel("height, mm")
+def _draw_profile(
+    picture: Picture,
+    box: tuple[int, int, int, int],
+    cloud: dict[str, F64],
+    truth: Truth | None,
+    delay_ns: int,
+) -> None:
+    texts = "profile along the middle", "x, mm", "height, mm"
     if not len(cloud["x"]):
+        Panel(picture, box, (0, 1), (0, 1), *texts).close(x_ticks=False, y_ticks=False)
         return
     middle = float(np.median(cloud["y"]))
     if truth is not None and truth.objects:
@@ -213,18 +239,28 @@ def _draw_profile(axis: Axes, cloud: dict[str, F64], truth: Truth | None, delay_
         middle = float(np.mean([(r.y0 + r.y1) / 2 for r in regions]))
     width = 0.02 * max(float(np.ptp(cloud["y"])), 1e-6)
     band = np.abs(cloud["y"] - middle) < width
-    axis.plot(cloud["x"][band] * 1e3, cloud["height"][band] * 1e3, ".", ms=1.2, label="measured")
+    x, height = cloud["x"][band] * 1e3, cloud["height"][band] * 1e3
+    left, right = float(cloud["x"].min()) * 1e3, float(cloud["x"].max()) * 1e3
+    low, high = (height.min(), height.max()) if len(height) else (0.0, 1.0)
     if truth is not None:
-        x = np.linspace(cloud["x"].min(), cloud["x"].max(), 4000)
+        along = np.linspace(left, right, 4000)
         # The travel during that delay is behind the sensor.
         delay_m = truth.settings.motion.speed * delay_ns * 1e-9
-        height = truth.height_at(x - delay_m, np.full_like(x, middle)) - truth.origin_m[2]
-        axis.plot(x * 1e3, height * 1e3, "k-", lw=0.8, label="truth (skin)")
-        axis.set_ylim(height.min() * 1e3 - 0.4, height.max() * 1e3 + 0.4)
-    axis.legend(loc="upper right", fontsize=8, markerscale=6)
+        true = truth.height_at(along * 1e-3 - delay_m, np.full_like(along, middle))
+        true = (true - truth.origin_m[2]) * 1e3
+        low, high = true.min() - 0.4, true.max() + 0.4
+    margin = 0.03 * (right - left)
+    panel = Panel(picture, box, (left - margin, right + margin), (low, high), *texts)
+    panel.dots(x, height)
+    names = [("measured", BLUE)]
+    if truth is not None:
+        panel.line(along, true)
+        names.append(("truth (skin)", BLACK))
+    panel.legend(names)
+    panel.close()
 
 
-def _draw_inspection(axis: Axes, folder: Path) -> None:
+def _draw_inspection(picture: Picture, box: tuple[int, int, int, int], folder: Path) -> None:
     """Height over the middle of what was inspected, and the findings' outlines and depths."""
     document = json.loads((folder / "inspection.json").read_text())
     grid = HeightMap.load(folder / "height_map.npz")
@@ -232,9 +268,20 @@ def _draw_inspection(axis: Axes, folder: Path) -> None:
     boxes = [recipe["regions"][name]["box_m"] for name in recipe["inspect"]]
     corners = np.array([box for box in boxes if box] or [_bounds(grid)])
     (left, bottom), (right, top) = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
+    panel = Panel(
+        picture,
+        box,
+        (left * 1e3, right * 1e3),
+        (bottom * 1e3, top * 1e3),
+        f"inspected: {document['verdict']}; µm, colours to ±{_DEVIATION_UM}",
+        "x, mm",
+        equal=True,
+    )
     # The map lies along the roll; the picture, along x.
-    x, y = np.meshgrid(np.arange(left, right, recipe["grid_m"]),
-                       np.arange(bottom, top, recipe["grid_m"]))  # fmt: skip
+    x, y = np.meshgrid(
+        left + (np.arange(panel.width) + 0.5) / panel.width * (right - left),
+        top - (np.arange(panel.height) + 0.5) / panel.height * (top - bottom),
+    )
     map_from_base = inverse_pose(grid.base_from_map)
     a, b = np.tensordot(map_from_base[:2, :2], [x, y], 1) + map_from_base[:2, 3, None, None]
     column = np.searchsorted(grid.x_m, a).clip(0, len(grid.x_m) - 1)
@@ -242,16 +289,14 @@ def _draw_inspection(axis: Axes, folder: Path) -> None:
     um = np.where(grid.known, grid.height_m, np.nan)[row, column] * 1e6
     if np.isfinite(um).any():
         um -= np.nanmedian(um)
-    axis.set_facecolor("0.7")
-    extent = (left * 1e3, right * 1e3, bottom * 1e3, top * 1e3)
-    axis.imshow(um, origin="lower", cmap="RdBu_r", vmin=-300, vmax=300, extent=extent)
+    panel.rgb[:] = colour(um, _DEVIATION_UM)
+    panel.rgb[np.isnan(um)] = LIGHT
     for f in document["findings"]:
         outline = np.array([*f["outline_m"], f["outline_m"][0]])[:, :2] * 1e3
-        axis.plot(*outline.T, "k-", lw=0.8)
+        panel.line(*outline.T)
         at = f["center_m"][0] * 1e3, f["center_m"][1] * 1e3
-        axis.annotate(f"{f['depth_m'] * 1e6:+.0f}", at, fontsize=7, ha="center", va="center")
-    axis.set_title(f"inspected: {document['verdict']}; µm, colours to ±300", fontsize=10)
-    axis.set_xlabel("x, mm")
+        panel.label(*at, f"{f['depth_m'] * 1e6:+.0f}", "mm")
+    panel.close()
 
 
 def _bounds(grid: HeightMap) -> list[float]:
@@ -261,37 +306,40 @@ def _bounds(grid: HeightMap) -> list[float]:
     return [*places.min(axis=0), *places.max(axis=0)]
 
 
-def _draw_errors(axis: Axes, report: dict[str, Any]) -> None:
+def _draw_errors(picture: Picture, box: tuple[int, int, int, int], report: dict[str, Any]) -> None:
     truth = report["truth"]
     if not truth:
         spent = [w["milliseconds"]["total"] for w in report["windows"] if w["milliseconds"]]
-        axis.set_title("time by window", fontsize=10)
-        axis.plot(spent, ".-")
-        axis.set_xlabel("window")
-        axis.set_ylabel("ms")
-        axis.set_ylim(bottom=0)
+        texts = "time by window", "window", "ms"
+        ends = (0, len(spent) - 1), (0, 1.1 * max(spent, default=1.0))
+        panel = Panel(picture, box, *ends, *texts)
+        panel.line(range(len(spent)), spent, BLUE)
+        panel.dots(range(len(spent)), spent)
+        panel.close()
         return
     found = {k: f for k, f in truth["objects"].items() if f["points"]}
     found["all"] = truth["all"]
     names = [k for k, f in found.items() if f["points"]]
     values = [found[k]["mae_um"] for k in names]
-    bars = axis.barh(names, values, color=["tab:blue"] * (len(names) - 1) + ["tab:gray"])
-    labels = [f"{found[k]['mae_um']:.0f} µm" for k in names]
-    for n, k in enumerate(names):
-        if found[k]["edges_measured"] is not None:  # flat ones have none
-            labels[n] += f", {found[k]['edges_measured']:.0%} of edges"
-    axis.bar_label(bars, labels, fontsize=8, padding=2)
-    axis.set_xlim(0, max([*values, 1.0]) * 1.7)
-    axis.invert_yaxis()
-    axis.set_title("mean absolute error against truth", fontsize=10)
-    axis.set_xlabel("µm")
+    # From above to below.
+    panel = Panel(
+        picture, box, (0, max([*values, 1.0]) * 1.7), (len(names) - 0.4, -0.6),
+        "mean absolute error against truth", "µm",
+    )  # fmt: skip
+    for n, (name, value) in enumerate(zip(names, values, strict=True)):
+        panel.bar(n, 0.8, value, GREY if name == "all" else BLUE)
+        label = f"{value:.0f} µm"
+        if found[name]["edges_measured"] is not None:  # flat ones have none
+            label += f", {found[name]['edges_measured']:.0%} of edges"
+        panel.label(value, n, label, "lm", dx=4)
+        panel.label(0, n, name, "rm", dx=-8)
+    panel.close(y_ticks=False)
 
 
-def _draw_text(axis: Axes, report: dict[str, Any]) -> None:
-    axis.set_axis_off()
+def _draw_text(picture: Picture, top: int, report: dict[str, Any]) -> None:
     lines = report["totals"]["braille_text"]
     read = " / ".join(lines) if lines else "–"
-    text = f"text read:  {read}"
+    picture.text(_LEFT, top, f"text read:  {read}", "la", TITLE, fixed=True)
     if report["truth"] and report["truth"]["text"]:
-        text += f"\ntext given: {report['truth']['text']}".replace("\n ", " / ")
-    axis.text(0.0, 0.9, text, family="monospace", va="top", fontsize=12)
+        given = report["truth"]["text"].replace("\n", " / ")
+        picture.text(_LEFT, top + 24, f"text given: {given}", "la", TITLE, fixed=True)

@@ -1,0 +1,69 @@
+"""Points of the surface as they come from the graph, and which of them can be of the part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from roller_core.errors import RollerError
+from roller_core.outputs import SURFACE_POINTS, Cloud
+from roller_core.transforms import F64
+from roller_emvs.patch import SURFACE_FIELDS, Patch
+
+#: No surface is further than this from base, m.
+_FARTHEST_M = 1e4
+#: A cloud's points lie this near to its middle, and that to where the part was seen so far, m: the
+#: map has memory for what is between.
+_CLOUD_M, _PART_M = 0.5, 1.0
+
+
+class PointsError(RollerError):
+    """A cloud that isn't one of points of the surface, or not of the part."""
+
+
+class PartPoints:
+    """Lets those points pass that can be of the part which the first ones are of.
+
+    Attributes
+    ----------
+    left_out : int
+        Points that are not finite, or far from the others.
+    """
+
+    def __init__(self) -> None:
+        self.left_out = 0
+        self._box: tuple[F64, F64] | None = None
+
+    def begin(self) -> None:
+        """Another part follows."""
+        self._box = None
+
+    def take(self, cloud: Cloud) -> Patch:
+        """The points of a cloud that can be of the part.
+
+        Raises
+        ------
+        PointsError
+            If they aren't points of ours, or all are far from the part.
+        """
+        if cloud.names != SURFACE_FIELDS:
+            raise PointsError(
+                f"{SURFACE_POINTS}: fields {', '.join(cloud.names)}; expected "
+                f"{', '.join(SURFACE_FIELDS)}"
+            )
+        points = cloud.columns[:, :3].astype(np.float64)
+        near = (np.abs(points) < _FARTHEST_M).all(axis=1)
+        if near.any():
+            middle = np.median(points[near], axis=0)
+            near &= (np.abs(points - middle) < _CLOUD_M).all(axis=1)
+            low, high = self._box or (middle, middle)
+            if ((middle < low - _PART_M) | (middle > high + _PART_M)).any():
+                self.left_out += len(points)
+                raise PointsError(
+                    f"{SURFACE_POINTS}: points around {np.round(middle, 3).tolist()} m are far "
+                    "from the part's others and left out; service ~/start begins another part"
+                )
+            kept = points[near]
+            if len(kept):
+                self._box = np.minimum(low, kept.min(axis=0)), np.maximum(high, kept.max(axis=0))
+        self.left_out += int(len(points) - near.sum())
+        return Patch(points[near], *cloud.columns[near, 3:].T)
