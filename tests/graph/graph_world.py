@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from graph.forked import ForkedProcess
 from roller_ros import qos, topics
 
 #: Modules of the nodes by name.
@@ -35,7 +35,6 @@ MODULES = {
 }
 #: Parameter of `event_camera` that gives it the camera of the environment (`usb_backend`).
 EMULATED_CAMERA = "backend: 'driver.emulation.usb_backend:from_environment'"
-_TESTS = Path(__file__).resolve().parents[1]
 
 
 class Watcher:
@@ -132,32 +131,34 @@ class Watcher:
 
 
 class Processes:
-    """Nodes in processes of their own, ended in order."""
+    """Nodes in processes of their own, ended in order.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self.running: dict[str, subprocess.Popen[str]] = {}
+    They are forked from one that has loaded their libraries, or `fresh`, whose memory is their own.
+    """
+
+    def __init__(self, folder: Path, fresh: bool = False) -> None:
+        self._folder, self._fresh = folder, fresh
+        self.running: dict[str, ForkedProcess | subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, parameters: str = "", namespace: str = "") -> None:
         """Start a node with parameters given as the lines of its `ros__parameters`.
 
         In a namespace it is known here as namespace/name.
         """
-        code = f"from {MODULES[name]} import main; main()"
-        words = [sys.executable, "-c", code]
-        words += ["--ros-args", "-r", f"__ns:=/{namespace}"]
+        module, words = MODULES[name], ["--ros-args", "-r", f"__ns:=/{namespace}"]
         name = f"{namespace}/{name}" if namespace else name
         (self._folder / namespace).mkdir(exist_ok=True)
         if parameters:
             file = self._folder / f"{name}.yaml"
             file.write_text(f"/**:\n  ros__parameters: {parameters}\n")
             words += ["--params-file", str(file)]
-        # Emulated devices are modules of the tests.
-        path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(_TESTS)]))
-        log = open(self._folder / f"{name}.log", "a")  # noqa: SIM115 (lives with the process)
-        self.running[name] = subprocess.Popen(
-            words, stdout=log, stderr=log, text=True, env=os.environ | {"PYTHONPATH": path}
-        )
+        log = self._folder / f"{name}.log"
+        if self._fresh:
+            words = [sys.executable, "-c", f"from {module} import main; main()", *words]
+            with log.open("a") as file:
+                self.running[name] = subprocess.Popen(words, stdout=file, stderr=file)
+        else:
+            self.running[name] = ForkedProcess(module, words, log)
 
     def log(self, name: str) -> str:
         """What a node printed."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import signal
-import subprocess
-import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator
@@ -15,6 +13,7 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import Reader
 
+from graph.forked import ForkedProcess
 from graph.graph_world import Processes
 from recording.bags import EVENT_ARRAY, Recipe, bag_messages, write_bag
 from roller_bringup.cli import main
@@ -25,26 +24,20 @@ from roller_recording.reading.bag_reader import BagReader
 pytestmark = pytest.mark.graph
 
 EVENTS = "/event_camera/events"
-SOURCE = Path(__file__).with_name("event_source.py")
 
 
 class Recording:
     """`roller record` in a process of its own."""
 
     def __init__(self, bag: Path, *options: str) -> None:
-        self.bag = bag
-        self._log = open(bag.with_suffix(".log"), "w+")  # noqa: SIM115 (lives with the process)
-        words = [sys.executable, "-m", "roller_bringup.cli", "record", "--output", str(bag)]
-        self.process = subprocess.Popen(
-            [*words, *options], stdout=self._log, stderr=self._log, text=True
-        )
+        self.bag, self._log = bag, bag.with_suffix(".log")
+        words = ["record", "--output", str(bag), *options]
+        self.process = ForkedProcess("roller_bringup.cli", words, self._log)
 
     def end(self, how: int = signal.SIGINT) -> tuple[int, str]:
         """Exit code and output, after a signal."""
         self.process.send_signal(how)
-        code = self.process.wait(timeout=60)
-        self._log.seek(0)
-        return code, self._log.read()
+        return self.process.wait(timeout=60), self._log.read_text()
 
 
 @pytest.fixture
@@ -63,9 +56,9 @@ def record(domain: int) -> Iterator[Callable[..., Recording]]:
             one.process.wait()
 
 
-def source(tmp_path: Path, *options: str) -> subprocess.Popen[str]:
-    words = [sys.executable, str(SOURCE), "--sent", str(tmp_path / "sent.json"), *options]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+def source(tmp_path: Path, *options: str) -> ForkedProcess:
+    words = ["--sent", str(tmp_path / "sent.json"), *options]
+    return ForkedProcess("graph.event_source", words, tmp_path / "source.log")
 
 
 def packets(bag: Path) -> dict[int, int]:

@@ -42,7 +42,7 @@ def test_two_cells_scan_in_one_graph(processes, watch, tmp_path):
         processes.start("virtual_cell", f"{{{parameters}}}", side)
     left = processes.running["left/virtual_cell"]
     watcher.spin_until(lambda: left.poll() is not None, 120, "end of the left cell")
-    assert left.returncode == 0
+    assert left.poll() == 0
     watcher.spin_until(
         lambda: "finished" in watcher.messages_of("right/virtual_cell: scan"),
         120,
