@@ -9,6 +9,15 @@ fi
 ROLLER_MODE="$(<"$ROLLER_VENV/setup/mode")"
 export ROLLER_ROOT ROLLER_VENV ROLLER_MODE
 
+# After `git pull` commands or libraries can be missing, in words that don't say why.
+for roller_file in "$ROLLER_ROOT"/requirements*.txt "$ROLLER_ROOT"/src/*/{setup.py,package.xml,msg/*}; do
+  if [[ "$roller_file" -nt "$ROLLER_VENV/setup/mode" ]]; then
+    echo "${ROLLER_NAME:-roller}: the workspace has changed since it was set up: run \`make setup\`" >&2
+    break
+  fi
+done
+unset roller_file
+
 # Left behind by a Python of another environment, it would keep ours from finding its libraries.
 unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
 

@@ -49,8 +49,8 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         return
     assert session.config.cache is not None
     folder = Path(session.config.cache.mkdir("kernels"))
-    # Those of `focus` and `surface` are partly the same.
-    tasks = {"evidence": ("focus", "surface"), "votes": ("bma", "left_right", "virtual cell")}
+    # Those of `focus` and `surface` are partly the same, and with them those of `bma`: last.
+    tasks = {"evidence": ("focus", "surface"), "votes": ("virtual cell", "bma", "left_right")}
     for wait in (False, True):
         for task, kernels in tasks.items():
             with open(folder / task, "w") as lock, suppress(BlockingIOError):

@@ -6,15 +6,19 @@ import argparse
 import errno
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import types
+from pathlib import Path
 
 import pytest
 
 from roller_bringup import cli
 from roller_core.errors import RollerError
 from roller_sim.commands import simulate
+
+ROOT = Path(__file__).parents[2]
 
 
 def run_with(monkeypatch, fault):
@@ -62,6 +66,23 @@ def test_ctrl_c_while_a_command_is_loaded(monkeypatch, capsys):
     monkeypatch.setattr(cli.importlib, "import_module", interrupted)
     assert cli.main(["info", "x"]) == 130
     assert capsys.readouterr().err == "interrupted\n"
+
+
+INTERRUPT = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
+
+
+def test_ctrl_c_while_python_starts(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(INTERRUPT)
+    done = subprocess.run(
+        [ROOT / "roller", "info", "x"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        # As at a terminal, even where the tests run in the background.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 @pytest.mark.parametrize(

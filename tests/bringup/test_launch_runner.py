@@ -14,7 +14,8 @@ import pytest
 from roller_bringup import launching
 from roller_bringup.commands import up
 from roller_bringup.launching import LaunchError, Runner
-from roller_bringup.launching.process import Screen
+from roller_bringup.launching.plan import NodeProcess
+from roller_bringup.launching.process import RunningProcess, Screen
 
 #: For scripts: wait until the node `forever` is ready to be ended.
 AFTER = 'until [ -e "$(dirname "$0")/ready" ]; do sleep 0.02; done; '
@@ -104,6 +105,20 @@ def alive(pid):
             return stat.read().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_ctrl_c_while_a_nodes_python_starts(tmp_path):
+    """It ends as asked, and without a traceback."""
+    (tmp_path / "sitecustomize.py").write_text("import os; os.kill(os.getpid(), 2)")
+    code = "from roller_core.signals import load_and_run; load_and_run('json')"
+    env = os.environ | {"PYTHONPATH": str(tmp_path)}
+    text = io.StringIO()
+    process = RunningProcess(
+        NodeProcess("emvs", (sys.executable, "-c", code), env, ours=True), Screen(text)
+    )
+    until(lambda: process.poll() is not None)
+    assert process.poll() == -signal.SIGINT
+    assert text.getvalue().splitlines()[1:] == []
 
 
 def test_what_a_finished_node_left_running_is_ended(world):

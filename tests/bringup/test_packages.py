@@ -28,6 +28,7 @@ MESSAGE_PACKAGES = sorted(
 ROSDEP = {
     "cv2": "python3-opencv",
     "joblib": "python3-joblib",
+    "PIL": "python3-pil",
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
     "scipy": "python3-scipy",
@@ -116,7 +117,8 @@ def test_package_xml_names_the_messages_that_messages_hold(folder: Path) -> None
 def test_requirements_name_what_is_imported_and_nothing_else() -> None:
     lines = (ROOT / "requirements.in").read_text().splitlines()
     asked = {re.split(r"[<>=; ]", line)[0] for line in lines if not line.startswith("#")} - UNSEEN
-    pip = {"cv2": "opencv-contrib-python-headless", "usb": "pyusb", "yaml": "pyyaml"}
+    pip = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow"}
+    pip |= {"usb": "pyusb", "yaml": "pyyaml"}
     imported = {name for folder in PYTHON_PACKAGES for name in imports_of(folder)}
     needed = {PIP_ONLY.get(m, pip.get(m, m)) for m in imported & {*PIP_ONLY, *ROSDEP}}
     assert not asked - needed, "requirements.in asks for what nothing imports"

@@ -182,6 +182,19 @@ def test_the_command_asks_for_the_set_up(checkout):
     assert done.stderr == f"roller: not set up yet: run `make setup` in {checkout}\n"
 
 
+def test_a_workspace_newer_than_its_set_up_says_so(checkout):
+    package = checkout / "src" / "roller_core" / "setup.py"
+    package.parent.mkdir(parents=True)
+    package.touch()
+    mode = checkout / ".venv" / "setup" / "mode"
+    mode.parent.mkdir(parents=True)
+    mode.write_text("wheels\n")
+    now = package.stat().st_mtime
+    for age, changed in ((10, True), (-10, False)):
+        os.utime(mode, (now - age, now - age))
+        assert ("run `make setup`" in call(checkout, cwd=checkout).stderr) == changed
+
+
 def test_the_command_runs_from_anywhere_with_its_environment(checkout, tmp_path):
     (checkout / ".venv" / "setup").mkdir()
     (checkout / ".venv" / "setup" / "mode").write_text("wheels\n")
@@ -259,7 +272,18 @@ def test_all_that_is_installed_is_pinned_with_hashes(modules):
         assert all("==" in line and "--hash=sha256:" in line for line in pins), name
 
 
-def test_an_environment_of_others_is_never_deleted(modules, tmp_path):
+def test_an_environment_of_others_is_never_deleted(modules, tmp_path, monkeypatch):
+    def run(command, **how):
+        """Without pip, which takes seconds to install."""
+        if "venv" not in command:
+            return program(command, **how)
+        done = program([*command, "--without-pip"], **how)
+        (packages,) = Path(command[-1]).glob("lib/python*/site-packages")
+        (packages / "pip.py").touch()
+        return done
+
+    program = subprocess.run
+    monkeypatch.setattr(subprocess, "run", run)
     environment = modules["venv_builder"].Environment(tmp_path / ".venv", "wheels")
     steps = modules["steps"].Steps(environment.path / "setup")
     environment.path.mkdir()

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import pytest
 
+from roller_evaluation import scans
 from roller_evaluation.cases import ScanCase
-from roller_evaluation.scans import Scan, simulate
+from roller_evaluation.scans import Scan
+
+
+@pytest.fixture(scope="session", autouse=True)
+def simulated_once() -> Iterator[None]:
+    """Give a scan that was simulated for one test to the others too."""
+    once = cache(scans.simulate)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(scans, "simulate", lambda case, threads=1: once(case))
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -21,6 +33,6 @@ def cell() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def stairs(cell: dict[str, Any]) -> Scan:
+def stairs(cell: dict[str, Any], simulated_once: None) -> Scan:
     """A scan of the stairs at 0.3 m/s."""
-    return simulate(ScanCase("stairs", 0.3, cell=cell))
+    return scans.simulate(ScanCase("stairs", 0.3, cell=cell))

@@ -15,9 +15,12 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from roller_core import outputs
+from roller_recording.writing.recorder_settings import RecorderParameters
 from roller_ros import topics
+from roller_ros.parameters import declare_settings
 
 SRC = Path(__file__).resolve().parents[2] / "src"
 NODES = sorted(p for p in SRC.glob("*/*/**/*node.py") if "underlay" not in p.parts)
@@ -139,3 +142,15 @@ def test_bad_parameters_stop_a_node_with_one_line(
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith("error: ")
     assert message in line
+
+
+def test_a_parameter_that_is_none_of_the_nodes_is_told(capfd: pytest.CaptureFixture[str]) -> None:
+    context = Context()
+    rclpy.init(context=context)
+    given = [Parameter("queue_nb", value=1.0), Parameter("raw", value=True)]
+    node = Node("recorder", context=context, parameter_overrides=given)
+    assert declare_settings(node, RecorderParameters).raw
+    node.destroy_node()
+    context.try_shutdown()
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert line.endswith("[recorder]: there is no parameter 'queue_nb'; is it 'queue_mb'?")

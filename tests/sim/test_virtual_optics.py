@@ -53,7 +53,8 @@ def test_fast_log():
 @pytest.mark.parametrize("contact", ["full", "light"])
 @pytest.mark.parametrize("scene", ["sparse_sphere", "bumps"])
 def test_rendering_equals_its_numpy_twin(scene, contact):
-    cell = VirtualCell(twins.small(scene, camera=WIDE, skin={"contact": contact}))
+    camera = {"width": 40, "height": 30, "focal_px": 1066 / 16}
+    cell = VirtualCell(twins.small(scene, camera=camera, skin={"contact": contact}))
     position = position_mm(cell, at(cell, 5.0))
     xn, yn, z, sx, sy, coat, out = log_image(cell, position)
     maps = cell._maps

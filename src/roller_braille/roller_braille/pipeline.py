@@ -121,6 +121,9 @@ class BraillePipeline:
         """Some events were left out, as there was no keeping up with them."""
         self._cutter.leave_gap()
 
+    def miss(self) -> None:
+        """Some events never came: a batch does without them."""
+
     def text(self) -> list[str]:
         """Lines of text read so far.
 

@@ -48,6 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal's number when that ended it (130 after Ctrl-C).
     """
     try:
+        # The script `roller` has it wait until here.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):
                 # A file's name may hold bytes that are no text.

@@ -139,7 +139,12 @@ class EventCutter(ABC):
         Events that no pose was there for.
     still_events : int
         Events of a sensor that didn't move.
+    ramp_events : int
+        Events of a sensor that accelerated harder than its poses can tell, left out.
     """
+
+    #: Error of a place between two poses that is let pass, metres.
+    most_bend_m = np.inf
 
     def __init__(self, most_events: int, track: PoseTrack) -> None:
         self._queue = EventQueue(most_events)
@@ -148,6 +153,7 @@ class EventCutter(ABC):
         self._gap_begun = False
         self.events_without_pose = 0
         self.still_events = 0
+        self.ramp_events = 0
 
     @property
     def held_events(self) -> int:
@@ -179,6 +185,18 @@ class EventCutter(ABC):
     def leave_gap(self) -> None:
         """Between the events before and those after, some were left out on purpose."""
         self._gap_begun = True
+
+    def _without_ramps(self, events: EventArray, start_ns: int, end_ns: int) -> EventArray:
+        """Events of a span without those whose place is uncertain; counted."""
+        ramps = self._track.bent(start_ns, end_ns, self.most_bend_m) if len(events) else []
+        if not ramps:
+            return events
+        keep = np.ones(len(events), np.bool_)
+        for begin, end in ramps:
+            keep[slice(*np.searchsorted(events.t_ns, (begin, end)))] = False
+        kept = events[keep]
+        self.ramp_events += len(events) - len(kept)
+        return kept
 
     def _in_gap(self, start_ns: int, end_ns: int) -> bool:
         """Whether events were left out in a span; the spans asked for go on in time."""

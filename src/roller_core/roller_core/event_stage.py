@@ -47,6 +47,9 @@ class Pipeline(Protocol):
     def leave_gap(self) -> None:
         """Some events were left out between those before and those after."""
 
+    def miss(self) -> None:
+        """Some events never came between those before and those after."""
+
 
 P = TypeVar("P", bound=Pipeline)
 E = TypeVar("E", bound=StreamSettings)
@@ -129,12 +132,15 @@ class EventStage(Stage[E], Generic[E, P]):
         if self.stream is None:
             self._keep_early(packet)
             return
+        lost = self.stream.counts.lost_packets
         try:
             events = self.stream.push_message(packet)
         except TimeBackwardsError as error:
             self.restart()
             self.take_events(error.events)
             raise
+        if self.pipeline is not None and self.stream.counts.lost_packets > lost:
+            self.pipeline.miss()
         self.take_events(events)
 
     def _keep_early(self, packet: Any) -> None:

@@ -7,6 +7,9 @@ import ctypes
 #: Parameters of glibc's mallopt (malloc.h), and what they are set to, bytes.
 _TRIM_THRESHOLD, _KEPT = -1, 128 << 20
 _MMAP_THRESHOLD, _FROM_SYSTEM = -3, 32 << 20
+#: One heap for all threads, as each keeps what was freed in it. Threads allocate large arrays, and
+#: too seldom to wait for one another.
+_ARENA_MAX, _ARENAS = -8, 1
 #: The same where memory counts for more.
 _KEPT_WHEN_SMALL, _FROM_SYSTEM_WHEN_SMALL = 1 << 20, 64 << 10
 
@@ -42,4 +45,5 @@ def _set(kept: int, from_system: int) -> bool:
         mallopt = ctypes.CDLL(None).mallopt
     except (AttributeError, OSError):
         return False
-    return bool(mallopt(_TRIM_THRESHOLD, kept)) and bool(mallopt(_MMAP_THRESHOLD, from_system))
+    wanted = (_TRIM_THRESHOLD, kept), (_MMAP_THRESHOLD, from_system), (_ARENA_MAX, _ARENAS)
+    return all([bool(mallopt(name, value)) for name, value in wanted])

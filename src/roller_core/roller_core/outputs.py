@@ -63,7 +63,7 @@ def cloud_of(message: Any) -> Cloud:
     Raises
     ------
     CloudError
-        If its fields are others.
+        If its fields are others, or its data aren't whole points.
     """
     names = tuple(field.name for field in message.fields)
     plain = all(
@@ -72,6 +72,8 @@ def cloud_of(message: Any) -> Cloud:
     )
     if not plain or message.point_step != 4 * len(names) or message.is_bigendian:
         raise CloudError(f"cloud of fields {', '.join(names)}: not float32 one after the other")
+    if not names or len(message.data) % message.point_step:
+        raise CloudError(f"cloud of {len(message.data)} bytes: no whole points of {names}")
     return Cloud(np.frombuffer(message.data, "<f4").reshape(-1, len(names)), names)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import types
 from collections.abc import Collection
 from typing import Any, TypeVar, Union, get_args, get_origin
@@ -39,7 +40,14 @@ def declare_settings(node: Node, model: type[S], live: Collection[str] = ()) -> 
         Naming the parameter that is out of range or of the wrong type.
     """
     source = f"parameters of node '{node.get_name()}'"
-    return model.create(_declare(node, model, None, "", source, live), source)
+    values = _declare(node, model, None, "", source, live)
+    # Those meant for others may be among them (section `/**`), so it is no error.
+    for name in getattr(node, "_parameter_overrides", {}):
+        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
+            alike = difflib.get_close_matches(name, model.names(), 1, 0.7)
+            hint = f"; is it '{alike[0]}'?" if alike else ""
+            node.get_logger().warning(f"there is no parameter '{name}'{hint}")
+    return model.create(values, source)
 
 
 def _declare(

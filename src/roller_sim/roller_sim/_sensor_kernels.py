@@ -177,7 +177,8 @@ def _sensor_row(  # type: ignore[no-untyped-def]
                 t0, t1, np.float64(l0), np.float64(l1), x0 + u, y, np.int64(y) * width + x0 + u,
                 held[u], level[u], noise[u], draws[u], on[u], off[u], rate[u], timing, seed, out, n,
             )  # fmt: skip
-    signal[:] = new
+    for u in range(w):
+        signal[u] = new[u]
     return n
 
 

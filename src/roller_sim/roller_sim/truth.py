@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Callable
 from dataclasses import asdict
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path as FilePath
 from typing import Any, Literal
 
@@ -45,8 +46,8 @@ class Truth:
     press_mm : float
         Press depth below the plate's face.
     skin, relief : HeightMap
-        Shape of the skin where it is pressed on, and the bare surface; metres over the face, in
-        the plate's frame.
+        Shape of the skin where it is pressed on, and the bare surface or what reads it; metres
+        over the face, in the plate's frame.
     regions : tuple of Region
         Objects, in the plate's frame.
     text : str
@@ -62,20 +63,25 @@ class Truth:
         settings: VirtualCellSettings,
         press_mm: float,
         skin: HeightMap,
-        relief: HeightMap,
+        relief: HeightMap | Callable[[], HeightMap],
         regions: tuple[Region, ...],
         text: str,
         marks: tuple[BrailleMark, ...],
         defects: tuple[DefectMark, ...] = (),
     ) -> None:
         self.settings, self.press_mm = settings, press_mm
-        self.skin, self.relief = skin, relief
+        self.skin, self._relief = skin, relief
         self.regions, self.text, self.marks, self.defects = regions, text, marks, defects
         self.camera = make_camera(settings.camera)
         self.radius_mm = settings.camera.roller_radius_mm
         self.path = Path(settings.motion, (self.radius_mm - press_mm) * 1e-3, settings.seed)
         self.origin_m = np.asarray(settings.motion.plate_origin_m, np.float64)
         self.start_ros_ns = START_ROS_NS
+
+    @cached_property
+    def relief(self) -> HeightMap:
+        """The bare object; few ask for it, so it is read when it is asked for."""
+        return self._relief if isinstance(self._relief, HeightMap) else self._relief()
 
     @property
     def roller(self) -> F64:
@@ -290,12 +296,13 @@ class Truth:
                 raise TruthError(f"{folder / grid['file']}: there is no such file")
             with np.load(folder / grid["file"]) as maps:
                 skin = HeightMap(maps["skin"], *where)
-                relief = HeightMap(maps["relief"], *where)
+                if "relief" not in maps:
+                    raise KeyError("relief")
             truth = cls(
                 VirtualCellSettings.create(_known(data["settings"]), f"{folder / TEXT_FILE}"),
                 data["press_mm"],
                 skin,
-                relief,
+                partial(_load_relief, folder / grid["file"], where),
                 tuple(Region(**r) for r in data["objects"]),
                 data["text"],
                 tuple(BrailleMark(**m) for m in data["cells"]),
@@ -307,6 +314,14 @@ class Truth:
         except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
             raise TruthError(f"{folder}: the truth can't be read ({error})") from error
         return truth
+
+
+def _load_relief(file: FilePath, where: tuple[float, float, float]) -> HeightMap:
+    try:
+        with np.load(file) as maps:
+            return HeightMap(maps["relief"], *where)
+    except (OSError, KeyError, ValueError) as error:
+        raise TruthError(f"{file}: the relief can't be read ({error})") from error
 
 
 @lru_cache(maxsize=1)

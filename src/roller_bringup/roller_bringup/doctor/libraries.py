@@ -52,7 +52,8 @@ LIBRARIES = (
     Library("usb", "pyusb", "drivers of the event camera"),
     Library("rtde_receive", "ur-rtde", "poses of the robot"),
     Library("aedat", "aedat", "replays of AEDAT4 files"),
-    Library("matplotlib", "matplotlib", "overview pictures", slow=True),
+    Library("PIL", "pillow", "overview pictures"),
+    Library("matplotlib", "matplotlib", "pictures of evaluations", slow=True),
     Library("rich", "rich", "tables and progress"),
 )
 

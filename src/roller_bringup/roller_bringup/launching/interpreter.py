@@ -226,8 +226,9 @@ class _Interpreter:
         name = self._text(element, "name")
         if not _NAME.fullmatch(name):
             raise element.error(f"{name!r} can't be a node's name")
+        package = self._text(element, "pkg")
         try:
-            program = locate.executable(self._text(element, "pkg"), self._text(element, "exec"))
+            program = locate.executable(package, self._text(element, "exec"))
         except locate.NotFoundError as error:
             raise element.error(str(error)) from None
         words = substitutions.split(element.attributes.get("args", ""))
@@ -247,7 +248,7 @@ class _Interpreter:
         required = "on_exit" in element.attributes
         process = NodeProcess(
             name, tuple(command), environment, required, self.namespace or "/",
-            self._seconds(element, "sigterm_timeout"),
+            self._seconds(element, "sigterm_timeout"), package.startswith("roller_"),
         )  # fmt: skip
         if any(other.label == process.label for other in self.plan.processes):
             raise element.error(f"a second node is called {process.label}")

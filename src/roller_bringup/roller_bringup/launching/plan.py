@@ -26,6 +26,8 @@ class NodeProcess:
         The node's namespace.
     grace_s
         How long it has after SIGINT before SIGTERM, s; None: as all.
+    ours
+        Whether it is started by `roller_core.signals.load_and_run`.
     """
 
     name: str
@@ -34,6 +36,7 @@ class NodeProcess:
     required: bool = False
     namespace: str = "/"
     grace_s: float | None = None
+    ours: bool = False
 
     @property
     def label(self) -> str:

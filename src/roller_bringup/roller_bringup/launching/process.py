@@ -61,6 +61,8 @@ class RunningProcess:
             _LIBC.prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
             # Ignored, it would be so for good: a shell starts what it leaves behind (&) like that.
             signal.signal(signal.SIGINT, signal.SIG_DFL)
+            if node.ours:  # while Python starts, it would answer with a traceback
+                signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
             if os.getppid() != starter:  # gone already
                 os._exit(1)
 

@@ -297,8 +297,10 @@ def _plain_finding(message: Any) -> dict[str, Any]:
 
 def _columns(message: Any, needed: Sequence[str] = _NEEDED) -> dict[str, Any] | None:
     """Columns of a cloud of float32 by name; None if it has no points or isn't one of ours."""
-    names = [field.name for field in message.fields]
-    if not message.width or message.point_step != 4 * len(names) or not set(needed) <= set(names):
+    try:
+        cloud = outputs.cloud_of(message)
+    except outputs.CloudError:
         return None
-    rows = np.frombuffer(message.data, np.float32).reshape(-1, len(names))
-    return {name: rows[:, k] for k, name in enumerate(names)}
+    if not len(cloud.columns) or not set(needed) <= set(cloud.names):
+        return None
+    return dict(zip(cloud.names, cloud.columns.T, strict=True))

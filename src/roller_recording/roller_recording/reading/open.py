@@ -40,6 +40,8 @@ def open_recording(
     camera = Camera.from_yaml(camera_file) if camera_file else None
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
+    if not (path.is_file() or path.is_dir()):
+        raise RecordingError(f"{path}: neither a file nor a folder, but a pipe or a device")
     # The readers bring heavy libraries; only the one that is needed is loaded.
     if path.is_dir() and (path / "events.txt").exists():
         from .dataset import DatasetRecording
