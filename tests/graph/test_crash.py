@@ -26,8 +26,10 @@ def test_a_worker_that_dies_ends_the_node(watch, tmp_path, monkeypatch, error, t
         watcher.spin_until(lambda: process.poll() is not None, 60, "end of the node")
     finally:
         process.kill()
-    *before, line = (tmp_path / "log").read_text().strip().splitlines()
+    lines = (tmp_path / "log").read_text().splitlines()
+    # How many messages waited may follow: on a busy machine some have.
+    (end,) = [i for i, line in enumerate(lines) if line.startswith("error: ")]
     assert process.poll() == 1
-    assert line.startswith(f"error: {error}: not foreseen (a fault of roller, the node ends")
-    assert bool(before) == traceback
-    assert traceback == any("take_packet" in text for text in before)
+    assert lines[end].startswith(f"error: {error}: not foreseen (a fault of roller, the node ends")
+    assert bool(end) == traceback
+    assert traceback == any("take_packet" in text for text in lines[:end])
