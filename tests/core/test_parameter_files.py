@@ -11,8 +11,8 @@ import yaml
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError, SettingsError
-from roller_core.pose_track import PoseTrack
 from roller_core.settings import read_sections
+from roller_recording.reading.tum import read_tum
 from roller_sim.errors import TruthError
 from roller_sim.truth import Truth
 
@@ -37,7 +37,7 @@ def test_what_is_written_is_bounded(text: str, reason: str, tmp_path: Path) -> N
     assert len(str(refused.value)) < 300
 
 
-@pytest.mark.parametrize("read", [read_sections, Camera.from_yaml, PoseTrack.read_tum])
+@pytest.mark.parametrize("read", [read_sections, Camera.from_yaml, read_tum])
 def test_pipes_devices_and_folders(read: Callable[[Path], object], tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path, reason in (

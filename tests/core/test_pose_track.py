@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +9,6 @@ from hypothesis import strategies as st
 
 from roller_core.pose_track import (
     NoPosesError,
-    PoseError,
     PoseExtrapolationError,
     PoseGapError,
     PoseOrderError,
@@ -156,27 +153,3 @@ def test_half_way_is_of_the_way_not_of_the_time() -> None:
     assert track.half_way(EPOCH_NS, EPOCH_NS + 40_000_000) == EPOCH_NS + 32_000_000
     assert track.half_way(EPOCH_NS + 28_000_000, EPOCH_NS + 36_000_000) == EPOCH_NS + 32_000_000
     assert track.half_way(EPOCH_NS, EPOCH_NS + 20_000_000) == EPOCH_NS + 10_000_000, "stands"
-
-
-def test_tum_round_trip(tmp_path: Path) -> None:
-    track = straight()
-    track.write_tum(tmp_path / "poses.txt")
-    again = PoseTrack.read_tum(tmp_path / "poses.txt")
-    np.testing.assert_array_equal(again.times_ns, track.times_ns)
-    np.testing.assert_allclose(again.positions, track.positions, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("0 1 2 3\n", "line 1: 4 fields"),
-        ("0 0 0 0 0 0 0 1\nx 0 0 0 0 0 0 1\n", "line 2"),
-        ("1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "line 2.*backwards"),
-        ("# nothing\n", "no pose"),
-    ],
-)
-def test_tum_faults(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "poses.txt"
-    path.write_text(text)
-    with pytest.raises(PoseError, match=message):
-        PoseTrack.read_tum(path)

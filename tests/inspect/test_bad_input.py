@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recording.bags import CAMERA, Recipe, analytic_dataset, camera_track, write_bag
+from recording.bags import CAMERA, Recipe, analytic_dataset, camera_track, write_bag, write_tum
 from roller_bringup.cli import main
 from roller_core.events import EventArray
 from roller_emvs.ply import read_ply
@@ -271,7 +271,7 @@ def test_bad_dataset(
 def test_aedat4_needs_poses_and_camera(tmp_path: Path, capsys: Capture, shared_data: Path) -> None:
     source = shared_data / "aedat4" / "davis346.aedat4"
     refuse(tmp_path, capsys, source, "no poses; give --poses")
-    camera_track().write_tum(tmp_path / "poses.txt")
+    write_tum(camera_track(), tmp_path / "poses.txt")
     given = ["--poses", str(tmp_path / "poses.txt")]
     refuse(tmp_path, capsys, source, "no calibration; give --camera", *given)
     CAMERA.to_yaml(tmp_path / "camera.yaml")

@@ -19,6 +19,7 @@ from recording.bags import (
     read_messages,
     scan,
     write_bag,
+    write_tum,
 )
 from roller_bringup.cli import main
 from roller_emvs.ply import read_ply
@@ -179,7 +180,7 @@ def test_aedat4_with_poses_gives_the_same_depth(
         )
     writer.writeEvents(store)
     del writer
-    camera_track().write_tum(tmp_path / "poses.txt")
+    write_tum(camera_track(), tmp_path / "poses.txt")
     CAMERA.to_yaml(tmp_path / "camera.yaml")
     code = replay(
         path, tmp_path / "out", params,

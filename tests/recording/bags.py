@@ -124,6 +124,14 @@ def read_messages(bag: Path, topic: str) -> Iterator[tuple[int, Any]]:
                 yield log_ns, store.deserialize_cdr(data, connection.msgtype)
 
 
+def write_tum(track: PoseTrack, path: Path) -> None:
+    """Write lines `t x y z qx qy qz qw`, seconds and metres."""
+    with path.open("w") as file:
+        for t, p, q in zip(track.times_ns, track.positions, track.quaternions, strict=True):
+            values = " ".join(f"{v:.12g}" for v in (*p, *q))
+            file.write(f"{int(t) // 10**9}.{int(t) % 10**9:09d} {values}\n")
+
+
 def write_dataset(folder: Path, events: EventArray, track: PoseTrack, camera: Camera) -> Path:
     """Write a folder of the public event-camera dataset; both begin at zero there."""
     folder.mkdir()
@@ -131,7 +139,7 @@ def write_dataset(folder: Path, events: EventArray, track: PoseTrack, camera: Ca
     rows = zip(*(column.tolist() for column in columns), strict=True)
     # Three times as fast as `np.savetxt`.
     (folder / "events.txt").write_text("".join(map("%.9f %d %d %d\n".__mod__, rows)))
-    track.write_tum(folder / "groundtruth.txt")
+    write_tum(track, folder / "groundtruth.txt")
     c = camera
     (folder / "calib.txt").write_text(f"{c.fx} {c.fy} {c.cx} {c.cy} 0 0 0 0 0\n")
     return folder

@@ -10,7 +10,7 @@ import dv_processing as dv
 import pytest
 
 from emvs.scenes import tilted
-from recording.bags import CAMERA, START_NS, camera_track, scan
+from recording.bags import CAMERA, START_NS, camera_track, scan, write_tum
 from roller_bringup.cli import main
 from roller_emvs.ply import read_ply
 
@@ -42,7 +42,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def replay(source: Path, folder: Path, *more: str) -> int:
-    camera_track().write_tum(folder / "poses.txt")
+    write_tum(camera_track(), folder / "poses.txt")
     CAMERA.to_yaml(folder / "camera.yaml")
     (folder / "params.yaml").write_text(PARAMS)
     words = ["replay", str(source), "--output", str(folder / "out"), "--no-picture"]

@@ -24,6 +24,7 @@ from recording.bags import (
     scan,
     write_bag,
     write_messages,
+    write_tum,
 )
 from roller_bringup.cli import main
 from roller_core.camera import Camera
@@ -216,7 +217,7 @@ def test_a_bag_without_calibration_or_poses_and_both_from_files(tmp_path: Path) 
         tmp_path / "bag", Recipe("evt3", namespace="/cam", camera=None, tf=False, tf_static=False)
     )
     CAMERA.to_yaml(tmp_path / "camera.yaml")
-    camera_track().write_tum(tmp_path / "poses.txt")
+    write_tum(camera_track(), tmp_path / "poses.txt")
     given = {"poses": tmp_path / "poses.txt", "camera_file": tmp_path / "camera.yaml"}
     with pytest.raises(RecordingError, match=r"no poses .*; give --poses FILE"):
         open_recording(bag, camera_file=given["camera_file"])

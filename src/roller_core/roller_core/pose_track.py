@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from .errors import RollerError
-from .text_file import MOST_NUMBERS_BYTES, TextFileError, read_text
 from .transforms import F64, pose_matrix, slerp
 
 I64 = npt.NDArray[np.int64]
@@ -295,48 +293,6 @@ class PoseTrack:
         """Interpolated poses as 4×4 matrices, shape (n, 4, 4); see `sample`."""
         return pose_matrix(*self.sample(t_ns))
 
-    @classmethod
-    def read_tum(cls, path: Path | str, max_gap_s: float = 0.1) -> PoseTrack:
-        """Read lines `t x y z qx qy qz qw` (seconds, metres); `#` starts a comment.
-
-        Raises
-        ------
-        PoseError
-            If the file can't be read, a line is malformed or time runs backwards.
-        """
-        track = cls(max_gap_s)
-        try:
-            text = read_text(path, MOST_NUMBERS_BYTES)
-        except TextFileError as error:
-            raise PoseError(f"poses {error}") from error
-        for number, line in enumerate(text.splitlines(), 1):
-            fields = line.split("#")[0].split()
-            if not fields:
-                continue
-            try:
-                if len(fields) != 8:
-                    raise ValueError(f"{len(fields)} fields")
-                t_ns = seconds_to_ns(fields[0])
-                values = [float(f) for f in fields[1:]]
-            except ValueError as error:
-                raise PoseError(
-                    f"poses {path}, line {number}: {error}; expected 't x y z qx qy qz qw'"
-                ) from error
-            try:
-                track.append(t_ns, values[:3], values[3:])
-            except PoseError as error:
-                raise type(error)(f"poses {path}, line {number}: {error}") from error
-        if not len(track):
-            raise NoPosesError(f"poses {path}: the file holds no pose")
-        return track
-
-    def write_tum(self, path: Path | str) -> None:
-        """Write lines `t x y z qx qy qz qw`, as `read_tum` reads them."""
-        with open(path, "w") as file:
-            for t, p, q in zip(self.times_ns, self.positions, self.quaternions, strict=True):
-                values = " ".join(f"{v:.12g}" for v in (*p, *q))
-                file.write(f"{int(t) // 10**9}.{int(t) % 10**9:09d} {values}\n")
-
     def _need_poses(self) -> None:
         if not self._n:
             raise NoPosesError("no poses yet; is the robot's pose (base -> tool) published?")
@@ -361,19 +317,3 @@ def unit_pose(t_ns: int, position: F64, quaternion: npt.ArrayLike) -> F64:
             "of a rotation; it is left out"
         )
     return np.array([x / length, y / length, z / length, w / length])
-
-
-def seconds_to_ns(text: str) -> int:
-    """Decimal seconds as text to whole nanoseconds, without a detour over float64.
-
-    Raises
-    ------
-    ValueError
-        If the text is no finite number.
-    """
-    from decimal import Decimal, InvalidOperation
-
-    try:
-        return int((Decimal(text) * 1_000_000_000).to_integral_value())
-    except (InvalidOperation, OverflowError, ValueError) as error:
-        raise ValueError(f"'{text}' is no time in seconds") from error

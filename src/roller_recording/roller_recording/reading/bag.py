@@ -13,12 +13,12 @@ from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream, TimeBackwardsError
 from roller_core.events import EventArray
 from roller_core.outputs import EVENTS, WRENCH
-from roller_core.pose_track import PoseTrack
 from roller_core.sensor_pose import SensorFrames, transforms_of
 
 from .bag_reader import BagReader
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
 from .event_topic import event_topic, listed
+from .tum import read_tum
 
 _TF, _TF_STATIC = "/tf", "/tf_static"
 _TF_TYPE = "tf2_msgs/msg/TFMessage"
@@ -79,7 +79,7 @@ class BagRecording(Recording):
         self._topic = event_topic(self._reader.topics, path, topic)
         self._frames = SensorFrames(max_gap_s=max_gap_s)  # of who reads by `steps`
         if poses is not None:
-            self.poses = PoseTrack.read_tum(poses, max_gap_s)
+            self.poses = read_tum(poses, max_gap_s)
         elif self._reader.topics.get(_TF) != _TF_TYPE:
             raise MissingTopicError(
                 f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "

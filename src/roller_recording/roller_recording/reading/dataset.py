@@ -11,10 +11,10 @@ import numpy as np
 from roller_core.camera import Camera, CameraError
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
 from roller_core.text_file import TextFileError, read_text
 
 from .base import MalformedRecordingError, Recording, RecordingError, Step, TruncatedRecordingError
+from .tum import read_tum
 
 _CHUNK_BYTES = 4_000_000
 #: Image sizes of the sensors that such folders were recorded with; the folder doesn't say.
@@ -52,7 +52,7 @@ class DatasetRecording(Recording):
         self._events = folder / "events.txt"
         if not self._events.is_file():
             raise RecordingError(f"{folder}: there is no events.txt (lines 't x y p')")
-        self.poses = PoseTrack.read_tum(poses or folder / "groundtruth.txt", max_gap_s)
+        self.poses = read_tum(poses or folder / "groundtruth.txt", max_gap_s)
         self.counts = StreamCounts()
         self.camera = camera or self._calibration(folder / "calib.txt")
         self.duration_s = (self.poses.end_ns - self.poses.start_ns) * 1e-9

@@ -12,9 +12,9 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
 
 from .base import Recording, RecordingError, Step, TruncatedRecordingError
+from .tum import read_tum
 
 _READERS = {".aedat4": ".aedat4", ".aedat": ".aedat4", ".raw": ".prophesee"} | dict.fromkeys(
     (".h5", ".hdf5"), ".dsec"
@@ -78,7 +78,7 @@ class EventFileRecording(Recording):
                 f"{camera.width}×{camera.height} px"
             )
         self.camera = camera
-        self.poses = self._track = PoseTrack.read_tum(poses, max_gap_s)
+        self.poses = self._track = read_tum(poses, max_gap_s)
         self.counts = StreamCounts()
         self.duration_s = (self.poses.end_ns - self.poses.start_ns) * 1e-9
 
