@@ -22,6 +22,7 @@ from roller_inspect.references import (
 from roller_inspect.surface_inspector import Found, InspectionSettings, SurfaceInspector
 
 from .analytic_surface import Surface, dent, flat, scan
+from .box_step import box_step
 
 BOSS = (0.012, 0.0)
 
@@ -130,3 +131,29 @@ def test_a_model_file_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_text("not a mesh")
     with pytest.raises(ReferenceError, match="no triangles"):
         CadReference.load(tmp_path / "part.stl")
+
+
+@pytest.mark.parametrize(("unit", "millimetre"), [("mm", 1.0), ("m", 1e-3), ("inch", 1 / 25.4)])
+def test_a_step_file_is_read_in_metres_whatever_its_unit(
+    unit: str, millimetre: float, tmp_path: Path
+) -> None:
+    pytest.importorskip("cascadio", reason="cascadio is not there, which reads STEP")
+    file = tmp_path / "box.STP"
+    corners = np.array([[1.0, 2.0, -3.0], [21.0, 17.0, 0.5]])
+    file.write_text(box_step(corners * millimetre, unit))
+    read = CadReference.load(file)
+    np.testing.assert_allclose(
+        [f(read.vertices_m, axis=0) for f in (np.min, np.max)], corners / 1e3
+    )
+    file.write_text(file.read_text()[:900])
+    with pytest.raises(ReferenceError, match=r"box\.STP: .* is it "):
+        CadReference.load(file)
+
+
+def test_step_without_its_library_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("roller_inspect.references.cad.find_spec", lambda name: None)
+    (tmp_path / "part.step").write_text("ISO-10303-21;")
+    with pytest.raises(ReferenceError, match="pip install cascadio"):
+        CadReference.load(tmp_path / "part.step")

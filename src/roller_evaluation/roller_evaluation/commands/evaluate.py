@@ -200,16 +200,20 @@ def _add_pod(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )  # fmt: skip
     parser.add_argument("--plates", type=int, metavar="N", help="with defects, of each kind (10)")
     parser.add_argument("--coatings", type=words, metavar="A,B", help="textured, plain (both)")
+    parser.add_argument("--kinds", type=words, metavar="A,B", help="of defects (all)")
+    parser.add_argument("--depths-mm", type=numbers, metavar="D,E", help="0.03 to 0.4")
+    parser.add_argument("--widths-mm", type=numbers, metavar="W,X", help="1,2,3")
     parser.add_argument(
         "--tuning", action="store_true", help="the plates that the inspection may be tuned on"
     )
 
 
 def _run_pod(args: argparse.Namespace) -> int:
-    from roller_evaluation.pod import TUNING_SEED, PodOptions, run_pod, tables
+    from roller_evaluation.pod import KINDS, TUNING_SEED, PodOptions, run_pod, tables
 
-    chosen = given(args, "plates", "speeds", "coatings")
+    chosen = given(args, "plates", "speeds", "coatings", "kinds", "depths_mm", "widths_mm")
     check_names("coatings", chosen.get("coatings", ()), COATINGS)
+    check_names("kinds", chosen.get("kinds", ()), KINDS)
     if chosen.get("plates", 1) < 1:
         raise SettingsError("--plates: at least 1")
     if args.tuning:

@@ -62,7 +62,7 @@ def add_inspection_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference",
         metavar="R",
-        help="before the recipe's: self, nominal, nominal:FORM, golden:DIR or cad:FILE.stl",
+        help="before the recipe's: self, nominal, nominal:FORM, golden:DIR or cad:FILE (STL, STEP)",
     )
     parser.add_argument(
         "--export", type=_exports, default=(), metavar="LIST", help="of x3p,sdf,pdf, with commas"
@@ -98,22 +98,21 @@ def run(args: argparse.Namespace) -> int:
     from roller_inspect.exports.pdf import check_pdf
     from roller_inspect.inspect_stage import InspectStage, inspect_parameters
     from roller_inspect.pipeline import PipelineSettings
-    from roller_inspect.recipe import RecipeError, load_recipe, load_reference
+    from roller_inspect.recipe import RecipeError, load_recipe
     from roller_inspect.references import ReferenceError
     from roller_recording.reading import open_recording
 
     try:
         recipe = load_recipe(args.recipe, args.reference)
-        load_reference(recipe)
+        settings = PipelineSettings.load(args.params, args.method)
+        frame = settings.surface.base_frame if settings.sweeps else settings.stitcher.base_frame
+        part = args.part_id or args.input.resolve().name
+        stage = InspectStage(inspect_parameters(args.params, part=part, base_frame=frame), recipe)
     except (RecipeError, ReferenceError) as error:
         print(f"error: {error}", file=sys.stderr)
         return USAGE
     if "pdf" in args.export:
         check_pdf()
-    settings = PipelineSettings.load(args.params, args.method)
-    part = args.part_id or args.input.resolve().name
-    frame = settings.surface.base_frame if settings.sweeps else settings.stitcher.base_frame
-    stage = InspectStage(inspect_parameters(args.params, part=part, base_frame=frame), recipe)
     reference = Path(recipe.reference.path) if recipe.reference.path else None
     inputs = (args.input, args.params, args.poses, args.camera, args.recipe, reference)
     with OutputFolder(args.output, "inspect", inputs) as output:

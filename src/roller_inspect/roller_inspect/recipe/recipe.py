@@ -85,7 +85,7 @@ class Reference(Settings):
     @model_validator(mode="before")
     @classmethod
     def _short(cls, values: Any) -> Any:
-        """`golden:DIR` and `cad:FILE.stl`, `nominal:cylinder` stand for the whole."""
+        """`golden:DIR` and `cad:FILE`, `nominal:cylinder` stand for the whole."""
         if not isinstance(values, str):
             return values
         kind, _, rest = values.partition(":")
@@ -97,7 +97,7 @@ class Reference(Settings):
     def _check(self) -> Reference:
         needs = self.kind in ("golden", "cad")
         if needs != bool(self.path):
-            what = {"golden": "golden:DIR", "cad": "cad:FILE.stl"}.get(self.kind, self.kind)
+            what = {"golden": "golden:DIR", "cad": "cad:FILE"}.get(self.kind, self.kind)
             raise ValueError(f"'{self.kind}' is given as '{what}'")
         return self
 
@@ -266,7 +266,7 @@ def load_recipe(path: Path | None = None, reference: str | None = None) -> Recip
         YAML file; without it the default recipe.
     reference : str, optional
         Goes before the recipe's: `self`, `nominal`, `nominal:cylinder`, `golden:DIR`,
-        `cad:FILE.stl`; its path counts from the working folder.
+        `cad:FILE`; its path counts from the working folder.
 
     Raises
     ------

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,6 +21,9 @@ from .reference import Comparison, ReferenceError
 _AROUND_M = 2e-3
 #: The model may lie so far above or below the map, m.
 _REACH_M = 0.05
+#: STEP to GLB: metres whatever the file's unit, chords 2 µm off its curves at most. In a process of
+#: its own, for the library writes to the terminal, and a damaged file can end it.
+_STEP_TO_GLB = "import sys, cascadio as c; c.step_to_glb(*sys.argv[1:], tol_linear=0.002)"
 
 
 class CadReference:
@@ -44,25 +51,23 @@ class CadReference:
 
     @classmethod
     def load(cls, path: Path, base_from_cad: F64 | None = None) -> CadReference:
-        """Read an STL (or another mesh that open3d reads).
+        """Read an STL, or another mesh that open3d reads, in metres; STEP in its own unit.
 
         Raises
         ------
         ReferenceError
-            If it can't be read.
+            If it can't be read, or is STEP and cascadio isn't installed.
         """
-        import open3d  # late: it takes a second to load and only CAD needs it
-
-        o3d: Any = open3d  # its stubs leave out NumPy arrays
         if not path.is_file():
             raise ReferenceError(f"reference cad: {path}: no such file")
         if path.suffix.lower() in (".step", ".stp"):
-            raise ReferenceError(f"reference cad: {path}: STEP isn't read; export an STL in metres")
-        with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-            mesh = o3d.io.read_triangle_mesh(str(path))
-        vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+            vertices, triangles = _read_step(path)
+        else:
+            vertices, triangles = _read_mesh(path)
         if not len(triangles) or not np.isfinite(vertices).all():
-            raise ReferenceError(f"reference cad: {path}: no triangles in it; is it an STL file?")
+            raise ReferenceError(
+                f"reference cad: {path}: no triangles in it; is it an STL or STEP file?"
+            )
         return cls(vertices, triangles, base_from_cad)
 
     def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
@@ -116,3 +121,29 @@ class CadReference:
         height: F32 = np.where(np.isfinite(away), top - away, np.nan).astype(np.float32)
         height[np.abs(height) > _REACH_M] = np.nan
         return Field(x, y, height, np.zeros_like(height))
+
+
+def _read_mesh(path: Path) -> tuple[F64, np.ndarray]:
+    """Vertices and triangles of a file; none if it isn't one."""
+    import open3d  # late: it takes a second to load and only CAD needs it
+
+    o3d: Any = open3d  # its stubs leave out NumPy arrays
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        mesh = o3d.io.read_triangle_mesh(str(path))
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+
+
+def _read_step(path: Path) -> tuple[F64, np.ndarray]:
+    """The same of a STEP file, metres."""
+    if find_spec("cascadio") is None:
+        raise ReferenceError(
+            f"reference cad: {path}: STEP needs cascadio ({sys.executable} -m pip install "
+            "cascadio); or export an STL in metres"
+        )
+    with TemporaryDirectory(prefix="roller_step_") as folder:
+        mesh = Path(folder) / "part.glb"
+        command = [sys.executable, "-c", _STEP_TO_GLB, str(path.resolve()), str(mesh)]
+        subprocess.run(command, capture_output=True)
+        if not mesh.is_file():
+            raise ReferenceError(f"reference cad: {path}: can't be read; is it a STEP file?")
+        return _read_mesh(mesh)
