@@ -63,7 +63,7 @@ def test_it_takes_the_place_of_libcaer_driver(emulated_camera, processes, watch)
     for name, value, refused in (
         ("bias_sensitivity", 4, ""),
         ("bias_sensitivity", 5, "out of range"),
-        ("contrast_threshold_on", "much", "should be a valid integer"),
+        ("contrast_threshold_on", "much", "a whole number is expected"),
         ("roi_enabled", True, "read-only"),
     ):
         request = SetParameters.Request(

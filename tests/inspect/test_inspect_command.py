@@ -45,7 +45,10 @@ def test_a_scan_that_shows_little_is_unmeasured(
     [
         (["--recipe", "{tmp}/none.yaml"], "none.yaml"),
         (["--recipe", "{tmp}/recipe.yaml"], "names 'rim', which is not there"),
-        (["--reference", "sphere"], "'self'"),
+        (
+            ["--reference", "silver:x"],
+            "error: --reference: 'reference' = 'silver:x': is not one of",
+        ),
         (["--reference", "golden:{tmp}"], "has no golden.npz"),
         (["--reference", "golden:{tmp}/none"], "no such folder"),
         (["--reference", "cad:{tmp}/recipe.yaml"], "no triangles in it"),

@@ -31,6 +31,21 @@ WRONG = {
     "measures: [{name: a, tool: tilt, of: b, datum: c}]": "'measures.0.datum' names 'c'",
     "measures: [{name: a, tool: width, of: b}]": "width is of a line",
     "{": "not a YAML file",
+    "reference: silver:x": "'reference' = 'silver:x': is not one of self, nominal[:FORM], "
+    "golden:DIR, cad:FILE",
+    "reference: nominal:sphere": "'reference.form' = 'sphere': is not 'none', 'plane'",
+    "reference: self:x": "it is given as self",
+    "reference: 3": "'reference' = 3: is not one of self, ",
+    "regions: {a: {box: [0, 0, 1, 1]}}": "unknown entry 'regions.a.box'; is it 'regions.a.box_m'?",
+    "tolerances: [{colour: 1}]": "unknown entry 'tolerances.0.colour'; there are region, kind,",
+    "tolerances: [{depth_m: 100}]": "'tolerances.0.depth_m' = 100: at most 0.01 is expected",
+    "tolerances: {depth_m: 1.0e-4}": "'tolerances' = {'depth_m': 0.0001}: a list is expected",
+    "limits: {depth_m: 30}": "'limits.depth_m' = 30: at most 0.01 is expected",
+    "grid_m: fine": "'grid_m' = 'fine': a number is expected",
+    "plate: {origin_m: [0, 0]}": "'plate.origin_m.2' is missing",
+    "lines: {a: [0, 0, 1, 1]}": "'lines.a' = [0, 0, 1, 1]: 2 values are expected, not 4",
+    "measures: [{name: a}]": "'measures.0.tool' is missing",
+    "inspect: face": "'inspect' = 'face': a list is expected",
 }
 
 

@@ -11,7 +11,7 @@ import difflib
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
@@ -23,6 +23,44 @@ S = TypeVar("S", bound="Settings")
 
 #: Most namespaces around a node.
 _DEEPEST = 6
+#: So many entries are listed for who names another.
+_FEW_ENTRIES = 16
+#: What may stand where something else does, by pydantic's name of the fault, as far as its own
+#: words are of Python.
+_EXPECTED = {
+    "missing": "is missing",
+    "tuple_type": "a list is expected, [..., ...]",
+    "list_type": "a list is expected, [..., ...]",
+    "dict_type": "entries are expected, name: value",
+    "model_type": "entries are expected, name: value",
+    "string_type": "a text is expected; put it in quotes",
+    "float_type": "a number is expected",
+    "float_parsing": "a number is expected",
+    "int_type": "a whole number is expected",
+    "int_parsing": "a whole number is expected",
+    "int_from_float": "a whole number is expected",
+    "too_long": "{max_length} values are expected, not {actual_length}",
+    "literal_error": "is not {expected}",
+    "greater_than_equal": "at least {ge} is expected",
+    "greater_than": "more than {gt} is expected",
+    "less_than_equal": "at most {le} is expected",
+    "less_than": "less than {lt} is expected",
+}
+
+
+def _in_words(fault: Any) -> str:
+    """What is wrong with a value, in a person's words."""
+    text = _EXPECTED.get(fault["type"])
+    if text is None:
+        return str(fault["msg"]).removeprefix("Value error, ")
+    return text.format(**fault.get("ctx", {}))
+
+
+def _group(annotation: Any) -> type[Settings] | None:
+    """The settings model in a field's type, alone or in a list or mapping."""
+    if isinstance(annotation, type) and issubclass(annotation, Settings):
+        return annotation
+    return next(filter(None, map(_group, get_args(annotation))), None)
 
 
 class Settings(BaseModel):
@@ -79,11 +117,32 @@ class Settings(BaseModel):
         fault = error.errors()[0]
         where = ".".join(str(part) for part in fault["loc"]) or "the values"
         if fault["type"] == "extra_forbidden":
-            alike = difflib.get_close_matches(where, cls.names(), 1, 0.7)
-            return f"unknown entry '{where}'" + (f"; is it '{alike[0]}'?" if alike else "")
+            return f"unknown entry '{where}'" + cls._meant(fault["loc"])
+        said = _in_words(fault)
         if not fault["loc"]:
-            return fault["msg"].removeprefix("Value error, ")
-        return f"'{where}' = {fault['input']!r}: {fault['msg'].removeprefix('Value error, ')}"
+            return said
+        if fault["type"] == "missing":
+            return f"'{where}' {said}"
+        return f"'{where}' = {fault['input']!r}: {said}"
+
+    @classmethod
+    def _meant(cls, loc: tuple[int | str, ...]) -> str:
+        """What may have been meant by an unknown entry: the most alike, or all if they are few."""
+        model, before = cls, ""
+        for part in loc[:-1]:
+            inner = (
+                _group(model.model_fields[str(part)].annotation)
+                if (part in model.model_fields)
+                else None
+            )
+            model, before = inner or model, f"{before}{part}."
+        own = [str(field.alias or name) for name, field in model.model_fields.items()]
+        alike = difflib.get_close_matches(str(loc[-1]), own, 1, 0.7) or (
+            difflib.get_close_matches(str(loc[-1]), model.names(), 1, 0.7)
+        )
+        if alike:
+            return f"; is it '{before}{alike[0]}'?"
+        return f"; there are {', '.join(own)}" if len(own) <= _FEW_ENTRIES else ""
 
     @classmethod
     def from_yaml(cls: type[S], path: Path | str, node: str) -> S:

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator, model_validator
@@ -36,6 +36,14 @@ Tool = Literal[
     "roughness_sa",
     "roughness_sq",
 ]
+Kind = Literal["self", "nominal", "golden", "cad"]
+#: How each is given.
+_REFERENCES = {
+    "self": "self",
+    "nominal": "nominal[:FORM]",
+    "golden": "golden:DIR",
+    "cad": "cad:FILE",
+}
 #: Tools that measure along a line, and those that need no datum.
 _ALONG, _ALONE = ("width",), ("width", "roughness_sa", "roughness_sq")
 #: Sizes that a tolerance may limit, as a finding has them.
@@ -70,7 +78,7 @@ class Plate(Settings):
 class Reference(Settings):
     """What the surface is held against."""
 
-    kind: Literal["self", "nominal", "golden", "cad"] = Field(
+    kind: Kind = Field(
         "self",
         description="self: the scan's own background; nominal: a form fitted to it; golden: good "
         "parts that were taught; cad: a model.",
@@ -86,9 +94,11 @@ class Reference(Settings):
     @classmethod
     def _short(cls, values: Any) -> Any:
         """`golden:DIR` and `cad:FILE`, `nominal:cylinder` stand for the whole."""
-        if not isinstance(values, str):
+        if isinstance(values, (Mapping, Reference)):
             return values
-        kind, _, rest = values.partition(":")
+        kind, _, rest = str(values).partition(":")
+        if kind not in get_args(Kind):
+            raise ValueError(f"is not one of {', '.join(_REFERENCES.values())}")
         if kind == "nominal" and rest:
             return {"kind": kind, "form": rest}
         return {"kind": kind, "path": rest}
@@ -97,8 +107,7 @@ class Reference(Settings):
     def _check(self) -> Reference:
         needs = self.kind in ("golden", "cad")
         if needs != bool(self.path):
-            what = {"golden": "golden:DIR", "cad": "cad:FILE"}.get(self.kind, self.kind)
-            raise ValueError(f"'{self.kind}' is given as '{what}'")
+            raise ValueError(f"it is given as {_REFERENCES[self.kind]}")
         return self
 
     def __str__(self) -> str:
@@ -112,11 +121,12 @@ class Tolerance(Settings):
     kind: Literal["any", "dent", "crater", "scratch", "raised", "missing", "extra"] = Field(
         "any", description="Of which kind."
     )
-    depth_m: float | None = Field(None, ge=0, description="Most depth or height.")
-    length_m: float | None = Field(None, ge=0, description="Most length.")
-    width_m: float | None = Field(None, ge=0, description="Most width.")
-    area_m2: float | None = Field(None, ge=0, description="Most area.")
-    volume_m3: float | None = Field(None, ge=0, description="Most volume.")
+    # Far beyond these a number is in another unit, and would let everything pass.
+    depth_m: float | None = Field(None, ge=0, le=0.01, description="Most depth or height, m.")
+    length_m: float | None = Field(None, ge=0, le=5, description="Most length, m.")
+    width_m: float | None = Field(None, ge=0, le=5, description="Most width, m.")
+    area_m2: float | None = Field(None, ge=0, le=5, description="Most area, m².")
+    volume_m3: float | None = Field(None, ge=0, le=0.01, description="Most volume, m³.")
 
     @model_validator(mode="after")
     def _check(self) -> Tolerance:
@@ -286,8 +296,9 @@ def load_recipe(path: Path | None = None, reference: str | None = None) -> Recip
     try:
         recipe = Recipe.create(values, source)
         if reference is not None:
-            recipe = recipe.changed({"reference": reference})
             folder, source = Path(), "--reference"
+            Recipe.create({"reference": reference}, source)
+            recipe = recipe.changed({"reference": reference})
     except SettingsError as error:
         raise RecipeError(str(error)) from error
     kind, named = recipe.reference.kind, recipe.reference.path
