@@ -141,6 +141,14 @@ def test_whole_windows_are_left_out_and_counted(limit):
     assert not slow.faults
 
 
+def test_small_packets_before_the_camera_are_bounded_too():
+    """Most of their memory is not events'."""
+    stage = Windows(Windows.model.create({"max_waiting_mb": 0.1}))
+    for _ in range(1000):
+        stage.take_packet(EventPacket())
+    assert stage.left_out_packets >= 800
+
+
 def test_the_warning_ends_with_it_and_an_end_says_what_waited(domain, capsys):
     context = Context()
     rclpy.init(context=context)

@@ -123,6 +123,10 @@ class BatchCutter(EventCutter):
 
     def _cut_span(self, span: Span, flush: bool) -> Batch | None:
         """The next batch of a span; the span is done when it has none left."""
+        first = self._track.start_ns
+        if self._start_ns < first:  # poses that no event came for are gone
+            self._drop_unplaced(first)
+            self._start_ns = first
         self._gaps = sorted(gap for gap in self._gaps if gap[1] > self._start_ns)
         hole = self._gaps[0] if self._gaps else None
         if hole is not None and hole[0] < self._start_ns:  # go on after it

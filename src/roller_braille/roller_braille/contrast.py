@@ -13,6 +13,7 @@ of 10 % in speed leaves none.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, replace
 
@@ -199,6 +200,12 @@ class TravelScale:
         scale = self._applied
         out = np.where(before < 0, poses[0] + scale * before, inside)
         return np.asarray(np.where(after > 0, poses[-1] + scale * after, out))
+
+    def forget_before(self, along_m: float) -> None:
+        """Places before this one, as the events have them, won't be asked for any more."""
+        gone = bisect_right(self._events, along_m) - 1
+        if gone > 0:
+            del self._poses[:gone], self._events[:gone]
 
     @property
     def _applied(self) -> float:

@@ -125,6 +125,8 @@ class PassReader:
         self._judge_orientation(LIKELY if final else SURE)
         self.previews = [] if final else self._preview(upto)
         self.strip.forget_before(self._needed())
+        starts = [line.start for line in self.lines] + [p.line.start for p in self.previews]
+        self.travel.forget_before(min([*starts, self.strip.first * self.strip.px_m]))
 
     def saw(self, places: F64) -> bool:
         """Whether all of some places, travel and place down the image in metres, were in view."""

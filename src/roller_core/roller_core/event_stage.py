@@ -20,6 +20,8 @@ from .outputs import Result
 from .pose_track import PoseTrack
 from .stage import ERROR, OK, WARN, Stage
 
+#: Bytes of a packet beside its events, about.
+PACKET_BYTES = 500
 #: Stamps this far from now, s, are of a recording: how late its results are means nothing.
 _RECORDED_S = 60.0
 
@@ -146,11 +148,11 @@ class EventStage(Stage[E], Generic[E, P]):
     def _keep_early(self, packet: Any) -> None:
         """Keep a packet until the camera comes; beyond the limit the oldest go, counted."""
         self._early.append(packet)
-        self._early_bytes += len(packet.events)
+        self._early_bytes += len(packet.events) + PACKET_BYTES
         while self._early_bytes > self.settings.max_waiting_mb * 1e6 and len(self._early) > 1:
             oldest = self._early.popleft()
             if oldest is not None:
-                self._early_bytes -= len(oldest.events)
+                self._early_bytes -= len(oldest.events) + PACKET_BYTES
                 self.left_out_packets += 1
 
     def take_events(self, events: EventArray) -> None:
@@ -166,6 +168,11 @@ class EventStage(Stage[E], Generic[E, P]):
             return WARN, f"waiting for {outputs.CAMERA_INFO}"
         missing = self.frames.missing()
         return WARN if missing else OK, missing
+
+    @property
+    def waits_for_poses(self) -> bool:
+        """See `Stage`."""
+        return self.pipeline is not None and self.pipeline.held_events > 0
 
     @property
     def lost(self) -> bool:

@@ -240,6 +240,13 @@ class SensorFrames:
         """No more poses will come for now: let out those that wait for neighbours."""
         self._take(self._smoother.finish())
 
+    def forget_beyond(self, most: int) -> None:
+        """Forget the older half of the poses where there are more than so many."""
+        if len(self.track) > most:
+            self.track.discard_before(int(self.track.times_ns[-most // 2]))
+        if len(self._waiting) > most:
+            del self._waiting[: -most // 2]
+
     def restart(self) -> None:
         """Forget all poses; fixed transforms stay, and poses that were given at once."""
         self._smoother.finish()

@@ -20,6 +20,8 @@ from .sensor_pose import SensorFrames, Transform
 
 #: Poses this much older are of a source that started anew, s.
 _RESTART_S = 1.0
+#: Poses that are kept where nothing waits for them: three minutes of an e-series robot.
+_MOST_POSES = 100_000
 #: Levels of health, those of diagnostic_msgs/DiagnosticStatus.
 OK, WARN, ERROR = 0, 1, 2
 
@@ -91,6 +93,8 @@ class Stage(ABC, Generic[S]):
             if error.behind_s > _RESTART_S:
                 self.restart()
             raise
+        if not self.waits_for_poses:
+            self.frames.forget_beyond(_MOST_POSES)
 
     def take_poses(self, track: PoseTrack) -> None:
         """Take all poses of the camera in base at once, in place of transforms."""
@@ -129,6 +133,11 @@ class Stage(ABC, Generic[S]):
         if flush:
             self.frames.finish()
         yield from self._results(flush)
+
+    @property
+    def waits_for_poses(self) -> bool:
+        """Whether something waits that may need poses of long ago."""
+        return False
 
     @property
     def lost(self) -> bool:

@@ -21,7 +21,7 @@ from tf2_msgs.msg import TFMessage
 from roller_core import outputs
 from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
-from roller_core.event_stage import EventStage
+from roller_core.event_stage import PACKET_BYTES, EventStage
 from roller_core.frame_settings import FollowedFrames, StreamSettings
 from roller_core.outputs import ContactFault, Output, Result
 from roller_core.sensor_pose import transforms_of
@@ -35,8 +35,6 @@ from .sources import OneSource, publisher_of, publishers, same_process
 from .tf import PoseSources
 from .worker import Worker
 
-#: Bytes of a packet beside its events, about.
-_HEADER_BYTES = 500
 #: In place of a packet: those that follow are of another publisher.
 _NEW_SOURCE = object()
 #: Messages that are taken without looking for results while more wait.
@@ -113,7 +111,7 @@ def backlog_for(settings: FollowedFrames, kind: type[Stage[Any]]) -> Backlog[tup
 
 def bulk_of(packet: EventPacket) -> Bulk:
     """What a packet counts for in a backlog."""
-    return Bulk(len(packet.events) + _HEADER_BYTES, messages.to_ns(packet.header.stamp))
+    return Bulk(len(packet.events) + PACKET_BYTES, messages.to_ns(packet.header.stamp))
 
 
 class StageNode(Node):
