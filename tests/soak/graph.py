@@ -40,8 +40,8 @@ STATUS = {node: status for node, (status, _) in NODES.items()}
 _STREAM = {"lost_packets": 1.0, "left_out_packets": 1.0, "foreign_packets": 1.0}
 _SENT = (EVENTS, "event_camera", "packets_sent")
 FLOWS = (
-    Flow(*_SENT, "emvs", "packets", _STREAM, ("waiting_messages",), ("waiting_events",)),
-    Flow(*_SENT, "braille", "packets", _STREAM, ("waiting_messages",), ("waiting_events",)),
+    Flow(*_SENT, "emvs", "packets", _STREAM, (), ("waiting_events",), "waiting_packets"),
+    Flow(*_SENT, "braille", "packets", _STREAM, (), ("waiting_events",), "waiting_packets"),
     Flow(*_SENT, "recorder", EVENTS, {"lost_packets": 1.0, "lost_messages": 1.0},
          ("waiting_messages",)),
     # A depth map is four messages.

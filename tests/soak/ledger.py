@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +41,21 @@ class Statuses:
         text = "" if status is None or status.at_s <= since_s else status.values.get(key, "")
         return float(text) if text else None
 
-    def settled(self, node: str, keys: tuple[str, ...], since_s: float) -> Status | None:
-        """The newest status if it and the one before came since then, of one sender and alike."""
+    def settled(
+        self, node: str, keys: tuple[str, ...], since_s: float, summed: tuple[str, ...] = ()
+    ) -> Status | None:
+        """The newest status if it and the one before came since then, of one sender and alike.
+
+        Alike are the values of `keys`, and the sum of those of `summed`.
+        """
         pair = self._newest[node]
         if len(pair) < 2 or pair[0].at_s <= since_s or pair[0].sender != pair[1].sender:
             return None
-        if any(key not in s.values for s in pair for key in keys):
+        if any(key not in s.values for s in pair for key in (*keys, *summed)):
             return None
         alike = all(pair[0].values[key] == pair[1].values[key] for key in keys)
-        return pair[1] if alike else None
+        sums = {sum(float(s.values[key]) for key in summed) for s in pair}
+        return pair[1] if alike and len(sums) == 1 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +72,8 @@ class Flow:
     #: Those that are 0 when nothing is under way, and those that are there when it can take any.
     waiting: tuple[str, ...]
     ready: tuple[str, ...] = ()
+    #: How many of them wait to be taken, where the consumer says so: it may never be done.
+    queued: str = ""
 
 
 @dataclass
@@ -77,8 +85,8 @@ class Account:
     sent, counted : int
         Messages sent, and those that the consumer says it missed.
     uncounted : int
-        Neither taken nor counted, at two looks in a row: what was lost last is noticed with the
-        next message.
+        Neither taken nor counted, at a look and at one before which all that waited then has been
+        taken: what was lost last is noticed with the next message.
     open : int
         Neither, at the last look alone.
     """
@@ -89,15 +97,18 @@ class Account:
     counted: int = 0
     uncounted: int = 0
     open: int = 0
+    _looks: list[tuple[float, float, int]] = field(default_factory=list)
 
-    def look(self, sent: float, taken: float, missed: float) -> None:
+    def look(self, sent: float, taken: float, missed: float, queued: float = 0.0) -> None:
         """Take the counts of a quiet moment."""
-        before = self.uncounted + self.open
         self.sent = int(sent - self.begin[0])
         self.counted = int(missed - self.begin[2])
-        short = max(0, self.sent - int(taken - self.begin[1]) - self.counted)
-        self.uncounted = min(before, short)
+        short = max(0, self.sent - int(taken + queued - self.begin[1]) - self.counted)
+        passed = [look for look in self._looks if not queued or taken - look[0] > look[1]]
+        self.uncounted = min(passed[-1][2], short) if passed else 0
         self.open = short - self.uncounted
+        self._looks = [look for look in self._looks if look not in passed[:-1]]
+        self._looks.append((taken, queued, short))
 
     def __str__(self) -> str:
         return (
@@ -122,9 +133,10 @@ class Ledger:
     def look(self, statuses: Statuses, since_s: float) -> None:
         """Hold what was taken against what was sent; all has been quiet since then."""
         for flow in self._flows:
-            ours = (flow.taken, *flow.missed, *flow.waiting)
+            summed = (flow.taken, flow.queued) if flow.queued else ()
+            ours = flow.waiting if flow.queued else (flow.taken, *flow.missed, *flow.waiting)
             sent = statuses.settled(flow.source, (flow.sent,), since_s)
-            got = statuses.settled(flow.consumer, ours, since_s)
+            got = statuses.settled(flow.consumer, ours, since_s, summed)
             if sent is None or got is None or not set(flow.ready) <= set(got.values):
                 continue
             if any(float(got.values[k]) for k in flow.waiting):
@@ -135,10 +147,12 @@ class Ledger:
                 float(got.values[flow.taken]),
                 sum(each * float(got.values[key]) for key, each in flow.missed.items()),
             )
+            queued = float(got.values[flow.queued]) if flow.queued else 0.0
             if flow in self._running and self._running[flow][0] != pair:
                 self._closed.append(self._running.pop(flow)[1])
-            account = self._running.setdefault(flow, (pair, Account(flow, counts)))[1]
-            account.look(*counts)
+            begin = (counts[0], counts[1] + queued, counts[2])
+            account = self._running.setdefault(flow, (pair, Account(flow, begin)))[1]
+            account.look(*counts, queued)
 
     def close(self, *consumers: str) -> None:
         """End the running accounts of some consumers; the next look begins new ones."""

@@ -70,6 +70,11 @@ class Backlog(Generic[T]):
     def __len__(self) -> int:
         return len(self._entries)
 
+    @property
+    def waiting_bulk(self) -> int:
+        """Items of bulk that wait."""
+        return len(self._bulk)
+
     def add(self, item: T, keeps_awake: bool = True, bulk: Bulk | None = None) -> None:
         """Take an item, bulk or not; see `Entry`."""
         if bulk is None and len(self._entries) - len(self._bulk) >= self._limit:

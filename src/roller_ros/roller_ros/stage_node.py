@@ -320,6 +320,7 @@ class StageNode(Node):
         if isinstance(stage, EventStage):
             clock = stage.stream.clock if stage.stream is not None else SensorClock()
             values |= diagnostics.clock_figures(clock)
+            values["waiting_packets"] = worker.backlog.waiting_bulk
             values["waiting_mb"] = round(worker.backlog.waiting_bytes / 1e6, 1)
             values["foreign_packets"] = self._events.foreign
             values["foreign_camera_infos"] = self._cameras.foreign
