@@ -11,7 +11,7 @@ import yaml
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError, SettingsError
-from roller_core.settings import read_sections
+from roller_core.settings import SECTIONS, misspelt_section, node_name, read_sections
 from roller_recording.reading.tum import read_tum
 from roller_sim.errors import TruthError
 from roller_sim.truth import Truth
@@ -57,3 +57,29 @@ def test_a_truth_that_is_a_pipe(name: str, tmp_path: Path) -> None:
         (tmp_path / "truth.yaml").write_text(yaml.safe_dump({"grid": grid}))
     with pytest.raises(TruthError, match=r"no truth\.yaml|no such file"):
         Truth.load(tmp_path)
+
+
+def test_all_of_our_sections_are_known() -> None:
+    config = Path(__file__).parents[2] / "config"
+    found = {node_name(k) for file in config.glob("*.yaml") for k in read_sections(file)}
+    assert found - {"**"} <= set(SECTIONS)
+
+
+@pytest.mark.parametrize(
+    ("sections", "said"),
+    [
+        (["/**/emvz", "/**/braille"], "called '/**/emvz'; is it 'emvs'?"),
+        (["stitch", "camera_of_theirs"], "called 'stitch'; is it 'stitcher'?"),
+        (["/left/theirs", "other"], "is for a node of ours; there are /left/theirs, other"),
+        (["/left/emvs", "theirs"], ""),
+        (["/**", "theirs"], ""),
+        (["/**/calibration"], ""),
+        ([], ""),
+    ],
+)  # fmt: skip
+def test_a_misspelt_section_is_named(sections: list[str], said: str, tmp_path: Path) -> None:
+    file = tmp_path / "params.yaml"
+    file.write_text(yaml.safe_dump({name: {"ros__parameters": {"a": 1}} for name in sections}))
+    found = misspelt_section(file, SECTIONS)
+    assert said in found
+    assert bool(found) == bool(said)

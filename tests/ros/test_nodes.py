@@ -154,3 +154,19 @@ def test_a_parameter_that_is_none_of_the_nodes_is_told(capfd: pytest.CaptureFixt
     context.try_shutdown()
     (line,) = capfd.readouterr().err.strip().splitlines()
     assert line.endswith("[recorder]: there is no parameter 'queue_nb'; is it 'queue_mb'?")
+
+
+def test_a_section_that_is_called_nearly_as_the_node_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "cell.yaml"
+    file.write_text("/**/recoder: {ros__parameters: {raw: true}}\nemvs: {ros__parameters: {a: 1}}")
+    monkeypatch.setattr(sys, "argv", ["recorder", "--ros-args", "--params-file", str(file)])
+    context = Context()
+    rclpy.init(context=context)
+    node = Node("recorder", context=context)
+    declare_settings(node, RecorderParameters)
+    node.destroy_node()
+    context.try_shutdown()
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert line.endswith(f"{file}: no node of ours is called '/**/recoder'; is it 'recorder'?")

@@ -135,3 +135,26 @@ def test_a_publisher_that_has_left(sources):
     assert sources.takes(message(), sent_by(OURS))
     assert not sources.takes(message(), sent_by(b"\x03" * 16))
     assert "/ur10 and a node that is gone publish" in sources.pose_conflict(Graph())
+
+
+def test_a_node_that_was_started_again_is_followed_while_the_dead_one_is_in_the_graph(clock):
+    results = OneSource(latched=True, clock_s=clock, processes=True)
+    assert results.accepts(sent_by(OURS))
+    clock.now += 5.0
+    assert not results.accepts(sent_by(THEIRS))
+    results.keep_to_name({OURS: "/emvs", THEIRS: "/left/emvs"})
+    assert results.followed == OURS[:12], "another node's are not taken"
+    results.keep_to_name({OURS: "/emvs", THEIRS: "/emvs"})
+    assert results.accepts(sent_by(THEIRS))
+
+
+def test_a_second_node_of_the_same_name_is_left_out_while_the_first_sends(clock):
+    results = OneSource(latched=True, clock_s=clock, processes=True)
+    for _ in range(10):
+        assert results.accepts(sent_by(OURS))
+        clock.now += 1.0
+        assert not results.accepts(sent_by(THEIRS))
+        results.keep_to_name({OURS: "/emvs", THEIRS: "/emvs"})
+    clock.now += 10.0
+    results.keep_to_name({OURS: "/emvs", THEIRS: "/emvs"})
+    assert results.followed == OURS[:12], "both were silent"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -21,6 +21,11 @@ from .text_file import TextFileError, read_yaml
 
 S = TypeVar("S", bound="Settings")
 
+#: Our nodes, and the record of the calibration, as parameter files name them.
+SECTIONS = (
+    "event_camera", "ur10", "virtual_cell", "player", "emvs", "stitcher", "surface", "braille",
+    "inspect", "recorder", "calibration",
+)  # fmt: skip
 #: Most namespaces around a node.
 _DEEPEST = 6
 #: So many entries are listed for who names another.
@@ -208,6 +213,32 @@ def read_sections(path: Path | str) -> dict[str, dict[str, Any]]:
         else:
             raise SettingsError(f"parameters {path}: '{pattern}' has no 'ros__parameters'")
     return found
+
+
+def misspelt_section(path: Path | str, nodes: Collection[str]) -> str:
+    """What to say of a parameter file of which a section may be meant for one of some nodes.
+
+    Sections of other people's nodes may be among them, so it is no error.
+
+    Returns
+    -------
+    str
+        Names the section that is called nearly as a node, or all if none is for any node of ours;
+        empty if nothing is to be said.
+
+    Raises
+    ------
+    SettingsError
+        As `read_sections`.
+    """
+    names = {node_name(pattern): pattern for pattern in read_sections(path)}
+    ours = {*SECTIONS, *nodes}
+    for name in names.keys() - ours:
+        if alike := difflib.get_close_matches(name, nodes, 1, 0.7):
+            return f"{path}: no node of ours is called '{names[name]}'; is it '{alike[0]}'?"
+    if names and not any("*" in name or name in ours for name in names):
+        return f"{path}: no section is for a node of ours; there are {', '.join(names.values())}"
+    return ""
 
 
 def node_name(pattern: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,7 @@ from roller_core.events import EventArray
 from roller_core.outputs import Result
 from roller_core.pose_track import PoseTrack
 from roller_core.sensor_pose import Transform
-from roller_core.settings import read_parameters
+from roller_core.settings import SECTIONS, misspelt_section, read_parameters
 from roller_core.stage import Stage
 from roller_emvs.depth_stage import DepthStage, EmvsParameters
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
@@ -74,6 +75,8 @@ class PipelineSettings:
             read_parameters(path, node) if path else {}
             for node in ("emvs", "stitcher", "braille", "surface")
         )
+        if path and (text := misspelt_section(path, SECTIONS)):
+            print(f"warning: {text}", file=sys.stderr)
         source = str(path) if path else "settings"
         if method:
             depth["method"] = method

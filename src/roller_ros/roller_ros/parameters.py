@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import sys
 import types
 from collections.abc import Collection
+from contextlib import suppress
+from itertools import pairwise
 from typing import Any, TypeVar, Union, get_args, get_origin
 
 import annotated_types
@@ -14,7 +17,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from roller_core.errors import SettingsError
-from roller_core.settings import Settings
+from roller_core.settings import Settings, misspelt_section
 
 S = TypeVar("S", bound=Settings)
 
@@ -40,6 +43,7 @@ def declare_settings(node: Node, model: type[S], live: Collection[str] = ()) -> 
         Naming the parameter that is out of range or of the wrong type.
     """
     source = f"parameters of node '{node.get_name()}'"
+    _check_sections(node)
     values = _declare(node, model, None, "", source, live)
     # Those meant for others may be among them (section `/**`), so it is no error.
     for name in getattr(node, "_parameter_overrides", {}):
@@ -48,6 +52,15 @@ def declare_settings(node: Node, model: type[S], live: Collection[str] = ()) -> 
             hint = f"; is it '{alike[0]}'?" if alike else ""
             node.get_logger().warning(f"there is no parameter '{name}'{hint}")
     return model.create(values, source)
+
+
+def _check_sections(node: Node) -> None:
+    """Warn of the command line's parameter files that have a section nearly of the node's name."""
+    for word, path in pairwise(sys.argv):
+        if word == "--params-file":
+            with suppress(SettingsError):  # ROS has taken it
+                if text := misspelt_section(path, [node.get_name()]):
+                    node.get_logger().warning(text)
 
 
 def _declare(

@@ -12,6 +12,11 @@ from rclpy.node import Node
 #: Silence after which another publisher is followed, and for which a conflict is remembered, s.
 _SILENCE_S = 0.5
 _REMEMBERED_S = 3.0
+#: Silence after which a node that was started again is followed, although the dead one is still in
+#: the graph, s.
+_SUCCESSION_S = 2.0
+#: In place of a node's name that isn't known yet.
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 #: Bytes of a publisher's id that tell it from others; the graph's ids may be longer.
 _ID = 16
 #: Of these, those that tell its process (DDS: its participant) from others.
@@ -58,7 +63,7 @@ class OneSource:
         )
         self._length = _PROCESS if processes else _ID
         self._clock_s = clock_s
-        self._heard_s = 0.0
+        self._heard_s = self._taken_s = 0.0
         self._others: dict[bytes, float] = {}
         self.followed: bytes | None = None
         self.foreign = 0
@@ -83,7 +88,7 @@ class OneSource:
                 self.foreign += 1
                 return False
             self.follow(sender)
-        self._heard_s = at_s
+        self._heard_s, self._taken_s = at_s, self._clock_s()
         return True
 
     def follow(self, sender: bytes | None) -> None:
@@ -112,6 +117,23 @@ class OneSource:
         elif complete and self.followed not in complete:
             self.follow(min(complete))
 
+    def keep_to_name(self, names: Mapping[bytes, str]) -> None:
+        """Follow a publisher of the same name that sends while the followed one is silent.
+
+        Parameters
+        ----------
+        names : mapping
+            Of those that publish now, the full names of their nodes.
+        """
+        names = {sender[: self._length]: name for sender, name in names.items()}
+        name = names.get(self.followed or b"")
+        if name is None or name.endswith(_UNKNOWN):
+            return
+        for sender, at_s in self._others.items():
+            if names.get(sender) == name and at_s - self._taken_s > _SUCCESSION_S:
+                self.follow(sender)
+                return
+
     def conflict(self, node: Node, topics: Iterable[str], what: str, cure: str) -> str:
         """What to tell of publishers that don't agree; empty: there is but one.
 
@@ -138,10 +160,10 @@ class OneSource:
         return f"{first} and {others} publish {what}; {first} is followed: {cure}"
 
 
-def publishers(node: Node, *topics: str) -> set[bytes]:
-    """Those that publish some topics now, as `publisher_of` tells them."""
+def publishers(node: Node, *topics: str) -> dict[bytes, str]:
+    """Those that publish some topics now, as `publisher_of` tells them; full names of the nodes."""
     return {
-        bytes(info.endpoint_gid)[:_ID]
+        bytes(info.endpoint_gid)[:_ID]: f"{info.node_namespace.rstrip('/')}/{info.node_name}"
         for topic in topics
         for info in node.get_publishers_info_by_topic(topic)
     }

@@ -263,9 +263,11 @@ class StageNode(Node):
             self._follow_camera(next(iter(self._camera_infos)))
 
     def _keep_to_results(self) -> None:
-        """Follow another process's results when the first is gone, or sends but some of them."""
+        """Follow another process's results when the first is dead, or sends but some of them."""
         by_topic = [publishers(self, name) for name in self._taken_results]
-        self._results.keep_to(set().union(*by_topic), whole=by_topic)
+        alive = {sender: name for found in by_topic for sender, name in found.items()}
+        self._results.keep_to(alive, whole=by_topic)
+        self._results.keep_to_name(alive)
 
     def _handle(self, item: tuple[str, Any]) -> None:
         with self._working:
