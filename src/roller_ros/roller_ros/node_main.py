@@ -5,21 +5,25 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
 from roller_core.opencv import one_opencv_thread
 
-from .worker import CRASHED
+from .worker import ENDED
 
 #: Set to 1, it has a fault of ours shown where it happened.
 TRACEBACK = "ROLLER_TRACEBACK"
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def run_node(make: Callable[[], Node]) -> int:
@@ -34,13 +38,16 @@ def run_node(make: Callable[[], Node]) -> int:
     node: Node | None = None
     code = 0
     try:
+        for number in _SIGNALS:
+            signal.signal(number, signal.default_int_handler)  # starting may take long
         keep_freed_memory()
         one_opencv_thread()
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = make()
-        rclpy.spin_until_future_complete(node, CRASHED)
-        if CRASHED.done():
-            code = _give_up(CRASHED.result())
+        with _ended_by_signals():
+            rclpy.spin_until_future_complete(node, ENDED)
+        if ENDED.done() and (error := ENDED.result()) is not None:
+            code = _give_up(error)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except SystemExit as done:
@@ -49,17 +56,43 @@ def run_node(make: Callable[[], Node]) -> int:
         print(f"error: {error}", file=sys.stderr, flush=True)
         code = 1
     except Exception as error:
-        # An interrupt shuts the context down at once; what was being published then raises.
-        if rclpy.ok():
-            code = _give_up(error)
+        code = _give_up(error)
     finally:
         # A second signal in the middle of teardown would end it half way: a bag without its end.
-        _ignore_signals()
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
-        _ignore_signals()  # rclpy has put back what was there before it
+        rclpy.try_shutdown(uninstall_handlers=False)
     return code
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Have signals complete `ENDED`, and interrupt nothing.
+
+    rclpy's own handlers raise in whatever callback is being run, and have another thread shut the
+    graph down beside the one that takes the node apart: now and then that hung.
+    """
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+
+    def wait() -> None:
+        os.read(reader, 1)
+        os.close(reader)
+        if not ENDED.done():
+            ENDED.set_result(None)
+
+    threading.Thread(target=wait, daemon=True).start()
+    for number in _SIGNALS:
+        signal.signal(number, lambda *_: None)
+    # Python writes to it at once, where its own handlers wait for the main thread.
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(-1)
+        os.close(writer)
 
 
 def _give_up(error: BaseException | None) -> int:
@@ -74,8 +107,3 @@ def _give_up(error: BaseException | None) -> int:
         flush=True,
     )
     return 1
-
-
-def _ignore_signals() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)

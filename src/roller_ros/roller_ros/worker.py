@@ -16,8 +16,8 @@ T = TypeVar("T")
 
 #: Longest time that the thread waits at once, s.
 _WAIT_S = 0.1
-#: Done, with the error, when a worker of this process ended by an error of the program.
-CRASHED: Future[BaseException] = Future()
+#: Done when this process has to end: with the error of the program that ended a worker, or None.
+ENDED: Future[BaseException | None] = Future()
 
 
 class Worker(Generic[T]):
@@ -98,7 +98,7 @@ class Worker(Generic[T]):
                 return  # the graph is gone, what was being published could not be
             # A fault of ours: a node that stands still without a word would be worse. The thread
             # that spins ends the node; from here, its end would wait for this thread.
-            CRASHED.set_result(error)
+            ENDED.set_result(error)
 
     def _work(self) -> None:
         # Idle time is the sum of short waits in vain, each counted as no longer than it was to be.
