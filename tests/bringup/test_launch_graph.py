@@ -17,13 +17,13 @@ pytestmark = pytest.mark.graph
 
 NODE = """
 import sys
-from rclpy.node import Node
 from std_msgs.msg import String
 
+from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 
 
-class Relay(Node):
+class Relay(RollerNode):
     def __init__(self):
         super().__init__("unnamed", automatically_declare_parameters_from_overrides=True)
         words = [self.get_parameter(name).value for name in ("a", "b", "c")]

@@ -79,10 +79,10 @@ def own_process_state() -> Iterator[None]:
 
 SLOW_TO_END = """
 import sys, time
-from rclpy.node import Node
+from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 
-class SlowNode(Node):
+class SlowNode(RollerNode):
     def __init__(self):
         super().__init__("slow")
         self.create_timer(0.05, lambda: print("ready", flush=True))

@@ -34,9 +34,9 @@ from roller_driver.dvxplorer.packets import EventPart
 from roller_driver.dvxplorer.preview import Preview
 from roller_ros import diagnostics, messages, qos
 from roller_ros.backlog import Backlog
+from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
-from roller_ros.shutdown import until_shutdown
 from roller_ros.worker import Worker
 
 from .dvxplorer import protocol, reader
@@ -52,7 +52,7 @@ _MOST_WAITING = 1000
 _STATISTICS_S = 10.0
 
 
-class EventCameraNode(LifecycleNode):
+class EventCameraNode(RollerNode, LifecycleNode):
     """Publishes what the camera sends."""
 
     def __init__(self) -> None:
@@ -183,11 +183,10 @@ class EventCameraNode(LifecycleNode):
         return camera
 
     def _on_change(self, state: str, fault: str) -> None:
-        with until_shutdown(self):
-            if fault:
-                self._diagnostics.fault(fault)
-            elif self.context.ok():
-                self.get_logger().info(f"camera: {state}")
+        if fault:
+            self._diagnostics.fault(fault)
+        else:
+            self.get_logger().info(f"camera: {state}")
 
     def _take_events(self, events: EventArray) -> None:
         if self._watched:
@@ -195,11 +194,10 @@ class EventCameraNode(LifecycleNode):
 
     def _take_packet(self, part: EventPart) -> None:
         self._clock_map.observe(part.time_base_ns, part.arrival_ns)
-        with until_shutdown(self):
-            if self._worker is not None and self._outputs["events"].get_subscription_count():
-                # Counted before the queue: what is dropped there leaves a gap that others can see.
-                self._worker.submit((self._sequence, part))
-                self._sequence += 1
+        if self._worker is not None and self._outputs["events"].get_subscription_count():
+            # Counted before the queue: what is dropped there leaves a gap that others can see.
+            self._worker.submit((self._sequence, part))
+            self._sequence += 1
 
     def _publish(self, item: tuple[int, EventPart]) -> None:
         sequence, part = item
@@ -215,9 +213,8 @@ class EventCameraNode(LifecycleNode):
             is_bigendian=False,
             events=payload,
         )
-        with until_shutdown(self):
-            self._outputs["events"].publish(packet)
-            self._sent += 1
+        self._outputs["events"].publish(packet)
+        self._sent += 1
 
     def _publish_image(self) -> None:
         output = self._outputs.get("image")

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from geometry_msgs.msg import TwistStamped, Vector3, WrenchStamped
-from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
@@ -17,14 +16,14 @@ from roller_driver.ur10.contact_watch import ContactWatch
 from roller_driver.ur10.receiver import SEARCHING, RobotReceiver, RobotSample
 from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_ros import diagnostics, messages, qos, topics
+from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
-from roller_ros.shutdown import until_shutdown
 from roller_ros.tf import OtherPublishers
 from tf_transformations import quaternion_about_axis
 
 
-class Ur10Node(Node):
+class Ur10Node(RollerNode):
     """Publishes what the robot's controller says."""
 
     def __init__(self) -> None:
@@ -67,17 +66,15 @@ class Ur10Node(Node):
         super().destroy_node()
 
     def _on_change(self, state: str, fault: str) -> None:
-        with until_shutdown(self):
-            if fault:
-                self._diagnostics.fault(fault)
-            elif self.context.ok():
-                self.get_logger().info(f"robot {self._p.robot_ip}: {state}")
+        if fault:
+            self._diagnostics.fault(fault)
+        else:
+            self.get_logger().info(f"robot {self._p.robot_ip}: {state}")
 
     def _take(self, sample: RobotSample) -> None:
         self._clock_map.observe(sample.controller_ns, sample.arrival_ns)
         stamp_ns = int(self._clock_map.to_ros_ns(sample.controller_ns))
-        with until_shutdown(self):
-            self._publish(sample, stamp_ns)
+        self._publish(sample, stamp_ns)
 
     def _publish(self, sample: RobotSample, stamp_ns: int) -> None:
         p = self._p

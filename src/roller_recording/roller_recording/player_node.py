@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import Field
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from roller_core.errors import RollerError
@@ -18,6 +17,7 @@ from roller_recording.reading.base import RecordingError
 from roller_recording.reading.event_topic import event_topic
 from roller_ros import diagnostics, messages, qos, topics
 from roller_ros.listeners import LINGER_S, PlaySettings, wait_for_listeners
+from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -39,7 +39,7 @@ class PlayerParameters(PlaySettings):
     )
 
 
-class PlayerNode(Node):
+class PlayerNode(RollerNode):
     """Publishes messages as they lie in the bag, spaced as they were logged."""
 
     def __init__(self) -> None:

@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from roller_recording.writing.polled_subscriptions import PolledSubscriptions
 from roller_recording.writing.recorder_settings import RecorderParameters
 from roller_ros import diagnostics, topics
+from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -24,7 +24,7 @@ from .writing import BagWriter, Recorder
 _DRAIN_S = 25.0
 
 
-class RecorderNode(Node):
+class RecorderNode(RollerNode):
     """Writes every message as it came, with the time at which it arrived.
 
     Parameters

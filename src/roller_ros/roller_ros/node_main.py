@@ -12,13 +12,13 @@ from contextlib import contextmanager
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
 from roller_core.opencv import one_opencv_thread
 
+from .node import RollerNode
 from .worker import ENDED
 
 #: Set to 1, it has a fault of ours shown where it happened.
@@ -26,7 +26,7 @@ TRACEBACK = "ROLLER_TRACEBACK"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def run_node(make: Callable[[], Node]) -> int:
+def run_node(make: Callable[[], RollerNode]) -> int:
     """Spin a node until it is interrupted or its worker gives up.
 
     Returns
@@ -35,7 +35,7 @@ def run_node(make: Callable[[], Node]) -> int:
         Exit code: 0 after an orderly end, 1 when the node could not start or gave up, with one
         line on standard error that says why.
     """
-    node: Node | None = None
+    node: RollerNode | None = None
     code = 0
     try:
         for number in _SIGNALS:
@@ -62,6 +62,7 @@ def run_node(make: Callable[[], Node]) -> int:
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         if node is not None:
+            node.exit_code = code
             node.destroy_node()
         rclpy.try_shutdown(uninstall_handlers=False)
     return code

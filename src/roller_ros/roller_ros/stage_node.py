@@ -13,7 +13,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from event_camera_msgs.msg import EventPacket
 from geometry_msgs.msg import WrenchStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -30,6 +29,7 @@ from roller_core.stage import ERROR, Stage
 from . import diagnostics, messages, qos, topics
 from .backlog import Backlog, Bulk
 from .draining import subscribe_draining
+from .node import RollerNode
 from .parameters import declare_settings
 from .sources import OneSource, publisher_of, publishers, same_process
 from .tf import PoseSources
@@ -114,7 +114,7 @@ def bulk_of(packet: EventPacket) -> Bulk:
     return Bulk(len(packet.events) + PACKET_BYTES, messages.to_ns(packet.header.stamp))
 
 
-class StageNode(Node):
+class StageNode(RollerNode):
     """Subscribes for a stage, and publishes its results and its health.
 
     All work is done in one thread in the order of arrival, so what comes out is what a replay of

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-import rclpy
 from rclpy.task import Future
 
 from .backlog import Backlog, Bulk
@@ -94,8 +93,8 @@ class Worker(Generic[T]):
         try:
             self._work()
         except BaseException as error:  # also a panic of a library in Rust, which is no Exception
-            if not rclpy.ok():
-                return  # the graph is gone, what was being published could not be
+            if self._stop:
+                return  # the node is gone, what was being published could not be
             # A fault of ours: a node that stands still without a word would be worse. The thread
             # that spins ends the node; from here, its end would wait for this thread.
             ENDED.set_result(error)

@@ -12,7 +12,6 @@ from typing import Any
 from event_camera_msgs.msg import EventPacket
 from geometry_msgs.msg import TransformStamped
 from pydantic import Field
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image
 from tf2_msgs.msg import TFMessage
@@ -27,6 +26,7 @@ from roller_core.pose_track import Pose
 from roller_core.transforms import matrix_to_quaternion
 from roller_ros import diagnostics, messages, topics
 from roller_ros.listeners import LINGER_S, PlaySettings, wait_for_listeners
+from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -45,7 +45,7 @@ class VirtualCellParameters(PlaySettings, VirtualCellSettings, RobotFrames):
     )
 
 
-class VirtualCellNode(Node):
+class VirtualCellNode(RollerNode):
     """Simulates a scan and publishes what camera and robot would, at the pace they would."""
 
     def __init__(self) -> None:
@@ -101,8 +101,8 @@ class VirtualCellNode(Node):
             if not self._stop.is_set():
                 self._scan(stream)
         except Exception as error:  # a thread that dies unseen would leave all others waiting
-            if not self.context.ok():
-                return  # interrupted: what was being published then raises
+            if self._stop.is_set():
+                return  # the node is gone, what was being published could not be
             print(f"error: {error}", file=sys.stderr, flush=True)
             self._diagnostics.fault(str(error))
             self._state, self._code = "failed", 1
