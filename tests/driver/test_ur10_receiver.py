@@ -127,16 +127,17 @@ def test_late_packets_do_not_move_the_clock():
             controller.send("late 0.05")
         running.wait_for(len(running.samples) + 40)
     clock = SensorClock()
-    late = []
+    late, ahead_ns = [], []
     for sample in running.samples:
         clock.observe(sample.controller_ns, sample.arrival_ns)
         late.append(clock.residual_s)
         stamp = int(clock.to_ros_ns(sample.controller_ns))
+        ahead_ns.append(stamp - sample.controller_ns)
         if len(late) > 30:
             assert stamp - sample.arrival_ns < 5e6
     # The first after the pause is late, unless the burst that follows hid it.
     assert max(late) > 0.02 or running.receiver.status.missed > 0
-    assert np.median(late) < 4e-3
+    assert np.ptp(ahead_ns[30:]) < 5e6
     assert clock.steps == 0
 
 
