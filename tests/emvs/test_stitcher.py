@@ -12,6 +12,7 @@ from emvs.scenes import CAMERA, MS, depth_map, rolling, track_of
 from roller_core import outputs
 from roller_core.errors import UnwritableOutputError
 from roller_core.outputs import Output
+from roller_emvs import registration
 from roller_emvs.depth_settings import StitcherSettings
 from roller_emvs.ply import PlyWriter, read_ply
 from roller_emvs.registration import refine
@@ -102,13 +103,16 @@ def test_icp_corrects_a_small_offset_on_relief() -> None:
     np.testing.assert_allclose(found.correction[:3, 3], -offset, atol=8e-6)
 
 
-def test_icp_is_refused_on_a_flat_plate() -> None:
+def test_icp_is_refused_on_a_flat_plate(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing fixes a slide along the plate; the offset across it must not tempt ICP."""
+    tried: list[object] = []
+    monkeypatch.setattr(registration, "_icp", lambda *given: tried.append(given))
     rng = np.random.default_rng(0)
     plate = np.column_stack([rng.uniform(-0.01, 0.01, (40_000, 2)), rng.normal(0, 2e-6, 40_000)])
     found = refine(plate[:10_000] + [0, 0, 2e-5], plate[10_000:])
     assert not found.accepted
     assert "does not fix" in found.reason
+    assert not tried  # that nothing fixes it is known beforehand
     np.testing.assert_array_equal(found.correction, np.eye(4))
 
 
@@ -185,3 +189,15 @@ def test_depth_maps_that_wait_are_given_up_by_count_alone() -> None:
     list(stage.results())
     stage.clear()
     assert (stage.counts()["depth_maps"], stage.left_out) == (1, 1)
+
+
+def test_warming_up_takes_all_of_a_correction(monkeypatch: pytest.MonkeyPatch) -> None:
+    reasons: list[str] = []
+
+    def watched(*clouds: np.ndarray) -> registration.Refinement:
+        reasons.append((found := refine(*clouds)).reason)
+        return found
+
+    monkeypatch.setattr("roller_emvs.stitcher.refine", watched)
+    StitcherStage(StitcherParameters.create({})).warm_up()
+    assert reasons == ["the geometry does not fix the pose"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -13,6 +14,7 @@ from sensor_msgs.msg import Image
 from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
+from roller_core.outputs import Output
 from roller_core.sensor_pose import Transform
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
 from roller_ros import messages
@@ -59,3 +61,30 @@ def test_stamps_of_another_time_do_not_stand_in_the_way() -> None:
             give(now + 10**7)  # its pose comes later
         list(stage.results())
     assert stage.counts()["depth_maps"] == 20
+
+
+@pytest.mark.parametrize("image_comes_last", [False, True])
+def test_what_is_in_view_comes_when_the_camera_comes_once_more(image_comes_last: bool) -> None:
+    stage = StitcherStage(StitcherParameters.create({}))
+    camera, t_ns = Camera(8, 6, 10.0, 10.0, 4.0, 3.0), 10**12
+    stage.take_transform(
+        Transform("tool0_controller", stage.settings.sensor_frame, 0, (0, 0, 0), UNIT, True)
+    )
+    for k in range(12):
+        then = t_ns + (k - 3) * 8_000_000
+        stage.take_transform(Transform("base", "tool0_controller", then, (0, 0, 0), UNIT))
+    depth = np.full((6, 8), 0.045, np.float32)
+    topics = [outputs.DEPTH_CONFIDENCE, outputs.DEPTH_SIGMA, outputs.DEPTH_IMAGE]
+    topics.insert(3 - image_comes_last, "the end")
+
+    def give(topic: str) -> int:
+        """Give one message; how many points come of it."""
+        name = outputs.DEPTH_INFO if topic == "the end" else topic
+        output = Output(name, t_ns, "camera", camera if name == outputs.DEPTH_INFO else depth)
+        feed(stage, name, messages.to_message(output), pytest.fail)
+        found = [output for result in stage.results() for output in result.outputs]
+        return sum(len(o.data.columns) for o in found if o.topic == outputs.SURFACE_POINTS)
+
+    points = [give(topic) for topic in (outputs.DEPTH_INFO, *topics)]
+    assert points[:4] == [0, 0, 0, 0]
+    assert points[4] == 48

@@ -63,8 +63,8 @@ class Sample:
     down: F64
 
 
-def warp_sample(events: EventArray, table: F32, knots: Knots, most: int) -> Sample:
-    """Warp evenly chosen events of a batch.
+def warp_sample(events: EventArray, table: F32, knots: Knots) -> Sample:
+    """Warp chosen events of a batch.
 
     Parameters
     ----------
@@ -74,12 +74,9 @@ def warp_sample(events: EventArray, table: F32, knots: Knots, most: int) -> Samp
         Ideal pixels; those left out have a u of `OUTSIDE`.
     knots : Knots
         Maps, in the poses' scale.
-    most : int
-        Events, at most.
     """
-    step = max(1, -(-len(events) // most))
-    x, y, t = events.x[::step], events.y[::step], events.t_ns[::step]
-    pixel = table[y, x].astype(np.float64)
+    t = events.t_ns
+    pixel = table[events.y, events.x].astype(np.float64)
     inside = pixel[:, 0] > OUTSIDE / 10
     pixel, t = pixel[inside], t[inside]
     k = np.clip(np.searchsorted(knots.times_ns, t, "right") - 1, 0, len(knots.times_ns) - 2)
@@ -229,8 +226,9 @@ class TravelScale:
 
     def _look(self, batch: MappedBatch, table: F32) -> None:
         """Search for the factor, or follow it."""
-        off = batch.events[batch.events.p == 0]
-        self._samples.append(warp_sample(off, table, batch.knots, _BATCH_EVENTS))
+        off = np.flatnonzero(batch.events.p == 0)
+        chosen = batch.events[off[:: max(1, -(-len(off) // _BATCH_EVENTS))]]
+        self._samples.append(warp_sample(chosen, table, batch.knots))
         newest = float(batch.knots.along[-1])
         while len(self._samples) > 1 and (
             newest - float(self._samples[0].along.max(initial=-np.inf)) > _WINDOW_M

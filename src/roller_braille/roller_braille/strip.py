@@ -78,6 +78,7 @@ class Strip:
         self._spreads: deque[float] = deque(maxlen=_PARTS)
         #: Whether the coating is printed; None until that is known.
         self.printed: bool | None = None
+        self._nets: dict[tuple[int, int], F32] = {}  # until more events come
         # How long the sensor had rolled when it had come so far.
         self._travel: list[float] = []
         self._clock: list[float] = []
@@ -147,6 +148,7 @@ class Strip:
                 [0.0, 0.0, 1.0],
             ]
         )
+        self._nets.clear()
         self.events += vote(events, table, knots, raster, self._counts, self._newest)
 
     def learn_coating(self, a: int, b: int, area_px: float, least: float) -> None:
@@ -231,6 +233,7 @@ class Strip:
         # Moving what is kept costs; do it once in a while.
         keep = column - self._first
         if 512 < keep < self._counts.shape[2]:
+            self._nets.clear()
             self._counts[..., :-keep] = self._counts[..., keep:].copy()
             self._counts[..., -keep:] = 0.0
             self._newest[:-keep] = self._newest[keep:].copy()
@@ -255,9 +258,12 @@ class Strip:
 
     def _net(self, a: int, b: int) -> F32:
         """ON events less OFF events of columns a to b (b excluded), blurred, as `image`."""
-        n = int(np.ceil(3 * self._blur_px))
-        net = self._counted(a - n, b + n, Kind.ON) - self._counted(a - n, b + n, Kind.OFF)
-        return np.asarray(cv2.GaussianBlur(net, (0, 0), self._blur_px)[:, n:-n], np.float32)
+        if (a, b) not in self._nets:  # dots of either kind are searched in the same columns
+            n = int(np.ceil(3 * self._blur_px))
+            net = self._counted(a - n, b + n, Kind.ON) - self._counted(a - n, b + n, Kind.OFF)
+            net = cv2.GaussianBlur(net, (0, 0), self._blur_px)[:, n:-n]
+            self._nets[a, b] = np.asarray(net, np.float32)
+        return self._nets[a, b]
 
     def _counted(self, a: int, b: int, kind: Kind) -> F32:
         """Events of a kind, as `image`."""

@@ -72,7 +72,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(words: list[str]) -> int:
     """Read the words and do what they say; heavy imports belong to the subcommand."""
     from roller_core.errors import RollerError
+    from roller_core.library_threads import one_thread_a_library
     from roller_core.signals import terminate_in_order
+
+    one_thread_a_library()
 
     parser = argparse.ArgumentParser(
         prog="roller", description="Surface inspection with an event-camera tactile roller."
@@ -93,10 +96,8 @@ def _run(words: list[str]) -> int:
         _complete(parser)
         args = parser.parse_args(words)
         from roller_core.memory import keep_freed_memory
-        from roller_core.opencv import one_opencv_thread
 
         keep_freed_memory()
-        one_opencv_thread()
         try:
             return int(args.run(args))
         except RollerError as error:

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
 
+from .library_threads import one_thread_a_library
+
 
 class Terminated(KeyboardInterrupt):
     """A signal asked for the end; what is under way cleans up as after Ctrl-C.
@@ -50,7 +52,7 @@ def terminate_in_order() -> Iterator[None]:
 
 
 def load_and_run(module: str) -> None:
-    """Import a module and call its `main`.
+    """Import a module and call its `main`; libraries that it loads work on one thread.
 
     An interrupt while it is imported ends the process without a traceback.
     """
@@ -58,6 +60,7 @@ def load_and_run(module: str) -> None:
     if before is signal.default_int_handler:  # else it is ignored, and stays so
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # `roller up` has it wait
+    one_thread_a_library()
     main = import_module(module).main
     signal.signal(signal.SIGINT, before)
     main()

@@ -26,6 +26,8 @@ class EmvsParameters(DepthSettings, StreamSettings):
 class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
     """Gives the depth maps of `DepthPipeline`, each with its confidence, sigma and camera.
 
+    The camera comes once more after the last, when no more come for now.
+
     Raises
     ------
     SettingsError
@@ -45,6 +47,8 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
     def __init__(self, settings: EmvsParameters) -> None:
         refuse_surface(settings)
         super().__init__(settings)
+        #: Stamp of the newest depth map; None after a flush.
+        self._newest_ns: int | None = None
 
     def warm_up(self) -> None:
         """Load the kernels."""
@@ -68,7 +72,13 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
                 yield found.result("window", "depth")
             else:
                 self._took(found.milliseconds.get("total", 0.0), found.end_ns)
+                self._newest_ns = found.stamp_ns
                 yield Result(found, self._depth_outputs(found, camera))
+        if flush and self._newest_ns is not None:
+            # The stitcher need not wait to know that this was the last.
+            again = Output(outputs.DEPTH_INFO, self._newest_ns, self.settings.sensor_frame, camera)
+            self._newest_ns = None
+            yield Result(None, (again,))
 
     def _depth_outputs(self, found: DepthMap, camera: Camera) -> tuple[Output, ...]:
         t, frame = found.stamp_ns, self.settings.sensor_frame

@@ -28,6 +28,7 @@ _STEPS, _SETTLED = 15, (1e-6, 1e-6)
 #: Smallest to largest eigenvalue of the normal equations below which the geometry doesn't fix the
 #: pose, and the share by which the residual must fall.
 _MIN_CONDITIONING, _MIN_GAIN = 0.01, 0.05
+_LOOSE = "the geometry does not fix the pose"
 #: A correction that moves a point further than this is refused, m.
 _MOST_CORRECTION_M = 5e-5
 
@@ -118,13 +119,16 @@ def refine(points: F64, target: F64) -> Refinement:
     before = cloud.pairs(judging)
     if len(before.own) < _MIN_PAIRS:
         return _refused("too few points overlap")
+    # As a rule it doesn't: relief that fixes all of a pose is rare, and looking for one costs most.
+    if _conditioning(judging[before.own], cloud.planes(before.nearest)[1]) < _MIN_CONDITIONING:
+        return _refused(_LOOSE)
     moved, pairs = _icp(finding, cloud)
     if len(pairs.own) < _MIN_PAIRS or not np.isfinite(moved).all():
         return _refused("ICP did not converge")
     conditioning = _conditioning(finding[pairs.own], cloud.planes(pairs.nearest)[1])
     after = cloud.pairs(_move(moved, judging))
     if conditioning < _MIN_CONDITIONING:
-        return _refused("the geometry does not fix the pose")
+        return _refused(_LOOSE)
     # What counts is how far any point moves: a small turn far out is no small correction.
     shift = np.linalg.norm(_move(moved, chosen) - chosen, axis=1).max()
     if shift > _MOST_CORRECTION_M:

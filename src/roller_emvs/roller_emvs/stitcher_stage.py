@@ -83,7 +83,17 @@ class StitcherStage(Stage[StitcherParameters]):
         self.left_out = 0
         self._pending: dict[int, _Parts] = {}
         self._last_ns = 0
+        # Stamp of the newest camera, and of the depth map after which no more come for now.
+        self._camera_ns = self._end_ns = -1
         self._maps = self._points = 0
+
+    def warm_up(self) -> None:
+        """Load what a correction of the pose takes: half a second."""
+        camera = Camera(32, 32, 300.0, 300.0, 15.5, 15.5)
+        stitcher, flat = Stitcher(self.settings, camera), np.full((32, 32), 0.045, np.float32)
+        for k in range(2):
+            stitcher.add(DepthMap(k, flat, flat, flat, np.eye(4), k, k, 0))
+        stitcher.finish()
 
     def services(self) -> Mapping[str, Callable[[], str]]:
         """See `Stage`."""
@@ -101,6 +111,9 @@ class StitcherStage(Stage[StitcherParameters]):
         """Take what the depth stage gives: camera, confidence, sigma or depth."""
         if isinstance(output.data, Camera):
             self.take_camera(output.data)
+            if output.t_ns == self._camera_ns:
+                self._end_ns = output.t_ns
+            self._camera_ns = output.t_ns
             return
         parts = self._pending.setdefault(output.t_ns, _Parts())
         if output.topic == outputs.DEPTH_IMAGE:
@@ -148,7 +161,10 @@ class StitcherStage(Stage[StitcherParameters]):
             stamp, parts, pose = found
             yield from self._give(self._add(stamp, parts, pose))
             self.frames.track.discard_before(stamp)
+        # The depth map may come after the word that it was the last.
+        flush = flush or self._end_ns == self._last_ns
         if flush and self.stitcher is not None:
+            self._end_ns = -1
             yield from self._give(self.stitcher.finish())
         yield from self.map.results(flush)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from joblib import Memory, Parallel, delayed
 
-from roller_core.opencv import one_opencv_thread
+from roller_core.library_threads import one_thread_a_library
 from roller_core.progress import OnProgress, no_progress
 
 from .cases import Case, source_digest
@@ -50,7 +50,7 @@ def run(
     RollerError
         If a case's settings are no good.
     """
-    one_opencv_thread()
+    one_thread_a_library()
     # A worker that holds much memory is put in the place of another: that is no fault.
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     kept = Memory(folder, verbose=0).cache(_rows, ignore=["case", "scans"])
@@ -110,7 +110,7 @@ def run_timed(
     on_progress : callable
         Takes what is being done and the share done, 0–1.
     """
-    one_opencv_thread()
+    one_thread_a_library()
     warm: set[tuple[str, str]] = set()
     spent_ms = [0.0] * len(cases)
     rows = []

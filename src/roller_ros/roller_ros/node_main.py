@@ -16,7 +16,6 @@ from rclpy.signals import SignalHandlerOptions
 
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
-from roller_core.opencv import one_opencv_thread
 
 from .node import RollerNode
 from .worker import ENDED
@@ -41,7 +40,6 @@ def run_node(make: Callable[[], RollerNode]) -> int:
         for number in _SIGNALS:
             signal.signal(number, signal.default_int_handler)  # starting may take long
         keep_freed_memory()
-        one_opencv_thread()
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         with _ended_by_signals():

@@ -77,7 +77,12 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
         elif isinstance(message, EventPacket):
             stage.take_packet(message)
         elif isinstance(message, CameraInfo):
-            stage.take_camera(messages.camera_from_info(message))
+            camera = messages.camera_from_info(message)
+            if topic == outputs.DEPTH_INFO:
+                stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
+                stage.take_output(Output(topic, stamp, frame, camera))
+            else:
+                stage.take_camera(camera)
         elif isinstance(message, Image):
             stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
             stage.take_output(Output(topic, stamp, frame, messages.image_to_array(message)))
