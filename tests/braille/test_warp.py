@@ -142,6 +142,32 @@ def test_strip_makes_up_for_a_view_that_was_short() -> None:
     assert strip.image(0, 100, Kind.OFF).sum() == 0
 
 
+def test_part_of_a_coatings_image_is_cut_out_of_it_until_more_is_seen() -> None:
+    track = roll_track([0.0, 0.02], [0.0, 0.1])
+    settings = BrailleSettings.create({})
+    warp = Warp(settings, CAMERA, track)
+    strip = Strip(settings, warp.half_height_m)
+    strip.printed = True
+    rng = np.random.default_rng(0)
+    n = 50_000
+    half_ns = (track.end_ns - track.start_ns) // 2
+
+    def see(start_ns: int) -> None:
+        x, y = rng.integers(0, CAMERA.width, n), rng.integers(0, CAMERA.height, n)
+        t = np.sort(rng.integers(start_ns, start_ns + half_ns, n))
+        events = EventArray.from_arrays(x, y, t, rng.integers(0, 2, n))
+        strip.add(events, warp.table, warp.knots(forward(), start_ns, start_ns + half_ns))
+
+    see(track.start_ns)
+    before = strip.image(0, 90, Kind.ON)
+    np.testing.assert_array_equal(strip.image(0, 90, Kind.ON, 100, 180), before[100:180])
+    see(track.start_ns + half_ns)
+    whole, off = strip.image(0, 90, Kind.ON), strip.image(0, 90, Kind.OFF)
+    assert (whole != before).any()
+    np.testing.assert_array_equal(strip.image(0, 90, Kind.ON, 3, 40), whole[3:40])
+    assert not (whole * off).any()
+
+
 def test_hot_pixels_are_found_and_those_that_see_something_kept() -> None:
     rng = np.random.default_rng(0)
     table = CAMERA.undistortion_table()

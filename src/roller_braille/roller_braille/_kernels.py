@@ -7,8 +7,11 @@ import math
 import numba
 import numpy as np
 
+#: Events that are warped before they are counted.
+_CHUNK = 512
 
-@numba.njit(cache=True, nogil=True)
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-untyped-def]
     """Warp events onto the surface and count them there.
 
@@ -20,36 +23,51 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
     newest: int64 (columns,), time of each column's newest event. Returns the events counted.
     """
     _, rows, columns = strip.shape
+    flat = strip.reshape(-1)
+    pixels = table.reshape(-1)
+    width = np.uint64(table.shape[1])
+    size = np.uint64(rows * columns)
+    one, two = np.uint64(1), np.uint64(2)
+    u, v = np.empty((2, _CHUNK), np.float32)
+    column, place = np.empty((2, _CHUNK), np.int32)
+    right, below = np.float64(columns), np.float64(rows)
     last = len(knots_ns) - 2
-    k = 0
-    used = 0
-    m = np.zeros((3, 3))
-    made_ns, made = 0, False
-    for i in range(len(x)):
-        row = np.uint64(y[i])
-        column = np.uint64(x[i])
-        u = table[row, column, 0]
-        if u < -1e8:
-            continue
-        v = table[row, column, 1]
-        # Events of one read-out share their time, and so their map.
-        if not made or t[i] != made_ns:
-            made_ns, made = t[i], True
-            while k < last and made_ns >= knots_ns[k + 1]:
-                k += 1
-            f = (made_ns - knots_ns[k]) / (knots_ns[k + 1] - knots_ns[k])
-            for j in range(3):
-                for n in range(3):
-                    m[j, n] = (1.0 - f) * maps[k, j, n] + f * maps[k + 1, j, n]
-        w = m[2, 0] * u + m[2, 1] * v + m[2, 2]
-        if w == 0.0:  # it looks along the surface
-            continue
-        ci = math.floor((m[0, 0] * u + m[0, 1] * v + m[0, 2]) / w + 0.5)
-        ri = math.floor((m[1, 0] * u + m[1, 1] * v + m[1, 2]) / w + 0.5)
-        if 0 <= ci < columns and 0 <= ri < rows:
-            strip[p[i], ri, ci] += 1.0
-            newest[ci] = made_ns
-            used += 1
+    k = start = used = 0
+    while start < len(x):
+        while k < last and t[start] >= knots_ns[k + 1]:
+            k += 1
+        stop = min(start + _CHUNK, len(x))
+        if k < last and t[stop - 1] >= knots_ns[k + 1]:
+            stop = start + np.searchsorted(t[start:stop], knots_ns[k + 1])
+        begin = np.uint64(start)
+        count = np.uint64(stop - start)
+        for i in range(count):
+            at = two * (np.uint64(y[begin + i]) * width + np.uint64(x[begin + i]))
+            u[i] = pixels[at]
+            v[i] = pixels[at + one]
+        m = maps[k]
+        d = maps[k + 1] - m
+        share = 1.0 / (knots_ns[k + 1] - knots_ns[k])
+        for i in range(count):
+            f = (t[begin + i] - knots_ns[k]) * share
+            a = np.float64(u[i])
+            b = np.float64(v[i])
+            w = (m[2, 0] + f * d[2, 0]) * a + (m[2, 1] + f * d[2, 1]) * b + m[2, 2] + f * d[2, 2]
+            c = (m[0, 0] + f * d[0, 0]) * a + (m[0, 1] + f * d[0, 1]) * b + m[0, 2] + f * d[0, 2]
+            r = (m[1, 0] + f * d[1, 0]) * a + (m[1, 1] + f * d[1, 1]) * b + m[1, 2] + f * d[1, 2]
+            w = 1.0 / w
+            c = np.floor(c * w + 0.5)
+            r = np.floor(r * w + 0.5)
+            # Written so that NaN fails it: of w = 0, which looks along the surface.
+            inside = (a >= -1e8) & (c >= 0) & (c < right) & (r >= 0) & (r < below)
+            column[i] = np.int32(c if inside else 0.0)
+            place[i] = np.int32(r * right + c if inside else -1.0)
+        for i in range(count):
+            if place[i] >= 0:
+                flat[np.uint64(place[i]) + size * np.uint64(p[begin + i])] += np.float32(1)
+                newest[np.uint64(column[i])] = t[begin + i]
+                used += 1
+        start = stop
     return used
 
 

@@ -6,6 +6,7 @@ Node parameters, `config/braille.yaml` and the README's table come from here.
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass
+from functools import lru_cache
 from itertools import zip_longest
 from typing import Annotated, Literal
 
@@ -113,5 +114,10 @@ class BrailleSettings(TimingSettings, NominalSurface):
     @property
     def spacing(self) -> Spacing:
         """The profile's spacing with what is set apart put in; with `auto` that of `nls`."""
-        known = astuple(PROFILES["nls" if self.profile == "auto" else self.profile])
-        return Spacing(*(own or of for own, of in zip_longest(self.spacing_m, known)))
+        return _spacing("nls" if self.profile == "auto" else self.profile, self.spacing_m)
+
+
+@lru_cache(maxsize=16)
+def _spacing(profile: str, spacing_m: tuple[float, ...]) -> Spacing:
+    known = astuple(PROFILES[profile])
+    return Spacing(*(own or of for own, of in zip_longest(spacing_m, known)))

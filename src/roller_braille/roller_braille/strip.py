@@ -76,9 +76,10 @@ class Strip:
         self._rates: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
         self._blur_px = settings.spacing.dot_diameter_m * _BLUR / self.px_m
         self._spreads: deque[float] = deque(maxlen=_PARTS)
+        self._spread = 0.0  # their median
         #: Whether the coating is printed; None until that is known.
         self.printed: bool | None = None
-        self._nets: dict[tuple[int, int], F32] = {}  # until more events come
+        self._nets: dict[tuple[int, int, int, int], F32] = {}  # until more events come
         # How long the sensor had rolled when it had come so far.
         self._travel: list[float] = []
         self._clock: list[float] = []
@@ -165,8 +166,9 @@ class Strip:
         shown = a + np.flatnonzero(self.shown(np.arange(a, b, dtype=np.float64) * self.px_m))
         if len(shown):
             edge = int(np.ceil(_MARGIN_M / self.px_m))
-            left = np.abs(self._net(int(shown[0]), int(shown[-1]) + 1))[edge:-edge]
+            left = np.abs(self._net(int(shown[0]), int(shown[-1]) + 1, 0, self._rows))[edge:-edge]
             self._spreads.append(float(np.quantile(left, _LEVEL)) / _LEVEL_WITHIN)
+            self._spread = float(np.median(self._spreads))
         if self._spreads and self.printed is None:
             self.printed = True
             self.printed = self.coating(area_px) > least
@@ -176,10 +178,6 @@ class Strip:
         if not self.printed:
             return 0.0
         return TAIL * self._spread * float(np.sqrt(4 * np.pi * area_px)) * self._blur_px
-
-    @property
-    def _spread(self) -> float:
-        return float(np.median(self._spreads)) if self._spreads else 0.0
 
     def background(self, a: int, b: int, kind: Kind) -> float:
         """Events a pixel of columns a to b (b excluded) where nothing is.
@@ -243,35 +241,42 @@ class Strip:
             if gone > 0:
                 del self._travel[:gone], self._clock[:gone]
 
-    def image(self, a: int, b: int, kind: Kind) -> F32:
+    def image(self, a: int, b: int, kind: Kind, top: int = 0, bottom: int | None = None) -> F32:
         """Counts of columns a to b (b excluded), as if all were seen over the full travel.
 
         Returns
         -------
-        ndarray of float32, shape (rows, b - a)
-            Events a pixel; 0 where nothing is kept.
+        ndarray of float32, shape (bottom - top, b - a)
+            Events a pixel of rows `top` to `bottom`; 0 where nothing is kept.
         """
+        rows = top, self._rows if bottom is None else bottom
+        if rows[0] >= rows[1]:
+            return np.zeros((0, b - a), np.float32)
         if not self.printed or kind is Kind.BOTH:
-            return self._counted(a, b, kind)
-        net = self._net(a, b) if kind is Kind.ON else -self._net(a, b)
+            return self._counted(a, b, kind, *rows)
+        net = self._net(a, b, *rows)
+        net = net if kind is Kind.ON else -net
         return np.maximum(net - np.float32(_TAKEN_OFF * self._spread), np.float32(0.0))
 
-    def _net(self, a: int, b: int) -> F32:
+    def _net(self, a: int, b: int, top: int, bottom: int) -> F32:
         """ON events less OFF events of columns a to b (b excluded), blurred, as `image`."""
-        if (a, b) not in self._nets:  # dots of either kind are searched in the same columns
+        part = a, b, top, bottom
+        if part not in self._nets:  # dots of either kind are searched in the same part
             n = int(np.ceil(3 * self._blur_px))
-            net = self._counted(a - n, b + n, Kind.ON) - self._counted(a - n, b + n, Kind.OFF)
-            net = cv2.GaussianBlur(net, (0, 0), self._blur_px)[:, n:-n]
-            self._nets[a, b] = np.asarray(net, np.float32)
-        return self._nets[a, b]
+            reach = int(np.ceil(4 * self._blur_px)) + 1  # of OpenCV's blur
+            low, high = max(top - reach, 0), min(bottom + reach, self._rows)
+            on, off = (self._counted(a - n, b + n, k, low, high) for k in (Kind.ON, Kind.OFF))
+            net = cv2.GaussianBlur(on - off, (0, 0), self._blur_px)
+            self._nets[part] = np.asarray(net[top - low : bottom - low, n:-n], np.float32)
+        return self._nets[part]
 
-    def _counted(self, a: int, b: int, kind: Kind) -> F32:
+    def _counted(self, a: int, b: int, kind: Kind, top: int, bottom: int) -> F32:
         """Events of a kind, as `image`."""
-        out = np.zeros((self._rows, b - a), np.float32)
+        out = np.zeros((bottom - top, b - a), np.float32)
         lo, hi = max(a, self._first), min(b, self._first + self._counts.shape[2])
         if lo < hi:
             gain = self.gain(lo, hi)
-            parts = self._counts[..., lo - self._first : hi - self._first]
+            parts = self._counts[:, top:bottom, lo - self._first : hi - self._first]
             part = parts[0] + parts[1] if kind is Kind.BOTH else parts[int(kind is Kind.ON)]
             np.multiply(part, gain, out=out[:, lo - a : hi - a])
         return out
@@ -318,5 +323,5 @@ def image_around(strip: Strip, nodes: F64, margin_px: int, kind: Kind) -> tuple[
     a, b = int(columns.min()) - margin_px, int(columns.max()) + margin_px + 1
     rows = (nodes[:, 1] - strip.top_m) / strip.px_m
     top, bottom = max(int(rows.min()) - margin_px, 0), int(rows.max()) + margin_px + 1
-    image = np.ascontiguousarray(strip.image(a, b, kind)[top:bottom])
+    image = strip.image(a, b, kind, top, min(bottom, strip.rows))
     return image, np.stack([columns - a, rows - top], axis=-1)
