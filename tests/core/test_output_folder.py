@@ -11,13 +11,9 @@ from pathlib import Path
 import pytest
 
 from roller_core.errors import UnwritableOutputError
-from roller_core.output_folder import (
-    MARK,
-    OutputFolder,
-    refuse_overlap,
-    release_reserve,
-    write_marked_file,
-)
+from roller_core.marked_file import write_marked_file
+from roller_core.output_folder import OutputFolder, refuse_overlap, release_reserve
+from roller_core.output_mark import MARK
 
 FILES = {"report.json": "first", "result/bag.mcap": "messages"}
 

@@ -16,7 +16,7 @@ import yaml
 
 from .camera import Camera, CameraError, OtherCameraError
 from .errors import RollerError, SettingsError
-from .output_folder import write_marked_file
+from .marked_file import write_marked_file
 from .settings import nested, node_name, read_parameters, read_sections
 
 #: Section of the record, and version of its form.

@@ -10,9 +10,6 @@ writer out.
 from __future__ import annotations
 
 import errno
-import fcntl
-import hashlib
-import json
 import os
 import shutil
 import time
@@ -20,19 +17,23 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from .errors import UnwritableOutputError
+from .output_mark import (
+    ASIDE,
+    MARK,
+    entries_made,
+    fingerprint,
+    is_aside,
+    locked,
+    read_mark,
+    write_mark,
+)
 
-MARK = ".roller-output.json"
 _LOCK = ".roller-output.lock"
-_ASIDE = ".roller-partial"
-_RESERVE, _PART, _REPLACED = ".roller-reserve", ".roller-mark", ".roller-replaced"
-_FORMAT = 1
+_RESERVE, _REPLACED = ".roller-reserve", ".roller-replaced"
 #: Room that is held until the end, for indexes, the report and the mark.
 _RESERVE_BYTES = 8_000_000
-#: Files up to this size are compared by content, larger ones by size.
-_COMPARED_BYTES = 1_000_000
 #: What a disk says that takes no more.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 _WAY_OUT = "give another --output"
@@ -88,7 +89,7 @@ class OutputFolder:
         self._lock: int | None = None
         self._lasting = list(lasting)
         self.path = folder.resolve()
-        self._aside = self.path / _ASIDE
+        self._aside = self.path / ASIDE
         self.partial = self._aside / (self.path.name or "output")
 
     def __enter__(self) -> OutputFolder:
@@ -99,9 +100,9 @@ class OutputFolder:
             if self.path.exists() and not self.path.is_dir():
                 raise UnwritableOutputError(f"{self._shown}: is a file; {_WAY_OUT}")
             self.path.mkdir(parents=True, exist_ok=True)
-            if not _is_aside(self._aside):  # else what is there may be half replaced
+            if not is_aside(self._aside):  # else what is there may be half replaced
                 self._check_contents()
-            self._lock = _locked(self.path / _LOCK)
+            self._lock = locked(self.path / _LOCK)
             if self._lock is None:
                 raise UnwritableOutputError(f"{self._shown}: another roller command writes there")
             try:
@@ -153,10 +154,10 @@ class OutputFolder:
                 path.name: fingerprint(path) for path in sorted(self.partial.iterdir())
             }
             # What another command made stays where this one has nothing of that name.
-            other = _read_mark(self.path).get("command") != self._command
-            old = _made(self.path).items()
+            other = read_mark(self.path).get("command") != self._command
+            old = entries_made(self.path).items()
             made = {name: prints for name, prints in old if prints is None or other} | made
-            _write_mark(self._aside, self._aside, self._command, made, whole=True)
+            write_mark(self._aside, self._aside, self._command, made, whole=True)
             self._move_into_place()
         except OSError as error:
             raise UnwritableOutputError(
@@ -166,15 +167,15 @@ class OutputFolder:
 
     def _check_contents(self) -> None:
         """Refuse a folder with what isn't ours, or with results of ours that were changed."""
-        names = set(os.listdir(self.path)) - {_LOCK, _ASIDE, "lost+found"}
+        names = set(os.listdir(self.path)) - {_LOCK, ASIDE, "lost+found"}
         if self._new and names:
             raise UnwritableOutputError(f"{self._shown}: is there already; {_WAY_OUT}")
-        if names and not _read_mark(self.path):
+        if names and not read_mark(self.path):
             raise UnwritableOutputError(
                 f"{self._shown}: holds files that roller did not write ({max(names)}); "
                 f"{_WAY_OUT}, or empty it"
             )
-        for name in _made(self.path):
+        for name in entries_made(self.path):
             if name in names and not self._is_ours(name):
                 raise UnwritableOutputError(
                     f"{self._shown / name}: was changed since roller wrote it; "
@@ -183,36 +184,36 @@ class OutputFolder:
 
     def _is_ours(self, name: str) -> bool:
         """Whether an entry is listed and as it was made."""
-        made = _made(self.path)
+        made = entries_made(self.path)
         return name in made and made[name] in (None, fingerprint(self.path / name))
 
     def _settle_earlier_run(self) -> None:
         """Finish what a killed run was about to put in place; throw away what it hadn't done."""
         if not os.path.lexists(self._aside):
             return
-        if self._aside.is_symlink() or not self._aside.is_dir() or not _is_aside(self._aside):
+        if self._aside.is_symlink() or not self._aside.is_dir() or not is_aside(self._aside):
             raise self._in_the_way(self._aside)
-        if _read_mark(self._aside).get("whole"):
+        if read_mark(self._aside).get("whole"):
             self._move_into_place()
         self._remove_aside()
 
     def _begin(self) -> None:
         self._aside.mkdir()
-        _write_mark(self._aside, self._aside, self._command, {})
+        write_mark(self._aside, self._aside, self._command, {})
         with open(self._aside / _RESERVE, "wb") as file:
             os.posix_fallocate(file.fileno(), 0, _RESERVE_BYTES)
         self.partial.mkdir()
         for name in self._lasting:
-            path, made = self.path / name, _made(self.path)
+            path, made = self.path / name, entries_made(self.path)
             if os.path.lexists(path) and made.get(name, "") is not None:
                 raise self._in_the_way(path)
-            _write_mark(self.path, self._aside, self._command, made | {name: None})
+            write_mark(self.path, self._aside, self._command, made | {name: None})
             path.mkdir(exist_ok=True)
             (self.partial / name).symlink_to(path)
 
     def _move_into_place(self) -> None:
         """Move entries of the partial result; begun again, it goes on where it was."""
-        old, new = _made(self.path), _made(self._aside)
+        old, new = entries_made(self.path), entries_made(self._aside)
         partial, gone = self.partial, self._aside / _REPLACED
         waiting = [name for name in new if os.path.lexists(partial / name)]
         for name in waiting:
@@ -231,7 +232,7 @@ class OutputFolder:
                 os.rename(self.path / name, gone / name)
         for name in waiting:
             os.rename(partial / name, self.path / name)
-        _write_mark(self.path, self._aside, _read_mark(self._aside)["command"], new)
+        write_mark(self.path, self._aside, read_mark(self._aside)["command"], new)
         self._settled = True
 
     def _remove_aside(self) -> None:
@@ -251,7 +252,7 @@ class OutputFolder:
             return
         with suppress(OSError):
             # What is whole and couldn't be put in place stays for the next run.
-            if _is_aside(self._aside) and (self._settled or not self._published):
+            if is_aside(self._aside) and (self._settled or not self._published):
                 self._remove_aside()
             if set(os.listdir(self.path)) == {_LOCK}:
                 (self.path / _LOCK).unlink()
@@ -264,40 +265,6 @@ class OutputFolder:
         return UnwritableOutputError(
             f"{path}: stands in the way and was not written by roller; {_WAY_OUT}"
         )
-
-
-def write_marked_file(path: Path, text: str, mark: str) -> None:
-    """Write a single file, aside first; one that stands there is replaced only if it is ours.
-
-    Parameters
-    ----------
-    path : path
-        The file; its folder is made.
-    text : str
-        What it is to hold.
-    mark : str
-        How a file of ours, and the text, begin.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If another file stands there; the text is then written beside it, and the message says
-        where. Or if it can't be written.
-    """
-    path = path.resolve()
-    part = path.with_name(path.name + time.strftime("_%Y-%m-%d_%H-%M-%S"))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8")
-        if path.exists() and not path.read_bytes().startswith(mark.encode()):
-            raise UnwritableOutputError(
-                f"{path}: roller did not write it, so it stays; the results are in {part}"
-            )
-        os.replace(part, path)
-    except OSError as error:
-        with suppress(OSError):
-            part.unlink()
-        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
 
 
 def refuse_overlap(source: Path, output: Path) -> None:
@@ -337,71 +304,5 @@ def release_reserve(partial: Path) -> None:
     partial : path
         `OutputFolder.partial`; any other folder has no reserve, and nothing happens.
     """
-    if _is_aside(partial.parent):
+    if is_aside(partial.parent):
         (partial.parent / _RESERVE).unlink(missing_ok=True)
-
-
-def fingerprint(path: Path) -> str:
-    """Tells whether a file, or anything in a folder, was changed, added or removed.
-
-    Names and sizes count, and the content of files up to a megabyte.
-    """
-    found = hashlib.blake2b(digest_size=16)
-    plain = path.is_dir() and not path.is_symlink()
-    for file in sorted(path.rglob("*")) if plain else [path]:
-        size = -1 if file.is_symlink() or not file.is_file() else file.stat().st_size
-        name = "" if file == path else file.relative_to(path)
-        found.update(f"{name}\0{file.is_symlink()}\0{size}\0".encode())
-        if 0 <= size <= _COMPARED_BYTES:
-            found.update(file.read_bytes())
-    return found.hexdigest()
-
-
-def _locked(path: Path) -> int | None:
-    """Descriptor of a lock file that is ours alone; None if another has it."""
-    while True:
-        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        kept = False
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # Its holder may have removed it between our opening and locking it.
-            kept = path.exists() and os.path.samestat(path.stat(), os.fstat(fd))
-            if kept:
-                return fd
-        except BlockingIOError:
-            return None
-        finally:
-            if not kept:
-                os.close(fd)
-
-
-def _is_aside(folder: Path) -> bool:
-    """Whether a folder is one of ours to write in, or empty as a killed run can leave it."""
-    try:
-        return folder.name == _ASIDE and (bool(_read_mark(folder)) or not os.listdir(folder))
-    except OSError:
-        return False
-
-
-def _read_mark(folder: Path) -> dict[str, Any]:
-    """The mark of a folder; empty if there is none."""
-    try:
-        data = json.loads((folder / MARK).read_text())
-        return data if data["made_by"] == "roller" and isinstance(data["made"], dict) else {}
-    except (OSError, ValueError, LookupError, TypeError):
-        return {}
-
-
-def _made(folder: Path) -> dict[str, str | None]:
-    """Fingerprints by entry of what roller made in a folder; None for what lasts."""
-    return dict(_read_mark(folder).get("made", {}))
-
-
-def _write_mark(
-    folder: Path, aside: Path, command: str, made: dict[str, str | None], whole: bool = False
-) -> None:
-    """Write a mark, by way of a file in the folder aside."""
-    data = {"made_by": "roller", "format": _FORMAT, "command": command, "made": made}
-    part = aside / _PART
-    part.write_text(json.dumps(data | {"whole": whole}, indent=1) + "\n")
-    os.replace(part, folder / MARK)

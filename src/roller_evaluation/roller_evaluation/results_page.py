@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.errors import UnwritableOutputError
-from roller_core.output_folder import write_marked_file
+from roller_core.marked_file import write_marked_file
 
 from .bench import PAPER, fronts, summarise
 from .bench_plots import draw_speed_vs_error

@@ -10,7 +10,7 @@ import numpy as np
 
 from roller_core.calibration_file import CalibrationError, calibration_record
 from roller_core.camera import Camera
-from roller_core.output_folder import write_marked_file
+from roller_core.marked_file import write_marked_file
 from roller_core.progress import progress_bar
 from roller_core.text_file import TextFileError, read_text
 from roller_core.transforms import F64

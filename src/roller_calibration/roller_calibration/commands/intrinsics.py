@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.calibration_file import CalibrationError
-from roller_core.output_folder import write_marked_file
+from roller_core.marked_file import write_marked_file
 from roller_core.progress import progress_bar
 
 if TYPE_CHECKING:

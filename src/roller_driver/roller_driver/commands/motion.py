@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
     import yaml
 
-    from roller_core.output_folder import write_marked_file
+    from roller_core.marked_file import write_marked_file
     from roller_driver.motion.kinematics import ARMS
     from roller_driver.motion.programs import WARNING, joint_trajectory, urscript
     from roller_driver.motion.rolling_pass import RollingPass

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from roller_core.output_folder import MARK
+from roller_core.output_mark import MARK
 
 #: Of the child: its memory is bounded before anything is loaded.
 _CHILD = (

@@ -1,0 +1,44 @@
+"""Single files that commands write: replaced only where they are ours."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from .errors import UnwritableOutputError
+
+
+def write_marked_file(path: Path, text: str, mark: str) -> None:
+    """Write a single file, aside first; one that stands there is replaced only if it is ours.
+
+    Parameters
+    ----------
+    path : path
+        The file; its folder is made.
+    text : str
+        What it is to hold.
+    mark : str
+        How a file of ours, and the text, begin.
+
+    Raises
+    ------
+    UnwritableOutputError
+        If another file stands there; the text is then written beside it, and the message says
+        where. Or if it can't be written.
+    """
+    path = path.resolve()
+    part = path.with_name(path.name + time.strftime("_%Y-%m-%d_%H-%M-%S"))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(text, encoding="utf-8")
+        if path.exists() and not path.read_bytes().startswith(mark.encode()):
+            raise UnwritableOutputError(
+                f"{path}: roller did not write it, so it stays; the results are in {part}"
+            )
+        os.replace(part, path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink()
+        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
