@@ -92,6 +92,7 @@ class Observer:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.spin(0.3)  # Fast DDS can hang where one leaves while others do: see `RollerNode`
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()

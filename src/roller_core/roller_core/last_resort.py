@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 #: `sigev_notify` that has a thread of the C library call a function (signal.h).
 _THREAD = 2
@@ -29,7 +30,7 @@ def ends_within(seconds: int, code: int) -> Iterator[None]:
 
     For calls that keep the interpreter's lock for good: nothing in Python runs then, no handler of
     a signal either. A timer calls the C library's `_exit`; where it has no such timers, nothing
-    happens.
+    happens. What was printed is written out before.
 
     Parameters
     ----------
@@ -38,6 +39,9 @@ def ends_within(seconds: int, code: int) -> Iterator[None]:
     code : int
         Exit code, 0 to 255.
     """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # gone, or closed
+            stream.flush()
     try:
         libc = ctypes.CDLL(None)
         function = ctypes.cast(libc._exit, ctypes.c_void_p)

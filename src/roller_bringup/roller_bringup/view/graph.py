@@ -28,6 +28,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
+from roller_core.last_resort import ends_within
 from roller_ros import messages, qos
 
 from . import health
@@ -116,8 +117,9 @@ class Graph:
     def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        with ends_within(5, 0):  # other nodes leave too, see `RollerNode`
+            self._node.destroy_node()
+            self._context.try_shutdown()
 
     def _subscribe(
         self, name: str, kind: Any, quality: QoSProfile, take: Callable[[list[bytes]], None]

@@ -91,14 +91,16 @@ def run(args: argparse.Namespace) -> int:
     given = [Parameter(name, value=value) for name, value in values.items() if value is not None]
     with _interrupts() as interrupts:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        node = None
+        node, code = None, 1
         try:
             node = RecorderNode(parameter_overrides=given)
             executor = SingleThreadedExecutor()
             executor.add_node(node)
-            return _record(node, executor.spin_once, args.duration, interrupts)
+            code = _record(node, executor.spin_once, args.duration, interrupts)
+            return code
         finally:
             if node is not None:
+                node.exit_code = code
                 node.destroy_node()
             rclpy.try_shutdown()
 
