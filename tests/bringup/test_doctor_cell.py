@@ -74,7 +74,7 @@ def test_a_certificate_holds_for_the_calibration_it_was_made_with(
         CAMERA,
         verdict="accepted",
         reasons=[],
-        reached={"error_m": 3e-5},
+        gauges={"sphere": {"reached": {"error_m": 3e-5}}, "plate": {"reached": {"error_m": 9e-6}}},
         calibrations=dates,
     )
     path = tmp_path / "certificate.json"
@@ -86,12 +86,12 @@ def test_a_certificate_holds_for_the_calibration_it_was_made_with(
         ]
 
     assert result().level == "OK"
-    assert "30 µm" in result().found
+    assert "errors of 30 µm on the sphere, 9 µm on the plate" in result().found
     assert "calibrated again" in result(calibrations={}).found
     assert result(date="2020-01-01T00:00:00Z").level == "warning"
     refused = result(verdict="not accepted", reasons=["too little was seen"])
     assert (refused.level, refused.found) == ("fault", "not accepted: too little was seen")
-    assert result(reached=None).level == "fault"
+    assert result(gauges=None).level == "fault"
 
 
 def test_a_golden_scan_that_cannot_be_read_is_a_fault(files: CellFiles, tmp_path: Path) -> None:

@@ -19,7 +19,8 @@ from driver.emulation.controller_process import ControllerProcess
 from own import LOOPBACK
 from recording.bags import CAMERA_INFO, write_messages
 from roller_bringup.cli import main
-from roller_calibration.acceptance import Reached, golden_shortfalls, shortfalls
+from roller_calibration.acceptance import golden_shortfalls, limits, shortfalls
+from roller_calibration.reached import Reached
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.settings import read_parameters
@@ -127,11 +128,17 @@ def test_from_unpacked_devices_to_a_certificate(
     run("inspect", parts[2], "--reference", f"golden:{golden}", "--params", cell,
         "--recipe", recipe, "--output", good)  # fmt: skip
     run("calibrate", "acceptance", "--sphere", scan("sphere"), "--params", cell,
+        "--steps", there_and_back[1], "--step-mm", 0.2, "--flat", flat,
         "--output", certificate, "--radius-mm", 4, "--inspection", good)  # fmt: skip
     written = json.loads((certificate / "certificate.json").read_text())
     assert written["verdict"] == "accepted"
-    assert written["reached"]["coverage"] > 0.5
-    assert "ACCEPTED" in (certificate / "certificate.html").read_text()
+    reached = {name: gauge["reached"] for name, gauge in written["gauges"].items()}
+    assert reached["sphere"]["coverage"] > 0.5
+    assert reached["steps"]["form_m"] < 3e-5
+    assert reached["plate"]["error_m"] < 3e-5
+    page = (certificate / "certificate.html").read_text()
+    for words in ("ACCEPTED", "height of a step off", "flatness", "≤ "):
+        assert words in page
 
     found = doctor(capsys, "--cell", str(cell), "--hand-eye", str(place), "--camera-info",
                    str(camera_file), "--golden", str(golden), "--certificate",
@@ -143,13 +150,16 @@ def test_from_unpacked_devices_to_a_certificate(
 
 
 def test_what_keeps_a_cell_from_being_accepted() -> None:
-    promise = Reached(3e-5, 0.8, 0.98, 3000)
-    assert list(shortfalls(Reached(5e-5, 0.7, 0.85, 2000), promise)) == []
-    poor = list(shortfalls(Reached(6e-5, 0.6, 0.7, 2000), promise))
-    assert [line.partition(",")[0] for line in poor] == [
-        "the sphere errs 60 µm", "60% of the sphere was seen",
-        "70% of the errors lie within twice their uncertainty",
+    promise = Reached(3e-5, 2e-5, 0.8, 0.98, 3000)
+    least = limits("steps", promise)
+    assert list(shortfalls("steps", Reached(5e-5, 5e-5, 0.7, 0.85, 2000), least)) == []
+    poor = Reached(6e-5, 6e-5, 0.6, 0.7, 2000)
+    assert [line.partition(",")[0] for line in shortfalls("steps", poor, least)] == [
+        "on the steps errors are 60 µm", "the steps: height of a step off 60 µm",
+        "60% of the steps seen",
+        "70% of the errors on the steps lie within twice their uncertainty",
     ]  # fmt: skip
+    assert len(list(shortfalls("sphere", poor, limits("sphere", promise)))) == 3
     good = {"reference": {"kind": "golden"}, "verdict": "conform"}
     assert list(golden_shortfalls(good)) == []
     assert "inconclusive" in next(iter(golden_shortfalls(good | {"verdict": "inconclusive"})))

@@ -1,6 +1,6 @@
-"""What a cell reaches on a known sphere, against what the virtual cell promises for its own.
+"""What a cell reaches on known gauges, against what the virtual cell promises for its own.
 
-Both go the same way, from the events of a pass over a sphere to figures; no truth is read. What
+Both go the same way, from the events of a pass over a gauge to figures; no truth is read. What
 the virtual cell can't know, such as the cell's own light and robot, isn't in the promise.
 """
 
@@ -12,99 +12,75 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
-from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
-from roller_emvs.methods.surface.sweep import SurfacePatch
+from roller_emvs.methods.surface import SurfaceSettings
 from roller_recording.reading import open_recording
 from roller_sim.bag import write_bag
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import VirtualCellSettings
-from roller_sim.objects import SPHERE_RADIUS
-from roller_sim.presets import LIGHTS
+from roller_sim.objects import SPHERE_RADIUS, STAIR_RISE
+from roller_sim.presets import COATINGS, LIGHTS
 
 from .constant_speed import rolling_speed_m_s
+from .reached import GAUGES, Reached
 from .recordings import Scan, whole_scan
-from .sphere import SphereError, find_sphere
 
 #: A cell may err so many times as much as the virtual one, and this much more, m; and see this
 #: share of what that sees. Errors must lie within twice their uncertainty in this share of points.
 _TIMES, _MORE_M, _SEES, _WITHIN = 1.5, 1e-5, 0.8, 0.8
-#: Cells in which it is counted what of a sphere was seen, by its radius.
-_CELLS = 12
+#: The form of the whole, one figure a pass, may be off by so much more, m. A sphere's radius is
+#: judged where it is looked for.
+_MORE_FORM_M = {"steps": 2.5e-5, "plate": 2.5e-5}
 
 
 @dataclass(frozen=True)
-class Reached:
-    """What a pass over a part gave.
+class Promise:
+    """How the virtual cell makes a promise: its scene and coating, and the gauge's size, m."""
 
-    Attributes
-    ----------
-    error_m : float
-        Mean error of the points, metres.
-    coverage : float
-        Share of the sphere's contact circle with points.
-    within : float
-        Share of the points whose error lies within twice their uncertainty.
-    points : int
-        Points on the sphere.
-    """
+    scene: str
+    size_m: float
+    coating: str = "plain"
+
+
+#: By gauge. A plate shows nothing but what is printed on the skin.
+PROMISES = {
+    "sphere": Promise("sphere", SPHERE_RADIUS * 1e-3),
+    "steps": Promise("stairs", STAIR_RISE * 1e-3),
+    "plate": Promise("flat", 0.0, "textured"),
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is accepted: errors at most, metres, and shares at least; None: not judged."""
 
     error_m: float
+    form_m: float | None
     coverage: float
-    within: float
-    points: int
+    within: float = _WITHIN
 
 
-def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached:
-    """Figures of a pass over a sphere of known radius, its place fitted.
-
-    Raises
-    ------
-    SphereError
-        If there is no such sphere in view.
-    """
-    sweep = SurfaceSweep(settings, scan.camera, scan.track)
-    sweep.add_events(scan.events)
-    found = [r for r in sweep.results(flush=True) if isinstance(r, SurfacePatch) and len(r)]
-    if not found:
-        raise SphereError(f"{scan.name}: no points at all")
-    points = np.concatenate([patch.points for patch in found])
-    sigma = np.concatenate([patch.sigma for patch in found])
-    middle_ns = int(scan.track.times_ns[len(scan.track) // 2])
-    towards = -scan.track.matrices([middle_ns])[0][:3, 2]
-    sphere = find_sphere(points, towards, radius_m)
-    away = points - sphere.centre_m
-    along = away @ sphere.towards
-    across = away - along[:, None] * sphere.towards
-    inside = (np.linalg.norm(across, axis=1) < sphere.contact_radius_m) & (along > 0)
-    error = np.abs(np.linalg.norm(away[inside], axis=1) - radius_m)
-    # Cells of the plane that touches the top; the sphere's own axes turn nothing.
-    plane = np.linalg.svd(sphere.towards[None])[2][1:]
-    step = radius_m / _CELLS
-    seen = {tuple(c) for c in np.floor(across[inside] @ plane.T / step).astype(int).tolist()}
-    circle = np.pi * (sphere.contact_radius_m / step) ** 2
-    return Reached(
-        float(error.mean()),
-        min(len(seen) / circle, 1.0),
-        float((error <= 2 * sigma[inside]).mean()),
-        int(inside.sum()),
-    )
+def limits(gauge: str, promise: Reached) -> Limits:
+    """What a cell must reach on a gauge of which the virtual one promises so much."""
+    more_m = _MORE_FORM_M.get(gauge)
+    form_m = None if more_m is None else _TIMES * promise.form_m + more_m
+    return Limits(_TIMES * promise.error_m + _MORE_M, form_m, _SEES * promise.coverage)
 
 
-def promised(scan: Scan, light: str) -> Reached:
-    """What the virtual cell reaches on its sphere with the scan's camera and speed.
+def promised(gauge: str, scan: Scan, light: str) -> Reached:
+    """What the virtual cell reaches on its own gauge with the scan's camera and speed.
 
     Raises
     ------
     RollerError
-        If the virtual cell doesn't show its sphere to this camera.
+        If the virtual cell doesn't show its gauge to this camera.
     """
-    camera = scan.camera
+    camera, own = scan.camera, PROMISES[gauge]
+    lit = LIGHTS[light]
     settings = VirtualCellSettings.create(
         {
-            **LIGHTS[light],
-            "scene": {"name": "sphere"},
+            **lit,
+            "light": {**lit.get("light", {}), **COATINGS[own.coating].get("light", {})},
+            "scene": {"name": own.scene},
             "motion": {"speed": round(max(rolling_speed_m_s(scan.track), 0.02), 3)},
             "camera": {
                 "width": camera.width, "height": camera.height, "focal_px": camera.fx,
@@ -114,24 +90,30 @@ def promised(scan: Scan, light: str) -> Reached:
         }
     )  # fmt: skip
     with TemporaryDirectory(prefix="roller_promise_") as folder:
-        bag = Path(folder) / "sphere"
+        bag = Path(folder) / own.scene
         write_bag(VirtualCell(settings), bag)
         virtual = whole_scan(open_recording(bag))
-    return on_sphere(virtual, SurfaceSettings.create({}), SPHERE_RADIUS * 1e-3)
+    return GAUGES[gauge].measure(virtual, SurfaceSettings.create({}), own.size_m)
 
 
-def shortfalls(reached: Reached, promise: Reached) -> Iterable[str]:
+def shortfalls(gauge: str, reached: Reached, least: Limits) -> Iterable[str]:
     """What keeps a cell from being accepted, in words."""
-    errs_um, most_um = reached.error_m * 1e6, (_TIMES * promise.error_m + _MORE_M) * 1e6
-    if errs_um > most_um:
-        yield f"the sphere errs {errs_um:.0f} µm, at most {most_um:.0f} are accepted"
-    least = _SEES * promise.coverage
-    if reached.coverage < least:
-        yield f"{reached.coverage:.0%} of the sphere was seen, at least {least:.0%} are expected"
-    if reached.within < _WITHIN:
+    form = GAUGES[gauge].form
+    for what, errs_m, most_m in (
+        (f"on the {gauge} errors are", reached.error_m, least.error_m),
+        (f"the {gauge}: {form}", reached.form_m, least.form_m),
+    ):
+        if most_m is not None and errs_m > most_m:
+            yield f"{what} {errs_m * 1e6:.0f} µm, at most {most_m * 1e6:.0f} are accepted"
+    if reached.coverage < least.coverage:
         yield (
-            f"{reached.within:.0%} of the errors lie within twice their uncertainty, at least "
-            f"{_WITHIN:.0%} are expected"
+            f"{reached.coverage:.0%} of the {gauge} seen, at least {least.coverage:.0%} are "
+            "expected"
+        )
+    if reached.within < least.within:
+        yield (
+            f"{reached.within:.0%} of the errors on the {gauge} lie within twice their "
+            f"uncertainty, at least {least.within:.0%} are expected"
         )
 
 

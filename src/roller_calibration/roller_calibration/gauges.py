@@ -128,7 +128,7 @@ def pass_lines(scan: Scan, settings: SurfaceSettings) -> Iterator[list[PassLines
     # Depths are of several edges, whose changes cancel: lines say more, if there are any.
     travel = _travel(lines or depths)
     for kind, found in (("lines", lines), ("depths", depths)):
-        passes = _passes(scan.name, kind, found, cloud, travel)
+        passes = passes_of(scan.name, found, kind, cloud, travel)
         if passes:
             yield passes
 
@@ -143,8 +143,17 @@ def _travel(found: _Found) -> float:
     return float(np.median(every)) if len(every) else 0.0
 
 
-def _passes(name: str, kind: str, found: _Found, cloud: F64, travel: float) -> list[PassLines]:
-    """What was found by pass."""
+def passes_of(
+    name: str, found: _Found, kind: str = "lines", cloud: F64 | None = None, travel: float = 0.0
+) -> list[PassLines]:
+    """What was found by pass.
+
+    Raises
+    ------
+    EdgeDriftError
+        If a pass goes in a third direction.
+    """
+    cloud = np.empty((0, 3)) if cloud is None else cloud
     found = [part for part in found if len(part[0])]
     if not found:
         return []

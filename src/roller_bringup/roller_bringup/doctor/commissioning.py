@@ -160,16 +160,20 @@ def _certificate(folder: Path | None, records: Mapping[str, Any], now: datetime)
     try:
         found = json.loads(path.read_text())
         accepted, reasons = found["verdict"] == "accepted", ", ".join(found["reasons"])
-        error_m, known = found["reached"]["error_m"], dict(found["calibrations"])
+        errs = ", ".join(
+            f"{own['reached']['error_m'] * 1e6:.0f} µm on the {gauge}"
+            for gauge, own in found["gauges"].items()
+        )
+        known = dict(found["calibrations"])
         days = (now - datetime.fromisoformat(found["date"].replace("Z", "+00:00"))).days
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         return fault(name, f"{path}: can't be read ({error})", make)
     if not accepted:
-        return fault(name, f"not accepted: {reasons}", "mend that, then scan the sphere again")
+        return fault(name, f"not accepted: {reasons}", "mend that, then scan the gauges again")
     dates = {k: str(r.get("date", "")) for k, r in records.items() if isinstance(r, dict)}
     if dates != known:
         return warning(name, "the cell was calibrated again since", make)
-    text = f"accepted, the sphere errs {error_m * 1e6:.0f} µm"
+    text = f"accepted, errors of {errs}"
     if days > _OLD_DAYS:
         return warning(name, f"{text}: {days} days old", f"skins wear: {make}")
     return ok(name, text)

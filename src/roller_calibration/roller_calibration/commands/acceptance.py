@@ -1,4 +1,4 @@
-"""`roller calibrate acceptance`: a cell's certificate, from a pass over a known sphere."""
+"""`roller calibrate acceptance`: a cell's certificate, from passes over known gauges."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from .output import check_mm
 
 #: Exit code where the cell isn't accepted, as of a part that is out of tolerance.
 NOT_ACCEPTED = 3
-_COLUMNS = ("reached", "promised")
 _STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:46em;margin:3em auto;padding:0 1em}"
     "table{border-collapse:collapse;width:100%}td,th{text-align:left;padding:.3em .6em;"
@@ -29,15 +28,22 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     parser = kinds.add_parser(
         "acceptance",
         help="certificate: what the cell reaches against what the virtual cell promises",
-        description="Measure a sphere with the cell's calibration, and the virtual cell's sphere "
-        "with this camera and speed; write certificate.json and certificate.html. "
-        f"Exit: 0 accepted, {NOT_ACCEPTED} not accepted.",
+        description="Measure a sphere, and steps and a flat plate if given, with the cell's "
+        "calibration, and the virtual cell's own with this camera and speed; write "
+        f"certificate.json and certificate.html. Exit: 0 accepted, {NOT_ACCEPTED} not accepted.",
     )
     parser.add_argument(
         "--sphere", type=Path, required=True, metavar="BAG", help="a pass over a sphere"
     )
     parser.add_argument(
         "--radius-mm", type=float, required=True, metavar="R", help="the sphere's radius"
+    )
+    parser.add_argument(
+        "--steps", type=Path, metavar="BAG", help="a pass over equal steps, up and down"
+    )
+    parser.add_argument("--step-mm", type=float, metavar="H", help="height of a step")
+    parser.add_argument(
+        "--flat", type=Path, metavar="BAG", help="a pass over a flat plate with texture"
     )
     parser.add_argument(
         "--inspection", type=Path, metavar="DIR",
@@ -55,34 +61,55 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 def run(args: argparse.Namespace) -> int:
     """Measure, compare, write the certificate and say the verdict."""
-    from roller_calibration.acceptance import golden_shortfalls, on_sphere, promised, shortfalls
+    from roller_calibration.acceptance import golden_shortfalls, limits, promised, shortfalls
+    from roller_calibration.reached import GAUGES
     from roller_calibration.recordings import read_scan
     from roller_core.output_folder import OutputFolder
     from roller_core.settings import read_parameters
     from roller_inspect.pipeline import PipelineSettings
 
     check_mm("--radius-mm", args.radius_mm)
+    if (args.steps is None) != (args.step_mm is None):
+        raise CalibrationError("--steps and --step-mm go together")
+    if args.steps is not None:
+        check_mm("--step-mm", args.step_mm, 0.01, 10)
     settings = PipelineSettings.load(args.params, "surface").surface
-    inputs = (args.sphere, args.params, args.poses, args.camera, args.inspection)
+    given = {
+        "sphere": (args.sphere, args.radius_mm * 1e-3),
+        "steps": (args.steps, (args.step_mm or 0.0) * 1e-3),
+        "plate": (args.flat, 0.0),
+    }
+    bags = [bag for bag, _ in given.values() if bag is not None]
+    inputs = (*bags, args.params, args.poses, args.camera, args.inspection)
+    if args.poses and len(bags) > 1:
+        raise CalibrationError("--poses goes with one recording; convert the others to bags")
     with OutputFolder(args.output, "acceptance", inputs) as output:
-        scan = read_scan(args.sphere, args, settings.max_pose_gap_s)
-        reached = on_sphere(scan, settings, args.radius_mm * 1e-3)
-        promise = promised(scan, args.light)
-        short = list(shortfalls(reached, promise))
+        gauges: dict[str, Any] = {}
+        short: list[str] = []
+        for name, (bag, size_m) in given.items():
+            if bag is None:
+                continue
+            scan = read_scan(bag, args, settings.max_pose_gap_s)
+            reached = GAUGES[name].measure(scan, settings, size_m)
+            promise = promised(name, scan, args.light)
+            least = limits(name, promise)
+            short += shortfalls(name, reached, least)
+            gauges[name] = {
+                "size_m": size_m, "reached": vars(reached), "promised": vars(promise),
+                "limits": vars(least),
+            }  # fmt: skip
         inspection = _inspection(args.inspection) if args.inspection else None
         if inspection is not None:
             short += golden_shortfalls(inspection)
         records = read_parameters(args.params, SECTION) if args.params else {}
         certificate = calibration_record(
-            args.skin, [args.sphere], scan.camera,
-            schema="roller-acceptance/1",
+            args.skin, bags, scan.camera,
+            schema="roller-acceptance/2",
             verdict="not accepted" if short else "accepted",
             reasons=short,
             light=args.light,
             edge_drift=str(settings.edge_drift),
-            radius_m=args.radius_mm * 1e-3,
-            reached=vars(reached),
-            promised=vars(promise),
+            gauges=gauges,
             golden=None if inspection is None else inspection.get("verdict"),
             calibrations={
                 kind: str(r.get("date", "")) for kind, r in records.items() if isinstance(r, dict)
@@ -108,22 +135,33 @@ def _inspection(folder: Path) -> dict[str, Any]:
     return found
 
 
+def _rows(name: str, gauge: dict[str, Any]) -> str:
+    """A gauge's figures, one a row."""
+    from roller_calibration.reached import GAUGES
+
+    size = f", {gauge['size_m'] * 1e3:g} mm" if gauge["size_m"] else ""
+    rows = f'<tr><th colspan="4">{name}{size}</th></tr>\n'
+    for what, key, scale, unit, side in (
+        ("mean error", "error_m", 1e6, " µm", "≤ "),
+        (GAUGES[name].form, "form_m", 1e6, " µm", "≤ "),
+        ("seen", "coverage", 100, " %", "≥ "),
+        ("errors within 2 σ", "within", 100, " %", "≥ "),
+        ("points", "points", 1, "", ""),
+    ):
+        limit = gauge["limits"].get(key)
+        cells = [f"{gauge[which][key] * scale:.0f}{unit}" for which in ("reached", "promised")]
+        cells.insert(1, "–" if limit is None else f"{side}{limit * scale:.0f}{unit}")
+        rows += f"<tr><td>{what}</td>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>\n"
+    return rows
+
+
 def _page(certificate: dict[str, Any]) -> str:
     """The certificate to print and sign."""
-    rows = ""
-    for name, key, scale, unit in (
-        ("mean error", "error_m", 1e6, "µm"),
-        ("seen", "coverage", 100, "%"),
-        ("errors within 2 σ", "within", 100, "%"),
-        ("points", "points", 1, ""),
-    ):
-        cells = (f"{certificate[which][key] * scale:.0f} {unit}" for which in _COLUMNS)
-        rows += f"<tr><td>{name}</td>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>\n"
+    rows = "".join(_rows(name, gauge) for name, gauge in certificate["gauges"].items())
     camera = certificate["camera"]
     facts = {
         "date": certificate["date"],
         "skin": certificate["skin"] or "–",
-        "sphere": f"{certificate['radius_m'] * 1e3:g} mm",
         "camera": f"{camera['width']}×{camera['height']}, fx {camera['intrinsics'][0]:.1f} px",
         "light": certificate["light"],
         "edge drift": certificate["edge_drift"],
@@ -142,7 +180,8 @@ def _page(certificate: dict[str, Any]) -> str:
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Acceptance</title>'
         f"<style>{_STYLE}</style></head><body><h1>Acceptance of the cell</h1>"
         f'<p><b class="{mark}">{certificate["verdict"].upper()}</b></p><ul>{reasons}</ul>'
-        "<table><tr><th></th><th>this cell</th><th>virtual cell</th></tr>\n"
-        f"{rows}</table><p>The virtual cell's sphere, with this camera and speed.</p>"
+        "<table><tr><th></th><th>this cell</th><th>limit</th><th>virtual cell</th></tr>\n"
+        f"{rows}</table><p>The virtual cell's own gauges, with this camera and speed and without a "
+        "calibration; its plate under a printed skin.</p>"
         f"<table>{listed}</table><p>Signed</p></body></html>\n"
     )

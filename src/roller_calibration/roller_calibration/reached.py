@@ -1,0 +1,206 @@
+"""What a pass over a gauge of known size gave: a sphere, equal steps, a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from roller_core.errors import RollerError
+from roller_core.transforms import F64
+from roller_emvs.lines.refine import LinePoints
+from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface.sweep import SurfacePatch
+
+from .dome_candidates import cell_medians
+from .flat import CELL_M, find_plate
+from .gauges import LEAST_LINES, WALL_SLOPE, passes_of
+from .recordings import Scan
+from .sphere import find_sphere
+from .step_walls import LEAST_WALLS, find_walls, step_height
+
+#: Cells in which it is counted what of a sphere was seen, by its radius; of a wall, and of a plane,
+#: m.
+_SPHERE_CELLS, _WALL_CELL_M, _FINE_M = 12, 2e-4, 1e-4
+#: So near to a wall of steps any height of it is right, m; and so far along the roll a step is
+#: looked for.
+_ON_WALL_M, _NEAR_WALL_M = 1.5e-4, 5e-4
+#: Share of a plane's cells that its flatness is of.
+_FLAT_SHARE = 0.95
+
+
+class GaugeError(RollerError):
+    """A pass in which a gauge can't be found."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """What a pass over a gauge gave.
+
+    Attributes
+    ----------
+    error_m : float
+        Mean error of the points, metres.
+    form_m : float
+        What the gauge as a whole is off by, metres: a sphere's fitted radius, the height of a step;
+        of a plane the band that holds 95 % of cells of half a millimetre.
+    coverage : float
+        Share of the sphere's contact circle, of the walls, or of the plane with points.
+    within : float
+        Share of the points whose error lies within twice their uncertainty.
+    points : int
+        Points on the gauge.
+    """
+
+    error_m: float
+    form_m: float
+    coverage: float
+    within: float
+    points: int
+
+
+_Found = list[tuple[F64, F64, LinePoints]]
+
+
+def _sweep(scan: Scan, settings: SurfaceSettings) -> tuple[F64, F64, _Found]:
+    """Points in base with their uncertainty, and the lines that they were found by."""
+    sweep = SurfaceSweep(settings, scan.camera, scan.track)
+    lines: _Found = []
+    sweep.on_lines = lambda *own: lines.append(own)
+    sweep.add_events(scan.events)
+    found = [r for r in sweep.results(flush=True) if isinstance(r, SurfacePatch) and len(r)]
+    if not found:
+        raise GaugeError(f"{scan.name}: no points at all")
+    points = np.concatenate([patch.points for patch in found])
+    return points, np.concatenate([patch.sigma for patch in found]), lines
+
+
+def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached:
+    """Figures of a pass over a sphere of known radius, its place fitted.
+
+    Raises
+    ------
+    RollerError
+        If there is no such sphere in view.
+    """
+    points, sigma, _ = _sweep(scan, settings)
+    sphere = find_sphere(points, _towards(scan), radius_m)
+    away = points - sphere.centre_m
+    along = away @ sphere.towards
+    across = away - along[:, None] * sphere.towards
+    inside = (np.linalg.norm(across, axis=1) < sphere.contact_radius_m) & (along > 0)
+    error = np.abs(np.linalg.norm(away[inside], axis=1) - radius_m)
+    # Cells of the plane that touches the top; the sphere's own axes turn nothing.
+    plane = np.linalg.svd(sphere.towards[None])[2][1:]
+    step = radius_m / _SPHERE_CELLS
+    circle = np.pi * (sphere.contact_radius_m / step) ** 2
+    seen = _cells(across[inside] @ plane.T, step) / circle
+    return _reached(error, sigma[inside], abs(sphere.fitted_radius_m - radius_m), seen)
+
+
+def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
+    """Figures of a pass over equal steps up and down, their place fitted.
+
+    Errors are distances from the steps' profile; within 0.15 mm of a wall any height of it is
+    right.
+
+    Raises
+    ------
+    RollerError
+        If there are no such steps in view.
+    """
+    points, sigma, lines = _sweep(scan, settings)
+    passes = passes_of(scan.name, lines)
+    steep = np.abs(passes[0].lines.slope) > WALL_SLOPE if passes else np.zeros(0, bool)
+    if steep.sum() < LEAST_LINES:
+        raise GaugeError(
+            f"{scan.name}: {int(steep.sum())} lines on slopes along the roll, fewer than "
+            f"{LEAST_LINES}: no steps in view"
+        )
+    own = passes[0].lines
+    x, y, _ = passes[0].place[steep].T
+    wall, count, across = find_walls(x, y, own.slope[steep], own.sigma_m[steep], step_m)
+    if count < LEAST_WALLS:
+        raise GaugeError(f"{scan.name}: {count} walls of steps across the roll, fewer than 2")
+    at = np.array([np.median(across[wall == k]) for k in range(count)])
+    change = np.sign([np.median(own.slope[steep][wall == k]) for k in range(count)])
+    # The walls' own axes: how `across` goes with x and y.
+    turn = np.linalg.lstsq(np.column_stack([x, y, np.ones_like(x)]), across, rcond=None)[0]
+    local = points @ passes[0].axes
+    u = local[:, :2] @ turn[:2] + turn[2]
+    away = u[:, None] - at
+    nearest = np.abs(away).argmin(axis=1)
+    off = away[np.arange(len(u)), nearest]
+    near = np.abs(off) < _NEAR_WALL_M
+    u, height, nearest, off = u[near], local[near, 2], nearest[near], off[near]
+    middle = np.cumsum(change) - 0.5 * change
+    on = np.abs(off) < _ON_WALL_M
+    fitted_m = step_height(
+        np.where(on, nearest, -1), (change[nearest] < 0).astype(np.int64), height, middle
+    )
+    if not np.isfinite(fitted_m):
+        raise GaugeError(
+            f"{scan.name}: {count} walls don't tell the steps' height: record two steps or more "
+            "up, or two down"
+        )
+    over = height - step_m * middle[nearest]
+    over -= np.median(over[on])
+    half = 0.5 * step_m
+    tread = half * change[nearest] * np.sign(off)
+    error = np.where(on, np.maximum(np.abs(over) - half, 0.0), np.abs(over - tread))
+    seen = _cells(np.column_stack([nearest, local[near, 1] / _WALL_CELL_M])[on], 1.0)
+    reach = np.ptp(np.quantile(local[near, 1], [0.02, 0.98])) / _WALL_CELL_M
+    return _reached(error, sigma[near], abs(fitted_m - step_m), seen / (count * reach))
+
+
+def on_plane(scan: Scan, settings: SurfaceSettings, _size_m: float = 0.0) -> Reached:
+    """Figures of a pass over a flat plate, its plane fitted.
+
+    Raises
+    ------
+    RollerError
+        If what is in view is not flat.
+    """
+    points, sigma, _ = _sweep(scan, settings)
+    pose = scan.track.matrices([int(scan.track.times_ns[len(scan.track) // 2])])[0]
+    plate = find_plate(points, pose, scan.camera)
+    local = (points - pose[:3, 3]) @ pose[:3, :3]
+    lean = np.tan(np.radians(plate.tilt_deg))
+    error = local[:, 2] - plate.depth_m - local[:, :2] @ lean
+    cells = cell_medians(np.column_stack([local[:, :2], error]), CELL_M)[:, 2]
+    rest = 0.5 * (1 - _FLAT_SHARE)
+    flatness = float(np.ptp(np.quantile(cells, [rest, 1 - rest])))
+    seen = _cells(local[:, :2], _FINE_M) / (len(cells) * (CELL_M / _FINE_M) ** 2)
+    return _reached(np.abs(error), sigma, flatness, seen)
+
+
+@dataclass(frozen=True)
+class GaugeKind:
+    """A gauge: how it is measured, and what its form is called."""
+
+    measure: Callable[[Scan, SurfaceSettings, float], Reached]
+    form: str
+
+
+GAUGES = {
+    "sphere": GaugeKind(on_sphere, "radius off"),
+    "steps": GaugeKind(on_steps, "height of a step off"),
+    "plate": GaugeKind(on_plane, "flatness"),
+}
+
+
+def _towards(scan: Scan) -> F64:
+    """From the surface to the camera, in base."""
+    middle_ns = int(scan.track.times_ns[len(scan.track) // 2])
+    return np.asarray(-scan.track.matrices([middle_ns])[0][:3, 2])
+
+
+def _cells(places: F64, step: float) -> int:
+    """How many cells of a grid hold places."""
+    return len(np.unique(np.floor(places / step).astype(np.int64), axis=0))
+
+
+def _reached(error: F64, sigma: F64, form_m: float, seen: float) -> Reached:
+    within = float((error <= 2 * sigma).mean())
+    return Reached(float(error.mean()), float(form_m), min(float(seen), 1.0), within, len(error))
