@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,6 +63,16 @@ def test_step_tilt_and_their_uncertainties_hold_in_nine_of_ten() -> None:
         assert found.tilt.unit == "rad"
     assert np.mean(good) >= 0.9
     assert max(sizes) < 5e-5
+
+
+def test_what_a_head_shares_may_lean() -> None:
+    """Errors that change slowly over a head, as by drift, are in a tilt's uncertainty."""
+    m = map_of(lambda x, y: 0.0 * x + 0.0 * y, noise_m=1e-8)
+    sure = fastener(m, disc(m, 3.5e-3), ~disc(m, 4.5e-3), 8e-3)
+    m = replace(m, sigma_m=np.full_like(m.sigma_m, SIGMA_M))
+    found = fastener(m, disc(m, 3.5e-3), ~disc(m, 4.5e-3), 8e-3)
+    assert sure.rise.uncertainty < 1e-6
+    assert found.rise.uncertainty > 2 * SIGMA_M / 3
 
 
 def test_extent_and_profile_of_a_hollow() -> None:

@@ -238,3 +238,10 @@ def test_a_seed_places_defects_and_a_clean_plate_has_none():
     assert plain.relief.bounds == scene("defects", step_mm=0.06).relief.bounds
     assert not plain.relief.height.any()
     assert not plain.defects
+
+
+def test_defects_beside_a_narrow_plate_are_followed_by_no_skin():
+    made = scene("defects", defects=6, width_mm=9.0, step_mm=0.06)
+    beside = [m.followed(made.relief).skin_depth for m in made.defects if abs(m.y) > 6e-3]
+    assert beside
+    assert not any(beside)

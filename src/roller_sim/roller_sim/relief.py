@@ -81,7 +81,9 @@ class DefectMark:
         (x0, y0), (x1, y1) = (f(self.outline, axis=0) for f in (np.min, np.max))
         columns = slice(*np.searchsorted(skin.x, [x0, x1]))
         part = skin.height[slice(*np.searchsorted(skin.y, [y0, y1])), columns]
-        return replace(self, skin_depth=float(part.max() if self.depth > 0 else part.min()))
+        # Beside a narrow plate there is no skin to follow.
+        deepest = part.max(initial=0.0) if self.depth > 0 else part.min(initial=0.0)
+        return replace(self, skin_depth=float(deepest))
 
 
 @dataclass(frozen=True)

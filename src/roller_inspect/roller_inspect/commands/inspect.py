@@ -41,7 +41,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_examples(
         parser,
         "inspect scan --output result",
-        "inspect scan --output result --recipe bracket.yaml --part-id A-1207 --export x3p,pdf",
+        "inspect scan --output result --recipe bracket.yaml --part-id A-1207 --export x3p,sdf",
     )
     parser.set_defaults(run=run)
     from .teach import add_parser as add_teach_parser

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from roller_core.errors import RollerError
@@ -31,6 +32,6 @@ def check_pdf() -> None:
         import weasyprint  # noqa: F401
     except (ImportError, OSError) as error:
         raise PdfError(
-            "a PDF needs weasyprint (pip install weasyprint, apt-get install libpango-1.0-0 "
-            f"libpangoft2-1.0-0): {error}".splitlines()[0]
+            f"a PDF needs weasyprint ({sys.executable} -m pip install weasyprint; apt-get install "
+            f"libpango-1.0-0 libpangoft2-1.0-0): {error}".splitlines()[0]
         ) from error

@@ -78,7 +78,9 @@ def fastener(height_map: HeightMap, head: Bools, around: Bools, length_m: float)
     size = float(np.hypot(*slope))
     along = slope / size if size > 0 else np.array([1.0, 0.0])
     both = (top.covariance + base.covariance)[1:, 1:]
-    u = math.sqrt(max(float(along @ both @ along), 0.0))
+    # What the head's errors have in common may lean as much from one side to the other.
+    across_m = 2 * height_map.step_m * math.sqrt(float(head.sum()) / math.pi)
+    u = math.sqrt(max(float(along @ both @ along), 0.0) + (top.common_m / across_m) ** 2)
     return Fastener(
         _step(base, top),
         Measured(float(np.arctan(size)), 2 * u, "rad"),
