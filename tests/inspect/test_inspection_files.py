@@ -134,7 +134,7 @@ def test_a_golden_part_and_what_differs_from_it(tmp_path: Path) -> None:
 def test_measures_of_the_recipe_count() -> None:
     regions = {"hole": {"circle_m": [0.008, 0, 0.0014]}, "all": {"box_m": [0, -0.01, 0.1, 0.01]}}
     lines = {"across": [[0.008, -0.0025], [0.008, 0.0025]]}
-    common = {"tolerances": [{"depth_m": 1.0}], "regions": regions, "lines": lines}
+    common = {"tolerances": [{"depth_m": 0.01}], "regions": regions, "lines": lines}
 
     def measured(**measure: Any) -> Any:
         entry = {"name": "m", **measure}
@@ -193,6 +193,11 @@ def test_files_and_exports(tmp_path: Path) -> None:
     assert pixels.dtype == np.uint16
     heights = np.where(pixels > 0, scale["low_m"] + (pixels - 1.0) * scale["step_m"], np.nan)
     np.testing.assert_allclose(heights, known, atol=scale["step_m"])
+
+    # A picture of what was scanned, without the map's empty border.
+    picture = cv2.imread(str(tmp_path / "deviation.png"))
+    for side in (picture[0], picture[-1], picture[:, 0], picture[:, -1]):
+        assert (side != 255).any()
 
     x3p = pytest.importorskip("verity_x3p").read_x3p(str(tmp_path / "height_map.x3p"))
     assert (x3p.nx, x3p.ny) == (len(grid.x_m), len(grid.y_m))

@@ -110,7 +110,7 @@ def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
         raise HandEyeError(
             f"the pairs don't agree: the target is off its place by {found.rms_m * 1e3:.2f} mm and "
             f"{found.rms_deg:.2f}° (pair {worst + 1} most); are both poses of the same moment, "
-            "tool in base and target in camera?"
+            "tool in base and target in camera, and is the pitch of a grid right?"
         )
     return found
 

@@ -180,7 +180,9 @@ def _certificate(folder: Path | None, records: Mapping[str, Any], now: datetime)
 
 
 def _judge(step: _Step, record: Any, now: datetime, params: Path | None) -> Result:
-    make = f"roller {step.make} --params cell.yaml --output cell.yaml"
+    # The first makes the file that the others go on with.
+    params_given = "" if params is None and step is _STEPS[0] else " --params cell.yaml"
+    make = f"roller {step.make}{params_given} --output cell.yaml"
     if not isinstance(record, dict):
         if not step.needed:
             return ok(step.title, "not calibrated; only the paper's methods need it")

@@ -37,13 +37,21 @@ def write_summary(folder: Path, rows: Sequence[Row], results: Path) -> None:
     (folder / "index.html").write_text(_page(rows, counts, results), encoding="utf-8")
 
 
+#: Columns keep their words whole; only the reason breaks.
+_STYLE = (
+    "main { max-width: 1100px; } td img { width: 300px; display: block; } b.failed { color: "
+    "#a31d16; } th, td { overflow-wrap: normal; padding-right: 14px; } "
+    "td:nth-child(2) { overflow-wrap: anywhere; min-width: 14em; }"
+)
+
+
 def _page(rows: Sequence[Row], counts: Counter[str], results: Path) -> str:
     style = resources.files("roller_inspect.report").joinpath("style.css").read_text("utf-8")
     said = ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common())
     body = "".join(_row(row, results) for row in rows)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Batch</title>'
-        f"<style>{style} td img {{ width: 240px; display: block; }}</style></head>\n<body><main>"
+        f"<style>{style}{_STYLE}</style></head>\n<body><main>"
         f"<h1>{len(rows)} recordings: {escape(said)}</h1>\n<table><thead><tr><th>recording</th>"
         "<th>verdict</th><th>measured</th><th>findings</th><th>deepest µm</th><th>deviation</th>"
         f"</tr></thead><tbody>\n{body}</tbody></table></main></body></html>\n"
@@ -57,7 +65,7 @@ def _row(row: Row, results: Path) -> str:
     picture = ""
     if (results / row.key / "deviation.png").is_file() and row.verdict:
         picture = f'<img loading="lazy" alt="" src="{row.key}/deviation.png">'
-    verdict = f'<b class="{row.verdict}">{row.verdict}</b>' if row.verdict else "failed"
+    verdict = f'<b class="{row.verdict or "failed"}">{row.verdict or "failed"}</b>'
     depth = "–" if row.deepest_m is None else f"{row.deepest_m * 1e6:+.0f}"
     measured = "–" if row.measured is None else f"{row.measured:.1%}"
     cells = (

@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from roller_inspect.exports.pdf import write_pdf
 from roller_inspect.exports.sdf import write_sdf
@@ -68,12 +69,19 @@ def write_inspection(
     pictured = None
     if found.height_map is not None and found.deviation_m is not None:
         pictured = Pictured(found.height_map, found.deviation_m, tolerance_m)
-        picture = map_picture(found.deviation_m, grid.state, 2 * tolerance_m, _PICTURE_PX)
+        box = tuple(_span((grid.state != OUTSIDE).any(axis=a)) for a in (1, 0))
+        picture = map_picture(found.deviation_m[box], grid.state[box], 2 * tolerance_m, _PICTURE_PX)
         cv2.imwrite(str(folder / "deviation.png"), picture[..., ::-1])
     html = page(document, pictured)
     (folder / "inspection.html").write_text(html, encoding="utf-8")
     if "pdf" in exports:
         write_pdf(folder / "inspection.pdf", html)
+
+
+def _span(seen: npt.NDArray[np.bool_]) -> slice:
+    """From the first to the last that was seen; all if none was."""
+    at = np.flatnonzero(seen)
+    return slice(at[0], at[-1] + 1) if len(at) else slice(None)
 
 
 def _empty() -> HeightMap:
