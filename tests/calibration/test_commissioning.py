@@ -20,10 +20,13 @@ from own import LOOPBACK
 from recording.bags import CAMERA_INFO, write_messages
 from roller_bringup.cli import main
 from roller_calibration.acceptance import golden_shortfalls, limits, shortfalls
-from roller_calibration.reached import Reached
+from roller_calibration.reached import GaugeError, Reached, on_steps
+from roller_calibration.recordings import whole_scan
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.settings import read_parameters
+from roller_emvs.methods.surface import SurfaceSettings
+from roller_recording.reading import open_recording
 from roller_sim.bag import BagMessages
 from roller_sim.motion import HAND_EYE_M, hand_eye
 from simulated_scans import Scans
@@ -136,6 +139,8 @@ def test_from_unpacked_devices_to_a_certificate(
     assert reached["sphere"]["coverage"] > 0.5
     assert reached["steps"]["form_m"] < 3e-5
     assert reached["plate"]["error_m"] < 3e-5
+    with pytest.raises(GaugeError, match=r"are these the steps|no steps in view"):
+        on_steps(whole_scan(open_recording(flat)), SurfaceSettings.create({}), 2e-4)
     page = (certificate / "certificate.html").read_text()
     for words in ("ACCEPTED", "height of a step off", "flatness", "≤ "):
         assert words in page

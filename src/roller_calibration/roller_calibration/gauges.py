@@ -35,7 +35,7 @@ WALL_SLOPE = 0.1
 #: How far the height of the steps that fit may be off.
 _STEP_TOLERANCE = {"lines": 0.15, "depths": 0.25}
 #: Share that a gauge's size may be off by drift.
-_OTHER_SIZE = 0.3
+OTHER_SIZE = 0.3
 #: Spread of where the sphere's middle is along the roll after a pass one way, and to and fro, m;
 #: of the events' delay before and after it was calibrated, s; and of where on a wall events arise,
 #: by the steps' height.
@@ -192,7 +192,7 @@ def sphere_gauges(scan: Scan, settings: SurfaceSettings, radius_m: float) -> lis
         try:
             sphere = find_sphere(passes[0].cloud, passes[0].axes[:, 2], radius_m)
         except SphereError as reason:
-            other = isinstance(reason, OtherRadiusError) and abs(reason.ratio - 1) > _OTHER_SIZE
+            other = isinstance(reason, OtherRadiusError) and abs(reason.ratio - 1) > OTHER_SIZE
             kind = OtherGaugeError if other else EdgeDriftError
             raise kind(f"{scan.name}: {reason}") from reason
         middle = (
@@ -288,7 +288,7 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
             "two down"
         )
     if not abs(fitted_m / step_m - 1) < _STEP_TOLERANCE[found.kind]:
-        other = abs(fitted_m / step_m - 1) > _OTHER_SIZE
+        other = abs(fitted_m / step_m - 1) > OTHER_SIZE
         raise (OtherGaugeError if other else EdgeDriftError)(
             f"{name}: {count} walls fit steps of {fitted_m * 1e3:.3f} mm, not "
             f"{step_m * 1e3:g} mm; check --step-mm, and that all steps are equal"

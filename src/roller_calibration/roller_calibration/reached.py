@@ -15,7 +15,7 @@ from roller_emvs.methods.surface.sweep import SurfacePatch
 
 from .dome_candidates import cell_medians
 from .flat import CELL_M, find_plate
-from .gauges import LEAST_LINES, WALL_SLOPE, passes_of
+from .gauges import LEAST_LINES, OTHER_SIZE, WALL_SLOPE, passes_of
 from .recordings import Scan
 from .sphere import find_sphere
 from .step_walls import LEAST_WALLS, find_walls, step_height
@@ -143,6 +143,11 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
         raise GaugeError(
             f"{scan.name}: {count} walls don't tell the steps' height: record two steps or more "
             "up, or two down"
+        )
+    if abs(fitted_m / step_m - 1) > OTHER_SIZE:
+        raise GaugeError(
+            f"{scan.name}: {count} walls fit steps of {fitted_m * 1e3:.3f} mm, not "
+            f"{step_m * 1e3:g} mm; are these the steps, and is --step-mm right?"
         )
     over = height - step_m * middle[nearest]
     over -= np.median(over[on])
