@@ -13,6 +13,7 @@ import types
 from pathlib import Path
 
 import pytest
+from rclpy.exceptions import InvalidNamespaceException
 
 from roller_bringup import cli
 from roller_core.errors import RollerError
@@ -42,6 +43,11 @@ def run_with(monkeypatch, fault):
         (ImportError("No module named 'aedat'"), 1, "No module named 'aedat'; see what"),
         (MemoryError(), 1, "error: there is not enough memory\n"),
         (KeyError("x\ny"), 1, r"error: KeyError: 'x\ny' (a fault of roller: please report it;"),
+        (
+            InvalidNamespaceException("/a b", "no spaces", 2),
+            1,
+            "error: Invalid namespace: no spaces",
+        ),
         (KeyboardInterrupt(), 130, "interrupted\n"),
     ],
 )

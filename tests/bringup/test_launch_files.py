@@ -167,6 +167,7 @@ TALKER = "<node pkg='demo' exec='talker' name='a'"
         ("<node pkg='demo' exec='talker' name='a b'/>", 2, "can't be a node's name"),
         (TALKER + "/>\n" + TALKER + "/>", 3, "a second node is called a"),
         ("<push-ros-namespace namespace='1'/>", 2, "can't be a namespace"),
+        (f"<push-ros-namespace namespace='{200 * 'n'}'/>", 2, "at most 180 characters, not 201"),
         (TALKER + " on_exit='restart'/>", 2, "'on_exit' can only be"),
         (TALKER + " sigterm_timeout='soon'/>", 2, "'sigterm_timeout' must be seconds"),
         (TALKER + " output='paper'/>", 2, "'output' must be"),

@@ -170,3 +170,32 @@ def test_a_section_that_is_called_nearly_as_the_node_is_told(
     context.try_shutdown()
     (line,) = capfd.readouterr().err.strip().splitlines()
     assert line.endswith(f"{file}: no node of ours is called '/**/recoder'; is it 'recorder'?")
+
+
+@pytest.mark.usefixtures("own_process_state")
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--params-file", "/"], "Couldn't parse params file: '--params-file /'"),
+        (["-p", "rate:=["], "Couldn't parse parameter override rule"),
+        (["--parms-file", "cell.yaml"], "no such --ros-args: ['--parms-file', 'cell.yaml']"),
+        (["-r", "__ns:=/" + 300 * "n"], "namespace should not exceed"),
+        (["-r", "__ns:=/" + 220 * "n"], "Invalid service name: topic length should not exceed"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Failed to fini")
+def test_what_ros_refuses_stops_a_node_with_one_line(
+    words: list[str],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("sys.argv", ["node", "--ros-args", *words])
+    with pytest.raises(SystemExit) as end:
+        importlib.import_module("roller_emvs.stitcher_node").main()
+    assert end.value.code == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("error: ")
+    assert message in line
+    assert "a fault of roller" not in line
+    assert len(line) < 300

@@ -123,6 +123,11 @@ def _describe(error: Exception) -> str:
         return f"{text}; see what `roller doctor` says, or run `make setup`"
     if isinstance(error, MemoryError):
         return f"there is not enough memory{' (' + text + ')' if text else ''}"
+    if "rclpy" in sys.modules:
+        from roller_ros.refusals import refused_name
+
+        if refusal := refused_name(error):
+            return refusal
     return (
         f"{type(error).__name__}: {text} (a fault of roller: please report it; "
         f"{TRACEBACK}=1 shows where)"

@@ -12,12 +12,12 @@ from contextlib import contextmanager
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
-from rclpy.signals import SignalHandlerOptions
 
 from roller_core.errors import RollerError
 from roller_core.memory import keep_freed_memory
 
 from .node import RollerNode
+from .refusals import init_ros, refused_name
 from .worker import ENDED
 
 #: Set to 1, it has a fault of ours shown where it happened.
@@ -40,7 +40,7 @@ def run_node(make: Callable[[], RollerNode]) -> int:
         for number in _SIGNALS:
             signal.signal(number, signal.default_int_handler)  # starting may take long
         keep_freed_memory()
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        init_ros()
         node = make()
         with _ended_by_signals():
             rclpy.spin_until_future_complete(node, ENDED)
@@ -95,7 +95,10 @@ def _ended_by_signals() -> Iterator[None]:
 
 
 def _give_up(error: BaseException | None) -> int:
-    """Say in one line which fault of ours ends the node; the exit code."""
+    """Say in one line which fault of ours, or name that ROS refuses, ends the node; exit code."""
+    if isinstance(error, Exception) and (refusal := refused_name(error)):
+        print(f"error: {refusal}", file=sys.stderr, flush=True)
+        return 1
     if os.environ.get(TRACEBACK) == "1":
         traceback.print_exception(error)
     text = " ".join(str(error).split())

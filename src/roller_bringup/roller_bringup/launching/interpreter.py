@@ -20,6 +20,8 @@ _ACTIONS = "arg let group push-ros-namespace node include set_env"
 _DEEPEST_INCLUDE = 16
 _MOST_INCLUDES = 100
 _NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+#: With it and the names of nodes and services, a name in DDS has at most 255 characters.
+_LONGEST_NAMESPACE = 180
 _NAMESPACE = re.compile(r"/|(/[A-Za-z_]\w*)+", re.ASCII)
 
 
@@ -197,6 +199,10 @@ class _Interpreter:
         joined = "/" + f"{below}/{pushed}".strip("/")
         if not _NAMESPACE.fullmatch(joined):
             raise element.error(f"{joined!r} can't be a namespace")
+        if len(joined) > _LONGEST_NAMESPACE:
+            raise element.error(
+                f"a namespace has at most {_LONGEST_NAMESPACE} characters, not {len(joined)}"
+            )
         self.namespace = joined
 
     def _include(self, element: Element) -> None:

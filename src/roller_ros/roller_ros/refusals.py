@@ -1,0 +1,44 @@
+"""What ROS refuses of what it was given by people, in a line."""
+
+from __future__ import annotations
+
+import rclpy
+from rclpy.exceptions import NameValidationException
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from roller_core.errors import RollerError
+
+_MOST_TEXT = 250
+
+
+class RosArgumentsError(RollerError):
+    """Arguments behind `--ros-args` that ROS can't read."""
+
+
+def init_ros() -> None:
+    """Start rclpy, without its handling of signals, with the arguments of the command line.
+
+    Raises
+    ------
+    RosArgumentsError
+        If it can't read them, or a parameter file that they name.
+    """
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except _rclpy.UnknownROSArgsError as error:
+        raise RosArgumentsError(f"there are no such --ros-args: {error}") from error
+    except _rclpy.RCLError as error:
+        raise RosArgumentsError(_in_short(error)) from error
+
+
+def refused_name(error: Exception) -> str:
+    """Why ROS refuses the name of a node, a namespace, a topic; empty: it is another error."""
+    too_long = isinstance(error, _rclpy.RCLError) and "should not exceed" in str(error)
+    return _in_short(error) if too_long or isinstance(error, NameValidationException) else ""
+
+
+def _in_short(error: Exception) -> str:
+    """The text without the places in the source of ROS that follow."""
+    text = " ".join(str(error).split()).split(", at /")[0].rstrip("^ ")
+    return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}..."
