@@ -46,3 +46,17 @@ def test_entry_points_of_nodes_load_next_to_nothing() -> None:
     words = [sys.executable, "-c", code, *sorted(entry.value for entry in SCRIPTS)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-1000:]
+
+
+def test_kernels_from_the_cache_load_nothing_that_only_compiling_needs() -> None:
+    code = (
+        "import sys\n"
+        "from roller_braille.warp import warm_up\n"
+        "warm_up()\n"
+        "print('scipy.linalg' in sys.modules)\n"
+    )
+    said = [
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        for _ in range(2)  # the first may compile
+    ]
+    assert said[-1].stdout == "False\n"

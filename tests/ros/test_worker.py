@@ -102,6 +102,23 @@ def test_a_machine_that_stood_still_was_not_idle(make, monkeypatch):
     made.until(lambda: made.did == [1, 2, "idle"])
 
 
+def test_work_on_what_had_come_is_time_in_which_nothing_came(make, monkeypatch):
+    """When a backlog is worked off long after the last came, it is idle at once."""
+    made = make(0.45)
+
+    class Clock:
+        @staticmethod
+        def monotonic() -> float:
+            return 0.1 * len(made.did)
+
+    monkeypatch.setattr(module, "time", Clock)
+    made.gate.clear()
+    for item in range(8):
+        made.worker.submit(item)
+    made.gate.set()
+    made.until(lambda: made.did == [*range(8), "idle"])
+
+
 def test_the_oldest_is_dropped_and_counted(make):
     made = make(LONG_S, limit=3)
     made.gate.clear()
@@ -119,7 +136,7 @@ def test_the_oldest_is_dropped_and_counted(make):
 def test_bulk_is_left_out_in_stretches_and_the_rest_never():
     queue: Backlog[object] = Backlog(100, most_bytes=1000, gap=lambda count: ("gap", count))
     for k in range(15):
-        queue.add(f"pose {k}", False)
+        queue.add(f"pose {k}")
         queue.add(k, bulk=Bulk(100, k))
         assert queue.waiting_bytes <= 1000
     queue.add("huge", bulk=Bulk(5000, 15))  # what came last stays

@@ -37,8 +37,8 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
         while k < last and t[start] >= knots_ns[k + 1]:
             k += 1
         stop = min(start + _CHUNK, len(x))
-        if k < last and t[stop - 1] >= knots_ns[k + 1]:
-            stop = start + np.searchsorted(t[start:stop], knots_ns[k + 1])
+        while k < last and t[stop - 1] >= knots_ns[k + 1]:
+            stop -= 1
         begin = np.uint64(start)
         count = np.uint64(stop - start)
         for i in range(count):

@@ -21,10 +21,9 @@ class Bulk:
 
 @dataclass(frozen=True, slots=True)
 class Entry(Generic[T]):
-    """An item that waits; whether it counts against idleness; what it is, if it is bulk."""
+    """An item that waits; what it is, if it is bulk."""
 
     item: T
-    keeps_awake: bool
     bulk: Bulk | None
 
 
@@ -75,12 +74,12 @@ class Backlog(Generic[T]):
         """Items of bulk that wait."""
         return len(self._bulk)
 
-    def add(self, item: T, keeps_awake: bool = True, bulk: Bulk | None = None) -> None:
-        """Take an item, bulk or not; see `Entry`."""
+    def add(self, item: T, bulk: Bulk | None = None) -> None:
+        """Take an item, bulk or not."""
         if bulk is None and len(self._entries) - len(self._bulk) >= self._limit:
             del self._entries[next(k for k, e in enumerate(self._entries) if e.bulk is None)]
             self.dropped += 1
-        self._entries.append(Entry(item, keeps_awake, bulk))
+        self._entries.append(Entry(item, bulk))
         if bulk is not None:
             self._bulk.append(bulk)
             self.waiting_bytes += bulk.size
@@ -118,7 +117,7 @@ class Backlog(Generic[T]):
                 kept.append(entry)
                 continue
             if left == count and self._gap is not None:
-                kept.append(Entry(self._gap(count), True, None))
+                kept.append(Entry(self._gap(count), None))
             left -= 1
             self.waiting_bytes -= self._bulk.popleft().size
         self._entries = kept

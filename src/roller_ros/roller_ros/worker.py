@@ -29,8 +29,8 @@ class Worker(Generic[T]):
     on_idle : callable
         Called once when nothing came for `idle_s`.
     idle_s : float
-        Seconds in which this thread had nothing to do. Time in which the process or the machine
-        stood still doesn't count: what came meanwhile is still on its way.
+        Seconds in which nothing came, as this thread saw them pass. Time in which the process or
+        the machine stood still doesn't count: what came meanwhile is still on its way.
     backlog : Backlog
         What waits, and how much of it may.
     """
@@ -49,6 +49,7 @@ class Worker(Generic[T]):
         self._ready = threading.Condition()
         self._stop = False
         self._busy = False
+        self._came = 0  # items that keep awake
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -65,7 +66,8 @@ class Worker(Generic[T]):
             Makes it one of those that are left out where there is no keeping up with them.
         """
         with self._ready:
-            self.backlog.add(item, keeps_awake, bulk)
+            self.backlog.add(item, bulk)
+            self._came += keeps_awake
             self._ready.notify()
 
     @property
@@ -100,8 +102,9 @@ class Worker(Generic[T]):
             ENDED.set_result(error)
 
     def _work(self) -> None:
-        # Idle time is the sum of short waits in vain, each counted as no longer than it was to be.
-        idle_s, idle_done = 0.0, True
+        # Idle time is the sum of short waits in vain, each counted as no longer than it was to be,
+        # and of work on what had come before: while it lasted, more could have come.
+        idle_s, idle_done, came = 0.0, True, 0
         while True:
             begun = time.monotonic()
             with self._ready:
@@ -113,8 +116,8 @@ class Worker(Generic[T]):
                 self._busy = entry is not None
             if entry is not None:
                 self._handle(entry.item)
-            if entry is not None and entry.keeps_awake:
-                idle_s, idle_done = 0.0, False
+            if self._came != came:
+                idle_s, idle_done, came = 0.0, False, self._came
             else:
                 idle_s += min(time.monotonic() - begun, _WAIT_S)
             if not idle_done and idle_s > self._idle_s and not self.backlog:
