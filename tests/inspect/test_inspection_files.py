@@ -21,6 +21,7 @@ from roller_inspect.inspect_stage import InspectParameters, InspectStage, inspec
 from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
 from roller_inspect.report.document import Scan, inspection_document
+from roller_inspect.report.html import measure_words
 from roller_inspect.results.inspection_files import write_inspection
 
 from .analytic_surface import dent, flat, scan
@@ -148,6 +149,18 @@ def test_measures_of_the_recipe_count() -> None:
     assert "1 of 1 measures out of tolerance" in known.reason
     known = measured(tool="roughness_sq", of="all", high=1e-9)
     assert known.verdict in ("inconclusive", "nonconform")
+
+
+def test_measures_are_printed_in_mm_and_µm_with_their_unit() -> None:
+    def words(**changed: Any) -> tuple[str, str, str]:
+        m = {"value": -4.08e-5, "uncertainty": 2.7e-5, "unit": "m", "low": -5e-5, "high": None}
+        return measure_words({**m, "verdict": "conform", **changed})
+
+    assert words() == ("−40.8 ± 27.0 µm", "−50.0 … – µm", "conform")
+    assert words(high=2e-3)[:2] == ("−0.041 ± 0.027 mm", "−0.050 … +2.000 mm")
+    assert words(unit="m²", value=2.5e-6, uncertainty=1e-7)[0] == "+2.500 ± 0.100 mm²"
+    # What has no limits is reported alone.
+    assert words(low=None, value=None, uncertainty=None) == ("–", "–", "–")
 
 
 def test_a_pdf_is_the_page(tmp_path: Path) -> None:

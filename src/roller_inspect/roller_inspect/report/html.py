@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 #: Verdicts as the report says them.
 WORDS = {
@@ -11,6 +12,11 @@ WORDS = {
     "inconclusive": "Inconclusive",
     "unmeasured": "Unmeasured",
 }
+
+#: Of SI units what reports give, with the factor and digits; of lengths below 1 mm µm.
+_UNITS = {
+    "m": (1e3, 3, "mm"), "m²": (1e6, 3, "mm²"), "m³": (1e9, 3, "mm³"), "rad": (1e3, 2, "mrad"),
+}  # fmt: skip
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -43,3 +49,19 @@ def with_u(
 def signed(value: float, digits: int = 1) -> str:
     """A number with its sign."""
     return f"{value:+.{digits}f}".replace("-", "−")
+
+
+def measure_words(m: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Value with U, limits and verdict of a recipe's measure, with their unit; – for none."""
+    given = [v for v in (m["value"], m["low"], m["high"]) if v is not None]
+    scale, digits, unit = _UNITS[m["unit"]]
+    if unit == "mm" and max(map(abs, given), default=0.0) < 1e-3:
+        scale, digits, unit = 1e6, 1, "µm"
+    ends = ["–" if v is None else signed(v * scale, digits) for v in (m["low"], m["high"])]
+    limited = ends != ["–", "–"]
+    value = with_u(m["value"], m["uncertainty"], scale, digits, sign=True)
+    return (
+        value if m["value"] is None else f"{value} {unit}",
+        f"{' … '.join(ends)} {unit}" if limited else "–",
+        m["verdict"] if limited else "–",
+    )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .findings_section import findings_section
-from .html import WORDS, pair, table
+from .html import WORDS, measure_words, pair, table
 from .map_section import Pictured, map_section
 
 
@@ -75,13 +75,11 @@ def _measures(document: Mapping[str, Any]) -> str:
         return ""
     rows = []
     for m in document["measures"]:
-        limits = " … ".join("–" if v is None else f"{v:.6g}" for v in (m["low"], m["high"]))
-        value = f"{m['value']:.6g}" if m["value"] is not None else "–"
-        if m["value"] is not None and m["uncertainty"] is not None:
-            value += f" ± {m['uncertainty']:.2g}"
+        value, limits, verdict = measure_words(m)
+        word = f'<b class="{verdict}">{WORDS[verdict].lower()}</b>' if verdict in WORDS else verdict
         rows.append(
-            [escape(m["name"]), m["tool"], escape(m["of"]), f"{value} {m['unit']}", limits,
-             f'<b class="{m["verdict"]}">{WORDS[m["verdict"]].lower()}</b>', escape(m["reason"])]
+            [escape(m["name"]), m["tool"], escape(m["of"]), value, limits, word,
+             escape(m["reason"])]
         )  # fmt: skip
     head = ("name", "tool", "of", "value ± U", "limits", "verdict", "")
     return f"<section><h2>Measures</h2>{table(head, rows)}</section>"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_emvs.lines.edge_drift import NOT_CALIBRATED
+from roller_inspect.report.html import measure_words
 
 from .run_report import Report
 
@@ -46,7 +47,7 @@ def summary(report: Report, output: Path) -> str:
 
 
 def inspection_summary(document: Mapping[str, Any]) -> str:
-    """The verdict of a part and its findings."""
+    """The verdict of a part, its findings and the recipe's measures."""
     cover = document["coverage"]
     lines = [
         f"{document['part']}: {document['verdict'].upper()}: {document['reason']}",
@@ -67,6 +68,10 @@ def inspection_summary(document: Mapping[str, Any]) -> str:
         )
     if len(document["findings"]) > _MOST_FINDINGS:
         lines.append(f"and {len(document['findings']) - _MOST_FINDINGS} more: findings.csv")
+    for m in document["measures"]:
+        value, limits, verdict = measure_words(m)
+        judged = "" if limits == "–" else f", limits {limits}: {verdict}"
+        lines.append(f"{m['name']} ({m['tool']} of {m['of']}): {m['reason'] or value}{judged}")
     return "\n".join(lines)
 
 
