@@ -184,6 +184,10 @@ def test_a_run_inspects_plates_and_writes_its_files(
     assert (output / "pod.png").is_file()
 
 
-def test_wrong_options_get_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_options_get_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "pod", "--coatings", "golden"]) == 1
     assert "'golden' is none of plain, textured" in capsys.readouterr().err
+    assert main(["evaluate", "pod", "--kinds", "hole"]) == 1
+    assert "--kinds: 'hole' is none of dent, crater" in capsys.readouterr().err
+    assert main(["evaluate", "pod", "--depths-mm", "5", "--output", str(tmp_path / "pod")]) == 1
+    assert "at most 1.5 is expected" in capsys.readouterr().err

@@ -45,6 +45,7 @@ _EXPECTED = {
     "int_parsing": "a whole number is expected",
     "int_from_float": "a whole number is expected",
     "too_long": "{max_length} values are expected, not {actual_length}",
+    "too_short": "at least {min_length} are expected",
     "literal_error": "is not {expected}",
     "greater_than_equal": "at least {ge} is expected",
     "greater_than": "more than {gt} is expected",

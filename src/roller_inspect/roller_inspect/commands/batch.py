@@ -115,7 +115,9 @@ def _run_all(jobs: list[Job], args: argparse.Namespace) -> list[Row]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise RollerError("--scheduler needs dask: pip install dask distributed") from error
+        raise RollerError(
+            f"--scheduler needs dask ({sys.executable} -m pip install dask distributed)"
+        ) from error
     try:
         client = Client(args.scheduler, timeout=10)
     except (OSError, ValueError) as error:
