@@ -125,7 +125,7 @@ class Watcher:
 
     def close(self) -> None:
         """Leave the graph."""
-        self.spin(0.1)  # Fast DDS can hang where one leaves while others do: see `RollerNode`
+        time.sleep(0.1)  # Fast DDS can hang where one leaves while others do: see `RollerNode`
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
