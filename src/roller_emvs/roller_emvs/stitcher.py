@@ -71,7 +71,7 @@ class Stitcher:
                 self.icp_accepted += 1
                 points = points @ found.correction[:3, :3].T + found.correction[:3, 3]
         self.voxels.add(points, confidence, sigma)
-        keep = self._in_view(self.voxels.points()[0], depth_map.pose)
+        keep = self._in_view(self.voxels.places(), depth_map.pose)
         over = int(keep.sum()) - _MOST_VOXELS
         if over > 0:
             keep &= self.voxels.oldest(over)

@@ -18,7 +18,7 @@ from roller_core.transforms import F64
 
 from .patch import SURFACE_FIELDS, SURFACE_PROPERTIES, Patch
 from .ply import PlyWriter
-from .voxels import HALF, I64, cell_key, cells_of_keys
+from .voxels import HALF, I64, all_of, cell_key, cells_of_keys
 
 #: Points that wait before they are merged, so that many small patches cost little.
 _MOST_WAITING = 100_000
@@ -78,7 +78,8 @@ class SurfaceMap:
         numbers = np.arange(self._arrived, self._arrived + len(patch))
         rows = np.column_stack([patch.points, *patch.properties(), numbers])
         self._arrived += len(patch)
-        self._waiting.append(rows[np.isfinite(rows).all(axis=1)])
+        finite = np.isfinite(rows)
+        self._waiting.append(rows if finite.all() else rows[finite.all(axis=1)])
         self._count += len(patch)
         if self._count > _MOST_WAITING:
             self._merge()
@@ -99,7 +100,7 @@ class SurfaceMap:
         if self._origin is None:
             self._origin = rows[0, :3].copy()
         cells = np.floor((rows[:, :3] - self._origin) / self.voxel_m)
-        near = (np.abs(cells) < HALF).all(axis=1)
+        near = all_of(np.abs(cells) < HALF)
         keys, rows = _best(cell_key(cells[near].astype(np.int64)), rows[near])
         place = np.searchsorted(self._keys, keys)
         known = place < len(self._keys)

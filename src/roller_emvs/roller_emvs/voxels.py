@@ -45,22 +45,22 @@ class VoxelMap:
             Points left out because they are not finite or out of the map's reach.
         """
         self._round += 1
-        good = np.isfinite(points).all(axis=1) & np.isfinite(confidence) & np.isfinite(sigma)
+        good = all_of(np.isfinite(points)) & np.isfinite(confidence) & np.isfinite(sigma)
         if self._origin is None:
             if not good.any():
                 return len(points)
             self._origin = np.asarray(points[good][0], np.float64)
         local = points - self._origin
         cells = np.floor(local / self.voxel_m)
-        good &= (np.abs(cells) < HALF).all(axis=1)
+        good &= all_of(np.abs(cells) < HALF)
         local, cells, sure = local[good], cells[good].astype(np.int64), confidence[good]
         weight = np.maximum(sure.astype(np.float64), 1e-3)
         keys = cell_key(cells)
-        values = np.column_stack([weight, np.c_[local, sure, sigma[good]] * weight[:, None]])
         unique, inverse = np.unique(keys, return_inverse=True)
         sums = np.zeros((len(unique), 7))
-        for k in range(6):
-            sums[:, k] = np.bincount(inverse, values[:, k], len(unique))
+        sums[:, 0] = np.bincount(inverse, weight, len(unique))
+        for k, values in enumerate((*local.T, sure, sigma[good]), start=1):
+            sums[:, k] = np.bincount(inverse, values * weight, len(unique))
         sums[:, 6] = self._round
         self._merge(unique, sums)
         return int(len(points) - good.sum())
@@ -69,10 +69,16 @@ class VoxelMap:
         """Merged points, shape (n, 3), metres, their confidences and sigmas, shape (n,)."""
         return self._means(self._sums)
 
+    def places(self) -> F64:
+        """Merged points alone, in the order of `points`."""
+        if self._origin is None:
+            return np.empty((0, 3))
+        return self._sums[:, 1:4] / self._sums[:, :1] + self._origin
+
     def near(self, low: F64, high: F64) -> F64:
         """Merged points within an axis-aligned box, shape (n, 3), metres."""
-        points = self.points()[0]
-        return points[((points >= low) & (points <= high)).all(axis=1)]
+        points = self.places()
+        return points[all_of((points >= low) & (points <= high))]
 
     def settle(self, keep: npt.NDArray[np.bool_]) -> tuple[F64, F32, F32]:
         """Take out the voxels not to be kept and return their points, as `points` does.
@@ -110,6 +116,11 @@ class VoxelMap:
         means = sums[:, 1:6] / sums[:, :1]
         sure, sigma = means[:, 3:].astype(np.float32).T
         return means[:, :3] + self._origin, sure, sigma
+
+
+def all_of(said: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Whether all of a row of three hold, shape (n,): numpy's own is slow on short rows."""
+    return said[:, 0] & said[:, 1] & said[:, 2]
 
 
 def cell_key(cells: I64) -> I64:
