@@ -97,3 +97,19 @@ def test_lines_in_view_together_can_come_as_they_pass(indent_m: float) -> None:
     assert max(waits["seen"]) < 0.05
     # In reading order they wait for a line of 87 mm at 0.3 m/s.
     assert not waits["reading"] or min(waits["reading"]) > 0.05
+
+
+def test_specks_beside_a_line_do_not_keep_its_mosaic() -> None:
+    plate = Plate().text("the quick brown fox jumps over it", events=4000)
+    plate.dots += [(x, 8e-3, 0.0, 2 * np.pi, 100) for x in np.arange(0.01, 0.19, 0.012)]
+    track = over(plate)
+    events = scan(plate, track)
+    pipeline = BraillePipeline(SETTINGS, CAMERA, track)
+    kept_m = []
+    for begin in range(0, len(events), 5000):
+        pipeline.add_events(events[begin : begin + 5000])
+        list(pipeline.results())
+        if (reader := pipeline._reader) is not None:
+            kept_m.append((reader.strip.seen[1] - reader.strip.first) * reader.strip.px_m)
+    assert pipeline.text() == ["the quick brown fox jumps over i"]
+    assert max(kept_m) < 0.1

@@ -189,6 +189,11 @@ class PassReader:
     def _begin_lines(self, upto: int, final: bool) -> None:
         s = self._settings
         ahead = (LOOKAHEAD_CELLS + 1) * s.spacing.cell_pitch_m
+        # Where lines would have begun by now, what is dust against those read isn't kept.
+        behind = upto * self.strip.px_m - ahead
+        for kind, loose in self._loose.items():
+            solid = loose.votes >= FAINT * self._typical
+            self._loose[kind] = loose.where(solid | (loose.along >= behind))
         while True:
             free = {kind: self._free(loose) for kind, loose in self._loose.items()}
             starts = [float(dots.along[0]) for dots in free.values() if len(dots)]
