@@ -20,8 +20,9 @@ from .sensor_pose import SensorFrames, Transform
 
 #: Poses this much older are of a source that started anew, s.
 _RESTART_S = 1.0
-#: Poses that are kept where nothing waits for them: three minutes of an e-series robot.
-_MOST_POSES = 100_000
+#: Poses that are kept where no event waits for them, or half as many: six minutes of an e-series
+#: robot, by which depth maps may be late.
+_MOST_POSES = 400_000
 #: Levels of health, those of diagnostic_msgs/DiagnosticStatus.
 OK, WARN, ERROR = 0, 1, 2
 
