@@ -9,6 +9,7 @@ import pytest
 
 from roller_core.transforms import F64
 from roller_inspect.height_map import HeightMap
+from roller_inspect.pieces import Found
 from roller_inspect.references import (
     CadReference,
     Form,
@@ -19,7 +20,7 @@ from roller_inspect.references import (
     SelfReference,
     teach,
 )
-from roller_inspect.surface_inspector import Found, InspectionSettings, SurfaceInspector
+from roller_inspect.surface_inspector import InspectionSettings, SurfaceInspector
 
 from .analytic_surface import Surface, dent, flat, scan
 from .box_step import box_step

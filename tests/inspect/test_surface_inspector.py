@@ -10,13 +10,9 @@ import pytest
 
 from roller_emvs.patch import Patch
 from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap, HeightMapError
+from roller_inspect.pieces import Found, Piece
 from roller_inspect.references import NominalReference
-from roller_inspect.surface_inspector import (
-    Found,
-    InspectionSettings,
-    Piece,
-    SurfaceInspector,
-)
+from roller_inspect.surface_inspector import InspectionSettings, SurfaceInspector
 
 from .analytic_surface import dent, flat, scan
 

@@ -23,9 +23,10 @@ from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, coverage_of_area, judge, judge_findings
 from .measures import measure_all
 from .part_points import PartPoints
+from .pieces import Piece
 from .recipe import Recipe, load_recipe, load_reference
 from .recipe.decision import Verdict
-from .surface_inspector import Piece, SurfaceInspector
+from .surface_inspector import SurfaceInspector
 
 DEVIATION_FIELDS = ("x", "y", "z", "deviation", "sigma", "state")
 #: Points this much older are of a source that started again, s.

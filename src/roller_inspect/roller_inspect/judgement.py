@@ -14,9 +14,9 @@ from .findings import CellUncertainty, Finding
 from .height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap
 from .height_map.coverage import Coverage, textured
 from .measures import Figure, measure_all
+from .pieces import Found
 from .recipe import Recipe, decide, part_verdict
 from .recipe.decision import Verdict
-from .surface_inspector import Found
 
 _UNITS = {"m": ("mm", 1e3), "m2": ("mm²", 1e6), "m3": ("mm³", 1e9)}
 #: An area to inspect is looked at in so many places at most.

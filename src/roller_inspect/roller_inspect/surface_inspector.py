@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from typing import TypeVar, cast
+from dataclasses import replace
 
 import numpy as np
 from pydantic import Field
@@ -18,10 +17,11 @@ from .findings.find import Search, search
 from .findings.finder_settings import FindingSettings
 from .findings.finding import Finding
 from .height_map.coverage import Coverage, coverage_of
-from .height_map.height_map import F32, OUTSIDE, Bools, HeightMap
-from .height_map.join import coarser, join, join_size, place_on, without_run_in
+from .height_map.height_map import OUTSIDE, Bools, HeightMap
+from .height_map.join import join, place_on, without_run_in
 from .height_map.map_settings import HeightMapSettings
 from .height_map.mapper import HeightMapper
+from .pieces import Found, Piece, Whole, part_of, within
 from .references.alignment import Alignment
 from .references.reference import Reference, ReferenceError
 
@@ -37,62 +37,12 @@ _BORDER_M = 1e-3
 #: Findings nearer than this are the same one, seen again, in part of their length.
 _SAME = 0.5
 
-_Grid = TypeVar("_Grid", bound=np.ndarray)
-
 
 class InspectionSettings(Settings):
     """Settings of map and search."""
 
     height_map: HeightMapSettings = Field(HeightMapSettings.create({}), description="The map.")
     findings: FindingSettings = Field(FindingSettings.create({}), description="The search.")
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A part of the surface that was inspected.
-
-    Attributes
-    ----------
-    height_map : HeightMap
-        Its map.
-    deviation_m : ndarray of float32, shape (ny, nx)
-        From the reference; NaN where there is none.
-    """
-
-    height_map: HeightMap
-    deviation_m: F32
-
-
-@dataclass(frozen=True)
-class Found:
-    """What an inspection found.
-
-    Attributes
-    ----------
-    height_map : HeightMap or None
-        The whole; of a scan that is too long for memory a coarser one. None without any point.
-    deviation_m : ndarray of float32, shape (ny, nx), or None
-        On the same grid.
-    findings : tuple of Finding
-        All final, in the order of the scan.
-    alignment : Alignment or None
-        Of the reference (of the worst residual where the scan was given in pieces); None where
-        it couldn't be laid on the scan.
-    coverage : Coverage
-        Of what was scanned.
-    faults : tuple of str
-        Why parts could not be compared; empty if all was.
-    last : tuple of Piece
-        The strips that `SurfaceInspector.add` hadn't given yet.
-    """
-
-    height_map: HeightMap | None
-    deviation_m: F32 | None
-    findings: tuple[Finding, ...]
-    alignment: Alignment | None
-    coverage: Coverage
-    faults: tuple[str, ...]
-    last: tuple[Piece, ...] = ()
 
 
 class SurfaceInspector:
@@ -141,7 +91,7 @@ class SurfaceInspector:
         self._faults: dict[str, None] = {}
         #: Of pieces that are given up.
         self._gone: list[Finding] = []
-        self._whole: tuple[HeightMap, F32] | None = None
+        self._whole = Whole(settings.height_map.max_cells)
         self._worst: Alignment | None = None
 
     def add(self, patch: Patch) -> list[Piece]:
@@ -157,7 +107,10 @@ class SurfaceInspector:
         if len(self._passed) < _STRIPS_AT_ONCE:
             return []
         pieces = self._look(self._mapped())
-        if sum(strip.height_m.size for strip in self._strips.values()) > self._most_cells:
+        if (
+            sum(strip.height_m.size for strip in self._strips.values())
+            > self.settings.height_map.max_cells
+        ):
             self._conclude(self._cut())
         return pieces
 
@@ -167,27 +120,19 @@ class SurfaceInspector:
         last = self._look(self._mapped()) if self._passed else []
         if self._strips:
             self._conclude(sorted(self._strips))
-        whole, self._whole = self._whole, None
-        if whole is not None:
-            trimmed = without_run_in(whole[0])
-            whole = trimmed, np.where(trimmed.state == OUTSIDE, np.nan, whole[1])
+        trimmed = deviation = None
+        coverage = Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
+        if (whole := self._whole.piece) is not None:
+            trimmed = without_run_in(whole.height_map)
+            deviation = np.where(trimmed.state == OUTSIDE, np.nan, whole.deviation_m)
+            coverage = coverage_of(trimmed)
             self._gone = [f for f in self._gone if trimmed.state[_cell(f, trimmed)] != OUTSIDE]
-            last = _within(last, trimmed)
+            last = within(last, trimmed)
         self._set(tuple(self._gone))
-        coverage = coverage_of(whole[0]) if whole else Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
         return Found(
-            whole[0] if whole else None,
-            whole[1] if whole else None,
-            self.findings,
-            self._worst,
-            coverage,
-            tuple(self._faults),
+            trimmed, deviation, self.findings, self._worst, coverage, tuple(self._faults),
             tuple(last),
-        )
-
-    @property
-    def _most_cells(self) -> int:
-        return self.settings.height_map.max_cells
+        )  # fmt: skip
 
     def _mapped(self) -> list[int]:
         """Strips that were passed, mapped by now."""
@@ -228,7 +173,7 @@ class SurfaceInspector:
         if found is None:
             return []
         for k in near:
-            self._masks[k] = _part(found.mask, window, self._strips[k])
+            self._masks[k] = part_of(found.mask, window, self._strips[k])
         new = [self._strips[k] for k in strips]
         margin = round(_PASSED_M / window.step_m)
         at = [(s.x_m[[0, -1]] - window.x_m[0]) / window.step_m for s in new]
@@ -244,7 +189,7 @@ class SurfaceInspector:
         fresh = [f for f in fresh if not any(f0.final and _same(f, f0) for f0 in kept)]
         self._set(tuple([*kept, *self._numbered(fresh)]))
         deviation = found.comparison.deviation_m
-        return [Piece(strip, _part(deviation, window, strip)) for strip in new]
+        return [Piece(strip, part_of(deviation, window, strip)) for strip in new]
 
     def _inside(self, finding: Finding, window: HeightMap, margin_m: float = 0.0) -> bool:
         """Whether a finding's centre lies on a map, or so near to it along x."""
@@ -307,7 +252,7 @@ class SurfaceInspector:
         self._mapper.forget(strips)
         deviation = np.full(whole.shape, np.nan, np.float32)
         if found is not None:
-            deviation = _part(found.comparison.deviation_m, window, whole)
+            deviation = part_of(found.comparison.deviation_m, window, whole)
             alignment = found.comparison.alignment
             if self._worst is None or not alignment.residual_m < self._worst.residual_m:
                 self._worst = alignment
@@ -319,48 +264,10 @@ class SurfaceInspector:
         gone = {f.id for f in self._gone}
         rest = [f for f in self.findings if f.id not in gone and not self._inside(f, whole)]
         self._set(tuple([*self._gone, *rest]))
+        piece = Piece(whole, deviation)
         if self._on_piece is not None:
-            self._on_piece(Piece(whole, deviation))
-        self._keep(whole, deviation)
-
-    def _keep(self, height_map: HeightMap, deviation_m: F32) -> None:
-        """Add a piece to the whole, as coarse as it takes."""
-        pieces = [(height_map, deviation_m)]
-        if self._whole is not None:
-            pieces.insert(0, self._whole)
-        step = max(m.step_m for m, _ in pieces)
-        maps = []
-        while True:
-            maps = [coarser(m, d, round(step / m.step_m)) for m, d in pieces]
-            if join_size([m for m, _ in maps]) <= self._most_cells:
-                break
-            step *= 2
-        joined = join([m for m, _ in maps])
-        deviation = np.full(joined.shape, np.nan, np.float32)
-        for m, d in maps:
-            place_on(joined, m, deviation, d)
-        self._whole = (joined, deviation)
-
-
-def _within(pieces: list[Piece], whole: HeightMap) -> list[Piece]:
-    """What of pieces lies where a map isn't outside of what was scanned."""
-    x = whole.x_m[(whole.state != OUTSIDE).any(axis=0)]
-    out = []
-    for piece in pieces:
-        ends = x[0] - whole.step_m / 2, x[-1] + whole.step_m / 2
-        first, end = np.searchsorted(piece.height_map.x_m, ends)
-        if first < end:
-            columns = slice(int(first), int(end))
-            part = piece.height_map.cropped(columns, slice(None))
-            out.append(Piece(part, piece.deviation_m[:, columns]))
-    return out
-
-
-def _part(values: _Grid, window: HeightMap, part: HeightMap) -> _Grid:
-    """What a grid of a window holds for a part of it."""
-    i = round(float(part.x_m[0] - window.x_m[0]) / window.step_m)
-    j = round(float(part.y_m[0] - window.y_m[0]) / window.step_m)
-    return cast("_Grid", values[j : j + part.shape[0], i : i + part.shape[1]])
+            self._on_piece(piece)
+        self._whole.add(piece)
 
 
 def _cell(finding: Finding, height_map: HeightMap) -> tuple[int, int]:

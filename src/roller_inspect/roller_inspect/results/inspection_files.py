@@ -16,10 +16,10 @@ from roller_inspect.exports.sdf import write_sdf
 from roller_inspect.exports.tables import write_findings_csv, write_height_png
 from roller_inspect.exports.x3p import write_x3p
 from roller_inspect.height_map import CONTINUED, OUTSIDE, HeightMap
+from roller_inspect.pieces import Found
 from roller_inspect.report.map_section import Pictured
 from roller_inspect.report.page import page
 from roller_inspect.report.pictures import map_picture
-from roller_inspect.surface_inspector import Found
 
 #: Width of `deviation.png`.
 _PICTURE_PX = 800

@@ -1,0 +1,123 @@
+"""Pieces of an inspected surface: as they come, and put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar, cast
+
+import numpy as np
+
+from .findings.finding import Finding
+from .height_map.coverage import Coverage
+from .height_map.height_map import F32, OUTSIDE, HeightMap
+from .height_map.join import coarser, join, join_size, place_on
+from .references.alignment import Alignment
+
+_Grid = TypeVar("_Grid", bound=np.ndarray)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of the surface that was inspected.
+
+    Attributes
+    ----------
+    height_map : HeightMap
+        Its map.
+    deviation_m : ndarray of float32, shape (ny, nx)
+        From the reference; NaN where there is none.
+    """
+
+    height_map: HeightMap
+    deviation_m: F32
+
+
+@dataclass(frozen=True)
+class Found:
+    """What an inspection found.
+
+    Attributes
+    ----------
+    height_map : HeightMap or None
+        The whole; of a scan that is too long for memory a coarser one. None without any point.
+    deviation_m : ndarray of float32, shape (ny, nx), or None
+        On the same grid.
+    findings : tuple of Finding
+        All final, in the order of the scan.
+    alignment : Alignment or None
+        Of the reference (of the worst residual where the scan was given in pieces); None where
+        it couldn't be laid on the scan.
+    coverage : Coverage
+        Of what was scanned.
+    faults : tuple of str
+        Why parts could not be compared; empty if all was.
+    last : tuple of Piece
+        The strips that `SurfaceInspector.add` hadn't given yet.
+    """
+
+    height_map: HeightMap | None
+    deviation_m: F32 | None
+    findings: tuple[Finding, ...]
+    alignment: Alignment | None
+    coverage: Coverage
+    faults: tuple[str, ...]
+    last: tuple[Piece, ...] = ()
+
+
+class Whole:
+    """All pieces as one, on a grid as coarse as it takes.
+
+    Parameters
+    ----------
+    most_cells : int
+        Cells at most.
+
+    Attributes
+    ----------
+    piece : Piece or None
+        So far.
+    """
+
+    def __init__(self, most_cells: int) -> None:
+        self.piece: Piece | None = None
+        self._most_cells = most_cells
+
+    def add(self, piece: Piece) -> None:
+        """Take the next piece."""
+        pieces = [piece] if self.piece is None else [self.piece, piece]
+        step = max(p.height_map.step_m for p in pieces)
+        maps = []
+        while True:
+            maps = [
+                coarser(p.height_map, p.deviation_m, round(step / p.height_map.step_m))
+                for p in pieces
+            ]
+            if join_size([m for m, _ in maps]) <= self._most_cells:
+                break
+            step *= 2
+        joined = join([m for m, _ in maps])
+        deviation = np.full(joined.shape, np.nan, np.float32)
+        for m, d in maps:
+            place_on(joined, m, deviation, d)
+        self.piece = Piece(joined, deviation)
+
+
+def within(pieces: list[Piece], whole: HeightMap) -> list[Piece]:
+    """What of pieces lies where a map isn't outside of what was scanned."""
+    x = whole.x_m[(whole.state != OUTSIDE).any(axis=0)]
+    out = []
+    for piece in pieces:
+        ends = x[0] - whole.step_m / 2, x[-1] + whole.step_m / 2
+        first, end = np.searchsorted(piece.height_map.x_m, ends)
+        if first < end:
+            columns = slice(int(first), int(end))
+            part = piece.height_map.cropped(columns, slice(None))
+            out.append(Piece(part, piece.deviation_m[:, columns]))
+    return out
+
+
+def part_of(values: _Grid, window: HeightMap, part: HeightMap) -> _Grid:
+    """What a grid of a window holds for a part of it."""
+    i = round(float(part.x_m[0] - window.x_m[0]) / window.step_m)
+    j = round(float(part.y_m[0] - window.y_m[0]) / window.step_m)
+    return cast("_Grid", values[j : j + part.shape[0], i : i + part.shape[1]])
