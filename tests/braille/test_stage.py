@@ -13,6 +13,10 @@ from visualization_msgs.msg import Marker
 import roller_braille.messages  # noqa: F401 (registers the messages of cells)
 from braille.synthetic import CAMERA, Plate, over, scan
 from roller_braille.braille_stage import BrailleParameters, BrailleStage
+from roller_core._clock_kernels import map_times
+from roller_core.codecs import ENCODED_ENCODINGS
+from roller_core.event_stream import EventStream
+from roller_core.events import EventArray
 from roller_core.outputs import BRAILLE_CELLS, BRAILLE_MARKERS, BRAILLE_TEXT
 from roller_ros.messages import to_message
 from roller_ros.topics import BY_NAME
@@ -61,3 +65,19 @@ def test_clear_forgets_text_and_markers() -> None:
     assert read.data == "abc"
     assert stage.text() == []
     assert BY_NAME[BRAILLE_TEXT].qos.durability.name == "TRANSIENT_LOCAL"
+
+
+def test_warming_up_decodes_packets_of_every_encoding(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first packets of a scan would wait for it."""
+    decoded: list[str] = []
+    push = EventStream.push
+
+    def watched(stream: EventStream, encoding: str, *given: Any) -> EventArray:
+        found = push(stream, encoding, *given)
+        decoded.extend([encoding] * (len(found) > 0))
+        return found
+
+    monkeypatch.setattr(EventStream, "push", watched)
+    BrailleStage(BrailleParameters.create({})).warm_up()
+    assert decoded == [encoding for encoding in ENCODED_ENCODINGS for _ in range(2)]
+    assert map_times.signatures

@@ -68,6 +68,7 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
 
     def warm_up(self) -> None:
         """Load the kernels."""
+        super().warm_up()
         warm_up()
 
     def services(self) -> Mapping[str, Callable[[], str]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from . import outputs
 from .camera import Camera, OtherCameraError
+from .codecs import ENCODED_ENCODINGS, encode
 from .errors import RollerError
 from .event_stream import EventStream, StreamCounts, TimeBackwardsError
 from .events import EventArray
@@ -22,6 +23,8 @@ from .stage import ERROR, OK, WARN, Stage
 
 #: Bytes of a packet beside its events, about.
 PACKET_BYTES = 500
+#: As many events as a packet of a busy scan has, about.
+_USUAL_EVENTS = 5000
 #: Stamps this far from now, s, are of a recording: how late its results are means nothing.
 _RECORDED_S = 60.0
 
@@ -75,6 +78,16 @@ class EventStage(Stage[E], Generic[E, P]):
         self._milliseconds: deque[float] = deque(maxlen=1000)
         self._late_s: float | None = None
         self._past: Counter[str] = Counter()
+
+    def warm_up(self) -> None:
+        """Load what decodes packets and maps their times; a stage adds what it needs."""
+        at, t = np.zeros(_USUAL_EVENTS), np.arange(_USUAL_EVENTS) * 1000
+        for encoding in ENCODED_ENCODINGS:
+            stream = EventStream(8, 8)
+            for seq, t_ns in enumerate((0, 1_000_000_000)):
+                events = EventArray.from_arrays(at, at, t_ns + t, at)
+                payload = bytearray(encode(encoding, events, t_ns))
+                stream.push(encoding, 8, 8, seq, 1_000_000_000 + t_ns, t_ns, payload)
 
     def take_camera(self, camera: Camera) -> None:
         """Take the calibration, then the packets that came before it; see `Stage`."""

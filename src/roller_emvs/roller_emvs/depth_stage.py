@@ -52,6 +52,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
 
     def warm_up(self) -> None:
         """Load the kernels."""
+        super().warm_up()
         warm_up(self.settings)
 
     def too_slow(self) -> tuple[int, str]:

@@ -45,6 +45,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
 
     def warm_up(self) -> None:
         """Load the kernels."""
+        super().warm_up()
         warm_up(self.settings)
 
     def _make(self, camera: Camera, track: PoseTrack) -> SurfaceSweep:
