@@ -20,7 +20,8 @@ from roller_core.sensor_pose import Transform
 from roller_emvs.depth_stage import DepthStage
 from roller_emvs.windows import Window
 from roller_ros import diagnostics, messages
-from roller_ros.stage_node import LeftOut, StageNode, backlog_for, bulk_of, feed
+from roller_ros.feeding import LeftOut, backlog_for, bulk_of, feed
+from roller_ros.stage_node import StageNode
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
 MS = 1_000_000

@@ -28,8 +28,8 @@ from roller_emvs.depth_stage import DepthStage
 from roller_emvs.stitcher_stage import StitcherStage
 from roller_emvs.surface_stage import SurfaceStage
 from roller_inspect.inspect_stage import InspectStage
+from roller_ros.feeding import feed
 from roller_ros.messages import to_message
-from roller_ros.stage_node import feed
 from roller_ros.topics import BY_NAME
 from simulated_scans import Scans
 

@@ -18,7 +18,7 @@ from roller_core.outputs import Output
 from roller_core.sensor_pose import Transform
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
 from roller_ros import messages
-from roller_ros.stage_node import feed
+from roller_ros.feeding import feed
 
 SIZES = st.sampled_from([0, 1, 3, 4, 8, 2**31, 2**32 - 1])
 UNIT = (0.0, 0.0, 0.0, 1.0)

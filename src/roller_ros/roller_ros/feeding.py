@@ -1,0 +1,106 @@
+"""Messages as a stage takes them, and how many may wait for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from event_camera_msgs.msg import EventPacket
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from tf2_msgs.msg import TFMessage
+
+from roller_core import outputs
+from roller_core.errors import RollerError
+from roller_core.event_stage import PACKET_BYTES
+from roller_core.frame_settings import FollowedFrames, StreamSettings
+from roller_core.outputs import ContactFault, Output
+from roller_core.sensor_pose import transforms_of
+from roller_core.stage import Stage
+
+from . import messages
+from .backlog import Backlog, Bulk
+
+#: In place of a packet: those that follow are of another publisher.
+NEW_SOURCE = object()
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """In place of packets: so many are left out."""
+
+    packets: int
+
+
+def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError], None]) -> None:
+    """Give a message to a stage as plain data.
+
+    Parameters
+    ----------
+    stage : Stage
+        Takes it.
+    topic : str
+        Where it came, as in `Stage.inputs`.
+    message : message
+        An event packet, camera_info, transforms, an image or a cloud.
+    on_fault : callable
+        Called with the reason when the message, or a part of it, is left out.
+    """
+    if isinstance(message, TFMessage):
+        for transform in transforms_of(message, static=topic == outputs.TF_STATIC):
+            try:
+                stage.take_transform(transform)
+            except RollerError as error:
+                on_fault(error)
+        return
+    try:
+        if message is NEW_SOURCE:
+            stage.new_source()
+        elif isinstance(message, LeftOut):
+            stage.leave_out(message.packets)
+        elif isinstance(message, EventPacket):
+            stage.take_packet(message)
+        elif isinstance(message, CameraInfo):
+            camera = messages.camera_from_info(message)
+            if topic == outputs.DEPTH_INFO:
+                stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
+                stage.take_output(Output(topic, stamp, frame, camera))
+            else:
+                stage.take_camera(camera)
+        elif isinstance(message, Image):
+            stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
+            stage.take_output(Output(topic, stamp, frame, messages.image_to_array(message)))
+        elif isinstance(message, PointCloud2):
+            stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
+            stage.take_output(Output(topic, stamp, frame, outputs.cloud_of(message)))
+        elif isinstance(message, DiagnosticArray):
+            stamp = messages.to_ns(message.header.stamp)
+            for status in message.status:
+                stage.take_output(Output(topic, stamp, "", ContactFault(status.message)))
+        elif isinstance(message, WrenchStamped):
+            force = message.wrench.force
+            stage.take_force(
+                messages.to_ns(message.header.stamp), math.hypot(force.x, force.y, force.z)
+            )
+    except RollerError as error:
+        on_fault(error)
+
+
+def backlog_for(settings: FollowedFrames, kind: type[Stage[Any]]) -> Backlog[tuple[str, Any]]:
+    """What may wait for a stage: event packets are left out in stretches, nothing else for them."""
+    if not isinstance(settings, StreamSettings):
+        return Backlog(kind.most_waiting)
+    return Backlog(
+        kind.most_waiting,
+        round(settings.max_waiting_mb * 1e6),
+        round(settings.max_latency_s * 1e9),
+        lambda packets: (outputs.EVENTS, LeftOut(packets)),
+    )
+
+
+def bulk_of(packet: EventPacket) -> Bulk:
+    """What a packet counts for in a backlog."""
+    return Bulk(len(packet.events) + PACKET_BYTES, messages.to_ns(packet.header.stamp))
