@@ -71,6 +71,29 @@ def test_a_pass_is_measured_once_with_all_methods_that_want_it() -> None:
     assert not experiment_cases(EvaluationOptions(only=("time", "braille")))
 
 
+def test_what_was_calibrated_in_the_ring_holds_there() -> None:
+    """A drift moves along with the light that causes it, and only these two correct it."""
+    drift = {
+        "edge_drift": {
+            "coefficients_m": [-1e-4, 0, 0, 0],
+            "residual_m": [3e-5] * 24,
+            "max_slope": 0.8,
+        }
+    }
+    options = EvaluationOptions(
+        repeats=1, only=("objects",), objects=("stairs",), lights=("ring", "dome"),
+        calibrated={"focus": drift, "surface": drift},
+    )  # fmt: skip
+    corrected = {
+        (case.method, case.labels["light"])
+        for case in experiment_cases(options)
+        if any(case.depth.edge_drift.coefficients_m)
+    }
+    assert corrected == {("focus", "ring"), ("surface", "ring")}
+    timed = {case.method for case in timed_cases(options) if "edge_drift" in case.settings}
+    assert timed == {"focus", "surface"}
+
+
 def test_tables_hold_mean_deviation_and_coverage() -> None:
     options = EvaluationOptions(repeats=3)
     found = tables(made_up(experiment_cases(options)), options)
@@ -201,6 +224,7 @@ def test_the_page_of_results_is_made_from_rows(tmp_path: Path) -> None:
         (["--repeats", "0"], "--repeats and --jobs: at least 1"),
         (["--jobs", "0"], "--repeats and --jobs: at least 1"),
         (["--output", "/proc/nowhere"], "results can't be written there"),
+        (["--params", "config/ur10.yaml"], "no edge_drift in it"),
     ],
 )
 def test_wrong_options_get_one_line(

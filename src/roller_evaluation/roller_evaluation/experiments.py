@@ -61,6 +61,8 @@ class EvaluationOptions:
         which is that of all other experiments.
     cell : mapping
         Settings of the virtual cell that differ from its defaults.
+    calibrated : mapping
+        Settings of depth methods that were calibrated in the ring, by method: they hold there.
     quick : bool
         Whether this is the short form.
     conditions : tuple of str
@@ -77,6 +79,7 @@ class EvaluationOptions:
     large: tuple[str, ...] = tuple(LARGE_UM)
     lights: tuple[str, ...] = tuple(LIGHTS)
     cell: Mapping[str, Any] = field(default_factory=dict)
+    calibrated: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     quick: bool = False
     conditions: tuple[str, ...] = ()
     pictures: bool = True
@@ -120,7 +123,8 @@ def experiment_cases(options: EvaluationOptions) -> list[Case]:
     ) -> None:
         pressed = scan.changed(**LIGHTS[light]).changed(skin={"contact": contact})
         for method in methods:
-            case = Case(pressed, measure, method, {}, {"contact": contact, "light": light})
+            settings = o.calibrated.get(method, {}) if light == "ring" else {}
+            case = Case(pressed, measure, method, settings, {"contact": contact, "light": light})
             cases.setdefault(case.key, case)
 
     for speed in object_speeds(o):
@@ -162,7 +166,7 @@ def timed_cases(options: EvaluationOptions) -> list[Case]:
     return [
         Case(
             ScanCase(name, speed, options.seed, options.cell), "depth", method,
-            {"threads": THREADS}, {"label": method, **labels},
+            {"threads": THREADS, **options.calibrated.get(method, {})}, {"label": method, **labels},
         )
         for speed in (SPEED, FAST)
         for name in options.objects

@@ -37,6 +37,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--conditions", type=words, metavar="A,B", help="Braille: light and sensor (all)"
     )
     parser.add_argument(
+        "--params", type=Path, metavar="FILE",
+        help="edge drift of focus and surface in the ring, such as config/virtual_cell_ring.yaml "
+        "(none: not corrected)",
+    )  # fmt: skip
+    parser.add_argument(
         "--results", type=Path, metavar="FILE",
         help="also write a page (Markdown) of objects, sensors, time and braille, with its picture",
     )  # fmt: skip
@@ -44,6 +49,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_examples(
         parser,
         "evaluate --quick --output output/evaluation  # minutes",
+        "evaluate --only objects --params config/virtual_cell_ring.yaml",
         "evaluate --only braille --repeats 2",
         "evaluate braille --speeds 0.1,0.3",
     )
@@ -82,6 +88,8 @@ def _run_all(args: argparse.Namespace) -> int:
     check_names("conditions", chosen.get("conditions", ()), CONDITIONS)
     if chosen.get("repeats", 1) < 1 or args.jobs < 1 or chosen.get("seed", 0) < 0:
         raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
+    words = _command_line(args, chosen)
+    chosen["calibrated"] = _drift(args.params)
     options = EvaluationOptions.short(**chosen) if args.quick else EvaluationOptions(**chosen)
     if args.results is not None:
         check_results(args.results)
@@ -93,16 +101,30 @@ def _run_all(args: argparse.Namespace) -> int:
     show_tables([table for tables in result["tables"].values() for table in tables])
     names = [args.output / name for name in ("index.html", "evaluation.json", "rows.csv")]
     if args.results is not None:
-        write_results(result, options, _command_line(args, chosen), args.results)
+        write_results(result, options, words, args.results)
         names.append(args.results)
     print("files: " + ", ".join(map(str, names)))
     return 0
+
+
+def _drift(params: Path | None) -> dict[str, Any]:
+    """Edge drift of the depth methods that correct it, from a parameter file."""
+    if params is None:
+        return {}
+    from roller_core.settings import read_parameters
+
+    nodes = {"focus": "emvs", "surface": "surface"}
+    found = {m: read_parameters(params, node).get("edge_drift") for m, node in nodes.items()}
+    if not all(found.values()):
+        raise SettingsError(f"--params {params}: no edge_drift in it; see `roller calibrate`")
+    return {method: {"edge_drift": drift} for method, drift in found.items()}
 
 
 def _command_line(args: argparse.Namespace, chosen: dict[str, Any]) -> list[str]:
     """What makes the same figures again."""
     out = ["roller", "evaluate", "--results", str(args.results)]
     out += ["--quick"] if args.quick else []
+    out += ["--params", str(args.params)] if args.params is not None else []
     for name, value in chosen.items():
         out += [f"--{name}", ",".join(value) if isinstance(value, tuple) else str(value)]
     return out
