@@ -8,8 +8,8 @@ MAKEFLAGS += --no-print-directory
 export ROLLER_ROOT := $(CURDIR)
 export ROLLER_NAME := make
 
-# Processes that run tests. With more than there are cores, a scan in real time can come too late.
-JOBS ?= 2
+# Processes that run tests: on two cores one more, as tests of graphs wait more than they compute.
+JOBS ?= 3
 # More for pytest, such as PYTEST="-k braille".
 PYTEST ?=
 

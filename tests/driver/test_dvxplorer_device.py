@@ -125,7 +125,7 @@ def test_region_follows_a_sensor_mounted_the_other_way_round():
     ("values", "says"),
     [
         ({"readout_rate": "fast"}, "readout_rate 'fast' is not one of constant_100"),
-        ({"bias_sensitivity": 5}, "less than or equal to 4"),
+        ({"bias_sensitivity": 5}, "at most 4 is expected"),
         ({"roi_enabled": True, "roi_start_col": 9, "roi_end_col": 3}, "ends before it starts"),
         ({"polarity_on_only": True, "polarity_flatten": True}, "only one of"),
     ],
