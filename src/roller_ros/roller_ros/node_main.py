@@ -71,7 +71,7 @@ def _ended_by_signals() -> Iterator[None]:
     """Have signals complete `ENDED`, and interrupt nothing.
 
     rclpy's own handlers raise in whatever callback is being run, and have another thread shut the
-    graph down beside the one that takes the node apart: now and then that hung.
+    graph down beside the one that takes the node apart: what was being published then raises too.
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
