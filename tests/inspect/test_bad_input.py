@@ -172,8 +172,11 @@ def test_no_events_at_all(tmp_path: Path, capsys: Capture) -> None:
 
 def test_missing_input(tmp_path: Path, capsys: Capture) -> None:
     refuse(tmp_path, capsys, tmp_path / "nothing", "there is no such file or folder")
-    os.mkfifo(tmp_path / "pipe")
-    refuse(tmp_path, capsys, tmp_path / "pipe", "neither a file nor a folder")
+    for name in ("pipe", "pipe.raw"):
+        os.mkfifo(tmp_path / name)
+        refuse(tmp_path, capsys, tmp_path / name, "neither a file nor a folder")
+        assert main(["info", str(tmp_path / name)]) == 1
+        assert_matches(capsys.readouterr().err, "neither a file nor a folder")
 
 
 def test_a_folder_that_is_no_bag(tmp_path: Path, capsys: Capture) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
@@ -127,3 +128,17 @@ class Recording(ABC):
         if self._frames is None:
             self._frames = SensorFrames()
         return self._frames
+
+
+def check_path(path: Path) -> None:
+    """Refuse what can't be read as a recording: opening a pipe would wait for good.
+
+    Raises
+    ------
+    RecordingError
+        If it is neither a file nor a folder.
+    """
+    if not path.exists():
+        raise RecordingError(f"{path}: there is no such file or folder")
+    if not (path.is_file() or path.is_dir()):
+        raise RecordingError(f"{path}: neither a file nor a folder, but a pipe or a device")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from roller_core.camera import Camera
 
-from .base import Recording, RecordingError
+from .base import Recording, check_path
 from .event_file import EventFileRecording, reader_of
 
 
@@ -38,10 +38,7 @@ def open_recording(
         With one line that says what is wrong.
     """
     camera = Camera.from_yaml(camera_file) if camera_file else None
-    if not path.exists():
-        raise RecordingError(f"{path}: there is no such file or folder")
-    if not (path.is_file() or path.is_dir()):
-        raise RecordingError(f"{path}: neither a file nor a folder, but a pipe or a device")
+    check_path(path)
     # The readers bring heavy libraries; only the one that is needed is loaded.
     if path.is_dir() and (path / "events.txt").exists():
         from .dataset import DatasetRecording

@@ -12,7 +12,7 @@ from roller_core.codecs import PacketDecoder
 from roller_core.errors import RollerError
 from roller_core.seq_gaps import SeqGaps
 
-from .base import RecordingError
+from .base import RecordingError, check_path
 from .event_file import reader_of
 
 
@@ -118,8 +118,7 @@ def summarise(path: Path, topic: str | None = None, check: bool = False) -> Reco
     RollerError
         If it can't be read at all.
     """
-    if not path.exists():
-        raise RecordingError(f"{path}: there is no such file or folder")
+    check_path(path)
     summary = RecordingSummary()
     if (reader := reader_of(path)) is not None:
         stream, *size = reader.event_stream(path, topic)
