@@ -262,7 +262,7 @@ def test_a_process_that_is_killed_leaves_all_but_the_last_chunk(tmp_path: Path) 
     messages = sent()
     recorder = Recorder(BagWriter(tmp_path / "bag", KINDS), [EVENTS])
     recorder.take(messages)
-    wait_for(lambda: recorder.progress().waiting_messages == 0)
+    wait_for(lambda: sum(recorder._writer.counts.values()) == len(messages))
     wait_for(lambda: not recorder._writer.pending)  # after half a second without more
     left = BagReader(tmp_path / "bag")
     assert not (tmp_path / "bag" / "metadata.yaml").exists()
@@ -271,6 +271,26 @@ def test_a_process_that_is_killed_leaves_all_but_the_last_chunk(tmp_path: Path) 
     assert "cut off at byte" in str(left.faults[0])
     recorder.stop()
     assert written(tmp_path / "bag") == messages
+
+
+def test_a_chunk_is_pending_until_the_file_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who sees that nothing is pending may read: the disk's time is part of it."""
+    writer, seen = BagWriter(tmp_path / "bag", KINDS), []
+    message = sent()[0]
+    writer.write(message.topic, message.t_ns, message.data)
+    take = os.writev
+
+    def slow_disk(fd: int, parts: list[memoryview]) -> int:
+        seen.append(writer.pending)
+        return take(fd, parts)
+
+    monkeypatch.setattr(os, "writev", slow_disk)
+    writer.flush()
+    assert seen == [True]
+    assert not writer.pending
+    writer.close({})
 
 
 def test_output_that_is_there_or_cannot_be(tmp_path: Path) -> None:

@@ -109,11 +109,12 @@ class WholeMcapWriter(McapWriter):
             # At this level a core compresses more than the fastest sensor sends.
             self.compressor = zstandard.ZstdCompressor(level=1).compress
         self.unwritten: dict[int, int] = {}
+        self._closing = False
 
     @property
     def pending(self) -> bool:
-        """Whether messages wait for their chunk to be closed."""
-        return bool(self.chunk.msgs)
+        """Whether messages wait for their chunk to be closed and handed over."""
+        return bool(self.chunk.msgs) or self._closing
 
     def close_chunk(self) -> None:
         """Close the chunk and hand it to the operating system.
@@ -123,6 +124,7 @@ class WholeMcapWriter(McapWriter):
         OSError
             If the disk doesn't take it; the file then ends with the chunk before.
         """
+        self._closing = True  # before the library forgets the chunk
         counts = {cid: len(messages) for cid, messages in self.chunk.msgs.items()}
         checksum, first = zlib.crc32(self.chunk.bio.getbuffer()), len(self.bio.parts)
         super().close_chunk()
@@ -136,6 +138,8 @@ class WholeMcapWriter(McapWriter):
                 self.channel_stats[cid] -= count
                 self.unwritten[cid] = self.unwritten.get(cid, 0) + count
             raise
+        finally:
+            self._closing = False
 
     def abort(self) -> None:
         """Close the file as it is."""
