@@ -18,8 +18,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from roller_core import outputs
+from roller_core.errors import RollerError
 from roller_recording.writing.recorder_settings import RecorderParameters
-from roller_ros import topics
+from roller_ros import stage_node, topics
 from roller_ros.parameters import declare_settings
 
 SRC = Path(__file__).resolve().parents[2] / "src"
@@ -112,6 +113,52 @@ def test_signals_in_teardown_do_not_end_it_half_way() -> None:
             process.send_signal(number)
     assert asked == {}
     assert process.wait(timeout=60) == 0
+
+
+#: `PyDLL` keeps the interpreter's lock during the call, as Fast DDS does when it hangs.
+HANGS_HALF_MADE = """
+import ctypes, sys
+from roller_core.errors import RollerError
+from roller_ros.node import RollerNode
+from roller_ros.node_main import run_node
+
+class HalfNode(RollerNode):
+    def __init__(self):
+        super().__init__("half")
+        self.create_timer(9.0, self.destroy_node)
+        raise RollerError("no")
+
+    def destroy_node(self):
+        ctypes.PyDLL(None).sleep(60)
+
+sys.exit(run_node(HalfNode))
+"""
+
+
+@pytest.mark.usefixtures("domain")
+def test_a_node_whose_constructor_failed_leaves_in_time() -> None:
+    ended = subprocess.run([sys.executable, "-c", HANGS_HALF_MADE], timeout=40, capture_output=True)
+    assert (ended.returncode, ended.stderr) == (1, b"error: no\n")
+
+
+@pytest.mark.usefixtures("own_process_state", "domain")
+@pytest.mark.parametrize(
+    "path", [p for p in NODES if "roller_ros" not in p.parts], ids=lambda p: p.stem
+)
+def test_any_node_may_fail_before_it_has_anything(
+    path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: object) -> None:
+        raise RollerError("no such parameter")
+
+    module = importlib.import_module(f"{path.parent.name}.{path.stem}")
+    for each in (module, stage_node):
+        monkeypatch.setattr(each, "declare_settings", refuse, raising=False)
+    monkeypatch.setattr("sys.argv", ["node"])
+    monkeypatch.setattr("os.nice", lambda _: 0)
+    with pytest.raises(SystemExit) as end:
+        module.main()
+    assert (end.value.code, capsys.readouterr().err) == (1, "error: no such parameter\n")
 
 
 @pytest.mark.usefixtures("own_process_state")

@@ -143,7 +143,8 @@ class EventCameraNode(RollerNode, LifecycleNode):
 
     def destroy_node(self) -> None:
         """Let go of the camera first."""
-        self._halt()
+        if hasattr(self, "_worker"):  # else the node gave up before it could have one
+            self._halt()
         super().destroy_node()
 
     def _halt(self) -> None:

@@ -62,7 +62,8 @@ class Ur10Node(RollerNode):
 
     def destroy_node(self) -> None:
         """Stop the receiver first: it publishes."""
-        self._receiver.stop()
+        if hasattr(self, "_receiver"):  # else the node gave up before it had one
+            self._receiver.stop()
         super().destroy_node()
 
     def _on_change(self, state: str, fault: str) -> None:

@@ -7,7 +7,7 @@ from rclpy.node import Node
 from roller_core.last_resort import ends_within
 
 #: Time in which a node leaves the graph, s; it takes some hundredths.
-_LEAVES_WITHIN_S = 5
+LEAVES_WITHIN_S = 5
 
 
 class RollerNode(Node):
@@ -30,5 +30,5 @@ class RollerNode(Node):
         if self.exit_code is None:
             super().destroy_node()
         else:
-            with ends_within(_LEAVES_WITHIN_S, self.exit_code):
+            with ends_within(LEAVES_WITHIN_S, self.exit_code):
                 super().destroy_node()

@@ -14,9 +14,10 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 
 from roller_core.errors import RollerError
+from roller_core.last_resort import ends_within
 from roller_core.memory import keep_freed_memory
 
-from .node import RollerNode
+from .node import LEAVES_WITHIN_S, RollerNode
 from .refusals import init_ros, refused_name
 from .worker import ENDED
 
@@ -35,6 +36,7 @@ def run_node(make: Callable[[], RollerNode]) -> int:
         line on standard error that says why.
     """
     node: RollerNode | None = None
+    failed: BaseException | None = None
     code = 0
     try:
         for number in _SIGNALS:
@@ -46,15 +48,9 @@ def run_node(make: Callable[[], RollerNode]) -> int:
             rclpy.spin_until_future_complete(node, ENDED)
         if ENDED.done() and (error := ENDED.result()) is not None:
             code = _give_up(error)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except SystemExit as done:
-        code = int(done.code or 0)
-    except RollerError as error:
-        print(f"error: {error}", file=sys.stderr, flush=True)
-        code = 1
-    except Exception as error:
-        code = _give_up(error)
+    except BaseException as error:
+        failed = error  # and with it what its constructor had made
+        code = _code_of(error)
     finally:
         # A second signal in the middle of teardown would end it half way: a bag without its end.
         for number in _SIGNALS:
@@ -62,7 +58,9 @@ def run_node(make: Callable[[], RollerNode]) -> int:
         if node is not None:
             node.exit_code = code
             node.destroy_node()
-        rclpy.try_shutdown(uninstall_handlers=False)
+        with ends_within(LEAVES_WITHIN_S, code):
+            rclpy.try_shutdown(uninstall_handlers=False)  # a node that is half made leaves here
+            del failed
     return code
 
 
@@ -92,6 +90,18 @@ def _ended_by_signals() -> Iterator[None]:
     finally:
         signal.set_wakeup_fd(-1)
         os.close(writer)
+
+
+def _code_of(error: BaseException) -> int:
+    """Exit code after what ended a node; one line where that is a fault."""
+    if isinstance(error, KeyboardInterrupt | ExternalShutdownException):
+        return 0
+    if isinstance(error, SystemExit):
+        return int(error.code or 0)
+    if isinstance(error, RollerError):
+        print(f"error: {error}", file=sys.stderr, flush=True)
+        return 1
+    return _give_up(error)
 
 
 def _give_up(error: BaseException | None) -> int:

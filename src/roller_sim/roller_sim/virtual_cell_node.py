@@ -71,8 +71,9 @@ class VirtualCellNode(RollerNode):
 
     def destroy_node(self) -> None:
         """Stop the scan first: it publishes."""
-        self._stop.set()
-        self._thread.join(timeout=5.0)
+        if hasattr(self, "_thread"):  # else the node gave up before it had one
+            self._stop.set()
+            self._thread.join(timeout=5.0)
         super().destroy_node()
 
     def _publish_fixed(self) -> None:
