@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin, Writer
@@ -247,6 +248,25 @@ def test_big_endian_packets_are_refused(tmp_path: Path) -> None:
     assert faults == ["event packet 7 is big-endian; only little-endian ones are read"]
     # A sensor's own words are little-endian on every host.
     assert events_in(write_bag(tmp_path / "evt3", Recipe("evt3", edit=edit))) == len(scan())
+
+
+@pytest.mark.parametrize("encoding", ["evt3", "libcaer_cmp"])
+def test_info_says_what_of_packets_means_nothing(
+    encoding: str, tmp_path: Path, capsys: Capture
+) -> None:
+    def edit(topic: str, n: int, message: Any) -> Any:
+        if "events" in topic and n in (3, 5):
+            message.events = np.append(message.events, np.array([0, 0, 0, 0xB0, 0, 0xC0], np.uint8))
+        return message
+
+    bag = write_bag(tmp_path / "bag", Recipe(encoding=encoding, edit=edit))
+    assert main(["info", str(bag)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    expected = (
+        "error: 4 words mean nothing in their encoding, the first on /event_camera/events at "
+    )
+    assert line.startswith(f"{expected}1700000000.00")
+    assert f"({encoding})" in line
 
 
 def test_info_says_where_packets_are_missing(tmp_path: Path, capsys: Capture) -> None:

@@ -65,3 +65,21 @@ def test_events_come_back(header: str, tmp_path: Path, capsys: pytest.CaptureFix
 def test_what_can_not_be_read_is_named(header: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=message):
         open_recording(write(tmp_path / "scan.raw", header, from_zero()[:10]))
+
+
+def test_info_says_what_of_a_file_means_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Codes that EVT 3.0 doesn't have, events before any time, events outside the image."""
+    header = f"% evt 3.0\n% geometry {SIZE}\n"
+    path = write(tmp_path / "scan.raw", header, from_zero())
+    data, begin = path.read_bytes(), len(header)
+    untimed = np.array([0x2003, 0x2004], "<u2").tobytes()
+    junk = np.array([0xD000, 0x1234, 0x27FF], "<u2").tobytes()
+    path.write_bytes(data[:begin] + untimed + data[begin : begin + 2000] + junk + data[begin:])
+    assert main(["info", str(path)]) == 1
+    said = capsys.readouterr()
+    assert "untimed    2 events before the first time" in said.out
+    assert "outside    1 events outside the image" in said.out
+    assert f"2 words mean nothing in their encoding, the first in {path}, byte" in said.err
+    assert f"byte {begin + 2004} (evt3)" in said.err

@@ -6,7 +6,7 @@ The five encodings of ``event_camera_msgs/msg/EventPacket`` are decoded (`mono`,
 
 from __future__ import annotations
 
-from .decoder import DecodedPacket, PacketDecoder
+from .decoder import DecodedPacket, PacketDecoder, Payload, unknown_words
 from .encoder import MAX_SPAN_NS, encode
 from .errors import CodecError, PacketLengthError, PacketTimeError, UnknownEncodingError
 from .raw_packet import RawPacket, count_events
@@ -23,8 +23,10 @@ __all__ = [
     "PacketDecoder",
     "PacketLengthError",
     "PacketTimeError",
+    "Payload",
     "RawPacket",
     "UnknownEncodingError",
     "count_events",
     "encode",
+    "unknown_words",
 ]

@@ -16,6 +16,8 @@ Payload = bytes | bytearray | memoryview | npt.NDArray[np.uint8]
 
 #: Times from here on (146 years) are no times: sums with them would leave 64 bits.
 _MOST_NS = 2**62
+#: Of encodings whose words begin with a code of four bits: a bit for each code that is one.
+_KNOWN_CODES = {"libcaer_cmp": np.uint16(0x003F), "evt3": np.uint16(0xC5FD)}
 _WORD_BYTES = {"mono": 8, "trigger": 8, "libcaer": 8, "libcaer_cmp": 2, "evt3": 2}
 
 
@@ -31,11 +33,27 @@ class DecodedPacket:
         Edges on the trigger inputs.
     outside : int
         Events left out because their pixel lies outside the image.
+    untimed : int
+        Events left out because no time had come before them (`evt3`).
     """
 
     events: EventArray
     triggers: TriggerArray
     outside: int = 0
+    untimed: int = 0
+
+
+def unknown_words(encoding: str, payload: Payload) -> npt.NDArray[np.intp]:
+    """Where a payload has words that mean nothing in its encoding, bytes from its begin.
+
+    The decoder leaves them out. In encodings whose words are whole events there are none.
+    """
+    known = _KNOWN_CODES.get(encoding)
+    if known is None:
+        return np.empty(0, np.intp)
+    raw = np.frombuffer(payload, np.uint8)
+    words = raw[: len(raw) // 2 * 2].view("<u2")
+    return 2 * np.flatnonzero((known >> (words >> 12)) & 1 == 0)
 
 
 class PacketDecoder:
@@ -109,14 +127,14 @@ class PacketDecoder:
             )
             events = EventArray(x[:n], y[:n], t[:n], p[:n])
             return DecodedPacket(events, TriggerArray.empty(), count - n)
-        n, m = _kernels._count_evt3(words)
-        fields = _allocate(n)
+        count, m = _kernels._count_evt3(words)
+        fields = _allocate(count)
         ids, times, edges = np.empty(m, np.uint16), np.empty(m, np.int64), np.empty(m, np.uint8)
         n, m = _kernels._decode_evt3(words, self._evt3, *fields, ids, times, edges)
         x, y, t, p = fields
         packet = self._inside(x[:n], y[:n], t[:n], p[:n])
         return DecodedPacket(
-            packet.events, TriggerArray(ids[:m], times[:m], edges[:m]), packet.outside
+            packet.events, TriggerArray(ids[:m], times[:m], edges[:m]), packet.outside, count - n
         )
 
     def _inside(

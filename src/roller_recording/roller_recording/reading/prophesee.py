@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from roller_core.codecs import PacketDecoder
+from roller_core.codecs import DecodedPacket, PacketDecoder
 from roller_core.events import EventArray
 
 from .base import RecordingError, TruncatedRecordingError
@@ -49,7 +49,13 @@ def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:
 
 
 def read_events(path: Path, begin: int) -> Iterator[EventArray]:
-    """Events of a file, block by block, times as recorded (µs to ns).
+    """Events of a file, block by block, times as recorded (µs to ns); errors of `read_blocks`."""
+    for _, _, packet in read_blocks(path, begin):
+        yield packet.events
+
+
+def read_blocks(path: Path, begin: int) -> Iterator[tuple[int, bytes, DecodedPacket]]:
+    """Blocks of a file: the byte that they begin at, their words, and what these hold.
 
     Raises
     ------
@@ -64,7 +70,8 @@ def read_events(path: Path, begin: int) -> Iterator[EventArray]:
         with open(path, "rb") as file:
             file.seek(begin)
             while block := file.read(_BLOCK_BYTES):
-                yield decoder.decode(block[: len(block) // 2 * 2]).events
+                words = block[: len(block) // 2 * 2]
+                yield file.tell() - len(block), words, decoder.decode(words)
                 if len(block) % 2:
                     raise TruncatedRecordingError(
                         f"{path}: cut off at byte {file.tell()}, in the middle of a word; "

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
-from roller_core.codecs import PacketDecoder
+from roller_core.codecs import DecodedPacket, PacketDecoder, Payload, unknown_words
 from roller_core.errors import RollerError
 from roller_core.seq_gaps import SeqGaps
 
@@ -22,8 +22,10 @@ class RecordingSummary:
 
     Attributes
     ----------
-    packets, events, on, off, triggers_rising, triggers_falling, outside : int
+    packets, events, on, off, triggers_rising, triggers_falling, outside, untimed : int
         Of all event topics.
+    unknown_words : int
+        Words that mean nothing in their encoding.
     encodings : set of str
         Of the packets.
     size : tuple of int
@@ -46,6 +48,8 @@ class RecordingSummary:
     triggers_rising: int = 0
     triggers_falling: int = 0
     outside: int = 0
+    untimed: int = 0
+    unknown_words: int = 0
     encodings: set[str] = field(default_factory=set)
     size: tuple[int, int] = (0, 0)
     first_ns: int | None = None
@@ -55,6 +59,7 @@ class RecordingSummary:
     start_ns: int = 0
     notes: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+    _first_unknown: str = ""
 
     @property
     def off(self) -> int:
@@ -84,6 +89,8 @@ class RecordingSummary:
             )
         if self.outside:
             out.append(f"outside    {self.outside} events outside the image")
+        if self.untimed:
+            out.append(f"untimed    {self.untimed} events before the first time")
         out += [f"topic      {name}: {n} messages" for name, n in sorted(self.topics.items())]
         out += [f"note       {note}" for note in self.notes]
         return out
@@ -98,6 +105,39 @@ class RecordingSummary:
             if self.first_ns is None:
                 self.first_ns = int(events.t_ns[0])
             self.last_ns = int(events.t_ns[-1])
+
+    def add_packet(
+        self, encoding: str, payload: Payload, packet: DecodedPacket, at: str, begin: int = 0
+    ) -> None:
+        """Count a packet and what of it could not be decoded.
+
+        Parameters
+        ----------
+        encoding, payload
+            Of the packet.
+        packet : DecodedPacket
+            What was decoded of it.
+        at : str
+            Where it is, for people; a byte's number follows.
+        begin : int
+            Number of its first byte.
+        """
+        self.add(packet.events, packet.outside)
+        self.untimed += packet.untimed
+        self.triggers_rising += int(packet.triggers.edge.sum())
+        self.triggers_falling += len(packet.triggers) - int(packet.triggers.edge.sum())
+        unknown = unknown_words(encoding, payload)
+        if len(unknown) and not self.unknown_words:
+            self._first_unknown = f"{at}{begin + unknown[0]} ({encoding})"
+        self.unknown_words += len(unknown)
+
+    def end(self) -> None:
+        """All is counted: what could not be decoded is a fault."""
+        if self.unknown_words:
+            self.faults.append(
+                f"{self.unknown_words} words mean nothing in their encoding, the first "
+                f"{self._first_unknown}: damaged, or of another encoding"
+            )
 
 
 def summarise(path: Path, topic: str | None = None, check: bool = False) -> RecordingSummary:
@@ -125,13 +165,22 @@ def summarise(path: Path, topic: str | None = None, check: bool = False) -> Reco
         summary.size = (size[0], size[1])
         summary.encodings.add(reader.ENCODING)
         try:
-            for events in reader.read_events(path, stream):
-                summary.add(events)
+            _count_file(path, summary, reader, stream)
         except RecordingError as error:
             summary.faults.append(str(error))
-        return summary
-    _count_bag(path, summary, topic, check)
+    else:
+        _count_bag(path, summary, topic, check)
+    summary.end()
     return summary
+
+
+def _count_file(path: Path, summary: RecordingSummary, reader: Any, stream: int) -> None:
+    if not hasattr(reader, "read_blocks"):
+        for events in reader.read_events(path, stream):
+            summary.add(events)
+        return
+    for begin, words, packet in reader.read_blocks(path, stream):
+        summary.add_packet(reader.ENCODING, words, packet, f"in {path}, byte ", begin)
 
 
 def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: bool) -> None:
@@ -177,9 +226,8 @@ def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: 
             continue
         summary.encodings.add(message.encoding)
         summary.size = (message.width, message.height)
-        summary.add(packet.events, packet.outside)
-        summary.triggers_rising += int(packet.triggers.edge.sum())
-        summary.triggers_falling += len(packet.triggers) - int(packet.triggers.edge.sum())
+        where = f"on {item.topic} at {item.t_ns * 1e-9:.6f} s, byte "
+        summary.add_packet(message.encoding, message.events, packet, where)
     if check:
         faults, notes = reader.check(summary.topics)
         if not summary.faults:  # else reported already
