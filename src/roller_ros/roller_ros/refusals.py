@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import rclpy
 from rclpy.exceptions import NameValidationException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -16,16 +18,23 @@ class RosArgumentsError(RollerError):
     """Arguments behind `--ros-args` that ROS can't read."""
 
 
-def init_ros() -> None:
-    """Start rclpy, without its handling of signals, with the arguments of the command line.
+def init_ros(args: list[str] | None = None) -> None:
+    """Start rclpy, without its handling of signals.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        Its arguments; those of the command line if not given.
 
     Raises
     ------
     RosArgumentsError
         If it can't read them, or a parameter file that they name.
     """
+    # Else ROS's layer over Fast DDS sets aside what the profile says of memory.
+    os.environ.setdefault("RMW_FASTRTPS_USE_QOS_FROM_XML", "1")
     try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except _rclpy.UnknownROSArgsError as error:
         raise RosArgumentsError(f"there are no such --ros-args: {error}") from error
     except _rclpy.RCLError as error:

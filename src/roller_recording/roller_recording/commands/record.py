@@ -76,9 +76,9 @@ def run(args: argparse.Namespace) -> int:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
-    from rclpy.signals import SignalHandlerOptions
 
     from roller_recording.recorder_node import RecorderNode
+    from roller_ros.refusals import init_ros
 
     values = {
         "output": str(args.output or time.strftime("recording_%Y-%m-%d_%H-%M-%S")),
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     }
     given = [Parameter(name, value=value) for name, value in values.items() if value is not None]
     with _interrupts() as interrupts:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        init_ros([])
         node, code = None, 1
         try:
             node = RecorderNode(parameter_overrides=given)
