@@ -67,6 +67,31 @@ def test_clear_forgets_text_and_markers() -> None:
     assert BY_NAME[BRAILLE_TEXT].qos.durability.name == "TRANSIENT_LOCAL"
 
 
+def test_the_topic_of_the_text_is_bounded() -> None:
+    """It comes with each cell, and keeps the last hundred for who is late."""
+    stage = stage_after_a_scan()
+    stage._earlier = [f"{n:4d} {50 * 'x'}" for n in range(100)]
+    texts = [m.data for t, m in messages(stage, flush=True) if t == BRAILLE_TEXT]
+    whole = "\n".join(stage.text())
+    assert len(whole) > 5000
+    assert whole.endswith("  99 " + 50 * "x" + "\nabc")
+    assert texts[-1] == "…" + whole[-2000:]
+    assert {len(text) for text in texts} == {2001}
+
+
+def test_of_a_line_without_end_the_end_is_read() -> None:
+    stage = stage_after_a_scan()
+    messages(stage, flush=True)
+    assert stage.pipeline is not None
+    page = stage.pipeline._page
+    page._columns[0].update({3 + k: page._columns[0][k % 3] for k in range(9000)})
+    page._texts.clear()
+    whole = page.text()[0]
+    assert whole == 3001 * "abc"
+    assert stage.newest_text() == "…" + whole[-2000:]
+    assert page._texts == {0: whole}  # nothing else was read
+
+
 def test_warming_up_decodes_packets_of_every_encoding(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first packets of a scan would wait for it."""
     decoded: list[str] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from roller_core import outputs
 from roller_core.camera import Camera
@@ -13,10 +14,17 @@ from roller_core.outputs import Output, Result
 from roller_core.pose_track import PoseTrack
 
 from .cells import Cell
+from .page import newest_text
 from .pipeline import BraillePipeline
 from .reader_settings import POSE_SMOOTHING, BrailleSettings, Spacing
 from .translation import LineCell
 from .warp import warm_up
+
+#: Characters that the topic of the text holds at most, two pages of Braille: it comes with each
+#: cell, and who is late gets the last hundred.
+_MOST_TEXT = 2000
+#: Lines that are kept of scans before.
+_MOST_EARLIER = 10_000
 
 
 class BrailleParameters(BrailleSettings, StreamSettings):
@@ -87,6 +95,11 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
         """Lines of text read so far."""
         return self._earlier + (self.pipeline.text() if self.pipeline is not None else [])
 
+    def newest_text(self) -> str:
+        """The end of the text."""
+        now = self.pipeline.newest_lines(_MOST_TEXT) if self.pipeline is not None else ()
+        return newest_text(chain(now, reversed(self._earlier)), _MOST_TEXT)
+
     def lines(self) -> list[list[LineCell]]:
         """Cells of the lines read so far."""
         return self._earlier_lines + (self.pipeline.lines() if self.pipeline is not None else [])
@@ -102,6 +115,8 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
 
     def _make(self, camera: Camera, track: PoseTrack) -> BraillePipeline:
         self._earlier, self._earlier_lines = self.text(), self.lines()
+        if (many := len(self._earlier) - _MOST_EARLIER) > 0:  # numbers of lines stay
+            self._earlier[:many], self._earlier_lines[:many] = many * [""], many * [[]]
         return BraillePipeline(self.settings, camera, track)
 
     def _pipeline_results(self, pipeline: BraillePipeline, flush: bool) -> Iterator[Result]:
@@ -116,7 +131,7 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
     def _cell_outputs(self, cell: Cell) -> tuple[Output, ...]:
         self._cells += 1
         markers = CellMarkers(cell, self._cells, self.settings.spacing)
-        data = (cell, "\n".join(self.text()), markers)
+        data = (cell, self.newest_text(), markers)
         t, frame = cell.stamp_ns, self.settings.base_frame
         self._last_ns = t
         return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs, data, strict=True))

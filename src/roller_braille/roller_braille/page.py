@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from . import table
 from .cells import Cell, Seen
+from .known_cells import KnownCells
 from .lines import LOOKAHEAD_CELLS, LineReader
 from .orientation import upside_down
 from .pass_reader import PassReader
@@ -20,6 +21,10 @@ from .warp import F64, Warp
 _SAME = 0.4
 #: Lines nearer to each other than this, in line pitches, have none between them.
 _ROOM_BETWEEN = 1.6
+#: Cells that are remembered: 3 km of a line.
+MOST_CELLS = 500_000
+#: In place of what a text leaves out.
+CUT = "…"
 #: A line that broke off goes on after this many cells at most, on its lattice to within so many.
 _MOST_GAP, _IN_ROW = 6, 0.1
 
@@ -65,9 +70,11 @@ class Page:
         self._warp = warp
         self._decoders: list[table.Decoder] = []
         self._columns: list[dict[int, LineCell]] = []
+        # Of each line its text, where it was read since a cell came.
+        self._texts: dict[int, str] = {}
         self._read_line = line_reader(settings.code)
-        self._known: F64 = np.empty((0, 3))
-        self._where: list[tuple[int, int]] = []
+        reach_m = (_MOST_GAP + 2) * settings.spacing.cell_pitch_m
+        self._known = KnownCells(reach_m, MOST_CELLS)
         self._open: list[_OpenLine] = []
         # Cells given before their line was known, which come again with it.
         self._early: set[int] = set()
@@ -75,15 +82,35 @@ class Page:
 
     def text(self) -> list[str]:
         """The lines so far, without trailing spaces."""
-        return [self._read_line(cells).text.rstrip(" ") for cells in self.lines()]
+        return [self._text(line) for line in range(len(self._columns))]
+
+    def newest_lines(self, most: int) -> Iterator[str]:
+        """The lines from the last to the first; of a longer one its last `most` cells."""
+        for line in reversed(range(len(self._columns))):
+            cells = self._columns[line]
+            if len(cells) <= most:
+                yield self._text(line)
+            else:
+                end = next(reversed(cells)) + 1
+                yield CUT + self._read(self._cells_of(line, end - most, end))
 
     def lines(self) -> list[list[LineCell]]:
-        """The cells of the lines so far."""
-        blank = LineCell(table.SPACE)
-        return [
-            [columns.get(c, blank) for c in range(max(columns, default=-1) + 1)]
-            for columns in self._columns
-        ]
+        """The cells of the lines so far; of the first `MOST_CELLS` and more none are left."""
+        ends = (max(columns, default=-1) + 1 for columns in self._columns)
+        return [self._cells_of(line, 0, end) for line, end in enumerate(ends)]
+
+    def _cells_of(self, line: int, begin: int, end: int) -> list[LineCell]:
+        columns, blank = self._columns[line], LineCell(table.SPACE)
+        return [columns.get(c, blank) for c in range(begin, end)]
+
+    def _text(self, line: int) -> str:
+        if line not in self._texts:
+            end = max(self._columns[line], default=-1) + 1
+            self._texts[line] = self._read(self._cells_of(line, 0, end))
+        return self._texts[line]
+
+    def _read(self, cells: list[LineCell]) -> str:
+        return self._read_line(cells).text.rstrip(" ")
 
     def collect(self, reader: PassReader, over: bool) -> Iterator[Cell]:
         """Cells of a pass that can be given now."""
@@ -122,9 +149,9 @@ class Page:
             begun.append(preview.line)
             place = _OpenLine(preview.line)
             for seen in preview.cells:
-                before = len(self._known)
+                before = self._known.count
                 yield from self._give(place, seen, reader, early=True)
-                self._early.update(range(before, len(self._known)))
+                self._early.update(range(before, self._known.count))
 
     def _open_lines(self, reader: PassReader, over: bool, turned: bool) -> None:
         """Begin with the lines that it is the turn of."""
@@ -161,7 +188,8 @@ class Page:
         if known is not None:
             self.repeated += not early and known not in self._early
             self._early -= set() if early else {known}
-            place.line, place.column = self._where[known][0], self._where[known][1] + 1
+            line, column = self._known.where(known)
+            place.line, place.column = line, column + 1
             return
         known_dots = self._line_cell(seen)
         if place.line is None:
@@ -188,8 +216,10 @@ class Page:
             dots,
         )
         self._columns[place.line][place.column] = known_dots
-        self._known = np.concatenate([self._known, position[None]])
-        self._where.append((place.line, place.column))
+        self._texts.pop(place.line, None)
+        forgotten = self._known.add(position, place.line, place.column)
+        if forgotten is not None:
+            self._forget(*forgotten)
         place.column += 1
         yield cell
 
@@ -198,17 +228,18 @@ class Page:
 
         The cells between, other relief perhaps, stand in the line as unreadable.
         """
-        if not len(self._known):
+        numbers, places = self._known.near(dots.mean(axis=0))
+        if not numbers:
             return None
         right, down = dots[3] - dots[0], dots[1] - dots[0]
-        away = (dots.mean(axis=0) - self._known) / pitch_m
+        away = (dots.mean(axis=0) - places) / pitch_m
         along, across = (away @ axis / np.linalg.norm(axis) for axis in (right, down))
         gap = np.round(along)
         in_row = (gap >= 1) & (gap <= _MOST_GAP) & (np.hypot(along - gap, across) < _IN_ROW)
         if not in_row.any():
             return None
         nearest = int(np.argmin(np.where(in_row, gap, np.inf)))
-        line, last = self._where[nearest]
+        line, last = self._known.where(numbers[nearest])
         column = last + int(gap[nearest])
         if max(self._columns[line]) != last:
             return None
@@ -242,9 +273,31 @@ class Page:
 
     def _find(self, position: F64) -> int | None:
         """The known cell at a place."""
-        if not len(self._known):
+        numbers, places = self._known.near(position)
+        if not numbers:
             return None
-        away = np.linalg.norm(self._known - position, axis=1)
+        away = np.linalg.norm(places - position, axis=1)
         nearest = int(np.argmin(away))
         limit = _SAME * self._settings.spacing.cell_pitch_m
-        return nearest if away[nearest] < limit else None
+        return numbers[nearest] if away[nearest] < limit else None
+
+    def _forget(self, line: int, column: int) -> None:
+        """Let go of a line's cells up to one: it is too long ago."""
+        columns = self._columns[line]
+        while columns and (first := next(iter(columns))) <= column:
+            del columns[first]
+        self._texts.pop(line, None)
+        self._early.discard(self._known.count - 1 - MOST_CELLS)
+
+
+def newest_text(lines: Iterable[str], most: int) -> str:
+    """The end of a text: lines come from the last to the first; `CUT` stands for what is before."""
+    kept: list[str] = []
+    left = most
+    for line in lines:
+        kept.append(line)
+        left -= len(line) + 1
+        if left < 0:
+            break
+    text = "\n".join(reversed(kept))
+    return text if len(text) <= most else CUT + text[-most:]

@@ -132,6 +132,10 @@ class BraillePipeline:
         """
         return self._page.text()
 
+    def newest_lines(self, most: int) -> Iterator[str]:
+        """The lines from the last to the first; of a longer one its last `most` cells."""
+        return self._page.newest_lines(most)
+
     def lines(self) -> list[list[LineCell]]:
         """Cells of the lines read so far, as seen: what `text` was read from."""
         return self._page.lines()

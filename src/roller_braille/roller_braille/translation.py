@@ -33,7 +33,7 @@ class TranslationError(RollerError):
     """A code that can't be read on this machine."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class LineCell:
     """A cell of a line: raised dots as far as seen, and which dots are certain, as masks.
 

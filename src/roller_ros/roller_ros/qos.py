@@ -32,7 +32,7 @@ DEPTH = _profile(50, reliable=True)
 #: Patches of the surface, kept for RViz that starts late.
 SURFACE = _profile(50, reliable=True, latched=True)
 BRAILLE = _profile(100, reliable=True)
-#: Each holds all text so far: who comes late has it whole with the last.
+#: Each holds the text so far, or its end: who comes late has it with the last.
 TEXT = _profile(100, reliable=True, latched=True)
 #: Of each cell; a page of them is kept for RViz that starts late.
 MARKERS = _profile(1000, reliable=True, latched=True)

@@ -74,7 +74,7 @@ class Scene:
         self._covered: tuple[float, float | None] = (0.0, None)
 
     def take_text(self, text: str) -> None:
-        """Take all text so far."""
+        """Take the text so far, or its end."""
         with self.lock:
             if text != self.text:
                 self.text, self.text_revision = text, self.text_revision + 1
