@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from own import ros_domain
 from roller_emvs.depth_settings import DepthSettings
@@ -21,6 +22,12 @@ from starved import take
 ROOT = Path(__file__).resolve().parents[1]
 #: So many tests of one run need most kernels.
 MANY_TESTS = 500
+
+# How long an example takes says something of the machine, nothing of the code.
+settings.register_profile(
+    "any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("any machine")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

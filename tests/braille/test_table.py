@@ -22,7 +22,7 @@ words = st.text("abcdefghijklmnopqrstuvwxyzABCXYZ0123456789.,;:!-'", min_size=1,
 texts = st.lists(words, min_size=1, max_size=5).map(" ".join)
 
 
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=1000)
 @given(text=texts)
 @example(text="AA0a")
 @example(text="AB1AB 2ab Ab1")

@@ -67,7 +67,7 @@ def unpacked(data: bytes) -> tuple[dict, dict]:
     return header, cells
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(points, st.integers(1, 5))
 def test_cells_hold_the_mean_of_their_points(found, parts):
     grid, truth = Grid(1e-3), defaultdict(list)

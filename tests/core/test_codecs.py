@@ -44,7 +44,7 @@ def event_arrays(draw: st.DrawFn) -> EventArray:
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(events=event_arrays(), base_ms=st.integers(0, 10_000_000))
 def test_round_trip(encoding: str, events: EventArray, base_ms: int) -> None:
     base_ns = 0 if encoding == "evt3" else base_ms * 1_000_000
@@ -154,7 +154,7 @@ def test_events_outside_the_image_are_counted() -> None:
     assert packet.outside == 2
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     words=st.lists(st.integers(0, 0xFFFF), max_size=200),
     encoding=st.sampled_from(["evt3", "libcaer_cmp"]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from roller_core.pose_track import (
@@ -60,7 +60,6 @@ def test_inverse_pose(v: np.ndarray, p: np.ndarray) -> None:
     np.testing.assert_allclose(m @ inverse_pose(m), np.eye(4), atol=1e-12)
 
 
-@settings(deadline=None)
 @given(angle=st.floats(-3.0, 3.0), fraction=st.floats(0, 1), flip=st.booleans())
 def test_rotation_is_spherical_and_ignores_the_sign(
     angle: float, fraction: float, flip: bool

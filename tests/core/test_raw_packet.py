@@ -32,7 +32,7 @@ def message(frame: str, encoding: str, payload: bytes, seq: int = 7) -> bytes:
     return bytes(STORE.serialize_cdr(packet, EVENT_PACKET))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     frame=st.text(st.characters(codec="ascii", exclude_characters="\0"), max_size=20),
     encoding=st.sampled_from(["mono", "libcaer", "libcaer_cmp", "evt3", "trigger"]),

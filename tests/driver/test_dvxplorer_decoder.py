@@ -75,7 +75,7 @@ def test_transfers_may_break_anywhere():
         assert decoder.counts.padding > 0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 400), st.booleans())
 def test_any_events_come_back(seed, n, pairs):
     rng = np.random.default_rng(seed)
@@ -93,7 +93,7 @@ def test_any_events_come_back(seed, n, pairs):
     assert counts.frames == len(np.unique(out.t_ns))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.one_of(
     st.integers(0, 2**32 - 1),
     st.integers(0, 300).map(lambda ms: 0x08000000 | ms),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -32,7 +32,6 @@ def rolling(**other: object) -> RollingPass:
     return RollingPass.create({**values, **other}, "test")
 
 
-@settings(deadline=None)
 @given(speed=st.floats(0.005, 0.5), acceleration=st.floats(0.05, 3.0), length=st.floats(0.005, 2.0))
 def test_speed_and_acceleration_are_kept(speed: float, acceleration: float, length: float) -> None:
     a_pass = rolling(end_m=(0.55 + length, -0.2, 0.1), speed_m_s=speed,

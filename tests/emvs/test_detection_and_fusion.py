@@ -41,7 +41,7 @@ def test_no_votes_no_mask() -> None:
         assert not adaptive_threshold(np.zeros((9, 9), np.float32), 0, 3, scale).any()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 1000),
     size=st.sampled_from([1, 3, 7, 45, 91]),

@@ -36,7 +36,7 @@ def found_lines(rays: np.ndarray, surface_m: float = 0.0) -> Lines:
     return fit_lines(rays, surface, (0, SHAPE[1]), 1.0, PIXEL_M)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     x=st.floats(15, 40),
     tilt=st.floats(-0.15, 0.15),

@@ -134,7 +134,7 @@ def test_sweep_equals_the_dense_maximum(bundle: r.RayBundle, threads: int) -> No
 
 
 @given(shifts=st.lists(st.integers(-40, 40), min_size=len(PLANES), max_size=len(PLANES)))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_shifted_views_see_bilinear_votes_exactly(shifts: list[int]) -> None:
     """Hats of half a pixel add up to hats of one, at whole and at half positions."""
     rng = np.random.default_rng(5)

@@ -55,7 +55,7 @@ def test_travel_windows_have_the_same_travel_at_any_speed(speed: float) -> None:
         assert np.linalg.norm(moved) == pytest.approx(0.005, abs=1e-8)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     cuts=st.lists(st.integers(1, 999), max_size=12),
     rule=st.sampled_from(["time", "travel"]),

@@ -76,8 +76,7 @@ def read(path: Path) -> tuple[list[bytes], list[str]]:
 
 @settings(
     max_examples=150,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(share=st.floats(0, 1, exclude_max=True), beside=st.integers(-10, 10))
 def test_an_mcap_cut_at_any_byte(

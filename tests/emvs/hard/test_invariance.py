@@ -32,9 +32,8 @@ EPOCH_NS = 1_790_000_000_123_456_789
 TOLERANCE_M = 0.02 * world.pixel_m()
 few = settings(
     max_examples=3,
-    deadline=None,
     derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
 
