@@ -38,9 +38,12 @@ def test_a_failure_is_a_row_and_what_is_done_stays(
     assert f"{first['good']['key']}/inspection.html" in page
     assert len((out / "summary.csv").read_text().splitlines()) == 3
 
-    (folder / "broken.mcap").unlink()
-    assert main([*words, "--resume"]) == 0
-    assert rows()["good"]["key"] == first["good"]["key"]
+    capsys.readouterr()
+    assert main([*words, "--resume"]) == 1
+    said = capsys.readouterr().out
+    assert f"broken.mcap: tried again, it failed before: {first['broken.mcap']['error']}" in said
+    assert rows()["good"] == first["good"] | {"kept": True}  # and the time that it took then
+    assert not rows()["broken.mcap"]["kept"]
     assert done.stat().st_mtime_ns == written
 
 

@@ -27,6 +27,8 @@ WRONG = {
     "tolerance: []": "unknown entry 'tolerance'; is it 'tolerances'?",
     "- 1": "expected entries",
     "least_coverage: 2": "'least_coverage' = 2",
+    "least_coverage: yes": "'least_coverage' = True: a number is expected, not yes or no",
+    "lines: {a: [[0, no], [1, 1]]}": "'lines' = {'a': [[0, False], [1, 1]]}: a number is expected",
     "schema: v9": "'schema' is 'v9'",
     "measures: [{name: a, tool: tilt, of: b, datum: c}]": "'measures.0.datum' names 'c'",
     "measures: [{name: a, tool: width, of: b}]": "width is of a line",

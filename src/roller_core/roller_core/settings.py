@@ -9,12 +9,20 @@ from __future__ import annotations
 
 import difflib
 import textwrap
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from .errors import SettingsError
 from .text_file import TextFileError, read_yaml
@@ -69,6 +77,21 @@ def _group(annotation: Any) -> type[Settings] | None:
     return next(filter(None, map(_group, get_args(annotation))), None)
 
 
+def _leaves(annotation: Any) -> Iterator[Any]:
+    """The types in a field's type."""
+    inner = get_args(annotation)
+    return iter([annotation]) if not inner else (t for part in inner for t in _leaves(part))
+
+
+def _holds_truth(value: Any) -> bool:
+    """Whether a value is yes or no, or holds one."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return any(map(_holds_truth, value))
+    return isinstance(value, bool)
+
+
 class Settings(BaseModel):
     """Base of all settings models."""
 
@@ -81,6 +104,17 @@ class Settings(BaseModel):
         if not isinstance(values, Mapping):
             return values
         return {k: _completed(cls.default_of(k), v) for k, v in values.items()}
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """YAML's `yes` is no 1."""
+        if _holds_truth(value):
+            annotation = cls.model_fields[str(info.field_name)].annotation
+            leaves = set(_leaves(annotation))
+            if leaves & {int, float} and bool not in leaves and _group(annotation) is None:
+                raise PydanticCustomError("truth", "a number is expected, not yes or no")
+        return value
 
     @classmethod
     def default_of(cls, name: str) -> Any:

@@ -39,6 +39,8 @@ class Job:
         Whether results of the key that are there count.
     timeout_s, memory_bytes : float, int
         Limits; 0: none.
+    earlier_s : float, optional
+        What it took in an earlier run, as far as is known.
     """
 
     key: str
@@ -48,11 +50,15 @@ class Job:
     resume: bool
     timeout_s: float
     memory_bytes: int
+    earlier_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Row:
-    """What came of a job; `error` is empty where it has a verdict and no faults."""
+    """What came of a job; `error` is empty where it has a verdict and no faults.
+
+    `kept`: its results, and the seconds that they took, are of an earlier run.
+    """
 
     key: str
     source: str
@@ -61,8 +67,9 @@ class Row:
     measured: float | None
     findings: int | None
     deepest_m: float | None
-    seconds: float
+    seconds: float | None
     error: str
+    kept: bool = False
 
     def plain(self) -> dict[str, Any]:
         """For JSON and CSV."""
@@ -88,7 +95,8 @@ def run_job(job: Job) -> Row:
     """Inspect one recording; whatever happens there is a row."""
     begin, folder = time.monotonic(), Path(job.output)
     error = ""
-    if not (job.resume and (folder / MARK).is_file() and (folder / "inspection.json").is_file()):
+    kept = job.resume and (folder / MARK).is_file() and (folder / "inspection.json").is_file()
+    if not kept:
         words = ["inspect", job.source, "--output", job.output, *job.options]
         command = [sys.executable, "-c", _CHILD, str(job.memory_bytes), *words]
         try:
@@ -117,8 +125,9 @@ def run_job(job: Job) -> Row:
         document["coverage"]["measured"],
         len(depths),
         max(depths, key=abs, default=None),
-        round(time.monotonic() - begin, 2),
+        job.earlier_s if kept else round(time.monotonic() - begin, 2),
         error or "; ".join(document["faults"]),
+        kept,
     )
 
 

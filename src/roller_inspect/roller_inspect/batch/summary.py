@@ -37,6 +37,15 @@ def write_summary(folder: Path, rows: Sequence[Row], results: Path) -> None:
     (folder / "index.html").write_text(_page(rows, counts, results), encoding="utf-8")
 
 
+def read_rows(folder: Path) -> dict[str, Row]:
+    """Rows of a summary by key; none where there is none, or none that can be read."""
+    try:
+        jobs = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["jobs"]
+        return {job["key"]: Row(**job) for job in jobs}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
 #: Columns keep their words whole; only the reason breaks.
 _STYLE = (
     "main { max-width: 1100px; } td img { width: 300px; display: block; } b.failed { color: "

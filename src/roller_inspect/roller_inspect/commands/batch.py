@@ -82,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
 def _jobs(args: argparse.Namespace, sources: list[Path], recipe: str) -> list[Job]:
     from roller_core.calibration_file import digest
     from roller_inspect.batch.jobs import Job, key_of
+    from roller_inspect.batch.summary import read_rows
     from roller_inspect.report.document import software
 
     options = ["--method", args.method, "--no-picture"]
@@ -92,12 +93,16 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: str) -> list[Jo
     if args.export:
         options += ["--export", ",".join(args.export)]
     params = digest(args.params) if args.params else ""
-    jobs = {}
+    jobs, earlier = {}, read_rows(args.output) if args.resume else {}
     for source in sources:
         key = key_of(digest(source), recipe, params, args.method, ",".join(args.export), software())
+        before = earlier.get(key)
+        if before is not None and not before.verdict:
+            print(f"{before.source}: tried again, it failed before: {before.error}")
         jobs[key] = Job(
             key, str(source.resolve()), str(args.output.resolve() / key), tuple(options),
             args.resume, args.timeout_s, args.memory_mb * 1_000_000,
+            before.seconds if before is not None else None,
         )  # fmt: skip
     return list(jobs.values())  # a recording that is there twice is one job
 
