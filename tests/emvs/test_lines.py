@@ -92,12 +92,18 @@ def test_grounding_equals_a_search_for_each_event() -> None:
         inside = 5 <= row < 30 and 10 <= column < 50
         assert found == (row * SHAPE[1] + column if inside else surface.size)
     np.testing.assert_array_equal(counts, np.bincount(pixel, minlength=len(counts)))
-    counts[[10 * SHAPE[1] + 30, -1]] = 0  # not wanted
-    place = np.where(counts > 0, np.cumsum(counts) - counts, -1)
-    ordered = np.empty((counts.sum(), 4), np.float32)
+    wanted = np.ones(surface.size, np.uint8)
+    wanted[10 * SHAPE[1] + 30] = 0
+    starts, place = np.empty((2, len(counts)), np.int32)
+    total = kernels._starts(counts, wanted, starts, place)
+    counts[[10 * SHAPE[1] + 30, -1]] = 0
+    assert total == counts.sum()
+    np.testing.assert_array_equal(starts, np.cumsum(counts) - counts)
+    np.testing.assert_array_equal(place, np.where(counts > 0, starts, -1))
+    ordered = np.empty((total, 4), np.float32)
     kernels._by_pixel(rays, pixel, place, ordered)
-    wanted = counts[pixel] > 0
-    expected = rays[wanted][np.argsort(pixel[wanted], kind="stable")]
+    kept = counts[pixel] > 0
+    expected = rays[kept][np.argsort(pixel[kept], kind="stable")]
     np.testing.assert_array_equal(ordered, expected)
 
 

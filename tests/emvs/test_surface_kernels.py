@@ -17,27 +17,27 @@ from roller_emvs.methods.surface.part_field import whole_shifts
 def place(
     events: EventArray, pixels: np.ndarray, first: F64, second: F64, steepest: float = np.inf
 ) -> tuple[np.ndarray, tuple[float, float, float]]:
-    out = np.empty((3, len(events)), np.float32)
+    out = np.full((3, len(events) + 5), 99.0, np.float32)
     span = _event_kernels._place(
         events.x, events.y, events.t_ns, pixels, 1000, 9000, first, second, 0.045, steepest, out
     )
-    return out, span
+    return out[:, : len(events)], span
 
 
 def test_rays_meet_the_plane_and_those_that_lean_too_far_are_left_out() -> None:
     rng = np.random.default_rng(0)
     pixels = rng.uniform(-0.3, 0.3, (20, 30, 2)).astype(np.float32)
     events = EventArray.from_arrays(
-        rng.integers(0, 30, 50), rng.integers(0, 20, 50), np.sort(rng.integers(1000, 9000, 50)),
-        np.zeros(50, int),
+        rng.integers(0, 30, 1100), rng.integers(0, 20, 1100),
+        np.sort(rng.integers(1000, 9000, 1100)), np.zeros(1100, int),
     )  # fmt: skip
     first = pose_matrix(np.array([0.01, 0.002, 0.0]), rotation_vector_to_quaternion([0, 0.1, 0.0]))
     second = pose_matrix(
         np.array([0.012, 0.001, 0.001]), rotation_vector_to_quaternion([0.02, 0.1, 0.01])
     )
     out, _ = place(events, pixels, first, second)
-    expected = np.empty((3, 50))
-    for i in range(50):
+    expected = np.empty((3, 1100))
+    for i in range(1100):
         pose = first + (events.t_ns[i] - 1000) / 8000 * (second - first)
         d = pose[:3, :3] @ [*pixels[events.y[i], events.x[i]].astype(float), 1.0]
         point = pose[:3, 3] + d / d[2] * (0.045 - pose[2, 3])
@@ -148,10 +148,12 @@ def test_events_are_counted_in_their_part_row_and_bin() -> None:
     store.add(placed, events, 0.0, 0, [0])
     counts = np.zeros(np.prod(SHAPE) + 1, np.uint8)
     tiles = np.zeros(ROWS // CELL_PX * TILES + 1, np.int32)
+    places = []
     for page, count in store.chains(0, 1):
+        places.append(np.empty(count, np.int32))
         _part_kernels._count(
             store.records, store.link, page, count, shift, pixel, top, least, width, SHAPE,
-            float(LEFT), np.empty((2, _event_kernels.PAGE), np.int32), True, counts, tiles,
+            float(LEFT), np.empty(_event_kernels.PAGE, np.int32), places[-1], counts, tiles,
         )  # fmt: skip
     x, y, slope = placed.astype(float)
     bins = np.floor((x + shift) / pixel * BINS_PX + LEFT).astype(int)
@@ -168,6 +170,10 @@ def test_events_are_counted_in_their_part_row_and_bin() -> None:
     np.add.at(by_tile, (rows[inside] // CELL_PX, bins[inside] // TILE_BINS), 1)
     assert np.abs(tiles[:-1].reshape(by_tile.shape) - by_tile).sum() <= 10
     assert tiles.sum() == n
+    every = np.bincount(np.concatenate(places), minlength=len(counts))
+    np.testing.assert_array_equal(counts, np.minimum(every, MOST))
+    _part_kernels._forget(np.concatenate(places), counts)
+    assert not counts.any()
 
 
 def twin_sharpness(votes: np.ndarray) -> np.ndarray:
@@ -191,7 +197,8 @@ def test_sharpness_is_that_of_the_sum_of_shifted_parts() -> None:
         buffers = [np.full(SHAPE[2] + TILE_BINS, 77, np.uint16) for _ in range(2)]
         for begin in range(2):
             _part_kernels._measure(
-                counts, SHAPE, LEFT, begin, cells[0], 2, groups, pairs, shifts, tiles, *buffers,
+                counts, SHAPE, LEFT, begin, cells[0], 2, groups,
+                np.zeros(pairs * (PARTS + 1) * SHAPE[2], np.uint8), shifts, tiles, *buffers,
                 np.full(SHAPE[2], 9.0, np.float32), found,
             )  # fmt: skip
         histogram = counts[:-1].reshape(SHAPE).astype(float)
@@ -223,12 +230,18 @@ def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:
     spread = np.float32(0.7)
     _part_kernels._gather_slopes(
         counts, SHAPE, LEFT, offset, np.float32(1), per_offset, slopes.astype(np.float32), spread,
-        sums,
+        (*np.empty((2, SHAPE[2]), np.uint8), np.empty(SHAPE[2], np.uint16)), sums,
     )  # fmt: skip
     pixels = np.repeat(np.repeat(offset, CELL_PX, 0), CELL_PX, 1)
     seen = rng.random((cells[0], cells[1] // TILE_CELLS)) < 0.7
     support = np.zeros(pixels.shape, np.float32)
-    _part_kernels._gather(counts, SHAPE, LEFT, pixels, np.float32(1), seen, per_offset, support)
+    width = pixels.shape[1]
+    buffers = (
+        np.empty(SHAPE[2], np.uint8), np.empty(width, np.float32), *np.empty((2, width), np.int32)
+    )  # fmt: skip
+    _part_kernels._gather(
+        counts, SHAPE, LEFT, pixels, np.float32(1), seen, per_offset, buffers, support
+    )
     expected, expected_sums = np.zeros(pixels.shape), np.zeros((*cells, 3))
     for y in range(pixels.shape[0]):
         for x in range(pixels.shape[1]):

@@ -52,6 +52,23 @@ def _ground(rays, surface, start, width, pixel, counts):  # type: ignore[no-unty
             counts[np.uint32(at)] += np.int32(1)
 
 
+@njit(cache=True, nogil=True)
+def _starts(counts, wanted, starts, place):  # type: ignore[no-untyped-def]
+    """Where the events of each pixel begin if those of `wanted` pixels are put in order; how many.
+
+    `place` is the same, -1 where there are none, as in the last entry of `counts`: nowhere.
+    """
+    n = np.int32(0)
+    for k in range(len(wanted)):
+        count = counts[k] if wanted[k] else np.int32(0)
+        starts[k] = n
+        place[k] = n if count else np.int32(-1)
+        n += count
+    starts[-1] = n
+    place[-1] = -1
+    return n
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _by_pixel(rays, pixel, place, out):  # type: ignore[no-untyped-def]
     """Rays in the order of their pixels.

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.transforms import F64
+from roller_emvs.evidence.field import sample_median
 from roller_emvs.rays import F32
 
 from . import _kernels as kernels
@@ -106,7 +107,7 @@ def fit_lines(
     rays : ndarray of float32, shape (n, 4)
         x, y on the plane of offset 0, px, and slopes, px by unit of offset.
     surface : ndarray of float32, shape (height, width)
-        Offset by pixel, NaN where it is unknown, which is not everywhere.
+        Offset by pixel, NaN where it is unknown.
     columns : tuple of int
         First column in which lines are wanted, and the one after the last.
     offset_per_m : float
@@ -115,9 +116,12 @@ def fit_lines(
         From slopes to the rays' dx/dz.
     """
     height, width = surface.shape
+    start = sample_median(surface)
+    if start is None:
+        return NO_LINES
     flat = np.append(surface, np.float32(np.nan))
     pixel, counts = np.empty(len(rays), np.int32), np.zeros(height * width + 1, np.int32)
-    kernels._ground(rays, flat, np.float32(np.nanmedian(surface)), width, pixel, counts)
+    kernels._ground(rays, flat, start, width, pixel, counts)
     density = cv2.GaussianBlur(
         counts[:-1].reshape(height, width).astype(np.float32),
         (0, 0), sigmaX=_BLUR_PX[0], sigmaY=_BLUR_PX[1],
@@ -154,18 +158,15 @@ def fit_lines(
     return _agreeing(lines, _VOTE_M * abs(offset_per_m))
 
 
-def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int) -> tuple[F32, I64]:
+def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int) -> tuple[F32, I32]:
     """Rays that lie in the windows around some places, by pixel, and where each pixel's begin."""
     wanted = np.zeros((len(counts) // width, width), np.uint8)
     wanted[row, column] = 1
     reach = [2 * int(np.ceil(half)) + 3 for half in _WINDOW_PX]
     cv2.dilate(wanted, np.ones((reach[1], reach[0]), np.uint8), dst=wanted)
-    kept = np.where(wanted.ravel() > 0, counts[:-1], 0)
-    starts = np.zeros(len(counts), np.int64)
-    np.cumsum(kept, out=starts[1:])
-    ordered = np.empty((starts[-1], 4), np.float32)
-    place = np.where(kept > 0, starts[:-1], -1)
-    kernels._by_pixel(rays, pixel, np.append(place, -1), ordered)
+    starts, place = np.empty((2, len(counts)), np.int32)
+    ordered = np.empty((kernels._starts(counts, wanted.ravel(), starts, place), 4), np.float32)
+    kernels._by_pixel(rays, pixel, place, ordered)
     return ordered, starts
 
 

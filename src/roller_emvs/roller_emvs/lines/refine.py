@@ -105,10 +105,8 @@ def refine(
     both: list[Lines] = [NO_LINES, NO_LINES]
 
     def fit(polarity: int) -> None:
-        own, surface = rays(polarity), found.surfaces[polarity]
-        if np.isfinite(surface).any():
-            scales = (field.offset_per_m, field.ray_slope_scale)
-            both[polarity] = fit_lines(own, surface, columns, *scales)
+        scales = (field.offset_per_m, field.ray_slope_scale)
+        both[polarity] = fit_lines(rays(polarity), found.surfaces[polarity], columns, *scales)
 
     share(threads, 2, fit)
     parts = [_judge(lines, k, found, field) for k, lines in enumerate(both)]

@@ -34,17 +34,15 @@ _SCALE = np.float32(1.0 / (4 * 20 * 20))
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count(  # type: ignore[no-untyped-def]
-    records, link, page, total, shift, pixel, top, least, width, shape, left, place, keep, counts,
+    records, link, page, total, shift, pixel, top, least, width, shape, left, tile, place, counts,
     tiles,
 ):  # fmt: skip
     """Count a chain of events, x `shift` further on, in their part, row and bin.
 
-    Unless told to `keep` them the bins become zero.
-
     `left` is the bin of x = 0; rows begin half a pixel before `top`. Parts are `width` wide in
-    slope from `least` on; slopes beyond them go to the end parts. `tiles`, flat, of rows of cells
-    and tiles, counts events too, those that go nowhere in its last entry. `place`, shape
-    (2, PAGE), is a buffer.
+    slope from `least` on; slopes beyond them go to the end parts. `place`, shape (total,), takes
+    where each event counts. `tiles`, flat, of rows of cells and tiles, counts events too, those
+    that go nowhere in its last entry. `tile`, shape (PAGE,), is a buffer.
     """
     rows, parts, bins = shape
     per_bin = np.float32(BINS_PX / pixel)
@@ -58,11 +56,11 @@ def _count(  # type: ignore[no-untyped-def]
     right, below = np.float32(bins), np.float32(rows)
     nowhere, no_tile = np.int32(parts * rows * bins), np.int32(len(tiles) - 1)
     many, wide, line = np.int32(parts), np.int32(bins), np.int32(bins // TILE_BINS)
-    times = np.uint8(keep)
     n = 0
     while page >= 0:
         size = np.uint64(min(PAGE, total - n))
         x, y, slope = records[page, 0], records[page, 1], records[page, 2]
+        own = place[n:]
         for i in range(size):
             a = x[i] * per_bin + x0
             b = y[i] * per_row + y0
@@ -70,20 +68,43 @@ def _count(  # type: ignore[no-untyped-def]
             inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
             row, column = np.int32(b), np.int32(a)
             at = (row * many + part) * wide + column
-            tile = (row // np.int32(CELL_PX)) * line + column // np.int32(TILE_BINS)
-            place[0, i] = at if inside else nowhere
-            place[1, i] = tile if inside else no_tile
+            near = (row // np.int32(CELL_PX)) * line + column // np.int32(TILE_BINS)
+            own[i] = at if inside else nowhere
+            tile[i] = near if inside else no_tile
         for i in range(size):
-            found = np.uint64(place[0, i])
-            was = counts[found]
-            counts[found] = (was + np.uint8(was < MOST)) * times
-            tiles[np.uint64(place[1, i])] += np.int32(1)
+            found = np.uint64(own[i])
+            counts[found] += np.uint8(counts[found] < MOST)
+            tiles[np.uint64(tile[i])] += np.int32(1)
         n += PAGE
         page = link[page]
 
 
+@njit(cache=True, nogil=True)
+def _forget(place, counts):  # type: ignore[no-untyped-def]
+    """Make the bins at some places zero."""
+    for i in range(np.uint64(len(place))):
+        counts[np.uint64(place[i])] = 0
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_parts(counts, shape, row, first, last, start, shifts, size, total):  # type: ignore[no-untyped-def]
+def _add_rows(counts, shape, row, low, high, pairs):  # type: ignore[no-untyped-def]
+    """Sums of the pairs of rows of a row of cells, all parts, from the bin `low` to `high`.
+
+    `pairs` is flat, of as many pairs as it holds, parts and one more that stays zero, and bins.
+    """
+    _, parts, bins = shape
+    line = np.uint64(parts * bins)
+    size = np.uint64(high - low)
+    for pair in range(len(pairs) // ((parts + 1) * bins)):
+        for j in range(parts):
+            at = np.uint64(((row + pair * ROW_PX) * parts + j) * bins + low)
+            to = np.uint64((pair * (parts + 1) + j) * bins + low)
+            for i in range(size):
+                pairs[to + i] = np.uint8(counts[at + i] + counts[at + line + i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_parts(pairs, shape, pair, first, last, start, shifts, size, total):  # type: ignore[no-untyped-def]
     """Votes of a pair of rows on a plane: the sum of parts first to last, each at its shift.
 
     `start` is the bin on the plane of `total[0]`. The number of parts must be even, `size` so many
@@ -93,16 +114,19 @@ def _add_parts(counts, shape, row, first, last, start, shifts, size, total):  # 
     chunks = np.uint64(size) // _CHUNK
     for i in range(np.uint64(size)):
         total[i] = 0
-    for j in range(first, last, 2):
-        a = np.uint64((row * parts + j) * bins + start - shifts[j])
-        b = np.uint64((row * parts + j + 1) * bins + start - shifts[j + 1])
-        c = a + np.uint64(parts * bins)
-        d = b + np.uint64(parts * bins)
+    top = pair * (parts + 1)
+    nothing = np.uint64((top + parts) * bins + start)
+    for j in range(first, last, 4):
+        a = np.uint64((top + j) * bins + start - shifts[j])
+        b = np.uint64((top + j + 1) * bins + start - shifts[j + 1])
+        more = j + 2 < last
+        c = np.uint64((top + j + 2) * bins + start - shifts[j + 2]) if more else nothing
+        d = np.uint64((top + j + 3) * bins + start - shifts[j + 3]) if more else nothing
         for k in range(chunks):
             begin = k * _CHUNK
             for i in range(_CHUNK):
                 at = begin + i
-                four = np.uint8(counts[a + at] + counts[b + at] + counts[c + at] + counts[d + at])
+                four = np.uint8(pairs[a + at] + pairs[b + at] + pairs[c + at] + pairs[d + at])
                 total[at] += np.uint16(four)
 
 
@@ -112,20 +136,34 @@ def _measure(  # type: ignore[no-untyped-def]
 ):
     """Sharpness of the votes by plane and cell, of every `step`-th row of cells from `begin` on.
 
-    The parts are summed in so many `groups`, of which each adds its own sharpness, of the first
-    `pairs` of a cell's rows. `shifts`, shape (planes, parts), are of whole bins; `left` is the bin
-    of the first cell. `tiles`, shape (rows of cells, tiles, 2), holds the first and last plane on
-    which each counts. `measure`, shape (planes, rows, columns) of cells, is added to.
+    The parts are summed in so many `groups`, of which each adds its own sharpness. `pairs` is for
+    the sums of as many of a cell's pairs of rows, zero; see `_add_rows`. `shifts`, shape (planes,
+    parts), are of whole bins; `left` is the bin of the first cell. `tiles`, shape (rows of cells,
+    tiles, 2), holds the first and last plane on which each counts. `measure`, shape (planes, rows,
+    columns) of cells, is added to.
     """
     planes, _, cell_columns = measure.shape
     count = tiles.shape[1]
-    own = shape[1] // groups
+    _, parts, bins = shape
+    own = parts // groups
+    looks = len(pairs) // ((parts + 1) * bins)
+    furthest = np.abs(shifts).max()
     for row in range(begin, end, step):
         low = planes
         high = -1
+        left_tile = count
+        right_tile = 0
         for t in range(count):
-            low = min(low, max(tiles[row, t, 0], 0))
-            high = max(high, min(tiles[row, t, 1], planes - 1))
+            if max(tiles[row, t, 0], 0) <= min(tiles[row, t, 1], planes - 1):
+                low = min(low, max(tiles[row, t, 0], 0))
+                high = max(high, min(tiles[row, t, 1], planes - 1))
+                left_tile = min(left_tile, t)
+                right_tile = t + 1
+        if high < 0:
+            continue
+        near = max(left + left_tile * TILE_BINS - SIDE - furthest, 0)
+        far = min(left + right_tile * TILE_BINS - SIDE + _BESIDE + furthest, bins)
+        _add_rows(counts, shape, row * CELL_PX, near, far, pairs)
         for k in range(low, high + 1):
             t = 0
             while t < count:
@@ -140,10 +178,10 @@ def _measure(  # type: ignore[no-untyped-def]
                 width = (t - first) * TILE_BINS
                 start = left + begin_cell * CELL_BINS - SIDE
                 for g in range(groups):
-                    for pair in range(pairs):
+                    for pair in range(looks):
                         _add_parts(
-                            counts, shape, row * CELL_PX + pair * ROW_PX, g * own,
-                            (g + 1) * own, start, shifts[k], width + _BESIDE, total,
+                            pairs, shape, pair, g * own, (g + 1) * own, start, shifts[k],
+                            width + _BESIDE, total,
                         )  # fmt: skip
                         _add_slopes(total, width, sums, line, g + pair)
                 for cell in range(begin_cell, end_cell):
@@ -186,70 +224,103 @@ def _add_slopes(total, width, sums, line, before):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather_slopes(  # type: ignore[no-untyped-def]
-    counts, shape, left, offset, most, per_offset, middles, spread, sums
+    counts, shape, left, offset, most, per_offset, middles, spread, buffers, sums
 ):
     """Events of each cell where its surface is: their count, slopes and squares.
 
     `offset` is the surface on cells, NaN where unknown, looked at up to `most`. `middles` are the
     slopes of the parts, `per_offset` their bins by unit of offset, `spread` the variance of slopes
-    within a part.
+    within a part. `buffers`, of bins uint8, uint8 and uint16, are for use.
     """
     _, parts, bins = shape
     height, width = offset.shape
-    line = np.uint64(parts * bins)
+    one, line = np.uint64(1), np.uint64(parts * bins)
     two, three = np.uint64(2) * line, np.uint64(3) * line
+    four, eight, every = buffers
     for i in range(height):
+        # From the first cell that has a surface to the last.
+        first = width
+        last = 0
+        z = np.float32(0)
         for j in range(width):
-            z = offset[i, j]
             # Written so that NaN fails it.
-            if not abs(z) <= most:
-                continue
-            count = np.float32(0)
-            slope = np.float32(0)
-            square = np.float32(0)
-            for part in range(parts):
-                shift = np.int64(np.rint(per_offset[part] * z))
-                at = np.uint64((i * CELL_PX * parts + part) * bins + left + j * CELL_BINS - shift)
-                n = np.uint32(0)
-                for b in range(np.uint64(CELL_BINS)):
-                    four = counts[at + b] + counts[at + line + b]
-                    four += counts[at + two + b] + counts[at + three + b]
-                    n += np.uint32(np.uint8(four))
-                if n:
-                    s = middles[part]
-                    count += np.float32(n)
-                    slope += np.float32(n) * s
-                    square += np.float32(n) * (s * s + spread)
-            sums[i, j, 0] = count
-            sums[i, j, 1] = slope
-            sums[i, j, 2] = square
+            if abs(offset[i, j]) <= most:
+                first = min(first, j)
+                last = j + 1
+                z = max(z, abs(offset[i, j]))
+        for part in range(parts):
+            if last <= first:
+                break
+            apart = np.int64(np.ceil(abs(per_offset[part]) * z)) + 1
+            low = max(left + first * CELL_BINS - apart, 0)
+            size = np.uint64(min(left + last * CELL_BINS + apart, bins) - low)
+            at = np.uint64((i * CELL_PX * parts + part) * bins + low)
+            for b in range(size):
+                four[b] = np.uint8(
+                    counts[at + b] + counts[at + line + b]
+                    + counts[at + two + b] + counts[at + three + b]
+                )  # fmt: skip
+            for b in range(size - one):
+                eight[b] = np.uint8(four[b] + four[b + one])
+            for b in range(size - np.uint64(3)):
+                every[b] = np.uint16(eight[b]) + np.uint16(eight[b + np.uint64(2)])
+            s = middles[part]
+            square = s * s + spread
+            for j in range(first, last):
+                if abs(offset[i, j]) <= most:
+                    shift = np.int64(np.rint(per_offset[part] * offset[i, j]))
+                    k = np.uint64(left + j * CELL_BINS - shift - low)
+                    n = np.float32(
+                        np.uint32(every[k])
+                        + np.uint32(every[k + np.uint64(4)])
+                        + np.uint32(every[k + np.uint64(8)])
+                        + np.uint32(every[k + np.uint64(12)])
+                    )
+                    sums[i, j, 0] += n
+                    sums[i, j, 1] += n * s
+                    sums[i, j, 2] += n * square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(counts, shape, left, offset, most, seen, per_offset, support):  # type: ignore[no-untyped-def]
+def _gather(counts, shape, left, offset, most, seen, per_offset, buffers, support):  # type: ignore[no-untyped-def]
     """Events of each pixel where its surface is; of tiles of cells that are not `seen` none.
 
-    `offset` is the surface by pixel, NaN where unknown, looked at up to `most`.
+    `offset` is the surface by pixel, NaN where unknown, looked at up to `most`. `buffers` are for
+    use: of bins int8, and of a row's pixels float32, int32 and int32.
     """
     _, parts, bins = shape
     height, width = offset.shape
-    one = np.uint64(1)
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
+    some, heights, places, total = buffers
     for y in range(height):
+        n = 0
+        z = np.float32(0)
         for cell in range(width // CELL_PX):
             if not seen[y // CELL_PX, cell // TILE_CELLS]:
                 continue
             for x in range(cell * CELL_PX, (cell + 1) * CELL_PX):
-                z = offset[y, x]
-                if not abs(z) <= most:
-                    continue
-                n = np.uint32(0)
-                for part in range(parts):
-                    shift = np.int64(np.rint(per_offset[part] * z))
-                    at = np.uint64((y * parts + part) * bins + left + x * BINS_PX - shift)
-                    n += (
-                        np.uint32(counts[at])
-                        + np.uint32(counts[at + one])
-                        + np.uint32(counts[at + np.uint64(2)])
-                        + np.uint32(counts[at + np.uint64(3)])
-                    )
-                support[y, x] = np.float32(n)
+                if abs(offset[y, x]) <= most:
+                    heights[n] = offset[y, x]
+                    places[n] = x
+                    total[n] = 0
+                    z = max(z, abs(offset[y, x]))
+                    n += 1
+        if n == 0:
+            continue
+        for part in range(parts):
+            per = per_offset[part]
+            apart = np.int64(np.ceil(abs(per) * z)) + 1
+            low = max(left + places[0] * BINS_PX - apart, 0)
+            size = np.uint64(min(left + (places[n - 1] + 1) * BINS_PX + apart, bins - 3) - low)
+            at = np.uint64((y * parts + part) * bins + low)
+            for b in range(size):
+                some[b] = np.uint8(
+                    counts[at + b] + counts[at + b + one]
+                    + counts[at + b + two] + counts[at + b + three]
+                )  # fmt: skip
+            begin = np.int32(left - low)
+            for i in range(np.uint64(n)):
+                k = begin + places[i] * np.int32(BINS_PX) - np.int32(np.rint(per * heights[i]))
+                total[i] += np.int32(some[np.uint32(k)])
+        for i in range(n):
+            support[y, places[i]] = np.float32(total[i])

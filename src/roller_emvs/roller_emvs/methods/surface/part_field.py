@@ -73,6 +73,8 @@ class PartField(EvidenceField):
         Slopes of the parts' middles, px by unit of offset.
     reached : ndarray of bool, shape (2, rows of cells, tiles of the grid)
         Tiles that enough events of a polarity can reach.
+    places : list of ndarray of int32
+        By polarity: where in `counts` its events count.
     reach_m : float
         Events reach no further beside the block on any plane.
     """
@@ -83,6 +85,7 @@ class PartField(EvidenceField):
     most_offset: float
     part_slopes: F64
     reached: Mask
+    places: list[npt.NDArray[np.int32]]
     reach_m: float
 
     @property
@@ -95,18 +98,24 @@ class PartField(EvidenceField):
         reached = np.repeat(self.reached[polarity], TILE_CELLS, axis=1)[:, : self.cells[1]]
         surface = np.where(reached, offset, np.float32(np.nan))
         width = (self.part_slopes[-1] - self.part_slopes[0]) / (len(self.part_slopes) - 1)
+        buffers = (*np.empty((2, self.bins[2]), np.uint8), np.empty(self.bins[2], np.uint16))
         kernels._gather_slopes(
             self.counts[polarity], self.bins, self.left_bin, surface, np.float32(self.most_offset),
-            self._per_offset, self.part_slopes.astype(np.float32), np.float32(width**2 / 12), sums,
+            self._per_offset, self.part_slopes.astype(np.float32), np.float32(width**2 / 12),
+            buffers, sums,
         )  # fmt: skip
         return sums
 
     def support(self, offset: F32, polarity: int) -> F32:
         """See `EvidenceField`."""
-        found = np.zeros(self.shape, np.float32)
+        found, columns = np.zeros(self.shape, np.float32), self.shape[1]
+        buffers = (
+            np.empty(self.bins[2], np.uint8), np.empty(columns, np.float32),
+            *np.empty((2, columns), np.int32),
+        )  # fmt: skip
         kernels._gather(
             self.counts[polarity], self.bins, self.left_bin, offset, np.float32(self.most_offset),
-            self.reached[polarity], self._per_offset, found,
+            self.reached[polarity], self._per_offset, buffers, found,
         )  # fmt: skip
         return found
 
@@ -136,11 +145,13 @@ class PartField(EvidenceField):
         """
         found = np.zeros((len(at), *self.cells), np.float32)
         shifts = whole_shifts(self.part_slopes, at)
-        groups, pairs = (COARSE_PARTS, 1) if coarsely else (1, CELL_PX // ROW_PX)
+        groups, looks = (COARSE_PARTS, 1) if coarsely else (1, CELL_PX // ROW_PX)
+        _, parts, bins = self.bins
 
         def run(begin: int) -> None:
-            total, sums = (np.zeros(self.bins[2] + TILE_BINS, np.uint16) for _ in range(2))
-            line = np.zeros(self.bins[2], np.float32)
+            pairs = np.zeros(looks * (parts + 1) * bins, np.uint8)
+            total, sums = (np.zeros(bins + TILE_BINS, np.uint16) for _ in range(2))
+            line = np.zeros(bins, np.float32)
             kernels._measure(
                 self.counts[polarity], self.bins, self.left_bin, begin, self.cells[0], threads,
                 groups, pairs, shifts, tiles, total, sums, line, found,
@@ -224,10 +235,10 @@ def part_field(
     field = PartField(
         (rows, columns), slopes, pixel, 1.0, strip.focal_px, strip.speed_m_s / pixel,
         1.0, buffers.take(rows * parts * tiles * TILE_BINS + 1), shape, apron * TILE_BINS, furthest,
-        part_slopes, np.zeros((2, rows // CELL_PX, count), np.bool_),
+        part_slopes, np.zeros((2, rows // CELL_PX, count), np.bool_), [np.empty(0, np.int32)] * 2,
         MARGIN_M + size + max(-least, most) * furthest,
     )  # fmt: skip
-    _count(strip, block, field, seen, True, threads)
+    _count(strip, block, field, seen, threads)
     reach = int(np.ceil(strip.half_m * bins_per_m / TILE_BINS))
     sums = np.cumsum(np.pad(seen[:, :-1].reshape(2, -1, tiles), ((0, 0), (0, 0), (1, 0))), axis=2)
     begin, end = apron - reach, apron + reach + 1
@@ -238,31 +249,31 @@ def part_field(
     return field
 
 
-def clear(strip: Strip, block: Block, field: PartField, threads: int) -> None:
+def clear(field: PartField, threads: int) -> None:
     """Make the memory of a field zero again: cheaper by its events than as a whole."""
-    tiles = field.bins[2] // TILE_BINS
-    unused = np.empty((2, field.cells[0] * tiles + 1), np.int32)
-    _count(strip, block, field, unused, False, threads)
+    share(threads, 2, lambda k: kernels._forget(field.places[k], field.counts[k]))
 
 
 def _count(
-    strip: Strip, block: Block, field: PartField, seen: npt.NDArray[np.int32], keep: bool,
-    threads: int,
-) -> None:  # fmt: skip
-    """Count the events that reach a block, or set their bins to zero."""
+    strip: Strip, block: Block, field: PartField, seen: npt.NDArray[np.int32], threads: int
+) -> None:
+    """Count the events that reach a block."""
     pixel, store = strip.pixel_m, strip.store
     width = float(field.part_slopes[1] - field.part_slopes[0]) * pixel
     least = float(field.part_slopes[0]) * pixel - 0.5 * width
     left = field.left_bin + (MARGIN_M / pixel + 0.5) * BINS_PX
 
     def run(polarity: int) -> None:
-        place = np.empty((2, PAGE), np.int32)
-        for start, page, count in strip.chains(block, polarity, field.reach_m):
+        chains, n = list(strip.chains(block, polarity, field.reach_m)), 0
+        tile, place = (np.empty(size, np.int32) for size in (PAGE, sum(c for *_, c in chains)))
+        field.places[polarity] = place
+        for start, page, count in chains:
             kernels._count(
-                store.records, store.link, page, count, -start, pixel,
-                block.low_y_m, least, width, field.bins, left, place, keep,
-                field.counts[polarity], seen[polarity],
+                store.records, store.link, page, count, -start, pixel, block.low_y_m, least, width,
+                field.bins, left, tile, place[n : n + count], field.counts[polarity],
+                seen[polarity],
             )  # fmt: skip
+            n += count
 
     share(threads, 2, run)
 

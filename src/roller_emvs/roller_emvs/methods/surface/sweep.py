@@ -155,7 +155,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             with watch("points"):
                 found = measured_pixels(field, depths, s.evidence, s.edge_drift, s.threads)
         finally:
-            clear(strip, block, field, s.threads)
+            clear(field, s.threads)
 
         def across(row: F64, offset: F64) -> F64:
             y = row * strip.pixel_m + block.low_y_m
