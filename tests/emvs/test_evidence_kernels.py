@@ -8,6 +8,7 @@ import pytest
 from roller_emvs.bands import sort_into_bands
 from roller_emvs.evidence import _kernels, _meet_kernels, _peak_kernels
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
+from roller_emvs.evidence.field import ground
 from roller_emvs.evidence.relief import enlarge
 
 HEIGHT, WIDTH = 32, 48
@@ -269,10 +270,18 @@ def test_events_gather_on_the_surface_that_they_meet() -> None:
     depth = np.tile((1e-5 * np.arange(WIDTH) - 2e-4).astype(np.float32), (HEIGHT, 1))
     depth[:, 38:] = np.nan
     x, y = rng.integers(5, 36, 500), rng.integers(5, 28, 500)
-    support, expected = np.zeros((HEIGHT, WIDTH), np.float32), np.zeros((HEIGHT, WIDTH))
-    _meet_kernels._warp(rays_on(depth, x, y, rng), 0, 500, depth, np.float32(0), support)
-    np.add.at(expected, (y, x), 1)
-    np.testing.assert_array_equal(support, expected)
+    pixel, counts = ground(rays_on(depth, x, y, rng), depth)
+    np.testing.assert_array_equal(pixel, y * WIDTH + x)
+    np.testing.assert_array_equal(counts, np.bincount(pixel, minlength=depth.size + 1))
+
+
+def test_no_event_meets_a_surface_that_is_nowhere() -> None:
+    rng = np.random.default_rng(3)
+    nowhere = np.full((HEIGHT, WIDTH), np.nan, np.float32)
+    rays = rays_on(np.zeros_like(nowhere), *rng.integers(0, 9, (2, 20)), rng)
+    pixel, counts = ground(rays, nowhere)
+    assert (pixel == nowhere.size).all()
+    assert counts[-1] == 20
 
 
 def test_rays_are_ordered_by_group_within_their_band() -> None:

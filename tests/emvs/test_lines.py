@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from roller_emvs.evidence.field import ground
 from roller_emvs.lines import _kernels as kernels
 from roller_emvs.lines.edge_drift import (
     SLOPE_BINS,
@@ -83,9 +84,7 @@ def test_grounding_equals_a_search_for_each_event() -> None:
     surface = np.full(SHAPE, np.nan, np.float32)
     surface[5:30, 10:50] = 1e-4
     rays = events_of_line(rng, 30.0, 0.1, 1e-4, 8.0, 500)
-    pixel, counts = np.empty(len(rays), np.int32), np.zeros(surface.size + 1, np.int32)
-    flat = np.append(surface, np.float32(np.nan))
-    kernels._ground(rays, flat, np.float32(1e-4), SHAPE[1], pixel, counts)
+    pixel, counts = ground(rays, surface)
     for ray, found in zip(rays, pixel, strict=True):
         column = int(np.floor(ray[0] + np.float32(0.5) + ray[2] * np.float32(1e-4)))
         row = int(np.floor(ray[1] + np.float32(0.5)))

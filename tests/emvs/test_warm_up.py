@@ -18,7 +18,7 @@ def test_every_method_warms_up(method: str) -> None:
     if method == "focus":
         assert _peak_kernels._choose.signatures
         assert _image_kernels._support.signatures
-        assert _meet_kernels._warp.signatures
+        assert _meet_kernels._ground.signatures
     else:
         assert _vote_kernels._sweep_bands.signatures
     if method in ("bma", "left_right"):

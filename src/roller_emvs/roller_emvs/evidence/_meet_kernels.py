@@ -12,6 +12,8 @@ from numba import njit
 from ._kernels import CELL_PX
 
 _ROUNDS = 4
+#: Events that are placed together.
+_CHUNK = 512
 
 
 @njit(cache=True, nogil=True)
@@ -54,36 +56,40 @@ def _meet(rays, first, last, offset, start, sums):  # type: ignore[no-untyped-de
             sums[row, column, 2] += slope * slope
 
 
-@njit(cache=True, nogil=True)
-def _warp(rays, first, last, depth, start, support):  # type: ignore[no-untyped-def]
-    """Count events at the pixels where they meet the surface `depth` (NaN: unknown)."""
-    height, width = depth.shape
-    half = np.float32(0.5)
-    right = np.float32(width)
-    below = np.float32(height)
-    for i in range(first, last):
-        x = rays[i, 0] + half
-        y = rays[i, 1] + half
-        z = start
-        row = np.uint32(0)
-        column = np.uint32(0)
-        met = False
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ground(rays, surface, start, width, pixel, counts):  # type: ignore[no-untyped-def]
+    """Pixel in which each event meets the surface, and how many meet each.
+
+    `surface` is the offset by pixel, flat, NaN where it is unknown and in one entry more, which
+    stands for nowhere. A ray is followed from `start` from one place to the next; what makes a
+    place of rays, some at a time, the compiler turns into vector instructions.
+    """
+    nowhere = np.int32(len(surface) - 1)
+    many, half, zero = np.int32(width), np.float32(0.5), np.float32(0)
+    right, below = np.float32(width), np.float32(nowhere // width)
+    x, y, along, across, z = np.empty((5, _CHUNK), np.float32)
+    place = np.empty(_CHUNK, np.int32)
+    for begin in range(0, len(rays), _CHUNK):
+        first, size = np.uint64(begin), np.uint64(min(_CHUNK, len(rays) - begin))
+        for i in range(size):
+            x[i] = rays[first + i, 0] + half
+            y[i] = rays[first + i, 1] + half
+            along[i] = rays[first + i, 2]
+            across[i] = rays[first + i, 3]
+            z[i] = start
         for _ in range(_ROUNDS):
-            a = x + rays[i, 2] * z
-            b = y + rays[i, 3] * z
-            inside = (a >= 0) & (a < right) & (b >= 0) & (b < below)
-            stays = False
-            if inside:
-                # Unsigned, as what may be negative is checked to count from the end.
-                stays = met & (row == np.uint32(b)) & (column == np.uint32(a))
-                row = np.uint32(b)
-                column = np.uint32(a)
-                z = depth[row, column]
-            met = inside and not np.isnan(z)
-            if stays or not met:
-                break
-        if met:
-            support[row, column] += np.float32(1)
+            for i in range(size):
+                a = x[i] + along[i] * z[i]
+                b = y[i] + across[i] * z[i]
+                inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
+                at = np.int32(np.int32(b) * many + np.int32(a))
+                place[i] = at if inside else nowhere
+            for i in range(size):
+                z[i] = surface[np.uint32(place[i])]
+        for i in range(size):
+            at = place[i] if z[i] == z[i] else nowhere
+            pixel[first + i] = at
+            counts[np.uint32(at)] += np.int32(1)
 
 
 @njit(cache=True, nogil=True)

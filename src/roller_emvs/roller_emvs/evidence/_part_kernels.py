@@ -239,20 +239,22 @@ def _slope_sums(cells, offset, slopes, square, phase, left, sums):  # type: igno
 def _support(images, spans, depth, slopes, phase, margin, buffers, support):  # type: ignore[no-untyped-def]
     """Count events at the pixels where they meet the surface `depth` (NaN: unknown).
 
-    `buffers` are for use. The last place of each image stays zero.
+    `buffers` are for use: of a row's pixels float32, float32, int32 and uint16, of one pixel more
+    int32, and of a row's bins and one more uint16.
     """
     parts, rows, bins, columns = images.shape
     height, width = depth.shape
     flat = images.reshape(-1)
     out = support.reshape(-1)
-    size = np.uint64(rows * bins * columns)
-    zero = np.float32(rows * bins * columns - 1)
+    nowhere = np.float32(bins * columns)
+    reached = np.uint64(width + 2 * margin)
     top = np.float32(bins * (width + 2 * margin))
     left = np.float32(bins * margin + 0.5)
     per_px = np.float32(bins)
     per_bin = np.float32(1.0 / bins)
     stride = np.float32(columns)
-    column, z, place, second, before, total = buffers
+    column, z, place, total, before, both = buffers
+    both[bins * columns] = 0
     for row in range(height):
         known = 0
         low = np.float32(np.inf)
@@ -270,7 +272,6 @@ def _support(images, spans, depth, slopes, phase, margin, buffers, support):  # 
         before[width] = known
         if not known:
             continue
-        line = np.float32(row * bins * columns)
         for j in range(parts):
             slope = slopes[j]
             shift = phase[j] + left
@@ -278,21 +279,23 @@ def _support(images, spans, depth, slopes, phase, margin, buffers, support):  # 
             most = spans[j, 1] - margin + int(np.ceil(max(slope * low, slope * high))) + 1
             first = np.uint64(before[min(max(least, 0), width)])
             last = np.uint64(before[min(max(most, 0), width)])
+            if first >= last:
+                continue
+            # Of each bin and the next, once for all pixels.
+            for p in range(bins):
+                own = np.uint64(((j * rows + row) * bins + p) * columns)
+                after = own + np.uint64(columns if p < bins - 1 else 1 - p * columns)
+                to = np.uint64(p * columns)
+                for c in range(reached):
+                    both[to + c] = np.uint16(flat[own + c]) + np.uint16(flat[after + c])
             for i in range(first, last):
                 b = np.floor(per_px * (column[i] - slope * z[i]) + shift)
                 inside = (b >= 0) & (b < top)
                 # Whole numbers as float32, which vector instructions take; below 2**24 exact.
-                own = np.floor(b * per_bin)
-                after = np.floor((b + np.float32(1)) * per_bin)
-                one = line + (b - own * per_px) * stride + own
-                two = line + (b + np.float32(1) - after * per_px) * stride + after
-                place[i] = np.int32(one if inside else zero)
-                second[i] = np.int32(two if inside else zero)
-            base = np.uint64(j) * size
+                at = np.floor(b * per_bin)
+                place[i] = np.int32((b - at * per_px) * stride + at if inside else nowhere)
             for i in range(first, last):
-                total[i] += np.uint16(flat[base + np.uint64(place[i])]) + np.uint16(
-                    flat[base + np.uint64(second[i])]
-                )
+                total[i] += both[np.uint64(place[i])]
         base = np.uint64(row * width)
         for i in range(np.uint64(known)):
             out[base + np.uint64(column[i])] = np.float32(total[i])

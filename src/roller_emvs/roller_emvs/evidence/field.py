@@ -19,6 +19,8 @@ from roller_emvs.rays import F32
 from . import _meet_kernels as meet
 from ._kernels import CELL_PX
 
+I32 = npt.NDArray[np.int32]
+
 #: Depths, at most, of which a median is taken.
 _SAMPLE = 1000
 
@@ -130,11 +132,25 @@ class RayField(EvidenceField):
 
     def support(self, offset: F32, polarity: int) -> F32:
         """See `EvidenceField`."""
-        found, start = np.zeros(self.shape, np.float32), sample_median(offset)
-        if start is not None:
-            first, last = int(self.bounds[polarity]), int(self.bounds[polarity + 1])
-            meet._warp(self.rays, first, last, offset, start, found)
-        return found
+        first, last = int(self.bounds[polarity]), int(self.bounds[polarity + 1])
+        _, counts = ground(self.rays[first:last], offset)
+        return counts[:-1].reshape(self.shape).astype(np.float32)
+
+
+def ground(rays: F32, surface: F32) -> tuple[I32, I32]:
+    """Pixel in which each ray, float32, shape (n, 4), meets a surface, and how many meet each.
+
+    Pixels are of the flat image; `surface` is the offset by pixel, NaN where it is unknown. The
+    last entry of the counts is of rays that meet it nowhere.
+    """
+    pixel, counts = np.empty(len(rays), np.int32), np.zeros(surface.size + 1, np.int32)
+    start = sample_median(surface)
+    if start is None:
+        pixel[:], counts[-1] = surface.size, len(rays)
+    else:
+        flat = np.append(surface, np.float32(np.nan))
+        meet._ground(rays, flat, start, surface.shape[1], pixel, counts)
+    return pixel, counts
 
 
 def sample_median(values: F32) -> np.float32 | None:

@@ -160,9 +160,11 @@ class PartImages(EvidenceField):
     def support(self, offset: F32, polarity: int) -> F32:
         """See `EvidenceField`."""
         found, width = np.zeros(self.shape, np.float32), self.shape[1]
+        bins = self.images.shape[3] * self.images.shape[4]
         buffers = (
-            *np.empty((2, width), np.float32), *np.empty((3, width + 1), np.int32),
-            np.empty(width, np.uint16),
+            *np.empty((2, width), np.float32), np.empty(width, np.int32),
+            np.empty(width, np.uint16), np.empty(width + 1, np.int32),
+            np.empty(bins + 1, np.uint16),
         )  # fmt: skip
         kernels._support(
             self.images[polarity], self.spans, offset, self.parts.slopes.astype(np.float32),

@@ -5,51 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-_ROUNDS = 4
-#: Events that are placed together.
-_CHUNK = 512
 #: Events that are worked on together, and where those lie that fill them up, px.
 _VECTOR = np.uint64(16)
 _AWAY = np.float32(1e6)
 #: Least share of the weights that holds a line: where events spread wider than the fit looks, what
 #: it leaves out on one side balances what it takes on the other.
 _SLACK = 0.05
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _ground(rays, surface, start, width, pixel, counts):  # type: ignore[no-untyped-def]
-    """Pixel in which each event meets the surface, and how many meet each.
-
-    `surface` is the offset by pixel, flat, NaN where it is unknown and in one entry more, which
-    stands for nowhere. A ray is followed from `start` from one place to the next; what makes a
-    place of rays, some at a time, the compiler turns into vector instructions.
-    """
-    nowhere = np.int32(len(surface) - 1)
-    many, half, zero = np.int32(width), np.float32(0.5), np.float32(0)
-    right, below = np.float32(width), np.float32(nowhere // width)
-    x, y, along, across, z = np.empty((5, _CHUNK), np.float32)
-    place = np.empty(_CHUNK, np.int32)
-    for begin in range(0, len(rays), _CHUNK):
-        first, size = np.uint64(begin), np.uint64(min(_CHUNK, len(rays) - begin))
-        for i in range(size):
-            x[i] = rays[first + i, 0] + half
-            y[i] = rays[first + i, 1] + half
-            along[i] = rays[first + i, 2]
-            across[i] = rays[first + i, 3]
-            z[i] = start
-        for _ in range(_ROUNDS):
-            for i in range(size):
-                a = x[i] + along[i] * z[i]
-                b = y[i] + across[i] * z[i]
-                inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
-                at = np.int32(np.int32(b) * many + np.int32(a))
-                place[i] = at if inside else nowhere
-            for i in range(size):
-                z[i] = surface[np.uint32(place[i])]
-        for i in range(size):
-            at = place[i] if z[i] == z[i] else nowhere
-            pixel[first + i] = at
-            counts[np.uint32(at)] += np.int32(1)
 
 
 @njit(cache=True, nogil=True)

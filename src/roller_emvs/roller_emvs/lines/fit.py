@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.transforms import F64
-from roller_emvs.evidence.field import sample_median
+from roller_emvs.evidence.field import ground
 from roller_emvs.rays import F32
 
 from . import _kernels as kernels
@@ -116,12 +116,7 @@ def fit_lines(
         From slopes to the rays' dx/dz.
     """
     height, width = surface.shape
-    start = sample_median(surface)
-    if start is None:
-        return NO_LINES
-    flat = np.append(surface, np.float32(np.nan))
-    pixel, counts = np.empty(len(rays), np.int32), np.zeros(height * width + 1, np.int32)
-    kernels._ground(rays, flat, start, width, pixel, counts)
+    pixel, counts = ground(rays, surface)
     density = cv2.GaussianBlur(
         counts[:-1].reshape(height, width).astype(np.float32),
         (0, 0), sigmaX=_BLUR_PX[0], sigmaY=_BLUR_PX[1],
@@ -133,6 +128,8 @@ def fit_lines(
     room = height * (columns[1] - columns[0]) // 4 + 1
     row, column = (np.empty(room, np.int64) for _ in range(2))
     count = kernels._ridges(density, floor, _LEAST_SHARE, _NEARBY_PX, ROW_STEP, row, column)
+    if not count:
+        return NO_LINES
     row, column = row[:count], column[:count]
     at = surface[row, column].astype(np.float64)
     ordered, starts = _near(rays, pixel, counts, row, column, width)
