@@ -67,3 +67,18 @@ def test_a_dask_scheduler_does_the_jobs(tmp_path: Path) -> None:
 
 def test_no_recordings_is_wrong_usage(tmp_path: Path) -> None:
     assert main(["batch", str(tmp_path), "--output", str(tmp_path.parent / "out")]) == 2
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["--jobs 0", "--jobs -5", "--jobs 1e9", "--timeout-s nan", "--timeout-s 1e300", "--timeout-s x",
+     "--memory-mb -4", "--memory-mb 18446744073709551616"],
+)  # fmt: skip
+def test_numbers_out_of_range_are_wrong_usage(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, value = words.split()
+    with pytest.raises(SystemExit) as end:
+        main(["batch", str(tmp_path), "--output", str(tmp_path.parent / "out"), name, value])
+    assert end.value.code == 2
+    assert f"'{value}' is not a" in capsys.readouterr().err

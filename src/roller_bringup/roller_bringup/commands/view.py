@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
+from roller_core.option_types import number
 
 if TYPE_CHECKING:
     from roller_bringup.view.scene import Scene
@@ -30,7 +31,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="result folder or recording (the running graph)",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
-    parser.add_argument("--port", type=int, default=8090, help="port; 0: any (8090)")
+    parser.add_argument(
+        "--port", type=number(int, 0, 65535), default=8090, help="port; 0: any (8090)"
+    )
     parser.add_argument(
         "--namespace", default="", metavar="NAME", help="of the cell, where a graph has several"
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
+from roller_core.option_types import number
 from roller_core.output_folder import OutputFolder
 from roller_emvs.depth_settings import REPLAY_METHODS
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
@@ -24,7 +25,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--quick", action="store_true", help="two objects, one repeat, few variations"
     )
-    parser.add_argument("--repeats", type=int, metavar="N", help="times each case is timed")
+    parser.add_argument(
+        "--repeats", type=number(int, 1, 100_000), metavar="N", help="times each case is timed"
+    )
     parser.add_argument(
         "--objects", type=words, metavar="A,B", help="objects of the virtual cell (default: all)"
     )

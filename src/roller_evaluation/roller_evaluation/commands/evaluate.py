@@ -10,6 +10,7 @@ from typing import Any
 
 from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
+from roller_core.option_types import number
 from roller_core.output_folder import OutputFolder
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
 from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
@@ -30,8 +31,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     _add_output(parser)
     parser.add_argument("--quick", action="store_true", help="one pass of each kind, few objects")
     parser.add_argument("--only", type=words, metavar="A,B", help="experiments, of those below")
-    parser.add_argument("--repeats", type=int, metavar="N", help="passes of each kind (5)")
-    parser.add_argument("--seed", type=int, help="seed of the first pass (1)")
+    parser.add_argument(
+        "--repeats", type=number(int, 1, 100_000), metavar="N", help="passes of each kind (5)"
+    )
+    parser.add_argument("--seed", type=number(int, 0, 2**31 - 1), help="seed of the first pass (1)")
     parser.add_argument("--lights", type=words, metavar="A,B", help="of ring, dome, strong (all)")
     parser.add_argument(
         "--conditions", type=words, metavar="A,B", help="Braille: light and sensor (all)"
@@ -73,7 +76,11 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 
 def _add_jobs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (all cores)"
+        "--jobs",
+        type=number(int, 1, 1000),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (all cores)",
     )
 
 
@@ -179,7 +186,9 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
         "a few letters at one speed", _run_braille,
     )  # fmt: skip
     parser.add_argument("--text", help="text of the plate: a–z, digits, spaces; \\n ends a line")
-    parser.add_argument("--seed", type=int, help="seed of all chance (default: 1)")
+    parser.add_argument(
+        "--seed", type=number(int, 0, 2**31 - 1), help="seed of all chance (default: 1)"
+    )
 
 
 def _run_braille(args: argparse.Namespace) -> int:
@@ -201,7 +210,9 @@ def _add_coating(experiments: argparse._SubParsersAction[argparse.ArgumentParser
         "speed and by the sensor's threshold.",
         "two contrasts, few rows", _run_coating,
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, help="seed of all chance (default: 1)")
+    parser.add_argument(
+        "--seed", type=number(int, 0, 2**31 - 1), help="seed of all chance (default: 1)"
+    )
 
 
 def _run_coating(args: argparse.Namespace) -> int:
@@ -220,7 +231,12 @@ def _add_pod(experiments: argparse._SubParsersAction[argparse.ArgumentParser]) -
         "coating, errors of sizes, false calls.",
         "a few defects, few rows", _run_pod,
     )  # fmt: skip
-    parser.add_argument("--plates", type=int, metavar="N", help="with defects, of each kind (10)")
+    parser.add_argument(
+        "--plates",
+        type=number(int, 1, 100_000),
+        metavar="N",
+        help="with defects, of each kind (10)",
+    )
     parser.add_argument("--coatings", type=words, metavar="A,B", help="textured, plain (both)")
     parser.add_argument("--kinds", type=words, metavar="A,B", help="of defects (all)")
     parser.add_argument("--depths-mm", type=numbers, metavar="D,E", help="0.03 to 0.4")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
+from roller_core.option_types import number
 from roller_emvs.depth_settings import REPLAY_METHODS
 
 from .inspect import USAGE, add_inspection_options
@@ -31,15 +32,21 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
     add_inspection_options(parser)
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="at once (1)")
+    parser.add_argument(
+        "--jobs", type=number(int, 1, 1000), default=1, metavar="N", help="at once (1)"
+    )
     parser.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the jobs"
     )
     parser.add_argument(
         "--resume", action="store_true", help="keep results that an earlier run has made"
     )
-    parser.add_argument("--timeout-s", type=float, default=0.0, help="most time of a job")
-    parser.add_argument("--memory-mb", type=int, default=0, help="most memory of a job")
+    parser.add_argument(
+        "--timeout-s", type=number(float, 0, 1_000_000), default=0.0, help="most time of a job"
+    )
+    parser.add_argument(
+        "--memory-mb", type=number(int, 0, 1_000_000), default=0, help="most memory of a job"
+    )
     add_examples(
         parser,
         "batch recordings --output results --jobs 4 --resume",
