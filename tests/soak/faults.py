@@ -137,7 +137,11 @@ class Faults:
         try:
             self.graph.end("recorder", signal.SIGINT)
             self.graph.start("recorder", output=str(disk / "bag"), raw=True, keep_free_mb=1.0)
-            full = self.graph.run(60.0, lambda: "full" in self.graph.eyes.said("recorder"))
+            # In a burst a chunk may be larger than what was to be kept free.
+            words = ("full", "No space left")
+            full = self.graph.run(
+                60.0, lambda: any(w in self.graph.eyes.said("recorder") for w in words)
+            )
             code = self.graph.processes.running["recorder"].poll()
             self.graph.end("recorder", signal.SIGINT)
             if not full or code is not None:
