@@ -14,6 +14,7 @@ from roller_calibration import gauges as calibration
 from roller_calibration.edge_drift import fit_drift
 from roller_calibration.gauges import EdgeDriftError, Gauge, PassLines
 from roller_calibration.recordings import Scan
+from roller_calibration.step_walls import parts_by_kind
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -41,7 +42,7 @@ def lines_of(rng: np.random.Generator, slope: np.ndarray) -> LinePoints:
     none = np.zeros(n)
     polarity = rng.integers(0, 2, n)
     lean = LEAN * rng.choice([-1.0, 1.0], n)
-    return LinePoints(none, none, none, polarity, slope, lean, none, np.full(n, 1e-5))
+    return LinePoints(none, none, none, polarity, slope, lean, none, none, np.full(n, 1e-5))
 
 
 def made_up_sphere(rng: np.random.Generator, drift: float = 1.0) -> PassLines:
@@ -107,7 +108,7 @@ def test_a_known_drift_is_found_again(monkeypatch: pytest.MonkeyPatch, drift: fl
     found = fit_drift(gauges(monkeypatch, drift))
     slope = np.array([-0.9, -0.6, 0.6, 0.9])
     for polarity in (0, 1):
-        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(4))
+        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(4), np.zeros(4))
         expected = drift * drift_m(np.full(4, polarity), slope)
         assert np.all(np.abs(height - expected) < np.minimum(2 * sigma, 4e-5))
         assert sigma.max() < 8e-5
@@ -121,7 +122,7 @@ def test_light_that_stands_still_has_no_drift(monkeypatch: pytest.MonkeyPatch) -
     found = fit_drift(gauges(monkeypatch, 1.0))
     for polarity in (0, 1):
         slope = np.array([-0.8, 0.8])
-        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(2))
+        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(2), np.zeros(2))
         assert np.abs(height).max() < 2e-6
         assert sigma.min() > 5e-6
 
@@ -141,11 +142,45 @@ def test_steps_alone_tell_drift_and_on_the_nominal_surface_its_mean(
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: passes)
     found = fit_drift(calibration.steps_gauges(SCAN, SETTINGS, STEP_M))
     slope, none = np.array([-0.8, 0.8]), np.zeros(2)
-    both = np.array([edge_drift(found.settings, k, slope, none) for k in (0, 1)])
+    both = np.array([edge_drift(found.settings, k, slope, none, none) for k in (0, 1)])
     expected = np.stack([drift_m(np.full(2, k), slope) for k in (0, 1)])
     if base_m == 0.0:
         expected += 8e-5
     assert np.all(np.abs(both[:, 0] - expected) < 3e-5)
+
+
+def test_drift_that_turns_slopes_over_is_told_by_the_side_that_walls_face(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Steps' levels say which walls go up, where their slopes say the contrary."""
+    rng = np.random.default_rng(5)
+    steps = made_up_steps(rng, drift=3.0, base_m=0.0)
+    own = steps.lines
+    seen = replace(own, slope=-own.slope, side=np.sign(own.slope))
+    steps = replace(steps, lines=seen)
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[steps]])
+    gauge = calibration.steps_gauges(SCAN, SETTINGS, STEP_M)[0]
+    assert np.mean(gauge.rise == np.sign(-gauge.lines.slope)) > 0.99
+    found = fit_drift([gauge])
+    assert found.settings.coefficients_m[1] == pytest.approx(0.0, abs=1e-6)
+    side = np.array([-1.0, 1.0])
+    height, _ = edge_drift(found.settings, 0, -0.8 * side, np.zeros(2), side)
+    assert np.abs(height - 3.0 * drift_m(np.zeros(2), 0.8 * side)).max() < 6e-5
+
+
+def test_walls_that_one_polarity_shows_go_by_the_others() -> None:
+    """Dark walls: OFF comes first, at the foot of one that rises and the top of one that falls."""
+    rising = np.array([True, False])
+    across, wall = np.repeat([0.0, 3e-4, 2e-3], 30), np.repeat([0, 0, 1], 30)
+    kind = np.repeat([0, 2, 1], 30)
+    np.testing.assert_allclose(parts_by_kind(across, wall, kind, rising), [-0.4, 0.4, 0.4, -0.4])
+    both = parts_by_kind(
+        np.append(across, across[:30] + 1.7e-3),
+        np.append(wall, wall[60:]),
+        np.append(kind, np.full(30, 3)),
+        rising,
+    )
+    np.testing.assert_allclose(both, [-0.4, -0.4, 0.4, 0.4])
 
 
 def test_steps_that_are_none_or_of_another_height_are_refused(

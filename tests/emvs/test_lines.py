@@ -192,6 +192,7 @@ def drift(max_slope: float = 1.0) -> EdgeDriftSettings:
         {
             "coefficients_m": coefficients.tolist(),
             "even_m": [2e-5, -3e-5],
+            "side_m": [4e-5, -1e-5],
             "residual_m": residual.tolist(),
             "max_slope": max_slope,
         }
@@ -201,15 +202,15 @@ def drift(max_slope: float = 1.0) -> EdgeDriftSettings:
 def test_drift_has_an_odd_and_an_even_part_and_stays_beyond_what_was_calibrated() -> None:
     slope = np.array([-2.0, -1.0, -0.3, 0.3, 1.0, 2.0])
     for polarity in (0, 1):
-        height, sigma = edge_drift(drift(), polarity, slope, np.sign(slope))
+        height, sigma = edge_drift(drift(), polarity, slope, np.sign(slope), np.sign(slope))
         even = drift().even_m[polarity] * np.abs(np.tanh(slope / 0.15))
         np.testing.assert_allclose(
             height + height[::-1], 2 * np.array([*even[[1, 1, 2]], *even[[3, 4, 4]]])
         )
         assert height[0] == height[1]
         assert sigma[0] > 1.4 * sigma[1]
-    one = drift_terms(np.array([0.5]), np.array([0.2]))[0]
-    np.testing.assert_allclose(one, [0.2, np.tanh(0.5 / 0.15), np.tanh(0.5 / 0.15)])
+    one = drift_terms(np.array([0.5]), np.array([0.2]), np.array([-0.7]))[0]
+    np.testing.assert_allclose(one, [0.2, np.tanh(0.5 / 0.15), np.tanh(0.5 / 0.15), -0.7])
 
 
 def test_events_say_whether_light_travels() -> None:

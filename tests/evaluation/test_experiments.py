@@ -71,7 +71,7 @@ def test_a_pass_is_measured_once_with_all_methods_that_want_it() -> None:
     assert not experiment_cases(EvaluationOptions(only=("time", "braille")))
 
 
-def test_what_was_calibrated_in_the_ring_holds_there() -> None:
+def test_what_was_calibrated_in_a_light_holds_there() -> None:
     """A drift moves along with the light that causes it, and only these two correct it."""
     drift = {
         "edge_drift": {
@@ -81,15 +81,15 @@ def test_what_was_calibrated_in_the_ring_holds_there() -> None:
         }
     }
     options = EvaluationOptions(
-        repeats=1, only=("objects",), objects=("stairs",), lights=("ring", "dome"),
-        calibrated={"focus": drift, "surface": drift},
+        repeats=1, only=("objects",), objects=("stairs",), lights=("ring", "dome", "strong"),
+        calibrated={"ring": {"focus": drift, "surface": drift}, "strong": {"surface": drift}},
     )  # fmt: skip
     corrected = {
         (case.method, case.labels["light"])
         for case in experiment_cases(options)
         if any(case.depth.edge_drift.coefficients_m)
     }
-    assert corrected == {("focus", "ring"), ("surface", "ring")}
+    assert corrected == {("focus", "ring"), ("surface", "ring"), ("surface", "strong")}
     timed = {case.method for case in timed_cases(options) if "edge_drift" in case.settings}
     assert timed == {"focus", "surface"}
 

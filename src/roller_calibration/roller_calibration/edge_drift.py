@@ -22,9 +22,16 @@ _PRIOR_M = 1.5e-4
 #: Share of the median error from which on a polarity's correction is left out, and of its spread
 #: that stands for none. On the virtual cell's gauges OFF leaves 0.78-0.81, ON 0.89-0.99.
 _HELPS, _NOTHING = 0.85, 1e-3
+#: Share of the lines on slopes whose own slope has the right sign, from which on slopes count, and
+#: which term is theirs; which one lifts all edges alike.
+_HOLDS, _SLOPE, _EVEN = 0.75, 1, 2
+#: How surely the change of contrast tells which way walls rise where light stands still, and from
+#: where on it travels.
+_SIDED = 0.5, 0.8
 #: By how much the fit has to be better, a gauge, for what lifts all edges alike; else it is none.
-#: On the virtual cell's gauges -26 µm would gain 2.7, and other objects err 4 µm more with it.
-_LIFTS = 5.0
+#: On the virtual cell's gauges -26 µm would gain 2.7, and other objects err 4 µm more with it. And
+#: for a polarity that spheres don't show: OFF gains 20 in the light `strong`, ON 1 in the ring.
+_GAINS = 5.0
 #: Deviation from which on lines count less, m, in deviations, and rounds of that.
 _HUBER_M, _HUBER, _ROUNDS = 6e-5, 1.5, 20
 #: Fewest lines of a bin of slopes whose residual is its own, and least residual, m.
@@ -65,20 +72,24 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         If too few lines lie on slopes.
     """
     lines = [gauge.lines for gauge in gauges]
-    slope, change, polarity, sigma = (
+    slope, change, side, polarity, sigma = (
         np.concatenate([getattr(own, name) for own in lines])
-        for name in ("slope", "change", "polarity", "sigma_m")
+        for name in ("slope", "change", "side", "polarity", "sigma_m")
     )
     error = np.concatenate([gauge.error_m for gauge in gauges])
     on_slope = np.abs(slope) > WALL_SLOPE
     if on_slope.sum() < LEAST_LINES:
         raise EdgeDriftError(f"{int(on_slope.sum())} lines on slopes, fewer than {LEAST_LINES}")
-    terms = drift_terms(slope, change)
+    terms = drift_terms(slope, change, side)
     columns = [np.where((polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
-    # Where events lie evenly over the crossing the light stands still: then there is no drift, and
-    # what the gauges are off by is where on a wall events arise.
-    travels = max(float(np.mean([share_of_travel(g.travel) for g in gauges])), 1e-3)
+    # Where events lie evenly over the crossing, whichever way a wall rises, the light stands still:
+    # then there is no drift, and what the gauges are off by is where on a wall events arise.
+    shares = [share_of_travel(g.travel) for g in gauges]
+    travels = max(float(np.mean(shares)), float(np.interp(_sided(gauges), _SIDED, (0, 1))), 1e-3)
     spreads = [np.full(TERMS, travels * _PRIOR_M) for _ in range(2)]
+    if not all(_slopes_hold(g) for g in gauges):
+        for own in spreads:
+            own[_SLOPE] *= _NOTHING
     for k, gauge in enumerate(gauges):
         column = np.zeros((len(error), gauge.unknown.shape[1]))
         start = sum(len(g.error_m) for g in gauges[:k])
@@ -89,23 +100,28 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     # A gauge counts as a whole as much as the other: neighbouring lines share what they err by.
     share = np.concatenate([np.full(len(g.error_m), LEAST_LINES / len(g.error_m)) for g in gauges])
     noise = np.hypot(sigma, _HUBER_M)
-    full = _solve(design, error, spreads, share, noise)[1]
-    # What hardly helps on the spheres themselves is chance, and would do harm elsewhere.
-    every = spreads[:2]
+    # What hardly helps on the spheres themselves, nor explains the steps, is chance and would do
+    # harm elsewhere.
     on_spheres = on_slope & np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
+    full = _solve(design, error, spreads, share, noise)[1]
+    every = spreads[:2]
     for k in range(2):
         none = [*every[:k], every[k] * _NOTHING, *every[k + 1 :], *spreads[2:]]
         without = _solve(design, error, none, share, noise)[1]
         own = on_spheres & (polarity == k)
         if own.any() and np.median(np.abs(full[own])) > _HELPS * np.median(np.abs(without[own])):
-            spreads[k] = every[k] * _NOTHING
+            whole = [*every, *spreads[2:]]
+            costs = [_cost(design, error, each, share, noise) for each in (none, whole)]
+            if costs[0] - costs[1] < _GAINS * len(gauges):
+                spreads[k] = every[k] * _NOTHING
     for k in range(2):
-        level = [*spreads[:k], spreads[k] * [1.0, 1.0, _NOTHING], *spreads[k + 1 :]]
-        costs = [_cost(design, error, each, share, noise) for each in (level, spreads)]
-        if costs[0] - costs[1] < _LIFTS * len(gauges):
-            spreads = level
+        level = spreads[k] * np.where(np.arange(TERMS) == _EVEN, _NOTHING, 1.0)
+        less = [*spreads[:k], level, *spreads[k + 1 :]]
+        costs = [_cost(design, error, each, share, noise) for each in (less, spreads)]
+        if costs[0] - costs[1] < _GAINS * len(gauges):
+            spreads = less
     beta, rest, normal = _solve(design, error, spreads, share, noise)
-    of_gauge = design[:, 2 * TERMS :] @ beta[2 * TERMS :]
+    unknown = design[:, 2 * TERMS :] @ beta[2 * TERMS :]
     most = float(np.quantile(np.abs(slope[on_slope]), 0.98))
     # What neither gauge fixes of the coefficients is uncertain too.
     own = design[:, : 2 * TERMS]
@@ -116,17 +132,36 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     settings = EdgeDriftSettings.create(
         {
             # To 0.1 µm; no zero with a sign.
-            "coefficients_m": [round(float(v), 7) + 0.0 for v in found[:, :-1].ravel()],
-            "even_m": [round(float(v), 7) + 0.0 for v in found[:, -1]],
+            "coefficients_m": [round(float(v), 7) + 0.0 for v in found[:, :2].ravel()],
+            "even_m": [round(float(v), 7) + 0.0 for v in found[:, _EVEN]],
+            "side_m": [round(float(v), 7) + 0.0 for v in found[:, _EVEN + 1]],
             "residual_m": [float(f"{v:.3g}") for v in table.ravel()],
             "max_slope": round(most, 3),
         }
     )
     off, on = (on_slope & (polarity == k) for k in (0, 1))
-    plain = np.abs(error - of_gauge)
+    plain = np.abs(error - unknown)
     before = _median(plain[off]), _median(plain[on])
     after = _median(np.abs(rest[off])), _median(np.abs(rest[on]))
     return EdgeDrift(settings, before, after)
+
+
+def _sided(gauges: list[Gauge]) -> float:
+    """How surely the change of contrast tells which way a wall rises: 0 not at all, 1 always."""
+    sums = np.zeros(2)
+    for gauge in gauges:
+        own = np.abs(gauge.rise) > WALL_SLOPE
+        side = gauge.lines.side[own]
+        sums += np.array([side @ np.sign(gauge.rise[own]), np.abs(side).sum()]) / max(len(side), 1)
+    return float(abs(sums[0]) / max(sums[1], 1e-9))
+
+
+def _slopes_hold(gauge: Gauge) -> bool:
+    """Whether what is found on a gauge rises where it does; large drift turns slopes over."""
+    own = np.abs(gauge.rise) > WALL_SLOPE
+    return (
+        bool(np.mean(gauge.lines.slope[own] * gauge.rise[own] > 0) > _HOLDS) if own.any() else True
+    )
 
 
 def _solve(

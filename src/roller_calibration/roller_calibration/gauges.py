@@ -26,7 +26,7 @@ from roller_emvs.methods.surface.sweep import SurfacePatch
 from .constant_speed import rolling_speed_m_s
 from .recordings import Scan
 from .sphere import OtherRadiusError, Sphere, SphereError, find_sphere
-from .step_walls import LEAST_WALLS, find_walls, parts_by_kind, step_height
+from .step_walls import LEAST_WALLS, find_walls, parts_by_kind, rising_walls, step_height
 
 #: Lines of a gauge, at least, and on slopes.
 LEAST_LINES = 100
@@ -42,6 +42,8 @@ OTHER_SIZE = 0.3
 _MIDDLE_M, _BOTH_WAYS_M = 1.5e-4, 2e-5
 _DELAY_S, _CALIBRATED_DELAY_S = 5e-4, 3e-5
 _ON_WALL = 0.15
+#: What is further from the median of a gauge's errors than so many steps is of no wall.
+_STRAY = 2.5
 #: Scatter of the depths of a kind, over walls and on them, from which on they tell nothing, m, and
 #: fewest of a wall that count.
 _SCATTER_M, _LEAST_ON_WALL = 7.5e-5, 20
@@ -73,6 +75,8 @@ class Gauge:
         Spread of that.
     lines : LinePoints
         The lines.
+    rise : ndarray of float64, shape (n,)
+        Slope of the gauge along the roll at each line; of steps 1 or -1.
     sphere : bool
         Whether it is a sphere, on which the height of every place is known.
     text : str
@@ -86,6 +90,7 @@ class Gauge:
     unknown: F64
     spread: F64
     lines: LinePoints
+    rise: F64
     sphere: bool
     text: str
     travel: float
@@ -242,8 +247,8 @@ def _on_sphere(name: str, found: PassLines, sphere: Sphere, middle_m: float) -> 
     )
     spread = np.array([middle_m, 1e-3, 1e-3])
     return Gauge(
-        name, error[near], unknown[near], spread, _take(_take(found.lines, inside), near), True,
-        text, found.travel,
+        name, error[near], unknown[near], spread, _take(_take(found.lines, inside), near),
+        -(away[:, 0] / below)[near], True, text, found.travel,
     )  # fmt: skip
 
 
@@ -275,7 +280,7 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
     wall, count, across = find_walls(x, y, lines.slope, lines.sigma_m, step_m)
     if count < LEAST_WALLS:
         raise EdgeDriftError(f"{name}: {count} walls of steps across the roll, fewer than 2")
-    rising = np.array([np.median(lines.slope[wall == k]) > 0 for k in range(count)])
+    rising = rising_walls(wall, lines.polarity, height, lines.slope, count)
     if found.kind == "lines" and rising.all() | (~rising).all():
         raise EdgeDriftError(f"{name}: lines on walls that rise alone, or fall; record both")
     change = np.where(rising, 1.0, -1.0)
@@ -307,7 +312,7 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
     error += foot_m - np.median(error) if stands else -np.median(error)
     # How far up its wall a kind lies stays uncertain.
     unknown = np.column_stack([np.ones(len(error)), *(kind[on] == k for k in range(4))])
-    near = np.abs(error - np.median(error)) < max(1.5 * step_m, 3e-4)
+    near = np.abs(error - np.median(error)) < max(_STRAY * step_m, 3e-4)
     if found.kind == "depths":
         # A kind that scatters, or by which walls differ, is of edges mistaken for others.
         for k in range(4):
@@ -327,8 +332,8 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
     )
     spread = np.array([_STANDS_M if stands else 1e-3, *[_ON_WALL * step_m] * 4])
     return Gauge(
-        name, error[near], unknown[near].astype(float), spread, _take(lines, near), False, text,
-        found.travel,
+        name, error[near], unknown[near].astype(float), spread, _take(lines, near),
+        change[at][near], False, text, found.travel,
     )  # fmt: skip
 
 

@@ -35,18 +35,37 @@ _LEAST_ON_WALL = 20
 _APART_M, _FOOT = 1e-4, 0.4
 
 
-def parts_by_kind(
-    across: F64,
-    wall: I64,
-    kind: I64,
-    rising: npt.NDArray[np.bool_],
-) -> F64:
+def rising_walls(
+    wall: I64, polarity: I64, height: F64, slope: F64, count: int
+) -> npt.NDArray[np.bool_]:
+    """Which walls go up along the roll, shape (count,).
+
+    Of a run of walls that slope alike, the heights of one polarity go up or down by a step from
+    wall to wall, whatever its drift: drift may be so large that it turns the slopes over. A wall
+    of which no other shows the same goes by its slope.
+    """
+    alike = np.array([np.median(slope[wall == k]) > 0 for k in range(count)])
+    runs = np.cumsum(np.concatenate([[False], alike[1:] != alike[:-1]]))
+    rising = alike.copy()
+    for run in np.unique(runs):
+        walls, climbs = np.flatnonzero(runs == run), []
+        for p in (0, 1):
+            own = [height[(wall == k) & (polarity == p)] for k in walls]
+            levels = [np.median(h) for h in own if len(h) >= _LEAST_ON_WALL]
+            climbs += list(np.diff(levels))
+        if climbs:
+            rising[walls] = np.median(climbs) > 0
+    return rising
+
+
+def parts_by_kind(across: F64, wall: I64, kind: I64, rising: npt.NDArray[np.bool_]) -> F64:
     """How far over its wall's middle each kind lies, in steps, shape (4,).
 
     A wall's foot and its top show in a polarity each: which comes first along the roll says which
-    is which. Where neither does, both show both.
+    is which. Of walls that one polarity alone shows it is taken as on those that go the other way:
+    all darker, or all brighter, than what is level. Where neither comes first, both show both.
     """
-    parts = np.zeros(4)
+    first = [float("nan")] * 2
     for falling in (0, 1):
         gaps = []
         for w in np.flatnonzero(rising != bool(falling)):
@@ -54,9 +73,9 @@ def parts_by_kind(
             if min(len(off), len(on)) >= _LEAST_ON_WALL:
                 gaps.append(np.median(on) - np.median(off))
         if gaps:
-            up = np.clip(np.median(gaps) / _APART_M, -1.0, 1.0) * (-1.0 if falling else 1.0)
-            parts[[falling, 2 + falling]] = -_FOOT * up, _FOOT * up
-    return parts
+            first[falling] = float(np.clip(np.median(gaps) / _APART_M, -1.0, 1.0))
+    up, down = (np.nan_to_num(own if own == own else first[1 - k]) for k, own in enumerate(first))
+    return _FOOT * np.array([-up, down, up, -down])
 
 
 def step_height(wall: I64, kind: I64, height: F64, middle: F64) -> float:

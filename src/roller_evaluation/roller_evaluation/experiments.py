@@ -62,7 +62,7 @@ class EvaluationOptions:
     cell : mapping
         Settings of the virtual cell that differ from its defaults.
     calibrated : mapping
-        Settings of depth methods that were calibrated in the ring, by method: they hold there.
+        Settings of depth methods that were calibrated, by light, then by method: they hold there.
     quick : bool
         Whether this is the short form.
     conditions : tuple of str
@@ -79,7 +79,7 @@ class EvaluationOptions:
     large: tuple[str, ...] = tuple(LARGE_UM)
     lights: tuple[str, ...] = tuple(LIGHTS)
     cell: Mapping[str, Any] = field(default_factory=dict)
-    calibrated: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    calibrated: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
     quick: bool = False
     conditions: tuple[str, ...] = ()
     pictures: bool = True
@@ -123,7 +123,7 @@ def experiment_cases(options: EvaluationOptions) -> list[Case]:
     ) -> None:
         pressed = scan.changed(**LIGHTS[light]).changed(skin={"contact": contact})
         for method in methods:
-            settings = o.calibrated.get(method, {}) if light == "ring" else {}
+            settings = o.calibrated.get(light, {}).get(method, {})
             case = Case(pressed, measure, method, settings, {"contact": contact, "light": light})
             cases.setdefault(case.key, case)
 
@@ -166,7 +166,8 @@ def timed_cases(options: EvaluationOptions) -> list[Case]:
     return [
         Case(
             ScanCase(name, speed, options.seed, options.cell), "depth", method,
-            {"threads": THREADS, **options.calibrated.get(method, {})}, {"label": method, **labels},
+            {"threads": THREADS, **options.calibrated.get("ring", {}).get(method, {})},
+            {"label": method, **labels},
         )
         for speed in (SPEED, FAST)
         for name in options.objects

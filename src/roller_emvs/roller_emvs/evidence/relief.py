@@ -30,6 +30,9 @@ _AROUND = 9
 _FRINGE, _NEAR_PX, _ALIKE_PX = 0.15, (11, 1), (3, 5)
 #: Deviation of a depth that is as good as its evidence, pixels of parallax.
 _RESOLUTION_PX = 1.0
+#: Neighbourhood of cells that face one side, and mean change of contrast at which that counts in
+#: full.
+_SIDE_CELLS, _SIDE_CHANGE = 1.5, 0.3
 #: Scatter from which on the depths around a place give none, pixels of parallax.
 _MOST_SCATTER_PX = 1.5
 #: Warped events that a pixel needs to become a point.
@@ -54,6 +57,8 @@ class Relief:
         The surface by pixel where OFF and where ON events have a depth, NaN elsewhere.
     changes : tuple of ndarray of float32, shape (rows, columns)
         Of the cells of each, see `crossing_change`.
+    side : ndarray of float32, shape (rows, columns)
+        Of the cells, see `wall_side`.
     """
 
     row: np.ndarray
@@ -63,6 +68,7 @@ class Relief:
     sigma: F32
     surfaces: tuple[F32, ...]
     changes: tuple[F32, ...]
+    side: F32
 
 
 def measured_pixels(
@@ -89,9 +95,9 @@ def measured_pixels(
     """
     px_per_offset = max(field.aperture, 1e-12)
     fit, slope = surface_slope(field, depths, threads)
-    of_drift = np.zeros((1, 1))
+    of_drift, side = np.zeros((1, 1)), wall_side(depths)
     if drift.calibrated:
-        depths, of_drift = _without_drift(field, depths, slope, drift)
+        depths, of_drift = _without_drift(field, depths, slope, side, drift)
         fit, _ = surface_slope(field, depths, threads)
     nowhere = np.float32(np.nan)
     cells = [np.where(np.isfinite(found.offset), fit.offset, nowhere) for found in depths]
@@ -123,7 +129,8 @@ def measured_pixels(
         left = of_drift[row // CELL_PX, column // CELL_PX]
         sigma = np.hypot(sigma, left).astype(np.float32)
     changes = tuple(found.change for found in depths)
-    return Relief(row, column, offset.astype(np.float64), sure, sigma, tuple(surfaces), changes)
+    heights = offset.astype(np.float64)
+    return Relief(row, column, heights, sure, sigma, tuple(surfaces), changes, side)
 
 
 def surface_slope(field: EvidenceField, depths: list[Depths], threads: int = 1) -> tuple[Fit, F64]:
@@ -134,13 +141,25 @@ def surface_slope(field: EvidenceField, depths: list[Depths], threads: int = 1) 
     return fit, np.asarray(slope, np.float64)
 
 
+def wall_side(depths: list[Depths]) -> F32:
+    """Which side of the light a wall faces, by how its contrast changes: -1 to 1, by cell.
+
+    A wall's foot and its top gain contrast together, in whichever polarity they show: so it is
+    taken from both, over a neighbourhood.
+    """
+    known = [np.isfinite(own.offset).astype(np.float32) for own in depths]
+    change = [np.where(k > 0, own.change, 0) for k, own in zip(known, depths, strict=True)]
+    sums = [cv2.GaussianBlur(sum(v), (0, 0), _SIDE_CELLS) for v in (change, known)]
+    return np.tanh(sums[0] / np.maximum(_SIDE_CHANGE * sums[1], np.float32(1e-9)))
+
+
 def _without_drift(
-    field: EvidenceField, depths: list[Depths], slope: F64, drift: EdgeDriftSettings
+    field: EvidenceField, depths: list[Depths], slope: F64, side: F32, drift: EdgeDriftSettings
 ) -> tuple[list[Depths], F64]:
     """Depths less the drift on the slope of the surface through them, and what may be left."""
     found, sigmas = [], []
     for polarity, own in enumerate(depths):
-        height, sigma = edge_drift(drift, polarity, slope, own.change)
+        height, sigma = edge_drift(drift, polarity, slope, own.change, side)
         # Heights count towards the camera, offsets away from it.
         offset = own.offset + (height * field.offset_per_m).astype(np.float32)
         found.append(replace(own, offset=offset))

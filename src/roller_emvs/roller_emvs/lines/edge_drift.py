@@ -17,8 +17,8 @@ from roller_core.transforms import F64
 
 #: What a report says where no drift is known, and none is taken out.
 NOT_CALIBRATED = "not calibrated"
-#: Terms of the model: two that `coefficients_m` is of, and one of `even_m`.
-TERMS = 3
+#: Terms of the model: two that `coefficients_m` is of, one of `even_m` and one of `side_m`.
+TERMS = 4
 #: Slope at which the sign of a slope counts in full.
 _TURN = 0.15
 #: Slopes of the table of what a calibration leaves over: bins from 0 to the last, by polarity and
@@ -43,6 +43,11 @@ class EdgeDriftSettings(Settings):
         (0.0, 0.0),
         description="Of height by |tanh(g / 0.15)|: of OFF and of ON events, m.",
     )
+    side_m: tuple[float, float] = Field(
+        (0.0, 0.0),
+        description="Of height by the side that a wall faces, as the change of contrast around "
+        "tells it: of OFF and of ON events, m.",
+    )
     residual_m: tuple[float, ...] = Field(
         (0.0,),
         description="What is left by slope: six bins up to `max_slope`, of OFF rising, OFF "
@@ -53,10 +58,10 @@ class EdgeDriftSettings(Settings):
     @model_validator(mode="after")
     def _whole(self) -> EdgeDriftSettings:
         sizes = len(self.coefficients_m), len(self.residual_m)
-        if sizes not in ((1, 1), (2 * (TERMS - 1), 4 * SLOPE_BINS)):
+        if sizes not in ((1, 1), (4, 4 * SLOPE_BINS)):
             raise ValueError(
                 f"{sizes[0]} coefficients_m and {sizes[1]} residual_m: expected "
-                f"{2 * (TERMS - 1)} and {4 * SLOPE_BINS}, or a single 0 in both"
+                f"4 and {4 * SLOPE_BINS}, or a single 0 in both"
             )
         if self.calibrated and not self.max_slope > 0:
             raise ValueError("max_slope must be above 0 where the drift is calibrated")
@@ -71,8 +76,10 @@ class EdgeDriftSettings(Settings):
         return "calibrated" if self.calibrated else NOT_CALIBRATED
 
 
-def drift_terms(slope: F64, change: npt.NDArray[np.floating]) -> F64:
-    """The model's terms, shape (..., 3): height by coefficient.
+def drift_terms(
+    slope: F64, change: npt.NDArray[np.floating], side: npt.NDArray[np.floating]
+) -> F64:
+    """The model's terms, shape (..., 4): height by coefficient.
 
     Parameters
     ----------
@@ -80,22 +87,31 @@ def drift_terms(slope: F64, change: npt.NDArray[np.floating]) -> F64:
         Of the surface along the roll, dh/dx.
     change : ndarray
         Of contrast during the crossing, see `crossing_change`; same shape.
+    side : ndarray
+        -1 to 1, see `wall_side`; same shape.
     """
     turned = np.tanh(slope / _TURN)
-    return np.stack([change, turned, np.abs(turned)], axis=-1)
+    return np.stack([change, turned, np.abs(turned), side], axis=-1)
 
 
 def edge_drift(
-    settings: EdgeDriftSettings, polarity: int, slope: F64, change: npt.NDArray[np.floating]
+    settings: EdgeDriftSettings,
+    polarity: int,
+    slope: F64,
+    change: npt.NDArray[np.floating],
+    side: npt.NDArray[np.floating],
 ) -> tuple[F64, F64]:
     """Height by which edges are found too high, and its uncertainty, metres; see `drift_terms`.
 
     Beyond the calibrated slopes the drift stays what it is there, and is uncertain by as much.
     """
-    first = (TERMS - 1) * polarity
     held = np.clip(slope, -settings.max_slope, settings.max_slope)
-    beta = [*settings.coefficients_m[first : first + TERMS - 1], settings.even_m[polarity]]
-    height = drift_terms(held, change) @ np.asarray(beta)
+    beta = [
+        *settings.coefficients_m[2 * polarity : 2 * polarity + 2],
+        settings.even_m[polarity],
+        settings.side_m[polarity],
+    ]
+    height = drift_terms(held, change, side) @ np.asarray(beta)
     table = np.asarray(settings.residual_m).reshape(2, 2, SLOPE_BINS)[polarity]
     middles = (np.arange(SLOPE_BINS) + 0.5) * settings.max_slope / SLOPE_BINS
     rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)

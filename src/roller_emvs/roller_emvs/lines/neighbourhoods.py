@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from roller_emvs.evidence import CELL_PX, Depths, EvidenceField
-from roller_emvs.evidence.relief import surface_slope
+from roller_emvs.evidence.relief import surface_slope, wall_side
 from roller_emvs.evidence.slope_statistics import slope_statistics
 from roller_emvs.evidence.uncertainty import point_sigma
 
@@ -17,8 +17,6 @@ def depth_points(
 ) -> LinePoints:
     """Depths of the cells of both polarities, each where its evidence lies.
 
-    Their `change` is 0: those of the edges around cancel.
-
     Parameters
     ----------
     field : EvidenceField
@@ -29,6 +27,7 @@ def depth_points(
         First column in which they are wanted, and the one after the last.
     """
     fit, slopes = surface_slope(field, depths)
+    side = wall_side(depths)
     scale = field.ray_slope_scale
     low, high = field.slopes * scale
     middle, variance = 0.5 * (low + high), np.maximum((high - low) ** 2 / 12, 1e-12)
@@ -53,7 +52,8 @@ def depth_points(
                 np.full(len(i), polarity),
                 slopes[at],
                 lean,
-                np.zeros(len(i)),
+                found.change[i, j].astype(np.float64),
+                side[i, j].astype(np.float64),
                 sigma.astype(np.float64) / abs(field.offset_per_m),
             )
         )

@@ -53,6 +53,8 @@ class LinePoints:
         of the aperture, by their variance.
     change : ndarray of float64
         The same of the cell around; see `crossing_change`.
+    side : ndarray of float64
+        See `wall_side`.
     sigma_m : ndarray of float64
         Uncertainty of the height but for drift, metres.
     """
@@ -64,6 +66,7 @@ class LinePoints:
     slope: F64
     lean: F64
     change: F64
+    side: F64
     sigma_m: F64
 
 
@@ -115,7 +118,7 @@ def refine(
     offsets, sigmas, tilts = [], [], []
     for k, (points, lines) in enumerate(parts):
         if settings.calibrated:
-            height, drift = edge_drift(settings, k, points.slope, points.change)
+            height, drift = edge_drift(settings, k, points.slope, points.change, points.side)
         else:
             height = np.zeros(len(lines))
             drift = np.full(len(lines), light.share * _UNKNOWN_DRIFT_M)
@@ -158,9 +161,10 @@ def _judge(
     sigma = np.sqrt(variance + _FLOOR_M**2)
     kind = np.full(len(lines), polarity)
     lean, spread = _crossing(lines, field)
-    change = found.changes[polarity][lines.row // CELL_PX, column // CELL_PX].astype(np.float64)
+    cell = lines.row // CELL_PX, column // CELL_PX
+    change, side = (v[cell].astype(np.float64) for v in (found.changes[polarity], found.side))
     row = lines.row.astype(np.float64)
-    points = LinePoints(row, lines.x, lines.offset, kind, slope, lean / spread, change, sigma)
+    points = LinePoints(row, lines.x, lines.offset, kind, slope, lean / spread, change, side, sigma)
     return points, lines
 
 
@@ -257,4 +261,5 @@ def _merge(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64)
         np.concatenate([found.sigma[stays], np.sqrt(left)]).astype(np.float32),
         found.surfaces,
         found.changes,
+        found.side,
     )

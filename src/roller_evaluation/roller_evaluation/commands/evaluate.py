@@ -40,9 +40,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--conditions", type=words, metavar="A,B", help="Braille: light and sensor (all)"
     )
     parser.add_argument(
-        "--params", type=Path, metavar="FILE",
-        help="edge drift of focus and surface in the ring, such as config/virtual_cell_ring.yaml "
-        "(none: not corrected)",
+        "--params", type=words, metavar="FILE,LIGHT=FILE",
+        help="edge drift of focus and surface by light, without one the ring's, such as "
+        "config/virtual_cell_ring.yaml,strong=config/virtual_cell_strong.yaml (none: not "
+        "corrected)",
     )  # fmt: skip
     parser.add_argument(
         "--results", type=Path, metavar="FILE",
@@ -114,24 +115,30 @@ def _run_all(args: argparse.Namespace) -> int:
     return 0
 
 
-def _drift(params: Path | None) -> dict[str, Any]:
-    """Edge drift of the depth methods that correct it, from a parameter file."""
-    if params is None:
-        return {}
+def _drift(params: tuple[str, ...] | None) -> dict[str, Any]:
+    """Edge drift by light of the depth methods that correct it, from parameter files."""
     from roller_core.settings import read_parameters
 
     nodes = {"focus": "emvs", "surface": "surface"}
-    found = {m: read_parameters(params, node).get("edge_drift") for m, node in nodes.items()}
-    if not all(found.values()):
-        raise SettingsError(f"--params {params}: no edge_drift in it; see `roller calibrate`")
-    return {method: {"edge_drift": drift} for method, drift in found.items()}
+    out: dict[str, Any] = {}
+    for word in params or ():
+        light, _, file = word.rpartition("=")
+        light = light or "ring"
+        check_names("params", (light,), LIGHTS)
+        found = {
+            m: read_parameters(Path(file), node).get("edge_drift") for m, node in nodes.items()
+        }
+        if not all(found.values()):
+            raise SettingsError(f"--params {file}: no edge_drift in it; see `roller calibrate`")
+        out[light] = {method: {"edge_drift": drift} for method, drift in found.items()}
+    return out
 
 
 def _command_line(args: argparse.Namespace, chosen: dict[str, Any]) -> list[str]:
     """What makes the same figures again."""
     out = ["roller", "evaluate", "--results", str(args.results)]
     out += ["--quick"] if args.quick else []
-    out += ["--params", str(args.params)] if args.params is not None else []
+    out += ["--params", ",".join(args.params)] if args.params is not None else []
     for name, value in chosen.items():
         out += [f"--{name}", ",".join(value) if isinstance(value, tuple) else str(value)]
     return out

@@ -147,6 +147,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
     def _by_parts(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
         """Measured pixels, and where they lie across the strip, for a straight path."""
         s = self.settings
+
+        def across(row: F64, offset: F64) -> F64:
+            y = row * strip.pixel_m + block.low_y_m
+            return np.asarray(y + strip.fan(block, y) * offset, np.float64)
+
         with watch("arrange"):
             field = part_field(strip, block, self._buffers, s.evidence.planes_per_px, s.threads)
         try:
@@ -154,18 +159,13 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 depths = find_part_depths(field, strip.half_m, s.evidence, s.threads)
             with watch("points"):
                 found = measured_pixels(field, depths, s.evidence, s.edge_drift, s.threads)
+            with watch("lines"):
+                return self._refined(
+                    strip, block, field, depths, found,
+                    lambda polarity: strip.rays(block, polarity, field.reach_m), across,
+                )  # fmt: skip
         finally:
             clear(field, s.threads)
-
-        def across(row: F64, offset: F64) -> F64:
-            y = row * strip.pixel_m + block.low_y_m
-            return np.asarray(y + strip.fan(block, y) * offset, np.float64)
-
-        with watch("lines"):
-            return self._refined(
-                strip, block, field, depths, found,
-                lambda polarity: strip.rays(block, polarity, field.reach_m), across,
-            )  # fmt: skip
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
         """The same for any path."""
