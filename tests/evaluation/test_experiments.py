@@ -50,6 +50,10 @@ def made_up(cases: list[Case]) -> list[Row]:
             tops = {"line_0": 600.0, "line_1": None, "line_2": 610.0}
             plate = {"object": "plate", "spread_um": 5.0, "tops_measured": 0.25}
             found = [plate, *({"object": k, "top_um": v} for k, v in tops.items())]
+        elif case.measure == "map":
+            each = {"mae_um": 40.0, "within": 0.875, "share": 0.25}
+            names = ("map", "linear", "measured")  # nothing is continued
+            found = [{f"{name}_{k}": v for name in names for k, v in each.items()}]
         else:
             found = [{"ms_mean": 2.0, "ms": 2.0, "ms_p95": 3.0, "ms_per_mev": 200.0,
                       "cpu_ms": 3.0, "cpu_ms_per_mev": 300.0, "windows": 3, "refused": 0,
@@ -183,8 +187,19 @@ def test_a_plate_has_a_row_and_its_objects_theirs(stairs: Scan) -> None:
     assert 0 < single["top_points"] <= single["points"] <= plate["points"]
 
 
+def test_a_map_is_compared_with_a_linear_one(stairs: Scan) -> None:
+    case = Case(ScanCase("stairs", 0.3), "map", "surface")
+    (row,) = MEASURES["map"](case, stairs)
+    assert row["cells"] > 5000
+    assert row["map_share"] == row["linear_share"] == 1.0
+    assert 0 < row["measured_share"] + row["continued_share"] <= 1.0
+    for name in ("map", "linear", "measured"):
+        assert 0 < row[f"{name}_mae_um"] < 400
+        assert 0.2 < row[f"{name}_within"] <= 1.0
+
+
 def test_the_page_of_results_is_made_from_rows(tmp_path: Path) -> None:
-    options = EvaluationOptions(only=("objects", "sensors", "time", "braille"), repeats=2)
+    options = EvaluationOptions(only=("objects", "sensors", "map", "time", "braille"), repeats=2)
     timed = made_up(timed_cases(options))
     read = {"condition": "default", "method": "auto", "character_error_rate": 0.125}
     facts = {"passes of each kind": 2, "seeds": "1, 2", "processor": "A chip", "cores": 3,
@@ -204,6 +219,7 @@ def test_the_page_of_results_is_made_from_rows(tmp_path: Path) -> None:
     assert "| focus | 0.3 | 2.0 ± 0.0 | 20 mm of travel | 200 | 300 | 100.3 | 50% |" in text
     assert "| default | 12% | 12% |" in text
     assert "| focus, dome | 100.3 (50%) | 100.3; 1.0 | 100.5 (50%) | 100.5; 1.0 |" in text
+    assert "| sphere, dome | 40.0 (88%) | 40.0 (88%) | 25%: 40.0 (88%) | –: – |" in text
     assert "](speed_vs_error.png)" in text
     assert (tmp_path / "speed_vs_error.png").stat().st_size > 15_000
     assert len(processing_time(result["time"]).rows) == 1 + 2 * len(FUSIONS)

@@ -33,6 +33,7 @@ EXPERIMENTS = {
     "force": "Contact force",
     "large": "Large surfaces",
     "sensors": "Sensors that roll",
+    "map": "Height maps on the plain coating",
     "time": "Processing time",
     "braille": "Braille by speed",
 }
@@ -132,6 +133,10 @@ def experiment_cases(options: EvaluationOptions) -> list[Case]:
             for seed in o.seeds if light == "ring" else o.seeds[:1]:
                 for name in o.objects:
                     add(ScanCase(name, speed, seed, o.cell), "depth", *OURS, light=light)
+    if "map" in o.only:
+        for light in o.lights:
+            for name in o.objects:
+                add(ScanCase(name, SPEED, o.seed, o.cell), "map", "surface", light=light)
     for seed in o.seeds:
 
         def scan(name: str, speed: float = SPEED, seed: int = seed) -> ScanCase:

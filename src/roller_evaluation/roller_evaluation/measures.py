@@ -29,6 +29,7 @@ from .cases import METHODS, Case
 from .detection import measure_detection
 from .figures import object_errors, time_columns
 from .fixed_window import measure_fixed_window
+from .map_errors import measure_map
 from .plate_surface import measure_coverage
 from .rows import Row
 from .scaling import measure_window
@@ -231,6 +232,7 @@ MEASURES: dict[str, Callable[[Case, Scan], list[Row]]] = {
     "depth": measure_depth,
     "plate": measure_plate,
     "coverage": measure_coverage,
+    "map": measure_map,
     "detection": measure_detection,
     "weights": measure_weights,
     "window": measure_window,

@@ -17,6 +17,7 @@ from .experiments import (
     EvaluationOptions,
     object_speeds,
 )
+from .map_errors import map_table
 from .rows import Row, deviation, mean, mean_of, values, where
 from .tables import Table, number, share
 from .weights import cross_validated, weight_choices
@@ -47,7 +48,7 @@ def tables(rows: Sequence[Row], options: EvaluationOptions) -> dict[str, Table]:
     """Tables by experiment, of those that were asked for."""
     makers: dict[str, Callable[[Sequence[Row], EvaluationOptions], Table]] = {
         "weights": weights, "fusion": fusion, "objects": objects, "speed": speed, "views": views,
-        "lines": lines, "force": force, "large": large, "sensors": sensors,
+        "lines": lines, "force": force, "large": large, "sensors": sensors, "map": height_maps,
     }  # fmt: skip
     return {name: make(rows, options) for name, make in makers.items() if name in options.only}
 
@@ -266,6 +267,11 @@ def large(rows: Sequence[Row], o: EvaluationOptions) -> Table:
     head = ("plate", "the paper", *(NAMES[k] for k in OURS))
     note = f"{CELLS} Of defects of the letter plate, what lies within a rectangle around them."
     return Table("Large surfaces, stitched, at 0.3 m/s, µm", head, cells, note)
+
+
+def height_maps(rows: Sequence[Row], o: EvaluationOptions) -> Table:
+    """The inspection's map of each object, in all lights."""
+    return map_table(rows, o.objects, o.lights, SPEED)
 
 
 def sensors(rows: Sequence[Row], o: EvaluationOptions) -> Table:

@@ -14,12 +14,12 @@ from roller_core.marked_file import write_marked_file
 from .bench import PAPER, fronts, summarise
 from .bench_plots import draw_speed_vs_error
 from .experiments import SPEED, EvaluationOptions, object_speeds
-from .paper_tables import by_light, objects, processing_time
+from .paper_tables import by_light, height_maps, objects, processing_time
 from .rows import Row, where
 from .tables import Table, markdown_page, share
 
 #: Experiments that the page shows.
-EXPERIMENTS = ("objects", "sensors", "time", "braille")
+EXPERIMENTS = ("objects", "sensors", "map", "time", "braille")
 #: How every such page begins: no other file is ever replaced.
 MARK = "<!-- roller evaluate -->"
 _PICTURE = "speed_vs_error.png"
@@ -50,6 +50,8 @@ def write_results(
     drawn: dict[str, Any] | None = None
     found = [by_light(result["rows"], options)] if object_speeds(options) else []
     found += [objects(result["rows"], options, speed) for speed in object_speeds(options)]
+    if "map" in options.only:
+        found.append(height_maps(result["rows"], options))
     picture = ""
     if "time" in result:
         cases = summarise(result["time"])
