@@ -19,7 +19,7 @@ _STEEP, _FAR_M = 0.5, 1e-4
 _OUTLIER_M, _OUTLIER_SIGMAS = 1e-4, 3.0
 #: Where points are dense, nothing is called measured that scatters more, or is less certain, than
 #: this, m: a wrong height is one that is off by 100 µm. A lone edge is good for more.
-_MOST_SCATTER_M, _MOST_SIGMA_M, _MOST_SIGMA_SPARSE_M, _LEAST_NOISY_M = 4e-5, 1e-4, 1.5e-4, 3e-3
+_MOST_SCATTER_M, _MOST_SIGMA_M, _MOST_SIGMA_SPARSE_M, _LEAST_NOISY_M = 5e-5, 1e-4, 1.5e-4, 3e-3
 #: What a continued cell adds to its neighbours' uncertainty by distance.
 _SLOPE = 0.1
 
