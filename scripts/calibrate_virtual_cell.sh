@@ -1,14 +1,22 @@
 #!/usr/bin/env bash
-# Find the drift of edges under the virtual cell's ring on its gauges, none of which is among the
-# objects that it is judged on, as on any instrument; writes config/virtual_cell_ring.yaml.
-# Two minutes on two cores.
+# Find the drift of edges under a light of the virtual cell, ring or strong, on its gauges, none of
+# which is among the objects that it is judged on, as on any instrument; writes
+# config/virtual_cell_LIGHT.yaml. Two minutes on two cores.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+light=${1:-ring}
+case "$light" in
+  ring) cell=() ;;
+  strong)
+    cell=(--set light.kind=strong --set sensor.threshold=0.25 --set sensor.bandwidth_hz=4000
+      --set sensor.refractory_us=500 --set sensor.background_hz=0.1) ;;
+  *) echo "usage: $0 [ring|strong]" >&2; exit 2 ;;
+esac
 scans=$(mktemp -d)
 trap 'rm -rf "$scans"' EXIT
 delay="$scans/delay.yaml"
 for speed in 0.1 0.25; do
-  ./roller simulate gauge_steps --speed "$speed" --set motion.reverse=true --output "$scans/to_and_fro_$speed"
+  ./roller simulate "${cell[@]}" gauge_steps --speed "$speed" --set motion.reverse=true --output "$scans/to_and_fro_$speed"
 done
 ./roller calibrate time-offset "$scans/to_and_fro_0.1" "$scans/to_and_fro_0.25" \
   --output "$scans/time_offset.yaml"
@@ -16,8 +24,8 @@ late=$(awk '/event_delay_s:/ {print $2; exit}' "$scans/time_offset.yaml")
 printf '/**/%s:\n  ros__parameters:\n    event_delay_s: %s\n' emvs "$late" surface "$late" > "$delay"
 found=()
 for speed in 0.1 0.3 0.5; do
-  ./roller simulate gauge_sphere --speed "$speed" --set motion.reverse=true --output "$scans/sphere_$speed"
-  ./roller simulate gauge_steps --speed "$speed" --output "$scans/steps_$speed"
+  ./roller simulate "${cell[@]}" gauge_sphere --speed "$speed" --set motion.reverse=true --output "$scans/sphere_$speed"
+  ./roller simulate "${cell[@]}" gauge_steps --speed "$speed" --output "$scans/steps_$speed"
   found+=(--sphere "$scans/sphere_$speed" --steps "$scans/steps_$speed")
 done
 ./roller calibrate edge-drift "${found[@]}" --radius-mm 5 --step-mm 0.25 --params "$delay" \
@@ -25,4 +33,4 @@ done
 # Light and sensor matter, not the camera's geometry, which users of the virtual cell change; nor
 # is the delay taken out of its scans by default.
 sed -e '/^    event_delay_s:/d' -e '/^    calibrated_camera:/d' -e '/^    - /d' \
-  "$scans/found.yaml" > config/virtual_cell_ring.yaml
+  "$scans/found.yaml" > "config/virtual_cell_$light.yaml"

@@ -202,6 +202,23 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
         calibration.steps_gauges(SCAN, SETTINGS, STEP_M)
 
 
+def test_of_several_recordings_one_whose_size_drift_hides_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(2)
+    heights = {"slow": STEP_M, "fast": 2 * STEP_M, "faster": 3 * STEP_M}
+    monkeypatch.setattr(
+        calibration, "pass_lines", lambda scan, _: [[made_up_steps(rng, heights[scan.name])]]
+    )
+    scans = [replace(SCAN, name=name) for name in heights]
+    found, left_out = calibration.all_gauges([], scans, SETTINGS, RADIUS_M, STEP_M)
+    assert [gauge.name for gauge in found] == ["slow"]
+    assert [str(reason).partition(":")[0] for reason in left_out] == ["fast", "faster"]
+    # None fits: then it is the stated size that is wrong.
+    with pytest.raises(calibration.OtherGaugeError, match=r"not 0\.2 mm; check --step-mm"):
+        calibration.all_gauges([], scans[1:], SETTINGS, RADIUS_M, STEP_M)
+
+
 def test_gauges_of_the_virtual_cell_correct_another_object(scans: Scans, tmp_path: Path) -> None:
     """By the command and replays alone: the report says so, and another object errs less."""
     small = {"camera": {"height": 180}, "scene": {"step_mm": 0.05, "width_mm": 9.0}}

@@ -237,8 +237,6 @@ def test_the_page_of_results_is_made_from_rows(tmp_path: Path) -> None:
     ("words", "says"),
     [
         (["--only", "nothing"], "'nothing' is none of weights"),
-        (["--repeats", "0"], "--repeats and --jobs: at least 1"),
-        (["--jobs", "0"], "--repeats and --jobs: at least 1"),
         (["--output", "/proc/nowhere"], "results can't be written there"),
         (["--params", "config/ur10.yaml"], "no edge_drift in it"),
     ],

@@ -10,7 +10,7 @@ ways, and it is known.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -181,6 +181,49 @@ def passes_of(
         place = np.concatenate([place for place, _, _ in own]) @ towards
         passes.append(PassLines(place, lines, cloud, towards, kind, travel))
     return passes
+
+
+def all_gauges(
+    spheres: Sequence[Scan],
+    steps: Sequence[Scan],
+    settings: SurfaceSettings,
+    radius_m: float,
+    step_m: float,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[list[Gauge], list[EdgeDriftError]]:
+    """Gauges of all recordings, and why some tell nothing. Either kind alone will do.
+
+    Raises
+    ------
+    OtherGaugeError
+        If a gauge has another size, and none of its kind the stated one.
+    EdgeDriftError
+        If no recording tells anything.
+    """
+    found: list[Gauge] = []
+    left_out: list[EdgeDriftError] = []
+    done = 0
+    for scans, measure, size_m in (
+        (spheres, sphere_gauges, radius_m),
+        (steps, steps_gauges, step_m),
+    ):
+        own: list[Gauge] = []
+        other: OtherGaugeError | None = None
+        for scan in scans:
+            try:
+                own += measure(scan, settings, size_m)
+            except EdgeDriftError as reason:
+                left_out.append(reason)
+                other = reason if isinstance(reason, OtherGaugeError) else other
+            done += 1
+            progress(done / (len(spheres) + len(steps)))
+        # Where one fits the stated size is right, and drift larger than the gauge hides the rest.
+        if other is not None and not own:
+            raise other
+        found += own
+    if not found:
+        raise EdgeDriftError("; ".join(map(str, left_out)))
+    return found, left_out
 
 
 def sphere_gauges(scan: Scan, settings: SurfaceSettings, radius_m: float) -> list[Gauge]:

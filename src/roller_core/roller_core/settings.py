@@ -22,7 +22,6 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from .errors import SettingsError
 from .text_file import TextFileError, read_yaml
@@ -113,7 +112,7 @@ class Settings(BaseModel):
             annotation = cls.model_fields[str(info.field_name)].annotation
             leaves = set(_leaves(annotation))
             if leaves & {int, float} and bool not in leaves and _group(annotation) is None:
-                raise PydanticCustomError("truth", "a number is expected, not yes or no")
+                raise ValueError("a number is expected, not yes or no")
         return value
 
     @classmethod

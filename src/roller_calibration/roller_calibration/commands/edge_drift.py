@@ -39,13 +39,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 def run(args: argparse.Namespace) -> int:
     """Fit the drift, print it and write it."""
     from roller_calibration.edge_drift import fit_drift
-    from roller_calibration.gauges import (
-        EdgeDriftError,
-        Gauge,
-        OtherGaugeError,
-        sphere_gauges,
-        steps_gauges,
-    )
+    from roller_calibration.gauges import all_gauges
     from roller_calibration.recordings import read_scans
     from roller_core.progress import progress_bar
     from roller_inspect.pipeline import PipelineSettings
@@ -55,23 +49,10 @@ def run(args: argparse.Namespace) -> int:
     settings = PipelineSettings.load(args.params, "surface").surface
     args.inputs = [*args.sphere, *args.steps]
     scans = read_scans(args, settings.max_pose_gap_s)
-    gauges: list[Gauge] = []
-    missing: list[EdgeDriftError] = []
+    spheres, steps = scans[: len(args.sphere)], scans[len(args.sphere) :]
+    sizes = args.radius_mm * 1e-3, args.step_mm * 1e-3
     with progress_bar("fit lines") as progress:
-        for k, scan in enumerate(scans):
-            try:
-                if k < len(args.sphere):
-                    gauges.extend(sphere_gauges(scan, settings, args.radius_mm * 1e-3))
-                else:
-                    gauges.extend(steps_gauges(scan, settings, args.step_mm * 1e-3))
-            except OtherGaugeError:
-                raise
-            except EdgeDriftError as reason:
-                missing.append(reason)
-            progress((k + 1) / len(scans))
-    # Either gauge tells the drift, less surely than both.
-    if not gauges:
-        raise EdgeDriftError("; ".join(str(reason) for reason in missing))
+        gauges, missing = all_gauges(spheres, steps, settings, *sizes, progress)
     found = fit_drift(gauges)
     lines = [f"{gauge.name}: {gauge.text}" for gauge in gauges]
     lines += [f"left out: {reason}" for reason in missing]

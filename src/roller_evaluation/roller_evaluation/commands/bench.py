@@ -60,8 +60,6 @@ def run(args: argparse.Namespace) -> int:
     check_names("methods", chosen.get("methods", ()), REPLAY_METHODS)
     if any(not 0.001 <= v <= 2.0 for v in chosen.get("speeds", ())):
         raise SettingsError("--speeds: 0.001 to 2 m/s")
-    if chosen.get("repeats", 1) < 1:
-        raise SettingsError("--repeats: at least 1")
     options = BenchOptions.short(**chosen) if args.quick else BenchOptions(**chosen)
     with (
         OutputFolder(args.output, "bench", lasting=["scans"]) as output,

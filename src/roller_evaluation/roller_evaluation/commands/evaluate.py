@@ -94,8 +94,6 @@ def _run_all(args: argparse.Namespace) -> int:
     check_names("only", chosen.get("only", ()), EXPERIMENTS)
     check_names("lights", chosen.get("lights", ()), LIGHTS)
     check_names("conditions", chosen.get("conditions", ()), CONDITIONS)
-    if chosen.get("repeats", 1) < 1 or args.jobs < 1 or chosen.get("seed", 0) < 0:
-        raise SettingsError("--repeats and --jobs: at least 1; --seed: at least 0")
     words = _command_line(args, chosen)
     chosen["calibrated"] = _drift(args.params)
     options = EvaluationOptions.short(**chosen) if args.quick else EvaluationOptions(**chosen)
@@ -172,8 +170,6 @@ def _measured(
     speeds = chosen.get("speeds", (0.3,))
     if not speeds or any(not 0.01 <= v <= 2.0 for v in speeds):
         raise SettingsError("--speeds: 0.01 to 2 m/s, such as 0.1,0.3")
-    if args.jobs < 1 or chosen.get("seed", 0) < 0:
-        raise SettingsError("--jobs: at least 1; --seed: at least 0")
     wanted = options.short(**chosen) if args.quick else options(**chosen)
     name = f"evaluate {args.experiment}"
     with (
@@ -259,8 +255,6 @@ def _run_pod(args: argparse.Namespace) -> int:
     chosen = given(args, "plates", "speeds", "coatings", "kinds", "depths_mm", "widths_mm")
     check_names("coatings", chosen.get("coatings", ()), COATINGS)
     check_names("kinds", chosen.get("kinds", ()), KINDS)
-    if chosen.get("plates", 1) < 1:
-        raise SettingsError("--plates: at least 1")
     if args.tuning:
         chosen["seed"] = TUNING_SEED
     _measured(args, chosen, PodOptions, run_pod, tables)
