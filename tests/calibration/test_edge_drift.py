@@ -12,7 +12,8 @@ import pytest
 from roller_bringup.cli import main
 from roller_calibration import gauges as calibration
 from roller_calibration.edge_drift import fit_drift
-from roller_calibration.gauges import EdgeDriftError, Gauge, PassLines
+from roller_calibration.gauges import Gauge
+from roller_calibration.pass_lines import EdgeDriftError, PassLines
 from roller_calibration.recordings import Scan
 from roller_calibration.step_walls import parts_by_kind
 from roller_core.camera import Camera

@@ -15,7 +15,8 @@ from roller_emvs.lines.edge_drift import (
     share_of_travel,
 )
 
-from .gauges import LEAST_LINES, WALL_SLOPE, EdgeDriftError, Gauge
+from .gauges import LEAST_LINES, Gauge
+from .pass_lines import WALL_SLOPE, EdgeDriftError
 
 #: Spread of the coefficients before anything was measured, m.
 _PRIOR_M = 1.5e-4

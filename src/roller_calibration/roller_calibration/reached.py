@@ -15,7 +15,8 @@ from roller_emvs.methods.surface.sweep import SurfacePatch
 
 from .dome_candidates import cell_medians
 from .flat import CELL_M, find_plate
-from .gauges import LEAST_LINES, OTHER_SIZE, WALL_SLOPE, passes_of
+from .gauges import LEAST_LINES, OTHER_SIZE
+from .pass_lines import WALL_SLOPE, passes_of
 from .recordings import Scan
 from .sphere import find_sphere
 from .step_walls import LEAST_WALLS, find_walls, step_height
