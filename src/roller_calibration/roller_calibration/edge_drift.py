@@ -23,9 +23,10 @@ _PRIOR_M = 1.5e-4
 #: Share of the median error from which on a polarity's correction is left out, and of its spread
 #: that stands for none. On the virtual cell's gauges OFF leaves 0.78-0.81, ON 0.89-0.99.
 _HELPS, _NOTHING = 0.85, 1e-3
-#: Share of the lines on slopes whose own slope has the right sign, from which on slopes count, and
-#: which term is theirs; which one lifts all edges alike.
-_HOLDS, _SLOPE, _EVEN = 0.75, 1, 2
+#: Share of the lines on slopes whose own slope has the right sign, from which on slopes count.
+_HOLDS = 0.75
+#: Terms: of slopes, what lifts all edges alike, of the side that walls face.
+_SLOPE, _EVEN, _SIDE = 1, 2, 3
 #: How surely the change of contrast tells which way walls rise where light stands still, and from
 #: where on it travels.
 _SIDED = 0.5, 0.8
@@ -88,9 +89,10 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     shares = [share_of_travel(g.travel) for g in gauges]
     travels = max(float(np.mean(shares)), float(np.interp(_sided(gauges), _SIDED, (0, 1))), 1e-3)
     spreads = [np.full(TERMS, travels * _PRIOR_M) for _ in range(2)]
-    if not all(_slopes_hold(g) for g in gauges):
-        for own in spreads:
-            own[_SLOPE] *= _NOTHING
+    # Slopes tell which way a wall rises as long as drift leaves them standing; else the side does.
+    unused = _SIDE if all(_slopes_hold(g) for g in gauges) else _SLOPE
+    for own in spreads:
+        own[unused] *= _NOTHING
     for k, gauge in enumerate(gauges):
         column = np.zeros((len(error), gauge.unknown.shape[1]))
         start = sum(len(g.error_m) for g in gauges[:k])
@@ -135,7 +137,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             # To 0.1 µm; no zero with a sign.
             "coefficients_m": [round(float(v), 7) + 0.0 for v in found[:, :2].ravel()],
             "even_m": [round(float(v), 7) + 0.0 for v in found[:, _EVEN]],
-            "side_m": [round(float(v), 7) + 0.0 for v in found[:, _EVEN + 1]],
+            "side_m": [round(float(v), 7) + 0.0 for v in found[:, _SIDE]],
             "residual_m": [float(f"{v:.3g}") for v in table.ravel()],
             "max_slope": round(most, 3),
         }
