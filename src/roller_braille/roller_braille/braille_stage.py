@@ -35,20 +35,13 @@ class BrailleParameters(BrailleSettings, StreamSettings):
 
 @dataclass(frozen=True)
 class CellMarkers:
-    """A cell to be shown.
+    """A cell to be shown."""
 
-    Attributes
-    ----------
-    cell : Cell
-        What was read.
-    number : int
-        Identity of the markers; no two cells share one.
-    spacing : Spacing
-        Sizes of dots and letters.
-    """
-
+    #: What was read.
     cell: Cell
+    #: Identity of the markers; no two cells share one.
     number: int
+    #: Sizes of dots and letters.
     spacing: Spacing
 
 

@@ -10,40 +10,27 @@ from .warp import F64
 
 @dataclass(frozen=True)
 class Cell:
-    """One Braille cell read from the surface.
+    """One Braille cell read from the surface."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Time of the newest event seen over the cell, ROS time, ns.
-    line, column : int
-        Where it stands in the text, from 0.
-    mask : int
-        Raised dots as far as seen: dot 1 is bit 0 … dot 6 is bit 5.
-    character : str
-        What it stands for, given the cells before it; empty for a sign (number, capital, letter)
-        and for a cell that is not readable.
-    readable : bool
-        Whether dots and character are certain.
-    position : ndarray, shape (3,)
-        Its middle in base, metres.
-    confidence : float
-        How sure the reading is, 0 to 1: that of the least certain dot.
-    dot_confidence : tuple of float, length 6
-        How sure each dot is (raised or not).
-    dot_positions : ndarray, shape (6, 3)
-        Where its six dots are, raised or not, in base, metres.
-    """
-
+    #: Time of the newest event seen over the cell, ROS time, ns.
     stamp_ns: int
+    #: Where it stands in the text, from 0.
     line: int
     column: int
+    #: Raised dots as far as seen: dot 1 is bit 0 … dot 6 is bit 5.
     mask: int
+    #: What it stands for, given the cells before it; empty for a sign (number, capital, letter) and
+    #: for a cell that is not readable.
     character: str
+    #: Whether dots and character are certain.
     readable: bool
+    #: Its middle in base, metres. Shape (3,).
     position: F64
+    #: How sure the reading is, 0 to 1: that of the least certain dot.
     confidence: float
+    #: How sure each dot is (raised or not). Length 6.
     dot_confidence: tuple[float, ...]
+    #: Where its six dots are, raised or not, in base, metres. Shape (6, 3).
     dot_positions: F64
 
     @property
@@ -54,28 +41,18 @@ class Cell:
 
 @dataclass(frozen=True)
 class Seen:
-    """One place of a line's lattice, as a pass saw it.
+    """One place of a line's lattice, as a pass saw it."""
 
-    Attributes
-    ----------
-    number : int
-        Cell of the lattice, counted along the roll.
-    mask : int
-        As in `Cell`.
-    dot_confidence : tuple of float, length 6
-        As in `Cell`.
-    certain : bool
-        Whether every dot is certain.
-    dots : ndarray, shape (6, 2)
-        Its dots, raised or not, in the pass's mosaic: travel along the roll and place down the
-        image, metres.
-    stamp_ns : int
-        As in `Cell`.
-    """
-
+    #: Cell of the lattice, counted along the roll.
     number: int
+    #: As in `Cell`.
     mask: int
+    #: As in `Cell`. Length 6.
     dot_confidence: tuple[float, ...]
+    #: Whether every dot is certain.
     certain: bool
+    #: Its dots, raised or not, in the pass's mosaic: travel along the roll and place down the
+    #: image, metres. Shape (6, 2).
     dots: F64
+    #: As in `Cell`.
     stamp_ns: int

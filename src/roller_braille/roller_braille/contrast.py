@@ -46,20 +46,13 @@ _FOLLOW = 0.25
 
 @dataclass(frozen=True)
 class Sample:
-    """Warped events of a batch: metres, all float64 of shape (n,).
+    """Warped events of a batch: metres, all float64 of shape (n,)."""
 
-    Attributes
-    ----------
-    along : ndarray
-        Place of the camera along the roll.
-    offset : ndarray
-        Place of the event from there.
-    down : ndarray
-        Place of the event down the image.
-    """
-
+    #: Place of the camera along the roll.
     along: F64
+    #: Place of the event from there.
     offset: F64
+    #: Place of the event down the image.
     down: F64
 
 

@@ -26,18 +26,12 @@ LEAST_VOTES = 40.0
 
 @dataclass(frozen=True)
 class Dots:
-    """Spots found, in order of travel.
+    """Spots found, in order of travel."""
 
-    Attributes
-    ----------
-    along, down : ndarray of float64, shape (n,)
-        Place: travel along the roll and place down the image, metres.
-    votes : ndarray of float64, shape (n,)
-        Events in the spot above those around it.
-    """
-
+    #: Place: travel along the roll and place down the image, metres. Shape (n,).
     along: F64
     down: F64
+    #: Events in the spot above those around it. Shape (n,).
     votes: F64
 
     @classmethod

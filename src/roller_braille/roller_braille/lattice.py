@@ -39,23 +39,16 @@ _ROW_M, _TURN_DOTS, _STRAIGHT = 4e-4, 4, 0.1
 
 @dataclass(frozen=True)
 class Lattice:
-    """Nodes of a line, in travel along the roll and place down the image, metres.
+    """Nodes of a line, in travel along the roll and place down the image, metres."""
 
-    Attributes
-    ----------
-    along, down : float
-        Node of the first column (in travel) and top row of cell 0.
-    cell, dot_along, dot_down : float
-        Pitch of cells along the line, and of dots along the line and across it.
-    angle : float
-        Turn of the line, radians, positive where it goes down along the travel.
-    """
-
+    #: Node of the first column (in travel) and top row of cell 0.
     along: float
     down: float
+    #: Pitch of cells along the line, and of dots along the line and across it.
     cell: float
     dot_along: float
     dot_down: float
+    #: Turn of the line, radians, positive where it goes down along the travel.
     angle: float = 0.0
 
     def nodes(self, n: int) -> F64:

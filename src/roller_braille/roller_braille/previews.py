@@ -35,17 +35,11 @@ Free = Callable[[Dots], Dots]
 
 @dataclass(frozen=True)
 class Preview:
-    """The beginning of a line.
+    """The beginning of a line."""
 
-    Attributes
-    ----------
-    line : LineReader
-        Read as far as enough of it was in view; the pass goes on without it.
-    cells : list of Seen
-        Those of its first cells that were seen for long enough.
-    """
-
+    #: Read as far as enough of it was in view; the pass goes on without it.
     line: LineReader
+    #: Those of its first cells that were seen for long enough.
     cells: list[Seen]
 
 

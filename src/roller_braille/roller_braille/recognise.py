@@ -46,53 +46,36 @@ def certainty(value: npt.ArrayLike, none: float, full: float) -> F64:
 
 @dataclass(frozen=True)
 class Energies:
-    """Events above the background at the six nodes of a cell.
+    """Events above the background at the six nodes of a cell."""
 
-    Attributes
-    ----------
-    whole : ndarray, shape (6,)
-        All of the spot.
-    halves : ndarray, shape (6, 4)
-        Its half further along the roll, and that behind; its lower half, and its upper.
-    total : float
-        All of the cell's tile: from half way to the cell before to half way to the next, and from
-        half way to the line above to half way to the one below.
-    background : float
-        Events that a spot holds without a dot.
-    off_m : ndarray, shape (6,)
-        How far off its node the dot lies that was found there, metres.
-    """
-
+    #: All of the spot. Shape (6,).
     whole: F64
+    #: Its half further along the roll, and that behind; its lower half, and its upper. Shape
+    #: (6, 4).
     halves: F64
+    #: All of the cell's tile: from half way to the cell before to half way to the next, and from
+    #: half way to the line above to half way to the one below.
     total: float
+    #: Events that a spot holds without a dot.
     background: float
+    #: How far off its node the dot lies that was found there, metres. Shape (6,).
     off_m: F64 = field(default_factory=lambda: np.zeros(6))
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What a raised dot of a line has.
+    """What a raised dot of a line has."""
 
-    Attributes
-    ----------
-    whole : float
-        Events of a typical dot.
-    faintest : float
-        Those of the faintest dot that the line may have, by the spread of its dots.
-    shares : ndarray, shape (4,)
-        What a dot's halves (see `Energies`) hold of its events.
-    complete : float
-        Completeness of a dot that is less complete than most, see `completeness`.
-    visible : float
-        How sure it is, 0 to 1, that the faintest dot of the line stands out of noise. Where it
-        might not, a place without events may hold a dot.
-    """
-
+    #: Events of a typical dot.
     whole: float
+    #: Those of the faintest dot that the line may have, by the spread of its dots.
     faintest: float
+    #: What a dot's halves (see `Energies`) hold of its events. Shape (4,).
     shares: F64
+    #: Completeness of a dot that is less complete than most, see `completeness`.
     complete: float
+    #: How sure it is, 0 to 1, that the faintest dot of the line stands out of noise. Where it might
+    #: not, a place without events may hold a dot.
     visible: float
 
     @property
@@ -103,26 +86,17 @@ class Reference:
 
 @dataclass(frozen=True)
 class Reading:
-    """Which dots of a cell are raised, by node: the first column from the top, then the second.
+    """Which dots of a cell are raised, by node: the first column from the top, then the second."""
 
-    Attributes
-    ----------
-    raised : ndarray of bool, shape (6,)
-        More likely raised than not.
-    confidence : ndarray, shape (6,)
-        How sure, 0 to 1.
-    explained : float
-        Share of the tile's events that lie within raised dots.
-    filled : float
-        Events of the tile, in those of a dot.
-    circles : int
-        Raised dots at which a circle was found.
-    """
-
+    #: More likely raised than not. Shape (6,).
     raised: npt.NDArray[np.bool_]
+    #: How sure, 0 to 1. Shape (6,).
     confidence: F64
+    #: Share of the tile's events that lie within raised dots.
     explained: float
+    #: Events of the tile, in those of a dot.
     filled: float
+    #: Raised dots at which a circle was found.
     circles: int
 
 

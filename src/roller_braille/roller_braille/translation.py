@@ -57,18 +57,12 @@ class LineCell:
 
 @dataclass(frozen=True)
 class Reading:
-    """Print of a line.
+    """Print of a line."""
 
-    Attributes
-    ----------
-    text : str
-        Characters; a cell that isn't certain stands there as U+FFFD, one without a meaning as
-        its Braille pattern.
-    cells : tuple of int
-        For each character the cell that it comes from, the first of several.
-    """
-
+    #: Characters; a cell that isn't certain stands there as U+FFFD, one without a meaning as its
+    #: Braille pattern.
     text: str
+    #: For each character the cell that it comes from, the first of several.
     cells: tuple[int, ...]
 
 

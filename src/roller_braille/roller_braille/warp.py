@@ -34,20 +34,14 @@ _KNOT_NS = 500_000
 
 @dataclass(frozen=True)
 class Knots:
-    """Maps from pixel to surface at times.
+    """Maps from pixel to surface at times."""
 
-    Attributes
-    ----------
-    times_ns : ndarray of int64, shape (k,)
-        At least two.
-    maps : ndarray of float64, shape (k, 3, 3)
-        Ideal pixel to travel along the roll and place down the image, metres, in the pass's axes.
-    along : ndarray of float64, shape (k,)
-        Travel of the camera itself, metres.
-    """
-
+    #: At least two. Shape (k,).
     times_ns: I64
+    #: Ideal pixel to travel along the roll and place down the image, metres, in the pass's axes.
+    #: Shape (k, 3, 3).
     maps: F64
+    #: Travel of the camera itself, metres. Shape (k,).
     along: F64
 
 

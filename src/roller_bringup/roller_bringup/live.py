@@ -31,20 +31,13 @@ class GraphError(RollerError):
 
 @dataclass
 class Observation:
-    """What was seen of a running graph.
+    """What was seen of a running graph."""
 
-    Attributes
-    ----------
-    statuses : dict
-        Last diagnostics by status name: message and values.
-    received : dict
-        Messages by output topic.
-    last_output : float
-        When the last of them came, by the monotonic clock, s.
-    """
-
+    #: Last diagnostics by status name: message and values.
     statuses: dict[str, tuple[str, dict[str, str]]] = field(default_factory=dict)
+    #: Messages by output topic.
     received: dict[str, int] = field(default_factory=dict)
+    #: When the last of them came, by the monotonic clock, s.
     last_output: float = 0.0
 
     @property

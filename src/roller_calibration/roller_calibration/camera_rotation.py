@@ -46,24 +46,16 @@ class CameraRotationError(RollerError):
 
 @dataclass(frozen=True)
 class CameraRotation:
-    """How the camera is turned against its poses.
+    """How the camera is turned against its poses."""
 
-    Attributes
-    ----------
-    vector_deg : ndarray of float64, shape (3,)
-        Rotation vector in the camera's frame: about the image's rows (a tilt along the columns),
-        about its columns, and about the optical axis.
-    deviation_deg : ndarray of float64, shape (3,)
-        Standard error by the scatter of parts of the events.
-    height_m : float
-        Height of the plate in base, as these poses have it, metres.
-    events : int
-        Events that counted.
-    """
-
+    #: Rotation vector in the camera's frame: about the image's rows (a tilt along the columns),
+    #: about its columns, and about the optical axis. Shape (3,).
     vector_deg: F64
+    #: Standard error by the scatter of parts of the events. Shape (3,).
     deviation_deg: F64
+    #: Height of the plate in base, as these poses have it, metres.
     height_m: float
+    #: Events that counted.
     events: int
 
     @property

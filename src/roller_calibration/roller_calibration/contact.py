@@ -42,20 +42,13 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class TrueDepth:
-    """What is known of a part of a camera's image, in ideal pinhole pixels.
+    """What is known of a part of a camera's image, in ideal pinhole pixels."""
 
-    Attributes
-    ----------
-    box : Box
-        The part.
-    depth_m : ndarray of float64, shape (box height, box width)
-        True depth, metres; NaN where it isn't known.
-    mask : ndarray of bool, shape (box height, box width)
-        What counts; the depth there is known.
-    """
-
+    #: The part.
     box: Box
+    #: True depth, metres; NaN where it isn't known. Shape (box height, box width).
     depth_m: F64
+    #: What counts; the depth there is known. Shape (box height, box width).
     mask: npt.NDArray[np.bool_]
 
     @property
@@ -66,20 +59,13 @@ class TrueDepth:
 
 @dataclass(frozen=True)
 class ContactView(TrueDepth):
-    """The contact circle in a camera's image: what counts is within it.
+    """The contact circle in a camera's image: what counts is within it."""
 
-    Attributes
-    ----------
-    centre_px : tuple of float
-        Middle of the circle, u and v.
-    radius_px : float
-        Of the circle.
-    plane_m : float
-        Depth of the circle's plane, metres.
-    """
-
+    #: Middle of the circle, u and v.
     centre_px: tuple[float, float]
+    #: Of the circle.
     radius_px: float
+    #: Depth of the circle's plane, metres.
     plane_m: float
 
 

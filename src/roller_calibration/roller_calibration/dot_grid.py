@@ -33,17 +33,11 @@ _DOT_SHARE = 0.38
 
 @dataclass(frozen=True)
 class DotGrid:
-    """The target.
+    """The target."""
 
-    Parameters
-    ----------
-    pitch_m : float
-        Distance of neighbouring dots of a row, metres.
-    columns, rows : int
-        Dots a row, and rows, which must be odd.
-    """
-
+    #: Distance of neighbouring dots of a row, metres.
     pitch_m: float
+    #: Dots a row, and rows, which must be odd.
     columns: int = 4
     rows: int = 11
 
@@ -57,21 +51,14 @@ class DotGrid:
 
 @dataclass(frozen=True)
 class GridView:
-    """The grid as it stood still for a while.
+    """The grid as it stood still for a while."""
 
-    Attributes
-    ----------
-    begin_ns, end_ns : int
-        From when to when.
-    pixels : ndarray of float32, shape (n, 2)
-        The dots' middles, observed u, v.
-    edge_px : float
-        Width of the dots' edges, from 20 to 80 % of their events, px: how sharp the lens is.
-    """
-
+    #: From when to when.
     begin_ns: int
     end_ns: int
+    #: The dots' middles, observed u, v. Shape (n, 2).
     pixels: F32
+    #: Width of the dots' edges, from 20 to 80 % of their events, px: how sharp the lens is.
     edge_px: float
 
 

@@ -20,17 +20,11 @@ class CoverageError(RollerError):
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """An error with the coverage that it holds for.
+    """An error with the coverage that it holds for."""
 
-    Attributes
-    ----------
-    error_m : float
-        Mean absolute error of the measured pixels within the contact circle, metres.
-    coverage : float
-        Share of the circle's pixels that are measured.
-    """
-
+    #: Mean absolute error of the measured pixels within the contact circle, metres.
     error_m: float
+    #: Share of the circle's pixels that are measured.
     coverage: float
 
     def __str__(self) -> str:
@@ -39,20 +33,13 @@ class ErrorSummary:
 
 @dataclass
 class ErrorTable:
-    """Sums of errors by window and choice of parameters, filled bit by bit.
+    """Sums of errors by window and choice of parameters, filled bit by bit."""
 
-    Attributes
-    ----------
-    errors_m : ndarray of float64, shape (windows, choices)
-        Sums of absolute errors, metres; NaN where not yet known.
-    points : ndarray of int64, shape (windows, choices)
-        Measured pixels within the contact circle.
-    pixels : ndarray of int64, shape (windows,)
-        All pixels within it.
-    """
-
+    #: Sums of absolute errors, metres; NaN where not yet known. Shape (windows, choices).
     errors_m: F64
+    #: Measured pixels within the contact circle. Shape (windows, choices).
     points: I64
+    #: All pixels within it. Shape (windows,).
     pixels: I64
 
     @classmethod

@@ -30,30 +30,20 @@ class FlatError(RollerError):
 
 @dataclass(frozen=True)
 class FlatPlate:
-    """A plate as the camera sees it.
+    """A plate as the camera sees it."""
 
-    Attributes
-    ----------
-    depth_m : float
-        On the camera's axis, metres.
-    nearest_m, farthest_m : float
-        Over the image, metres.
-    tilt_deg : tuple of float
-        How far it falls away to the right (u) and downwards (v), degrees.
-    scatter_m : float
-        Median distance of the cells from the plane, metres.
-    share : float
-        Cells that lie on the plane.
-    points : int
-        Depths that counted.
-    """
-
+    #: On the camera's axis, metres.
     depth_m: float
+    #: Over the image, metres.
     nearest_m: float
     farthest_m: float
+    #: How far it falls away to the right (u) and downwards (v), degrees.
     tilt_deg: tuple[float, float]
+    #: Median distance of the cells from the plane, metres.
     scatter_m: float
+    #: Cells that lie on the plane.
     share: float
+    #: Depths that counted.
     points: int
 
     def depth_range_m(self, reach_m: float, margin_m: float) -> tuple[float, float]:

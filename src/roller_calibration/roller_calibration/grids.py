@@ -53,17 +53,11 @@ class Grid(ABC):
 
 @dataclass(frozen=True)
 class FocusGrid(Grid):
-    """Choices for `focus`: the parameters that a sphere determines.
+    """Choices for `focus`: the parameters that a sphere determines."""
 
-    Attributes
-    ----------
-    sigmas_px : tuple of float
-        Neighbourhood, px.
-    confidences : tuple of float
-        Least confidence.
-    """
-
+    #: Neighbourhood, px.
     sigmas_px: tuple[float, ...] = (3.0, 4.0, 5.0, 6.0, 8.0)
+    #: Least confidence.
     confidences: tuple[float, ...] = (0.2, 0.3, 0.4, 0.5, 0.6)
 
     @classmethod
@@ -83,20 +77,13 @@ class FocusGrid(Grid):
 
 @dataclass(frozen=True)
 class PaperGrid(Grid):
-    """Choices for the paper's method.
+    """Choices for the paper's method."""
 
-    Attributes
-    ----------
-    thresholds : tuple of float
-        C, whole numbers, in 1/255.
-    medians_px : tuple of int
-        G_f, odd, px.
-    weights : ndarray of float64, shape (n, views)
-        On the simplex.
-    """
-
+    #: C, whole numbers, in 1/255.
     thresholds: tuple[float, ...]
+    #: G_f, odd, px.
     medians_px: tuple[int, ...]
+    #: On the simplex. Shape (n, views).
     weights: F64
 
     @classmethod

@@ -27,20 +27,13 @@ class HandEyeError(RollerError):
 
 @dataclass(frozen=True)
 class HandEye:
-    """Camera on the tool.
+    """Camera on the tool."""
 
-    Attributes
-    ----------
-    pose : ndarray of float64, shape (4, 4)
-        Camera optical frame in the tool's.
-    target : ndarray of float64, shape (4, 4)
-        The target in base.
-    residuals_m, residuals_deg : ndarray of float64, shape (n,)
-        How far each pair puts the target off its place.
-    """
-
+    #: Camera optical frame in the tool's. Shape (4, 4).
     pose: F64
+    #: The target in base. Shape (4, 4).
     target: F64
+    #: How far each pair puts the target off its place. Shape (n,).
     residuals_m: F64
     residuals_deg: F64
 

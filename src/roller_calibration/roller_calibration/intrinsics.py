@@ -31,29 +31,19 @@ class IntrinsicsError(RollerError):
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """A calibrated camera.
+    """A calibrated camera."""
 
-    Attributes
-    ----------
-    camera : Camera
-        With distortion k1, k2, p1, p2.
-    deviation : ndarray of float64, shape (4,)
-        Standard deviations of fx, fy, cx, cy, px.
-    rms_px : float
-        Root mean square residual of the dots.
-    views : int
-        Views that count.
-    left_out : int
-        Views that fit badly and don't.
-    covered : float
-        Share of the image's cells (8 × 6) that hold dots.
-    """
-
+    #: With distortion k1, k2, p1, p2.
     camera: Camera
+    #: Standard deviations of fx, fy, cx, cy, px. Shape (4,).
     deviation: F64
+    #: Root mean square residual of the dots.
     rms_px: float
+    #: Views that count.
     views: int
+    #: Views that fit badly and don't.
     left_out: int
+    #: Share of the image's cells (8 × 6) that hold dots.
     covered: float
 
 

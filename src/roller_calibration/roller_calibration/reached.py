@@ -37,27 +37,18 @@ class GaugeError(RollerError):
 
 @dataclass(frozen=True)
 class Reached:
-    """What a pass over a gauge gave.
+    """What a pass over a gauge gave."""
 
-    Attributes
-    ----------
-    error_m : float
-        Mean error of the points, metres.
-    form_m : float
-        What the gauge as a whole is off by, metres: a sphere's fitted radius, the height of a step;
-        of a plane the band that holds 95 % of cells of half a millimetre.
-    coverage : float
-        Share of the sphere's contact circle, of the walls, or of the plane with points.
-    within : float
-        Share of the points whose error lies within twice their uncertainty.
-    points : int
-        Points on the gauge.
-    """
-
+    #: Mean error of the points, metres.
     error_m: float
+    #: What the gauge as a whole is off by, metres: a sphere's fitted radius, the height of a step;
+    #: of a plane the band that holds 95 % of cells of half a millimetre.
     form_m: float
+    #: Share of the sphere's contact circle, of the walls, or of the plane with points.
     coverage: float
+    #: Share of the points whose error lies within twice their uncertainty.
     within: float
+    #: Points on the gauge.
     points: int
 
 

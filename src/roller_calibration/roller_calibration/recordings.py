@@ -19,23 +19,15 @@ from roller_recording.reading import Recording
 
 @dataclass(frozen=True)
 class Scan:
-    """A recorded scan.
+    """A recorded scan."""
 
-    Attributes
-    ----------
-    name : str
-        What to call it.
-    events : EventArray
-        All events, in order of time.
-    camera : Camera
-        Calibration.
-    track : PoseTrack
-        Camera in base over the whole scan.
-    """
-
+    #: What to call it.
     name: str
+    #: All events, in order of time.
     events: EventArray
+    #: Calibration.
     camera: Camera
+    #: Camera in base over the whole scan.
     track: PoseTrack
 
 

@@ -23,23 +23,15 @@ class ScaleError(RollerError):
 
 @dataclass(frozen=True)
 class Scale:
-    """Mean scale of readings.
+    """Mean scale of readings."""
 
-    Attributes
-    ----------
-    mm_per_px : float
-        Mean of the readings' scales.
-    deviation_mm_per_px : float
-        Their standard deviation.
-    spread : float
-        Largest less smallest, as a share of the mean.
-    readings : int
-        Number of readings.
-    """
-
+    #: Mean of the readings' scales.
     mm_per_px: float
+    #: Their standard deviation.
     deviation_mm_per_px: float
+    #: Largest less smallest, as a share of the mean.
     spread: float
+    #: Number of readings.
     readings: int
 
     @property

@@ -49,32 +49,21 @@ class OtherRadiusError(SphereError):
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere in base, and the circle within which the skin touches it.
+    """A sphere in base, and the circle within which the skin touches it."""
 
-    Attributes
-    ----------
-    centre_m : ndarray of float64, shape (3,)
-        In base, metres.
-    towards : ndarray of float64, shape (3,)
-        Unit vector in base from the surface to the camera.
-    radius_m : float
-        The stated radius.
-    contact_radius_m : float
-        Of the contact circle, about the axis through the centre, metres.
-    fitted_radius_m : float
-        Radius that the points alone give, metres.
-    scatter_m : float
-        Median distance of the points in contact from the sphere, metres.
-    points : int
-        Points in contact.
-    """
-
+    #: In base, metres. Shape (3,).
     centre_m: F64
+    #: Unit vector in base from the surface to the camera. Shape (3,).
     towards: F64
+    #: The stated radius.
     radius_m: float
+    #: Of the contact circle, about the axis through the centre, metres.
     contact_radius_m: float
+    #: Radius that the points alone give, metres.
     fitted_radius_m: float
+    #: Median distance of the points in contact from the sphere, metres.
     scatter_m: float
+    #: Points in contact.
     points: int
 
     @property

@@ -56,27 +56,18 @@ _FINEST_PX = 0.1
 
 @dataclass(frozen=True)
 class TimeOffset:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    delay_s : float
-        Event stamps less the time, in the clock of the poses, of what they show, seconds.
-    deviation_s : float
-        Standard error by the scatter of strips of the image, seconds.
-    late_m : float or None
-        Travel past an edge at which its events come, metres; None where one speed can't show it:
-        then the delay holds it too.
-    speeds_m_s : tuple of float
-        Mean speeds that were compared, m/s.
-    events : int
-        Events that counted.
-    """
-
+    #: Event stamps less the time, in the clock of the poses, of what they show, seconds.
     delay_s: float
+    #: Standard error by the scatter of strips of the image, seconds.
     deviation_s: float
+    #: Travel past an edge at which its events come, metres; None where one speed can't show it:
+    #: then the delay holds it too.
     late_m: float | None
+    #: Mean speeds that were compared, m/s.
     speeds_m_s: tuple[float, ...]
+    #: Events that counted.
     events: int
 
 

@@ -39,31 +39,24 @@ class OtherCameraError(CameraError):
 class Camera:
     """Intrinsic calibration, as `sensor_msgs/CameraInfo` holds it.
 
-    Parameters
-    ----------
-    width, height : int
-        Image size, px.
-    fx, fy, cx, cy : float
-        Focal lengths and principal point, px.
-    distortion : sequence of float
-        `plumb_bob`: k1 k2 p1 p2 k3; `rational_polynomial`: k1 k2 p1 p2 k3 k4 k5 k6;
-        `equidistant`: k1 k2 k3 k4. Missing trailing ones are zero.
-    model : str
-        Distortion model's name.
-
     Raises
     ------
     CameraError
         If a figure is not finite, not positive where it must be, or the model isn't known.
     """
 
+    #: Image size, px.
     width: int
     height: int
+    #: Focal lengths and principal point, px.
     fx: float
     fy: float
     cx: float
     cy: float
+    #: `plumb_bob`: k1 k2 p1 p2 k3; `rational_polynomial`: k1 k2 p1 p2 k3 k4 k5 k6; `equidistant`:
+    #: k1 k2 k3 k4. Missing trailing ones are zero.
     distortion: tuple[float, ...] = ()
+    #: Distortion model's name.
     model: str = "plumb_bob"
 
     def __post_init__(self) -> None:

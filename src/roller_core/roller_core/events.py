@@ -18,21 +18,14 @@ class EventArrayError(RollerError):
 
 @dataclass(frozen=True, slots=True)
 class EventArray:
-    """Events of one sensor, one array a field.
+    """Events of one sensor, one array a field."""
 
-    Parameters
-    ----------
-    x, y : ndarray of uint16, shape (n,)
-        Pixel column and row.
-    t_ns : ndarray of int64, shape (n,)
-        Time in nanoseconds; of which clock is the owner's business.
-    p : ndarray of uint8, shape (n,)
-        Polarity, 1 = ON (brighter), 0 = OFF.
-    """
-
+    #: Pixel column and row. Shape (n,).
     x: npt.NDArray[np.uint16]
     y: npt.NDArray[np.uint16]
+    #: Time in nanoseconds; of which clock is the owner's business. Shape (n,).
     t_ns: npt.NDArray[np.int64]
+    #: Polarity, 1 = ON (brighter), 0 = OFF. Shape (n,).
     p: npt.NDArray[np.uint8]
 
     def __post_init__(self) -> None:
@@ -146,20 +139,13 @@ def _whole(name: str, values: npt.ArrayLike, dtype: type[np.integer]) -> npt.NDA
 
 @dataclass(frozen=True, slots=True)
 class TriggerArray:
-    """Edges on the sensor's trigger inputs.
+    """Edges on the sensor's trigger inputs."""
 
-    Parameters
-    ----------
-    id : ndarray of uint16, shape (n,)
-        Input channel.
-    t_ns : ndarray of int64, shape (n,)
-        Time in nanoseconds.
-    edge : ndarray of uint8, shape (n,)
-        1 = rising, 0 = falling.
-    """
-
+    #: Input channel. Shape (n,).
     id: npt.NDArray[np.uint16]
+    #: Time in nanoseconds. Shape (n,).
     t_ns: npt.NDArray[np.int64]
+    #: 1 = rising, 0 = falling. Shape (n,).
     edge: npt.NDArray[np.uint8]
 
     @classmethod

@@ -39,17 +39,11 @@ _FLOAT32 = 7
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points with named columns.
+    """Points with named columns."""
 
-    Attributes
-    ----------
-    columns : ndarray of float32, shape (n, len(names))
-        The first three are x, y, z in metres.
-    names : tuple of str
-        Of the columns.
-    """
-
+    #: The first three are x, y, z in metres. Shape (n, len(names)).
     columns: npt.NDArray[np.float32]
+    #: Of the columns.
     names: tuple[str, ...]
 
 
@@ -86,44 +80,28 @@ class ContactFault:
 
 @dataclass(frozen=True)
 class Output:
-    """One thing that goes out.
+    """One thing that goes out."""
 
-    Attributes
-    ----------
-    topic : str
-        Relative name.
-    t_ns : int
-        What it is of, ROS time, ns.
-    frame_id : str
-        Frame of its coordinates.
-    data : object
-        An image (ndarray, shape (height, width)), a `Camera`, a `Cloud`, a text (str), or plain
-        data of the package that registered its message.
-    """
-
+    #: Relative name.
     topic: str
+    #: What it is of, ROS time, ns.
     t_ns: int
+    #: Frame of its coordinates.
     frame_id: str
+    #: An image (ndarray, shape (height, width)), a `Camera`, a `Cloud`, a text (str), or plain data
+    #: of the package that registered its message.
     data: Any
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a stage found, and what goes out of it.
+    """What a stage found, and what goes out of it."""
 
-    Attributes
-    ----------
-    found : object
-        Depth map, patch of the surface, cell or window without a result; None with a fault alone.
-    outputs : tuple of Output
-        In the order in which they are published.
-    notice : str
-        What a live node warns of; empty where all is well.
-    fault : RollerError, optional
-        What went wrong with the input.
-    """
-
+    #: Depth map, patch of the surface, cell or window without a result; None with a fault alone.
     found: Any
+    #: In the order in which they are published.
     outputs: tuple[Output, ...] = ()
+    #: What a live node warns of; empty where all is well.
     notice: str = ""
+    #: What went wrong with the input.
     fault: RollerError | None = None

@@ -83,18 +83,13 @@ class Heading:
 
 @dataclass(frozen=True)
 class Pass:
-    """One roll over the surface.
+    """One roll over the surface."""
 
-    Attributes
-    ----------
-    rotation, origin : ndarray, shapes (3, 3) and (3,)
-        Camera in base where the pass begins; its axes are those of the surface's mosaic.
-    direction : int
-        +1 or -1: along or against the camera's x axis.
-    """
-
+    #: Camera in base where the pass begins; its axes are those of the surface's mosaic. Shapes
+    #: (3, 3) and (3,).
     rotation: F64
     origin: F64
+    #: +1 or -1: along or against the camera's x axis.
     direction: int
 
 

@@ -33,27 +33,18 @@ _MOST_OTHERS = 8
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """A transform from a frame to another.
+    """A transform from a frame to another."""
 
-    Attributes
-    ----------
-    parent, child : str
-        Frames, without leading slashes.
-    t_ns : int
-        ROS time, ns.
-    position : tuple of float, length 3
-        Metres.
-    quaternion : tuple of float, length 4
-        x, y, z, w.
-    static : bool
-        Whether it holds for all times (/tf_static).
-    """
-
+    #: Frames, without leading slashes.
     parent: str
     child: str
+    #: ROS time, ns.
     t_ns: int
+    #: Metres. Length 3.
     position: tuple[float, float, float]
+    #: x, y, z, w. Length 4.
     quaternion: tuple[float, float, float, float]
+    #: Whether it holds for all times (/tf_static).
     static: bool = False
 
 
@@ -73,23 +64,15 @@ def transforms_of(message: Any, static: bool) -> Iterator[Transform]:
 
 @dataclass(slots=True)
 class PoseCounts:
-    """What came of the robot's poses.
+    """What came of the robot's poses."""
 
-    Parameters
-    ----------
-    poses : int
-        Poses taken.
-    gaps : int
-        Times that two of them lay further apart than may be interpolated over.
-    longest_gap_s : float
-        Longest time between two of them.
-    jumps : int
-        Poses left out because no arm gets there in the time.
-    """
-
+    #: Poses taken.
     poses: int = 0
+    #: Times that two of them lay further apart than may be interpolated over.
     gaps: int = 0
+    #: Longest time between two of them.
     longest_gap_s: float = 0.0
+    #: Poses left out because no arm gets there in the time.
     jumps: int = 0
 
 

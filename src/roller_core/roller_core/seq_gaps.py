@@ -16,20 +16,13 @@ _MOST_SENDERS = 100
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Packets that are missing between two that came.
+    """Packets that are missing between two that came."""
 
-    Attributes
-    ----------
-    topic : str
-        Where.
-    t_ns : int
-        Arrival of the packet after the gap, ns.
-    packets : int
-        How many are missing.
-    """
-
+    #: Where.
     topic: str
+    #: Arrival of the packet after the gap, ns.
     t_ns: int
+    #: How many are missing.
     packets: int
 
 

@@ -18,43 +18,31 @@ DENSE_OBJECTS = ("bumps", "hexagon")
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """Size of a run.
+    """Size of a run."""
 
-    Attributes
-    ----------
-    quick : bool
-        Two objects, one repeat, the variations that matter most.
-    repeats : int
-        How often each case is timed, at most; see `case_budget_s`.
-    objects, methods : tuple of str
-        What is measured.
-    speeds : tuple of float
-        m/s; the first is the speed of all variations.
-    case_budget_s : float
-        A case of one object whose windows have taken longer than this isn't repeated again.
-    fixed_events, fixed_window_s, fixed_speed, fixed_windows, reference_windows
-        The fixed case: events and length of a window, speed of the scan, number of windows an
-        object, and how many of them the dense reference works through.
-    scaling_events, scaling_planes, scaling_threads
-        Steps by which the work grows.
-    cell : mapping
-        Settings of the virtual cell that differ from its defaults.
-    """
-
+    #: Two objects, one repeat, the variations that matter most.
     quick: bool = False
+    #: How often each case is timed, at most; see `case_budget_s`.
     repeats: int = 3
+    #: What is measured.
     objects: tuple[str, ...] = ALL_OBJECTS
     methods: tuple[str, ...] = ("focus", "bma", "left_right", "emvs", "surface")
+    #: m/s; the first is the speed of all variations.
     speeds: tuple[float, ...] = (0.3, 0.5)
+    #: A case of one object whose windows have taken longer than this isn't repeated again.
     case_budget_s: float = 1.0
+    #: The fixed case: events and length of a window, speed of the scan, number of windows an
+    #: object, and how many of them the dense reference works through.
     fixed_events: int = 100_000
     fixed_window_s: float = 0.02
     fixed_speed: float = 0.5
     fixed_windows: int = 15
     reference_windows: int = 5
+    #: Steps by which the work grows.
     scaling_events: tuple[int, ...] = (10_000, 30_000, 100_000, 300_000, 1_000_000)
     scaling_planes: tuple[int, ...] = (50, 100, 250, 500)
     scaling_threads: tuple[int, ...] = (1, 2)
+    #: Settings of the virtual cell that differ from its defaults.
     cell: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod

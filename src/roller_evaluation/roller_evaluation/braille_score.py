@@ -13,30 +13,21 @@ from roller_braille.table import UNREADABLE
 
 @dataclass(frozen=True)
 class Score:
-    """What became of the characters of a text.
+    """What became of the characters of a text."""
 
-    Attributes
-    ----------
-    characters : int
-        True characters, spaces between words included.
-    right, wrong, unreadable, missed : int
-        Read as they are, read as another character, marked unreadable, not given at all: together
-        all characters.
-    extra : int
-        Characters given where there is none; those marked unreadable included.
-    extra_readable : int
-        Those of them that were given as readable: with `wrong`, what a user would be misled by.
-    words, wrong_words : int
-        True words, and the edits (words changed, missing or too many) from what was read to them.
-    """
-
+    #: True characters, spaces between words included.
     characters: int = 0
+    #: Read as they are, read as another character, marked unreadable, not given at all: together
+    #: all characters.
     right: int = 0
     wrong: int = 0
     unreadable: int = 0
     missed: int = 0
+    #: Characters given where there is none; those marked unreadable included.
     extra: int = 0
+    #: Those of them that were given as readable: with `wrong`, what a user would be misled by.
     extra_readable: int = 0
+    #: True words, and the edits (words changed, missing or too many) from what was read to them.
     words: int = 0
     wrong_words: int = 0
 

@@ -42,27 +42,18 @@ def depth_settings(method: str, **changes: Any) -> DepthSettings:
 
 @dataclass(frozen=True)
 class ScanCase:
-    """A scan of the virtual cell.
+    """A scan of the virtual cell."""
 
-    Attributes
-    ----------
-    scene : str
-        Scene of the virtual cell.
-    speed : float
-        m/s.
-    seed : int
-        Seed of all chance.
-    cell : mapping
-        Other settings of the virtual cell that differ from its defaults, by group as in a
-        parameter file: light, sensor, contact.
-    pose_smoothing : int
-        Poses on either side over which the stamps of poses are smoothed, as the node does it.
-    """
-
+    #: Scene of the virtual cell.
     scene: str
+    #: m/s.
     speed: float
+    #: Seed of all chance.
     seed: int = 1
+    #: Other settings of the virtual cell that differ from its defaults, by group as in a parameter
+    #: file: light, sensor, contact.
     cell: Overrides = field(default_factory=dict, hash=False)
+    #: Poses on either side over which the stamps of poses are smoothed, as the node does it.
     pose_smoothing: int = DEFAULT_SMOOTHING
 
     def settings(self, threads: int = 1) -> VirtualCellSettings:
@@ -95,26 +86,17 @@ class ScanCase:
 
 @dataclass(frozen=True)
 class Case:
-    """A measurement.
+    """A measurement."""
 
-    Attributes
-    ----------
-    scan : ScanCase
-        The scan.
-    measure : str
-        What is measured, of `measures.MEASURES`.
-    method : str
-        Of `METHODS`, or of what else the measure knows.
-    settings : mapping
-        Settings of the method, or of the measure, that differ from the defaults.
-    labels : mapping
-        Columns of the case's rows by which tables know it; they change no figure.
-    """
-
+    #: The scan.
     scan: ScanCase
+    #: What is measured, of `measures.MEASURES`.
     measure: str
+    #: Of `METHODS`, or of what else the measure knows.
     method: str
+    #: Settings of the method, or of the measure, that differ from the defaults.
     settings: Overrides = field(default_factory=dict, hash=False)
+    #: Columns of the case's rows by which tables know it; they change no figure.
     labels: Overrides = field(default_factory=dict, hash=False)
 
     @property

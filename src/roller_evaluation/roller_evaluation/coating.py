@@ -33,31 +33,21 @@ CAVEAT = "Virtual cell, not fitted to a real roller."
 
 @dataclass(frozen=True)
 class CoatingOptions:
-    """Size of the experiment.
+    """Size of the experiment."""
 
-    Attributes
-    ----------
-    contrasts : tuple of float
-        RMS of the reflectance.
-    grains_mm : tuple of float
-        Correlation length, mm. No less than 0.1 mm, 2.4 px: the virtual lens is sharper than any
-        real one, and would find finer grains better than they are.
-    thresholds : tuple of float
-        Of the sensor; tried at the default grain.
-    speeds : tuple of float
-        m/s; the thresholds are tried at the first.
-    seed : int
-        Seed of all chance.
-    cell : mapping
-        Other settings of the virtual cell by group: a plate of dents, bumps and missing pieces, a
-        third of the camera's rows.
-    """
-
+    #: RMS of the reflectance.
     contrasts: tuple[float, ...] = (0.03, 0.05, 0.08, 0.12, 0.18)
+    #: Correlation length, mm. No less than 0.1 mm, 2.4 px: the virtual lens is sharper than any
+    #: real one, and would find finer grains better than they are.
     grains_mm: tuple[float, ...] = (0.1, 0.16, 0.25)
+    #: Of the sensor; tried at the default grain.
     thresholds: tuple[float, ...] = (0.15, _THRESHOLD, 0.3)
+    #: m/s; the thresholds are tried at the first.
     speeds: tuple[float, ...] = (0.3, 0.1, 0.5)
+    #: Seed of all chance.
     seed: int = 1
+    #: Other settings of the virtual cell by group: a plate of dents, bumps and missing pieces, a
+    #: third of the camera's rows.
     cell: Mapping[str, Any] = field(
         default_factory=lambda: {
             "camera": {"height": 160},

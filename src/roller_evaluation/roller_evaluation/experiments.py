@@ -41,48 +41,32 @@ EXPERIMENTS = {
 
 @dataclass(frozen=True)
 class EvaluationOptions:
-    """Size of an evaluation.
+    """Size of an evaluation."""
 
-    Attributes
-    ----------
-    only : tuple of str
-        Experiments to run, of `EXPERIMENTS`.
-    repeats : int
-        Passes of each kind, each with a seed of its own.
-    seed : int
-        Seed of the first.
-    objects : tuple of str
-        The single objects.
-    speeds : tuple of float
-        Of the experiment on speed, m/s.
-    large : tuple of str
-        The large plates.
-    lights : tuple of str
-        Of the virtual cell's `LIGHTS`; the objects are rolled over once in each but the ring,
-        which is that of all other experiments.
-    cell : mapping
-        Settings of the virtual cell that differ from its defaults.
-    calibrated : mapping
-        Settings of depth methods that were calibrated, by light, then by method: they hold there.
-    quick : bool
-        Whether this is the short form.
-    conditions : tuple of str
-        Light and sensor that Braille is read in, of `braille.CONDITIONS`; all if empty.
-    pictures : bool
-        Draw depth maps and clouds of the objects.
-    """
-
+    #: Experiments to run, of `EXPERIMENTS`.
     only: tuple[str, ...] = tuple(EXPERIMENTS)
+    #: Passes of each kind, each with a seed of its own.
     repeats: int = 5
+    #: Seed of the first.
     seed: int = 1
+    #: The single objects.
     objects: tuple[str, ...] = tuple(OBJECTS)
+    #: Of the experiment on speed, m/s.
     speeds: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
+    #: The large plates.
     large: tuple[str, ...] = tuple(LARGE_UM)
+    #: Of the virtual cell's `LIGHTS`; the objects are rolled over once in each but the ring, which
+    #: is that of all other experiments.
     lights: tuple[str, ...] = tuple(LIGHTS)
+    #: Settings of the virtual cell that differ from its defaults.
     cell: Mapping[str, Any] = field(default_factory=dict)
+    #: Settings of depth methods that were calibrated, by light, then by method: they hold there.
     calibrated: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
+    #: Whether this is the short form.
     quick: bool = False
+    #: Light and sensor that Braille is read in, of `braille.CONDITIONS`; all if empty.
     conditions: tuple[str, ...] = ()
+    #: Draw depth maps and clouds of the objects.
     pictures: bool = True
 
     @classmethod

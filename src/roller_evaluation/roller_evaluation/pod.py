@@ -34,37 +34,25 @@ _NOT_REACHED = "not reached"
 
 @dataclass(frozen=True)
 class PodOptions:
-    """Size of the experiment.
+    """Size of the experiment."""
 
-    Attributes
-    ----------
-    plates, clean : int
-        Plates with defects, and without, of each coating and speed.
-    defects : int
-        A plate.
-    kinds : tuple of str
-        Of defects; flush rivets are there too, as what must not be found.
-    depths_mm, widths_mm : tuple of float
-        Ladders of sizes.
-    speeds : tuple of float
-        m/s.
-    coatings : tuple of str
-        Of the virtual cell's `COATINGS`.
-    seed : int
-        Of the first plate.
-    cell : mapping
-        Other settings of the virtual cell by group.
-    """
-
+    #: Plates with defects, and without, of each coating and speed.
     plates: int = 10
     clean: int = 3
+    #: A plate.
     defects: int = 42
+    #: Of defects; flush rivets are there too, as what must not be found.
     kinds: tuple[str, ...] = KINDS
+    #: Ladders of sizes.
     depths_mm: tuple[float, ...] = (0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4)
     widths_mm: tuple[float, ...] = (1.0, 2.0, 3.0)
+    #: m/s.
     speeds: tuple[float, ...] = (0.3, 0.5)
+    #: Of the virtual cell's `COATINGS`.
     coatings: tuple[str, ...] = ("textured", "plain")
+    #: Of the first plate.
     seed: int = REPORT_SEED
+    #: Other settings of the virtual cell by group.
     cell: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod

@@ -23,26 +23,17 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PodCurve:
-    """A fitted curve.
+    """A fitted curve."""
 
-    Attributes
-    ----------
-    a90 : float or None
-        Size that is found with a probability of 0.9; None beyond the largest target.
-    a90_95 : float or None
-        The size for which that holds with a confidence of 95 %; None beyond the largest target.
-    slope : float
-        Of the logit in ln a.
-    middle : float
-        Size at which the fitted curve is at 0.9, wherever it is.
-    targets, hits : int
-        How many.
-    """
-
+    #: Size that is found with a probability of 0.9; None beyond the largest target.
     a90: float | None
+    #: The size for which that holds with a confidence of 95 %; None beyond the largest target.
     a90_95: float | None
+    #: Of the logit in ln a.
     slope: float
+    #: Size at which the fitted curve is at 0.9, wherever it is.
     middle: float
+    #: How many.
     targets: int
     hits: int
 

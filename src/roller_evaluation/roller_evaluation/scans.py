@@ -31,32 +31,21 @@ CROSSING_M = 0.0245
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan, held in memory.
+    """A scan, held in memory."""
 
-    Attributes
-    ----------
-    name : str
-        The scene.
-    speed : float
-        m/s.
-    events : EventArray
-        All events, ROS time.
-    packet_ends : ndarray of int64
-        Where in `events` each packet ends.
-    track : PoseTrack
-        Camera in base, as measured.
-    camera : Camera
-        Calibration.
-    truth : Truth
-        The truth.
-    """
-
+    #: The scene.
     name: str
+    #: m/s.
     speed: float
+    #: All events, ROS time.
     events: EventArray
+    #: Where in `events` each packet ends.
     packet_ends: npt.NDArray[np.int64]
+    #: Camera in base, as measured.
     track: PoseTrack
+    #: Calibration.
     camera: Camera
+    #: The truth.
     truth: Truth
 
     @property

@@ -20,23 +20,15 @@ _WIDTH = 130
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text.
+    """A table of text."""
 
-    Attributes
-    ----------
-    title : str
-        What it shows.
-    head : tuple of str
-        Names of the columns.
-    rows : sequence of tuple of str
-        Cells.
-    note : str
-        What is to be said below it.
-    """
-
+    #: What it shows.
     title: str
+    #: Names of the columns.
     head: tuple[str, ...]
+    #: Cells.
     rows: Sequence[tuple[str, ...]]
+    #: What is to be said below it.
     note: str = ""
 
 

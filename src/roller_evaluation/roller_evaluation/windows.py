@@ -13,21 +13,14 @@ from .scans import Scan, between
 
 @dataclass(frozen=True)
 class Piece:
-    """Events of one window with all that is needed to work on them.
+    """Events of one window with all that is needed to work on them."""
 
-    Attributes
-    ----------
-    start_ns, end_ns : int
-        The window.
-    events : EventArray
-        First event at the start, last one just before the end.
-    scan : Scan
-        Where it is from.
-    """
-
+    #: The window.
     start_ns: int
     end_ns: int
+    #: First event at the start, last one just before the end.
     events: EventArray
+    #: Where it is from.
     scan: Scan
 
 

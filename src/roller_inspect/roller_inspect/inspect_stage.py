@@ -52,23 +52,15 @@ def inspect_parameters(params: Path | None, **own: str) -> InspectParameters:
 
 @dataclass(frozen=True)
 class FindingList:
-    """All that is known of a part.
+    """All that is known of a part."""
 
-    Attributes
-    ----------
-    revision : int
-        Counts up with every change, from 1 with each part.
-    finished : bool
-        Whether the part is.
-    part : str
-        Its name.
-    judgement : Judgement
-        Verdict, findings, coverage.
-    """
-
+    #: Counts up with every change, from 1 with each part.
     revision: int
+    #: Whether the part is.
     finished: bool
+    #: Its name.
     part: str
+    #: Verdict, findings, coverage.
     judgement: Judgement
 
 

@@ -25,68 +25,44 @@ _MOST_CELLS = 4_000_000
 
 @dataclass(frozen=True)
 class Judged:
-    """A finding and what the recipe says of it.
+    """A finding and what the recipe says of it."""
 
-    Attributes
-    ----------
-    finding : Finding
-        What was found.
-    region : str
-        Region of the recipe that it lies in; empty: none.
-    verdict : str
-        By the recipe's tolerances.
-    limit : str
-        Which size decided, for people.
-    """
-
+    #: What was found.
     finding: Finding
+    #: Region of the recipe that it lies in; empty: none.
     region: str
+    #: By the recipe's tolerances.
     verdict: Verdict
+    #: Which size decided, for people.
     limit: str
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is known of a part.
+    """What is known of a part."""
 
-    Attributes
-    ----------
-    verdict, reason : str
-        Of the part; why, in one line.
-    findings : tuple of Judged
-        Those that count, in the order of their numbers.
-    coverage : Coverage
-        Of the area to inspect.
-    figures : tuple of Figure
-        The recipe's measures, once the part is finished.
-    contact : tuple of str
-        What was wrong with the contact meanwhile.
-    """
-
+    #: Of the part; why, in one line.
     verdict: Verdict
     reason: str
+    #: Those that count, in the order of their numbers.
     findings: tuple[Judged, ...]
+    #: Of the area to inspect.
     coverage: Coverage
+    #: The recipe's measures, once the part is finished.
     figures: tuple[Figure, ...] = ()
+    #: What was wrong with the contact meanwhile.
     contact: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Inspected:
-    """A part that is finished.
+    """A part that is finished."""
 
-    Attributes
-    ----------
-    part : str
-        Its name.
-    found : Found
-        Map, findings and alignment.
-    judgement : Judgement
-        What the recipe says of it.
-    """
-
+    #: Its name.
     part: str
+    #: Map, findings and alignment.
     found: Found
+    #: What the recipe says of it.
     judgement: Judgement
 
 

@@ -30,36 +30,25 @@ _POWERS = {"m": 1, "m²": 2, "m³": 3, "rad": 0}
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure and what the recipe says of it.
+    """A figure and what the recipe says of it."""
 
-    Attributes
-    ----------
-    name, tool, of, datum : str
-        As the recipe has them.
-    value : float or None
-        In `unit`; None where it can't be measured.
-    uncertainty : float
-        Expanded, k = 2, in `unit`.
-    unit : str
-        m, m², m³ or rad.
-    low, high : float or None
-        The recipe's limits.
-    verdict : str
-        ``conform`` too for a figure without limits.
-    reason : str
-        Why there is no value.
-    """
-
+    #: As the recipe has them.
     name: str
     tool: str
     of: str
     datum: str
+    #: In `unit`; None where it can't be measured.
     value: float | None
+    #: Expanded, k = 2, in `unit`.
     uncertainty: float
+    #: m, m², m³ or rad.
     unit: str
+    #: The recipe's limits.
     low: float | None
     high: float | None
+    #: ``conform`` too for a figure without limits.
     verdict: Verdict
+    #: Why there is no value.
     reason: str
 
 

@@ -18,49 +18,32 @@ _Grid = TypeVar("_Grid", bound=np.ndarray)
 
 @dataclass(frozen=True)
 class Piece:
-    """A part of the surface that was inspected.
+    """A part of the surface that was inspected."""
 
-    Attributes
-    ----------
-    height_map : HeightMap
-        Its map.
-    deviation_m : ndarray of float32, shape (ny, nx)
-        From the reference; NaN where there is none.
-    """
-
+    #: Its map.
     height_map: HeightMap
+    #: From the reference; NaN where there is none. Shape (ny, nx).
     deviation_m: F32
 
 
 @dataclass(frozen=True)
 class Found:
-    """What an inspection found.
+    """What an inspection found."""
 
-    Attributes
-    ----------
-    height_map : HeightMap or None
-        The whole; of a scan that is too long for memory a coarser one. None without any point.
-    deviation_m : ndarray of float32, shape (ny, nx), or None
-        On the same grid.
-    findings : tuple of Finding
-        All final, in the order of the scan.
-    alignment : Alignment or None
-        Of the reference (of the worst residual where the scan was given in pieces); None where
-        it couldn't be laid on the scan.
-    coverage : Coverage
-        Of what was scanned.
-    faults : tuple of str
-        Why parts could not be compared; empty if all was.
-    last : tuple of Piece
-        The strips that `SurfaceInspector.add` hadn't given yet.
-    """
-
+    #: The whole; of a scan that is too long for memory a coarser one. None without any point.
     height_map: HeightMap | None
+    #: On the same grid. Shape (ny, nx).
     deviation_m: F32 | None
+    #: All final, in the order of the scan.
     findings: tuple[Finding, ...]
+    #: Of the reference (of the worst residual where the scan was given in pieces); None where it
+    #: couldn't be laid on the scan.
     alignment: Alignment | None
+    #: Of what was scanned.
     coverage: Coverage
+    #: Why parts could not be compared; empty if all was.
     faults: tuple[str, ...]
+    #: The strips that `SurfaceInspector.add` hadn't given yet.
     last: tuple[Piece, ...] = ()
 
 

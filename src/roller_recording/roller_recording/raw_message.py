@@ -7,24 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, order=True)
 class RawMessage:
-    """A serialized message and its time; in order of time.
+    """A serialized message and its time; in order of time."""
 
-    Attributes
-    ----------
-    t_ns : int
-        When it came, or was logged, ROS time, ns.
-    topic : str
-        Its topic.
-    data : bytes
-        The message in CDR.
-    type : str
-        Its type, where the topic alone doesn't say it.
-    sender : bytes
-        Who published it, where that is known.
-    """
-
+    #: When it came, or was logged, ROS time, ns.
     t_ns: int
+    #: Its topic.
     topic: str
+    #: The message in CDR.
     data: bytes
+    #: Its type, where the topic alone doesn't say it.
     type: str = ""
+    #: Who published it, where that is known.
     sender: bytes = b""

@@ -26,20 +26,13 @@ from . import qos
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of the graph.
+    """A topic of the graph."""
 
-    Attributes
-    ----------
-    name : str
-        Relative to a node's namespace, or with a leading slash where all cells share it.
-    type : type
-        Of its messages.
-    qos : QoSProfile
-        Quality of service that publishers offer.
-    """
-
+    #: Relative to a node's namespace, or with a leading slash where all cells share it.
     name: str
+    #: Of its messages.
     type: Any
+    #: Quality of service that publishers offer.
     qos: QoSProfile
 
     @property

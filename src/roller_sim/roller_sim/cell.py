@@ -36,26 +36,17 @@ _PACKET_EVENTS = 48_000
 
 @dataclass(frozen=True)
 class Packet:
-    """Events as they come from the camera.
+    """Events as they come from the camera."""
 
-    Parameters
-    ----------
-    seq : int
-        Number of the packet.
-    stamp_ns : int
-        The header's stamp: arrival of the first event at the host, ROS time.
-    time_base_ns : int
-        Sensor time the packet begins at.
-    arrival_ns : int
-        When the whole packet is there, ROS time.
-    events : EventArray
-        Events in sensor time.
-    """
-
+    #: Number of the packet.
     seq: int
+    #: The header's stamp: arrival of the first event at the host, ROS time.
     stamp_ns: int
+    #: Sensor time the packet begins at.
     time_base_ns: int
+    #: When the whole packet is there, ROS time.
     arrival_ns: int
+    #: Events in sensor time.
     events: EventArray
 
 

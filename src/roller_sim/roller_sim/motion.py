@@ -169,21 +169,14 @@ def hand_eye() -> F64:
 
 @dataclass(frozen=True)
 class PoseStream:
-    """Poses of tool0_controller in base as the robot's controller reports them.
+    """Poses of tool0_controller in base as the robot's controller reports them."""
 
-    Parameters
-    ----------
-    stamp_ns, arrival_ns : ndarray of int64, shape (n,)
-        Time stamp and arrival at the host, ROS time.
-    position : ndarray of float64, shape (n, 3)
-        Metres.
-    quaternion : ndarray of float64, shape (n, 4)
-        x, y, z, w.
-    """
-
+    #: Time stamp and arrival at the host, ROS time. Shape (n,).
     stamp_ns: I64
     arrival_ns: I64
+    #: Metres. Shape (n, 3).
     position: F64
+    #: x, y, z, w. Shape (n, 4).
     quaternion: F64
 
     @classmethod

@@ -22,21 +22,14 @@ RING_RADIUS_MM, RING_Z_MM = 20.0, 8.0
 
 @dataclass(frozen=True)
 class Mix:
-    """What light is made of; strengths count at the plate's middle.
+    """What light is made of; strengths count at the plate's middle."""
 
-    Attributes
-    ----------
-    ambient : float
-        Light scattered in the roller, from the dome above.
-    diffuse, specular : float
-        Matt and semi-specular part of the directed light.
-    lobe_slope : float
-        Width of the lobe, as a slope.
-    """
-
+    #: Light scattered in the roller, from the dome above.
     ambient: float
+    #: Matt and semi-specular part of the directed light.
     diffuse: float
     specular: float
+    #: Width of the lobe, as a slope.
     lobe_slope: float
 
     @property
@@ -164,23 +157,15 @@ def _relief_near(height: F32, n: int) -> npt.NDArray[np.uint8]:
 
 @dataclass(frozen=True)
 class SurfaceMaps:
-    """What is fixed to the surface, interleaved for the renderer.
+    """What is fixed to the surface, interleaved for the renderer."""
 
-    Parameters
-    ----------
-    values : ndarray of float32, shape (ny, nx, 4)
-        Skin height in mm, its slopes along x and y, log reflectance.
-    origin : ndarray of float64, shape (3,)
-        x, y of the first point and the step, mm.
-    active : ndarray of uint8, shape (my, mx)
-        A coarse map: 1 where the surface is not level, or that is near.
-    active_origin : ndarray of float64, shape (3,)
-        The same for the coarse map.
-    """
-
+    #: Skin height in mm, its slopes along x and y, log reflectance. Shape (ny, nx, 4).
     values: F32
+    #: x, y of the first point and the step, mm. Shape (3,).
     origin: F64
+    #: A coarse map: 1 where the surface is not level, or that is near. Shape (my, mx).
     active: npt.NDArray[np.uint8]
+    #: The same for the coarse map. Shape (3,).
     active_origin: F64
 
     @classmethod

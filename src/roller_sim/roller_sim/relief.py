@@ -45,35 +45,24 @@ class BrailleMark:
 
 @dataclass(frozen=True)
 class DefectMark:
-    """A defect on the plate, metres.
+    """A defect on the plate, metres."""
 
-    Parameters
-    ----------
-    name, kind : str
-        Its name; `dent`, `crater`, `scratch`, `raised`, `missing` or `extra`, as findings have it.
-    x, y : float
-        Centre.
-    length, width : float
-        Along its longer side and across.
-    depth : float
-        Of the relief, signed: + extra, − missing.
-    angle_deg : float
-        Of its length against x.
-    outline : tuple of (x, y)
-        Corners of its footprint.
-    skin_depth : float
-        Depth as the skin follows it: its extreme within the footprint.
-    """
-
+    #: Its name; `dent`, `crater`, `scratch`, `raised`, `missing` or `extra`, as findings have it.
     name: str
     kind: str
+    #: Centre.
     x: float
     y: float
+    #: Along its longer side and across.
     length: float
     width: float
+    #: Of the relief, signed: + extra, − missing.
     depth: float
+    #: Of its length against x.
     angle_deg: float
+    #: Corners of its footprint.
     outline: tuple[tuple[float, float], ...]
+    #: Depth as the skin follows it: its extreme within the footprint.
     skin_depth: float = 0.0
 
     def followed(self, skin: HeightMap) -> DefectMark:
@@ -88,21 +77,14 @@ class DefectMark:
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights on a regular grid.
+    """Heights on a regular grid."""
 
-    Parameters
-    ----------
-    height : ndarray of float32, shape (ny, nx)
-        Metres over the plate's flat face; rows along y, columns along x.
-    x0, y0 : float
-        Position of ``height[0, 0]``, metres.
-    step : float
-        Distance of grid points, metres.
-    """
-
+    #: Metres over the plate's flat face; rows along y, columns along x. Shape (ny, nx).
     height: F32
+    #: Position of ``height[0, 0]``, metres.
     x0: float
     y0: float
+    #: Distance of grid points, metres.
     step: float
 
     @property
@@ -159,32 +141,21 @@ class HeightMap:
 
 @dataclass(frozen=True)
 class Scene:
-    """A plate to roll over.
+    """A plate to roll over."""
 
-    Parameters
-    ----------
-    name : str
-        Name the scene was asked for by.
-    relief : HeightMap
-        The bare surface.
-    press_mm : float
-        Depth the roller is pressed below the plate's face at full contact.
-    regions : tuple of Region
-        Objects on the plate, in order along the roll.
-    text : str
-        What the Braille on the plate says, lines separated by newlines; empty without Braille.
-    marks : tuple of BrailleMark
-        The Braille cells one by one.
-    defects : tuple of DefectMark
-        The defects one by one.
-    """
-
+    #: Name the scene was asked for by.
     name: str
+    #: The bare surface.
     relief: HeightMap
+    #: Depth the roller is pressed below the plate's face at full contact.
     press_mm: float
+    #: Objects on the plate, in order along the roll.
     regions: tuple[Region, ...] = ()
+    #: What the Braille on the plate says, lines separated by newlines; empty without Braille.
     text: str = ""
+    #: The Braille cells one by one.
     marks: tuple[BrailleMark, ...] = ()
+    #: The defects one by one.
     defects: tuple[DefectMark, ...] = ()
 
 

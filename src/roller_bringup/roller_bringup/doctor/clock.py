@@ -46,23 +46,15 @@ class Reading:
 
 @dataclass(frozen=True)
 class ClockFacts:
-    """What was found of the host's clock.
+    """What was found of the host's clock."""
 
-    Parameters
-    ----------
-    synchronised : bool or None
-        Whether the kernel says that NTP or PTP sets it; None: it doesn't say.
-    max_error_s : float
-        The kernel's bound of its error, s.
-    rate_ppm : float
-        How much faster it runs than the hardware's counter.
-    step_s : float
-        By how much it jumped while it was watched, s.
-    """
-
+    #: Whether the kernel says that NTP or PTP sets it; None: it doesn't say.
     synchronised: bool | None
+    #: The kernel's bound of its error, s.
     max_error_s: float
+    #: How much faster it runs than the hardware's counter.
     rate_ppm: float
+    #: By how much it jumped while it was watched, s.
     step_s: float
 
 

@@ -22,23 +22,15 @@ _OLD_DAYS = 180
 
 @dataclass(frozen=True)
 class CellFiles:
-    """The files that a cell is started with; None where there is none.
+    """The files that a cell is started with; None where there is none."""
 
-    Parameters
-    ----------
-    params : path or None
-        Parameter file of the processing nodes, from `roller calibrate`.
-    hand_eye : path or None
-        Parameter file with the camera's place on the tool; without it `params` may hold it.
-    camera_info : path or None
-        ROS camera_info YAML.
-    golden, certificate : path or None
-        Folders that `roller inspect teach` and `roller calibrate acceptance` wrote.
-    """
-
+    #: Parameter file of the processing nodes, from `roller calibrate`.
     params: Path | None = None
+    #: Parameter file with the camera's place on the tool; without it `params` may hold it.
     hand_eye: Path | None = None
+    #: ROS camera_info YAML.
     camera_info: Path | None = None
+    #: Folders that `roller inspect teach` and `roller calibrate acceptance` wrote.
     golden: Path | None = None
     certificate: Path | None = None
 

@@ -24,46 +24,30 @@ _SHARED_MEMORY = 400e6
 
 @dataclass(frozen=True)
 class TransportFacts:
-    """What decides how messages travel.
+    """What decides how messages travel."""
 
-    Parameters
-    ----------
-    profile : str
-        Fast DDS profile file that is set; empty: none.
-    profile_text : str or None
-        What it holds; None: it can't be read.
-    discovery : str
-        Discovery range in force.
-    domain : str
-        ROS domain.
-    shared_memory_bytes : float
-        Free shared memory; 0: not known.
-    """
-
+    #: Fast DDS profile file that is set; empty: none.
     profile: str
+    #: What it holds; None: it can't be read.
     profile_text: str | None
+    #: Discovery range in force.
     discovery: str
+    #: ROS domain.
     domain: str
+    #: Free shared memory; 0: not known.
     shared_memory_bytes: float
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """What made it from one process to another.
+    """What made it from one process to another."""
 
-    Parameters
-    ----------
-    small, large : int
-        Messages received, of `dds_peer.MESSAGES` each.
-    milliseconds : float
-        Median of the large ones' time in transit; 0 where none came.
-    fault : str
-        Why nothing could be tried.
-    """
-
+    #: Messages received, of `dds_peer.MESSAGES` each.
     small: int = 0
     large: int = 0
+    #: Median of the large ones' time in transit; 0 where none came.
     milliseconds: float = 0.0
+    #: Why nothing could be tried.
     fault: str = ""
 
 

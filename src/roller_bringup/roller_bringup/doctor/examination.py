@@ -18,26 +18,17 @@ _WATCH_S = 1.0
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for.
+    """What is asked for."""
 
-    Parameters
-    ----------
-    camera : str or None
-        Serial number of the camera that must be there, empty for any; None: none need be.
-    robot_ip : str
-        The robot that must be there; empty: none need be.
-    output : path
-        Where recordings are to go.
-    backend : str
-        USB library, see `roller_driver.dvxplorer.backends.load_backend`.
-    cell : CellFiles or None
-        The cell's files; None: how far it is set up isn't asked.
-    """
-
+    #: Serial number of the camera that must be there, empty for any; None: none need be.
     camera: str | None = None
+    #: The robot that must be there; empty: none need be.
     robot_ip: str = ""
+    #: Where recordings are to go.
     output: Path = Path("recording")
+    #: USB library, see `roller_driver.dvxplorer.backends.load_backend`.
     backend: str = ""
+    #: The cell's files; None: how far it is set up isn't asked.
     cell: CellFiles | None = None
 
 

@@ -15,23 +15,15 @@ _GOOD_BUFFER = 8 << 20
 
 @dataclass(frozen=True)
 class HostSettings:
-    """What the system is set to.
+    """What the system is set to."""
 
-    Parameters
-    ----------
-    governor : str
-        Of the processor's frequency; empty: the machine shows none (a virtual one).
-    socket_bytes : int
-        Most that a socket may hold (net.core.rmem_max); 0: not known.
-    realtime_kernel : bool
-        Whether the kernel is preemptible throughout (PREEMPT_RT).
-    priority : int
-        Highest real-time priority that a process of this user may take; 0: none.
-    """
-
+    #: Of the processor's frequency; empty: the machine shows none (a virtual one).
     governor: str
+    #: Most that a socket may hold (net.core.rmem_max); 0: not known.
     socket_bytes: int
+    #: Whether the kernel is preemptible throughout (PREEMPT_RT).
     realtime_kernel: bool
+    #: Highest real-time priority that a process of this user may take; 0: none.
     priority: int
 
 

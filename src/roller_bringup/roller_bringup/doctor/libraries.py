@@ -17,24 +17,16 @@ _PYTHONS = ">=3.10,<3.14"
 
 @dataclass(frozen=True)
 class Library:
-    """A library that the workspace uses.
+    """A library that the workspace uses."""
 
-    Parameters
-    ----------
-    module, package : str
-        Its name in Python and on PyPI.
-    purpose : str
-        What needs it; empty: everything.
-    versions : str
-        Versions that work, as pip writes them; empty: any.
-    slow : bool
-        Takes so long to import that only its place is looked up.
-    """
-
+    #: Its name in Python and on PyPI.
     module: str
     package: str
+    #: What needs it; empty: everything.
     purpose: str = ""
+    #: Versions that work, as pip writes them; empty: any.
     versions: str = ""
+    #: Takes so long to import that only its place is looked up.
     slow: bool = False
 
 

@@ -17,24 +17,16 @@ _COLOURS = {"OK": "green", "warning": "yellow", "fault": "bold red"}
 
 @dataclass(frozen=True)
 class Result:
-    """One line of the doctor's table.
+    """One line of the doctor's table."""
 
-    Parameters
-    ----------
-    name : str
-        What was checked.
-    level : str
-        `OK`; `warning`: something works less well or not at all, which may not matter; `fault`:
-        what was asked for, or the graph, will not work.
-    found : str
-        What is.
-    advice : str
-        What to do; empty where nothing is to be done.
-    """
-
+    #: What was checked.
     name: str
+    #: `OK`; `warning`: something works less well or not at all, which may not matter; `fault`: what
+    #: was asked for, or the graph, will not work.
     level: Level
+    #: What is.
     found: str
+    #: What to do; empty where nothing is to be done.
     advice: str = ""
 
 

@@ -20,26 +20,17 @@ _FAST_DDS = "rmw_fastrtps_cpp"
 
 @dataclass(frozen=True)
 class RosFacts:
-    """What was found of ROS 2.
+    """What was found of ROS 2."""
 
-    Parameters
-    ----------
-    distribution : str
-        Name of the distribution that is sourced; empty: none.
-    wheels : str
-        Version of rclpy's wheel; empty: not from wheels.
-    rmw : str
-        The middleware in use; empty: rclpy can't be imported.
-    fault : str
-        Why rclpy can't be imported.
-    missing : tuple of str
-        Message packages that can't be imported.
-    """
-
+    #: Name of the distribution that is sourced; empty: none.
     distribution: str = ""
+    #: Version of rclpy's wheel; empty: not from wheels.
     wheels: str = ""
+    #: The middleware in use; empty: rclpy can't be imported.
     rmw: str = ""
+    #: Why rclpy can't be imported.
     fault: str = ""
+    #: Message packages that can't be imported.
     missing: tuple[str, ...] = ()
 
 

@@ -10,32 +10,21 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """One node's process.
+    """One node's process."""
 
-    Attributes
-    ----------
-    name
-        The node's name.
-    command
-        The program and its arguments, as launch_ros would give them.
-    env
-        The whole environment.
-    required
-        Whether everything stops when it ends (on_exit="shutdown").
-    namespace
-        The node's namespace.
-    grace_s
-        How long it has after SIGINT before SIGTERM, s; None: as all.
-    ours
-        Whether it is started by `roller_core.signals.load_and_run`.
-    """
-
+    #: The node's name.
     name: str
+    #: The program and its arguments, as launch_ros would give them.
     command: tuple[str, ...]
+    #: The whole environment.
     env: Mapping[str, str] = field(repr=False)
+    #: Whether everything stops when it ends (on_exit="shutdown").
     required: bool = False
+    #: The node's namespace.
     namespace: str = "/"
+    #: How long it has after SIGINT before SIGTERM, s; None: as all.
     grace_s: float | None = None
+    #: Whether it is started by `roller_core.signals.load_and_run`.
     ours: bool = False
 
     @property

@@ -26,36 +26,25 @@ _MOST_TEXT = 20_000
 
 @dataclass
 class Scene:
-    """All that is known; `lock` is held to read and to change it.
+    """All that is known; `lock` is held to read and to change it."""
 
-    Attributes
-    ----------
-    title : str
-        What is shown.
-    folder : Path, optional
-        A result's folder; None: a live graph.
-    grid : Grid
-        The height map, in the map's frame.
-    base_from_map : ndarray, shape (4, 4)
-        Its place in base.
-    head : tuple of float, optional
-        Where the newest points are, in the map.
-    speed_m_s, force_n, lag_s : float, optional
-        Of the robot, and from the surface to here.
-    verdict, reason : str
-        Of a result.
-    """
-
+    #: What is shown.
     title: str
+    #: A result's folder; None: a live graph.
     folder: Path | None = None
     most_tiles: int = MOST_TILES
+    #: The height map, in the map's frame.
     grid: Grid = field(init=False)
+    #: Its place in base. Shape (4, 4).
     base_from_map: F64 = field(default_factory=lambda: np.eye(4))
+    #: Where the newest points are, in the map.
     head: tuple[float, float] | None = None
+    #: Of the robot, and from the surface to here.
     speed_m_s: float | None = None
     force_n: float | None = None
     lag_s: float | None = None
     coverage: Mapping[str, float] | None = None
+    #: Of a result.
     verdict: str = ""
     reason: str = ""
     notes: list[str] = field(default_factory=list)

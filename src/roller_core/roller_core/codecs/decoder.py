@@ -23,23 +23,15 @@ _WORD_BYTES = {"mono": 8, "trigger": 8, "libcaer": 8, "libcaer_cmp": 2, "evt3": 
 
 @dataclass(frozen=True, slots=True)
 class DecodedPacket:
-    """What one packet held.
+    """What one packet held."""
 
-    Attributes
-    ----------
-    events : EventArray
-        Events in the packet's order; times in sensor time, ns.
-    triggers : TriggerArray
-        Edges on the trigger inputs.
-    outside : int
-        Events left out because their pixel lies outside the image.
-    untimed : int
-        Events left out because no time had come before them (`evt3`).
-    """
-
+    #: Events in the packet's order; times in sensor time, ns.
     events: EventArray
+    #: Edges on the trigger inputs.
     triggers: TriggerArray
+    #: Events left out because their pixel lies outside the image.
     outside: int = 0
+    #: Events left out because no time had come before them (`evt3`).
     untimed: int = 0
 
 

@@ -16,30 +16,20 @@ _ENCAPSULATION = 4
 
 @dataclass(frozen=True, slots=True)
 class RawPacket:
-    """Fields of a serialized `event_camera_msgs/msg/EventPacket`; its events are not copied.
+    """Fields of a serialized `event_camera_msgs/msg/EventPacket`; its events are not copied."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        `header.stamp`, ns.
-    height, width : int
-        Image size, px.
-    seq : int
-        Number of the packet.
-    time_base_ns : int
-        `time_base`, ns.
-    encoding : str
-        Of the events.
-    payload : memoryview
-        The events.
-    """
-
+    #: `header.stamp`, ns.
     stamp_ns: int
+    #: Image size, px.
     height: int
     width: int
+    #: Number of the packet.
     seq: int
+    #: `time_base`, ns.
     time_base_ns: int
+    #: Of the events.
     encoding: str
+    #: The events.
     payload: memoryview
 
     @classmethod

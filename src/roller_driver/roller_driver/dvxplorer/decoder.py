@@ -16,36 +16,24 @@ _EVENTS_A_WORD = 16
 
 @dataclass(frozen=True, slots=True)
 class DecoderCounts:
-    """What the decoder saw since it was made.
+    """What the decoder saw since it was made."""
 
-    Parameters
-    ----------
-    events, frames : int
-        Decoded events and read-out frames.
-    lost_references : int
-        Times that a frame didn't come later than the one before: a time-stamp reference was lost.
-    column_jumps : int
-        Times that a column wasn't further right than the one before: the start of a frame was
-        lost.
-    dropped_frames, dropped_words : int
-        Frames left out, wholly or in part, because their time wasn't known; pixel words in them.
-    padding : int
-        Words that are zero.
-    bad_words, bad_references : int
-        Words of no known kind or beyond the sensor; references out of turn.
-    time_steps : int
-        Times that the camera's clock was set again.
-    """
-
+    #: Decoded events and read-out frames.
     events: int = 0
     frames: int = 0
+    #: Times that a frame didn't come later than the one before: a time-stamp reference was lost.
     lost_references: int = 0
+    #: Times that a column wasn't further right than the one before: the start of a frame was lost.
     column_jumps: int = 0
+    #: Frames left out, wholly or in part, because their time wasn't known; pixel words in them.
     dropped_frames: int = 0
     dropped_words: int = 0
+    #: Words that are zero.
     padding: int = 0
+    #: Words of no known kind or beyond the sensor; references out of turn.
     bad_words: int = 0
     bad_references: int = 0
+    #: Times that the camera's clock was set again.
     time_steps: int = 0
 
     @property

@@ -12,17 +12,11 @@ from roller_core.events import EventArray
 
 @dataclass(frozen=True, slots=True)
 class EventPart:
-    """Events that go out as one message.
+    """Events that go out as one message."""
 
-    Parameters
-    ----------
-    events : EventArray
-        In order of time; sensor time, ns.
-    arrival_ns : int
-        When the host had the first of them, ns.
-    """
-
+    #: In order of time; sensor time, ns.
     events: EventArray
+    #: When the host had the first of them, ns.
     arrival_ns: int
 
     @property

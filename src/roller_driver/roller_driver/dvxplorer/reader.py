@@ -30,55 +30,36 @@ _MOST_BYTES = 32 << 20
 
 @dataclass(frozen=True, slots=True)
 class ReaderSettings:
-    """How the stream is read and cut.
+    """How the stream is read and cut."""
 
-    Parameters
-    ----------
-    span_ns : int
-        Longest packet, ns of sensor time.
-    max_events : int
-        Most events a packet.
-    transfer_bytes : int
-        Size of one USB read.
-    retry_s : float
-        Pause between attempts to connect, s.
-    """
-
+    #: Longest packet, ns of sensor time.
     span_ns: int = 1_000_000
+    #: Most events a packet.
     max_events: int = 48_000
+    #: Size of one USB read.
     transfer_bytes: int = 65536
+    #: Pause between attempts to connect, s.
     retry_s: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class ReaderStatus:
-    """How the reader is.
+    """How the reader is."""
 
-    Parameters
-    ----------
-    state : str
-        `searching`, `streaming`, `silent` (streaming, but nothing came for 2 s) or `stopped`.
-    fault : str
-        What keeps it from streaming, or what ended the stream last time; empty: nothing yet.
-    camera : str
-        Name of the camera, and its firmware.
-    connects : int
-        Times that a camera began to stream.
-    packets : int
-        Packets handed out.
-    decoder : DecoderCounts
-        Faults of the stream.
-    usb : TransferCounts
-        What the USB layer did.
-    """
-
+    #: `searching`, `streaming`, `silent` (streaming, but nothing came for 2 s) or `stopped`.
     state: str = STOPPED
+    #: What keeps it from streaming, or what ended the stream last time; empty: nothing yet.
     fault: str = ""
+    #: Name of the camera, and its firmware.
     camera: str = ""
     firmware: int = 0
+    #: Times that a camera began to stream.
     connects: int = 0
+    #: Packets handed out.
     packets: int = 0
+    #: Faults of the stream.
     decoder: DecoderCounts = field(default_factory=DecoderCounts)
+    #: What the USB layer did.
     usb: TransferCounts = field(default_factory=TransferCounts)
 
 

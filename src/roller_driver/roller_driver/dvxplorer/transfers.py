@@ -18,24 +18,16 @@ _RUN_DELAY_S = 0.02
 
 @dataclass(slots=True)
 class TransferCounts:
-    """What the USB layer did.
+    """What the USB layer did."""
 
-    Parameters
-    ----------
-    transfers, bytes : int
-        Reads that brought data, and how much.
-    empty : int
-        Reads that ran into the time-out without data.
-    stalls : int
-        Halts of the endpoint, cleared.
-    overruns : int
-        Transfers thrown away because too much waited for the decoder.
-    """
-
+    #: Reads that brought data, and how much.
     transfers: int = 0
     bytes: int = 0
+    #: Reads that ran into the time-out without data.
     empty: int = 0
+    #: Halts of the endpoint, cleared.
     stalls: int = 0
+    #: Transfers thrown away because too much waited for the decoder.
     overruns: int = 0
 
 

@@ -31,14 +31,9 @@ class KinematicsError(RollerError):
 
 @dataclass(frozen=True)
 class Arm:
-    """A UR arm.
+    """A UR arm."""
 
-    Parameters
-    ----------
-    d_m, a_m : tuple of float, length 6
-        Denavit–Hartenberg offsets and lengths.
-    """
-
+    #: Denavit–Hartenberg offsets and lengths. Length 6.
     d_m: tuple[float, ...]
     a_m: tuple[float, ...]
 

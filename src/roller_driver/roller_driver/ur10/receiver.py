@@ -57,68 +57,45 @@ _SAME_TOOL_M, _SAME_TOOL_RAD = 1e-4, 1e-3
 
 @dataclass(frozen=True, slots=True)
 class RobotSample:
-    """One state of the robot.
+    """One state of the robot."""
 
-    Parameters
-    ----------
-    controller_ns : int
-        The controller's clock, ns.
-    arrival_ns : int
-        When the host had it, ns.
-    pose : tuple of float
-        TCP in base: x y z in metres, rotation vector in rad.
-    speed : tuple of float
-        Its velocity in base: m/s and rad/s.
-    wrench : tuple of float
-        Force and torque at the TCP, along the axes of base: N and Nm; empty where the controller
-        doesn't say.
-    """
-
+    #: The controller's clock, ns.
     controller_ns: int
+    #: When the host had it, ns.
     arrival_ns: int
+    #: TCP in base: x y z in metres, rotation vector in rad.
     pose: tuple[float, ...]
+    #: Its velocity in base: m/s and rad/s.
     speed: tuple[float, ...]
+    #: Force and torque at the TCP, along the axes of base: N and Nm; empty where the controller
+    #: doesn't say.
     wrench: tuple[float, ...] = ()
 
 
 @dataclass(slots=True)
 class ReceiverStatus:
-    """How the receiver is.
+    """How the receiver is."""
 
-    Parameters
-    ----------
-    state : str
-        `searching`, `receiving` or `stopped`.
-    fault : str
-        What keeps it from receiving, or ended it last time; empty: nothing.
-    controller : Controller or None
-        Who answered.
-    connects, samples : int
-        Connections made; samples received.
-    missed : int
-        Samples that never came, by the steps of the controller's clock.
-    gaps : int
-        Times that samples were missed in a row, or one was.
-    longest_gap_s : float
-        Longest step of the controller's clock from sample to sample, s.
-    torn : int
-        Reads repeated because a new sample came in the middle.
-    steps_back : int
-        Times that the controller's clock went back.
-    safety_mode, robot_mode : int
-        As the controller reports them; 0 and -1 before it does.
-    """
-
+    #: `searching`, `receiving` or `stopped`.
     state: str = STOPPED
+    #: What keeps it from receiving, or ended it last time; empty: nothing.
     fault: str = ""
+    #: Who answered.
     controller: Controller | None = None
+    #: Connections made; samples received.
     connects: int = 0
     samples: int = 0
+    #: Samples that never came, by the steps of the controller's clock.
     missed: int = 0
+    #: Times that samples were missed in a row, or one was.
     gaps: int = 0
+    #: Longest step of the controller's clock from sample to sample, s.
     longest_gap_s: float = 0.0
+    #: Reads repeated because a new sample came in the middle.
     torn: int = 0
+    #: Times that the controller's clock went back.
     steps_back: int = 0
+    #: As the controller reports them; 0 and -1 before it does.
     safety_mode: int = 0
     robot_mode: int = -1
 

@@ -27,17 +27,11 @@ _HEADER = struct.Struct(">HB")
 
 @dataclass(frozen=True, slots=True)
 class Controller:
-    """Software version of a controller.
+    """Software version of a controller."""
 
-    Parameters
-    ----------
-    version : tuple of int
-        Major, minor, bugfix, build; the first three alone also serve.
-    lacks : tuple of str
-        Variables that it was asked for and doesn't know.
-    """
-
+    #: Major, minor, bugfix, build; the first three alone also serve.
     version: tuple[int, ...]
+    #: Variables that it was asked for and doesn't know.
     lacks: tuple[str, ...] = ()
 
     @property

@@ -25,31 +25,21 @@ _SUFFIXES = (".mcap", ".db3", ".bag", ".aedat4", ".raw")
 
 @dataclass(frozen=True)
 class Job:
-    """One recording to inspect.
+    """One recording to inspect."""
 
-    Attributes
-    ----------
-    key : str
-        Hash of the recording, the recipe, the parameters and the software.
-    source, output : str
-        The recording, and the folder of its results.
-    options : tuple of str
-        Of `roller inspect`.
-    resume : bool
-        Whether results of the key that are there count.
-    timeout_s, memory_bytes : float, int
-        Limits; 0: none.
-    earlier_s : float, optional
-        What it took in an earlier run, as far as is known.
-    """
-
+    #: Hash of the recording, the recipe, the parameters and the software.
     key: str
+    #: The recording, and the folder of its results.
     source: str
     output: str
+    #: Of `roller inspect`.
     options: tuple[str, ...]
+    #: Whether results of the key that are there count.
     resume: bool
+    #: Limits; 0: none.
     timeout_s: float
     memory_bytes: int
+    #: What it took in an earlier run, as far as is known.
     earlier_s: float | None = None
 
 

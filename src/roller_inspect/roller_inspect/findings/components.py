@@ -47,21 +47,14 @@ _CERTAIN_Z = 15.0
 
 @dataclass(frozen=True)
 class Component:
-    """Cells of one sign that hang together.
+    """Cells of one sign that hang together."""
 
-    Attributes
-    ----------
-    rows, columns : slice
-        Window around them.
-    mask : ndarray of bool
-        Of the window.
-    sign : int
-        +1 extra, −1 missing.
-    """
-
+    #: Window around them.
     rows: slice
     columns: slice
+    #: Of the window.
     mask: Bools
+    #: +1 extra, −1 missing.
     sign: int
 
     def holds(self, row: int, column: int) -> bool:

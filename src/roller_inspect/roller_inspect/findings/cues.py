@@ -49,25 +49,18 @@ _EDGE_POINTS, _EDGE_DEVIATION_M, _LEAST_AROUND = 15, 3e-5, 5
 
 @dataclass(frozen=True)
 class Cues:
-    """What speaks for a finding.
+    """What speaks for a finding."""
 
-    Attributes
-    ----------
-    z : ndarray of float32, shape (ny, nx)
-        Signed deviation in its standard uncertainty, of the scale where it is largest; 0 where
-        nothing is known.
-    weak, strong : ndarray of bool, shape (ny, nx)
-        Cells that may belong to a finding, and that make one.
-    noise_m : ndarray of float32, shape (scales,)
-        Standard uncertainty of a smoothed height by scale, as the scan itself shows it.
-    edges : ndarray of bool, shape (ny, nx)
-        Cells that dense edges speak for.
-    """
-
+    #: Signed deviation in its standard uncertainty, of the scale where it is largest; 0 where
+    #: nothing is known. Shape (ny, nx).
     z: F32
+    #: Cells that may belong to a finding, and that make one. Shape (ny, nx).
     weak: Bools
     strong: Bools
+    #: Standard uncertainty of a smoothed height by scale, as the scan itself shows it. Shape
+    #: (scales,).
     noise_m: F32
+    #: Cells that dense edges speak for. Shape (ny, nx).
     edges: Bools
 
 

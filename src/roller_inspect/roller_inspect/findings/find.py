@@ -21,23 +21,15 @@ _RIM_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Search:
-    """What was found on a map.
+    """What was found on a map."""
 
-    Attributes
-    ----------
-    comparison : Comparison
-        The map against its reference, findings left out of the fit.
-    findings : tuple of Finding
-        Numbered from 1.
-    spans : tuple of (int, int)
-        First column of each finding, and the first behind it.
-    mask : ndarray of bool, shape (ny, nx)
-        All that may be a finding.
-    """
-
+    #: The map against its reference, findings left out of the fit.
     comparison: Comparison
+    #: Numbered from 1.
     findings: tuple[Finding, ...]
+    #: First column of each finding, and the first behind it.
     spans: tuple[tuple[int, int], ...]
+    #: All that may be a finding. Shape (ny, nx).
     mask: Bools
 
 

@@ -21,30 +21,20 @@ _ROUNDS = 10
 
 @dataclass(frozen=True)
 class Datum:
-    """A plane z = height + slope_x (x − cx) + slope_y (y − cy) in the map's frame.
+    """A plane z = height + slope_x (x − cx) + slope_y (y − cy) in the map's frame."""
 
-    Attributes
-    ----------
-    centre_m : (float, float)
-        cx, cy: mean place of its cells, metres.
-    height_m : float
-        There, metres.
-    slope_x, slope_y : float
-        Metres a metre.
-    covariance : ndarray of float64, shape (3, 3)
-        Of height and slopes, k = 1, from blocks that repeat each other.
-    common_m : float
-        Standard uncertainty that all of it shares, metres.
-    cells : int
-        Measured cells.
-    """
-
+    #: cx, cy: mean place of its cells, metres.
     centre_m: tuple[float, float]
+    #: There, metres.
     height_m: float
+    #: Metres a metre.
     slope_x: float
     slope_y: float
+    #: Of height and slopes, k = 1, from blocks that repeat each other. Shape (3, 3).
     covariance: F64
+    #: Standard uncertainty that all of it shares, metres.
     common_m: float
+    #: Measured cells.
     cells: int
 
     def at(self, x: F64 | float, y: F64 | float) -> F64:

@@ -10,23 +10,15 @@ Unit = Literal["m", "m²", "m³", "rad"]
 
 @dataclass(frozen=True)
 class Measured:
-    """A figure, or why there is none.
+    """A figure, or why there is none."""
 
-    Attributes
-    ----------
-    value : float or None
-        In `unit`; None where it can't be measured.
-    uncertainty : float
-        Expanded, k = 2, in `unit`; NaN without a value.
-    unit : str
-        ``m``, ``m²``, ``m³`` or ``rad``.
-    reason : str
-        Why there is no value; empty where there is one.
-    """
-
+    #: In `unit`; None where it can't be measured.
     value: float | None
+    #: Expanded, k = 2, in `unit`; NaN without a value.
     uncertainty: float
+    #: ``m``, ``m²``, ``m³`` or ``rad``.
     unit: Unit
+    #: Why there is no value; empty where there is one.
     reason: str = ""
 
 

@@ -19,21 +19,14 @@ _LEAST_KNOWN = 0.8
 
 @dataclass(frozen=True)
 class Profile:
-    """Heights along a line on the surface.
+    """Heights along a line on the surface."""
 
-    Attributes
-    ----------
-    distance_m : ndarray of float64, shape (n,)
-        From the first point.
-    height_m, sigma_m : ndarray of float64, shape (n,)
-        Metres; NaN where there is none.
-    state : ndarray of uint8, shape (n,)
-        Of the nearest cell.
-    """
-
+    #: From the first point. Shape (n,).
     distance_m: F64
+    #: Metres; NaN where there is none. Shape (n,).
     height_m: F64
     sigma_m: F64
+    #: Of the nearest cell. Shape (n,).
     state: U8
 
 

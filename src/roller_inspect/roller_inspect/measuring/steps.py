@@ -40,20 +40,13 @@ def _step(base: Datum, upper: Datum) -> Measured:
 
 @dataclass(frozen=True)
 class Fastener:
-    """A fastener against the surface around it.
+    """A fastener against the surface around it."""
 
-    Attributes
-    ----------
-    flushness : Measured
-        Height of its middle above the surface, metres.
-    tilt : Measured
-        Angle between both, radians.
-    rise : Measured
-        What the tilt raises over the fastener's length, metres.
-    """
-
+    #: Height of its middle above the surface, metres.
     flushness: Measured
+    #: Angle between both, radians.
     tilt: Measured
+    #: What the tilt raises over the fastener's length, metres.
     rise: Measured
 
 

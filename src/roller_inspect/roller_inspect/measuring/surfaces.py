@@ -18,23 +18,15 @@ _LEAST_KNOWN = 0.8
 
 @dataclass(frozen=True)
 class Extent:
-    """What stands out in a region.
+    """What stands out in a region."""
 
-    Attributes
-    ----------
-    depth : Measured
-        Its extreme, + above the datum, − below, metres.
-    area : Measured
-        Where it is more than half as high, square metres.
-    diameter : Measured
-        Of the circle with that area, metres.
-    volume : Measured
-        Between it and the datum, signed, cubic metres.
-    """
-
+    #: Its extreme, + above the datum, − below, metres.
     depth: Measured
+    #: Where it is more than half as high, square metres.
     area: Measured
+    #: Of the circle with that area, metres.
     diameter: Measured
+    #: Between it and the datum, signed, cubic metres.
     volume: Measured
 
 

@@ -9,25 +9,16 @@ from roller_core.transforms import F64
 
 @dataclass(frozen=True)
 class Alignment:
-    """How the reference was laid on the scan.
+    """How the reference was laid on the scan."""
 
-    Attributes
-    ----------
-    reference : str
-        ``self``, ``nominal``, ``golden`` or ``cad``.
-    correction : ndarray of float64, shape (4, 4)
-        Motion of the reference from where the robot's pose puts it, in base; the identity where
-        nothing was refined.
-    refined : tuple of str
-        Degrees of freedom that the geometry determined: of ``x y z rx ry rz`` in the map's frame.
-    residual_m : float
-        Root mean square of what is left on cells without findings (robust); NaN without cells.
-    cells : int
-        Measured cells that it rests on.
-    """
-
+    #: ``self``, ``nominal``, ``golden`` or ``cad``.
     reference: str
+    #: Motion of the reference from where the robot's pose puts it, in base; the identity where
+    #: nothing was refined. Shape (4, 4).
     correction: F64
+    #: Degrees of freedom that the geometry determined: of ``x y z rx ry rz`` in the map's frame.
     refined: tuple[str, ...]
+    #: Root mean square of what is left on cells without findings (robust); NaN without cells.
     residual_m: float
+    #: Measured cells that it rests on.
     cells: int

@@ -29,18 +29,12 @@ _STEEPEST = 1.0
 
 @dataclass(frozen=True)
 class Field:
-    """Heights over a grid in the frame of a map.
+    """Heights over a grid in the frame of a map."""
 
-    Attributes
-    ----------
-    x_m, y_m : ndarray of float64, shapes (nx,), (ny,)
-        Centres of the cells.
-    height_m, sigma_m : ndarray, shape (ny, nx)
-        NaN where there is none.
-    """
-
+    #: Centres of the cells. Shapes (nx,), (ny,).
     x_m: F64
     y_m: F64
+    #: NaN where there is none. Shape (ny, nx).
     height_m: F32
     sigma_m: F32
 

@@ -34,30 +34,20 @@ _LEAST_SIGMA_M = 3e-6
 
 @dataclass(frozen=True)
 class GoldenScan:
-    """What good parts look like.
+    """What good parts look like."""
 
-    Attributes
-    ----------
-    x_m, y_m : ndarray of float64, shapes (nx,), (ny,)
-        Centres of the cells, metres.
-    height_m : ndarray of float32, shape (ny, nx)
-        Median of the scans; NaN where less than half of them know it.
-    spread_m : ndarray of float32, shape (ny, nx)
-        Their robust standard deviation; with one scan its own uncertainty.
-    coverage : ndarray of float32, shape (ny, nx)
-        Share of the scans that measured the cell.
-    scans : int
-        How many.
-    base_from_map : ndarray of float64, shape (4, 4)
-        Frame.
-    """
-
+    #: Centres of the cells, metres. Shapes (nx,), (ny,).
     x_m: F64
     y_m: F64
+    #: Median of the scans; NaN where less than half of them know it. Shape (ny, nx).
     height_m: F32
+    #: Their robust standard deviation; with one scan its own uncertainty. Shape (ny, nx).
     spread_m: F32
+    #: Share of the scans that measured the cell. Shape (ny, nx).
     coverage: F32
+    #: How many.
     scans: int
+    #: Frame. Shape (4, 4).
     base_from_map: F64
 
     def save(self, folder: Path) -> None:

@@ -20,23 +20,15 @@ class ReferenceError(RollerError):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A map against a reference.
+    """A map against a reference."""
 
-    Attributes
-    ----------
-    deviation_m : ndarray of float32, shape (ny, nx)
-        Height less the reference's; NaN where either is unknown.
-    sigma_m : ndarray of float32, shape (ny, nx)
-        Standard uncertainty of the reference itself, metres.
-    alignment : Alignment
-        How it was laid on the scan.
-    by_pose : bool
-        Whether its height over the scan rests on the robot's pose alone.
-    """
-
+    #: Height less the reference's; NaN where either is unknown. Shape (ny, nx).
     deviation_m: F32
+    #: Standard uncertainty of the reference itself, metres. Shape (ny, nx).
     sigma_m: F32
+    #: How it was laid on the scan.
     alignment: Alignment
+    #: Whether its height over the scan rests on the robot's pose alone.
     by_pose: bool = False
 
 

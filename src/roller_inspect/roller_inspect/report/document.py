@@ -30,33 +30,22 @@ _SIZES = ("length_m", "width_m", "depth_m", "area_m2", "volume_m3")
 
 @dataclass(frozen=True)
 class Scan:
-    """Where the points come from, as far as it is known.
+    """Where the points come from, as far as it is known."""
 
-    Attributes
-    ----------
-    source : Path or None
-        The recording.
-    params : Path or None
-        The parameter file, with node `inspect` and the record of calibrations.
-    camera : Camera or None
-        The camera's calibration.
-    method : str
-        Depth method.
-    settings : mapping
-        Of all stages.
-    events, lost_packets : int or None
-        Events of the scan, packets that never came.
-    faults : sequence of str
-        What was wrong with the input.
-    """
-
+    #: The recording.
     source: Path | None = None
+    #: The parameter file, with node `inspect` and the record of calibrations.
     params: Path | None = None
+    #: The camera's calibration.
     camera: Camera | None = None
+    #: Depth method.
     method: str = ""
+    #: Of all stages.
     settings: Mapping[str, Any] = field(default_factory=dict)
+    #: Events of the scan, packets that never came.
     events: int | None = None
     lost_packets: int | None = None
+    #: What was wrong with the input.
     faults: Sequence[str] = ()
 
 

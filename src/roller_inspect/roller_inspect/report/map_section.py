@@ -22,20 +22,13 @@ _MAP_PX = 860
 
 @dataclass(frozen=True)
 class Pictured:
-    """What the page shows beside the words of `inspection.json`.
+    """What the page shows beside the words of `inspection.json`."""
 
-    Attributes
-    ----------
-    height_map : HeightMap
-        The map.
-    deviation_m : ndarray of float32, shape (ny, nx)
-        From the reference, metres.
-    tolerance_m : float
-        Depth that most of the part may have; the scale of colours is twice that.
-    """
-
+    #: The map.
     height_map: HeightMap
+    #: From the reference, metres. Shape (ny, nx).
     deviation_m: F32
+    #: Depth that most of the part may have; the scale of colours is twice that.
     tolerance_m: float
 
 

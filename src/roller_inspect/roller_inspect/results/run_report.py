@@ -22,26 +22,17 @@ from roller_emvs.windows import RefusedWindow
 
 @dataclass
 class Report:
-    """Gathers what happened, window by window.
+    """Gathers what happened, window by window."""
 
-    Parameters
-    ----------
-    source : str
-        What was processed.
-    method : str
-        Depth method.
-    settings : dict
-        All settings in force.
-    title : str
-        For pictures; the name of the source's file by default.
-    edge_drift : str
-        Whether the instrument's drift of edges was calibrated, and so corrected.
-    """
-
+    #: What was processed.
     source: str
+    #: Depth method.
     method: str
+    #: All settings in force.
     settings: dict[str, Any]
+    #: For pictures; the name of the source's file by default.
     title: str = ""
+    #: Whether the instrument's drift of edges was calibrated, and so corrected.
     edge_drift: str = NOT_CALIBRATED
     windows: list[dict[str, Any]] = field(default_factory=list)
     totals: dict[str, Any] = field(default_factory=dict)

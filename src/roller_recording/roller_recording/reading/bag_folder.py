@@ -21,27 +21,18 @@ _KINDS = (MCAP, SQLITE, ROS1)
 
 @dataclass
 class BagFolder:
-    """The storage files of a bag.
+    """The storage files of a bag."""
 
-    Attributes
-    ----------
-    files : list of (Path, Path)
-        In order: what is read, and what it is called. They differ where a file was compressed as
-        a whole; it is unpacked.
-    message_count : int or None
-        Messages that the metadata speak of.
-    custom : dict
-        What the recorder noted in the metadata.
-    notes : list of str
-        What is odd and costs no data.
-    faults : list of RecordingError
-        What is missing.
-    """
-
+    #: In order: what is read, and what it is called. They differ where a file was compressed as a
+    #: whole; it is unpacked.
     files: list[tuple[Path, Path]] = field(default_factory=list)
+    #: Messages that the metadata speak of.
     message_count: int | None = None
+    #: What the recorder noted in the metadata.
     custom: dict[str, str] = field(default_factory=dict)
+    #: What is odd and costs no data.
     notes: list[str] = field(default_factory=list)
+    #: What is missing.
     faults: list[RecordingError] = field(default_factory=list)
     _unpacked: Any = None
 

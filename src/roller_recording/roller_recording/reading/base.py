@@ -33,29 +33,19 @@ class MalformedRecordingError(RecordingError):
 
 @dataclass(frozen=True)
 class Step:
-    """A piece of a recording.
+    """A piece of a recording."""
 
-    Attributes
-    ----------
-    events : EventArray
-        In order of time, in the clock of the poses, ns.
-    progress : float
-        Share of the recording that has been read, 0–1.
-    faults : tuple of RollerError
-        What was wrong in this piece; the recording goes on if more steps come.
-    transforms : tuple of Transform
-        What came on /tf or /tf_static.
-    restart : bool
-        Whether the source of the events started again before these.
-    force : tuple, optional
-        A time, ns, and the robot's force then, N.
-    """
-
+    #: In order of time, in the clock of the poses, ns.
     events: EventArray
+    #: Share of the recording that has been read, 0–1.
     progress: float
+    #: What was wrong in this piece; the recording goes on if more steps come.
     faults: tuple[RollerError, ...] = ()
+    #: What came on /tf or /tf_static.
     transforms: tuple[Transform, ...] = ()
+    #: Whether the source of the events started again before these.
     restart: bool = False
+    #: A time, ns, and the robot's force then, N.
     force: tuple[int, float] | None = None
 
 

@@ -12,17 +12,11 @@ from roller_recording.raw_message import RawMessage
 
 @dataclass
 class Dropped:
-    """Messages of a topic that came and were not written.
+    """Messages of a topic that came and were not written."""
 
-    Attributes
-    ----------
-    messages : int
-        How many.
-    first_ns, last_ns : int
-        Arrival of the first and the last, ns.
-    """
-
+    #: How many.
     messages: int = 0
+    #: Arrival of the first and the last, ns.
     first_ns: int = 0
     last_ns: int = 0
 
@@ -35,24 +29,16 @@ class Dropped:
 
 @dataclass
 class Losses:
-    """What was lost, by where it was lost.
+    """What was lost, by where it was lost."""
 
-    Attributes
-    ----------
-    before : SeqGaps
-        Event packets that never came here: lost by the driver or on the network.
-    overflows : Counter
-        How often the middleware's queue of a topic was full when messages were taken: some may
-        have been lost there. Event packets between others are counted in `before` too.
-    dropped : dict
-        Messages for which the queue had no room, by topic.
-    unwritten : dict
-        Messages that the disk didn't take, or that came after it was full, by topic.
-    """
-
+    #: Event packets that never came here: lost by the driver or on the network.
     before: SeqGaps = field(default_factory=SeqGaps)
+    #: How often the middleware's queue of a topic was full when messages were taken: some may have
+    #: been lost there. Event packets between others are counted in `before` too.
     overflows: Counter[str] = field(default_factory=Counter)
+    #: Messages for which the queue had no room, by topic.
     dropped: dict[str, Dropped] = field(default_factory=dict)
+    #: Messages that the disk didn't take, or that came after it was full, by topic.
     unwritten: dict[str, Dropped] = field(default_factory=dict)
 
     @property
@@ -106,28 +92,19 @@ class Losses:
 
 @dataclass(frozen=True)
 class Progress:
-    """How a recording goes.
+    """How a recording goes."""
 
-    Attributes
-    ----------
-    messages : dict
-        Written, by topic.
-    packets, events : int
-        Event packets and the events in them, written.
-    bytes_written : int
-        Size of the bag.
-    waiting_bytes, waiting_messages : int
-        In the queue.
-    lost_before, seq_restarts, lost_here : int
-        See `Losses`, and `SeqGaps` for the first two.
-    """
-
+    #: Written, by topic.
     messages: Mapping[str, int]
+    #: Event packets and the events in them, written.
     packets: int
     events: int
+    #: Size of the bag.
     bytes_written: int
+    #: In the queue.
     waiting_bytes: int
     waiting_messages: int
+    #: See `Losses`, and `SeqGaps` for the first two.
     lost_before: int
     seq_restarts: int
     lost_here: int
