@@ -10,15 +10,9 @@ import pytest
 from roller_core.transforms import F64
 from roller_inspect.height_map import MEASURED, HeightMap
 from roller_inspect.height_map.height_map import centres
-from roller_inspect.measuring import (
-    Measured,
-    extent,
-    fastener,
-    profile,
-    roughness,
-    step_height,
-    width_and_depth,
-)
+from roller_inspect.measuring.measured import Measured
+from roller_inspect.measuring.profile import profile, width_and_depth
+from roller_inspect.measuring.regions import extent, flushness_and_tilt, roughness, step_height
 
 from .analytic_surface import Surface, dent, errors
 
@@ -56,11 +50,11 @@ def test_step_tilt_and_their_uncertainties_hold_in_nine_of_ten() -> None:
     for seed in range(12):
         m = map_of(head, seed)
         top, around = disc(m, 3.5e-3), ~disc(m, 4.5e-3)
-        found = fastener(m, top, around, 8e-3)
+        flushness, tilt = flushness_and_tilt(m, top, around)
         step = step_height(m, around, top)
-        good += [holds(step, 5e-5), holds(found.flushness, 5e-5), holds(found.rise, 3e-4)]
-        sizes += [step.uncertainty, found.rise.uncertainty]
-        assert found.tilt.unit == "rad"
+        good += [holds(step, 5e-5), holds(flushness, 5e-5), holds(tilt, np.arctan(0.0375))]
+        sizes += [step.uncertainty, 8e-3 * tilt.uncertainty]
+        assert tilt.unit == "rad"
     assert np.mean(good) >= 0.9
     assert max(sizes) < 5e-5
 
@@ -68,21 +62,21 @@ def test_step_tilt_and_their_uncertainties_hold_in_nine_of_ten() -> None:
 def test_what_a_head_shares_may_lean() -> None:
     """Errors that change slowly over a head, as by drift, are in a tilt's uncertainty."""
     m = map_of(lambda x, y: 0.0 * x + 0.0 * y, noise_m=1e-8)
-    sure = fastener(m, disc(m, 3.5e-3), ~disc(m, 4.5e-3), 8e-3)
+    _, sure = flushness_and_tilt(m, disc(m, 3.5e-3), ~disc(m, 4.5e-3))
     m = replace(m, sigma_m=np.full_like(m.sigma_m, SIGMA_M))
-    found = fastener(m, disc(m, 3.5e-3), ~disc(m, 4.5e-3), 8e-3)
-    assert sure.rise.uncertainty < 1e-6
-    assert found.rise.uncertainty > 2 * SIGMA_M / 3
+    _, found = flushness_and_tilt(m, disc(m, 3.5e-3), ~disc(m, 4.5e-3))
+    assert 8e-3 * sure.uncertainty < 1e-6
+    assert 8e-3 * found.uncertainty > 2 * SIGMA_M / 3
 
 
 def test_extent_and_profile_of_a_hollow() -> None:
     m = map_of(dent((0.01, 0.0), 2e-3, 3e-4), noise_m=1e-5)
     found = extent(m, disc(m, 2.5e-3), disc(m, 5e-3) & ~disc(m, 3e-3))
     half = 2 * 2e-3 * np.sqrt(1 - np.sqrt(0.5))
-    assert holds(found.depth, -3e-4)
-    assert holds(found.diameter, half)
-    assert holds(found.area, np.pi / 4 * half**2)
-    assert holds(found.volume, -np.pi / 3 * 2e-3**2 * 3e-4)
+    assert holds(found["depth"], -3e-4)
+    assert holds(found["diameter"], half)
+    assert holds(found["area"], np.pi / 4 * half**2)
+    assert holds(found["volume"], -np.pi / 3 * 2e-3**2 * 3e-4)
     line = profile(m, (0.005, 0.0), (0.015, 0.0))
     assert line.distance_m[-1] == pytest.approx(0.01)
     width, depth = width_and_depth(line)
@@ -96,13 +90,13 @@ def test_what_does_not_rise_above_the_noise_is_not_measurable() -> None:
 
     everywhere = np.ones((120, 200), bool)
     smooth = map_of(lambda x, y: 0 * x * y)
-    assert roughness(smooth, everywhere).sq.value is None
-    assert "not measurable" in roughness(smooth, everywhere).sa.reason
-    found = roughness(map_of(rough), everywhere)
-    assert holds(found.sq, 1e-4 / np.sqrt(2))
+    sa, sq = roughness(smooth, everywhere)
+    assert sq.value is None
+    assert "not measurable" in sa.reason
+    assert holds(roughness(map_of(rough), everywhere)[1], 1e-4 / np.sqrt(2))
     width, depth = width_and_depth(profile(smooth, (0.005, 0.0), (0.015, 0.0)))
     assert width.value is None
     assert depth.value is None or abs(depth.value) < 2 * depth.uncertainty
     nowhere = np.zeros((120, 200), bool)
     assert step_height(smooth, nowhere, everywhere).value is None
-    assert extent(smooth, nowhere, everywhere).volume.value is None
+    assert extent(smooth, nowhere, everywhere)["volume"].value is None

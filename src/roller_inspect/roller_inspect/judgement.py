@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from roller_core.transforms import F64, inverse_pose
+from roller_core.transforms import inverse_pose
 
 from .findings import CellUncertainty, Finding
-from .height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap
-from .height_map.coverage import Coverage, textured
-from .measures import Figure, measure_all
+from .height_map import OUTSIDE, HeightMap
+from .height_map.coverage import Coverage, coverage_of_cells, textured
+from .measures import Figure, measure_all, moved
 from .pieces import Found
 from .recipe import Recipe, decide, part_verdict
 from .recipe.decision import Verdict
@@ -178,10 +178,9 @@ def _reason(
 
 def judge_nothing(recipe: Recipe, part: str) -> Inspected:
     """A part of which there is no point."""
-    nothing = Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
-    found = Found(None, None, (), None, nothing, ())
+    found = Found(None, None, (), None, Coverage(), ())
     figures = measure_all(recipe, None, CellUncertainty.create({}))
-    return Inspected(part, found, judge(recipe, (), nothing, (), figures))
+    return Inspected(part, found, judge(recipe, (), Coverage(), (), figures))
 
 
 def with_faults(judgement: Judgement, faults: Iterable[str]) -> Judgement:
@@ -217,7 +216,7 @@ def coverage_of_area(recipe: Recipe, height_map: HeightMap | None, scanned: Cove
         axes = zip(low, high, strict=True)
         x, y = np.meshgrid(*(np.arange(low + fine / 2, high, fine) for low, high in axes))
         inside = np.logical_or.reduce([region.contains(x, y) for region in regions])
-        mx, my = _moved(map_from_recipe, x, y)
+        mx, my = moved(map_from_recipe, x, y)
         column = np.rint((mx - height_map.x_m[0]) / step).astype(np.int64)
         row = np.rint((my - height_map.y_m[0]) / step).astype(np.int64)
         there = (row >= 0) & (row < height_map.shape[0])
@@ -227,22 +226,8 @@ def coverage_of_area(recipe: Recipe, height_map: HeightMap | None, scanned: Cove
     else:
         state = height_map.state
         inside = state != OUTSIDE
-        x, y = _moved(inverse_pose(map_from_recipe), *np.meshgrid(height_map.x_m, height_map.y_m))
+        x, y = moved(inverse_pose(map_from_recipe), *np.meshgrid(height_map.x_m, height_map.y_m))
     for name in recipe.exclude:
         inside &= ~recipe.regions[name].contains(x, y)
-    cells = int(inside.sum())
-    if not cells:
-        return Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
-    measured = float((state[inside] == MEASURED).sum()) / cells
-    continued = float((state[inside] == CONTINUED).sum()) / cells
-    rest = max(1.0 - measured - continued, 0.0)
-    reached = float((state[inside] != OUTSIDE).sum()) / cells
-    return Coverage(measured, continued, rest, cells * fine**2, scanned.points_per_mm2, reached)
-
-
-def _moved(pose: F64, x: F64, y: F64) -> tuple[F64, F64]:
-    """Places of a plane in another frame."""
-    return (
-        pose[0, 0] * x + pose[0, 1] * y + pose[0, 3],
-        pose[1, 0] * x + pose[1, 1] * y + pose[1, 3],
-    )
+    area_m2 = int(inside.sum()) * fine**2
+    return coverage_of_cells(state[inside], area_m2, scanned.points_per_mm2)

@@ -7,19 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roller_core.transforms import inverse_pose
+from roller_core.transforms import F64, inverse_pose
 
 from .findings import CellUncertainty
 from .height_map.height_map import Bools, HeightMap
-from .measuring import (
-    Measured,
-    extent,
-    fastener,
-    profile,
-    roughness,
-    step_height,
-    width_and_depth,
-)
+from .measuring.measured import Measured
+from .measuring.profile import profile, width_and_depth
+from .measuring.regions import extent, flushness_and_tilt, roughness, step_height
 from .recipe import Recipe, decide
 from .recipe.decision import Verdict
 from .recipe.recipe import Measure
@@ -90,22 +84,25 @@ def _measured(recipe: Recipe, entry: Measure, height_map: HeightMap) -> Measured
         return width if entry.tool == "width" else depth
     region = region_mask(recipe, entry.of, height_map)
     if entry.tool.startswith("roughness"):
-        rough = roughness(height_map, region)
-        return rough.sa if entry.tool == "roughness_sa" else rough.sq
+        return roughness(height_map, region)[entry.tool == "roughness_sq"]
     datum = region_mask(recipe, entry.datum, height_map) & ~region
     if entry.tool == "step_height":
         return step_height(height_map, datum, region)
     if entry.tool in ("flushness", "tilt"):
-        head = fastener(height_map, region, datum, 0.0)
-        return head.flushness if entry.tool == "flushness" else head.tilt
-    found: Measured = getattr(extent(height_map, region, datum), entry.tool)
-    return found
+        return flushness_and_tilt(height_map, region, datum)[entry.tool == "tilt"]
+    return extent(height_map, region, datum)[entry.tool]
 
 
 def region_mask(recipe: Recipe, name: str, height_map: HeightMap) -> Bools:
     """Cells of a map that lie in a region of the recipe, shape (ny, nx)."""
     recipe_from_map = inverse_pose(recipe.base_from_recipe) @ height_map.base_from_map
     x, y = np.meshgrid(height_map.x_m, height_map.y_m)
-    places = [recipe_from_map[k, 0] * x + recipe_from_map[k, 1] * y + recipe_from_map[k, 3]
-              for k in (0, 1)]  # fmt: skip
-    return recipe.regions[name].contains(*places)
+    return recipe.regions[name].contains(*moved(recipe_from_map, x, y))
+
+
+def moved(pose: F64, x: F64, y: F64) -> tuple[F64, F64]:
+    """Places of a plane in another frame, by the pose (4, 4) of their own in that."""
+    return (
+        pose[0, 0] * x + pose[0, 1] * y + pose[0, 3],
+        pose[1, 0] * x + pose[1, 1] * y + pose[1, 3],
+    )

@@ -11,7 +11,7 @@ from .findings.finding import Finding
 from .height_map.coverage import Coverage
 from .height_map.height_map import F32, OUTSIDE, HeightMap
 from .height_map.join import coarser, join, join_size, place_on
-from .references.alignment import Alignment
+from .references.reference import Alignment
 
 _Grid = TypeVar("_Grid", bound=np.ndarray)
 

@@ -22,8 +22,7 @@ from .height_map.join import join, place_on, without_run_in
 from .height_map.map_settings import HeightMapSettings
 from .height_map.mapper import HeightMapper
 from .pieces import Found, Piece, Whole, part_of, within
-from .references.alignment import Alignment
-from .references.reference import Reference, ReferenceError
+from .references.reference import Alignment, Reference, ReferenceError
 
 #: So many new strips are mapped and searched at once.
 _STRIPS_AT_ONCE = 3
@@ -121,7 +120,7 @@ class SurfaceInspector:
         if self._strips:
             self._conclude(sorted(self._strips))
         trimmed = deviation = None
-        coverage = Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
+        coverage = Coverage()
         if (whole := self._whole.piece) is not None:
             trimmed = without_run_in(whole.height_map)
             deviation = np.where(trimmed.state == OUTSIDE, np.nan, whole.deviation_m)

@@ -133,13 +133,13 @@ def _golden(folder: Path | None) -> Result:
     make = "roller inspect teach GOOD_SCAN... --output golden"
     if folder is None:
         return ok("golden scan", "none given; only parts judged by good ones need it")
-    from roller_inspect.references.golden import GoldenScan
+    from roller_inspect.references.golden import GoldenReference
 
     try:
-        golden = GoldenScan.load(folder)
+        golden = GoldenReference.load(folder)
     except RollerError as error:
         return fault("golden scan", str(error), make)
-    return ok("golden scan", f"taught by {int(golden.scans)} scans")
+    return ok("golden scan", f"taught by {golden.scans} scans")
 
 
 def _certificate(folder: Path | None, records: Mapping[str, Any], now: datetime) -> Result:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .height_map import CONTINUED, MEASURED, OUTSIDE, Bools, HeightMap
+from .height_map import CONTINUED, MEASURED, OUTSIDE, U8, Bools, HeightMap
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class Coverage:
         Share of the area that the scan reached.
     """
 
-    measured: float
-    continued: float
-    unmeasured: float
-    area_m2: float
-    points_per_mm2: float
+    measured: float = 0.0
+    continued: float = 0.0
+    unmeasured: float = 0.0
+    area_m2: float = 0.0
+    points_per_mm2: float = 0.0
     scanned: float = 1.0
 
 
@@ -48,25 +48,19 @@ def textured(coverage: Coverage, grid_m: float) -> bool:
 
 
 def coverage_of(height_map: HeightMap, area: Bools | None = None) -> Coverage:
-    """Coverage of a map.
-
-    Parameters
-    ----------
-    height_map : HeightMap
-        The map.
-    area : ndarray of bool, shape (ny, nx), optional
-        What is to be inspected, cells outside the scan among it count as unmeasured; without it
-        all that was scanned.
-    """
-    state = height_map.state
-    inside = state != OUTSIDE if area is None else area
-    cells = int(inside.sum())
-    if not cells:
-        return Coverage(0.0, 0.0, 0.0, 0.0, 0.0)
-    measured = float((state[inside] == MEASURED).sum()) / cells
-    continued = float((state[inside] == CONTINUED).sum()) / cells
-    area_m2 = cells * height_map.step_m**2
+    """Coverage of a map, or of an area of it (ny, nx), where cells outside the scan count."""
+    inside = height_map.state != OUTSIDE if area is None else area
+    area_m2 = int(inside.sum()) * height_map.step_m**2
     points = float(height_map.points[inside].sum(dtype=np.float64))
-    return Coverage(
-        measured, continued, 1.0 - measured - continued, area_m2, points / area_m2 / 1e6
-    )
+    return coverage_of_cells(height_map.state[inside], area_m2, points / max(area_m2 * 1e6, 1e-12))
+
+
+def coverage_of_cells(state: U8, area_m2: float, points_per_mm2: float) -> Coverage:
+    """Coverage by the states of an area's cells, shape (n,); those outside the scan count."""
+    if not len(state):
+        return Coverage()
+    shares = np.bincount(state, minlength=4) / len(state)
+    measured, continued = float(shares[MEASURED]), float(shares[CONTINUED])
+    rest = max(1.0 - measured - continued, 0.0)
+    reached = 1.0 - float(shares[OUTSIDE])
+    return Coverage(measured, continued, rest, area_m2, points_per_mm2, reached)

@@ -1,11 +1,10 @@
 """What the surface is compared with."""
 
-from .alignment import Alignment
 from .background import SelfReference
 from .cad import CadReference
-from .golden import GoldenReference, GoldenScan, teach
+from .golden import GoldenReference, teach
 from .nominal import Form, NominalReference
-from .reference import Comparison, Reference, ReferenceError
+from .reference import Alignment, Comparison, Reference, ReferenceError
 
 __all__ = [
     "Alignment",
@@ -13,7 +12,6 @@ __all__ = [
     "Comparison",
     "Form",
     "GoldenReference",
-    "GoldenScan",
     "NominalReference",
     "Reference",
     "ReferenceError",

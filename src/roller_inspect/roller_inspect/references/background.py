@@ -9,11 +9,11 @@ from scipy import ndimage
 from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
 from roller_inspect.height_map.medians import spread_blocks
 
-from .alignment import Alignment
 from .nominal import tukey
-from .reference import Comparison, rms_robust
+from .reference import Alignment, Comparison, rms_robust
 
-#: Reach of the background, m: what is wider belongs to it.
+#: Reach of the background, the standard deviation of its Gaussian window, m: what is wider belongs
+#: to it.
 _REACH_M = 4e-3
 #: It is computed on cells of this size, m.
 _COARSE_M = 5e-4
@@ -21,19 +21,10 @@ _ROUNDS = 6
 
 
 class SelfReference:
-    """The surface around each place, robustly: what is smaller than some millimetres shows.
-
-    Parameters
-    ----------
-    reach_m : float
-        Standard deviation of the Gaussian window, metres.
-    """
+    """The surface around each place, robustly: what is smaller than some millimetres shows."""
 
     name = "self"
     models_part = False
-
-    def __init__(self, reach_m: float = _REACH_M) -> None:
-        self.reach_m = reach_m
 
     def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
         """See `Reference`."""
@@ -62,13 +53,13 @@ class SelfReference:
             mean = np.bincount(block, z, ny * nx) / count
         mean = np.where(count > 0, mean, 0.0).reshape(ny, nx)
         count = count.reshape(ny, nx)
-        reach = self.reach_m / (k * step)
+        reach = _REACH_M / (k * step)
         weight = (count > 0).astype(np.float64)
         background = np.zeros((ny, nx))
         for _ in range(_ROUNDS):
             background = _local_plane(mean, weight, reach)
             residual = mean - background
-            weight = np.where(count > 0, 0.0, 0.0)
+            weight = np.zeros_like(count)
             weight[count > 0] = tukey(residual[count > 0])
         spread = rms_robust((mean - background)[count > 0])
         total = ndimage.gaussian_filter(weight, reach) * 4 * np.pi * reach**2

@@ -10,9 +10,8 @@ from scipy import ndimage
 from roller_core.transforms import F64
 from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
 
-from .alignment import Alignment
 from .nominal import tukey
-from .reference import Comparison, ReferenceError, rms_robust
+from .reference import Alignment, Comparison, ReferenceError, rms_robust
 
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 _ROUNDS = 6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +33,11 @@ _LEAST_SIGMA_M = 3e-6
 
 
 @dataclass(frozen=True)
-class GoldenScan:
-    """What good parts look like."""
+class GoldenReference:
+    """Good parts as the reference; what differs from them is missing or extra material."""
+
+    name = "golden"
+    models_part = True
 
     #: Centres of the cells, metres. Shapes (nx,), (ny,).
     x_m: F64
@@ -52,13 +55,10 @@ class GoldenScan:
 
     def save(self, folder: Path) -> None:
         """Write `golden.npz` into a folder."""
-        np.savez_compressed(
-            folder / GOLDEN_FILE,
-            **{name: getattr(self, name) for name in self.__dataclass_fields__},
-        )
+        np.savez_compressed(folder / GOLDEN_FILE, **{n: getattr(self, n) for n in _NAMES})
 
     @classmethod
-    def load(cls, folder: Path) -> GoldenScan:
+    def load(cls, folder: Path) -> GoldenReference:
         """Read `golden.npz` of a folder.
 
         Raises
@@ -71,7 +71,7 @@ class GoldenScan:
             raise ReferenceError(f"reference golden: {folder} has no {GOLDEN_FILE}; teach one")
         try:
             with np.load(path, allow_pickle=False) as file:
-                found = {name: file[name] for name in cls.__dataclass_fields__}
+                found = {name: file[name] for name in _NAMES}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise ReferenceError(f"reference golden: {path} can't be read ({error})") from error
         shape = (len(found["y_m"]), len(found["x_m"]))
@@ -79,8 +79,22 @@ class GoldenScan:
             raise ReferenceError(f"reference golden: {path}: its grids don't fit each other")
         return cls(**{**found, "scans": int(found["scans"])})
 
+    def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
+        """See `Reference`."""
+        if np.abs(self.base_from_map - height_map.base_from_map).max() > _SAME_FRAME:
+            raise ReferenceError(
+                "reference golden: it was taught in another frame than this scan's"
+            )
+        # The spread of good parts bounds what is a deviation at all.
+        sigma = np.maximum(self.spread_m, _LEAST_SIGMA_M).astype(np.float32)
+        field = Field(self.x_m, self.y_m, self.height_m, sigma)
+        return compare_field(field, height_map, self.name, masked)
 
-def teach(maps: Sequence[HeightMap]) -> GoldenScan:
+
+_NAMES = [field.name for field in fields(GoldenReference)]
+
+
+def teach(maps: Sequence[HeightMap]) -> GoldenReference:
     """Learn what good parts look like.
 
     Parameters
@@ -112,11 +126,9 @@ def teach(maps: Sequence[HeightMap]) -> GoldenScan:
             # The scan as it would be if its part lay where the first one's does.
             correction = compare_field(target, each, "golden").alignment.correction
             moved = _aligned(each, correction)
-        sampled, _ = _field(moved).sample(*np.meshgrid(x, y))
-        heights.append(sampled.astype(np.float32))
-        weight = Field(moved.x_m, moved.y_m, (moved.state == MEASURED).astype(np.float32),
-                       moved.sigma_m)  # fmt: skip
-        measured.append(np.nan_to_num(weight.sample(*np.meshgrid(x, y))[0]) > 0.5)
+        places = np.meshgrid(x, y)
+        heights.append(_field(moved).sample(*places)[0].astype(np.float32))
+        measured.append(_measured_at(moved, *places))
     stack = np.stack(heights)
     share = np.isfinite(stack).mean(axis=0)
     some = share >= _LEAST_SHARE
@@ -128,7 +140,7 @@ def teach(maps: Sequence[HeightMap]) -> GoldenScan:
     else:
         spread[some] = first.sigma_m[some]
     coverage = np.stack(measured).mean(axis=0).astype(np.float32)
-    return GoldenScan(x, y, height, spread, coverage, len(maps), first.base_from_map)
+    return GoldenReference(x, y, height, spread, coverage, len(maps), first.base_from_map)
 
 
 def _field(height_map: HeightMap) -> Field:
@@ -141,6 +153,13 @@ def _field(height_map: HeightMap) -> Field:
     )
 
 
+def _measured_at(height_map: HeightMap, x: F64, y: F64) -> Bools:
+    """Where the map was measured, by the nearest of the cells around."""
+    measured = (height_map.state == MEASURED).astype(np.float32)
+    field = Field(height_map.x_m, height_map.y_m, measured, measured)
+    return np.asarray(np.nan_to_num(field.sample(x, y)[0]) > 0.5)
+
+
 def _aligned(height_map: HeightMap, correction: F64) -> HeightMap:
     """A map moved back by a small motion in base, on its own grid."""
     base = height_map.base_from_map
@@ -149,49 +168,13 @@ def _aligned(height_map: HeightMap, correction: F64) -> HeightMap:
     # Where the reference's (x, y) lies in the map, and what the motion added to its height.
     at_x = x + local[0, 1] * y + local[0, 3]
     at_y = y + local[1, 0] * x + local[1, 3]
-    field = _field(height_map)
-    height, sigma = field.sample(at_x, at_y)
+    height, sigma = _field(height_map).sample(at_x, at_y)
     height = height - (local[2, 0] * x + local[2, 1] * y + local[2, 3])
     state = np.where(np.isfinite(height), CONTINUED, OUTSIDE).astype(np.uint8)
-    weight = Field(height_map.x_m, height_map.y_m,
-                   (height_map.state == MEASURED).astype(np.float32), field.sigma_m)  # fmt: skip
-    state[np.nan_to_num(weight.sample(at_x, at_y)[0]) > 0.5] = MEASURED
+    state[_measured_at(height_map, at_x, at_y)] = MEASURED
     return replace(
         height_map,
         height_m=height.astype(np.float32),
         sigma_m=sigma.astype(np.float32),
         state=state,
     )
-
-
-class GoldenReference:
-    """Good parts as the reference; what differs is missing or extra material.
-
-    Parameters
-    ----------
-    golden : GoldenScan
-        What was taught.
-    """
-
-    name = "golden"
-    models_part = True
-
-    def __init__(self, golden: GoldenScan) -> None:
-        self.golden = golden
-
-    @classmethod
-    def load(cls, folder: Path) -> GoldenReference:
-        """Read what was taught into a folder; raises `ReferenceError`."""
-        return cls(GoldenScan.load(folder))
-
-    def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
-        """See `Reference`."""
-        golden = self.golden
-        if np.abs(golden.base_from_map - height_map.base_from_map).max() > _SAME_FRAME:
-            raise ReferenceError(
-                "reference golden: it was taught in another frame than this scan's"
-            )
-        # The spread of good parts bounds what is a deviation at all.
-        sigma = np.maximum(golden.spread_m, _LEAST_SIGMA_M).astype(np.float32)
-        field = Field(golden.x_m, golden.y_m, golden.height_m, sigma)
-        return compare_field(field, height_map, self.name, masked)

@@ -12,8 +12,7 @@ from scipy.optimize import least_squares
 from roller_core.transforms import F64
 from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
 
-from .alignment import Alignment
-from .reference import Comparison, ReferenceError, rms_robust
+from .reference import Alignment, Comparison, ReferenceError, rms_robust
 
 Form = Literal["none", "plane", "cylinder", "polynomial2", "polynomial3", "polynomial4"]
 _ORDERS = {"none": 0, "plane": 1, "polynomial2": 2, "polynomial3": 3, "polynomial4": 4}

@@ -9,13 +9,29 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.errors import RollerError
+from roller_core.transforms import F64
 from roller_inspect.height_map.height_map import F32, Bools, HeightMap
-
-from .alignment import Alignment
 
 
 class ReferenceError(RollerError):
     """A reference that can't be read or doesn't fit the scan."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How the reference was laid on the scan."""
+
+    #: ``self``, ``nominal``, ``golden`` or ``cad``.
+    reference: str
+    #: Motion of the reference from where the robot's pose puts it, in base; the identity where
+    #: nothing was refined. Shape (4, 4).
+    correction: F64
+    #: Degrees of freedom that the geometry determined: of ``x y z rx ry rz`` in the map's frame.
+    refined: tuple[str, ...]
+    #: Root mean square of what is left on cells without findings (robust); NaN without cells.
+    residual_m: float
+    #: Measured cells that it rests on.
+    cells: int
 
 
 @dataclass(frozen=True)

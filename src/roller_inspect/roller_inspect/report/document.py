@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -13,19 +12,17 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from roller_core.calibration_file import SECTION, digest
 from roller_core.camera import Camera
 from roller_core.settings import read_parameters
 from roller_inspect.inspect_stage import Inspected, inspect_parameters
 from roller_inspect.judgement import Judged
 from roller_inspect.recipe import Recipe
+from roller_inspect.results.plain_json import plain
 
 from .texture import texture
 
 SCHEMA = "roller-inspection/1"
-_SIZES = ("length_m", "width_m", "depth_m", "area_m2", "volume_m3")
 
 
 @dataclass(frozen=True)
@@ -52,69 +49,43 @@ class Scan:
 def inspection_document(inspected: Inspected, recipe: Recipe, scan: Scan) -> dict[str, Any]:
     """All of an inspection as JSON takes it; see docs/inspection.md."""
     found, judgement = inspected.found, inspected.judgement
-    cover, alignment = judgement.coverage, found.alignment
-    return finite(
+    cover = judgement.coverage
+    document: dict[str, Any] = plain(
         {
             "schema": SCHEMA,
             "part": inspected.part,
             "verdict": judgement.verdict,
             "reason": judgement.reason,
-            "coverage": {
-                "measured": cover.measured,
-                "continued": cover.continued,
-                "unmeasured": cover.unmeasured if cover.area_m2 else 1.0,
-                "scanned": cover.scanned,
-                "least": recipe.least_coverage,
-                "area_m2": cover.area_m2,
-                "points_per_mm2": cover.points_per_mm2,
-            },
+            "coverage": asdict(cover)
+            | {"unmeasured": cover.unmeasured if cover.area_m2 else 1.0}
+            | {"least": recipe.least_coverage},
             "reference": recipe.reference.model_dump() | {"text": str(recipe.reference)},
-            "alignment": None
-            if alignment is None
-            else {
-                "reference": alignment.reference,
-                "correction": alignment.correction.tolist(),
-                "refined": list(alignment.refined),
-                "residual_m": alignment.residual_m,
-                "cells": alignment.cells,
-            },
+            "alignment": found.alignment,
             "findings": [_finding(judged) for judged in judgement.findings],
-            "measures": [asdict(figure) for figure in judgement.figures],
-            "contact": list(judgement.contact),
+            "measures": judgement.figures,
+            "contact": judgement.contact,
             "uncertainty": inspect_parameters(scan.params).uncertainty.sources(),
             "texture": texture(cover, recipe.grid_m, scan.events, found.coverage.area_m2),
             "recipe": recipe.model_dump(mode="json", by_alias=True),
-            "faults": list(scan.faults),
+            "faults": scan.faults,
             "traceability": traceability(inspected.part, recipe, scan),
         }
     )
+    return document
 
 
 def _finding(judged: Judged) -> dict[str, Any]:
-    found = judged.finding
-    return {
-        "id": found.id,
-        "kind": found.kind,
-        "region": judged.region,
-        "center_m": found.center_m.tolist(),
-        **{name: getattr(found, name) for name in _SIZES},
-        "rim_m": found.rim_m,
-        "uncertainty": asdict(found.uncertainty),
-        "budget_m": None if found.budget is None else asdict(found.budget),
-        "confidence": found.confidence,
-        "verdict": judged.verdict,
-        "limit": judged.limit,
-        "outline_m": found.outline_m.tolist(),
-        "points": found.points,
-        "measured": found.measured,
-        "cues": list(found.cues),
-    }
+    found = dict(vars(judged.finding))
+    del found["final"]
+    budget = found.pop("budget")
+    own = {"region": judged.region, "verdict": judged.verdict, "limit": judged.limit}
+    return found | own | {"budget_m": budget}
 
 
 def traceability(part: str, recipe: Recipe, scan: Scan) -> dict[str, Any]:
     """By what a result can be traced to what made it."""
     now = datetime.now(timezone.utc)
-    found: dict[str, Any] = {
+    return {
         "part": part,
         "time": now.isoformat(timespec="seconds"),
         "software": {
@@ -133,7 +104,6 @@ def traceability(part: str, recipe: Recipe, scan: Scan) -> dict[str, Any]:
         "events": scan.events,
         "packets_lost": scan.lost_packets,
     }
-    return found
 
 
 def _calibrations(params: Path | None, now: datetime) -> dict[str, Any]:
@@ -169,19 +139,6 @@ def sha256_of(values: Any) -> str:
     """Hash of plain values, whatever their order."""
     text = json.dumps(values, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def finite(value: Any) -> Any:
-    """JSON knows neither NaN nor arrays: they become null and plain numbers."""
-    if isinstance(value, Mapping):
-        return {k: finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def _version(name: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,8 @@ from roller_inspect.pieces import Found
 from roller_inspect.report.map_section import Pictured
 from roller_inspect.report.page import page
 from roller_inspect.report.pictures import map_picture
+
+from .plain_json import to_text
 
 #: Width of `deviation.png`.
 _PICTURE_PX = 800
@@ -53,8 +54,7 @@ def write_inspection(
     PdfError
         If there is nothing that makes a PDF; all else is written.
     """
-    text = json.dumps(document, indent=1, ensure_ascii=False)
-    (folder / "inspection.json").write_text(text + "\n", encoding="utf-8")
+    (folder / "inspection.json").write_text(to_text(document), encoding="utf-8")
     write_findings_csv(folder / "findings.csv", document["findings"])
     grid = found.height_map if found.height_map is not None else _empty()
     grid.save(folder / "height_map.npz")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import math
 import platform
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,8 @@ from roller_emvs.depth_map import DepthMap
 from roller_emvs.lines.edge_drift import NOT_CALIBRATED
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.windows import RefusedWindow
+
+from .plain_json import to_text
 
 
 @dataclass
@@ -99,7 +99,7 @@ class Report:
             "settings": self.settings,
             "versions": versions(),
         }
-        path.write_text(json.dumps(_finite(data), indent=1, default=_plain) + "\n")
+        path.write_text(to_text(data), encoding="utf-8")
 
 
 def versions() -> dict[str, str]:
@@ -111,22 +111,3 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return found
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows no NaN: it becomes null."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if hasattr(value, "__dataclass_fields__"):
-        return asdict(value)
-    return str(value)

@@ -1,0 +1,164 @@
+"""Steps between regions, flushness and tilt of a fastener, what stands out of one, roughness."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import ndimage
+
+from roller_inspect.findings.cues import smoothed
+from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+from roller_inspect.references.nominal import fit_polynomial
+from roller_inspect.references.reference import ReferenceError
+
+from .datum import Datum, datum_plane
+from .measured import Measured, not_measurable
+
+#: Cut-off of the S-filter, m: what is finer is the sensor's own; and the Gaussian's standard
+#: deviation by its cut-off (ISO 16610-61).
+_S_FILTER_M, _BY_CUT_OFF = 0.25e-3, 0.1874
+#: Share of a region that must be measured for its roughness, and known for what stands out of it;
+#: Sq must be so many times the noise.
+_LEAST_MEASURED, _LEAST_KNOWN, _TIMES_NOISE = 0.3, 0.8, 3.0
+_FEW = "too few measured cells in {}"
+
+
+def step_height(height_map: HeightMap, datum: Bools, top: Bools) -> Measured:
+    """How much one region lies above another, at the second one's centre.
+
+    Parameters
+    ----------
+    height_map : HeightMap
+        The map.
+    datum, top : ndarray of bool, shape (ny, nx)
+        Cells of the datum and of what is measured.
+    """
+    base, upper = datum_plane(height_map, datum), datum_plane(height_map, top)
+    if base is None or upper is None:
+        return not_measurable("m", _FEW.format("the datum" if base is None else "the region"))
+    return _step(base, upper)
+
+
+def _step(base: Datum, upper: Datum) -> Measured:
+    x, y = upper.centre_m
+    value = float(upper.at(x, y) - base.at(x, y))
+    own = base.standard_uncertainty(x, y), upper.standard_uncertainty(x, y)
+    return Measured(value, 2 * math.hypot(*own, base.common_m, upper.common_m), "m")
+
+
+def flushness_and_tilt(
+    height_map: HeightMap, head: Bools, around: Bools
+) -> tuple[Measured, Measured]:
+    """Height of a fastener's middle above the surface, metres; angle between both, radians.
+
+    Parameters
+    ----------
+    height_map : HeightMap
+        The map.
+    head, around : ndarray of bool, shape (ny, nx)
+        Cells of its head, and of the surface around.
+    """
+    base, top = datum_plane(height_map, around), datum_plane(height_map, head)
+    if base is None or top is None:
+        reason = _FEW.format("the surface around" if base is None else "the head")
+        return not_measurable("m", reason), not_measurable("rad", reason)
+    slope = np.array([top.slope_x - base.slope_x, top.slope_y - base.slope_y])
+    size = float(np.hypot(*slope))
+    along = slope / size if size > 0 else np.array([1.0, 0.0])
+    both = (top.covariance + base.covariance)[1:, 1:]
+    # What the head's errors have in common may lean as much from one side to the other.
+    across_m = 2 * height_map.step_m * math.sqrt(float(head.sum()) / math.pi)
+    u = math.sqrt(max(float(along @ both @ along), 0.0) + (top.common_m / across_m) ** 2)
+    return _step(base, top), Measured(float(np.arctan(size)), 2 * u, "rad")
+
+
+def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Measured]:
+    """What stands out of a datum in a region.
+
+    Parameters
+    ----------
+    height_map : HeightMap
+        The map.
+    region, datum : ndarray of bool, shape (ny, nx)
+        Where to look, and the cells of the datum plane.
+
+    Returns
+    -------
+    dict of Measured
+        `depth`: its extreme, + above the datum, − below, m; `area`: where it is more than half as
+        high, m²; `diameter` of the circle with that area, m; `volume` between it and the datum,
+        signed, m³.
+    """
+    plane = datum_plane(height_map, datum & ~region)
+    known = region & height_map.known & np.isfinite(height_map.height_m)
+    if plane is None or not region.any() or known.sum() < _LEAST_KNOWN * region.sum():
+        reason = _FEW.format("the datum" if plane is None else "the region")
+        missing = not_measurable("m", reason)
+        return {
+            "depth": missing, "area": not_measurable("m²", reason), "diameter": missing,
+            "volume": not_measurable("m³", reason),
+        }  # fmt: skip
+    step = height_map.step_m
+    away = height_map.height_m - plane.at(height_map.x_m[None, :], height_map.y_m[:, None])
+    flat = ndimage.median_filter(np.where(known, away, 0.0), 3)
+    values = flat[known]
+    sign = 1.0 if values.max() > -values.min() else -1.0
+    depth = float((sign * values).max())
+    sigma = float(np.median(height_map.sigma_m[known]))
+    rows, columns = np.nonzero(known)
+    x, y = float(height_map.x_m[columns].mean()), float(height_map.y_m[rows].mean())
+    base = float(np.hypot(plane.standard_uncertainty(x, y), plane.common_m))
+    u_depth = float(np.hypot(0.7 * sigma, base))
+    area = float((known & (sign * flat > depth / 2)).sum()) * step**2
+    gy, gx = np.gradient(flat, step)
+    rim = known & (np.abs(sign * flat - depth / 2) < 0.25 * depth)
+    slope = float(np.median(np.hypot(gx, gy)[rim])) if rim.any() else depth / step
+    u_edge = float(np.hypot(u_depth / max(slope, 1e-3), step / np.sqrt(12)))
+    diameter = 2 * float(np.sqrt(area / np.pi))
+    volume = float(away[known].sum()) * step**2 * float(region.sum() / known.sum())
+    return {
+        "depth": Measured(sign * depth, 2 * u_depth, "m"),
+        "area": Measured(area, 2 * np.pi * diameter * u_edge, "m²"),
+        "diameter": Measured(diameter, 4 * u_edge, "m"),
+        "volume": Measured(volume, 2 * float(region.sum()) * step**2 * base, "m³"),
+    }
+
+
+def roughness(height_map: HeightMap, region: Bools) -> tuple[Measured, Measured]:
+    """Sa and Sq of a region after form removal (a polynomial of order 2) and S-filter.
+
+    "Not measurable" where it doesn't rise above the noise.
+
+    Parameters
+    ----------
+    height_map : HeightMap
+        The map.
+    region : ndarray of bool, shape (ny, nx)
+        Cells.
+    """
+    measured = region & (height_map.state == MEASURED) & np.isfinite(height_map.height_m)
+    if not region.any() or measured.sum() < _LEAST_MEASURED * region.sum():
+        return _neither("too little of the region was measured")
+    rows, columns = np.nonzero(measured)
+    x, y = height_map.x_m[columns], height_map.y_m[rows]
+    try:
+        form = fit_polynomial(x, y, height_map.height_m[rows, columns].astype(np.float64), 2)
+    except ReferenceError:
+        return _neither("too few measured cells")
+    away = height_map.height_m - form(height_map.x_m[None, :], height_map.y_m[:, None])
+    scale = _S_FILTER_M * _BY_CUT_OFF / height_map.step_m
+    values = smoothed(away.astype(np.float32), measured.astype(np.float32), scale)[0][measured]
+    noise = float(np.median(height_map.sigma_m[measured]))
+    sq, sa = float(np.sqrt(np.mean(values**2))), float(np.mean(np.abs(values)))
+    if sq <= _TIMES_NOISE * noise:
+        return _neither(
+            f"Sq {sq * 1e6:.0f} µm is not over {_TIMES_NOISE:g} × the noise of {noise * 1e6:.0f} µm"
+        )
+    # The noise adds to it in squares: all of it is uncertain.
+    u = sq - float(np.sqrt(sq**2 - noise**2))
+    return Measured(sa, 2 * u, "m"), Measured(sq, 2 * u, "m")
+
+
+def _neither(reason: str) -> tuple[Measured, Measured]:
+    return not_measurable("m", reason), not_measurable("m", reason)
