@@ -10,8 +10,8 @@ import yaml
 
 from braille.synthetic import Plate, over, read, scan
 from roller_braille.braille_stage import BrailleParameters
-from roller_braille.cells_json import cells_to_json
 from roller_braille.reader_settings import PROFILES, BrailleSettings
+from roller_braille.text_files import cells_to_json
 from roller_core.errors import RollerError
 from roller_core.settings import parameter_file
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from braille.synthetic import Plate, over, read, scan
 from roller_braille import table, translation
-from roller_braille.brf import to_brf
+from roller_braille.text_files import to_brf
 from roller_braille.translation import LineCell, TranslationError, line_reader
 
 needs_liblouis = pytest.mark.skipif(

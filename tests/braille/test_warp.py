@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from braille.synthetic import CAMERA, DEPTH_M, DOWN, START_NS, roll_track
-from roller_braille.pixel_table import PixelTable
 from roller_braille.reader_settings import BrailleSettings
 from roller_braille.strip import Kind, Strip
-from roller_braille.warp import OUTSIDE, Knots, Warp, vote, vote_numpy
+from roller_braille.warp import OUTSIDE, Knots, PixelTable, Warp, vote, vote_numpy
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.passes import Pass

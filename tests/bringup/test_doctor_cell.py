@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from roller_bringup.doctor.commissioning import CellFiles, check_commissioning
-from roller_bringup.doctor.host import HostSettings, find_host, judge_host
+from roller_bringup.doctor.machine import HostSettings, find_host, judge_host
 from roller_bringup.doctor.result import Result
 from roller_core.calibration_file import SECTION, calibration_record, write_calibration
 from roller_core.camera import Camera

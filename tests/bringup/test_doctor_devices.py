@@ -11,7 +11,8 @@ import pytest
 
 from driver.emulation.camera_model import CameraModel
 from driver.emulation.usb_backend import EmulatedBackend
-from roller_bringup.doctor import camera, robot, usb
+from roller_bringup.doctor import camera, robot
+from roller_bringup.doctor.camera import UsbFacts, UsbNode
 from roller_bringup.doctor.result import Result
 
 ROOT = Path(__file__).parents[2]
@@ -32,37 +33,37 @@ def a_bus(folder: Path, speed: str = "5000") -> tuple[str, str]:
 
 def test_a_camera_on_the_bus_and_the_rule(tmp_path):
     devices, nodes = a_bus(tmp_path)
-    facts = usb.find_usb([str(ROOT / "config"), str(tmp_path)], devices, nodes)
+    facts = camera.find_usb([str(ROOT / "config"), str(tmp_path)], devices, nodes)
     assert facts.rules == (str(ROOT / "config" / "99-roller-event-camera.rules"),)
-    assert facts.nodes == (usb.UsbNode(f"{nodes}/001/007", True, 5000.0),)
-    assert usb.judge_usb(facts, asked=True).level == "OK"
+    assert facts.nodes == (UsbNode(f"{nodes}/001/007", True, 5000.0),)
+    assert camera.judge_usb(facts, asked=True).level == "OK"
 
 
 def test_rules_of_others_do_not_count(tmp_path):
     (tmp_path / "a.rules").write_text('ATTR{idVendor}=="152a", ATTR{idProduct}=="840d"\n')
     (tmp_path / "b.rules").write_text('# "152a" "8419"\n')
-    assert usb.find_usb([str(tmp_path)], str(tmp_path), str(tmp_path)).rules == ()
+    assert camera.find_usb([str(tmp_path)], str(tmp_path), str(tmp_path)).rules == ()
     (tmp_path / "c.rules").write_text('SUBSYSTEM=="usb", ATTRS{idVendor}=="152A", MODE="666"\n')
-    assert len(usb.find_usb([str(tmp_path)], str(tmp_path), str(tmp_path)).rules) == 1
+    assert len(camera.find_usb([str(tmp_path)], str(tmp_path), str(tmp_path)).rules) == 1
 
 
 @pytest.mark.parametrize(
     ("facts", "asked", "level", "says"),
     [
-        (usb.UsbFacts(), False, "warning", "no udev rule"),
-        (usb.UsbFacts(), True, "fault", "no udev rule"),
-        (usb.UsbFacts(root=True), True, "warning", "only root"),
-        (usb.UsbFacts(("/etc/a.rules",)), True, "OK", "rule /etc/a.rules"),
-        (usb.UsbFacts(nodes=(usb.UsbNode("/dev/x", False, 5000),)), False, "fault", "no rule"),
+        (UsbFacts(), False, "warning", "no udev rule"),
+        (UsbFacts(), True, "fault", "no udev rule"),
+        (UsbFacts(root=True), True, "warning", "only root"),
+        (UsbFacts(("/etc/a.rules",)), True, "OK", "rule /etc/a.rules"),
+        (UsbFacts(nodes=(UsbNode("/dev/x", False, 5000),)), False, "fault", "no rule"),
         (
-            usb.UsbFacts(("/etc/a.rules",), (usb.UsbNode("/dev/x", False, 5000),)),
+            UsbFacts(("/etc/a.rules",), (UsbNode("/dev/x", False, 5000),)),
             False, "fault", "although the rule is there",
         ),
-        (usb.UsbFacts(nodes=(usb.UsbNode("/dev/x", True, 480),)), True, "warning", "480 Mbit/s"),
+        (UsbFacts(nodes=(UsbNode("/dev/x", True, 480),)), True, "warning", "480 Mbit/s"),
     ],
 )  # fmt: skip
 def test_usb_by_its_facts(facts, asked, level, says):
-    result = usb.judge_usb(facts, asked)
+    result = camera.judge_usb(facts, asked)
     assert result.level == level
     assert says in result.found
     assert bool(result.advice) == (level != "OK")

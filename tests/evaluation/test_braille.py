@@ -12,8 +12,8 @@ from roller_braille.table import UNREADABLE
 from roller_bringup.cli import main
 from roller_evaluation.braille import CONDITIONS, BrailleOptions, braille_cases, run_braille
 from roller_evaluation.braille_reading import dot_contrast
+from roller_evaluation.braille_report import tables
 from roller_evaluation.braille_score import Score, align, score
-from roller_evaluation.braille_tables import tables
 from roller_evaluation.cases import ScanCase
 from roller_evaluation.tables import show_tables
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from graph.graph_world import check_keys
+from roller_bringup.demo_inspection import inspect_recorded
 from roller_bringup.launching import load
 from roller_bringup.live import run_until_done
 from roller_emvs.ply import read_ply
 from roller_inspect.recipe import Recipe
 from roller_inspect.results.recorded import gather
-from roller_inspect.results.recorded_inspection import inspect_recorded
 from roller_inspect.results.run_report import Report
 
 pytestmark = pytest.mark.graph

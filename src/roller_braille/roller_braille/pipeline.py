@@ -18,10 +18,9 @@ from .batches import Batch, BatchCutter, PassEnd
 from .cells import Cell
 from .page import Page
 from .pass_reader import PassReader
-from .pixel_table import PixelTable
 from .reader_settings import BrailleSettings
 from .translation import LineCell
-from .warp import Warp, warm_up
+from .warp import PixelTable, Warp, warm_up
 
 _MOST_TIMES = 100_000
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from roller_core.camera import Camera
 from roller_core.events import EventArray
-from roller_core.hot_pixels import count_events
+from roller_core.hot_pixels import count_events, find_hot_pixels
 from roller_core.passes import Pass
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64, quaternion_to_matrix
@@ -185,3 +185,36 @@ def vote_numpy(
     np.add.at(strip, (p[ok], place[ok, 1], place[ok, 0]), 1.0)
     newest[place[ok, 0]] = t[ok]
     return int(ok.sum())
+
+
+#: Batches between two looks at the counts: often among the first ones, then seldom.
+_EVERY_EARLY, _EARLY, _EVERY = 5, 20, 25
+
+
+class PixelTable:
+    """Keeps the pixel table of the warp free of hot pixels.
+
+    Parameters
+    ----------
+    table : ndarray of float32, shape (height, width, 2)
+        Ideal pixels, as `vote` takes them.
+    """
+
+    def __init__(self, table: F32) -> None:
+        #: The table without hot pixels.
+        self.table = table.copy()
+        self._all = table[..., 0].copy()
+        self._counts = np.zeros(table.shape[:2], np.float32)
+        self._batches = 0
+        #: Hot pixels known.
+        self.hot_pixels = 0
+
+    def add(self, events: EventArray) -> None:
+        """Take a batch of events of a rolling sensor."""
+        count_events(events, self._counts)
+        self._batches += 1
+        if self._batches % (_EVERY_EARLY if self._batches <= _EARLY else _EVERY):
+            return
+        hot = find_hot_pixels(self._counts, columns_too=False)
+        self.table[..., 0] = self._all if hot is None else np.where(hot, OUTSIDE, self._all)
+        self.hot_pixels = 0 if hot is None else int(hot.sum())

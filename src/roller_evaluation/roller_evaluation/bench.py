@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from roller_core.codecs import encode
+from roller_core.event_stream import EventStream
 from roller_core.progress import OnProgress, no_progress
 
 from .bench_plan import BenchOptions, depth_cases, fixed_cases
 from .bench_plots import draw_scaling, draw_speed_vs_error
 from .bench_tables import tables
-from .decoding import decoding_cpu_ns
 from .figures import ERRORS
 from .measures import STAGE_COLUMNS
 from .rows import Row, mean, provenance, values, where, write_rows
 from .run import run_timed
 from .scaling import scaling_cases
-from .scans import ScanStore
+from .scans import Scan, ScanStore
 from .tables import write_json, write_markdown
 
 #: The paper: ms a window (EMVS, laptop with an i7-1365U) and µm (mean absolute error).
@@ -184,3 +188,27 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 
 def _rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else round(value, digits)
+
+
+_ENCODING = "libcaer_cmp"
+#: Length of a packet, and how often all are decoded.
+_PACKET_NS, _RUNS = 1_000_000, 3
+
+
+def decoding_cpu_ns(scan: Scan) -> float:
+    """Processor time of `EventStream` for an event of a scan, ns; the median of some runs."""
+    events, camera = scan.even, scan.camera
+    times = np.arange(events.t_ns[0], events.t_ns[-1] + _PACKET_NS, _PACKET_NS)
+    ends = np.searchsorted(events.t_ns, times)
+    packets = [
+        (int(t), encode(_ENCODING, events[a:b], int(t)))
+        for t, a, b in zip(times[:-1], ends[:-1], ends[1:], strict=True)
+    ]
+    spent = []
+    for _ in range(_RUNS):
+        stream = EventStream(camera.width, camera.height)
+        begin = time.process_time()
+        for seq, (t, payload) in enumerate(packets):
+            stream.push(_ENCODING, camera.width, camera.height, seq, t, t, payload)
+        spent.append((time.process_time() - begin) * 1e9 / max(stream.counts.events, 1))
+    return round(float(np.median(spent)), 1)

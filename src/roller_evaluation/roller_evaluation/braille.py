@@ -117,7 +117,7 @@ def run_braille(
 
     Parameters, errors and what is kept are those of `run.run`; the result is `braille.json`.
     """
-    from .braille_plot import draw
+    from .braille_report import draw
 
     rows = run(braille_cases(options), output / "passes", jobs, on_progress)
     result = {

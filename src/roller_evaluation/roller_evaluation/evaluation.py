@@ -10,7 +10,7 @@ from typing import Any
 from roller_core.progress import OnProgress, no_progress
 
 from .braille import BrailleOptions, run_braille
-from .braille_tables import tables as braille_tables
+from .braille_report import tables as braille_tables
 from .cases import Case, ScanCase
 from .experiments import (
     EXPERIMENTS,

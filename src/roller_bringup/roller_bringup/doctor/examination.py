@@ -76,10 +76,10 @@ def _dds(request: Request, share: Path | None) -> Iterator[Result]:
 
 
 def _camera(request: Request, share: Path | None) -> Iterator[Result]:
-    from . import camera, usb
+    from . import camera
 
     asked = request.camera is not None
-    yield usb.judge_usb(usb.find_usb(), asked)
+    yield camera.judge_usb(camera.find_usb(), asked)
     yield camera.check_camera(request.camera or "", request.backend, asked)
 
 
@@ -109,9 +109,9 @@ def _clock(request: Request, share: Path | None) -> Iterator[Result]:
 
 def _cell(request: Request, share: Path | None) -> Iterator[Result]:
     if request.cell is not None:
-        from . import host
+        from . import machine
 
-        yield host.judge_host(host.find_host())
+        yield machine.judge_host(machine.find_host())
         yield from check_commissioning(request.cell)
 
 

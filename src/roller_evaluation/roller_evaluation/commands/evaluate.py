@@ -196,7 +196,7 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
 
 def _run_braille(args: argparse.Namespace) -> int:
     from roller_evaluation.braille import BrailleOptions, run_braille
-    from roller_evaluation.braille_tables import tables
+    from roller_evaluation.braille_report import tables
 
     chosen = given(args, "speeds", "seed")
     if args.text is not None:

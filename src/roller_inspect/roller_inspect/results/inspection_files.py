@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from roller_inspect.exports.height_files import write_sdf, write_x3p
 from roller_inspect.exports.pdf import write_pdf
-from roller_inspect.exports.sdf import write_sdf
 from roller_inspect.exports.tables import write_findings_csv, write_height_png
-from roller_inspect.exports.x3p import write_x3p
 from roller_inspect.height_map import CONTINUED, OUTSIDE, HeightMap
 from roller_inspect.pieces import Found
 from roller_inspect.report.map_section import Pictured

@@ -1,4 +1,4 @@
-"""Height maps as X3P, the open format of ISO 25178-72: a zip of XML and numbers."""
+"""Height maps as X3P (ISO 25178-72, a zip of XML and numbers) and SDF (ISO 25178-71, text)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def write_x3p(
     version: str = "0",
     comment: str = "",
 ) -> None:
-    """Write a height map.
+    """Write a height map as X3P.
 
     Parameters
     ----------
@@ -89,3 +89,38 @@ def _spacing(values: npt.NDArray[np.float64]) -> float:
 
 def _escaped(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+#: Heights in SDF are whole numbers of this, metres.
+_STEP_M = 1e-9
+
+
+def write_sdf(
+    path: Path,
+    x_m: npt.NDArray[np.float64],
+    y_m: npt.NDArray[np.float64],
+    height_m: npt.NDArray[np.float32],
+) -> None:
+    """Write a height map as SDF; parameters as of `write_x3p`."""
+    now = f"{datetime.now(timezone.utc):%d%m%Y%H%M}"
+    head = {
+        "ManufacID": "roller",
+        "CreateDate": now,
+        "ModDate": now,
+        "NumPoints": len(x_m),
+        "NumProfiles": len(y_m),
+        "Xscale": f"{_spacing(x_m):.9e}",
+        "Yscale": f"{_spacing(y_m):.9e}",
+        "Zscale": f"{_STEP_M:.9e}",
+        "Zresolution": -1,
+        "Compression": 0,
+        "DataType": 6,  # 32-bit whole numbers
+        "CheckType": 0,
+    }
+    with path.open("w", encoding="ascii") as file:
+        file.write("aISO-1.0\n")
+        file.writelines(f"{name:<12}= {value}\n" for name, value in head.items())
+        file.write("*\n")
+        for row in height_m.astype(np.float64) / _STEP_M:
+            file.write(" ".join("BAD" if v != v else str(round(v)) for v in row.tolist()) + "\n")
+        file.write("*\n")
