@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from roller_core.digests import source_digest
 from roller_core.errors import SettingsError
 from roller_evaluation import measures
 from roller_evaluation import run as running
 from roller_evaluation import scans as scanning
-from roller_evaluation.cases import METHODS, Case, ScanCase, source_digest
+from roller_evaluation.cases import METHODS, Case, ScanCase
 from roller_evaluation.measures import TIMES
 from roller_evaluation.rows import deviation, mean, where, write_rows
 from roller_evaluation.run import run, run_timed

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import copy
-import hashlib
-import importlib.util
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
-from pathlib import Path
 from typing import Any
 
+from roller_core.digests import data_digest
 from roller_core.frame_settings import DEFAULT_SMOOTHING
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.surface import SurfaceSettings
@@ -81,7 +77,7 @@ class ScanCase:
     @property
     def key(self) -> str:
         """The same for scans that come to the same events."""
-        return digest([self.settings().model_dump(mode="json"), self.pose_smoothing])
+        return data_digest([self.settings().model_dump(mode="json"), self.pose_smoothing])
 
 
 @dataclass(frozen=True)
@@ -116,7 +112,7 @@ class Case:
     @property
     def key(self) -> str:
         """The same for cases that come to the same figures."""
-        return digest([self.scan.key, self.measure, self.method, dict(self.settings)])
+        return data_digest([self.scan.key, self.measure, self.method, dict(self.settings)])
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -124,21 +120,3 @@ class Case:
         scan = self.scan
         own = {"scene": scan.scene, "speed": scan.speed, "seed": scan.seed}
         return {**own, "measure": self.measure, "method": self.method, **self.labels}
-
-
-def digest(value: Any) -> str:
-    """Digest of plain data, the same in every process."""
-    text = json.dumps(value, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:24]
-
-
-@cache
-def source_digest(*packages: str) -> str:
-    """Digest of packages' source: what older code left is measured again."""
-    found = hashlib.sha256()
-    for package in packages:
-        spec = importlib.util.find_spec(package)
-        for folder in (spec.submodule_search_locations or []) if spec else []:
-            for file in sorted(Path(folder).rglob("*.py")):
-                found.update(file.relative_to(folder).as_posix().encode() + file.read_bytes())
-    return found.hexdigest()[:24]

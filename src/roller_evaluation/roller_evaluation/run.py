@@ -9,10 +9,11 @@ from typing import Any
 
 from joblib import Memory, Parallel, delayed
 
+from roller_core.digests import source_digest
 from roller_core.library_threads import one_thread_a_library
 from roller_core.progress import OnProgress, no_progress
 
-from .cases import Case, source_digest
+from .cases import Case
 from .measures import MEASURES, TIMES, warm_up
 from .rows import Row
 from .scans import ScanStore

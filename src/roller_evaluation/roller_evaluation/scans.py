@@ -13,6 +13,7 @@ from joblib import Memory
 
 from roller_core.camera import Camera
 from roller_core.codecs import encode
+from roller_core.digests import source_digest
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
@@ -22,7 +23,7 @@ from roller_core.transforms import matrix_to_quaternion
 from roller_sim.cell import Packet, PoseSample, VirtualCell
 from roller_sim.truth import Truth
 
-from .cases import ScanCase, source_digest
+from .cases import ScanCase
 
 #: Travel over an object whose windows are compared: just over two windows of 12 mm, four of 6 mm
 #: or one of 20 mm, so that no rule leaves half a window over.

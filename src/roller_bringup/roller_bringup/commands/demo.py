@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
-from roller_emvs.depth_settings import REPLAY_METHODS
+from roller_inspect.commands.options import add_method_option
 from roller_sim.presets import COATINGS
 
 if TYPE_CHECKING:
@@ -35,9 +35,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="what is printed on the skin (textured)",
     )  # fmt: skip
     parser.add_argument("--speed", type=float, default=0.3, metavar="V", help="m/s (0.3)")
-    parser.add_argument(
-        "--method", choices=REPLAY_METHODS, default="focus", help="depth method (focus)"
-    )
+    add_method_option(parser, "focus")
     add_examples(
         parser,
         "demo",

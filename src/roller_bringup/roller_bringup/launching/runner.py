@@ -5,9 +5,9 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from types import FrameType
+
+from roller_core.signals import handling_ends
 
 from .plan import LaunchPlan
 from .process import RunningProcess, Screen, describe
@@ -16,8 +16,6 @@ from .process import RunningProcess, Screen, describe
 _ORDERLY = {0, -signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM}
 
 _STEPS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
-
-_Handler = Callable[[int, FrameType | None], object]
 
 
 class Runner:
@@ -138,7 +136,7 @@ class Runner:
         came: list[int] = []
         try:
             # A signal between a process's start and our knowing of it would leave it running.
-            with _handling(lambda number, _: came.append(number)):
+            with handling_ends(lambda number, _: came.append(number)):
                 self.start()
             for number in came[:1]:
                 signal.raise_signal(number)
@@ -149,7 +147,7 @@ class Runner:
 
     def __exit__(self, *_: object) -> None:
         # A second signal, of one who is out of patience, must not leave nodes running.
-        with _handling(lambda *_: self.hurry()):
+        with handling_ends(lambda *_: self.hurry()):
             self.stop()
 
 
@@ -172,7 +170,7 @@ def run(plan: LaunchPlan, screen: Screen | None = None, grace_s: float = 5.0) ->
             runner.hurry()
         asked.set()
 
-    with _handling(handle):
+    with handling_ends(handle):
         runner.start()
         try:
             result = None
@@ -182,20 +180,3 @@ def run(plan: LaunchPlan, screen: Screen | None = None, grace_s: float = 5.0) ->
             stopped = runner.stop()
     # A required node's own word counts; others may have been ended on the way.
     return stopped if result is None else result
-
-
-@contextmanager
-def _handling(handler: _Handler) -> Iterator[None]:
-    """Handle the signals that ask for an end for a while (the main thread's privilege)."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    wanted = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # else nohup keeps us alive
-        wanted.append(signal.SIGHUP)
-    before = {number: signal.signal(number, handler) for number in wanted}
-    try:
-        yield
-    finally:
-        for number, previous in before.items():
-            signal.signal(number, previous)

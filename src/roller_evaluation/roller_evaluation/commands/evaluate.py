@@ -34,7 +34,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--repeats", type=number(int, 1, 100_000), metavar="N", help="passes of each kind (5)"
     )
-    parser.add_argument("--seed", type=number(int, 0, 2**31 - 1), help="seed of the first pass (1)")
+    _add_seed(parser)
     parser.add_argument("--lights", type=words, metavar="A,B", help="of ring, dome, strong (all)")
     parser.add_argument(
         "--conditions", type=words, metavar="A,B", help="Braille: light and sensor (all)"
@@ -73,6 +73,10 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="results go here (default: evaluation)",
     )
+
+
+def _add_seed(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seed", type=number(int, 0, 2**31 - 1), help="seed of all chance (1)")
 
 
 def _add_jobs(parser: argparse.ArgumentParser) -> None:
@@ -189,9 +193,7 @@ def _add_braille(experiments: argparse._SubParsersAction[argparse.ArgumentParser
         "a few letters at one speed", _run_braille,
     )  # fmt: skip
     parser.add_argument("--text", help="text of the plate: a–z, digits, spaces; \\n ends a line")
-    parser.add_argument(
-        "--seed", type=number(int, 0, 2**31 - 1), help="seed of all chance (default: 1)"
-    )
+    _add_seed(parser)
 
 
 def _run_braille(args: argparse.Namespace) -> int:
@@ -213,9 +215,7 @@ def _add_coating(experiments: argparse._SubParsersAction[argparse.ArgumentParser
         "speed and by the sensor's threshold.",
         "two contrasts, few rows", _run_coating,
     )  # fmt: skip
-    parser.add_argument(
-        "--seed", type=number(int, 0, 2**31 - 1), help="seed of all chance (default: 1)"
-    )
+    _add_seed(parser)
 
 
 def _run_coating(args: argparse.Namespace) -> int:

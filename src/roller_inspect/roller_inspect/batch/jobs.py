@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from roller_core.output_mark import MARK
 
@@ -61,10 +59,6 @@ class Row:
     error: str
     kept: bool = False
 
-    def plain(self) -> dict[str, Any]:
-        """For JSON and CSV."""
-        return asdict(self)
-
 
 def find_recordings(folders: Sequence[Path]) -> Iterator[Path]:
     """Recordings in folders: rosbag2 folders, and single files that lie in none."""
@@ -74,11 +68,6 @@ def find_recordings(folders: Sequence[Path]) -> Iterator[Path]:
         for path in sorted(folder.rglob("*")):
             if path.suffix in _SUFFIXES and not any(path.is_relative_to(bag) for bag in bags):
                 yield path
-
-
-def key_of(*parts: str) -> str:
-    """Key of a job by what its result depends on."""
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
 def run_job(job: Job) -> Row:

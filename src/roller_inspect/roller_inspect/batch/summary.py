@@ -6,7 +6,7 @@ import csv
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -26,7 +26,7 @@ def write_summary(folder: Path, rows: Sequence[Row], results: Path) -> None:
     results : path
         The folder with the results by key.
     """
-    data = [row.plain() for row in rows]
+    data = [asdict(row) for row in rows]
     counts = Counter(row.verdict or "failed" for row in rows)
     text = json.dumps({"schema": "roller-batch/1", "verdicts": counts, "jobs": data}, indent=1)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
 from roller_core.option_types import number
-from roller_emvs.depth_settings import REPLAY_METHODS
 
 from .inspect import USAGE, add_inspection_options
+from .options import add_method_option
 
 if TYPE_CHECKING:
     from roller_inspect.batch.jobs import Job, Row
@@ -27,9 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="recordings")
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
-    parser.add_argument(
-        "--method", choices=REPLAY_METHODS, default="surface", help="depth method (surface)"
-    )
+    add_method_option(parser, "surface")
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
     add_inspection_options(parser)
     parser.add_argument(
@@ -88,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _jobs(args: argparse.Namespace, sources: list[Path], recipe: str) -> list[Job]:
     from roller_core.calibration_file import digest
-    from roller_inspect.batch.jobs import Job, key_of
+    from roller_core.digests import data_digest
+    from roller_inspect.batch.jobs import Job
     from roller_inspect.batch.summary import read_rows
     from roller_inspect.report.document import software
 
@@ -102,7 +101,8 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: str) -> list[Jo
     params = digest(args.params) if args.params else ""
     jobs, earlier = {}, read_rows(args.output) if args.resume else {}
     for source in sources:
-        key = key_of(digest(source), recipe, params, args.method, ",".join(args.export), software())
+        found = [digest(source), recipe, params, args.method, args.export, software()]
+        key = data_digest(found)[:16]
         before = earlier.get(key)
         if before is not None and not before.verdict:
             print(f"{before.source}: tried again, it failed before: {before.error}")

@@ -10,9 +10,8 @@ from typing import Any
 
 from roller_core.command_help import add_examples
 from roller_core.progress import progress_bar
-from roller_emvs.depth_settings import REPLAY_METHODS
 
-from .options import add_recording_options
+from .options import add_processing_options, open_input
 
 #: Exit codes by verdict; 1 is a fault, 2 wrong usage.
 EXIT_CODES = {"conform": 0, "nonconform": 3, "inconclusive": 4, "unmeasured": 4}
@@ -28,16 +27,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "reference, by a recipe. Exits with 0: conform, 3: not conform, 4: inconclusive or "
         "unmeasured; 1: a fault, 2: wrong usage.",
     )
-    parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
-    parser.add_argument(
-        "--method", choices=REPLAY_METHODS, default="surface", help="depth method (surface)"
-    )
-    add_recording_options(parser, "emvs, stitcher, surface, braille")
+    add_processing_options(parser, "surface")
     add_inspection_options(parser)
     parser.add_argument("--part-id", metavar="ID", help="number of the part (the input's name)")
-    parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
-    parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
     add_examples(
         parser,
         "inspect scan --output result",
@@ -93,14 +85,12 @@ def _exports(text: str) -> tuple[str, ...]:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, inspect, and say the verdict."""
-    from roller_core.calibration_file import check_same_camera
     from roller_core.output_folder import OutputFolder
     from roller_inspect.exports.pdf import check_pdf
     from roller_inspect.inspect_stage import InspectStage, inspect_parameters
     from roller_inspect.pipeline import PipelineSettings
     from roller_inspect.recipe import RecipeError, load_recipe
     from roller_inspect.references import ReferenceError
-    from roller_recording.reading import open_recording
 
     try:
         recipe = load_recipe(args.recipe, args.reference)
@@ -116,11 +106,7 @@ def run(args: argparse.Namespace) -> int:
     reference = Path(recipe.reference.path) if recipe.reference.path else None
     inputs = (args.input, args.params, args.poses, args.camera, args.recipe, reference)
     with OutputFolder(args.output, "inspect", inputs) as output:
-        recording = open_recording(
-            args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
-        )
-        check_same_camera(args.params, recording.camera)
-        return _inspect(args, settings, stage, recording, output.partial)
+        return _inspect(args, settings, stage, open_input(args, settings), output.partial)
 
 
 def _inspect(

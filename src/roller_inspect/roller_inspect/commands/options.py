@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from roller_emvs.depth_settings import REPLAY_METHODS
+
+if TYPE_CHECKING:
+    from roller_inspect.pipeline import PipelineSettings
+    from roller_recording.reading import Recording
 
 
 def add_written_options(parser: argparse.ArgumentParser, skin: bool = False) -> None:
@@ -23,6 +30,49 @@ def add_written_options(parser: argparse.ArgumentParser, skin: bool = False) -> 
         parser.add_argument(
             "--skin", default="", metavar="NAME", help="name of the skin, for the file"
         )
+
+
+def add_processing_options(parser: argparse.ArgumentParser, method: str | None = None) -> None:
+    """Add what is said of one recording that is processed: INPUT, `--output` and the method.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Parser of the command.
+    method : str, optional
+        The depth method by default; without it that of the parameter file, or focus.
+    """
+    parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    add_method_option(parser, method)
+    add_recording_options(parser, "emvs, stitcher, surface, braille")
+    parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
+    parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
+
+
+def add_method_option(parser: argparse.ArgumentParser, default: str | None) -> None:
+    """Add `--method`, one of those of a replay."""
+    shown = default or "default: focus"
+    parser.add_argument(
+        "--method", choices=REPLAY_METHODS, default=default, help=f"depth method ({shown})"
+    )
+
+
+def open_input(args: argparse.Namespace, settings: PipelineSettings) -> Recording:
+    """The recording that those options name.
+
+    Raises
+    ------
+    RollerError
+        If it can't be read, or the parameters are for another camera.
+    """
+    from roller_core.calibration_file import check_same_camera
+    from roller_recording.reading import open_recording
+
+    gap_s = settings.max_pose_gap_s
+    recording = open_recording(args.input, args.poses, args.camera, gap_s, args.topic)
+    check_same_camera(args.params, recording.camera)
+    return recording
 
 
 def add_recording_options(parser: argparse.ArgumentParser, nodes: str) -> None:

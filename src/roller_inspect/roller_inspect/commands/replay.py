@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from roller_core.command_help import add_examples
 from roller_core.progress import progress_bar
-from roller_emvs.depth_settings import REPLAY_METHODS
 
-from .options import add_recording_options
+from .options import add_processing_options, open_input
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -22,12 +20,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "(EVT 3.0), DSEC's HDF5 or a folder of the public event-camera dataset with the pipeline "
         "of the nodes.",
     )
-    parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
-    parser.add_argument("--method", choices=REPLAY_METHODS, help="depth method (default: focus)")
-    add_recording_options(parser, "emvs, stitcher, surface, braille")
-    parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
-    parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
+    add_processing_options(parser)
     add_examples(
         parser,
         "replay scan --output result",
@@ -39,20 +32,15 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Replay, draw the overview and say what came of it."""
-    from roller_core.calibration_file import check_same_camera
     from roller_core.output_folder import OutputFolder
     from roller_inspect.pipeline import PipelineSettings
     from roller_inspect.replay import replay
     from roller_inspect.results.summary import summary
-    from roller_recording.reading import open_recording
 
     settings = PipelineSettings.load(args.params, args.method)
     inputs = (args.input, args.params, args.poses, args.camera)
     with OutputFolder(args.output, "replay", inputs) as output:
-        recording = open_recording(
-            args.input, args.poses, args.camera, settings.max_pose_gap_s, args.topic
-        )
-        check_same_camera(args.params, recording.camera)
+        recording = open_input(args, settings)
         done = 0.0
 
         def show(share: float) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
 from roller_core.progress import progress_bar
-from roller_emvs.depth_settings import REPLAY_METHODS
+
+from .options import add_method_option
 
 if TYPE_CHECKING:
     from roller_inspect.height_map import HeightMap
@@ -26,9 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "scans", type=Path, nargs="+", metavar="SCAN", help="recordings, or results of inspect"
     )
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="the reference")
-    parser.add_argument(
-        "--method", choices=REPLAY_METHODS, default="surface", help="depth method (surface)"
-    )
+    add_method_option(parser, "surface")
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
     parser.add_argument("--recipe", type=Path, metavar="FILE", help="recipe, for its grid")
     add_examples(parser, "inspect teach good_1 good_2 good_3 --output golden")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
+from roller_core.digests import data_digest
 from roller_core.errors import SettingsError
 from roller_core.settings import Settings
 from roller_core.text_file import TextFileError, read_yaml
@@ -263,8 +262,7 @@ class Recipe(Settings):
 
     def sha256(self) -> str:
         """Tells recipes apart, whatever their files look like."""
-        text = json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return data_digest(self.model_dump(mode="json", by_alias=True))
 
 
 def load_recipe(path: Path | None = None, reference: str | None = None) -> Recipe:

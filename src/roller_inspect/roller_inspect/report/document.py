@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
-from importlib import metadata, resources
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from roller_core.calibration_file import SECTION, digest
 from roller_core.camera import Camera
+from roller_core.digests import data_digest, source_digest
 from roller_core.settings import read_parameters
 from roller_inspect.inspect_stage import Inspected, inspect_parameters
 from roller_inspect.judgement import Judged
@@ -95,7 +94,7 @@ def traceability(part: str, recipe: Recipe, scan: Scan) -> dict[str, Any]:
         }
         | {name: _version(name) for name in ("numpy", "scipy")},
         "method": scan.method,
-        "settings_sha256": sha256_of(scan.settings),
+        "settings_sha256": data_digest(scan.settings),
         "recipe_sha256": recipe.sha256(),
         "camera": "" if scan.camera is None else str(scan.camera),
         **_calibrations(scan.params, now),
@@ -127,18 +126,7 @@ def _calibrations(params: Path | None, now: datetime) -> dict[str, Any]:
 
 def software() -> str:
     """Tells versions of this package apart, by its source: for results that are kept."""
-    total = hashlib.sha256()
-    for package in ("roller_core", "roller_emvs", "roller_inspect"):
-        root = Path(str(resources.files(package)))
-        for path in sorted(root.rglob("*.py")):
-            total.update(path.read_bytes())
-    return total.hexdigest()
-
-
-def sha256_of(values: Any) -> str:
-    """Hash of plain values, whatever their order."""
-    text = json.dumps(values, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return source_digest("roller_core", "roller_emvs", "roller_inspect")
 
 
 def _version(name: str) -> str:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
 from roller_core.progress import status_line
+from roller_core.signals import handling_ends
 
 if TYPE_CHECKING:
     from roller_recording.recorder_node import RecorderNode
@@ -89,7 +88,8 @@ def run(args: argparse.Namespace) -> int:
         "keep_free_mb": args.keep_free_mb,
     }
     given = [Parameter(name, value=value) for name, value in values.items() if value is not None]
-    with _interrupts() as interrupts:
+    interrupts: list[int] = []
+    with handling_ends(lambda number, _: interrupts.append(number)):
         init_ros([])
         node, code = None, 1
         try:
@@ -186,22 +186,3 @@ def _seconds(text: str) -> float:
     if not value > 0:
         raise argparse.ArgumentTypeError("must be above 0")
     return value
-
-
-@contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """Collect SIGINT, SIGTERM and SIGHUP instead of ending at once."""
-    seen: list[int] = []
-
-    def note(number: int, frame: object) -> None:
-        seen.append(number)
-
-    wanted = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # else nohup keeps us alive
-        wanted.append(signal.SIGHUP)
-    before = {s: signal.signal(s, note) for s in wanted}
-    try:
-        yield seen
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
