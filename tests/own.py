@@ -1,7 +1,5 @@
 """What a test has to itself beside other tests and other checkouts on the same machine."""
 
-from __future__ import annotations
-
 import os
 import random
 import socket

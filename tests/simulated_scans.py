@@ -1,7 +1,5 @@
 """Scans of the virtual cell, simulated once and shared by all tests and processes of pytest."""
 
-from __future__ import annotations
-
 import copy
 import fcntl
 import hashlib

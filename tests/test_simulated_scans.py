@@ -1,7 +1,5 @@
 """The scans that tests share."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 

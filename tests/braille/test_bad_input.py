@@ -1,7 +1,5 @@
 """Plates and rolls that are not as they should be: what is in doubt is not given as text."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

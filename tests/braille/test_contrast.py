@@ -1,7 +1,5 @@
 """Contrast maximisation: what a wrong speed or depth leaves to read."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

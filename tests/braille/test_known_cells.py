@@ -1,7 +1,5 @@
 """Cells are known again by their place, however many there are, and the oldest are forgotten."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from roller_braille.known_cells import KnownCells

@@ -1,7 +1,5 @@
 """Finding and following the lattice of a line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Parameter file and report."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

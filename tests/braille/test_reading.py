@@ -1,7 +1,5 @@
 """The reader over synthetic rings: every letter, every direction, and what it must not read."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

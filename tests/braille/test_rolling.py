@@ -1,7 +1,5 @@
 """Passes and batches from poses and events alone."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

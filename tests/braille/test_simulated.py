@@ -1,7 +1,5 @@
 """The reader over plates of the virtual cell, with its noise, light and clocks."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the stage gives beside the cells: text and markers, when a scan ends and another begins."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Cells come as they pass, live."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

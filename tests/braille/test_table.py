@@ -1,7 +1,5 @@
 """Grade 1 table: both directions, signs, doubts."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

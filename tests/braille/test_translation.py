@@ -1,7 +1,5 @@
 """Lines of cells as print: own table, liblouis where it is, and Braille Ready Format."""
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Plates that lie askew or upside down."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

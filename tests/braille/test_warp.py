@@ -1,7 +1,5 @@
 """Motion compensation against what is known analytically; the kernel against its twin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

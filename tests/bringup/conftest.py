@@ -1,7 +1,5 @@
 """A place for launch tests: packages with small shell scripts as nodes."""
 
-from __future__ import annotations
-
 import os
 import textwrap
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command: one line and an exit code, whatever it is given."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import os

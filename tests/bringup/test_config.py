@@ -1,7 +1,5 @@
 """The files in config/ say what the settings models say."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

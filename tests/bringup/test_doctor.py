@@ -1,7 +1,5 @@
 """The doctor's checks of software and machine, each with faults put in."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

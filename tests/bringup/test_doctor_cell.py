@@ -1,7 +1,5 @@
 """How far a cell is calibrated, by its files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone

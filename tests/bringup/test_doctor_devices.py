@@ -1,7 +1,5 @@
 """The doctor's checks of camera and robot, each with faults put in."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading

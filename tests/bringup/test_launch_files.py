@@ -1,7 +1,5 @@
 """What launch files come to."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The runner with real ROS 2 nodes: names, namespaces and parameters arrive."""
 
-from __future__ import annotations
-
 import io
 import sys
 import time

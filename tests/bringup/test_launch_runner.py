@@ -1,7 +1,5 @@
 """Starting, watching and stopping processes."""
 
-from __future__ import annotations
-
 import io
 import os
 import signal

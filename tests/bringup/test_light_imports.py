@@ -1,7 +1,5 @@
 """Nodes and the command start without the libraries that only some of their work needs."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib.metadata import entry_points

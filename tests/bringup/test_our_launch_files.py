@@ -1,7 +1,5 @@
 """The launch files of the workspace: whole, and the same for `ros2 launch`."""
 
-from __future__ import annotations
-
 import asyncio
 import sys
 from importlib import metadata

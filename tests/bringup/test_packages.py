@@ -1,7 +1,5 @@
 """What a package imports is what its package.xml names, and the reverse."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -1,7 +1,5 @@
 """Handing over to rerun: how its program is called; it isn't installed here."""
 
-from __future__ import annotations
-
 import socket
 import sys
 from pathlib import Path

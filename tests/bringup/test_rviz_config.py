@@ -1,7 +1,5 @@
 """RViz shows what the graph publishes: displays, topics, types and QoS, without RViz."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Setting up: steps that are done once, the command at the root, what a machine lacks."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

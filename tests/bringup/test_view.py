@@ -1,7 +1,5 @@
 """The operator's page over HTTP, without a browser."""
 
-from __future__ import annotations
-
 import asyncio
 import http.client
 import json

@@ -1,7 +1,5 @@
 """The operator's page in headless Chromium."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Small results and servers for the tests of the operator's page."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time

@@ -1,7 +1,5 @@
 """A bag of an event camera that looks at a blinking grid of dots from many places."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

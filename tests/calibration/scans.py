@@ -1,7 +1,5 @@
 """Scans whose truth is exact: dots on a sphere that stands out of a plate, lines to and fro."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

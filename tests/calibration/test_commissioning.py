@@ -1,7 +1,5 @@
 """A cell is commissioned as docs/commissioning.md has it, start to end, on emulated devices."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

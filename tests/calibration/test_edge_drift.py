@@ -1,7 +1,5 @@
 """The drift of edges: from made-up lines, and what is refused."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

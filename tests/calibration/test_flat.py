@@ -1,7 +1,5 @@
 """Depth range from a flat plate, by the part of a pass at one speed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The camera's place on the tool, from pairs of poses and from a scan."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

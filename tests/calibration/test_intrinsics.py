@@ -1,7 +1,5 @@
 """Intrinsics and hand-eye from a blinking grid of dots."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

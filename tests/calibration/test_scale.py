@@ -1,7 +1,5 @@
 """Scale from caliper readings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

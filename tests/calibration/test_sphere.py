@@ -1,7 +1,5 @@
 """The sphere in a pass, the truth it gives, and the search over the paper's parameters."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """`roller calibrate` with sphere, plate, caliper and poses: files, refusals, interruptions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

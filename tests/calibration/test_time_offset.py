@@ -1,7 +1,5 @@
 """Delay of event stamps against poses, on scans that go to and fro with a known delay."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

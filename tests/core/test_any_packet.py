@@ -1,7 +1,5 @@
 """Whatever bytes and fields a packet holds, it is decoded or refused by name."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

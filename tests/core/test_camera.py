@@ -1,7 +1,5 @@
 """Telling one camera from another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Camera model, sensor clock and settings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

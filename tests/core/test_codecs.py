@@ -1,7 +1,5 @@
 """Packet codecs: known words, round trips, faults, real recordings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The stream of packets: times, order, and an account of what was lost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

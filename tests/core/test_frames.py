@@ -1,7 +1,5 @@
 """What the robot's transforms are taken for, and what is left out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A process ends even where Python is stuck in a library."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Libraries of a node work on the thread that calls them."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Memory that is kept for the next window."""
 
-from __future__ import annotations
-
 import ctypes
 import resource
 

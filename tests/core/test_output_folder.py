@@ -1,7 +1,5 @@
 """What a user has is never deleted: output folders are ours, whole, and have one writer."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Files that are none: each is refused in one line, and nothing waits for its end."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

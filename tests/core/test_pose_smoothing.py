@@ -1,7 +1,5 @@
 """Smoothed pose stamps: less jitter at a steady rate, nothing changed elsewhere."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

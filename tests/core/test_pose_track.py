@@ -1,7 +1,5 @@
 """Pose track: interpolation against analytic motion, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """A packet's fields without decoding it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

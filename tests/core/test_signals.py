@@ -1,7 +1,5 @@
 """An interrupt while a program loads."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

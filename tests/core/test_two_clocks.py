@@ -1,7 +1,5 @@
 """Camera and robot mapped to the host's clock together: drift, jitter, jams and jumps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The decoder of the camera's words."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Finding, opening and setting up the camera, against its model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

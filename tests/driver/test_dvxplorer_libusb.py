@@ -1,7 +1,5 @@
 """The camera's model seen through the real libusb, by our driver and by the vendor's library."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

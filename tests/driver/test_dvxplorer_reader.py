@@ -1,7 +1,5 @@
 """The reader: packets, faults of the stream, unplugging; against the camera's model."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

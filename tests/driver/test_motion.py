@@ -1,7 +1,5 @@
 """The example of a rolling pass: its line, speed and ramps, and what a controller makes of it."""
 
-from __future__ import annotations
-
 import re
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The robot's receiver with the real library against an emulated controller on loopback."""
 
-from __future__ import annotations
-
 import socket
 import sys
 import threading

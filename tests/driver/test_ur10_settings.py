@@ -1,7 +1,5 @@
 """Parameters of the drivers' nodes, and the files that hold their defaults."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

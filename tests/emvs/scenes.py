@@ -1,7 +1,5 @@
 """Small analytic scenes: points seen by a moving pinhole camera, one event at each pixel passed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

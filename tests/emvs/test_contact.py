@@ -1,7 +1,5 @@
 """Contact by events and poses: rolling, slipping, lost; what slipped gives no depth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

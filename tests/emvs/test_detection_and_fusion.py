@@ -1,7 +1,5 @@
 """Threshold, masked median, warping and weighted fusion against slow forms."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What focus and surface share, on fields of rays made for it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

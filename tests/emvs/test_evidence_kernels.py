@@ -1,7 +1,5 @@
 """Kernels of the evidence against slow forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The surface through depths on cells: kernels against plain twins, and what the fit promises."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lines through the events of features: analytic places and heights, and twins of the loops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

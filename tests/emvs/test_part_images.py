@@ -1,7 +1,5 @@
 """Images of aperture parts: against slow forms, against rays, and where the motion fits them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

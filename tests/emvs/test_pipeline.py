@@ -1,7 +1,5 @@
 """The pipeline on analytic scenes: right depth, or none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

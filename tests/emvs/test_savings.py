@@ -1,7 +1,5 @@
 """Each saving of the depth engine gives what the plain form gives, or says by how much not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

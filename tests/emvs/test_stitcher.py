@@ -1,7 +1,5 @@
 """Voxels, ICP, patches and the cloud's file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The kernels of the sweep in the surface's frame, and the store of its events, by slow forms."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from roller_core.events import EventArray

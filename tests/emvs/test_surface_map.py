@@ -1,7 +1,5 @@
 """The whole scan thinned to a bounded size."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sweep in the surface's frame on analytic scenes: right heights, or none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A stage fed faster than it works leaves out whole windows; the others are as ever."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

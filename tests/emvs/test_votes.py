@@ -1,7 +1,5 @@
 """Rays and votes against analytic geometry and slow numpy twins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

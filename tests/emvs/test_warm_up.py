@@ -1,7 +1,5 @@
 """Warming up runs the kernels that a method will need."""
 
-from __future__ import annotations
-
 import pytest
 
 from roller_emvs.depth_settings import METHODS, DepthSettings

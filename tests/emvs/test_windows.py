@@ -1,7 +1,5 @@
 """Where windows are cut, and that it doesn't matter how the stream arrives."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

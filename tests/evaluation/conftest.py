@@ -1,7 +1,5 @@
 """A small virtual cell that tests of the evaluation share."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 from typing import Any

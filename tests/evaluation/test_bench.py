@@ -1,7 +1,5 @@
 """Speed against error: files, sections, and what they rest on."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

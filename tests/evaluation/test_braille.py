@@ -1,7 +1,5 @@
 """The Braille experiment: how texts are compared, what a run writes and says."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Which skin to print: what is measured of a plate, which skin is named, what a run writes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The paper's experiments: which passes they take, what the tables say, going on after a break."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

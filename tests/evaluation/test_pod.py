@@ -1,7 +1,5 @@
 """Probability of detection: curves and their bounds, what counts as a hit, what a run writes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

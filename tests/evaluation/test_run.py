@@ -1,7 +1,5 @@
 """The harness: scans that are kept, rows that are kept, one process and two."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

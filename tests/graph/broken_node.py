@@ -1,7 +1,5 @@
 """A node whose worker dies of what `BROKEN_NODE` names."""
 
-from __future__ import annotations
-
 import builtins
 import os
 import sys

@@ -3,8 +3,6 @@
 Also for measuring a recorder: ``python tests/graph/event_source.py --rate 10 --seconds 60``.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import struct

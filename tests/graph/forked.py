@@ -1,7 +1,5 @@
 """Processes that begin with the libraries loaded, as these take longer to load than most tests."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import subprocess

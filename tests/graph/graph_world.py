@@ -1,7 +1,5 @@
 """A graph of separate processes and a node that watches it."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

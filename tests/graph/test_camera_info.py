@@ -1,7 +1,5 @@
 """The camera that nodes hear of: repeated, and another than was calibrated."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("rclpy")

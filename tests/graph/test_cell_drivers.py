@@ -1,7 +1,5 @@
 """The cell's drivers as nodes: an emulated camera and an emulated robot come out as topics."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A graph is not started where one of its nodes runs already."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A fault of ours in a node's work ends its process with one line, at once."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("rclpy")

@@ -1,7 +1,5 @@
 """The doctor's look at DDS, with real processes: as it should be, and with the wrong profile."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

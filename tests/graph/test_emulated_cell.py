@@ -4,8 +4,6 @@ Both devices are driven by one simulated scan, each with a clock of its own that
 graph publishes is compared with the same events and true poses given to the pipeline directly.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import time

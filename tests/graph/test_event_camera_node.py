@@ -1,7 +1,5 @@
 """The event camera's node with an emulated camera: a drop-in, its life and its faults."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The method `surface` in the live graph, in separate processes over DDS."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

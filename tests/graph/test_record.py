@@ -1,7 +1,5 @@
 """`roller record` on a running graph: what was sent is in the bag, or counted as lost."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

@@ -1,7 +1,5 @@
 """One bag through the live graph and through the replay gives the same."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is taken again is told from what failed."""
 
-from __future__ import annotations
-
 import ctypes
 import time
 

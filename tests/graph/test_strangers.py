@@ -1,7 +1,5 @@
 """Two cameras in one graph: one is followed, the other is refused, counted and named."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

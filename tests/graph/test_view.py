@@ -1,7 +1,5 @@
 """`roller view` beside a graph: it shows what is published, and misses a node that ends."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re

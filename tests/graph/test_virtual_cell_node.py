@@ -1,7 +1,5 @@
 """The virtual cell as a node: two of them in one graph, and one that can't start."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

@@ -1,7 +1,5 @@
 """The whole chain over DDS: virtual cell to depth, cloud and text, in separate processes."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Clouds of analytic surfaces, as the roller would give them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

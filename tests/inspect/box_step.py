@@ -1,7 +1,5 @@
 """A STEP file of a box, written by hand (AP214, faceted)."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable
 

@@ -1,7 +1,5 @@
 """Bad input gets one clear line and a non-zero exit; what was good before is kept."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """`roller batch`: one failure is a row, what is done stays done."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

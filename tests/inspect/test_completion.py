@@ -1,7 +1,5 @@
 """The surface between measured cells."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from roller_core.transforms import F64

@@ -1,7 +1,5 @@
 """Panels of a picture: values lie where the axes say, and nothing leaves the frame."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """A delay that is set is taken out of everything that puts events together with poses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A disk that gets full costs what doesn't fit: one line, and what was written opens."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`roller inspect` as users meet it: exit codes, one line for what is wrong."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

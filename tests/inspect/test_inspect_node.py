@@ -1,7 +1,5 @@
 """The node of the inspection."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("rclpy")

@@ -1,7 +1,5 @@
 """From points to verdict, page and exports; these are read back by other people's software."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """What a stage holds doesn't grow with the scan."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from types import FunctionType, ModuleType

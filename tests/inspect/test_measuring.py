@@ -1,7 +1,5 @@
 """Measuring tools on analytic surfaces with errors that neighbours share."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Clouds that are none of a part's: left out, whatever they hold, and the part goes on."""
 
-from __future__ import annotations
-
 import hypothesis.extra.numpy as arrays
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Recipes: what they hold, what they refuse, and what they decide."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """References: nominal forms, golden scans and CAD."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

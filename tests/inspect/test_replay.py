@@ -1,7 +1,5 @@
 """Replay of every kind of input: the same scan gives the same depth."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 from pathlib import Path

@@ -4,8 +4,6 @@ No DDS: messages go through the functions that a node calls (`feed`, `to_message
 back. `tests/graph` plays one through real nodes.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A replay by the sweep in the surface's frame: a surface, and no depth maps."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

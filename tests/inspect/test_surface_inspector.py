@@ -1,7 +1,5 @@
 """Height map and findings of analytic surfaces."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Bags of an analytic scan, whole or with something missing or wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache

@@ -1,7 +1,5 @@
 """AEDAT4 files with poses: cut off, with several streams, with poses of another clock."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

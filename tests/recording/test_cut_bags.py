@@ -1,7 +1,5 @@
 """Bags that were cut off or damaged: all that is whole comes back, and one line says what isn't."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import sqlite3

@@ -1,7 +1,5 @@
 """DSEC's HDF5: events with poses; what it lacks is named."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

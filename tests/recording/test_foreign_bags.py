@@ -1,7 +1,5 @@
 """Bags as other drivers and `ros2 bag` make them."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

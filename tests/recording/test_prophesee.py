@@ -1,7 +1,5 @@
 """Prophesee files: EVT 3.0 with poses; what else they may be is named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

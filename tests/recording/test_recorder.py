@@ -1,7 +1,5 @@
 """The recorder without a graph: what it is given is in the bag, or counted as lost."""
 
-from __future__ import annotations
-
 import os
 import resource
 import threading

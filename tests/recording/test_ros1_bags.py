@@ -1,7 +1,5 @@
 """ROS 1 bags, and arrays of dvs_msgs in bags of either kind, give the same events."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Poses in text files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rates, and floods of faults."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("rclpy")

@@ -1,7 +1,5 @@
 """What the middleware keeps of what was sent."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

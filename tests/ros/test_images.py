@@ -1,7 +1,5 @@
 """Images of strangers: any bytes are an image, or are refused by name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Waiting for who listens."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -1,7 +1,5 @@
 """What holds for every node: its names, its topics, and how it refuses bad parameters."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import re

@@ -1,7 +1,5 @@
 """Two publishers of the robot's poses: one is followed, the other is told."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,7 +1,5 @@
 """The nodes' working thread."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Slow twins of the virtual cell's kernels, and small cells to try them on."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from roller_sim.cell_settings import VirtualCellSettings

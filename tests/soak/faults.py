@@ -1,7 +1,5 @@
 """Faults that the graph must survive, in an order of chance."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

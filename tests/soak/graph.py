@@ -1,7 +1,5 @@
 """The cell's graph over an emulated camera and robot that repeat one scan, and what it says."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

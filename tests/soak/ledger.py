@@ -4,8 +4,6 @@ A look is taken in a quiet stretch, when nothing is under way any more. A status
 sent it, not by its node's name: the last one of a process that was killed is not its successor's.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """An emulated camera that sees the same scan over and over, and obeys files."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading

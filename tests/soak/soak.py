@@ -6,8 +6,6 @@ node sent since the last such moment must have been taken, or be counted as lost
 foreign, by each node that was there all the time.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

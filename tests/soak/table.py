@@ -1,7 +1,5 @@
 """The account of a soak as a page and as data."""
 
-from __future__ import annotations
-
 import statistics
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The soak's account of what was sent and taken."""
 
-from __future__ import annotations
-
 from soak.ledger import Flow, Ledger, Status, Statuses
 
 BUSY = Flow(

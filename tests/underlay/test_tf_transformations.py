@@ -1,7 +1,5 @@
 """The underlay's tf_transformations has the conventions of the package it stands in for."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

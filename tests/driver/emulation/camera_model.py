@@ -1,7 +1,5 @@
 """A model of the DVXplorer Mini: answers control requests and sends a stream of words."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

@@ -1,7 +1,5 @@
 """From events to the DVXplorer Mini's 32-bit words, and a plain decoder that reads them back."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """The camera's model sending each read-out frame when its time comes, as a camera does."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from pathlib import Path

@@ -8,8 +8,6 @@ its standard input, one a line: `protective_stop`, `normal`, `disconnect`, `late
 trajectory begins), `quit`.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -7,7 +7,6 @@ camera's model. Needs Debian's umockdev, gir1.2-umockdev-1.0 and python3-gi, and
 """
 
 # ruff: noqa: E402 (gi must be told its version before it is used)
-from __future__ import annotations
 
 import errno
 import json

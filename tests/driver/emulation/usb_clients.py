@@ -5,8 +5,6 @@
 They write the first COUNT events.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 

@@ -1,7 +1,5 @@
 """Scenes that look alike at several depths or places: no confident wrong answer."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Strong distortion up to the corner, and figures that aren't numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What must not change depth: where base is, how poses are written, how events are packed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Too few events, too many, and all in one place; counters that must not overflow."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motions that tell little or nothing of depth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Depth at the ends of the range and beyond: found or refused, never a wrong one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Clocks that roll over, drift, stutter and stop; poses that jitter or are missing."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Weights of bma that don't sum to one, are zero, or meet pixels that some views don't have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

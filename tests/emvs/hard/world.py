@@ -4,8 +4,6 @@ The camera's axes are those of base and the surface's depth depends on x alone, 
 is its z less the depth at its x, whichever method it is from.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any
 
