@@ -23,7 +23,7 @@ from .rows import Row, mean, provenance, values, where, write_rows
 from .run import run_timed
 from .scaling import scaling_cases
 from .scans import Scan, ScanStore
-from .tables import write_json, write_markdown
+from .tables import markdown_page, write_json
 
 #: The paper: ms a window (EMVS, laptop with an i7-1365U) and µm (mean absolute error).
 PAPER = {"ms": 377.41, "error_um": 62.0, "label": "paper: 377 ms, 62 µm"}
@@ -54,8 +54,6 @@ def run_bench(
 
     Raises
     ------
-    UnwritableOutputError
-        If results can't be written.
     RollerError
         If an object is no good.
     """
@@ -86,7 +84,8 @@ def run_bench(
     write_rows([*rows, *result["growth"], *fixed], output / "rows.csv")
     write_json(result, output / "bench.json")
     about = f"{result['machine']['processor']}, {result['machine']['cores']} cores."
-    write_markdown("Speed against error", about, tables(result), output / "bench.md")
+    page = markdown_page("Speed against error", about, tables(result))
+    (output / "bench.md").write_text(page, encoding="utf-8")
     draw_speed_vs_error(result, output / "speed_vs_error.png")
     draw_scaling(result["growth"], output / "growth.png")
     return result

@@ -41,11 +41,6 @@ def draw_speed_vs_error(result: dict[str, Any], path: Path) -> None:
         Of `run_bench`, or as much of it: cases, Pareto fronts, speeds, objects, paper.
     path : path
         PNG file.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
     """
     write_picture(speed_vs_error(result)[0], path)
 
@@ -155,13 +150,7 @@ def _legend(figure: Figure, cases: Sequence[dict[str, Any]]) -> None:
 
 
 def draw_scaling(rows: Sequence[Row], path: Path) -> None:
-    """Draw milliseconds a window against events, planes and threads.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
+    """Draw milliseconds a window against events, planes and threads."""
     figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), dpi=80, layout="constrained")
     for axis, quantity in zip(axes, ("events", "planes", "threads"), strict=True):
         grown = [r for r in where(rows, quantity=quantity) if r["ms"] is not None]

@@ -97,13 +97,7 @@ _PER_CENT, _MS = (0, 1, 2, 5, 10, 20, 50, 100), (1, 2, 5, 10, 20, 50, 100)
 
 
 def draw(result: dict[str, Any], path: Path) -> None:
-    """Draw character error rates and times by speed, beside what others published.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
+    """Draw character error rates and times by speed, beside what others published."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 6), dpi=80, layout="constrained")
     _series(left, result, "character_error_rate", 100.0)
     _series(right, result, "ms_20000_events", 1.0)

@@ -188,13 +188,7 @@ def tables(result: dict[str, Any]) -> list[Table]:
 
 
 def draw(rows: Sequence[Row], options: CoatingOptions, path: Path) -> None:
-    """Draw error, measured share and rate of events against contrast.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
+    """Draw error, measured share and rate of events against contrast."""
     o = options
     kinds = [
         (f"grain {_GRAIN_MM:g} mm, by speed", "speed", "m/s", o.speeds,

@@ -28,7 +28,7 @@ from .paper_tables import by_light, processing_time, tables
 from .rows import provenance, write_rows
 from .run import run, run_timed
 from .scans import ScanStore
-from .tables import Table, write_json, write_text
+from .tables import Table, write_json
 
 #: What runs besides the passes, as a share of the whole.
 _AFTER = 0.3
@@ -62,8 +62,6 @@ def run_evaluation(
 
     Raises
     ------
-    UnwritableOutputError
-        If results can't be written.
     RollerError
         If a setting is no good.
     """
@@ -107,7 +105,8 @@ def run_evaluation(
     write_json(result, output / "evaluation.json")
     timed = result.get("time", [])
     write_rows([*rows, *timed, *result.get("braille", {}).get("rows", [])], output / "rows.csv")
-    write_text(output / "index.html", page(sections, result["facts"], _settings(o)))
+    html = page(sections, result["facts"], _settings(o))
+    (output / "index.html").write_text(html, encoding="utf-8")
     return {**result, "tables": {name: shown[name] for name in EXPERIMENTS if name in shown}}
 
 

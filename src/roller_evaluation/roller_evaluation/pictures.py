@@ -11,18 +11,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from .tables import write_bytes
-
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Write a picture as PNG and close it.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
-    write_bytes(path, png(figure))
+    """Write a picture as PNG and close it."""
+    path.write_bytes(png(figure))
 
 
 def png(figure: Figure) -> bytes:

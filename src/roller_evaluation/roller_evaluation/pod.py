@@ -206,13 +206,7 @@ def tables(result: dict[str, Any]) -> list[Table]:
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Draw the curves by kind, with the share found at each depth.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
+    """Draw the curves by kind, with the share found at each depth."""
     conditions = list(_conditions(where(rows, role="defect")))
     figure, axes = plt.subplots(
         1, max(len(conditions), 1), figsize=(max(4.6 * len(conditions), 6), 4.8), dpi=90,

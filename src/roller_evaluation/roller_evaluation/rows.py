@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import os
 import platform
 from collections.abc import Iterable, Sequence
@@ -13,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from .tables import write_text
 
 Row = dict[str, Any]
 
@@ -51,19 +48,12 @@ def mean_of(found: Iterable[float | None]) -> float | None:
 
 
 def write_rows(rows: Sequence[Row], path: Path) -> None:
-    """Write rows as CSV, with all columns that one of them has.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If the file can't be written.
-    """
-    out = io.StringIO()
+    """Write rows as CSV, with all columns that one of them has."""
     columns = dict.fromkeys(name for row in rows for name in row)
-    writer = csv.DictWriter(out, list(columns), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(path, out.getvalue())
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(columns), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def provenance() -> dict[str, Any]:

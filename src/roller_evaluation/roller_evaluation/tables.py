@@ -12,8 +12,6 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from roller_core.errors import UnwritableOutputError
-
 #: Columns of the tables where they go to a file.
 _WIDTH = 130
 
@@ -33,50 +31,8 @@ class Table:
 
 
 def write_json(result: dict[str, Any], path: Path) -> None:
-    """Write all figures.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
-    write_text(path, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file of results.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file of results.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
-    try:
-        path.write_bytes(data)
-    except OSError as error:
-        raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
-
-
-def write_markdown(title: str, about: str, found: Sequence[Table], path: Path) -> None:
-    """Write tables as a page.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If it can't be written.
-    """
-    write_text(path, markdown_page(title, about, found))
+    """Write all figures."""
+    path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def markdown_page(title: str, about: str, found: Sequence[Table]) -> str:
