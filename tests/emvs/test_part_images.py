@@ -72,6 +72,21 @@ def test_focus_measure_is_that_of_the_sum_of_shifted_images(most: int) -> None:
             np.testing.assert_allclose(found[k], expected, rtol=1e-4, atol=1e-2)
 
 
+def test_tiles_that_hardly_an_event_reaches_are_left_out() -> None:
+    field = some_images(np.random.default_rng(1))
+    at = np.array([-2.2, 0.0, 1.7])
+    whole = field.focus_measure(at, 0)
+    tile = kernels.TILE_CELLS * CELL_PX
+    # What lies below the tile's row stays; of what comes to it one event.
+    field.images[0, :, : 2 * CELL_PX] = 0
+    field.images[0, 3, 4, 0, MARGIN + tile // 2] = 1
+    found = field.focus_measure(at, 0)
+    assert not found[:, :2].any()
+    np.testing.assert_array_equal(found[:, 2:], whole[:, 2:])
+    field.images[0, 3, 4, 0, MARGIN + tile // 2] = 40
+    assert field.focus_measure(at, 0)[:, :2, : kernels.TILE_CELLS].any()
+
+
 def test_statistics_are_those_of_the_bins_at_the_cells_own_shift() -> None:
     rng = np.random.default_rng(2)
     field = some_images(rng)

@@ -18,6 +18,9 @@ EDGE_PX = 4
 _MOST = 63
 #: Events that are placed before they are counted.
 CHUNK = 512
+#: Columns of cells that are looked at or left out together, and the events in their reach below
+#: which they are left out: a peak takes more (`sweep._SPOTS`).
+TILE_CELLS, _LEAST_EVENTS = 8, 16
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -79,42 +82,68 @@ def _scatter(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _measure_bands(  # type: ignore[no-untyped-def]
-    images, spans, sources, ranges, first, step, pad, pairs, sums, votes, line, measure
-):
+    images, spans, sources, ranges, first, step, pad, reach, pairs, sums, votes, line, events,
+    measure,
+):  # fmt: skip
     """Sharpness of a polarity's votes on all planes, by cell, of every `step`-th band of rows.
 
     `images`, shape (parts, rows, BINS, stride). `spans` holds the columns that each part saw,
     from and to. `sources` and `ranges` are those of `_moves`. `pairs`, shape (parts or up to
-    three more, BINS, rows of votes, pad + stride + pad), zero, `sums`, shape (BINS, columns), and
-    `votes` are for use; the latter begin and end `EDGE_PX` columns beyond the grid. `measure`,
-    shape (planes, rows, columns) of cells, receives the sum of squared slopes along x.
+    three more, BINS, rows of votes, pad + stride + pad), zero, `sums`, shape (BINS, columns),
+    `events`, shape (stride,), and `votes` are for use; the latter begin and end `EDGE_PX` columns
+    beyond the grid. Events come to a column of the grid from `reach` columns of the images, first
+    and beyond the last. `measure`, shape (planes, rows, columns) of cells, zero, receives the sum
+    of squared slopes along x, but for tiles that hardly an event reaches.
     """
-    rows, width = votes.shape
+    rows, _ = votes.shape
     planes, cell_rows, cell_columns = measure.shape
     per_cell = CELL_PX // ROW_PX
+    tiles = -(-cell_columns // TILE_CELLS)
     for cell_row in range(first * rows // per_cell, cell_rows, step * rows // per_cell):
         count = min(rows, (cell_rows - cell_row) * per_cell)
-        if not _add_rows(images, spans, cell_row * CELL_PX, count, pad, pairs):
-            continue
-        for k in range(planes):
-            for row in range(count):
-                _add_parts(pairs, sources[k], ranges[k], row, sums)
-                _share_bins(sums, row, votes)
-            for r in range(count // per_cell):
-                _add_slopes(votes, r * per_cell, EDGE_PX, width - EDGE_PX, line)
-                _add_cells(line[EDGE_PX:], 0, cell_columns, measure[k, cell_row + r])
+        _add_rows(images, spans, cell_row * CELL_PX, count, pad, pairs, events)
+        tile = 0
+        while tile < tiles:
+            # Tiles side by side that count are looked at in one go.
+            begin = tile * TILE_CELLS
+            while tile < tiles and _reached(events, tile, reach):
+                tile += 1
+            end = min(tile * TILE_CELLS, cell_columns)
+            if begin >= end:
+                tile += 1
+                continue
+            left, right = begin * CELL_PX, end * CELL_PX + 2 * EDGE_PX
+            for k in range(planes):
+                for row in range(count):
+                    _add_parts(pairs, sources[k], ranges[k], row, left, right, sums)
+                    _share_bins(sums, row, left, right, votes)
+                for r in range(count // per_cell):
+                    _add_slopes(votes, r * per_cell, left + EDGE_PX, right - EDGE_PX, line)
+                    _add_cells(line[EDGE_PX:], begin, end, measure[k, cell_row + r])
 
 
 @njit(cache=True, nogil=True)
-def _add_rows(images, spans, top, count, pad, pairs):  # type: ignore[no-untyped-def]
-    """Sums of `ROW_PX` rows from the row `top` on; whether there is an event in them."""
+def _reached(events, tile, reach):  # type: ignore[no-untyped-def]
+    """Whether events enough can come to a tile; `events` are of each column."""
+    low = max(tile * TILE_CELLS * CELL_PX + reach[0], 0)
+    high = min((tile + 1) * TILE_CELLS * CELL_PX + reach[1], len(events))
+    total = np.int64(0)
+    for c in range(low, high):
+        total += events[c]
+    return total >= _LEAST_EVENTS
+
+
+@njit(cache=True, nogil=True)
+def _add_rows(images, spans, top, count, pad, pairs, events):  # type: ignore[no-untyped-def]
+    """Sums of `ROW_PX` rows from the row `top` on, and of all of a column."""
     flat = images.reshape(-1)
     out = pairs.reshape(-1)
     parts, rows, bins, stride = images.shape
     wide = pairs.shape[3]
-    some = np.uint8(0)
+    events[:] = 0
     for j in range(parts):
         begin = spans[j, 0]
+        start = np.uint64(begin)
         columns = np.uint64(max(spans[j, 1] - begin, 0))
         for row in range(count):
             for p in range(bins):
@@ -125,22 +154,22 @@ def _add_rows(images, spans, top, count, pad, pairs):  # type: ignore[no-untyped
                     total = np.uint16(flat[at + c]) + np.uint16(flat[below + c])
                     both = np.uint8(min(total, np.uint16(_MOST)))
                     out[to + c] = both
-                    some |= both
-    return some > 0
+                    events[start + c] += np.uint16(both)
 
 
 @njit(cache=True, nogil=True)
-def _add_parts(pairs, sources, ranges, row, sums):  # type: ignore[no-untyped-def]
-    """Votes of a row on a plane: the sum of all parts' images, each moved by its shift."""
+def _add_parts(pairs, sources, ranges, row, left, right, sums):  # type: ignore[no-untyped-def]
+    """Votes of a row on a plane, columns `left` to `right`: all parts' images, each moved."""
     flat = pairs.reshape(-1)
     out = sums.reshape(-1)
     bins, width = sums.shape
     below = np.uint64(row * pairs.shape[3])
-    out[:] = 0
     for p in range(bins):
+        for i in range(np.uint64(right - left)):
+            out[np.uint64(p * width + left) + i] = 0
         for group in range(len(ranges)):
-            first = ranges[group, 0]
-            last = ranges[group, 1]
+            first = max(ranges[group, 0], left)
+            last = min(ranges[group, 1], right)
             if first >= last:
                 continue
             start = below + np.uint64(first)
@@ -155,20 +184,16 @@ def _add_parts(pairs, sources, ranges, row, sums):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True)
-def _share_bins(sums, row, votes):  # type: ignore[no-untyped-def]
+def _share_bins(sums, row, left, right, votes):  # type: ignore[no-untyped-def]
     """From bins to pixels: a bin counts for the two pixels beside it, by how near they are."""
-    width = votes.shape[1]
     flat = sums.reshape(-1)
     out = votes.reshape(-1)
-    to = np.uint64(row * width)
-    last = np.uint64(width - 1)
+    to = np.uint64(row * votes.shape[1])
     far = np.float32(0.25)
     near = np.float32(0.75)
-    second = np.uint64(width)
+    second = np.uint64(sums.shape[1])
     one = np.uint64(1)
-    out[to] = 0
-    out[to + last] = 0
-    for c in range(one, last):
+    for c in range(np.uint64(left + 1), np.uint64(right - 1)):
         beside = np.float32(flat[second + c - one]) + np.float32(flat[c + one])
         own = np.float32(flat[c]) + np.float32(flat[second + c])
         out[to + c] = near * own + far * beside

@@ -106,11 +106,13 @@ class PartImages(EvidenceField):
         Returns
         -------
         ndarray of float32, shape (planes, rows, columns)
-            Sums of squared slopes along x.
+            Sums of squared slopes along x; 0 where hardly an event comes on any plane.
         """
         images, width = self.images[polarity], self.shape[1] + 2 * EDGE_PX
         count, _, _, stride = images.shape
         pad, sources, ranges = self._moves(at)
+        furthest = pad - _SPARE + EDGE_PX
+        reach = self.margin - furthest, self.margin + furthest
         measure = np.zeros((len(at), *self.cells), np.float32)
         rows = _BAND_ROWS // ROW_PX
 
@@ -118,9 +120,10 @@ class PartImages(EvidenceField):
             pairs = np.zeros((-(-count // 4) * 4, BINS, rows, stride + 2 * pad), np.uint8)
             sums = np.empty((BINS, width), np.uint16)
             votes, line = np.zeros((rows, width), np.float32), np.zeros(width, np.float32)
+            events = np.empty(stride, np.uint16)
             kernels._measure_bands(
-                images, self.spans, sources, ranges, first, threads, pad, pairs, sums, votes,
-                line, measure,
+                images, self.spans, sources, ranges, first, threads, pad, reach, pairs, sums,
+                votes, line, events, measure,
             )  # fmt: skip
 
         share(threads, threads, run, inner=True)
