@@ -177,7 +177,8 @@ class SurfaceMaps:
         values[..., 0] = height
         values[:, 1:-1, 1] = (height[:, 2:] - height[:, :-2]) / np.float32(2 * step)
         values[1:-1, :, 2] = (height[2:] - height[:-2]) / np.float32(2 * step)
-        values[..., 3] = speckle(height.shape, step, light, seed)
+        if light.speckle:  # zeros that nobody writes take no memory's time
+            values[..., 3] = speckle(height.shape, step, light, seed)
         origin = np.array([skin.x0 * 1e3, skin.y0 * 1e3, step])
         n = max(round(_COARSE_MM / step), 1)
         coarse = np.array([origin[0], origin[1], n * step])

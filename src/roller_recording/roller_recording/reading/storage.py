@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
@@ -144,23 +145,26 @@ class WholeFile(Storage):
                 self.counts[c.topic] += c.msgcount
             if reader.message_count:
                 self.start_ns, self.end_ns = reader.start_time, reader.end_time - 1
+            # Reading the index takes long: most of it is quality of service, in YAML.
+            self._connections, storage = list(reader.connections), reader.storage
+            self._chunks = list(storage.chunks) if isinstance(storage, McapReader) else []
 
     def messages(self, topics: Collection[str]) -> Items:
         """Messages of some topics; a chunk that is damaged is left out, with a fault."""
         yield from self.faults
         last_ns = self.start_ns or 0
+        names = {topic for topic in topics if topic in self.topics}
+        wanted = [c for c in self._connections if c.topic in names]
+        if not wanted:
+            return
         try:
+            if self._chunks:
+                with self.path.open("rb") as file:
+                    yield from self._by_chunks(file, wanted)
+                return
             with Reader(self.path) as reader:
-                wanted = [
-                    c for c in reader.connections if c.topic in topics and c.topic in self.topics
-                ]
-                if not wanted:
-                    return
-                storage = reader.storage
-                if isinstance(storage, McapReader) and storage.chunks:
-                    yield from self._by_chunks(storage, wanted)
-                    return
-                for connection, log_ns, data in reader.messages(wanted):
+                own = [c for c in reader.connections if c.topic in names]
+                for connection, log_ns, data in reader.messages(own):
                     yield RawMessage(log_ns, connection.topic, bytes(data), connection.msgtype)
                     last_ns = log_ns
         except Exception as error:  # whatever the library meets in a damaged file
@@ -169,29 +173,28 @@ class WholeFile(Storage):
                 f"after its start ({reason(error)}); what came before is kept"
             )
 
-    def _by_chunks(self, reader: McapReader, wanted: list[Connection]) -> Items:
+    def _by_chunks(self, file: BinaryIO, wanted: list[Connection]) -> Items:
         """Messages in the order of log times, over chunks that may overlap."""
         channels = {c.id: c for c in wanted}
-        chunks = [c for c in reader.chunks if any(c.channel_count.get(i) for i in channels)]
-        parts = [self._chunk(chunk, channels, reader) for chunk in chunks]
+        chunks = [c for c in self._chunks if any(c.channel_count.get(i) for i in channels)]
+        parts = [self._chunk(chunk, channels, file) for chunk in chunks]
         for _, item in heapq.merge(*parts, key=lambda part: part[0]):
             if item is not None:
                 yield item
 
     def _chunk(
-        self, chunk: ChunkInfo, channels: dict[int, Connection], reader: McapReader
+        self, chunk: ChunkInfo, channels: dict[int, Connection], file: BinaryIO
     ) -> Iterator[tuple[int, RawMessage | RecordingError | None]]:
         first_ns, last_ns = chunk.message_start_time, chunk.message_end_time
         yield first_ns, None  # it is read when its time has come
         try:
-            assert reader.bio
-            for found in msgsrc(chunk, channels, first_ns, last_ns + 1, reader.bio):
+            for found in msgsrc(chunk, channels, first_ns, last_ns + 1, file):
                 if found.connection and found.data is not None:
                     kind = found.connection.msgtype
                     message = RawMessage(found.timestamp, found.connection.topic, found.data, kind)
                     yield found.timestamp, message
         except Exception as error:  # the checksum, or whatever damaged bytes lead to
-            names = {c.id: c.topic for c in reader.connections}
+            names = {c.id: c.topic for c in self._connections}
             lost = ", ".join(
                 f"{n} of {names.get(i, 'an unknown topic')}"
                 for i, n in sorted(chunk.channel_count.items())
