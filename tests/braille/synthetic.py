@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from braille.writing import to_masks
 from roller_braille.cells import Cell
 from roller_braille.pipeline import BraillePipeline
 from roller_braille.reader_settings import BrailleSettings
-from roller_braille.table import to_masks
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from braille.synthetic import SPACING, Plate, over, read, roll_track, scan, text_of
-from roller_braille.table import UNREADABLE, to_masks
+from braille.writing import to_masks
+from roller_braille.table import UNREADABLE
 
 CELL, DOT = SPACING.cell_pitch_m, SPACING.dot_pitch_m
 RING = (0.0, 2 * np.pi)

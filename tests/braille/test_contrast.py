@@ -5,9 +5,9 @@ import pytest
 
 from braille.synthetic import CAMERA, DEPTH_M, SETTINGS, Plate, over, read, scan
 from roller_braille.batches import Batch, BatchCutter
-from roller_braille.contrast import MappedBatch, Sample, TravelScale, contrasts, contrasts_numpy
+from roller_braille.contrast import MappedBatch, Sample, TravelScale, _grid, contrasts
 from roller_braille.reader_settings import BrailleSettings
-from roller_braille.warp import Knots, Warp
+from roller_braille.warp import F64, Knots, Warp
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 
@@ -36,6 +36,21 @@ def found(
             travel.add(MappedBatch(batch.events, knots), warp.table)
     assert travel is not None
     return travel
+
+
+def contrasts_numpy(sample: Sample, scales: F64, px_m: float) -> F64:
+    """The same as `contrasts`, without a compiled kernel."""
+    first, shape = _grid(sample, scales, px_m)
+    rows = np.floor((sample.down - first[1]) / px_m + 0.5).astype(np.int64)
+    out = []
+    for scale in scales:
+        place = (sample.along + scale * sample.offset - first[0]) / px_m
+        column = np.floor(place).astype(np.int64)
+        image = np.zeros(shape)
+        np.add.at(image, (rows, column), 1.0 - (place - column))
+        np.add.at(image, (rows, column + 1), place - column)
+        out.append(float((image**2).sum()))
+    return np.array(out)
 
 
 def test_the_kernel_counts_as_its_twin() -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from braille.synthetic import SPACING
+from braille.writing import to_masks
 from roller_braille.dots import Dots
 from roller_braille.lattice import Lattice, find_lattice
-from roller_braille.table import to_masks
 
 DOT, CELL = SPACING.dot_pitch_m, SPACING.cell_pitch_m
 

@@ -15,9 +15,10 @@ from braille.synthetic import (
     scan,
     text_of,
 )
+from braille.writing import to_masks
 from roller_braille.pipeline import BraillePipeline
 from roller_braille.reader_settings import Spacing
-from roller_braille.table import LETTERS, UNREADABLE, to_masks
+from roller_braille.table import LETTERS, UNREADABLE
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 

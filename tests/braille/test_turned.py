@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from braille.synthetic import SETTINGS, SPACING, Plate, over, read, roll_track, scan
+from braille.writing import to_masks
 from roller_braille.cells import Cell, Seen
 from roller_braille.dots import Dots
 from roller_braille.lattice import Lattice, find_lattice, find_turn
 from roller_braille.orientation import log_odds, turned, upside_down
 from roller_braille.pipeline import BraillePipeline
-from roller_braille.table import LETTERS, to_masks
+from roller_braille.table import LETTERS
 
 
 def turn(plate: Plate, degrees: float) -> Plate:

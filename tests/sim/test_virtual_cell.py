@@ -118,5 +118,5 @@ def test_a_distorted_camera_sees_through_its_lens():
     settings = twins.small("flat", camera={"distortion": [-0.2, 0.05, 0.0, 0.0, 0.0]})
     cell = VirtualCell(settings)
     assert cell.camera.is_distorted
-    corner = cell.truth.depth_at(cell.truth.start_ros_ns, [[0.0, 0.0]])
+    corner = cell.truth.seen_at(cell.truth.start_ros_ns, [[0.0, 0.0]])[0]
     assert corner[0] == pytest.approx(45e-3, abs=2e-5)

@@ -122,7 +122,7 @@ def test_depth_of_a_flat_plate_is_exact():
     cell = VirtualCell(
         twins.small("flat", camera=WIDE, skin={"press_mm": 1.0}, motion={"vibration_um": 0.0})
     )
-    depth = cell.truth.depth_image(at(cell, 5.0)) * 1e3
+    depth = cell.truth.seen_images(at(cell, 5.0))[0] * 1e3
     xn, _ = rays(cell)
     half = np.sqrt(47.0**2 - 46.0**2)
     inside = np.abs(xn) * 46.0 < half - 0.3
@@ -130,7 +130,7 @@ def test_depth_of_a_flat_plate_is_exact():
     np.testing.assert_allclose(depth[inside], 46.0, atol=1e-4)
     # Undeformed, the coating is at R cos θ on its ray.
     np.testing.assert_allclose(depth[outside], (47.0 / np.sqrt(1 + xn**2))[outside], atol=1e-3)
-    contact = cell.truth.contact_mask(at(cell, 5.0))
+    contact = cell.truth.seen_images(at(cell, 5.0))[1]
     assert contact[inside].all()
     assert not contact[outside].any()
 
@@ -140,7 +140,7 @@ def test_depth_of_stairs_is_exact_on_the_treads():
     x0 = cell.scene.regions[0].x0 * 1e3
     for tread, rise in ((0.5, 0.2), (3.5, 0.8), (4.5, 1.0), (7.5, 0.4)):
         when = at(cell, x0 + 1.1 * tread)
-        depth = cell.truth.depth_at(when, [[40.0, 24.0]])
+        depth = cell.truth.seen_at(when, [[40.0, 24.0]])[0]
         assert depth[0] == pytest.approx((45.0 - rise) * 1e-3, abs=2e-6)
     x = cell.truth.camera_positions(when)[0, 0]
     assert cell.truth.height_at(x, 0.0) == pytest.approx(0.4e-3, abs=1e-6)

@@ -104,21 +104,6 @@ def contrasts(sample: Sample, scales: F64, px_m: float) -> F64:
     return out
 
 
-def contrasts_numpy(sample: Sample, scales: F64, px_m: float) -> F64:
-    """The same as `contrasts`, without a compiled kernel."""
-    first, shape = _grid(sample, scales, px_m)
-    rows = np.floor((sample.down - first[1]) / px_m + 0.5).astype(np.int64)
-    out = []
-    for scale in scales:
-        place = (sample.along + scale * sample.offset - first[0]) / px_m
-        column = np.floor(place).astype(np.int64)
-        image = np.zeros(shape)
-        np.add.at(image, (rows, column), 1.0 - (place - column))
-        np.add.at(image, (rows, column + 1), place - column)
-        out.append(float((image**2).sum()))
-    return np.array(out)
-
-
 def _grid(sample: Sample, scales: F64, px_m: float) -> tuple[F64, tuple[int, int]]:
     """Place of the image's first pixel, and its rows and columns: room for all events."""
     ends = sample.along + np.multiply.outer([scales.min(), scales.max()], sample.offset)

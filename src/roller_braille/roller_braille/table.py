@@ -1,4 +1,4 @@
-"""Grade 1 Braille, both ways: letters, digits, capitals, punctuation and spaces.
+"""Grade 1 Braille: letters, digits, capitals, punctuation and spaces.
 
 Every cell stands for itself, as in uncontracted Unified English Braille (UEB). A cell is a mask:
 dot 1 is bit 0 … dot 6 is bit 5, dots 1-2-3 down the left column and 4-5-6 down the right one.
@@ -21,18 +21,12 @@ none                    space
 
 from __future__ import annotations
 
-from roller_core.errors import RollerError
-
 NUMBER_SIGN = 0b111100
 CAPITAL_SIGN = 0b100000
 LETTER_SIGN = 0b110000
 SPACE = 0
 #: Stands in texts for a cell whose dots are not certain.
 UNREADABLE = "\N{REPLACEMENT CHARACTER}"
-
-
-class NoBrailleError(RollerError):
-    """A character that the table has no cell for."""
 
 
 def _mask(dots: str) -> int:
@@ -78,63 +72,6 @@ _IN_NUMBERS = {PUNCTUATION["."]: ".", PUNCTUATION[","]: ","}
 def pattern(mask: int) -> str:
     """The Unicode Braille pattern of a mask."""
     return chr(0x2800 + mask)
-
-
-def to_masks(text: str) -> list[int]:
-    """Write one line of print as cells.
-
-    Parameters
-    ----------
-    text : str
-        Letters, digits, spaces and the table's punctuation.
-
-    Returns
-    -------
-    list of int
-        Masks.
-
-    Raises
-    ------
-    NoBrailleError
-        Naming the first character that there is no cell for.
-    """
-    out: list[int] = []
-    number = capitals = False
-    for i, c in enumerate(text):
-        if number and c not in DIGITS and c not in ".,":
-            number = False
-            if c.lower() in LETTERS and c.lower() <= "j":
-                out.append(LETTER_SIGN)
-        if capitals and not (c.isalpha() and c.isupper()):
-            capitals = False
-        if c in DIGITS:
-            if not number:
-                out.append(NUMBER_SIGN)
-            number = True
-            out.append(DIGITS[c])
-        elif c == " ":
-            out.append(SPACE)
-        elif c.lower() in LETTERS:
-            if c.isupper() and not capitals:
-                at_start = i == 0 or not text[i - 1].isalpha()
-                capitals = at_start and _is_capital_run(text[i:])
-                out += [CAPITAL_SIGN] * (2 if capitals else 1)
-            out.append(LETTERS[c.lower()])
-        elif c == '"':
-            out.append(_OPENING if not out or out[-1] == SPACE else _CLOSING)
-        elif c in PUNCTUATION:
-            out.append(PUNCTUATION[c])
-        else:
-            raise NoBrailleError(f"grade 1 Braille has no cell for {c!r} (in {text!r})")
-    return out
-
-
-def _is_capital_run(text: str) -> bool:
-    """Whether a text begins with two capitals or more and no small letter joined to them."""
-    run = 0
-    while run < len(text) and text[run].isalpha() and text[run].isupper():
-        run += 1
-    return run > 1 and not (run < len(text) and text[run].isalpha())
 
 
 class Decoder:
@@ -203,10 +140,3 @@ class Decoder:
         self._doubtful = self._doubtful or self._number or may_be_sign
         self._number = self._capital = self._capitals = False
         self._last = mask or 1
-
-
-def to_text(masks: list[int]) -> str:
-    """Read one line of cells; a cell without a meaning appears as its Braille pattern."""
-    decoder = Decoder()
-    read = [(m, decoder.read(m)) for m in masks]
-    return "".join(pattern(m) if c is None else c for m, c in read)

@@ -167,26 +167,6 @@ def warm_up() -> None:
     count_events(EventArray.empty(), np.zeros((1, 1), np.float32))
 
 
-def vote_numpy(
-    events: EventArray, table: F32, knots: Knots, raster: F64, strip: F32, newest: I64
-) -> int:
-    """The same as `vote`, without a compiled kernel."""
-    maps = raster @ knots.maps
-    pixel = table[events.y, events.x].astype(np.float64)
-    inside = pixel[:, 0] > OUTSIDE / 10
-    t, p, pixel = events.t_ns[inside], events.p[inside], pixel[inside]
-    k = np.clip(np.searchsorted(knots.times_ns, t, "right") - 1, 0, len(knots.times_ns) - 2)
-    f = (t - knots.times_ns[k]) / (knots.times_ns[k + 1] - knots.times_ns[k])
-    m = maps[k] * (1 - f)[:, None, None] + maps[k + 1] * f[:, None, None]
-    h = np.einsum("nij,nj->ni", m, np.column_stack([pixel, np.ones(len(pixel))]))
-    place = np.floor(h[:, :2] / h[:, 2:] + 0.5).astype(np.int64)
-    _, rows, columns = strip.shape
-    ok = ((place >= 0) & (place < [columns, rows])).all(axis=1)
-    np.add.at(strip, (p[ok], place[ok, 1], place[ok, 0]), 1.0)
-    newest[place[ok, 0]] = t[ok]
-    return int(ok.sum())
-
-
 #: Batches between two looks at the counts: often among the first ones, then seldom.
 _EVERY_EARLY, _EARLY, _EVERY = 5, 20, 25
 

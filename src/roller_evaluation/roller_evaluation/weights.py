@@ -87,7 +87,8 @@ def _windows(scan: Scan, settings: DepthSettings) -> Iterator[KnownWindow]:
 def _truth(scan: Scan, at_ns: int) -> TrueDepth:
     """True depth of the object where the skin is pressed on it."""
     camera = scan.camera
-    depth = scan.truth.depth_image(at_ns).astype(np.float64)
+    seen, contact = scan.truth.seen_images(at_ns)
+    depth = seen.astype(np.float64)
     x, y = scan.truth.places(at_ns, depth)
-    mask = scan.truth.contact_mask(at_ns) & scan.truth.objects[scan.name].contains(x, y)
+    mask = contact & scan.truth.objects[scan.name].contains(x, y)
     return TrueDepth(Box(0, 0, camera.width, camera.height), depth, mask)

@@ -56,6 +56,11 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
             except RollerError as error:
                 on_fault(error)
         return
+
+    def give(data: Any) -> None:
+        stamp_ns, frame = messages.to_ns(message.header.stamp), message.header.frame_id
+        stage.take_output(Output(topic, stamp_ns, frame, data))
+
     try:
         if message is NEW_SOURCE:
             stage.new_source()
@@ -66,25 +71,19 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
         elif isinstance(message, CameraInfo):
             camera = messages.camera_from_info(message)
             if topic == outputs.DEPTH_INFO:
-                stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
-                stage.take_output(Output(topic, stamp, frame, camera))
+                give(camera)
             else:
                 stage.take_camera(camera)
         elif isinstance(message, Image):
-            stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
-            stage.take_output(Output(topic, stamp, frame, messages.image_to_array(message)))
+            give(messages.image_to_array(message))
         elif isinstance(message, PointCloud2):
-            stamp, frame = messages.to_ns(message.header.stamp), message.header.frame_id
-            stage.take_output(Output(topic, stamp, frame, outputs.cloud_of(message)))
+            give(outputs.cloud_of(message))
         elif isinstance(message, DiagnosticArray):
-            stamp = messages.to_ns(message.header.stamp)
             for status in message.status:
-                stage.take_output(Output(topic, stamp, "", ContactFault(status.message)))
+                give(ContactFault(status.message))
         elif isinstance(message, WrenchStamped):
-            force = message.wrench.force
-            stage.take_force(
-                messages.to_ns(message.header.stamp), math.hypot(force.x, force.y, force.z)
-            )
+            f = message.wrench.force
+            stage.take_force(messages.to_ns(message.header.stamp), math.hypot(f.x, f.y, f.z))
     except RollerError as error:
         on_fault(error)
 

@@ -76,7 +76,6 @@ OUTPUTS = (
 )
 ALL = INPUTS + FORCE + OUTPUTS
 BY_NAME = {topic.name: topic for topic in ALL}
-EVENTS_TOPIC = INPUTS[0].path
 EVENT_TYPE = INPUTS[0].type_name
 
 

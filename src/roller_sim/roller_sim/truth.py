@@ -146,29 +146,8 @@ class Truth:
         ox, oy, oz = self.origin_m
         return grid.sample(np.asarray(x) - ox, np.asarray(y) - oy) + oz
 
-    def depth_at(self, when: int, pixels: npt.ArrayLike) -> F64:
-        """Depth of the skin along pixels' rays.
-
-        Parameters
-        ----------
-        when : int
-            ROS time, ns.
-        pixels : array_like, shape (n, 2)
-            Observed u, v, px.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            Metres, z of the camera frame.
-        """
-        return self.seen_at(when, pixels)[0]
-
-    def depth_image(self, when: int) -> F32:
-        """Depth of every pixel, metres, float32, shape (height, width)."""
-        return self.seen_images(when)[0]
-
     def seen_images(self, when: int) -> tuple[F32, npt.NDArray[np.bool_]]:
-        """`depth_image` and `contact_mask`, in half the time."""
+        """`seen_at` of every pixel, shape (height, width); depths are float32."""
         depth, contact = self.seen_at(when, self._all_pixels)
         shape = self.camera.height, self.camera.width
         return depth.reshape(shape).astype(np.float32), contact.reshape(shape)
@@ -181,14 +160,6 @@ class Truth:
         x = x0 + (u - camera.cx) / camera.fx * depth
         return x, y0 - (v - camera.cy) / camera.fy * depth
 
-    def contact_at(self, when: int, pixels: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether the skin is pressed on the surface where the pixels look, shape (n,)."""
-        return self.seen_at(when, pixels)[1]
-
-    def contact_mask(self, when: int) -> npt.NDArray[np.bool_]:
-        """`contact_at` of every pixel, shape (height, width)."""
-        return self.seen_images(when)[1]
-
     @cached_property
     def _all_pixels(self) -> F64:
         u, v = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
@@ -200,7 +171,20 @@ class Truth:
         return SurfaceMaps.build(self.skin, bare, 0)
 
     def seen_at(self, when: int, pixels: npt.ArrayLike) -> tuple[F64, npt.NDArray[np.bool_]]:
-        """`depth_at` and `contact_at`, in half the time."""
+        """Depth of the skin along pixels' rays, and whether it is pressed on the surface there.
+
+        Parameters
+        ----------
+        when : int
+            ROS time, ns.
+        pixels : array_like, shape (n, 2)
+            Observed u, v, px.
+
+        Returns
+        -------
+        ndarray of float64 and of bool, shape (n,)
+            Metres, z of the camera frame.
+        """
         position = (self.camera_positions(when)[0] - self.origin_m) * 1e3
         rays = self.camera.rays(self.camera.undistort(np.asarray(pixels, np.float64)))
         xn, yn = rays[:, 0].astype(np.float32), rays[:, 1].astype(np.float32)
