@@ -27,36 +27,26 @@ _MOST_TIMES = 100_000
 
 @dataclass(slots=True)
 class BrailleCounts:
-    """What the reader did so far.
+    """What the reader did so far."""
 
-    Attributes
-    ----------
-    batches, events : int
-        Batches warped and the events in them.
-    refused_batches : int
-        Batches left out because poses were missing.
-    passes, dots : int
-        Passes over the surface, spots that may be dots.
-    cells, unreadable_cells, repeated_cells : int
-        Cells given, those of them not readable, and cells seen again by a later pass.
-    still_events, events_without_pose, dropped_events : int
-        Events while the sensor didn't roll, events that no pose was there for, and events dropped
-        because too many waited.
-    hot_pixels : int
-        Pixels that are left out because they fire on their own.
-    """
-
+    #: Batches warped, and those left out because poses were missing.
     batches: int = 0
     refused_batches: int = 0
+    #: In the batches warped.
     events: int = 0
+    #: Passes over the surface, spots that may be dots.
     passes: int = 0
     dots: int = 0
+    #: Cells given, those of them not readable, and cells seen again by a later pass.
     cells: int = 0
     unreadable_cells: int = 0
     repeated_cells: int = 0
+    #: Events while the sensor didn't roll, events that no pose was there for, and events dropped
+    #: because too many waited.
     still_events: int = 0
     events_without_pose: int = 0
     dropped_events: int = 0
+    #: Pixels that are left out because they fire on their own.
     hot_pixels: int = 0
 
 

@@ -61,39 +61,27 @@ PUBLISHED: tuple[dict[str, Any], ...] = (
 
 @dataclass(frozen=True)
 class BrailleOptions:
-    """Size of the experiment.
+    """Size of the experiment."""
 
-    Attributes
-    ----------
-    text : str
-        Lines of a plate: what fits the view.
-    speeds : tuple of float
-        m/s.
-    conditions, methods : tuple of str
-        Of `CONDITIONS` and `METHODS`.
-    hard_speeds : tuple of float
-        Those of `speeds` at which conditions but the first are tried; all if none is of them.
-    fault_speed : float
-        m/s; wrong speeds and depths are tried at the one of `speeds` next to it.
-    speed_errors : tuple of float
-        Errors of the poses' speed, as a share.
-    depth_errors_mm : tuple of float
-        Errors of the depth, mm.
-    seed : int
-        Seed of all chance.
-    cell : dict
-        Other settings of the virtual cell by group.
-    """
-
+    #: Lines of a plate: what fits the view.
     text: str = 2 * string.ascii_lowercase + "\nthe quick brown fox jumps over the lazy dog"
+    #: m/s.
     speeds: tuple[float, ...] = (0.05, 0.1, 0.18, 0.3, 0.5)
+    #: Of `CONDITIONS`.
     conditions: tuple[str, ...] = tuple(CONDITIONS)
+    #: Those of `speeds` at which conditions but the first are tried; all if none is of them.
     hard_speeds: tuple[float, ...] = (0.05, 0.3, 0.5)
+    #: Of `METHODS`.
     methods: tuple[str, ...] = tuple(METHODS)
+    #: m/s; wrong speeds and depths are tried at the one of `speeds` next to it.
     fault_speed: float = 0.3
+    #: Errors of the poses' speed, as a share.
     speed_errors: tuple[float, ...] = (-0.1, 0.1)
+    #: Errors of the depth, mm.
     depth_errors_mm: tuple[float, ...] = (-1.0, 1.0)
+    #: Seed of all chance.
     seed: int = 1
+    #: Other settings of the virtual cell by group.
     cell: dict[str, Any] = field(default_factory=lambda: {"scene": {"step_mm": 0.03}})
 
     @classmethod

@@ -18,29 +18,7 @@ from .event_file import reader_of
 
 @dataclass
 class RecordingSummary:
-    """Counts of a recording.
-
-    Attributes
-    ----------
-    packets, events, on, off, triggers_rising, triggers_falling, outside, untimed : int
-        Of all event topics.
-    unknown_words : int
-        Words that mean nothing in their encoding.
-    encodings : set of str
-        Of the packets.
-    size : tuple of int
-        Image width and height, px.
-    first_ns, last_ns : int or None
-        Sensor time of the first and last event.
-    topics : Counter
-        Messages by topic, for bags.
-    gaps : SeqGaps
-        Event packets that are missing.
-    start_ns : int
-        Log time of a bag's first message, ns.
-    notes, faults : list of str
-        What is odd and costs no data; what was wrong.
-    """
+    """Counts of a recording, of all its event topics."""
 
     packets: int = 0
     events: int = 0
@@ -49,14 +27,22 @@ class RecordingSummary:
     triggers_falling: int = 0
     outside: int = 0
     untimed: int = 0
+    #: Words that mean nothing in their encoding.
     unknown_words: int = 0
+    #: Of the packets.
     encodings: set[str] = field(default_factory=set)
+    #: Image width and height, px.
     size: tuple[int, int] = (0, 0)
+    #: Sensor time of the first and last event.
     first_ns: int | None = None
     last_ns: int | None = None
+    #: Messages by topic, for bags.
     topics: Counter[str] = field(default_factory=Counter)
+    #: Event packets that are missing.
     gaps: SeqGaps = field(default_factory=SeqGaps)
+    #: Log time of a bag's first message, ns.
     start_ns: int = 0
+    #: What is odd and costs no data; what was wrong.
     notes: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     _first_unknown: str = ""
