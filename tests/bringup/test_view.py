@@ -22,6 +22,7 @@ from roller_bringup.view.result import ResultError, read_result
 from roller_bringup.view.scene import Scene
 from roller_bringup.view.server import AddressError, PageServer
 from roller_bringup.view.viewers import QUEUE, Viewer
+from roller_core.errors import RollerError
 from roller_emvs.ply import PlyWriter
 
 points = st.lists(
@@ -256,7 +257,7 @@ def test_bad_results_are_one_line_or_a_note(tmp_path):
     scene = read_result(folder)
     assert "inspection.json can't be read" in scene.notes[0]
     (folder / "height_map.npz").write_bytes(b"PK\x03\x04")
-    with pytest.raises(ResultError, match="can't be read"):
+    with pytest.raises(RollerError, match=r"height_map\.npz: no height map can be read"):
         read_result(folder)
     assert cli.main(["view", str(tmp_path / "none")]) == 1
 

@@ -6,13 +6,13 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from roller_core.errors import RollerError
 from roller_core.transforms import inverse_pose
 from roller_emvs.ply import ply_rows
+from roller_inspect.height_map import HeightMap
 
 from .grid import F32, OUTSIDE, Grid
 from .scene import Scene
@@ -22,8 +22,6 @@ _MOST_TILES = 1500
 #: Points that are read at once.
 _POINTS_AT_ONCE = 200_000
 _DEVIATION = "/roller/inspection/deviation"
-#: Layers of `height_map.npz` and what the page calls them.
-_LAYERS = {"height_m": "height", "sigma_m": "sigma"}
 #: Files of a folder that are offered, by ending.
 _OFFERED = frozenset(
     ".html .pdf .csv .json .png .ply .npz .x3p .sdf .txt .brf .mcap .yaml .qif .stl .svg".split()
@@ -44,7 +42,7 @@ def read_result(folder: Path, title: str = "") -> Scene:
 
     Raises
     ------
-    ResultError
+    ResultError, HeightMapError
         If there is neither a height map nor a surface, or it can't be read.
     """
     scene = Scene(title or folder.resolve().name, folder, _MOST_TILES)
@@ -59,7 +57,7 @@ def read_result(folder: Path, title: str = "") -> Scene:
                 f"{folder}: no result there (neither surface.ply nor height_map.npz); "
                 "`roller replay INPUT --output DIR` makes one"
             )
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
+    except (OSError, ValueError, KeyError) as error:
         raise ResultError(f"{folder}: the result can't be read ({error})") from error
     _read_report(_json(folder / "report.json", scene), scene)
     _read_inspection(_json(folder / "inspection.json", scene), scene)
@@ -80,18 +78,12 @@ def offered_files(folder: Path) -> Iterator[tuple[str, int]]:
 
 
 def _read_height_map(path: Path, scene: Scene) -> None:
-    with np.load(path, allow_pickle=False) as data:
-        x, y = data["x_m"].astype(np.float64), data["y_m"].astype(np.float64)
-        state = data["state"].astype(np.uint8)
-        layers = {_LAYERS[n]: data[n].astype(np.float32) for n in _LAYERS if n in data}
-        scene.base_from_map = data["base_from_map"].astype(np.float64)
-    shape = (len(y), len(x))
-    wrong = [name for name, values in layers.items() if values.shape != shape]
-    if wrong or state.shape != shape or not np.isfinite(scene.base_from_map).all():
-        raise ResultError(f"{path}: its arrays don't fit one another")
-    if min(shape) < 2:
-        raise ResultError(f"{path}: has fewer than 2 × 2 cells")
-    cell_m = float(np.median(np.diff(x)))
+    found = HeightMap.load(path)
+    x, y, shape = found.x_m, found.y_m, found.shape
+    if min(shape) < 2 or not np.isfinite(found.base_from_map).all():
+        raise ResultError(f"{path}: has fewer than 2 × 2 cells, or no place")
+    state, layers = found.state, {"height": found.height_m, "sigma": found.sigma_m}
+    cell_m = found.step_m
     times = 1
     while -(-shape[0] // 64) * -(-shape[1] // 64) > _MOST_TILES * times * times:
         times *= 2
@@ -102,7 +94,7 @@ def _read_height_map(path: Path, scene: Scene) -> None:
     x0, y0 = (round((v[0] - cell_m / 2) / grid.cell_m) for v in (x, y))
     off = np.eye(4)
     off[:2, 3] = x[0] - cell_m / 2 - x0 * grid.cell_m, y[0] - cell_m / 2 - y0 * grid.cell_m
-    scene.base_from_map = scene.base_from_map @ off
+    scene.base_from_map = found.base_from_map @ off
     grid.put(x0, y0, layers, state)
 
 
