@@ -16,7 +16,7 @@ from calibration.scans import (
 from roller_calibration.contact import ContactWindow, contact_view, contact_windows, pass_points
 from roller_calibration.error_table import CoverageError, ErrorTable
 from roller_calibration.grid_search import focus_errors
-from roller_calibration.grids import FocusGrid, PaperGrid, check_weights, simplex
+from roller_calibration.grids import check_weights, focus_grid, paper_grid, simplex
 from roller_calibration.paper_search import medians, window_errors
 from roller_calibration.sphere import Sphere, SphereError, find_sphere
 from roller_core.errors import SettingsError
@@ -154,11 +154,8 @@ def test_errors_are_those_of_the_pipeline(changes: dict, windows: list[ContactWi
     pipeline = DepthPipeline(s, rolled.camera, rolled.track)
     pipeline.add_events(rolled.events)
     maps = {m.stamp_ns: m for m in pipeline.results(flush=True) if isinstance(m, DepthMap)}
-    grid = PaperGrid(
-        (s.paper.threshold_c, 5.0),
-        (s.paper.median_px, 11),
-        np.array([[0, 0.5, 0.5], s.paper.weights]),
-    )
+    weights = np.array([[0, 0.5, 0.5], s.paper.weights])
+    grid = paper_grid(weights, (s.paper.threshold_c, 5.0), (s.paper.median_px, 11))
     choice = int(np.ravel_multi_index((0, 0, 1), grid.shape))
     for window in windows:
         view = window.view
@@ -199,12 +196,12 @@ def test_simplex_is_whole(views: int, parts: int, count: int) -> None:
 
 
 def test_grid_holds_the_papers_choice() -> None:
-    grid = PaperGrid.of_paper()
+    grid = paper_grid(simplex(3, 18))
     assert grid.shape == (16, 41, 190)
     values = [grid.values(k) for k in range(grid.size - 1, -1, -9973)]
     assert all(5 <= v["paper.threshold_c"] <= 20 and v["paper.median_px"] % 2 == 1 for v in values)
     weights = np.array([4, 3, 2]) / 9
-    assert np.isclose(grid.weights, weights).all(axis=1).any()
+    assert np.isclose(grid.ranges["paper.weights"], weights).all(axis=1).any()
     assert grid.at_border(0) == ["paper.threshold_c", "paper.median_px"]
 
 
@@ -236,7 +233,7 @@ def test_held_out_windows_have_no_say() -> None:
 
 
 def test_search_finds_what_is_better(windows: list[ContactWindow]) -> None:
-    grid = PaperGrid((5.0, 12.0, 20.0), (11, 31, 91), simplex(3, 4))
+    grid = paper_grid(simplex(3, 4), (5.0, 12.0, 20.0), (11, 31, 91))
     table = ErrorTable.empty([w.view.pixels for w in windows], grid.size)
     for k, window in enumerate(windows):
         table.errors_m[k], table.points[k] = window_errors(window, ROLLING, SETTINGS, grid)
@@ -255,5 +252,6 @@ def test_focus_is_judged_about_its_median_unless_the_top_is_known(sphere: Sphere
     np.testing.assert_array_equal(points, same)
     assert free.sum() / points.sum() < 6e-5
     assert known.sum() / points.sum() == pytest.approx(2e-4, rel=0.35)
-    grid = FocusGrid()
-    assert {grid.values(k)["focus.sigma_px"] for k in range(grid.size)} == set(grid.sigmas_px)
+    grid = focus_grid()
+    sigmas = {grid.values(k)["focus.sigma_px"] for k in range(grid.size)}
+    assert sigmas == set(grid.ranges["focus.sigma_px"])

@@ -80,8 +80,8 @@ def test_sphere_gives_the_nodes_parameters_and_an_account(
 def test_focus_has_parameters_of_its_own(
     world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    grid = grids.FocusGrid((4.0, 5.0), (0.4, 0.5))
-    monkeypatch.setattr(search, "FocusGrid", lambda: grid)
+    grid = grids.focus_grid((4.0, 5.0), (0.4, 0.5))
+    monkeypatch.setattr(search, "focus_grid", lambda: grid)
     file = tmp_path / "focus.yaml"
     assert calibrate(world, "pass", "--method", "focus", "-o", str(file)) == 0
     found = read_parameters(file, "emvs")

@@ -9,10 +9,7 @@ judged by its errors about their median.
 from __future__ import annotations
 
 import argparse
-import copy
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +22,7 @@ from roller_emvs.stopwatch import Stopwatch
 
 from .contact import ContactWindow
 from .error_table import I64, ErrorSummary, ErrorTable
-from .grids import FocusGrid, PaperGrid
+from .grids import Grid, focus_grid, paper_grid, simplex
 from .paper_search import window_errors
 
 #: Parameters that a calibration of each method finds.
@@ -82,81 +79,86 @@ def focus_errors(
     return errors, np.array([len(miss) for miss in found], np.int64)
 
 
-class GridSearch(ABC):
+class GridSearch:
     """Errors of all choices of a grid over windows.
 
     Parameters
     ----------
     grid : Grid
-        Choices.
+        Choices, of the settings' method.
     settings : DepthSettings
         Everything that the grid doesn't hold.
     windows : sequence of ContactWindow
         Events, poses and the truth.
     camera : Camera
         Intrinsics.
+    absolute : bool
+        See `focus_errors`.
 
     Attributes
     ----------
     table : ErrorTable
         Filled by `run`.
+    notes : tuple of str
+        What is to be said of the result.
     """
 
-    #: What is to be said of the result.
-    notes: tuple[str, ...] = ()
-
     def __init__(
-        self, grid: Any, settings: DepthSettings, windows: Sequence[ContactWindow], camera: Camera
+        self,
+        grid: Grid,
+        settings: DepthSettings,
+        windows: Sequence[ContactWindow],
+        camera: Camera,
+        absolute: bool = True,
     ) -> None:
         self.grid = grid
         self._settings, self._windows, self._camera = settings, windows, camera
-        self.table = ErrorTable.empty([w.view.pixels for w in windows], grid.size)
+        self._absolute = absolute
+        self.notes: tuple[str, ...] = ()
+        if not absolute:
+            self.notes = (
+                "errors count about their median, as the sphere's depth is focus's own; "
+                "--top-height-mm makes them absolute",
+            )
 
     def before(self) -> ErrorSummary:
         """Error and coverage of the settings as they are."""
-        own = copy.copy(self)
-        own.grid = self.grid.of_settings(self._settings)
-        own.table = ErrorTable.empty(self.table.pixels.tolist(), 1)
-        own.run()
-        return own.table.summary()
+        return self._filled(self.grid.of_settings(self._settings)).summary()
 
     def run(self) -> None:
         """Try all choices."""
+        self.table = self._filled(self.grid)
+
+    def _filled(self, grid: Grid) -> ErrorTable:
+        table = ErrorTable.empty([w.view.pixels for w in self._windows], grid.size)
         with progress_bar("search") as progress:
-            self._fill(progress)
+            if self._settings.method == "focus":
+                self._try_choices(grid, table, progress)
+            else:
+                self._try_windows(grid, table, progress)
+        return table
 
-    @abstractmethod
-    def _fill(self, progress: Callable[[float], None]) -> None:
-        """Fill the table; reports the share done."""
+    def _try_choices(
+        self, grid: Grid, table: ErrorTable, progress: Callable[[float], None]
+    ) -> None:
+        for k in range(grid.size):
+            settings = self._settings.changed(grid.values(k))
+            table.errors_m[:, k], table.points[:, k] = focus_errors(
+                self._windows, self._camera, settings, self._absolute
+            )
+            progress((k + 1) / grid.size)
 
-
-class PaperSearch(GridSearch):
-    """All choices of the paper's parameters, a window at a time."""
-
-    def _fill(self, progress: Callable[[float], None]) -> None:
+    def _try_windows(
+        self, grid: Grid, table: ErrorTable, progress: Callable[[float], None]
+    ) -> None:
         for k, window in enumerate(self._windows):
 
             def report(share: float, done: int = k) -> None:
                 progress((done + share) / len(self._windows))
 
-            self.table.errors_m[k], self.table.points[k] = window_errors(
-                window, self._camera, self._settings, self.grid, report
+            table.errors_m[k], table.points[k] = window_errors(
+                window, self._camera, self._settings, grid, report
             )
-
-
-class FocusSearch(GridSearch):
-    """All choices of the parameters of `focus`, a choice at a time."""
-
-    #: Whether the truth's depth is known of its own.
-    absolute = True
-
-    def _fill(self, progress: Callable[[float], None]) -> None:
-        for k in range(self.grid.size):
-            settings = self._settings.changed(self.grid.values(k))
-            self.table.errors_m[:, k], self.table.points[:, k] = focus_errors(
-                self._windows, self._camera, settings, self.absolute
-            )
-            progress((k + 1) / self.grid.size)
 
 
 def make_search(
@@ -167,13 +169,7 @@ def make_search(
 ) -> GridSearch:
     """The search of the command's method."""
     if args.method == "focus":
-        search = FocusSearch(FocusGrid(), settings, windows, camera)
-        if args.top_height_mm is None:
-            search.absolute = False
-            search.notes = (
-                "errors count about their median, as the sphere's depth is focus's own; "
-                "--top-height-mm makes them absolute",
-            )
-        return search
-    grid = PaperGrid.of_paper(len(settings.paper.weights), args.weight_parts)
-    return PaperSearch(grid, settings, windows, camera)
+        absolute = args.top_height_mm is not None
+        return GridSearch(focus_grid(), settings, windows, camera, absolute)
+    weights = simplex(len(settings.paper.weights), args.weight_parts)
+    return GridSearch(paper_grid(weights), settings, windows, camera)

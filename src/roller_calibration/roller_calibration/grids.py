@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import combinations
 from typing import Any
 
@@ -18,13 +18,12 @@ from roller_emvs.depth_settings import DepthSettings
 SIMPLEX_TOLERANCE = 1e-3
 
 
-class Grid(ABC):
+@dataclass(frozen=True)
+class Grid:
     """Choices that are tried, each value with each."""
 
-    @property
-    @abstractmethod
-    def ranges(self) -> Mapping[str, Sequence[Any]]:
-        """Values that are tried, by their parameter's name in `DepthSettings`."""
+    #: Values that are tried, by their parameter's name in `DepthSettings`.
+    ranges: Mapping[str, Any]
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -36,10 +35,15 @@ class Grid(ABC):
         """Number of choices."""
         return int(np.prod(self.shape))
 
+    def of_settings(self, settings: DepthSettings) -> Grid:
+        """The one choice that settings make."""
+        return Grid({name: [reduce(getattr, name.split("."), settings)] for name in self.ranges})
+
     def values(self, choice: int) -> dict[str, Any]:
         """Parameters of a choice."""
         at = np.unravel_index(choice, self.shape)
-        return {n: r[int(k)] for (n, r), k in zip(self.ranges.items(), at, strict=True)}
+        chosen = zip(self.ranges.items(), at, strict=True)
+        return {name: np.round(values[int(k)], 6).tolist() for (name, values), k in chosen}
 
     def at_border(self, choice: int) -> list[str]:
         """Parameters of a choice that lie at an end of their range, by name."""
@@ -51,62 +55,33 @@ class Grid(ABC):
         ]
 
 
-@dataclass(frozen=True)
-class FocusGrid(Grid):
-    """Choices for `focus`: the parameters that a sphere determines."""
-
-    #: Neighbourhood, px.
-    sigmas_px: tuple[float, ...] = (3.0, 4.0, 5.0, 6.0, 8.0)
-    #: Least confidence.
-    confidences: tuple[float, ...] = (0.2, 0.3, 0.4, 0.5, 0.6)
-
-    @classmethod
-    def of_settings(cls, s: DepthSettings) -> FocusGrid:
-        """The one choice that settings make."""
-        f = s.focus
-        return cls((f.sigma_px,), (f.min_confidence,))
-
-    @property
-    def ranges(self) -> Mapping[str, Sequence[Any]]:
-        """Values by name."""
-        return {
-            "focus.sigma_px": self.sigmas_px,
-            "focus.min_confidence": self.confidences,
-        }
+def focus_grid(
+    sigmas_px: Sequence[float] = (3.0, 4.0, 5.0, 6.0, 8.0),
+    confidences: Sequence[float] = (0.2, 0.3, 0.4, 0.5, 0.6),
+) -> Grid:
+    """Choices for `focus`: neighbourhoods, px, and least confidences, which a sphere determines."""
+    return Grid({"focus.sigma_px": sigmas_px, "focus.min_confidence": confidences})
 
 
-@dataclass(frozen=True)
-class PaperGrid(Grid):
-    """Choices for the paper's method."""
+def paper_grid(
+    weights: F64,
+    thresholds: Sequence[float] = tuple(map(float, range(5, 21))),
+    medians_px: Sequence[int] = tuple(range(11, 92, 2)),
+) -> Grid:
+    """Choices for the paper's method.
 
-    #: C, whole numbers, in 1/255.
-    thresholds: tuple[float, ...]
-    #: G_f, odd, px.
-    medians_px: tuple[int, ...]
-    #: On the simplex. Shape (n, views).
-    weights: F64
-
-    @classmethod
-    def of_paper(cls, views: int = 3, parts: int = 18) -> PaperGrid:
-        """C 5–20, G_f 11–91 odd, weights in so many parts (18 hold the paper's 8, 6 and 4)."""
-        return cls(
-            tuple(float(c) for c in range(5, 21)), tuple(range(11, 92, 2)), simplex(views, parts)
-        )
-
-    @classmethod
-    def of_settings(cls, s: DepthSettings) -> PaperGrid:
-        """The one choice that settings make."""
-        p = s.paper
-        return cls((p.threshold_c,), (p.median_px,), np.array([p.weights]))
-
-    @property
-    def ranges(self) -> Mapping[str, Sequence[Any]]:
-        """Values by name."""
-        return {
-            "paper.threshold_c": self.thresholds,
-            "paper.median_px": self.medians_px,
-            "paper.weights": np.round(self.weights, 6).tolist(),
-        }
+    Parameters
+    ----------
+    weights : ndarray of float64, shape (n, views)
+        On the simplex.
+    thresholds : sequence of float
+        C, in 1/255.
+    medians_px : sequence of int
+        G_f, odd, px.
+    """
+    return Grid(
+        {"paper.threshold_c": thresholds, "paper.median_px": medians_px, "paper.weights": weights}
+    )
 
 
 def simplex(count: int, parts: int) -> F64:

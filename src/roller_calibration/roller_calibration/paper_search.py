@@ -7,7 +7,7 @@ out is what `DepthPipeline` would give with those parameters, where the truth is
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ from roller_emvs.threads import share
 from . import _search_kernels as kernels
 from .contact import Box, KnownWindow
 from .error_table import I64
-from .grids import PaperGrid
+from .grids import Grid
 
 #: Planes up to which medians come from sums over the image, which take a number a plane.
 _MOST_LEVELS = 64
@@ -33,7 +33,7 @@ def window_errors(
     window: KnownWindow,
     camera: Camera,
     settings: DepthSettings,
-    grid: PaperGrid,
+    grid: Grid,
     report: Callable[[float], None] = lambda _share: None,
 ) -> tuple[F64, I64]:
     """Errors of all choices of the grid over what is known of one window.
@@ -46,8 +46,8 @@ def window_errors(
         Intrinsics.
     settings : DepthSettings
         Method `bma`; everything that the grid doesn't hold.
-    grid : PaperGrid
-        Choices.
+    grid : Grid
+        Choices, of `paper_grid`.
     report : callable
         Gets the share done.
 
@@ -59,28 +59,29 @@ def window_errors(
         Measured pixels.
     """
     prepared, s = window.prepared, settings
+    thresholds, medians_px, weights = grid.ranges.values()
     voted = view_votes(prepared.packets, camera, prepared.poses, prepared.target, s)
     parts = [
-        _ViewPart.cut(voted, k, camera, window, s, max(grid.medians_px) // 2)
+        _ViewPart.cut(voted, k, camera, window, s, max(medians_px) // 2)
         for k in range(len(voted.poses))
     ]
     truth = window.view.depth_m[window.view.mask]
-    normalised, counts = _by_pattern(grid.weights)
+    normalised, counts = _by_pattern(np.asarray(weights))
     errors = np.zeros(grid.shape)
     points = np.zeros(grid.shape, np.int64)
     done: list[int] = []
 
     def run(c: int) -> None:
-        found = [part.depths(grid.thresholds[c], grid.medians_px) for part in parts]
+        found = [part.depths(thresholds[c], medians_px) for part in parts]
         depth = np.empty((len(parts), len(truth)), np.float32)
-        for g in range(len(grid.medians_px)):
+        for g in range(len(medians_px)):
             for part, (rows, columns, z), row in zip(parts, found, depth, strict=True):
                 part.warp(rows, columns, z[:, g], row)
             kernels._tally(depth, truth, normalised, counts, errors[c, g], points[c, g])
         done.append(c)
-        report(len(done) / len(grid.thresholds))
+        report(len(done) / len(thresholds))
 
-    share(s.threads, len(grid.thresholds), run)
+    share(s.threads, len(thresholds), run)
     return errors.reshape(-1), points.reshape(-1)
 
 
@@ -177,7 +178,7 @@ class _ViewPart:
         )
 
     def depths(
-        self, threshold: float, sizes_px: tuple[int, ...]
+        self, threshold: float, sizes_px: Sequence[int]
     ) -> tuple[I64, I64, npt.NDArray[np.float32]]:
         """Rows and columns of the pixels that stand out, and their depths for every median."""
         mask = self.margins > threshold
@@ -205,7 +206,7 @@ def medians(
     mask: npt.NDArray[np.bool_],
     rows: I64,
     columns: I64,
-    sizes_px: tuple[int, ...],
+    sizes_px: Sequence[int],
     levels: int,
 ) -> npt.NDArray[np.float32]:
     """Masked medians of some pixels over neighbourhoods of several sizes.
@@ -216,7 +217,7 @@ def medians(
         As for `masked_median`, whose values these are.
     rows, columns : ndarray of int64, shape (n,)
         Pixels of the mask.
-    sizes_px : tuple of int
+    sizes_px : sequence of int
         Neighbourhoods, odd.
 
     Returns

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from roller_calibration.contact import Box, KnownWindow, TrueDepth, prepared_windows
-from roller_calibration.grids import PaperGrid, simplex
+from roller_calibration.grids import paper_grid, simplex
 from roller_calibration.paper_search import window_errors
 from roller_core.transforms import F64
 from roller_emvs.depth_settings import DepthSettings
@@ -34,7 +34,7 @@ def measure_weights(case: Case, scan: Scan) -> list[Row]:
     """
     settings, choices = case.depth, weight_choices()
     assert isinstance(settings, DepthSettings)
-    grid = PaperGrid((settings.paper.threshold_c,), (settings.paper.median_px,), choices)
+    grid = paper_grid(choices, (settings.paper.threshold_c,), (settings.paper.median_px,))
     errors, points, pixels = np.zeros(grid.size), np.zeros(grid.size, np.int64), 0
     for window in _windows(scan, settings):
         found, count = window_errors(window, scan.camera, settings, grid)
