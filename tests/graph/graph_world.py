@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -153,11 +153,14 @@ class Processes:
             words += ["--params-file", str(file)]
         log = self._folder / f"{name}.log"
         if self._fresh:
-            words = [sys.executable, "-c", f"from {module} import main; main()", *words]
-            with log.open("a") as file:
-                self.running[name] = subprocess.Popen(words, stdout=file, stderr=file)
+            self.run(name, [sys.executable, "-c", f"from {module} import main; main()", *words])
         else:
             self.running[name] = ForkedProcess(module, words, log)
+
+    def run(self, name: str, words: Sequence[str]) -> None:
+        """Start any command, as if it were a node."""
+        with (self._folder / f"{name}.log").open("a") as file:
+            self.running[name] = subprocess.Popen(words, stdout=file, stderr=file)
 
     def log(self, name: str) -> str:
         """What a node printed."""

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import signal
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -33,7 +34,10 @@ NODES = {
     "stitcher": ("stitcher: surface", "points"),
     "braille": ("braille: text", "batches"),
     "recorder": ("recorder: recording", "events"),
+    "inspect": ("inspect: findings", "points"),
 }
+#: The operator's page runs beside them. It says nothing; its memory is looked at.
+PAGE = "view"
 STATUS = {node: status for node, (status, _) in NODES.items()}
 _STREAM = {"lost_packets": 1.0, "left_out_packets": 1.0, "foreign_packets": 1.0}
 _SENT = (EVENTS, "event_camera", "packets_sent")
@@ -169,6 +173,7 @@ class Graph:
         self._sampled_s, self._looked = 0.0, -1.0
         for name in NODES:
             self.start(name)
+        self.start(PAGE)
 
     @property
     def rolled_m(self) -> float:
@@ -182,7 +187,12 @@ class Graph:
             shutil.rmtree(self.folder / f"bag_{self._bags}", ignore_errors=True)
             self._bags += 1
             values |= {"output": str(self.folder / f"bag_{self._bags}"), "raw": True}
-        self.processes.start(name, json.dumps(values) if values else "")
+        if name == PAGE:
+            self.processes.run(
+                PAGE, [sys.executable, "-m", "roller_bringup.cli", "view", "--port", "0"]
+            )
+        else:
+            self.processes.start(name, json.dumps(values) if values else "")
         instance = Instance(name, self.processes.running[name].pid, time.monotonic())
         self.alive[name] = instance
         self.instances.append(instance)
@@ -236,7 +246,7 @@ class Graph:
 
     def gone(self) -> list[str]:
         """Nodes whose processes have ended."""
-        return [n for n in NODES if self.processes.running[n].poll() is not None]
+        return [n for n in (*NODES, PAGE) if self.processes.running[n].poll() is not None]
 
     def idle(self, before: Mapping[str, float | None], since_s: float = 0.0) -> list[str]:
         """Nodes that have done no more than before, or have said nothing since a time."""

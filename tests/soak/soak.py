@@ -25,7 +25,7 @@ from own import ros_domain
 from roller_core.output_folder import OutputFolder
 
 from .faults import OWN_SHM, Fault, Faults
-from .graph import NODES, Graph
+from .graph import NODES, PAGE, Graph
 from .table import table
 
 SPEED_M_S = 0.1
@@ -112,7 +112,7 @@ def main() -> int:
         page, data = table(graph, rows, time.monotonic() - begin, args.seed)
         (output.partial / "soak.md").write_text(page)
         (output.partial / "soak.json").write_text(json.dumps(data, indent=1) + "\n")
-        for name in NODES:
+        for name in (*NODES, PAGE):
             shutil.copy(folder / f"{name}.log", output.partial)
         print(page)
         totals = data["totals"]

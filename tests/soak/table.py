@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .graph import FLOWS, NODES, Graph, Instance
+from .graph import FLOWS, NODES, PAGE, Graph, Instance
 
 #: Memory is looked at from so long after a process's start, over at least so long, s.
 WARM_S, LEAST_S = 120.0, 120.0
@@ -42,7 +42,7 @@ def table(
         "latency, 95 % s": round(late[int(0.95 * (len(late) - 1))], 2) if late else None,
     }
     nodes = {}
-    for name in NODES:
+    for name in (*NODES, PAGE):
         own = [i for i in graph.instances if i.name == name]
         grown = [(i.samples[-1][0] - i.begin_s, g) for i in own if (g := growth(i)) is not None]
         slopes = max(grown)[1] if grown else (None, None)
