@@ -212,7 +212,8 @@ def test_files_that_include_each_other_end(world):
     body = f"<arg name='a' default='1'/><include file='{path}'/>"
     with pytest.raises(LaunchError, match="launch files include each other without end"):
         load(world, body)
-    assert [argument.name for argument in launching.list_arguments(path)] == ["a"]
+    with pytest.raises(LaunchError, match="launch files include each other without end"):
+        launching.list_arguments(path)
 
 
 def test_refuses_other_files(tmp_path):

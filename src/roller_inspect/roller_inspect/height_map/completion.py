@@ -20,9 +20,9 @@ from .height_map import F32
 #: Cell that the weights are for, m; tuned on the virtual cell, and checked on another simulator.
 _CELL_M = 1.27e-4
 #: B, and τ of the slopes with the slope that counts as one.
-_BEND_M, _SLOPE_WEIGHT, _SLOPE = 20e-6, 0.02, 0.1
+_BEND_M, _SLOPE_WEIGHT, _SLOPE = 50e-6, 0.03, 0.1
 #: ρ of measured cells: they may bend.
-_FREE = 0.01
+_FREE = 0.2
 #: Anchors' σ is at most this, m: that of lone edges covers more than their scatter, and with softer
 #: anchors steep walls tilt the flats beside them.
 _MOST_SIGMA_M = 30e-6
