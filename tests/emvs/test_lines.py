@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from roller_emvs.evidence.field import ground
 from roller_emvs.lines import _kernels as kernels
+from roller_emvs.lines import _place_kernels as places
 from roller_emvs.lines.edge_drift import (
     SLOPE_BINS,
     EdgeDriftSettings,
@@ -223,3 +224,79 @@ def test_events_say_whether_light_travels() -> None:
         light.add(k * spread, spread, np.full(n, count))
         shares.append(light.share)
     assert shares == [0.0, 1.0]
+
+
+def points_and_lines(seed: int) -> tuple[np.random.Generator, dict[str, np.ndarray]]:
+    """Some points at pixels, and lines."""
+    rng = np.random.default_rng(seed)
+    pixel = np.sort(rng.choice(SHAPE[0] * SHAPE[1], 900, replace=False))
+    row, column = np.divmod(pixel, SHAPE[1])
+    return rng, {
+        "row": row,
+        "column": column,
+        "offset": rng.normal(0, 1, len(row)),
+        "sigma": rng.uniform(0.1, 2, len(row)).astype(np.float32),
+        "sure": rng.random(len(row)).astype(np.float32),
+        "line_row": np.sort(rng.integers(0, SHAPE[0], 200)),
+        "line_column": rng.uniform(-1, SHAPE[1], 200),
+        "line_sigma": rng.uniform(0.1, 2, 200),
+        "tilt": rng.normal(0, 0.5, 200),
+    }
+
+
+def test_points_move_as_the_lines_around_say() -> None:
+    rng, p = points_and_lines(11)
+    row, column = p["line_row"], np.clip(np.rint(p["line_column"]).astype(int), 0, SHAPE[1] - 1)
+    weight, move = p["line_sigma"] ** -2, rng.normal(0, 0.5, len(row))
+    sums, expected = np.zeros((2, 3, *SHAPE), np.float32)
+    places._add_lines(row, column, weight, move, sums)
+    for own, value in zip(expected, (weight, weight * move, weight * move**2), strict=True):
+        np.add.at(own, (row, column), value)
+    np.testing.assert_allclose(sums, expected, rtol=1e-5)
+    n, peak, floor = len(p["row"]), 20.0, 0.04
+    moved, unsure = np.empty(n), np.empty(n, np.float32)
+    at = p["row"], p["column"]
+    places._move(*at, p["offset"], p["sigma"], sums, peak, floor, moved, unsure)
+    total, by, square = sums[0][at], sums[1][at], sums[2][at]
+    some = np.maximum(total, 1e-30)
+    by, apart = by / some, np.maximum(square / some - (by / some) ** 2, 0)
+    own = 1 / np.maximum(total * peak, 1e-30) + floor
+    gain = p["sigma"] ** 2 / (p["sigma"] ** 2 + own)
+    left = np.minimum(p["sigma"] ** 2, np.maximum((1 - gain) * p["sigma"] ** 2, own))
+    sigma = np.sqrt(left + np.sqrt(gain) * apart + ((1 - gain) * by) ** 2)
+    np.testing.assert_allclose(moved, p["offset"] + gain * by, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(unsure, sigma, rtol=1e-3, atol=1e-3)
+    assert 50 < (total > 0).sum() < n
+
+
+def test_lines_take_the_place_of_points_that_are_less_sure() -> None:
+    _, p = points_and_lines(12)
+    row, column, tilt, sigma = (p[k] for k in ("line_row", "line_column", "tilt", "line_sigma"))
+    number, taken = np.full(SHAPE, -1, np.int32), np.zeros(SHAPE, np.uint8)
+    number[p["row"], p["column"]] = np.arange(len(p["row"]))
+    room = 2 * len(row)
+    line, to_row, beside = np.empty((3, room), np.int64)
+    to_column, most = np.empty(room), np.empty(room + 1, np.float32)
+    count = places._replace(
+        row, column, tilt, sigma, 2, 1, number, p["sigma"], p["sure"], np.full(SHAPE, np.inf),
+        taken, line, to_row, to_column, beside, most,
+    )  # fmt: skip
+    held = [
+        (i, r, c, range(near - 1, near + 2))
+        for step in range(2)
+        for i, (r, c) in enumerate(zip(row + step, column + tilt * step, strict=True))
+        if r < SHAPE[0] and 1 <= (near := int(np.rint(c))) < SHAPE[1] - 1
+    ]
+    expected, gone = [], np.zeros(SHAPE, np.uint8)
+    for i, r, c, near in held:
+        points = [number[r, j] for j in near if number[r, j] >= 0]
+        rivals = [sigma[k] for k, y, _, other in held if y == r and set(other) & set(near)]
+        if points and sigma[i] <= min(rivals) and sigma[i] < min(p["sigma"][points]):
+            best = points[int(np.argmin(p["sigma"][points]))]
+            expected.append((i, r, c, best, p["sure"][points].max()))
+            gone[r, list(near)] = 1
+    assert 20 < count == len(expected)
+    for own, values in zip((line, to_row, to_column, beside, most), zip(*expected, strict=True),
+                           strict=True):  # fmt: skip
+        np.testing.assert_array_equal(own[:count], values)
+    np.testing.assert_array_equal(taken, gone)

@@ -13,6 +13,7 @@ from roller_emvs.evidence import CELL_PX, EvidenceField, Relief
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
+from . import _place_kernels as kernels
 from .edge_drift import EdgeDriftSettings, TravellingLight, edge_drift
 from .fit import I64, INDEPENDENT, NO_LINES, ROW_STEP, Lines, fit_lines
 
@@ -187,27 +188,16 @@ def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: flo
     column = column.clip(0, shape[1] - 1)
     before = np.stack([surface[row, column] for surface in found.surfaces])
     before = before[lines.polarity, np.arange(len(row))]
-    weight = 1.0 / sigma**2
-    np.add.at(sums[0], (row, column), weight)
-    np.add.at(sums[1], (row, column), weight * (offset - before))
-    np.add.at(sums[2], (row, column), weight * (offset - before) ** 2)
-    blurred = [cv2.GaussianBlur(s, (0, 0), _SHARED_PX) for s in sums]
-    total = blurred[0][found.row, found.column]
-    some = np.maximum(total, 1e-30)
-    move = blurred[1][found.row, found.column] / some
-    apart = np.maximum(blurred[2][found.row, found.column] / some - move**2, 0.0)
+    kernels._add_lines(row, column, 1.0 / sigma**2, offset - before, sums)
+    for each in sums:
+        cv2.GaussianBlur(each, (0, 0), _SHARED_PX, dst=each)
     # A line in the middle of the neighbourhood counts in full, with what height changes over it.
-    peak = ROW_STEP * np.sqrt(2 * np.pi) * _SHARED_PX
-    own = 1.0 / np.maximum(total * peak, 1e-30) + (_CHANGES_M * per_m) ** 2
-    gain = found.sigma**2 / (found.sigma**2 + own)
-    left = np.sqrt(np.maximum((1.0 - gain) * found.sigma**2, own))
-    return replace(
-        found,
-        offset=found.offset + gain * move,
-        sigma=np.sqrt(
-            np.minimum(found.sigma, left) ** 2 + np.sqrt(gain) * apart + ((1 - gain) * move) ** 2
-        ).astype(np.float32),
+    peak, floor = ROW_STEP * np.sqrt(2 * np.pi) * _SHARED_PX, (_CHANGES_M * per_m) ** 2
+    moved, unsure = np.empty(len(found.row)), np.empty(len(found.row), np.float32)
+    kernels._move(
+        found.row, found.column, found.offset, found.sigma, sums, peak, floor, moved, unsure
     )
+    return replace(found, offset=moved, sigma=unsure)
 
 
 def _merge(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64) -> Relief:
@@ -215,49 +205,28 @@ def _merge(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64)
 
     A line's height is the mean of both by what each is sure of.
     """
-    shape = found.surfaces[0].shape
-    least, points, heights = (np.full(shape, np.inf) for _ in range(3))
-    sure = np.zeros(shape, np.float32)
-    points[found.row, found.column] = found.sigma
-    heights[found.row, found.column] = found.offset
-    sure[found.row, found.column] = found.confidence
-    rows, columns, numbers = [], [], []
-    for step in range(ROW_STEP):
-        row = lines.row.astype(np.int64) + step
-        column = lines.column + tilt * step
-        near = np.rint(column).astype(np.int64)
-        inside = (row < shape[0]) & (near >= _SAME_PX) & (near < shape[1] - _SAME_PX)
-        rows.append(row[inside])
-        columns.append(column[inside])
-        numbers.append(np.flatnonzero(inside))
-    row, column, number = np.concatenate(rows), np.concatenate(columns), np.concatenate(numbers)
-    near = np.rint(column).astype(np.int64)
-    beside = [near + k for k in range(-_SAME_PX, _SAME_PX + 1)]
-    for at in beside:
-        np.minimum.at(least, (row, at), sigma[number])
-    values = np.array([points[row, at] for at in beside])
-    surest = np.argmin(values, axis=0)[None]
-    best = np.take_along_axis(values, surest, axis=0)[0]
-    other = np.take_along_axis(np.array([heights[row, at] for at in beside]), surest, axis=0)[0]
-    confidence = np.max([sure[row, at] for at in beside], axis=0)
-    # A line is one where there was a point; of two that share a place the surer one counts.
-    taken = np.isfinite(best) & (sigma[number] < best)
-    taken &= np.min([least[row, at] for at in beside], axis=0) >= sigma[number]
-    kept = np.zeros(shape, bool)
-    for at in beside:
-        kept[row[taken], at[taken]] = True
-    stays = ~kept[found.row, found.column]
-    own, best = sigma[number[taken]], best[taken]
+    shape, room = found.surfaces[0].shape, ROW_STEP * len(offset)
+    point, taken = np.full(shape, -1, np.int32), np.zeros(shape, np.uint8)
+    point[found.row, found.column] = np.arange(len(found.row), dtype=np.int32)
+    line, row, other = (np.empty(room, np.int64) for _ in range(3))
+    column, sure = np.empty(room), np.empty(room + 1, np.float32)
+    count = kernels._replace(
+        lines.row.astype(np.int64), lines.column, tilt, sigma, ROW_STEP, _SAME_PX, point,
+        found.sigma, found.confidence, np.full(shape, np.inf), taken, line, row, column, other,
+        sure,
+    )  # fmt: skip
+    line, row, column, other = line[:count], row[:count], column[:count], other[:count]
+    stays = taken[found.row, found.column] == 0
+    own, best = sigma[line], found.sigma[other].astype(np.float64)
     both = _ALIKE * own * best
     share = np.minimum((best**2 - both) / (own**2 + best**2 - 2 * both), 1.0)
     left = (share * own) ** 2 + ((1 - share) * best) ** 2 + 2 * share * (1 - share) * both
+    height = share * offset[line] + (1 - share) * found.offset[other]
     return Relief(
-        np.concatenate([found.row[stays], row[taken]]),
-        np.concatenate([found.column[stays], column[taken]]),
-        np.concatenate(
-            [found.offset[stays], share * offset[number[taken]] + (1 - share) * other[taken]]
-        ),
-        np.concatenate([found.confidence[stays], confidence[taken]]),
+        np.concatenate([found.row[stays], row]),
+        np.concatenate([found.column[stays], column]),
+        np.concatenate([found.offset[stays], height]),
+        np.concatenate([found.confidence[stays], sure[:count]]),
         np.concatenate([found.sigma[stays], np.sqrt(left)]).astype(np.float32),
         found.surfaces,
         found.changes,
