@@ -14,6 +14,7 @@ from roller_bringup.commands import up
 from roller_bringup.launching import LaunchError, Runner
 from roller_bringup.launching.plan import NodeProcess
 from roller_bringup.launching.process import RunningProcess, Screen
+from waiting import wait_until
 
 #: For scripts: wait until the node `forever` is ready to be ended.
 AFTER = 'until [ -e "$(dirname "$0")/ready" ]; do sleep 0.02; done; '
@@ -34,13 +35,6 @@ def run(world, body, grace_s=5.0, **arguments):
         launching.load(world.launch(body), arguments), Screen(text), grace_s=grace_s
     )
     return code, text.getvalue()
-
-
-def until(condition, seconds=60.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it never came"
-        time.sleep(0.01)
 
 
 def test_ends_well_when_all_do(world):
@@ -84,7 +78,7 @@ def test_harder_signals_follow_and_nothing_stays(world):
     plan = launching.load(world.launch(node("stubborn") + node("deaf") + slow))
     runner = Runner(plan, Screen(text), grace_s=0.3)
     runner.start()
-    until(lambda: text.getvalue().count("ready") == 3)
+    wait_until(lambda: text.getvalue().count("ready") == 3)
     assert runner.poll() is None
     assert runner.stop() == 1
     assert runner.exit_codes == {
@@ -94,7 +88,7 @@ def test_harder_signals_follow_and_nothing_stays(world):
     assert "stubborn still runs; sending SIGTERM" in text.getvalue()
     assert "deaf still runs; sending SIGKILL" in text.getvalue()
     child = int(text.getvalue().split("child ")[1].split()[0])
-    until(lambda: not alive(child))
+    wait_until(lambda: not alive(child))
 
 
 def alive(pid):
@@ -114,7 +108,7 @@ def test_ctrl_c_while_a_nodes_python_starts(tmp_path):
     process = RunningProcess(
         NodeProcess("emvs", (sys.executable, "-c", code), env, ours=True), Screen(text)
     )
-    until(lambda: process.poll() is not None)
+    wait_until(lambda: process.poll() is not None)
     assert process.poll() == -signal.SIGINT
     assert text.getvalue().splitlines()[1:] == []
 
@@ -124,7 +118,7 @@ def test_what_a_finished_node_left_running_is_ended(world):
     code, text = run(world, node("parent"))
     assert code == 0
     child = int(text.split("child ")[1].split()[0])
-    until(lambda: not alive(child))
+    wait_until(lambda: not alive(child))
 
 
 def test_starting_fails_whole(world):
@@ -218,7 +212,7 @@ def test_signals_while_stopping_leave_no_node_running(world):
         process.send_signal(signal.SIGTERM)
         time.sleep(0.3)
     process.communicate()
-    until(lambda: not alive(child))
+    wait_until(lambda: not alive(child))
 
 
 def test_a_launcher_that_is_killed_leaves_no_node_running(world):
@@ -226,7 +220,7 @@ def test_a_launcher_that_is_killed_leaves_no_node_running(world):
     process, child = start(world, node("forever"))
     process.kill()
     process.wait()
-    until(lambda: not alive(child))
+    wait_until(lambda: not alive(child))
     process.communicate()
 
 

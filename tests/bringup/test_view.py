@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bringup.view_results import BASE_FROM_MAP, DENT, serving, wait_until, write_result
+from bringup.view_results import BASE_FROM_MAP, DENT, serving, write_result
 from roller_bringup import cli
 from roller_bringup.view import health
 from roller_bringup.view.findings import listed
@@ -24,6 +24,7 @@ from roller_bringup.view.server import AddressError, PageServer
 from roller_bringup.view.viewers import QUEUE, Viewer
 from roller_core.errors import RollerError
 from roller_emvs.ply import PlyWriter
+from waiting import wait_until
 
 points = st.lists(
     st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-1e-3, 1e-3)), max_size=40
@@ -241,7 +242,7 @@ def test_a_browser_that_reads_nothing_holds_up_no_other():
     scene = Scene("x")
     with serving(scene) as server, socket.create_connection(("127.0.0.1", server.port)) as stuck:
         stuck.sendall(b"GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        wait_until(lambda: len(server.viewers) == 1, "the first browser came")
+        wait_until(lambda: len(server.viewers) == 1)
         for number, state in enumerate(frames(server)):
             scene.title = f"{number}" + "x" * 2_000_000  # fills what the system holds for a socket
             if state["dropped_frames"]:

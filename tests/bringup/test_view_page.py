@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bringup.view_results import serving, wait_until, write_result
+from bringup.view_results import serving, write_result
 from roller_bringup.view import health
 from roller_bringup.view.result import read_result
 from roller_bringup.view.scene import Scene
+from waiting import wait_until
 
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="pip install -r requirements-browser.txt"
@@ -64,12 +65,12 @@ def open_page(browser: Any) -> Iterator[Any]:
 
 def until(page: Any, holds: str) -> None:
     """Wait for something of a page; `wait_for_function` needs an eval, which the page forbids."""
-    wait_until(lambda: page.evaluate(holds), holds)
+    wait_until(lambda: page.evaluate(holds), lambda: holds)
 
 
 def says(page: Any, where: str, text: str) -> None:
     """Wait for words on a page: what it shows comes piece by piece."""
-    wait_until(lambda: text in page.inner_text(where), text)
+    wait_until(lambda: text in page.inner_text(where), lambda: text)
 
 
 def painted(page: Any) -> int:
@@ -89,7 +90,7 @@ def test_the_worst_finding_of_a_result_is_seen_first(tmp_path, open_page, scheme
         )
         until(page, f"({_COLOURS})('#map') > 8")
         first = page.locator("#findings li").first
-        wait_until(lambda: first.get_attribute("aria-selected") == "true", "it is selected")
+        wait_until(lambda: first.get_attribute("aria-selected") == "true")
         # What a file says is text, never a part of the page.
         says(page, "#facts", "<img")
         assert page.locator("#facts img").count() == 0
@@ -102,7 +103,7 @@ def test_the_worst_finding_of_a_result_is_seen_first(tmp_path, open_page, scheme
 def test_findings_are_filtered_and_profiles_drawn(tmp_path, open_page):
     with serving(read_result(write_result(tmp_path / "result"))) as server:
         page = open_page(server.url)
-        wait_until(lambda: page.locator("#findings li").count() == 3, "three findings")
+        wait_until(lambda: page.locator("#findings li").count() == 3)
         page.select_option("#by-verdict", "nonconform")
         assert page.locator("#findings li").count() == 2
         page.select_option("#by-kind", "raised")
@@ -152,7 +153,7 @@ def test_five_million_points_two_browsers_a_dead_node_and_a_new_server(open_page
         for page in pages:
             until(page, "document.querySelector('#word').textContent !== '…'")
             until(page, f"({_COLOURS})('#overview') > 60")
-        wait_until(lambda: len(server.viewers) == 2, "both browsers look on")
+        wait_until(lambda: len(server.viewers) == 2)
         before = [painted(page) for page in pages]
         for k in range(98, 100):
             roll(k * 0.1, 1_000)

@@ -2,11 +2,9 @@
 
 import json
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -82,10 +80,3 @@ def serving(scene: Scene, host: str = "127.0.0.1", port: int = 0) -> Iterator[Pa
     finally:
         server.stop()
         thread.join(20)
-
-
-def wait_until(done: Any, what: str, timeout_s: float = 60.0) -> None:
-    end = time.monotonic() + timeout_s
-    while not done():
-        assert time.monotonic() < end, f"{what} did not happen within {timeout_s} s"
-        time.sleep(0.02)

@@ -23,6 +23,7 @@ from roller_driver.dvxplorer.reader import (
     CameraReader,
     ReaderSettings,
 )
+from waiting import wait_until
 
 
 def scan(n=20_000, frames=300, seed=1, start_us=1_000_000):
@@ -66,10 +67,7 @@ class Running:
         return EventArray.concatenate([part.events for part in self.packets])
 
     def wait(self, condition, timeout_s=10.0):
-        end = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end, (self.reader.status, self.changes)
-            time.sleep(0.01)
+        wait_until(condition, lambda: (self.reader.status, self.changes), timeout_s)
 
     def wait_for(self, n):
         self.wait(lambda: sum(len(part.events) for part in self.packets) >= n)

@@ -3,7 +3,6 @@
 import socket
 import sys
 import threading
-import time
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +26,7 @@ from roller_driver.ur10.receiver import (
     open_receiver,
 )
 from roller_driver.ur10.rtde import ask_controller
+from waiting import wait_until
 
 pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
 
@@ -51,10 +51,7 @@ class Running:
         self.receiver.stop()
 
     def wait(self, condition, timeout_s=10.0):
-        end = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end, (self.receiver.status, self.changes)
-            time.sleep(0.01)
+        wait_until(condition, lambda: (self.receiver.status, self.changes), timeout_s)
 
     def wait_for(self, n):
         self.wait(lambda: len(self.samples) >= n)

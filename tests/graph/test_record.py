@@ -3,7 +3,6 @@
 import json
 import re
 import signal
-import time
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,6 +17,7 @@ from roller_bringup.cli import main
 from roller_core.codecs import RawPacket
 from roller_recording.raw_message import RawMessage
 from roller_recording.reading.bag_reader import BagReader
+from waiting import wait_until
 
 pytestmark = pytest.mark.graph
 
@@ -83,10 +83,7 @@ def test_what_is_recorded_is_what_was_sent(
         tmp_path, "--encoding", "libcaer_cmp", "--rate", "2", "--seconds", "3", "--skip", *skipped
     )
     file = killed.bag / "killed.mcap"
-    end = time.monotonic() + 60
-    while not file.is_file() or file.stat().st_size < 3_000_000:
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    wait_until(lambda: file.is_file() and file.stat().st_size >= 3_000_000)
     assert killed.end(signal.SIGKILL)[0] == -signal.SIGKILL
     assert sender.wait(timeout=90) == 0
     code, output = ended.end()

@@ -4,7 +4,7 @@ import os
 import resource
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +21,7 @@ from roller_recording.reading.bag_reader import BagReader
 from roller_recording.writing import BagWriter, Recorder
 from roller_recording.writing.queue import ByteQueue
 from roller_ros import topics
+from waiting import wait_until
 
 EVENTS = "/event_camera/events"
 
@@ -240,19 +241,11 @@ def test_a_disk_that_fills_up_ends_the_recording_whole(
     while recorder.progress().waiting_messages:
         pass
     monkeypatch.setattr(recorder._writer, "_keep_free", 10**18)
-    wait_for(lambda: recorder.fault is not None)
+    wait_until(lambda: recorder.fault is not None)
     recorder.take(messages[50:])
     recorder.stop()
     assert recorder.losses.here == len(messages) - 50
     assert written(tmp_path / "bag") == messages[:50]
-
-
-def wait_for(done: Callable[[], bool]) -> None:
-    for _ in range(3000):
-        if done():
-            return
-        threading.Event().wait(0.01)
-    raise AssertionError("it did not happen within 30 s")
 
 
 def test_a_process_that_is_killed_leaves_all_but_the_last_chunk(tmp_path: Path) -> None:
@@ -260,8 +253,8 @@ def test_a_process_that_is_killed_leaves_all_but_the_last_chunk(tmp_path: Path) 
     messages = sent()
     recorder = Recorder(BagWriter(tmp_path / "bag", KINDS), [EVENTS])
     recorder.take(messages)
-    wait_for(lambda: sum(recorder._writer.counts.values()) == len(messages))
-    wait_for(lambda: not recorder._writer.pending)  # after half a second without more
+    wait_until(lambda: sum(recorder._writer.counts.values()) == len(messages))
+    wait_until(lambda: not recorder._writer.pending)  # after half a second without more
     left = BagReader(tmp_path / "bag")
     assert not (tmp_path / "bag" / "metadata.yaml").exists()
     found = [m for m in left.messages(set(left.topics)) if isinstance(m, RawMessage)]

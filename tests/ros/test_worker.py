@@ -11,6 +11,7 @@ pytest.importorskip("rclpy")
 from roller_ros import worker as module
 from roller_ros.backlog import Backlog, Bulk
 from roller_ros.worker import Worker
+from waiting import wait_until
 
 #: Much longer than any of the waits below.
 LONG_S = 30.0
@@ -32,10 +33,7 @@ class Made:
         self.did.append(item)
 
     def until(self, done: Callable[[], bool]) -> None:
-        end = time.monotonic() + LONG_S
-        while not done():
-            assert time.monotonic() < end, self.did
-            time.sleep(0.005)
+        wait_until(done, lambda: self.did, LONG_S)
 
 
 @pytest.fixture
