@@ -154,12 +154,15 @@ def _parsers(parser: argparse.ArgumentParser):
                 yield from _parsers(part)
 
 
-def test_every_command_has_examples_that_parse():
+def test_every_command_has_examples_that_parse_and_a_short_o():
     parser = argparse.ArgumentParser()
     commands = parser.add_subparsers()
     modules = [cli.importlib.import_module(name) for name in cli.find_commands().values()]
     for module in modules:
         module.add_parser(commands)
+    for part in _parsers(parser):
+        known = part._option_string_actions
+        assert known.get("-o") is known.get("--output"), part.prog
     for name, command in commands.choices.items():
         lines = [
             line.split("roller ", 1)[1]

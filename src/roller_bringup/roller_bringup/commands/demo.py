@@ -24,6 +24,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument(
         "--output",
+        "-o",
         type=Path,
         default=Path("output/demo"),
         metavar="DIR",

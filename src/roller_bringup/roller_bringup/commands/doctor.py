@@ -30,6 +30,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument(
         "--output",
+        "-o",
         type=Path,
         default=Path("recording"),
         metavar="DIR",

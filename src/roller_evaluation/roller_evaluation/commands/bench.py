@@ -21,7 +21,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description="Measure what each depth method and setting costs and how far its depths are "
         "from the known truth of simulated scans.",
     )
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    parser.add_argument(
+        "--output", "-o", type=Path, required=True, metavar="DIR", help="results go here"
+    )
     parser.add_argument(
         "--quick", action="store_true", help="two objects, one repeat, few variations"
     )

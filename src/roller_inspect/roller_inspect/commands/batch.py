@@ -26,7 +26,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "that fails is a row of the summary; exits with 1 if any did.",
     )
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="recordings")
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    parser.add_argument(
+        "--output", "-o", type=Path, required=True, metavar="DIR", help="results go here"
+    )
     add_method_option(parser, "surface")
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
     add_inspection_options(parser)

@@ -24,7 +24,7 @@ def add_written_options(parser: argparse.ArgumentParser, skin: bool = False) -> 
         Whether what is found belongs to a skin.
     """
     parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="ROS 2 parameter file to write"
+        "--output", "-o", "-o", type=Path, metavar="FILE", help="ROS 2 parameter file to write"
     )
     if skin:
         parser.add_argument(
@@ -43,7 +43,9 @@ def add_processing_options(parser: argparse.ArgumentParser, method: str | None =
         The depth method by default; without it that of the parameter file, or focus.
     """
     parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="results go here")
+    parser.add_argument(
+        "--output", "-o", type=Path, required=True, metavar="DIR", help="results go here"
+    )
     add_method_option(parser, method)
     add_recording_options(parser, "emvs, stitcher, surface, braille")
     parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")

@@ -26,7 +26,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN", help="recordings, or results of inspect"
     )
-    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="the reference")
+    parser.add_argument(
+        "--output", "-o", type=Path, required=True, metavar="DIR", help="the reference"
+    )
     add_method_option(parser, "surface")
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
     parser.add_argument("--recipe", type=Path, metavar="FILE", help="recipe, for its grid")
