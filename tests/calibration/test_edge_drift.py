@@ -167,12 +167,15 @@ def test_drift_that_turns_slopes_over_is_told_by_the_side_that_walls_face(
     assert np.abs(height - 3.0 * drift_m(np.zeros(2), 0.8 * side)).max() < 6e-5
 
 
-def test_walls_that_one_polarity_shows_go_by_the_others() -> None:
+def test_a_polarity_that_shows_alone_comes_first() -> None:
     """Dark walls: OFF comes first, at the foot of one that rises and the top of one that falls."""
     rising = np.array([True, False])
     across, wall = np.repeat([0.0, 3e-4, 2e-3], 30), np.repeat([0, 0, 1], 30)
     kind = np.repeat([0, 2, 1], 30)
-    np.testing.assert_allclose(parts_by_kind(across, wall, kind, rising), [-0.4, 0.4, 0.4, -0.4])
+    parts = parts_by_kind(across, wall, kind, rising)
+    np.testing.assert_allclose(parts, [-0.4, 0.24, 0.4, -0.24])
+    alone = parts_by_kind(across, np.repeat([0, 1, 1], 30), np.repeat([2, 1, 1], 30), rising)
+    np.testing.assert_allclose(alone, [0.24, 0.24, -0.24, -0.24])
     both = parts_by_kind(
         np.append(across, across[:30] + 1.7e-3),
         np.append(wall, wall[60:]),
@@ -180,6 +183,63 @@ def test_walls_that_one_polarity_shows_go_by_the_others() -> None:
         rising,
     )
     np.testing.assert_allclose(both, [-0.4, -0.4, 0.4, 0.4])
+
+
+def test_walls_are_told_by_their_levels_where_drift_makes_all_slope_alike(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Light that darkens all walls once passed: each seems to rise, and lies as much too high."""
+    steps = made_up_steps(np.random.default_rng(6), drift=0.0, base_m=0.0, higher_m=1.5e-4)
+    own = steps.lines
+    seen = replace(own, slope=np.abs(own.slope), side=np.full(len(own.slope), -1.0))
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[replace(steps, lines=seen)]])
+    gauge = calibration.steps_gauges(SCAN, SETTINGS, STEP_M)[0]
+    assert np.mean(gauge.rise == np.sign(own.slope)) > 0.99
+    found = fit_drift([gauge])
+    slope, side = np.array([0.8]), np.array([-1.0])
+    for polarity in (0, 1):
+        height, _ = edge_drift(found.settings, polarity, slope, np.zeros(1), side)
+        assert height[0] == pytest.approx(1.5e-4, abs=4e-5)
+
+
+def test_walls_that_seem_level_count_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without its level wall the steps above it would be numbered wrong."""
+    steps = made_up_steps(np.random.default_rng(7), base_m=0.0)
+    slope = steps.lines.slope.copy()
+    level = np.abs(steps.place[:, 0] - np.radians(1.0) * steps.place[:, 1] - 0.0322) < 3e-4
+    slope[level] = 0.02
+    seen = replace(steps, lines=replace(steps.lines, slope=slope))
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[seen]])
+    gauge = calibration.steps_gauges(SCAN, SETTINGS, STEP_M)[0]
+    assert len(gauge.error_m) > 1900
+    off = gauge.error_m - drift_m(gauge.lines.polarity, gauge.rise)
+    assert np.abs(off).max() < 1e-4
+
+
+def test_a_sphere_that_drifts_further_than_walls_does_not_lift_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nor is it left out because its shape is off."""
+    rng = np.random.default_rng(8)
+    sphere, steps = made_up_sphere(rng), made_up_steps(rng, base_m=0.0)
+    further = np.where((sphere.lines.polarity == 0) & (sphere.lines.slope > 0.1), 3e-4, 0.0)
+    cloud = sphere.cloud * [1.0, 1.0, 0.86]
+    sphere = replace(sphere, place=sphere.place + further[:, None] * [0, 0, 1], cloud=cloud)
+    monkeypatch.setattr(
+        calibration, "pass_lines", lambda scan, _: [[sphere if scan.name == "ball" else steps]]
+    )
+    ball = replace(SCAN, name="ball")
+    found, left_out = calibration.all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
+    assert not left_out
+    slope, none = np.array([-0.8, 0.8]), np.zeros(2)
+    height, _ = edge_drift(fit_drift(found).settings, 0, slope, none, none)
+    assert np.abs(height.mean()) < 2e-5
+    assert np.abs(height - drift_m(none, slope)).max() < 1.2e-4
+    # Alone it would do harm: that is said.
+    steps = replace(steps, lines=calibration._take(steps.lines, np.arange(2000) < 50))
+    steps = replace(steps, place=steps.place[:50])
+    with pytest.raises(EdgeDriftError, match="no steps in view"):
+        calibration.all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
 
 
 def test_steps_that_are_none_or_of_another_height_are_refused(

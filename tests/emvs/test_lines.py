@@ -212,6 +212,22 @@ def test_drift_has_an_odd_and_an_even_part_and_stays_beyond_what_was_calibrated(
     np.testing.assert_allclose(one, [0.2, np.tanh(0.5 / 0.15), np.tanh(0.5 / 0.15), -0.7])
 
 
+def test_an_edge_that_shows_no_side_is_uncertain_by_the_drift() -> None:
+    """It may be on a wall all the same; and of what is taken out a part stays in doubt."""
+    settings = drift().changed(
+        {"coefficients_m": [0.0] * 4, "even_m": [0.0, 0.0], "side_m": [2e-4, 0.0]}
+    )
+    slope, none = np.full(3, 0.3), np.zeros(3)
+    side = np.array([0.0, 0.5, 1.0])
+    _, plain = edge_drift(settings, 1, slope, none, side)
+    height, sigma = edge_drift(settings, 0, slope, none, side)
+    table = edge_drift(settings.changed({"side_m": [0.0, 0.0]}), 0, slope, none, side)[1]
+    np.testing.assert_allclose(height, 2e-4 * side)
+    added = np.hypot(2e-4 * (1 - side), 0.3 * height)
+    np.testing.assert_allclose(sigma, np.hypot(table, added))
+    assert np.ptp(plain) == 0
+
+
 def test_events_say_whether_light_travels() -> None:
     rng = np.random.default_rng(6)
     n, count = 400, 500.0

@@ -20,6 +20,8 @@ from .pass_lines import WALL_SLOPE, EdgeDriftError
 
 #: Spread of the coefficients before anything was measured, m.
 _PRIOR_M = 1.5e-4
+#: Spread of what lifts all edges of a sphere more than walls, m.
+_LEVEL_M = 1e-3
 #: Share of the median error from which on a polarity's correction is left out, and of its spread
 #: that stands for none. On the virtual cell's gauges OFF leaves 0.78-0.81, ON 0.89-0.99.
 _HELPS, _NOTHING = 0.85, 1e-3
@@ -79,33 +81,52 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         for name in ("slope", "change", "side", "polarity", "sigma_m")
     )
     error = np.concatenate([gauge.error_m for gauge in gauges])
-    on_slope = np.abs(slope) > WALL_SLOPE
+    on_slope = np.abs(np.concatenate([gauge.rise for gauge in gauges])) > WALL_SLOPE
     if on_slope.sum() < LEAST_LINES:
         raise EdgeDriftError(f"{int(on_slope.sum())} lines on slopes, fewer than {LEAST_LINES}")
     terms = drift_terms(slope, change, side)
     columns = [np.where((polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
     # Where events lie evenly over the crossing, whichever way a wall rises, the light stands still:
     # then there is no drift, and what the gauges are off by is where on a wall events arise.
+    # A gauge of whose walls each pixel has one event doesn't tell.
     shares = [share_of_travel(g.travel) for g in gauges]
-    travels = max(float(np.mean(shares)), float(np.interp(_sided(gauges), _SIDED, (0, 1))), 1e-3)
+    travels = max(*shares, float(np.interp(_sided(gauges), _SIDED, (0, 1))), 1e-3)
     spreads = [np.full(TERMS, travels * _PRIOR_M) for _ in range(2)]
-    # Slopes tell which way a wall rises as long as drift leaves them standing; else the side does.
-    unused = _SIDE if all(_slopes_hold(g) for g in gauges) else _SLOPE
-    for own in spreads:
-        own[unused] *= _NOTHING
+    own_level = [False] * 2 * TERMS
     for k, gauge in enumerate(gauges):
-        column = np.zeros((len(error), gauge.unknown.shape[1]))
         start = sum(len(g.error_m) for g in gauges[:k])
-        column[start : start + len(gauge.error_m)] = gauge.unknown
+        here = slice(start, start + len(gauge.error_m))
+        unknowns, spread = gauge.unknown, gauge.spread
+        if gauge.sphere:
+            # On a dome, which bends little, edges drift further than on walls, most on one side.
+            levels = [np.where(gauge.lines.polarity == p, terms[here, _EVEN], 0.0) for p in (0, 1)]
+            unknowns, spread = (
+                np.column_stack([unknowns, *levels]),
+                np.append(spread, [_LEVEL_M] * 2),
+            )
+        column = np.zeros((len(error), len(spread)))
+        column[here] = unknowns
         columns.append(column)
-        spreads.append(gauge.spread)
+        spreads.append(spread)
+        own_level += [False] * gauge.unknown.shape[1]
+        own_level += [True] * (len(spread) - gauge.unknown.shape[1])
     design = np.concatenate(columns, axis=1)
     # A gauge counts as a whole as much as the other: neighbouring lines share what they err by.
     share = np.concatenate([np.full(len(g.error_m), LEAST_LINES / len(g.error_m)) for g in gauges])
     noise = np.hypot(sigma, _HUBER_M)
+    # Slopes tell which way a wall rises as long as drift leaves them standing; else the side does.
+    either = [
+        [*(own * np.where(np.arange(TERMS) == unused, _NOTHING, 1.0) for own in spreads[:2])]
+        + spreads[2:]
+        for unused in (_SIDE, _SLOPE)
+    ]
+    costs = [_cost(design, error, each, share, noise) for each in either]
+    gains = costs[0] - costs[1] > _GAINS * len(gauges)
+    spreads = either[gains or not all(_slopes_hold(g) for g in gauges)]
     # What hardly helps on the spheres themselves, nor explains the steps, is chance and would do
     # harm elsewhere.
-    on_spheres = on_slope & np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
+    spheres = np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
+    on_spheres = on_slope & spheres
     full = _solve(design, error, spreads, share, noise)[1]
     every = spreads[:2]
     for k in range(2):
@@ -124,13 +145,19 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         if costs[0] - costs[1] < _GAINS * len(gauges):
             spreads = less
     beta, rest, normal = _solve(design, error, spreads, share, noise)
-    unknown = design[:, 2 * TERMS :] @ beta[2 * TERMS :]
+    rest += np.where(own_level, design, 0.0) @ beta
+    unknown = np.where(own_level, 0.0, design)[:, 2 * TERMS :] @ beta[2 * TERMS :]
     most = float(np.quantile(np.abs(slope[on_slope]), 0.98))
     # What neither gauge fixes of the coefficients is uncertain too.
     own = design[:, : 2 * TERMS]
     covariance = np.linalg.inv(normal)[: 2 * TERMS, : 2 * TERMS]
     unsure = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own))
-    table = _residuals(rest, sigma, unsure, slope, polarity, most)
+    kinds = [
+        _residuals(rest[own], sigma[own], unsure[own], slope[own], polarity[own], most)
+        for own in (spheres, ~spheres)
+    ]
+    # What one kind of gauge leaves the other may not know of.
+    table = np.array([_filled(row) for row in np.fmax(*kinds).reshape(4, -1)])
     found = beta[: 2 * TERMS].reshape(2, TERMS)
     settings = EdgeDriftSettings.create(
         {
@@ -210,12 +237,11 @@ def _residuals(rest: F64, sigma: F64, unsure: F64, slope: F64, polarity: F64, mo
                     spread = np.quantile(np.abs(rest[here]), 0.683) ** 2
                     drift = max(spread - np.median(sigma[here]) ** 2, _LEAST_RESIDUAL_M**2)
                     table[p, falling, b] = np.sqrt(drift + np.median(unsure[here]) ** 2)
-            # A slope that no gauge shows is as uncertain as the drift is before it is measured.
-            table[p, falling] = _filled(table[p, falling])
     return table
 
 
 def _filled(row: F64) -> F64:
+    """The table with slopes that no gauge shows: as drift is before it is measured."""
     known = np.flatnonzero(np.isfinite(row))
     if not len(known):
         return np.full(len(row), _PRIOR_M)

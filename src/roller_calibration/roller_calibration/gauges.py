@@ -43,6 +43,8 @@ _STRAY = 2.5
 #: Scatter of the depths of a kind, over walls and on them, from which on they tell nothing, m, and
 #: fewest of a wall that count.
 _SCATTER_M, _LEAST_ON_WALL = 7.5e-5, 20
+#: Walls of a kind that differ by more, in steps, are numbered wrong: one between them is missing.
+_APART = 0.3
 #: Steps whose foot is found so near to the nominal surface stand on it, and how surely they do, m.
 _MOST_FOOT_M, _STANDS_M = 3e-4, 2e-5
 
@@ -96,14 +98,14 @@ def all_gauges(
     step_m: float,
     progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[list[Gauge], list[EdgeDriftError]]:
-    """Gauges of all recordings, and why some tell nothing. Either kind alone will do.
+    """Gauges of all recordings, and why some tell nothing. Steps alone will do.
 
     Raises
     ------
     OtherGaugeError
         If a gauge has another size, and none of its kind the stated one.
     EdgeDriftError
-        If no recording tells anything.
+        If no recording of steps tells anything.
     """
     found: list[Gauge] = []
     left_out: list[EdgeDriftError] = []
@@ -126,7 +128,8 @@ def all_gauges(
         if other is not None and not own:
             raise other
         found += own
-    if not found:
+    # Edges drift further on a sphere, which bends little, than on walls: alone it would do harm.
+    if not found or (steps and all(gauge.sphere for gauge in found)):
         raise EdgeDriftError("; ".join(map(str, left_out)))
     return found, left_out
 
@@ -143,10 +146,9 @@ def sphere_gauges(scan: Scan, settings: SurfaceSettings, radius_m: float) -> lis
 
     def measure(passes: list[PassLines]) -> list[Gauge]:
         try:
-            sphere = find_sphere(passes[0].cloud, passes[0].axes[:, 2], radius_m)
+            sphere = find_sphere(passes[0].cloud, passes[0].axes[:, 2], radius_m, OTHER_SIZE)
         except SphereError as reason:
-            other = isinstance(reason, OtherRadiusError) and abs(reason.ratio - 1) > OTHER_SIZE
-            kind = OtherGaugeError if other else EdgeDriftError
+            kind = OtherGaugeError if isinstance(reason, OtherRadiusError) else EdgeDriftError
             raise kind(f"{scan.name}: {reason}") from reason
         middle = (
             _MIDDLE_M
@@ -216,8 +218,20 @@ def steps_gauges(scan: Scan, settings: SurfaceSettings, step_m: float) -> list[G
 
 
 def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) -> Gauge:
-    slope = found.lines.slope
-    steep = np.abs(slope) > WALL_SLOPE
+    steep = np.abs(found.lines.slope) > WALL_SLOPE
+    try:
+        return _on_walls(name, found, steep, step_m, surface_z_m)
+    except EdgeDriftError as reason:
+        # A wall that one line alone shows, or that drift levels, seems to have no slope.
+        try:
+            return _on_walls(name, found, np.ones_like(steep), step_m, surface_z_m)
+        except EdgeDriftError:
+            raise reason from None
+
+
+def _on_walls(
+    name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float, surface_z_m: float
+) -> Gauge:
     if steep.sum() < LEAST_LINES:
         raise EdgeDriftError(
             f"{name}: {int(steep.sum())} {found.kind} on slopes along the roll, fewer than "
@@ -228,7 +242,7 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
     wall, count, across = find_walls(x, y, lines.slope, lines.sigma_m, step_m)
     if count < LEAST_WALLS:
         raise EdgeDriftError(f"{name}: {count} walls of steps across the roll, fewer than 2")
-    rising = rising_walls(wall, lines.polarity, height, lines.slope, count)
+    rising = rising_walls(wall, lines.polarity, height, lines.slope, count, step_m)
     if found.kind == "lines" and rising.all() | (~rising).all():
         raise EdgeDriftError(f"{name}: lines on walls that rise alone, or fall; record both")
     change = np.where(rising, 1.0, -1.0)
@@ -255,20 +269,22 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
     # all is not known.
     base = found.place[steep][on] @ found.axes.T
     foot_m = float(np.median(base[:, 2] - level)) - surface_z_m
-    stands = abs(foot_m) < min(_MOST_FOOT_M, 0.5 * step_m)
+    stands = abs(foot_m) < _MOST_FOOT_M
     error = height[on] - level
     error += foot_m - np.median(error) if stands else -np.median(error)
     # How far up its wall a kind lies stays uncertain.
     unknown = np.column_stack([np.ones(len(error)), *(kind[on] == k for k in range(4))])
     near = np.abs(error - np.median(error)) < max(_STRAY * step_m, 3e-4)
-    if found.kind == "depths":
+    for k in range(4):
+        own = near & (kind[on] == k)
+        walls = [error[own & (at == w)] for w in np.unique(at[own])]
+        middles = [np.median(values) for values in walls if len(values) >= _LEAST_ON_WALL]
+        if middles and _mad(np.array(middles)) > _APART * step_m:
+            raise EdgeDriftError(f"{name}: some of the steps' walls aren't found")
         # A kind that scatters, or by which walls differ, is of edges mistaken for others.
-        for k in range(4):
-            own = near & (kind[on] == k)
-            walls = [error[own & (at == w)] for w in np.unique(at[own])]
-            middles = [np.median(values) for values in walls if len(values) >= _LEAST_ON_WALL]
-            if middles and max(_mad(error[own]), _mad(np.array(middles))) > _SCATTER_M:
-                near &= kind[on] != k
+        scatter_m = max(_mad(error[own]), _mad(np.array(middles))) if middles else 0.0
+        if found.kind == "depths" and scatter_m > _SCATTER_M:
+            near &= kind[on] != k
     if near.sum() < LEAST_LINES:
         raise EdgeDriftError(
             f"{name}: what is found on its walls scatters too much to tell drift; softer light, "

@@ -40,11 +40,7 @@ class SphereError(RollerError):
 
 
 class OtherRadiusError(SphereError):
-    """A sphere of another radius than was said; `ratio` is to the stated one."""
-
-    def __init__(self, message: str, ratio: float) -> None:
-        super().__init__(message)
-        self.ratio = ratio
+    """A sphere of another radius than was said."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +79,9 @@ class Sphere:
         return Sphere(**values)
 
 
-def find_sphere(points_m: F64, towards: F64, radius_m: float) -> Sphere:
+def find_sphere(
+    points_m: F64, towards: F64, radius_m: float, tolerance: float = RADIUS_TOLERANCE
+) -> Sphere:
     """Find the one sphere among points.
 
     Parameters
@@ -94,6 +92,8 @@ def find_sphere(points_m: F64, towards: F64, radius_m: float) -> Sphere:
         Direction in base from the surface to the camera.
     radius_m : float
         Radius of the sphere, metres.
+    tolerance : float
+        Share by which the radius of what is found may differ.
 
     Raises
     ------
@@ -120,12 +120,11 @@ def find_sphere(points_m: F64, towards: F64, radius_m: float) -> Sphere:
             f"{len(domes)} spheres in view, {apart * 1e3:.1f} mm apart: roll over one alone"
         )
     dome = domes[0]
-    if abs(dome.radius_m / radius_m - 1) > RADIUS_TOLERANCE:
+    if abs(dome.radius_m / radius_m - 1) > tolerance:
         raise OtherRadiusError(
             f"the dome in view fits a radius of {dome.radius_m * 1e3:.2f} mm, not "
-            f"{radius_m * 1e3:g} mm (allowed: {RADIUS_TOLERANCE:.0%}); check --radius-mm and the "
-            "camera's calibration",
-            dome.radius_m / radius_m,
+            f"{radius_m * 1e3:g} mm (allowed: {tolerance:.0%}); check --radius-mm and the camera's "
+            "calibration"
         )
     return _with_radius(local, dome, radius_m, frame)
 

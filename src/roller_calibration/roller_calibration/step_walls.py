@@ -33,27 +33,39 @@ _LEAST_ON_WALL = 20
 #: Distance of the polarities of a wall from which on one is of its foot, the other of its top, m;
 #: where those lie from its middle, by the steps' height.
 _APART_M, _FOOT = 1e-4, 0.4
+#: Share of that distance at which a polarity that shows alone lies.
+_ALONE = 0.6
+#: Share by which the step between two walls that both rise, or both fall, may be off.
+_CLIMB = 0.3
 
 
 def rising_walls(
-    wall: I64, polarity: I64, height: F64, slope: F64, count: int
+    wall: I64, polarity: I64, height: F64, slope: F64, count: int, step_m: float
 ) -> npt.NDArray[np.bool_]:
     """Which walls go up along the roll, shape (count,).
 
     Of a run of walls that slope alike, the heights of one polarity go up or down by a step from
-    wall to wall, whatever its drift: drift may be so large that it turns the slopes over. A wall
-    of which no other shows the same goes by its slope.
+    wall to wall, whatever its drift: drift may be so large that it turns the slopes over, or makes
+    all alike. A wall of which no other shows the same goes by its slope.
     """
     alike = np.array([np.median(slope[wall == k]) > 0 for k in range(count)])
     runs = np.cumsum(np.concatenate([[False], alike[1:] != alike[:-1]]))
     rising = alike.copy()
     for run in np.unique(runs):
         walls, climbs = np.flatnonzero(runs == run), []
+        votes = np.zeros((2, count))
         for p in (0, 1):
-            own = [height[(wall == k) & (polarity == p)] for k in walls]
-            levels = [np.median(h) for h in own if len(h) >= _LEAST_ON_WALL]
-            climbs += list(np.diff(levels))
-        if climbs:
+            own = [(k, height[(wall == k) & (polarity == p)]) for k in walls]
+            levels = [(k, np.median(h)) for k, h in own if len(h) >= _LEAST_ON_WALL]
+            for (low, at_low), (high, at_high) in itertools.pairwise(levels):
+                climbs.append(at_high - at_low)
+                share = abs(climbs[-1]) / (step_m * (high - low))
+                if abs(share - 1) < _CLIMB:
+                    votes[int(climbs[-1] > 0), [low, high]] += 1
+        if votes[0].any() and votes[1].any():
+            told = votes[0] != votes[1]
+            rising[told] = (votes[1] > votes[0])[told]
+        elif climbs:
             rising[walls] = np.median(climbs) > 0
     return rising
 
@@ -62,19 +74,20 @@ def parts_by_kind(across: F64, wall: I64, kind: I64, rising: npt.NDArray[np.bool
     """How far over its wall's middle each kind lies, in steps, shape (4,).
 
     A wall's foot and its top show in a polarity each: which comes first along the roll says which
-    is which. Of walls that one polarity alone shows it is taken as on those that go the other way:
-    all darker, or all brighter, than what is level. Where neither comes first, both show both.
+    is which. A polarity that shows alone comes first: a pixel's dead time hides the other. Where
+    neither comes first, both show both.
     """
-    first = [float("nan")] * 2
+    first = []
     for falling in (0, 1):
         gaps = []
         for w in np.flatnonzero(rising != bool(falling)):
             off, on = (across[(wall == w) & (kind == 2 * p + falling)] for p in (0, 1))
             if min(len(off), len(on)) >= _LEAST_ON_WALL:
                 gaps.append(np.median(on) - np.median(off))
-        if gaps:
-            first[falling] = float(np.clip(np.median(gaps) / _APART_M, -1.0, 1.0))
-    up, down = (np.nan_to_num(own if own == own else first[1 - k]) for k, own in enumerate(first))
+        off, on = (((kind == 2 * p + falling) & (wall >= 0)).sum() for p in (0, 1))
+        alone = _ALONE if off >= on else -_ALONE
+        first.append(np.clip(np.median(gaps) / _APART_M, -1.0, 1.0) if gaps else alone)
+    up, down = first
     return _FOOT * np.array([-up, down, up, -down])
 
 

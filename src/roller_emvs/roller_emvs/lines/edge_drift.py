@@ -29,6 +29,8 @@ SLOPE_BINS = 6
 _STILL, _TRAVELS = 1.0, 1.6
 #: Beyond the calibrated slopes uncertainty grows by this share of the drift by unit of slope.
 _BEYOND = 1.0
+#: Share of a correction that stays uncertain: where on its walls a gauge's edges arise isn't known.
+_DOUBT = 0.3
 
 
 class EdgeDriftSettings(Settings):
@@ -111,11 +113,14 @@ def edge_drift(
         settings.even_m[polarity],
         settings.side_m[polarity],
     ]
-    height = drift_terms(held, change, side) @ np.asarray(beta)
+    terms = drift_terms(held, change, side)
+    height = terms @ np.asarray(beta)
     table = np.asarray(settings.residual_m).reshape(2, 2, SLOPE_BINS)[polarity]
     middles = (np.arange(SLOPE_BINS) + 0.5) * settings.max_slope / SLOPE_BINS
     rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)
-    sigma = np.where(slope >= 0, rising, falling)
+    # A line that shows neither slope nor side may be on a wall all the same.
+    unseen = np.abs(np.asarray(beta)[[1, 3]] * (1.0 - np.abs(terms[..., [1, 3]]))).max(axis=-1)
+    sigma = np.hypot(np.where(slope >= 0, rising, falling), np.hypot(unseen, _DOUBT * height))
     over = np.maximum(np.abs(slope) - settings.max_slope, 0.0)
     return height, np.hypot(sigma, _BEYOND * over * np.maximum(np.abs(height), sigma))
 

@@ -21,6 +21,8 @@ from .fit import I64, INDEPENDENT, NO_LINES, ROW_STEP, Lines, fit_lines
 _SAME_PX = 1
 #: Uncertainty of a line's place that its fit doesn't know of, m: the poses' stamps and noise.
 _PLACE_M = 1.5e-5
+#: Least slope at a line: where one polarity alone shows a wall, the surface around shows none.
+_LEAST_SLOPE = 0.6
 #: Correlation of what a line and the points around it err by: they are of the same events.
 #: On the virtual cell's gauges 0.6-0.9.
 _ALIKE = 0.7
@@ -158,7 +160,8 @@ def _judge(
     slope = np.where(np.isnan(left) | np.isnan(right), one_sided, (right - left) / (2 * CELL_PX))
     slope = np.nan_to_num(-slope) * field.slope_per_px
     doubt = np.nan_to_num(here - lines.offset) / per_m * _DOUBT
-    variance = lines.variance[:, 2] / per_m**2 + doubt**2 + (slope * _PLACE_M) ** 2
+    place_m = np.maximum(np.abs(slope), _LEAST_SLOPE) * _PLACE_M
+    variance = lines.variance[:, 2] / per_m**2 + doubt**2 + place_m**2
     sigma = np.sqrt(variance + _FLOOR_M**2)
     kind = np.full(len(lines), polarity)
     lean, spread = _crossing(lines, field)
