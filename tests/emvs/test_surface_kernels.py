@@ -235,7 +235,7 @@ def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:
     support = np.zeros(pixels.shape, np.float32)
     width = pixels.shape[1]
     buffers = (
-        np.empty(SHAPE[2], np.uint8), np.empty(width, np.float32), *np.empty((2, width), np.int32)
+        np.empty(SHAPE[2], np.uint8), np.empty(width, np.float32), *np.empty((3, width), np.int32)
     )  # fmt: skip
     _part_kernels._gather(
         counts, SHAPE, LEFT, pixels, np.float32(1), seen, per_offset, buffers, support

@@ -286,12 +286,12 @@ def _gather(counts, shape, left, offset, most, seen, per_offset, buffers, suppor
     """Events of each pixel where its surface is; of tiles of cells that are not `seen` none.
 
     `offset` is the surface by pixel, NaN where unknown, looked at up to `most`. `buffers` are for
-    use: of bins int8, and of a row's pixels float32, int32 and int32.
+    use: of bins int8, and of a row's pixels float32 and thrice int32.
     """
     _, parts, bins = shape
     height, width = offset.shape
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
-    some, heights, places, total = buffers
+    some, heights, places, total, bin_of = buffers
     for y in range(height):
         n = 0
         z = np.float32(0)
@@ -319,8 +319,11 @@ def _gather(counts, shape, left, offset, most, seen, per_offset, buffers, suppor
                     + counts[at + b + two] + counts[at + b + three]
                 )  # fmt: skip
             begin = np.int32(left - low)
+            # By itself, as vector instructions find places but don't look things up.
             for i in range(np.uint64(n)):
-                k = begin + places[i] * np.int32(BINS_PX) - np.int32(np.rint(per * heights[i]))
-                total[i] += np.int32(some[np.uint32(k)])
+                shift = np.int32(np.rint(per * heights[i]))
+                bin_of[i] = begin + places[i] * np.int32(BINS_PX) - shift
+            for i in range(np.uint64(n)):
+                total[i] += np.int32(some[np.uint32(bin_of[i])])
         for i in range(n):
             support[y, places[i]] = np.float32(total[i])

@@ -111,7 +111,7 @@ class PartField(EvidenceField):
         found, columns = np.zeros(self.shape, np.float32), self.shape[1]
         buffers = (
             np.empty(self.bins[2], np.uint8), np.empty(columns, np.float32),
-            *np.empty((2, columns), np.int32),
+            *np.empty((3, columns), np.int32),
         )  # fmt: skip
         kernels._gather(
             self.counts[polarity], self.bins, self.left_bin, offset, np.float32(self.most_offset),
