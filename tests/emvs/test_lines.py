@@ -223,7 +223,7 @@ def test_an_edge_that_shows_no_side_is_uncertain_by_the_drift() -> None:
     height, sigma = edge_drift(settings, 0, slope, none, side)
     table = edge_drift(settings.changed({"side_m": [0.0, 0.0]}), 0, slope, none, side)[1]
     np.testing.assert_allclose(height, 2e-4 * side)
-    added = np.hypot(2e-4 * (1 - side), 0.3 * height)
+    added = np.hypot(2e-4 * (1 - side), 0.4 * height)
     np.testing.assert_allclose(sigma, np.hypot(table, added))
     assert np.ptp(plain) == 0
 

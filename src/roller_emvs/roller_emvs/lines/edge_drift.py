@@ -30,7 +30,7 @@ _STILL, _TRAVELS = 1.0, 1.6
 #: Beyond the calibrated slopes uncertainty grows by this share of the drift by unit of slope.
 _BEYOND = 1.0
 #: Share of a correction that stays uncertain: where on its walls a gauge's edges arise isn't known.
-_DOUBT = 0.3
+_DOUBT = 0.4
 
 
 class EdgeDriftSettings(Settings):
