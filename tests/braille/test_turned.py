@@ -107,7 +107,7 @@ def test_odds_favour_the_orientation_that_reads() -> None:
         down = [seen(turned(s.mask)) for s in upright[::-1]]
         assert log_odds(upright, "grade1") > 3.5
         assert log_odds(down, "grade1") < -3.5
-        again = upside_down(down, 0.4)[::-1]
+        again = upside_down(down)[::-1]
         assert [s.mask for s in again] == [s.mask for s in upright]
 
 
@@ -122,7 +122,7 @@ def test_a_row_that_comes_in_is_as_sure_as_the_cell() -> None:
     """Letters a to j upside down leave the upper row free: lattices lie a row too low."""
     # `b` upside down is dots 5 and 6; seen from a row further down, 4 and 5. `w` needs all rows.
     low = [seen(0b011000), seen(0b011010, 1)]
-    (first, _) = upside_down(low, 0.4)
+    (first, _) = upside_down(low)
     assert first.mask == LETTERS["b"]
     assert first.certain
     np.testing.assert_allclose(first.dots[0], [2.34e-3, 2.34e-3], atol=1e-9)

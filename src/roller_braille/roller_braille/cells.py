@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from . import table
 from .warp import F64
+
+#: A cell with a dot less certain than this isn't read.
+LEAST_CONFIDENCE = 0.4
 
 
 @dataclass(frozen=True)
@@ -56,3 +60,8 @@ class Seen:
     dots: F64
     #: As in `Cell`.
     stamp_ns: int
+
+
+def certain_dots(confidence: Sequence[float]) -> int:
+    """Mask of the dots that are certain, raised or not."""
+    return sum(1 << i for i, c in enumerate(confidence) if c >= LEAST_CONFIDENCE)

@@ -9,12 +9,12 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from .cells import Seen
+from .cells import LEAST_CONFIDENCE, Seen
 from .dots import CHANCE, LEAST_VOTES, SPOT, Dots
 from .lattice import Lattice
 from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
-from .reader_settings import BrailleSettings, Spacing
+from .reader_settings import Spacing
 from .recognise import Energies, Recogniser, Reference, share
 from .strip import TAIL, Kind, Strip, image_around
 from .warp import F32, F64
@@ -65,8 +65,6 @@ class LineReader:
 
     Parameters
     ----------
-    settings : BrailleSettings
-        See there.
     strip : Strip
         The pass's mosaic.
     recogniser : Recogniser
@@ -85,7 +83,6 @@ class LineReader:
 
     def __init__(
         self,
-        settings: BrailleSettings,
         strip: Strip,
         recogniser: Recogniser,
         lattice: Lattice,
@@ -94,7 +91,7 @@ class LineReader:
         direction: int,
         view: tuple[float, float],
     ) -> None:
-        self._settings, self._strip, self._recogniser = settings, strip, recogniser
+        self._strip, self._recogniser = strip, recogniser
         #: What its pitches are near to.
         self.spacing = spacing
         self.kind = kind
@@ -227,9 +224,8 @@ class LineReader:
         if not self.cells or not self._dots.above(self.lattice, _LIFTS * self.typical):
             return
         if lower_row_free(self.cells):
-            least = self._settings.min_dot_confidence
             self.cells, self._pending = (
-                [lifted(seen, least) for seen in part] for part in (self.cells, self._pending)
+                [lifted(seen) for seen in part] for part in (self.cells, self._pending)
             )
             self.lattice = self.lattice.shifted(0.0, -self.lattice.dot_down)
 
@@ -343,7 +339,7 @@ class LineReader:
             return _Kind.BLANK, self._seen(0, confidence, nodes, stamp)
         if reading.explained < LEAST_EXPLAINED:
             # Its dots, if they are dots, are not to be trusted.
-            doubt = reading.explained * self._settings.min_dot_confidence
+            doubt = reading.explained * LEAST_CONFIDENCE
             return _Kind.FOREIGN, self._seen(mask, confidence * doubt, nodes, stamp)
         if reading.raised.any():
             confidence = confidence * self._clean(reading.explained)
@@ -364,6 +360,6 @@ class LineReader:
             mask = mask >> 3 | (mask & 7) << 3
             confidence = np.roll(confidence, 3)
             nodes = np.roll(nodes, 3, axis=0)
-        certain = bool(confidence.min() >= self._settings.min_dot_confidence)
+        certain = bool(confidence.min() >= LEAST_CONFIDENCE)
         sure = tuple(float(c) for c in confidence)
         return Seen(self._next, mask, sure, certain, nodes, stamp_ns)

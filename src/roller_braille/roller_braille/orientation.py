@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from . import table
-from .cells import Seen
+from .cells import LEAST_CONFIDENCE, Seen
 
 #: Letters among a thousand of English print; other languages are near enough for this.
 _FREQUENCY = {
@@ -70,15 +70,15 @@ def log_odds(cells: Sequence[Seen], code: str) -> float:
     return sum(share[m] - share[turned(_moved(m, down, right))] for m in masks)
 
 
-def upside_down(cells: Sequence[Seen], least: float) -> list[Seen]:
+def upside_down(cells: Sequence[Seen]) -> list[Seen]:
     """The cells of a line as they are when it is turned, in the order they were seen."""
     down, right = _moves([seen.mask for seen in cells if seen.certain])
-    return [_turned_cell(_moved_cell(seen, down, right, least)) for seen in cells]
+    return [_turned_cell(_moved_cell(seen, down, right)) for seen in cells]
 
 
-def lifted(seen: Seen, least: float) -> Seen:
+def lifted(seen: Seen) -> Seen:
     """A cell as a lattice has it that lies a row higher: its own rows are the lower two."""
-    return _moved_cell(seen, 1, 0, least)
+    return _moved_cell(seen, 1, 0)
 
 
 def lower_row_free(cells: Sequence[Seen]) -> bool:
@@ -107,7 +107,7 @@ def _moved(mask: int, down: int, right: int) -> int:
     return (mask & _LEFT) << 3 if right else mask
 
 
-def _moved_cell(seen: Seen, down: int, right: int, least: float) -> Seen:
+def _moved_cell(seen: Seen, down: int, right: int) -> Seen:
     """The cell of a lattice whose origin lies so many rows above and columns before this one's."""
     if not down and not right:
         return seen
@@ -121,7 +121,7 @@ def _moved_cell(seen: Seen, down: int, right: int, least: float) -> Seen:
         seen,
         mask=_moved(seen.mask, down, right),
         dot_confidence=tuple(float(c) for c in confidence.ravel()),
-        certain=bool(kept.min() >= least),
+        certain=bool(kept.min() >= LEAST_CONFIDENCE),
         dots=nodes - back,
     )
 

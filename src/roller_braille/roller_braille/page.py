@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import table
-from .cells import Cell, Seen
+from .cells import Cell, Seen, certain_dots
 from .known_cells import KnownCells
 from .lines import LOOKAHEAD_CELLS, LineReader
 from .orientation import upside_down
@@ -27,11 +27,6 @@ MOST_CELLS = 500_000
 CUT = "…"
 #: A line that broke off goes on after this many cells at most, on its lattice to within so many.
 _MOST_GAP, _IN_ROW = 6, 0.1
-
-
-def certain_dots(confidence: Sequence[float], least: float) -> int:
-    """Mask of the dots that are certain, raised or not."""
-    return sum(1 << i for i, c in enumerate(confidence) if c >= least)
 
 
 def _upper(lines: Sequence[LineReader]) -> LineReader:
@@ -125,7 +120,7 @@ class Page:
             for line in self._open:
                 cells = line.reader.cells
                 if turned:
-                    cells = upside_down(cells, self._settings.min_dot_confidence)
+                    cells = upside_down(cells)
                 new = cells[::-1] if backwards else cells[line.given :]
                 line.given = len(cells)
                 for seen in new:
@@ -257,7 +252,7 @@ class Page:
     def _line_cell(self, seen: Seen) -> LineCell:
         if seen.certain:
             return LineCell(seen.mask)
-        certain = certain_dots(seen.dot_confidence, self._settings.min_dot_confidence)
+        certain = certain_dots(seen.dot_confidence)
         # It is the cell that isn't certain, whatever its dots say one by one.
         return LineCell(seen.mask, certain if certain != ALL_DOTS else 0)
 

@@ -296,7 +296,7 @@ class PassReader:
         if int(on.sum()) < LEAST_DOTS or not self._whole(lattice, index[on, 2]):
             return 0.0, None
         line = LineReader(
-            s, self.strip, self._recogniser, lattice, spacing, kind, self.roll.direction, self._view
+            self.strip, self._recogniser, lattice, spacing, kind, self.roll.direction, self._view
         )
         line.take(dots)
         explained = line.explained()

@@ -100,9 +100,6 @@ class BrailleSettings(TimingSettings, NominalSurface):
         description="Of lines in view together, seen: cells of all come as they pass, told apart "
         "by line and column; reading: those of the lower one come after the upper one's last.",
     )
-    min_dot_confidence: float = Field(
-        0.4, ge=0.0, le=1.0, description="A cell with a dot less certain than this isn't read."
-    )
 
     @property
     def spacings(self) -> tuple[Spacing, ...]:

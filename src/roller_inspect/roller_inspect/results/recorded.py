@@ -9,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.rosbag2 import Reader
 
-from roller_braille.cells import Cell
-from roller_braille.page import certain_dots
-from roller_braille.reader_settings import BrailleSettings
+from roller_braille.cells import Cell, certain_dots
 from roller_braille.translation import ALL_DOTS, LineCell
 from roller_core.bags import typestore
 from roller_core.errors import RollerError
@@ -150,11 +148,10 @@ def _cell(message: Any) -> Cell:
 
 def _lines(cells: list[Cell]) -> list[list[LineCell]]:
     """Cells by line and column, blank where none was given."""
-    least = BrailleSettings.create({}).min_dot_confidence
     lines: list[list[LineCell]] = [[] for _ in range(max((c.line for c in cells), default=-1) + 1)]
     for cell in cells:
         line = lines[cell.line]
         line += [LineCell(0)] * (cell.column + 1 - len(line))
-        certain = ALL_DOTS if cell.readable else certain_dots(cell.dot_confidence, least)
+        certain = ALL_DOTS if cell.readable else certain_dots(cell.dot_confidence)
         line[cell.column] = LineCell(cell.mask, certain)
     return lines
