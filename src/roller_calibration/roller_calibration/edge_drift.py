@@ -44,18 +44,12 @@ _LEAST_IN_BIN, _LEAST_RESIDUAL_M = 15, 5e-6
 
 @dataclass(frozen=True)
 class EdgeDrift:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    settings : EdgeDriftSettings
-        The drift.
-    before_m, after_m : tuple of float
-        Median absolute error of the lines of OFF and of ON events, without the correction and
-        with it, metres; of what no gauge tells, what drift may be before it is measured.
-    """
-
+    #: The drift.
     settings: EdgeDriftSettings
+    #: Median absolute error of the lines of OFF and of ON events, without the correction and with
+    #: it, metres; of what no gauge tells, what drift may be before it is measured.
     before_m: tuple[float, float]
     after_m: tuple[float, float]
 

@@ -55,38 +55,25 @@ class OtherGaugeError(EdgeDriftError):
 
 @dataclass(frozen=True)
 class Gauge:
-    """Lines of a pass over a gauge, with their heights over what they should have.
+    """Lines of a pass over a gauge, with their heights over what they should have."""
 
-    Attributes
-    ----------
-    name : str
-        Of the recording.
-    error_m : ndarray of float64, shape (n,)
-        Height less the gauge's.
-    unknown : ndarray of float64, shape (n, k)
-        How the heights of the lines change with what is unknown of the gauge.
-    spread : ndarray of float64, shape (k,)
-        Spread of that.
-    lines : LinePoints
-        The lines.
-    rise : ndarray of float64, shape (n,)
-        Slope of the gauge along the roll at each line; of steps 1 or -1.
-    sphere : bool
-        Whether it is a sphere, on which the height of every place is known.
-    text : str
-        What was found, for people.
-    travel : float
-        See `PassLines`.
-    """
-
+    #: Of the recording.
     name: str
+    #: Height less the gauge's. Shape (n,).
     error_m: F64
+    #: How the heights of the lines change with what is unknown of the gauge. Shape (n, k).
     unknown: F64
+    #: Spread of that. Shape (k,).
     spread: F64
+    #: The lines.
     lines: LinePoints
+    #: Slope of the gauge along the roll at each line; of steps 1 or -1. Shape (n,).
     rise: F64
+    #: Whether it is a sphere, on which the height of every place is known.
     sphere: bool
+    #: What was found, for people.
     text: str
+    #: See `PassLines`.
     travel: float
 
 

@@ -20,21 +20,14 @@ I64 = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Bands:
-    """Rays by band.
+    """Rays by band."""
 
-    Attributes
-    ----------
-    rays : ndarray, shape (4, m)
-        Copies, in the order of band and of the events; a row for each number, as the loops over
-        votes take them.
-    source : ndarray of int64, shape (m,)
-        Event that each is of; empty unless asked for.
-    starts : ndarray of int64, shape (bands + 1,)
-        Where bands begin and end.
-    """
-
+    #: Copies, in the order of band and of the events; a row for each number, as the loops over
+    #: votes take them. Shape (4, m).
     rays: npt.NDArray[np.floating]
+    #: Event that each is of; empty unless asked for. Shape (m,).
     source: I64
+    #: Where bands begin and end. Shape (bands + 1,).
     starts: I64
 
 

@@ -48,26 +48,17 @@ _CELL_PX, _TEXTURED = 16, 0.5
 
 @dataclass(frozen=True)
 class ContactState:
-    """What was seen of the contact over the newest piece of travel.
+    """What was seen of the contact over the newest piece of travel."""
 
-    Attributes
-    ----------
-    image_speed : float or None
-        Of the image, as a share of what the poses say; None where too little was seen.
-    area_m2 : float
-        Rectangle in which the skin was seen to move.
-    fill : float
-        Share of it with events, 0–1.
-    cells : float
-        Share of the whole image with events.
-    fault : str
-        What is wrong; empty: nothing that can be seen.
-    """
-
+    #: Of the image, as a share of what the poses say; None where too little was seen.
     image_speed: float | None = None
+    #: Rectangle in which the skin was seen to move.
     area_m2: float = 0.0
+    #: Share of it with events, 0–1.
     fill: float = 0.0
+    #: Share of the whole image with events.
     cells: float = 0.0
+    #: What is wrong; empty: nothing that can be seen.
     fault: str = ""
 
 

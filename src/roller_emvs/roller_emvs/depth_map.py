@@ -15,45 +15,32 @@ F32 = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class DepthMap:
-    """Depth seen from one reference view.
+    """Depth seen from one reference view."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Reference time, ROS time, ns.
-    depth : ndarray of float32, shape (height, width)
-        Metres along z; NaN = not measured. Pixels are ideal pinhole pixels of the camera's K.
-    confidence : ndarray of float32, shape (height, width)
-        0–1; NaN where there is no depth.
-    sigma : ndarray of float32, shape (height, width)
-        Standard uncertainty of the depth, metres; NaN where there is no depth.
-    pose : ndarray of float64, shape (4, 4)
-        Camera optical frame in base at the reference time.
-    start_ns, end_ns : int
-        The window, ROS time, ns.
-    events : int
-        Events in the window.
-    milliseconds : dict
-        Time by stage, ms.
-    notes : tuple of str
-        What was lost or refused in this window, one line each.
-    cpu_ms : float
-        Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
-    stage_cpu_ms : dict
-        The same by stage.
-    """
-
+    #: Reference time, ROS time, ns.
     stamp_ns: int
+    #: Metres along z; NaN = not measured. Pixels are ideal pinhole pixels of the camera's K. Shape
+    #: (height, width).
     depth: F32
+    #: 0–1; NaN where there is no depth. Shape (height, width).
     confidence: F32
+    #: Standard uncertainty of the depth, metres; NaN where there is no depth. Shape
+    #: (height, width).
     sigma: F32
+    #: Camera optical frame in base at the reference time. Shape (4, 4).
     pose: F64
+    #: The window, ROS time, ns.
     start_ns: int
     end_ns: int
+    #: Events in the window.
     events: int
+    #: Time by stage, ms.
     milliseconds: dict[str, float] = field(default_factory=dict)
+    #: What was lost or refused in this window, one line each.
     notes: tuple[str, ...] = ()
+    #: Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
     cpu_ms: float = 0.0
+    #: The same by stage.
     stage_cpu_ms: dict[str, float] = field(default_factory=dict)
 
     @property

@@ -17,23 +17,15 @@ SURFACE_FIELDS = ("x", "y", "z", *SURFACE_PROPERTIES)
 
 @dataclass(frozen=True)
 class Patch:
-    """Points of the surface that are done.
+    """Points of the surface that are done."""
 
-    Attributes
-    ----------
-    points : ndarray of float64, shape (n, 3)
-        Metres, frame base.
-    height : ndarray of float32, shape (n,)
-        Above the nominal surface, metres.
-    confidence : ndarray of float32, shape (n,)
-        0–1.
-    sigma : ndarray of float32, shape (n,)
-        Standard uncertainty of the height, metres.
-    """
-
+    #: Metres, frame base. Shape (n, 3).
     points: F64
+    #: Above the nominal surface, metres. Shape (n,).
     height: npt.NDArray[np.float32]
+    #: 0–1. Shape (n,).
     confidence: npt.NDArray[np.float32]
+    #: Standard uncertainty of the height, metres. Shape (n,).
     sigma: npt.NDArray[np.float32]
 
     def __len__(self) -> int:

@@ -38,32 +38,21 @@ class ParallaxError(RollerError):
 
 @dataclass(frozen=True)
 class PreparedWindow:
-    """A window's events at their poses, from which a method makes depth.
+    """A window's events at their poses, from which a method makes depth."""
 
-    Attributes
-    ----------
-    window : Window
-        Its span and all its events.
-    packets : Packets
-        Events that count.
-    poses : ndarray of float64, shape (views, 4, 4)
-        Reference cameras in base, in the order of `DepthSettings.views`.
-    target : ndarray of float64, shape (4, 4)
-        Camera in base in the middle of the window.
-    middle_ns : int
-        That time, ROS time, ns.
-    parallax_px : float
-        Parallax of its motion over the depth range, px.
-    notes : tuple of str
-        What was left out.
-    """
-
+    #: Its span and all its events.
     window: Window
+    #: Events that count.
     packets: Packets
+    #: Reference cameras in base, in the order of `DepthSettings.views`. Shape (views, 4, 4).
     poses: F64
+    #: Camera in base in the middle of the window. Shape (4, 4).
     target: F64
+    #: That time, ROS time, ns.
     middle_ns: int
+    #: Parallax of its motion over the depth range, px.
     parallax_px: float
+    #: What was left out.
     notes: tuple[str, ...]
 
 

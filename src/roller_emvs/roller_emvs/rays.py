@@ -36,39 +36,26 @@ _CHUNK = 256
 
 @dataclass(frozen=True)
 class Packets:
-    """Events in packets that share a pose.
+    """Events in packets that share a pose."""
 
-    Attributes
-    ----------
-    events : EventArray
-        The events, in order of time.
-    table : ndarray of float32, shape (height, width, 2)
-        Ideal pinhole pixel of every pixel; NaN where events don't count.
-    starts : ndarray of int64, shape (k + 1,)
-        Where packets begin; the last entry is n.
-    poses : ndarray of float64, shape (k, 4, 4)
-        Camera in base at each packet's median event.
-    """
-
+    #: The events, in order of time.
     events: EventArray
+    #: Ideal pinhole pixel of every pixel; NaN where events don't count. Shape (height, width, 2).
     table: F32
+    #: Where packets begin; the last entry is n. Shape (k + 1,).
     starts: I64
+    #: Camera in base at each packet's median event. Shape (k, 4, 4).
     poses: F64
 
 
 @dataclass(frozen=True)
 class RayBundle:
-    """Rays of events in one reference view.
+    """Rays of events in one reference view."""
 
-    Attributes
-    ----------
-    rays : ndarray of float32 or float64, shape (n, 4)
-        Pixel (u, v) at infinity and its change with inverse depth (px·m).
-    limits : ndarray, shape (n,)
-        Inverse depth from which planes lie behind the event's camera, 1/m; inf where none do.
-    """
-
+    #: Pixel (u, v) at infinity and its change with inverse depth (px·m). Shape (n, 4).
     rays: npt.NDArray[np.floating]
+    #: Inverse depth from which planes lie behind the event's camera, 1/m; inf where none do. Shape
+    #: (n,).
     limits: npt.NDArray[np.floating]
 
     def __len__(self) -> int:

@@ -35,19 +35,13 @@ _MOST_CORRECTION_M = 5e-5
 
 @dataclass(frozen=True)
 class Refinement:
-    """What ICP found and whether it was taken.
+    """What ICP found and whether it was taken."""
 
-    Attributes
-    ----------
-    correction : ndarray of float64, shape (4, 4)
-        To apply on the left of the pose; the identity if it was refused.
-    accepted : bool
-    reason : str
-        Why it was refused; empty if it was taken.
-    """
-
+    #: To apply on the left of the pose; the identity if it was refused. Shape (4, 4).
     correction: F64
+    #: .
     accepted: bool
+    #: Why it was refused; empty if it was taken.
     reason: str
 
 

@@ -27,32 +27,21 @@ _SAMPLE = 1000
 
 @dataclass(frozen=True)
 class EvidenceField(ABC):
-    """Events of a window or block on a grid of pixels, x along the parallax.
+    """Events of a window or block on a grid of pixels, x along the parallax."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Rows and columns of the grid, px; multiples of `CELL_PX`.
-    slopes : ndarray of float64, shape (2, columns of cells)
-        Least and most slope along x from which each column was in view.
-    ray_slope_scale : float
-        From a slope to the ray's slope dx/dz at the surface.
-    offset_per_m : float
-        From metres of depth, away from the camera, to the offset.
-    focal_px : float
-        Focal length, px.
-    speed_px_s : float
-        Speed of the surface through the image, px/s.
-    direction : float
-        1 where the camera moves along x, -1 where it moves against it.
-    """
-
+    #: Rows and columns of the grid, px; multiples of `CELL_PX`.
     shape: tuple[int, int]
+    #: Least and most slope along x from which each column was in view. Shape (2, columns of cells).
     slopes: F64
+    #: From a slope to the ray's slope dx/dz at the surface.
     ray_slope_scale: float
+    #: From metres of depth, away from the camera, to the offset.
     offset_per_m: float
+    #: Focal length, px.
     focal_px: float
+    #: Speed of the surface through the image, px/s.
     speed_px_s: float
+    #: 1 where the camera moves along x, -1 where it moves against it.
     direction: float
 
     @property
@@ -109,17 +98,12 @@ class EvidenceField(ABC):
 
 @dataclass(frozen=True)
 class RayField(EvidenceField):
-    """Rays in pixels of a grid.
+    """Rays in pixels of a grid."""
 
-    Attributes
-    ----------
-    rays : ndarray of float32, shape (n, 4)
-        x, y on the plane of offset 0, px, and slopes, px by unit of offset; OFF events first.
-    bounds : ndarray of int64, shape (3,)
-        Where OFF and ON events begin, and the end.
-    """
-
+    #: x, y on the plane of offset 0, px, and slopes, px by unit of offset; OFF events first. Shape
+    #: (n, 4).
     rays: F32
+    #: Where OFF and ON events begin, and the end. Shape (3,).
     bounds: npt.NDArray[np.int64]
 
     def slope_sums(self, offset: F32, polarity: int) -> F32:

@@ -23,18 +23,12 @@ _GIVEN_BACK = 1.5
 
 @dataclass(frozen=True)
 class Fit:
-    """Surface on cells, float32, shape (rows, columns); NaN where nothing is near.
+    """Surface on cells, float32, shape (rows, columns); NaN where nothing is near."""
 
-    Attributes
-    ----------
-    offset : ndarray
-        The surface.
-    scatter : ndarray
-        Deviation of the depths around from it, more where a few carry the weight. Depths of
-        neighbouring cells share their evidence, so their number doesn't make it less.
-    """
-
+    #: The surface.
     offset: F32
+    #: Deviation of the depths around from it, more where a few carry the weight. Depths of
+    #: neighbouring cells share their evidence, so their number doesn't make it less.
     scatter: F32
 
 

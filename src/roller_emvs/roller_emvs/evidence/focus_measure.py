@@ -42,17 +42,11 @@ def sort_rays(field: RayField, polarity: int, ends: tuple[float, float]) -> Band
 
 @dataclass(frozen=True)
 class Sorted:
-    """Rays of each band in groups.
+    """Rays of each band in groups."""
 
-    Attributes
-    ----------
-    rays : ndarray of float32, shape (4, m)
-        As of `Bands`.
-    starts : ndarray of int64, shape (bands, groups + 1)
-        Where each group begins and the last ends.
-    """
-
+    #: As of `Bands`. Shape (4, m).
     rays: F32
+    #: Where each group begins and the last ends. Shape (bands, groups + 1).
     starts: I64
 
 

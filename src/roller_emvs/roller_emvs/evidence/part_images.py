@@ -46,20 +46,13 @@ _STAGGER = 0.381966
 
 @dataclass(frozen=True)
 class Parts:
-    """Parts of the aperture that a window was seen through.
+    """Parts of the aperture that a window was seen through."""
 
-    Attributes
-    ----------
-    slopes : ndarray of float64, shape (parts,)
-        Mean slope of each, px by unit of offset; increasing.
-    width : float
-        Range of slopes of each.
-    of_packet : ndarray of int64, shape (packets,)
-        The part that each packet belongs to.
-    """
-
+    #: Mean slope of each, px by unit of offset; increasing. Shape (parts,).
     slopes: F64
+    #: Range of slopes of each.
     width: float
+    #: The part that each packet belongs to. Shape (packets,).
     of_packet: I64
 
     @property
@@ -71,24 +64,16 @@ class Parts:
 
 @dataclass(frozen=True)
 class PartImages(EvidenceField):
-    """Counts of events on the middle plane by part of the aperture.
+    """Counts of events on the middle plane by part of the aperture."""
 
-    Attributes
-    ----------
-    parts : Parts
-        The parts.
-    margin : int
-        Columns before the grid at which images begin, and after it at which they end, at least
-        `EDGE_PX`: events may come into it from there.
-    spans : ndarray of int64, shape (parts, 2)
-        Columns of its image that each part saw, first and beyond the last.
-    images : ndarray of uint8, shape (2, parts, rows + 1, BINS, stride)
-        OFF and ON events; bins of half a pixel along x.
-    """
-
+    #: The parts.
     parts: Parts
+    #: Columns before the grid at which images begin, and after it at which they end, at least
+    #: `EDGE_PX`: events may come into it from there.
     margin: int
+    #: Columns of its image that each part saw, first and beyond the last. Shape (parts, 2).
     spans: I64
+    #: OFF and ON events; bins of half a pixel along x. Shape (2, parts, rows + 1, BINS, stride).
     images: U8
 
     def focus_measure(self, at: F64, polarity: int, threads: int = 1) -> F32:

@@ -41,33 +41,23 @@ _MIN_VOTES = np.float32(2.0)
 
 @dataclass(frozen=True)
 class Relief:
-    """Measured pixels of a grid.
+    """Measured pixels of a grid."""
 
-    Attributes
-    ----------
-    row, column : ndarray of int64, shape (n,)
-        Pixels.
-    offset : ndarray of float64, shape (n,)
-        Parameter of the plane that the surface lies on there.
-    confidence : ndarray of float32, shape (n,)
-        0–1.
-    sigma : ndarray of float32, shape (n,)
-        Standard uncertainty of the offset.
-    surfaces : tuple of ndarray of float32, shape (height, width)
-        The surface by pixel where OFF and where ON events have a depth, NaN elsewhere.
-    changes : tuple of ndarray of float32, shape (rows, columns)
-        Of the cells of each, see `crossing_change`.
-    side : ndarray of float32, shape (rows, columns)
-        Of the cells, see `wall_side`.
-    """
-
+    #: Pixels. Shape (n,).
     row: np.ndarray
     column: np.ndarray
+    #: Parameter of the plane that the surface lies on there. Shape (n,).
     offset: F64
+    #: 0–1. Shape (n,).
     confidence: F32
+    #: Standard uncertainty of the offset. Shape (n,).
     sigma: F32
+    #: The surface by pixel where OFF and where ON events have a depth, NaN elsewhere. Shape
+    #: (height, width).
     surfaces: tuple[F32, ...]
+    #: Of the cells of each, see `crossing_change`. Shape (rows, columns).
     changes: tuple[F32, ...]
+    #: Of the cells, see `wall_side`. Shape (rows, columns).
     side: F32
 
 

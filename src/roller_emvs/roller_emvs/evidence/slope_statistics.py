@@ -23,18 +23,11 @@ _READOUT_S, _MOST_BLIND = 2e-4, 0.65
 
 @dataclass(frozen=True)
 class SlopeStatistics:
-    """Slopes from which the events of a polarity saw the cells, float32, shape (rows, columns).
+    """Slopes from which the events of a polarity saw the cells, float32, shape (rows, columns)."""
 
-    Attributes
-    ----------
-    count : ndarray
-        Events a cell, over a small neighbourhood.
-    mean, spread : ndarray
-        Mean of their slopes, and the width of an even spread of the same variance; 0 without
-        events.
-    """
-
+    #: Events a cell, over a small neighbourhood.
     count: F32
+    #: Mean of their slopes, and the width of an even spread of the same variance; 0 without events.
     mean: F32
     spread: F32
 

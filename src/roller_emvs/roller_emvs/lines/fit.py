@@ -46,38 +46,25 @@ INDEPENDENT = 0.5
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines of one polarity, sorted by row; arrays of shape (n,).
+    """Lines of one polarity, sorted by row; arrays of shape (n,)."""
 
-    Attributes
-    ----------
-    row : ndarray of int64
-        Row, px.
-    x : ndarray of float64
-        Column, px.
-    tilt : ndarray of float64
-        Columns by row.
-    offset : ndarray of float64
-        Of the plane that the line lies on.
-    variance : ndarray of float64, shape (n, 3)
-        Variance of x, covariance of x and offset, variance of the offset.
-    band_px : ndarray of float64
-        Standard deviation of the events about the line.
-    events : ndarray of float64
-        Events that the fit rests on, of equal weight.
-    lean : ndarray of float64
-        Mean slope of the rays.
-    spread : ndarray of float64
-        Variance of the slopes.
-    """
-
+    #: Row, px.
     row: I64
+    #: Column, px.
     x: F64
+    #: Columns by row.
     tilt: F64
+    #: Of the plane that the line lies on.
     offset: F64
+    #: Variance of x, covariance of x and offset, variance of the offset. Shape (n, 3).
     variance: F64
+    #: Standard deviation of the events about the line.
     band_px: F64
+    #: Events that the fit rests on, of equal weight.
     events: F64
+    #: Mean slope of the rays.
     lean: F64
+    #: Variance of the slopes.
     spread: F64
 
     def __len__(self) -> int:

@@ -39,37 +39,25 @@ _UNKNOWN_DRIFT_M, _POINT_DRIFT_M = 1.3e-4, 8e-5
 
 @dataclass(frozen=True)
 class LinePoints:
-    """Lines of a field with what their drift depends on; arrays of shape (n,).
+    """Lines of a field with what their drift depends on; arrays of shape (n,)."""
 
-    Attributes
-    ----------
-    row, column : ndarray of float64
-        Place on the grid, px.
-    offset : ndarray of float64
-        As the fit has it, drift and all.
-    polarity : ndarray of int64
-        0 for OFF, 1 for ON events.
-    slope : ndarray of float64
-        dh/dx of the surface, h towards the camera.
-    lean : ndarray of float64
-        How fast the events get more along the crossing: mean of the rays' slopes less the middle
-        of the aperture, by their variance.
-    change : ndarray of float64
-        The same of the cell around; see `crossing_change`.
-    side : ndarray of float64
-        See `wall_side`.
-    sigma_m : ndarray of float64
-        Uncertainty of the height but for drift, metres.
-    """
-
+    #: Place on the grid, px.
     row: F64
     column: F64
+    #: As the fit has it, drift and all.
     offset: F64
+    #: 0 for OFF, 1 for ON events.
     polarity: I64
+    #: dh/dx of the surface, h towards the camera.
     slope: F64
+    #: How fast the events get more along the crossing: mean of the rays' slopes less the middle of
+    #: the aperture, by their variance.
     lean: F64
+    #: The same of the cell around; see `crossing_change`.
     change: F64
+    #: See `wall_side`.
     side: F64
+    #: Uncertainty of the height but for drift, metres.
     sigma_m: F64
 
 

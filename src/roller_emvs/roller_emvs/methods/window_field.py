@@ -27,39 +27,26 @@ _FEWEST_PARTS, _MOST_PARTS = 6, 40
 
 @dataclass(frozen=True)
 class WindowView:
-    """How a window's events are seen from its reference view.
+    """How a window's events are seen from its reference view."""
 
-    Attributes
-    ----------
-    packets : Packets
-        The events.
-    camera : Camera
-        Intrinsics.
-    view : ndarray of float64, shape (4, 4)
-        Reference camera in base.
-    middle, half : float
-        Inverse depths of the range, 1/m: offset 0, and the offset of either end.
-    turned : bool
-        Whether planes part along the image's columns, so that rows and columns change places.
-    relative : ndarray of float64, shape (packets, 4, 4)
-        Packets' cameras in the reference view.
-    slopes : ndarray of float64, shape (2, columns of cells)
-        Least and most slope that each column can have been seen from.
-    speed_px_s : float
-        Speed of the surface through the image, px/s.
-    direction : float
-        1 where the camera moves along the parallax' columns, -1 where it moves against them.
-    """
-
+    #: The events.
     packets: Packets
+    #: Intrinsics.
     camera: Camera
+    #: Reference camera in base. Shape (4, 4).
     view: F64
+    #: Inverse depths of the range, 1/m: offset 0, and the offset of either end.
     middle: float
     half: float
+    #: Whether planes part along the image's columns, so that rows and columns change places.
     turned: bool
+    #: Packets' cameras in the reference view. Shape (packets, 4, 4).
     relative: F64
+    #: Least and most slope that each column can have been seen from. Shape (2, columns of cells).
     slopes: F64
+    #: Speed of the surface through the image, px/s.
     speed_px_s: float
+    #: 1 where the camera moves along the parallax' columns, -1 where it moves against them.
     direction: float
 
     @classmethod

@@ -17,18 +17,12 @@ _SHARED = 3.0
 
 @dataclass(frozen=True)
 class Cells:
-    """Measured cells of a window: what its points say.
+    """Measured cells of a window: what its points say."""
 
-    Attributes
-    ----------
-    height_m, sigma_m : ndarray of float32, shape (ny, nx)
-        Weighted mean of the points and its standard uncertainty; NaN without points.
-    points : ndarray of uint16, shape (ny, nx)
-        Points.
-    """
-
+    #: Weighted mean of the points and its standard uncertainty; NaN without points. Shape (ny, nx).
     height_m: F32
     sigma_m: F32
+    #: Points. Shape (ny, nx).
     points: npt.NDArray[np.uint16]
 
 

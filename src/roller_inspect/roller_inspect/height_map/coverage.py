@@ -11,25 +11,17 @@ from .height_map import CONTINUED, MEASURED, OUTSIDE, U8, Bools, HeightMap
 
 @dataclass(frozen=True)
 class Coverage:
-    """Shares of an area, 0–1; they add up to 1 unless the area is empty.
+    """Shares of an area, 0–1; they add up to 1 unless the area is empty."""
 
-    Attributes
-    ----------
-    measured, continued, unmeasured : float
-        Shares.
-    area_m2 : float
-        The area.
-    points_per_mm2 : float
-        Measured points over it.
-    scanned : float
-        Share of the area that the scan reached.
-    """
-
+    #: Shares.
     measured: float = 0.0
     continued: float = 0.0
     unmeasured: float = 0.0
+    #: The area.
     area_m2: float = 0.0
+    #: Measured points over it.
     points_per_mm2: float = 0.0
+    #: Share of the area that the scan reached.
     scanned: float = 1.0
 
 

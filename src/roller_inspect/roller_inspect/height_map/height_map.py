@@ -34,30 +34,21 @@ class HeightMapError(RollerError):
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights over a regular grid.
+    """Heights over a regular grid."""
 
-    Attributes
-    ----------
-    x_m, y_m : ndarray of float64, shapes (nx,), (ny,)
-        Centres of the cells, metres, in the map's frame; steps are equal.
-    height_m : ndarray of float32, shape (ny, nx)
-        Metres along the map's z, the outward normal; NaN where there is none.
-    sigma_m : ndarray of float32, shape (ny, nx)
-        Standard uncertainty of a cell's height, metres; NaN where there is no height.
-    state : ndarray of uint8, shape (ny, nx)
-        `OUTSIDE`, `UNMEASURED`, `CONTINUED` or `MEASURED`.
-    points : ndarray of uint16, shape (ny, nx)
-        Measured points in the cell.
-    base_from_map : ndarray of float64, shape (4, 4)
-        A cell at (x, y, height) lies at ``base_from_map @ [x, y, height, 1]``, metres.
-    """
-
+    #: Centres of the cells, metres, in the map's frame; steps are equal. Shapes (nx,), (ny,).
     x_m: F64
     y_m: F64
+    #: Metres along the map's z, the outward normal; NaN where there is none. Shape (ny, nx).
     height_m: F32
+    #: Standard uncertainty of a cell's height, metres; NaN where there is no height. Shape
+    #: (ny, nx).
     sigma_m: F32
+    #: `OUTSIDE`, `UNMEASURED`, `CONTINUED` or `MEASURED`. Shape (ny, nx).
     state: U8
+    #: Measured points in the cell. Shape (ny, nx).
     points: npt.NDArray[np.uint16]
+    #: A cell at (x, y, height) lies at ``base_from_map @ [x, y, height, 1]``, metres. Shape (4, 4).
     base_from_map: F64
 
     @property

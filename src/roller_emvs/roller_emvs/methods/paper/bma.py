@@ -74,21 +74,14 @@ def window_depth(
 
 @dataclass(frozen=True)
 class ViewVotes:
-    """Maxima along the rays of each reference view.
+    """Maxima along the rays of each reference view."""
 
-    Attributes
-    ----------
-    votes, index : ndarray, shape (views, height, width)
-        Most votes along each pixel's ray and their plane.
-    planes : ndarray of float64, shape (n,)
-        Depths, metres.
-    poses : ndarray of float64, shape (views, 4, 4)
-        Where the views are, camera in base.
-    """
-
+    #: Most votes along each pixel's ray and their plane. Shape (views, height, width).
     votes: F32
     index: U16
+    #: Depths, metres. Shape (n,).
     planes: F64
+    #: Where the views are, camera in base. Shape (views, 4, 4).
     poses: F64
 
 

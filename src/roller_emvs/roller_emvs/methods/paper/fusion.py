@@ -16,24 +16,16 @@ from roller_emvs.threads import share
 
 @dataclass(frozen=True)
 class ViewDepth:
-    """Depth from one reference view, at the pixels that have one.
+    """Depth from one reference view, at the pixels that have one."""
 
-    Attributes
-    ----------
-    pixels : ndarray of int64, shape (n,)
-        Flat indices in the view's image.
-    depth, confidence : ndarray of float32, shape (n,)
-        Metres, 0–1.
-    pose : ndarray of float64, shape (4, 4)
-        Camera in base.
-    weight : float
-        Weight in the fusion.
-    """
-
+    #: Flat indices in the view's image. Shape (n,).
     pixels: I64
+    #: Metres, 0–1. Shape (n,).
     depth: F32
     confidence: F32
+    #: Camera in base. Shape (4, 4).
     pose: F64
+    #: Weight in the fusion.
     weight: float
 
 

@@ -23,23 +23,15 @@ _MOST_ACROSS_PX = 1.0
 
 @dataclass(frozen=True)
 class ShiftedPlanes:
-    """Planes on which the reference views differ by whole or half pixels.
+    """Planes on which the reference views differ by whole or half pixels."""
 
-    Attributes
-    ----------
-    planes : ndarray of float64, shape (n,)
-        Depths, metres, near to far.
-    half_shifts : ndarray of int64, shape (views, n)
-        From the view that is voted in to each view, in halves of a pixel.
-    middle : ndarray of float64, shape (4, 4)
-        The view that is voted in, half-way between the ends, in the target view.
-    views : ndarray of float64, shape (views, 4, 4)
-        Where the reference views are put, in the target view.
-    """
-
+    #: Depths, metres, near to far. Shape (n,).
     planes: F64
+    #: From the view that is voted in to each view, in halves of a pixel. Shape (views, n).
     half_shifts: I64
+    #: The view that is voted in, half-way between the ends, in the target view. Shape (4, 4).
     middle: F64
+    #: Where the reference views are put, in the target view. Shape (views, 4, 4).
     views: F64
 
 

@@ -27,22 +27,15 @@ _FIRST_PAGES = 1024
 
 @dataclass(frozen=True)
 class StripEvents:
-    """Events where their rays meet a strip's middle plane, in order of time by pieces of blocks.
+    """Events where their rays meet a strip's middle plane, in order of time by pieces of blocks."""
 
-    Attributes
-    ----------
-    x_m, y_m : ndarray of float32, shape (n,)
-        Place; x from the start of a block on.
-    slope : ndarray of float32, shape (n,)
-        dx/dz of the rays in the strip: at an offset z from the middle plane an event is at
-        x_m + slope · z.
-    t_ns : ndarray of int64, shape (n,)
-        Times, to the microsecond.
-    """
-
+    #: Place; x from the start of a block on. Shape (n,).
     x_m: F32
     y_m: F32
+    #: dx/dz of the rays in the strip: at an offset z from the middle plane an event is at x_m +
+    #: slope · z. Shape (n,).
     slope: F32
+    #: Times, to the microsecond. Shape (n,).
     t_ns: I64
 
     def __len__(self) -> int:

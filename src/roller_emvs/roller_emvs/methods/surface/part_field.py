@@ -57,35 +57,24 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class PartField(EvidenceField):
-    """Histograms of a block's events by part of the aperture, for each polarity.
+    """Histograms of a block's events by part of the aperture, for each polarity."""
 
-    Attributes
-    ----------
-    counts : tuple of ndarray of uint8
-        By polarity; flat, of rows, parts and bins, with one entry more. Until `clear`.
-    bins : tuple of int
-        Rows, parts, bins.
-    left_bin : int
-        Bin of the grid's first column.
-    most_offset : float
-        Planes may lie so far from the middle.
-    part_slopes : ndarray of float64, shape (parts,)
-        Slopes of the parts' middles, px by unit of offset.
-    reached : ndarray of bool, shape (2, rows of cells, tiles of the grid)
-        Tiles that enough events of a polarity can reach.
-    places : list of ndarray of int32
-        By polarity: where in `counts` its events count.
-    reach_m : float
-        Events reach no further beside the block on any plane.
-    """
-
+    #: By polarity; flat, of rows, parts and bins, with one entry more. Until `clear`.
     counts: tuple[npt.NDArray[np.uint8], ...]
+    #: Rows, parts, bins.
     bins: tuple[int, int, int]
+    #: Bin of the grid's first column.
     left_bin: int
+    #: Planes may lie so far from the middle.
     most_offset: float
+    #: Slopes of the parts' middles, px by unit of offset. Shape (parts,).
     part_slopes: F64
+    #: Tiles that enough events of a polarity can reach. Shape (2, rows of cells, tiles of the
+    #: grid).
     reached: Mask
+    #: By polarity: where in `counts` its events count.
     places: list[npt.NDArray[np.int32]]
+    #: Events reach no further beside the block on any plane.
     reach_m: float
 
     @property

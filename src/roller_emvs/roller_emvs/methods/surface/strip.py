@@ -34,32 +34,22 @@ class MotionError(RollerError):
 
 @dataclass(frozen=True)
 class Block:
-    """Rows start_m ≤ x < end_m of a strip that no event reaches any more.
+    """Rows start_m ≤ x < end_m of a strip that no event reaches any more."""
 
-    Attributes
-    ----------
-    number : int
-        Of the block, counted along the strip.
-    sources : tuple of int
-        Blocks whose events reach its rows, itself among them.
-    start_m, end_m : float
-        Rows, metres along the strip.
-    low_y_m, high_y_m : float
-        Least and largest y of the events.
-    first_ns, last_ns : int
-        Times of its first and last event.
-    events : int
-        Its own; those that reach it from beside belong to the blocks beside.
-    """
-
+    #: Of the block, counted along the strip.
     number: int
+    #: Blocks whose events reach its rows, itself among them.
     sources: tuple[int, ...]
+    #: Rows, metres along the strip.
     start_m: float
     end_m: float
+    #: Least and largest y of the events.
     low_y_m: float
     high_y_m: float
+    #: Times of its first and last event.
     first_ns: int
     last_ns: int
+    #: Its own; those that reach it from beside belong to the blocks beside.
     events: int
 
 

@@ -30,27 +30,18 @@ from .surface_settings import SurfaceSettings
 
 @dataclass(frozen=True)
 class SurfacePatch(Patch):
-    """Rows of the surface that are done, and the account of how they came about.
+    """Rows of the surface that are done, and the account of how they came about."""
 
-    Attributes
-    ----------
-    start_ns, end_ns : int
-        Times of the rows' first and last event, ROS time.
-    events : int
-        Their number, each counted in one patch.
-    milliseconds : dict
-        Time by stage, ms.
-    cpu_ms : float
-        Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
-    stage_cpu_ms : dict
-        The same by stage.
-    """
-
+    #: Times of the rows' first and last event, ROS time.
     start_ns: int = 0
     end_ns: int = 0
+    #: Their number, each counted in one patch.
     events: int = 0
+    #: Time by stage, ms.
     milliseconds: dict[str, float] = field(default_factory=dict)
+    #: Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
     cpu_ms: float = 0.0
+    #: The same by stage.
     stage_cpu_ms: dict[str, float] = field(default_factory=dict)
 
     @property
