@@ -115,7 +115,8 @@ def test_from_unpacked_devices_to_a_certificate(
 
     calibrate(
         "edge-drift", "--sphere", scan("gauge_sphere", 0.5, motion={"reverse": True}),
-        "--radius-mm", 5, "--steps", scan("gauge_steps", 0.5), "--step-mm", 0.25,
+        "--radius-mm", 5, "--steps", scan("gauge_steps", 0.5, motion={"reverse": True}),
+        "--step-mm", 0.25,
         "--params", cell, "--output", cell,
     )  # fmt: skip
 
