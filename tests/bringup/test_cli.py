@@ -40,6 +40,7 @@ def run_with(monkeypatch, fault):
         (OSError(errno.ENAMETOOLONG, "File name too long", "x" * 999), 1, ": File name too long"),
         (ImportError("No module named 'aedat'"), 1, "No module named 'aedat'; see what"),
         (MemoryError(), 1, "error: there is not enough memory\n"),
+        (RuntimeError("Symlink loop from 'x'"), 1, "error: Symlink loop from 'x'\n"),
         (KeyError("x\ny"), 1, r"error: KeyError: 'x\ny' (a fault of roller: please report it;"),
         (
             InvalidNamespaceException("/a b", "no spaces", 2),

@@ -93,6 +93,7 @@ def test_nothing_is_seen_before_it_is_whole_and_a_fault_leaves_the_old(tmp_path:
         (lambda f: fill(made(f), {"result/mine.txt": "added"}), "result: was changed since"),
         (lambda f: fill(f, {".roller-partial/mine.txt": "x"}), "stands in the way"),
         (lambda f: f.write_text("a file"), "is a file"),
+        (lambda f: (f.mkdir(), os.mkfifo(f / MARK)), "holds files that roller did not write"),
     ],
 )
 def test_what_is_not_ours_is_refused_and_left(prepare, message: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

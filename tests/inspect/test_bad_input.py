@@ -11,8 +11,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Writer
 
-from recording.bags import CAMERA, Recipe, analytic_dataset, camera_track, write_bag, write_tum
+from recording.bags import (
+    CAMERA,
+    Recipe,
+    analytic_dataset,
+    bag_messages,
+    camera_track,
+    write_bag,
+    write_messages,
+    write_tum,
+)
 from roller_bringup.cli import main
 from roller_core.events import EventArray
 from roller_emvs.ply import read_ply
@@ -107,7 +117,31 @@ LATE = {
     "gap in the poses": (
         Recipe(edit=on(TF, lambda n, m: None if 6 <= n < 11 else m)), "gap of 0.048 s",
     ),
+    "poses begin late": (
+        Recipe(edit=on(TF, lambda n, m: None if n < 5 else m)),
+        r"% of the events have no pose: events from 1700000000\.00. to .* poses from .*\.0[34]",
+    ),
+    "poses end early": (
+        Recipe(edit=on(TF, lambda n, m: None if n > 5 else m)), "% of the events have no pose",
+    ),
 }  # fmt: skip
+
+
+def test_another_calibration_in_the_middle_is_reported(tmp_path: Path, capsys: Capture) -> None:
+    def infos(topic: str, n: int, message: Any) -> Any:
+        return message if topic == INFO else None
+
+    (first,) = bag_messages(Recipe(edit=infos))
+    (other,) = bag_messages(Recipe(camera=replace(CAMERA, fx=CAMERA.fx * 1.1), edit=infos))
+    for name, info, code in (("same", first, 0), ("other", other, 1)):
+        again = (info[0] + 40_000_000, *info[1:])
+        writer = Writer(tmp_path / name, version=9)
+        write_messages(writer, sorted([*bag_messages(Recipe()), again]))
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        assert run(tmp_path, capsys, tmp_path / name)[0] == code, name
+    assert "says another camera or calibration" in str(
+        json.loads((tmp_path / "out" / "report.json").read_text())["faults"]
+    )
 
 
 @pytest.mark.parametrize("name", HOPELESS)

@@ -65,3 +65,11 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(
     assert code == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_later_replay_leaves_no_verdict_of_another_scan(bag: Path, tmp_path: Path) -> None:
+    for command in ("inspect", "replay"):
+        words = [command, str(bag), "--output", str(tmp_path / "out"), "--method", "focus"]
+        main([*words, "--no-picture", "--no-braille"])
+        kept = (tmp_path / "out" / "inspection.json").exists()
+        assert kept == (command == "inspect")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, UNMEASURED, HeightMap
 from roller_inspect.height_map.coverage import Coverage, coverage_of
-from roller_inspect.judgement import coverage_of_area, judge
+from roller_inspect.judgement import coverage_of_area, judge, with_faults
 from roller_inspect.recipe import Recipe, RecipeError, Region, decide, load_recipe, part_verdict
 
 WRONG = {
@@ -107,6 +107,14 @@ def test_what_was_not_measured_is_never_conform() -> None:
         judged = judge(Recipe.create({"grid_m": grid_m}), (), few)
         assert judged.verdict == verdict
         assert ("texture" in judged.reason) == (verdict != "conform")
+    assert with_faults(judged, [], lost=0.04) == judged
+    for faults, lost, why in (
+        ([], 0.3, "30% of the event packets were lost"),
+        (["x"], 0.0, "faults"),
+    ):
+        doubtful = with_faults(judged, faults, lost)
+        assert doubtful.verdict == "inconclusive"
+        assert why in doubtful.reason
 
 
 @given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))

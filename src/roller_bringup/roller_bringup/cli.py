@@ -123,6 +123,8 @@ def _describe(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         name = f"{error.filename}: " if error.filename else ""
         return f"{name if len(name) < 200 else name[:99] + '...: '}{error.strerror}"
+    if isinstance(error, RuntimeError) and text.startswith("Symlink loop"):
+        return text  # Python before 3.13 has no type for it
     if isinstance(error, ImportError):
         return f"{text}; see what `roller doctor` says, or run `make setup`"
     if isinstance(error, MemoryError):

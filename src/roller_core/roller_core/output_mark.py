@@ -9,6 +9,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from .text_file import TextFileError, read_text
+
 MARK = ".roller-output.json"
 #: Folder to write in, inside the one that is written.
 ASIDE = ".roller-partial"
@@ -63,9 +65,9 @@ def is_aside(folder: Path) -> bool:
 def read_mark(folder: Path) -> dict[str, Any]:
     """The mark of a folder; empty if there is none."""
     try:
-        data = json.loads((folder / MARK).read_text())
+        data = json.loads(read_text(folder / MARK))
         return data if data["made_by"] == "roller" and isinstance(data["made"], dict) else {}
-    except (OSError, ValueError, LookupError, TypeError):
+    except (TextFileError, OSError, ValueError, LookupError, TypeError):
         return {}
 
 

@@ -21,6 +21,8 @@ from .recipe.decision import Verdict
 _UNITS = {"m": ("mm", 1e3), "m2": ("mm²", 1e6), "m3": ("mm³", 1e9)}
 #: An area to inspect is looked at in so many places at most.
 _MOST_CELLS = 4_000_000
+#: Share of a scan's packets that may be lost.
+_MOST_LOST = 0.05
 
 
 @dataclass(frozen=True)
@@ -183,12 +185,27 @@ def judge_nothing(recipe: Recipe, part: str) -> Inspected:
     return Inspected(part, found, judge(recipe, (), Coverage(), (), figures))
 
 
-def with_faults(judgement: Judgement, faults: Iterable[str]) -> Judgement:
-    """A judgement of a scan with faults in it: it never says that the part is good."""
-    if judgement.verdict != "conform" or not list(faults):
+def with_faults(judgement: Judgement, faults: Iterable[str], lost: float = 0.0) -> Judgement:
+    """A judgement of a scan with faults in it: it never says that the part is good.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        Of what was seen.
+    faults : iterable of str
+        Of the recording.
+    lost : float
+        Share of the event packets that never came.
+    """
+    if judgement.verdict != "conform":
         return judgement
-    reason = f"{judgement.reason}; but the scan has faults"
-    return replace(judgement, verdict="inconclusive", reason=reason)
+    if list(faults):
+        why = "the scan has faults"
+    elif lost > _MOST_LOST:
+        why = f"{lost:.0%} of the event packets were lost"
+    else:
+        return judgement
+    return replace(judgement, verdict="inconclusive", reason=f"{judgement.reason}; but {why}")
 
 
 def coverage_of_area(recipe: Recipe, height_map: HeightMap | None, scanned: Coverage) -> Coverage:

@@ -25,6 +25,9 @@ from .results.truth_tally import SurfaceTally, TruthTally
 if TYPE_CHECKING:  # what inspects loads scipy
     from .inspect_stage import InspectStage
 
+#: Share of the events that may come before the first pose or after the last: the robot stands then.
+_MOST_LOST = 0.05
+
 
 def replay(
     recording: Recording,
@@ -99,6 +102,7 @@ def replay(
                 pipeline.take_force(*step.force)
             if step.restart:
                 pipeline.restart()
+                run.restarted = True
             if len(step.events):
                 run.take_span(int(step.events.t_ns[0]), int(step.events.t_ns[-1]))
                 pipeline.add_events(step.events)
@@ -132,6 +136,8 @@ class _Run:
         self._tally = tally
         self._also = take
         self._truth_s = 0.0
+        #: Whether time ran backwards, which is a fault of its own.
+        self.restarted = False
         self._first_ns: int | None = None
         self._last_ns = 0
 
@@ -152,7 +158,7 @@ class _Run:
                 RecordingError(f"{source}: {stitcher.left_out} depth maps left out: no pose")
             )
         span = self._pipeline.depth.frames.span_ns
-        if self._first_ns is None or span is None:
+        if self._first_ns is None or span is None or self.restarted:
             return
         if self._last_ns < span[0] or self._first_ns > span[1]:
             self._report.add_fault(
@@ -161,6 +167,17 @@ class _Run:
                     f"{self._first_ns * 1e-9:.3f} to {self._last_ns * 1e-9:.3f} s, poses from "
                     f"{span[0] * 1e-9:.3f} to {span[1] * 1e-9:.3f} s; "
                     "are they in the same clock?"
+                )
+            )
+            return
+        apart_s = max(span[0] - self._first_ns, self._last_ns - span[1]) * 1e-9
+        events, lost = recording.counts.events, self._pipeline.depth.totals()["events_without_pose"]
+        if apart_s > self._pipeline.settings.max_pose_gap_s and lost > _MOST_LOST * events:
+            self._report.add_fault(
+                RecordingError(
+                    f"{source}: {lost / events:.0%} of the events have no pose: events from "
+                    f"{self._first_ns * 1e-9:.3f} to {self._last_ns * 1e-9:.3f} s, poses from "
+                    f"{span[0] * 1e-9:.3f} to {span[1] * 1e-9:.3f} s"
                 )
             )
 

@@ -105,7 +105,8 @@ def run(args: argparse.Namespace) -> int:
         check_pdf()
     reference = Path(recipe.reference.path) if recipe.reference.path else None
     inputs = (args.input, args.params, args.poses, args.camera, args.recipe, reference)
-    with OutputFolder(args.output, "inspect", inputs) as output:
+    # Marked as a replay's: one that comes later must not leave this verdict beside its surface.
+    with OutputFolder(args.output, "replay", inputs) as output:
         return _inspect(args, settings, stage, open_input(args, settings), output.partial)
 
 
@@ -138,7 +139,9 @@ def _inspect(
         faults.append(f"{args.input}: its source started again; the verdict is of the longest part")
     longest = max(parts, key=lambda p: p.judgement.coverage.area_m2, default=None)
     inspected = longest or judge_nothing(stage.recipe, stage.settings.part)
-    inspected = replace(inspected, judgement=with_faults(inspected.judgement, faults))
+    packets, lost = report.totals["packets"], report.totals["lost_packets"]
+    share = lost / max(packets + lost, 1)
+    inspected = replace(inspected, judgement=with_faults(inspected.judgement, faults, share))
     scan = Scan(
         args.input, args.params, recording.camera, args.method, report.settings,
         report.totals["events"], report.totals["lost_packets"], faults,

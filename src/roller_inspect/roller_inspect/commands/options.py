@@ -24,7 +24,7 @@ def add_written_options(parser: argparse.ArgumentParser, skin: bool = False) -> 
         Whether what is found belongs to a skin.
     """
     parser.add_argument(
-        "--output", "-o", "-o", type=Path, metavar="FILE", help="ROS 2 parameter file to write"
+        "--output", "-o", type=Path, metavar="FILE", help="ROS 2 parameter file to write"
     )
     if skin:
         parser.add_argument(

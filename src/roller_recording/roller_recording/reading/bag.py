@@ -85,6 +85,8 @@ class BagRecording(Recording):
                 f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "
                 f"give --poses FILE (TUM); it has {listed(self._reader.topics)}"
             )
+        #: Where the calibration that is used comes from, if it is the bag's own.
+        self._info_topic = None if camera else f"{self._topic.rsplit('/', 1)[0]}/camera_info"
         self.camera = camera or self._calibration()
 
     def items(self) -> Iterator[Step]:
@@ -93,6 +95,7 @@ class BagRecording(Recording):
             self._topic.removesuffix(EVENTS) if self._topic.endswith(EVENTS) else "/"
         ) + WRENCH
         wanted = {self._topic, wrench} | ({_TF, _TF_STATIC} if self.poses is None else set())
+        wanted |= {self._info_topic} if self._info_topic else set()
         progress = 0.0
         for item in self._reader.messages(wanted):
             if isinstance(item, RecordingError):
@@ -110,6 +113,8 @@ class BagRecording(Recording):
                 continue
             if item.topic == self._topic:
                 yield self._decode(message, progress)
+            elif item.topic == self._info_topic:
+                yield Step(EventArray.empty(), progress, self._other_camera(message, item.t_ns))
             elif item.topic == wrench:
                 at, f = message.header.stamp, message.wrench.force
                 force = (at.sec * 1_000_000_000 + at.nanosec, math.hypot(f.x, f.y, f.z))
@@ -126,10 +131,23 @@ class BagRecording(Recording):
         except RollerError as error:
             return Step(EventArray.empty(), progress, (error,))
 
+    def _other_camera(self, info: Any, t_ns: int) -> tuple[RecordingError, ...]:
+        """A fault, if the camera's calibration isn't the first of the bag any more."""
+        try:
+            if _camera(info) == self.camera:
+                return ()
+        except RollerError:
+            pass  # no calibration at all
+        return (
+            MalformedRecordingError(
+                f"bag {self._path}: {self._info_topic} says another camera or calibration at "
+                f"{t_ns * 1e-9:.6f} s; all is measured with the first; give --camera FILE"
+            ),
+        )
+
     def _calibration(self) -> Camera:
-        namespace = self._topic.rsplit("/", 1)[0]
         infos = {n for n, kind in self._reader.topics.items() if kind == _INFO_TYPE}
-        topic = f"{namespace}/camera_info"
+        topic = f"{self._topic.rsplit('/', 1)[0]}/camera_info"
         if topic not in infos:
             raise MissingTopicError(
                 f"bag {self._path}: there is no {topic} ({_INFO_TYPE}); "
@@ -144,7 +162,10 @@ class BagRecording(Recording):
                 raise MalformedRecordingError(
                     f"bag {self._path}: {topic} is malformed ({error}); give --camera FILE"
                 ) from error
-            return Camera.from_matrix(
-                info.width, info.height, info.k, info.d, info.distortion_model
-            )
+            return _camera(info)
         raise MissingTopicError(f"bag {self._path}: {topic} holds no message; give --camera FILE")
+
+
+def _camera(info: Any) -> Camera:
+    """Camera of a CameraInfo message."""
+    return Camera.from_matrix(info.width, info.height, info.k, info.d, info.distortion_model)
