@@ -48,11 +48,22 @@ def test_voxels_far_from_the_base_keep_micrometres() -> None:
     np.testing.assert_allclose(merged[order[0]], points[order[1]], atol=1e-8)
 
 
-def test_voxels_leave_out_what_is_not_finite_or_out_of_reach() -> None:
+def test_voxels_leave_out_what_is_not_finite_or_absurdly_far() -> None:
     voxels = VoxelMap(1e-6)
-    points = np.array([[0.0, 0, 0], [np.nan, 0, 0], [1e6, 0, 0]])
+    points = np.array([[0.0, 0, 0], [np.nan, 0, 0], [1e300, 0, 0]])
     assert voxels.add(points, *np.ones((2, 3), np.float32)) == 2
     assert len(voxels) == 1
+
+
+@pytest.mark.parametrize("rolled_m", [60.0, 1000.0, -5000.0])
+def test_a_scan_goes_on_however_far_it_has_rolled(rolled_m: float) -> None:
+    stitcher = Stitcher(StitcherSettings.create({"icp": False, "voxel_m": 2e-4}), CAMERA)
+    first = stitcher.add(depth_map(flat(), 0.0)), stitcher.finish()
+    far = stitcher.add(depth_map(flat(), rolled_m)), stitcher.finish()
+    here, there = (np.concatenate([p.points for p in patches]) for patches in (first, far))
+    assert len(there) == pytest.approx(len(here), rel=0.02)
+    shift = there.mean(axis=0) - here.mean(axis=0)
+    np.testing.assert_allclose(shift, [rolled_m, 0.0, 0.0], atol=1e-4)
 
 
 def test_every_point_comes_out_once() -> None:

@@ -18,7 +18,7 @@ from roller_core.transforms import F64
 
 from .patch import SURFACE_FIELDS, SURFACE_PROPERTIES, Patch
 from .ply import PlyWriter
-from .voxels import HALF, I64, all_of, cell_key, cells_of_keys
+from .voxels import I64, REACH, all_of, cell_key, cells_of_keys
 
 #: Points that wait before they are merged, so that many small patches cost little.
 _MOST_WAITING = 100_000
@@ -74,7 +74,7 @@ class SurfaceMap:
         return len(self._keys)
 
     def add(self, patch: Patch) -> None:
-        """Take points; those that are not finite or beyond a million voxels are left out."""
+        """Take points; those that are not finite or beyond `REACH` voxels are left out."""
         numbers = np.arange(self._arrived, self._arrived + len(patch))
         rows = np.column_stack([patch.points, *patch.properties(), numbers])
         self._arrived += len(patch)
@@ -100,7 +100,7 @@ class SurfaceMap:
         if self._origin is None:
             self._origin = rows[0, :3].copy()
         cells = np.floor((rows[:, :3] - self._origin) / self.voxel_m)
-        near = all_of(np.abs(cells) < HALF)
+        near = all_of(np.abs(cells) < REACH)
         keys, rows = _best(cell_key(cells[near].astype(np.int64)), rows[near])
         place = np.searchsorted(self._keys, keys)
         known = place < len(self._keys)

@@ -10,13 +10,19 @@ from roller_core.transforms import F64
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
 
-# 21 bits an axis, signed, around the first point: 2 million voxels in each direction.
-_BITS = 21
-HALF = 1 << (_BITS - 1)
+# Bits of a cell's three indices, signed, around the first point: of a plate metres long the height
+# needs the fewest.
+_BITS = np.array([24, 24, 15])
+#: Cells in each direction from the first point that have a number of their own.
+REACH = 1 << (_BITS - 1)
+#: Cells in each direction beyond which a place is nonsense.
+_FURTHEST = 2.0**40
 
 
 class VoxelMap:
     """Weighted means of points in cubic voxels.
+
+    It holds what is in view: voxels further from each other than numbers reach never meet.
 
     Parameters
     ----------
@@ -42,7 +48,7 @@ class VoxelMap:
         Returns
         -------
         int
-            Points left out because they are not finite or out of the map's reach.
+            Points left out because they are not finite or absurdly far.
         """
         self._round += 1
         good = all_of(np.isfinite(points)) & np.isfinite(confidence) & np.isfinite(sigma)
@@ -52,7 +58,7 @@ class VoxelMap:
             self._origin = np.asarray(points[good][0], np.float64)
         local = points - self._origin
         cells = np.floor(local / self.voxel_m)
-        good &= all_of(np.abs(cells) < HALF)
+        good &= all_of(np.abs(cells) < _FURTHEST)
         local, cells, sure = local[good], cells[good].astype(np.int64), confidence[good]
         weight = np.maximum(sure.astype(np.float64), 1e-3)
         keys = cell_key(cells)
@@ -124,12 +130,12 @@ def all_of(said: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def cell_key(cells: I64) -> I64:
-    """One number for each cell, shape (n,); cells of shape (n, 3), each index below `HALF`."""
-    c = cells + HALF
-    return (c[:, 0] << (2 * _BITS)) | (c[:, 1] << _BITS) | c[:, 2]
+    """One number for each cell, shape (n,); cells, shape (n, 3), beyond `REACH` start again."""
+    c = (cells + REACH) & ((1 << _BITS) - 1)
+    return np.asarray((((c[:, 0] << _BITS[1]) | c[:, 1]) << _BITS[2]) | c[:, 2])
 
 
 def cells_of_keys(keys: I64) -> I64:
     """Cells of their numbers, shape (n, 3)."""
-    part = (1 << _BITS) - 1
-    return np.stack([keys >> (2 * _BITS), (keys >> _BITS) & part, keys & part], axis=1) - HALF
+    c = np.stack([keys >> (_BITS[1] + _BITS[2]), keys >> _BITS[2], keys], axis=1)
+    return np.asarray((c & ((1 << _BITS) - 1)) - REACH)
