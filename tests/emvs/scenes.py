@@ -116,3 +116,17 @@ def depth_map(depth: np.ndarray, x_m: float = 0.0, confidence: float = 0.5) -> D
     pose[0, 3] = x_m
     sure = np.where(np.isfinite(depth), confidence, np.nan).astype(np.float32)
     return DepthMap(0, depth.astype(np.float32), sure, 1e-5 / sure, pose, 0, 0, 0)
+
+
+def waking(events: EventArray, dead_ns: int, merged_ns: int = 500_000) -> EventArray:
+    """One event a pixel and edge, and another of the other polarity when the pixel wakes up."""
+    pixel = events.y.astype(np.int64) * 2**16 + events.x
+    order = np.lexsort((events.t_ns, pixel))
+    again = (np.diff(pixel[order]) == 0) & (np.diff(events.t_ns[order]) < merged_ns)
+    first = events[np.sort(order[np.concatenate([[True], ~again])])]
+    late = dead_ns + np.arange(len(first)) * 7919 % 50_000
+    t = np.concatenate([first.t_ns, first.t_ns + late])
+    p = np.concatenate([first.p, 1 - first.p])
+    order = np.argsort(t, kind="stable")
+    x, y = (np.tile(values, 2)[order] for values in (first.x, first.y))
+    return EventArray.from_arrays(x, y, t[order], p[order])

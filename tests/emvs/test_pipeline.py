@@ -5,6 +5,7 @@ import pytest
 
 from emvs.scenes import (
     CAMERA,
+    MS,
     Motion,
     events_of,
     lines,
@@ -12,6 +13,7 @@ from emvs.scenes import (
     tilted,
     tilted_scan,
     track_of,
+    waking,
 )
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
@@ -54,6 +56,18 @@ def errors_m(found: DepthMap, offset: float = 0.0) -> np.ndarray:
 @pytest.fixture(scope="module")
 def scan() -> EventArray:
     return tilted_scan(DURATION_S)
+
+
+def test_focus_leaves_out_what_pixels_tell_when_they_wake_up(scan: EventArray) -> None:
+    events, edges = waking(scan, MS), np.unique(lines(tilted)[:, 0])
+    for method, least, most in (("focus", 0.95, 1.0), ("bma", 0.0, 0.8)):
+        found = reconstruct(rolling(0.3), events, method=method)[1]
+        assert isinstance(found, DepthMap)
+        y, x = np.nonzero(np.isfinite(found.depth))
+        z = found.depth[y, x]
+        place = (x - CAMERA.cx) / CAMERA.fx * z + found.pose[0, 3]
+        on_edges = np.mean(np.abs(place[:, None] - edges).min(axis=1) < 1e-4)
+        assert least < on_edges <= most
 
 
 @pytest.mark.parametrize("method", METHODS)

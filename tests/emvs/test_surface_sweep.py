@@ -13,6 +13,7 @@ from emvs.scenes import (
     tilted,
     tilted_scan,
     track_of,
+    waking,
     without,
 )
 from roller_core.camera import Camera
@@ -74,6 +75,18 @@ def test_a_tilted_plane_is_found(scan: EventArray) -> None:
     starts = [p.points[:, 0].min() for p in patches if len(p)]
     ends = [p.points[:, 0].max() for p in patches if len(p)]
     assert all(a <= b + 1e-9 for a, b in zip(ends, starts[1:], strict=False))
+
+
+def test_what_pixels_tell_when_they_wake_up_is_no_edge(scan: EventArray) -> None:
+    events = waking(scan, MS)
+    patches, _, engine = sweep(events, track_of(rolling(0.3), DURATION_S))
+    points = points_of(patches)
+    edges = np.unique(lines(tilted)[:, 0])
+    away = np.abs(points[:, 0, None] - edges).min(axis=1)
+    assert len(points) > 1000
+    # They lie 0.3 mm behind.
+    assert np.mean(away < 1e-4) > 0.98
+    assert engine.counts.dead_time_events > 0.4 * len(events)
 
 
 def test_a_pass_that_ends_where_events_were_left_out_is_counted(scan: EventArray) -> None:

@@ -7,6 +7,7 @@ from collections import deque
 
 import numpy as np
 
+from .dead_time import DeadTime
 from .events import EventArray
 from .pose_track import PoseTrack
 
@@ -145,6 +146,8 @@ class EventCutter(ABC):
 
     #: Error of a place between two poses that is let pass, metres.
     most_bend_m = np.inf
+    #: Leaves out what pixels tell too late; None leaves all.
+    dead_time: DeadTime | None = None
 
     def __init__(self, most_events: int, track: PoseTrack) -> None:
         self._queue = EventQueue(most_events)
@@ -186,8 +189,13 @@ class EventCutter(ABC):
         """Between the events before and those after, some were left out on purpose."""
         self._gap_begun = True
 
-    def _without_ramps(self, events: EventArray, start_ns: int, end_ns: int) -> EventArray:
+    def _placed(self, events: EventArray, start_ns: int, end_ns: int) -> EventArray:
         """Events of a span without those whose place is uncertain; counted."""
+        late = self.dead_time
+        if late and late.measure(events) and self._track.covers(start_ns, end_ns):
+            begin, end = self._track.matrices([start_ns, end_ns])[:, :3, 3]
+            speed = np.linalg.norm(end - begin) / max(end_ns - start_ns, 1) * 1e9
+            events = late.without_followers(events, float(speed))
         ramps = self._track.bent(start_ns, end_ns, self.most_bend_m) if len(events) else []
         if not ramps:
             return events

@@ -94,6 +94,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
             "refused_windows": totals["refused_windows"],
             "left_out_windows": totals["left_out_windows"],
             "ramp_events": totals["ramp_events"],
+            "dead_time_events": totals["dead_time_events"],
             "edge_drift": self.settings.drift_text,
             **contact_figures(pipeline),
             **self._times("window", self._milliseconds),

@@ -29,6 +29,7 @@ class DepthCounts:
     events_without_pose: int = 0
     still_events: int = 0
     ramp_events: int = 0
+    dead_time_events: int = 0
     left_out_windows: int = 0
     broken_passes: int = 0
     bad_contact_windows: int = 0
@@ -69,6 +70,8 @@ class DepthEngine(Generic[C]):
         self._counts.events_without_pose = self._cutter.events_without_pose
         self._counts.still_events = self._cutter.still_events
         self._counts.ramp_events = self._cutter.ramp_events
+        late = self._cutter.dead_time
+        self._counts.dead_time_events = late.left_out if late else 0
         return self._counts
 
     @property

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roller_core.camera import Camera
+from roller_core.dead_time import DeadTime
 from roller_core.errors import RollerError, SettingsError
 from roller_core.events import EventArray
 from roller_core.hot_pixels import count_events, find_hot_pixels
@@ -77,6 +78,8 @@ class DepthPipeline(DepthEngine[WindowCutter]):
     def __init__(self, settings: DepthSettings, camera: Camera, track: PoseTrack) -> None:
         refuse_surface(settings)
         super().__init__(settings, camera, track, WindowCutter(settings, track))
+        if settings.method == "focus":
+            self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
         self._table = camera.undistortion_table()
         if settings.patch_half_length_m:

@@ -78,6 +78,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             "broken_passes": totals["broken_passes"],
             "still_events": totals["still_events"],
             "ramp_events": totals["ramp_events"],
+            "dead_time_events": totals["dead_time_events"],
             "map_points": len(self.map),
             "edge_drift": str(self.settings.edge_drift),
             **contact_figures(pipeline),

@@ -211,4 +211,4 @@ class WindowCutter(EventCutter):
         taken = self._queue.first(self._queue.count_before(end))
         self._start_ns = following if following < 2**62 else None
         self._queue.drop_before(following)
-        return Window(start, end, self._without_ramps(taken, start, end))
+        return Window(start, end, self._placed(taken, start, end))

@@ -126,7 +126,7 @@ class PassCutter(EventCutter):
             if len(events):
                 yield RefusedWindow(t0, t1, len(events), str(error), error)
             return
-        events = self._without_ramps(events, t0, t1)
+        events = self._placed(events, t0, t1)
         pose0, pose1 = self._track.matrices([t0, t1])
         if self._strip is not None:
             local0, local1 = self._strip.to_strip(pose0), self._strip.to_strip(pose1)

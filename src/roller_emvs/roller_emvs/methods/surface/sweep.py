@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from roller_core.camera import Camera
+from roller_core.dead_time import DeadTime
 from roller_core.errors import RollerError
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
@@ -65,6 +66,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
 
     def __init__(self, settings: SurfaceSettings, camera: Camera, track: PoseTrack) -> None:
         super().__init__(settings, camera, track, PassCutter(settings, camera, track))
+        self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
         self.milliseconds: dict[str, float] = {}
         self._buffers = PartBuffers()

@@ -1,0 +1,125 @@
+"""Events that a pixel's dead time has put in the wrong place, as against those that show an edge.
+
+After an event a pixel is blind for its dead time. What changes meanwhile it tells when that is
+over, or takes for its new level: either way its next event lies where the pixel woke up, and not
+where an edge is. Where the sensor moves on by a part of a wall meanwhile, such events err by what
+the two edges differ in height.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from . import numba_start  # noqa: F401 (before a kernel runs)
+from .events import EventArray
+
+#: Rows of which one is measured; gaps between events of a pixel that count, and their bins, ns.
+_EVERY, _LONGEST_NS, _BIN_NS = 16, 10_000_000, 50_000
+#: Gaps from which on there is a measurement.
+_ENOUGH = 1000
+#: The dead time ends in the first bin with so many times the mean of the shorter ones, and with
+#: this share of all; the very first needs more to be it.
+_TIMES, _SHARE, _FIRST_SHARE = 8.0, 2e-4, 0.01
+#: Dead time that is one, ns: what is shorter matters little, what is longer comes of the object;
+#: and the travel from which on it matters, m.
+_LEAST_NS, _MOST_NS, _LEAST_M = 700_000, 1_500_000, 2.5e-4
+#: Travel from the end of the dead time on over which events still hang on it: a wall's flank, m.
+_FLANK_M = 4.5e-4
+_NEVER_NS = -(2**62)
+
+I64 = npt.NDArray[np.int64]
+
+
+class DeadTime:
+    """Measures the dead time of pixels, and leaves out what they tell too late.
+
+    Parameters
+    ----------
+    width, height : int
+        Of the image, px.
+
+    Attributes
+    ----------
+    ns : int
+        The dead time as far as it was seen; 0 while it isn't known or too short to matter.
+    left_out : int
+        Events left out.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self._measured = np.full((-(-height // _EVERY), width), _NEVER_NS)
+        self._last = np.full((height, width), _NEVER_NS)
+        self._gaps = np.zeros(_LONGEST_NS // _BIN_NS, np.int64)
+        self._newest_ns = _NEVER_NS
+        self.ns = 0
+        self.left_out = 0
+
+    def measure(self, events: EventArray) -> bool:
+        """Take events in order of time; whether there is a dead time that may matter.
+
+        Events that were taken before, as of overlapping windows, start anew.
+        """
+        if not len(events):
+            return self.ns > 0
+        if events.t_ns[0] < self._newest_ns:
+            self._measured[:] = self._last[:] = _NEVER_NS
+        self._newest_ns = int(events.t_ns[-1])
+        _count_gaps(events.x, events.y, events.t_ns, self._measured, self._gaps)
+        self.ns = _dead_time_ns(self._gaps)
+        return self.ns > 0
+
+    def without_followers(self, events: EventArray, speed_m_s: float) -> EventArray:
+        """Events without those that came too soon after another of their pixel.
+
+        Parameters
+        ----------
+        events : EventArray
+            The same as were measured.
+        speed_m_s : float
+            Of the sensor, m/s. Where it hardly moves during the dead time, all events stay.
+        """
+        keep = np.empty(len(events), np.bool_)
+        slow = not self.ns or speed_m_s * self.ns * 1e-9 < _LEAST_M
+        within = 0 if slow else self.ns + round(_FLANK_M / speed_m_s * 1e9)
+        _follow(events.x, events.y, events.t_ns, within, self._last, keep)
+        if slow:
+            return events
+        kept = events[keep]
+        self.left_out += len(events) - len(kept)
+        return kept
+
+
+def _dead_time_ns(gaps: I64) -> int:
+    """Where the gaps between a pixel's events begin, if that is late; else 0."""
+    total = int(gaps.sum())
+    if total < _ENOUGH:
+        return 0
+    shorter = np.concatenate([[0], np.cumsum(gaps)[:-1]]) / np.maximum(np.arange(len(gaps)), 1)
+    least = np.full(len(gaps), max(_SHARE * total, 3.0))
+    least[0] = _FIRST_SHARE * total
+    begins = np.flatnonzero(gaps >= np.maximum(_TIMES * shorter, least))
+    found = int(begins[0]) * _BIN_NS if len(begins) else 0
+    return found if _LEAST_NS <= found <= _MOST_NS else 0
+
+
+@njit(cache=True, nogil=True)
+def _count_gaps(x, y, t, last, gaps):  # type: ignore[no-untyped-def]
+    """Count gaps between events of the pixels of some rows; `last` is by those."""
+    for i in range(np.uint64(len(t))):
+        if y[i] & np.uint16(_EVERY - 1):
+            continue
+        row = y[i] // np.uint16(_EVERY)
+        gap = t[i] - last[row, x[i]]
+        last[row, x[i]] = t[i]
+        if gap < _LONGEST_NS:
+            gaps[gap // _BIN_NS] += 1
+
+
+@njit(cache=True, nogil=True)
+def _follow(x, y, t, within, last, keep):  # type: ignore[no-untyped-def]
+    """Which events don't come `within` a time of another of their pixel, whatever that shows."""
+    for i in range(len(t)):
+        keep[i] = t[i] - last[y[i], x[i]] >= within
+        last[y[i], x[i]] = t[i]

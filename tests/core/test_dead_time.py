@@ -1,0 +1,79 @@
+"""Events that come when a pixel wakes up, against those that show an edge."""
+
+import numpy as np
+import pytest
+
+from roller_core.dead_time import DeadTime
+from roller_core.events import EventArray
+
+MS = 1_000_000
+WIDTH, HEIGHT = 64, 48
+
+
+def passing(dead_ns: int, seed: int = 3, edges: int = 20) -> tuple[EventArray, np.ndarray]:
+    """Edges that pass all pixels 6 to 12 ms apart, each followed by an event from `dead_ns` on.
+
+    With a few events of noise. Second: which show an edge.
+    """
+    rng = np.random.default_rng(seed)
+    first = np.cumsum(rng.integers(6 * MS, 12 * MS, (edges, HEIGHT, WIDTH)), axis=0)
+    late = first + dead_ns + rng.exponential(0.1 * MS, first.shape).astype(np.int64)
+    y, x = np.broadcast_to(np.mgrid[:HEIGHT, :WIDTH][:, None], (2, *first.shape))
+    noise = 50
+    t = np.concatenate([first.ravel(), late.ravel(), rng.integers(0, first.max(), noise)])
+    row = np.concatenate([y.ravel(), y.ravel(), rng.integers(0, HEIGHT, noise)])
+    column = np.concatenate([x.ravel(), x.ravel(), rng.integers(0, WIDTH, noise)])
+    kind = np.repeat([True, False, False], [first.size, first.size, noise])
+    order = np.argsort(t, kind="stable")
+    events = EventArray.from_arrays(column[order], row[order], t[order], kind[order])
+    return events, kind[order]
+
+
+@pytest.mark.parametrize(
+    ("dead_us", "known_us"), [(1000, 1000), (800, 800), (100, 0), (300, 0), (2500, 0)]
+)
+def test_it_is_measured_where_it_matters_and_can_be_one(dead_us: int, known_us: int) -> None:
+    dead = DeadTime(WIDTH, HEIGHT)
+    events, _ = passing(dead_us * 1000)
+    assert dead.measure(events) == (known_us > 0)
+    assert dead.ns == known_us * 1000
+
+
+def test_few_events_say_nothing() -> None:
+    dead = DeadTime(WIDTH, HEIGHT)
+    assert not dead.measure(passing(MS)[0][:2000])
+    assert not dead.measure(EventArray.from_arrays([], [], [], []))
+
+
+def test_what_comes_as_a_pixel_wakes_up_goes_however_the_stream_is_cut() -> None:
+    events, shows = passing(MS)
+    whole = DeadTime(WIDTH, HEIGHT)
+    assert whole.measure(events)
+    kept = whole.without_followers(events, 0.5)
+    # But for noise, and what noise went before.
+    assert abs(len(kept) - shows.sum()) < 150
+    assert np.isin(kept.t_ns, events.t_ns[shows]).mean() > 0.99
+    assert whole.left_out == len(events) - len(kept)
+    parts = DeadTime(WIDTH, HEIGHT)
+    parts.measure(events)
+    cuts = [parts.without_followers(events[k : k + 999], 0.5) for k in range(0, len(events), 999)]
+    np.testing.assert_array_equal(np.concatenate([c.t_ns for c in cuts]), kept.t_ns)
+
+
+def test_all_stay_where_the_sensor_hardly_moves_meanwhile() -> None:
+    events, _ = passing(MS)
+    dead = DeadTime(WIDTH, HEIGHT)
+    dead.measure(events)
+    assert dead.without_followers(events, 0.2) is events
+    assert not dead.left_out
+
+
+def test_windows_that_overlap_lose_the_same() -> None:
+    events, _ = passing(MS)
+    dead = DeadTime(WIDTH, HEIGHT)
+    for _ in range(2):
+        dead.measure(events)
+        again = dead.without_followers(events, 0.5)
+    once = DeadTime(WIDTH, HEIGHT)
+    once.measure(events)
+    np.testing.assert_array_equal(again.t_ns, once.without_followers(events, 0.5).t_ns)
