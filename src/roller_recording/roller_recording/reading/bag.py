@@ -49,6 +49,9 @@ class BagRecording(Recording):
         If it can't be read at all.
     """
 
+    #: Where the calibration that is used comes from, if it is the bag's own.
+    _info_topic: str | None = None
+
     def __init__(
         self,
         path: Path,
@@ -85,7 +88,6 @@ class BagRecording(Recording):
                 f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "
                 f"give --poses FILE (TUM); it has {listed(self._reader.topics)}"
             )
-        #: Where the calibration that is used comes from, if it is the bag's own.
         self._info_topic = None if camera else f"{self._topic.rsplit('/', 1)[0]}/camera_info"
         self.camera = camera or self._calibration()
 
