@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from recording.bags import write_bag
+from recording.bags import analytic_dataset, write_bag
 from roller_bringup.cli import main
+from roller_inspect.batch.jobs import find_recordings
 
 pytestmark = pytest.mark.scan
 
@@ -61,6 +62,38 @@ def test_a_dask_scheduler_does_the_jobs(tmp_path: Path) -> None:
         assert main([*words, cluster.scheduler_address]) == 1
     (job,) = json.loads((out / "summary.json").read_text())["jobs"]
     assert "broken.mcap" in job["error"]
+
+
+def test_recordings_are_found_and_results_are_not(tmp_path: Path) -> None:
+    bag, data = write_bag(tmp_path / "bag"), analytic_dataset(tmp_path / "data")
+    (tmp_path / "single.raw").touch()
+    main(["replay", str(bag), "--output", str(tmp_path / "shown"), "--no-picture", "--no-braille"])
+    assert list(find_recordings([tmp_path])) == [bag, data, tmp_path / "single.raw"]
+
+
+def test_a_reference_that_was_taught_again_counts_as_another(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, out = tmp_path / "part.stl", tmp_path / "out"
+    write_bag(tmp_path / "scans" / "good")
+    words = [
+        "batch",
+        str(tmp_path / "scans"),
+        "--output",
+        str(out),
+        "--method",
+        "focus",
+        "--resume",
+    ]
+    keys = []
+    for height_m in (0.0, 1e-3):
+        corners = [[0, 0, height_m], [0.05, 0, height_m], [0, 0.05, height_m]]
+        facet = "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners)
+        model.write_text(f"solid a\nfacet normal 0 0 1\nouter loop\n{facet}endloop\nendfacet\n")
+        main([*words, "--reference", f"cad:{model}"])
+        (job,) = json.loads((out / "summary.json").read_text())["jobs"]
+        keys.append(job["key"])
+    assert keys[0] != keys[1]
 
 
 def test_no_recordings_is_wrong_usage(tmp_path: Path) -> None:

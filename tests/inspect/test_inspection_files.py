@@ -81,6 +81,7 @@ def test_parts_end_on_request_and_when_the_source_starts_again() -> None:
         stage.take_output(output)
     said = stage.finish()
     assert said.startswith("P-17: conform: no findings"), said
+    assert stage.finish() == f"P-17 2: no points yet; before: {said}"
     for output in clouds(scan(HOLE, **SMALL), t_ns=2 * 10**12):
         stage.take_output(output)
     assert stage.start() == "P-17 3 begins with the next points"

@@ -18,6 +18,7 @@ from recording.bags import (
     EVENT_ARRAY,
     EVENT_PACKET,
     Recipe,
+    analytic_dataset,
     bag_messages,
     camera_track,
     scan,
@@ -300,3 +301,13 @@ def test_real_bags_of_both_types(
     (tmp_path / "poses.txt").write_text(poses)
     given = {"poses": tmp_path / "poses.txt", "camera_file": tmp_path / "camera.yaml"}
     assert events_in(shared_data / "ros_event_packets" / name, **given) == events
+
+
+def test_info_counts_a_dataset_folder(tmp_path: Path, capsys: Capture) -> None:
+    folder = analytic_dataset(tmp_path / "data", 1000)
+    assert main(["info", str(folder)]) == 0
+    assert "events     1000 (" in capsys.readouterr().out
+    with (folder / "events.txt").open("a") as file:
+        file.write("1 2 3\n")
+    assert main(["info", str(folder)]) == 1
+    assert "line 1001" in capsys.readouterr().err

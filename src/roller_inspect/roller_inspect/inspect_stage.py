@@ -115,9 +115,10 @@ class InspectStage(Stage[InspectParameters]):
         return f"{self._name} begins with the next points"
 
     def finish(self) -> str:
-        """Finish the part and say its verdict."""
+        """Finish the part and say its verdict; of one that ended by itself too."""
         if self._inspector is None:
-            return f"{self._name}: no points yet"
+            before = f"; before: {self._verdict}" if self._verdict else ""
+            return f"{self._name}: no points yet{before}"
         self._finish()
         return self._verdict
 

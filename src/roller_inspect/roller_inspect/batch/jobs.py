@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from roller_core.output_mark import MARK
+from roller_core.output_mark import MARK, entries_made
 
 #: Of the child: its memory is bounded before anything is loaded.
 _CHILD = (
@@ -61,10 +61,14 @@ class Row:
 
 
 def find_recordings(folders: Sequence[Path]) -> Iterator[Path]:
-    """Recordings in folders: rosbag2 folders, and single files that lie in none."""
+    """Recordings in folders: rosbag2 and dataset folders, and single files that lie in none.
+
+    What a replay or an inspection wrote there is no recording.
+    """
     for folder in folders:
-        bags = sorted(path.parent for path in folder.rglob("metadata.yaml"))
-        yield from bags
+        files = (*folder.rglob("metadata.yaml"), *folder.rglob("events.txt"))
+        bags = sorted({path.parent for path in files})
+        yield from (b for b in bags if not {b.name, "report.json"} <= entries_made(b.parent).keys())
         for path in sorted(folder.rglob("*")):
             if path.suffix in _SUFFIXES and not any(path.is_relative_to(bag) for bag in bags):
                 yield path

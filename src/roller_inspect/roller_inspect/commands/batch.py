@@ -15,6 +15,7 @@ from .options import add_method_option
 
 if TYPE_CHECKING:
     from roller_inspect.batch.jobs import Job, Row
+    from roller_inspect.recipe import Recipe
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         named = ", ".join(map(str, args.folders))
         print(f"error: {named}: no recordings there", file=sys.stderr)
         return USAGE
-    jobs = _jobs(args, sources, recipe.sha256())
+    jobs = _jobs(args, sources, recipe)
     inputs = [*args.folders, args.params, args.recipe]
     with OutputFolder(args.output, "batch", inputs, lasting=[job.key for job in jobs]) as output:
         rows = _run_all(jobs, args)
@@ -86,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _jobs(args: argparse.Namespace, sources: list[Path], recipe: str) -> list[Job]:
+def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list[Job]:
     from roller_core.calibration_file import digest
     from roller_core.digests import data_digest
     from roller_inspect.batch.jobs import Job
@@ -100,10 +101,11 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: str) -> list[Jo
             options += [f"--{name}", str(value.resolve() if isinstance(value, Path) else value)]
     if args.export:
         options += ["--export", ",".join(args.export)]
-    params = digest(args.params) if args.params else ""
+    named = (args.params, recipe.reference.path)
+    read = [recipe.sha256(), *(digest(Path(path)) if path else "" for path in named)]
     jobs, earlier = {}, read_rows(args.output) if args.resume else {}
     for source in sources:
-        found = [digest(source), recipe, params, args.method, args.export, software()]
+        found = [digest(source), *read, args.method, args.export, software()]
         key = data_digest(found)[:16]
         before = earlier.get(key)
         if before is not None and not before.verdict:

@@ -15,13 +15,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "info",
         help="show what a recording holds",
         description="Decode all events of a rosbag2, ROS 1 bag, AEDAT4, Prophesee "
-        "(EVT 3.0) or DSEC file and count them.",
+        "(EVT 3.0) or DSEC file or a folder of the public event-camera dataset and count them.",
     )
     parser.add_argument(
         "input",
         type=Path,
         metavar="INPUT",
-        help="rosbag2, ROS 1 bag, or file of events",
+        help="recording",
     )
     parser.add_argument("--topic", metavar="NAME", help="count only the events of this topic (all)")
     parser.add_argument(

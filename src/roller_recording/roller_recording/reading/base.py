@@ -132,3 +132,8 @@ def check_path(path: Path) -> None:
         raise RecordingError(f"{path}: there is no such file or folder")
     if not (path.is_file() or path.is_dir()):
         raise RecordingError(f"{path}: neither a file nor a folder, but a pipe or a device")
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a path is a folder in the format of the public event-camera dataset."""
+    return path.is_dir() and (path / "events.txt").exists()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from roller_core.camera import Camera
 
-from .base import Recording, check_path
+from .base import Recording, check_path, is_dataset
 from .event_file import EventFileRecording, reader_of
 
 
@@ -40,7 +40,7 @@ def open_recording(
     camera = Camera.from_yaml(camera_file) if camera_file else None
     check_path(path)
     # The readers bring heavy libraries; only the one that is needed is loaded.
-    if path.is_dir() and (path / "events.txt").exists():
+    if is_dataset(path):
         from .dataset import DatasetRecording
 
         return DatasetRecording(path, poses, camera, max_gap_s)

@@ -12,7 +12,7 @@ from roller_core.codecs import DecodedPacket, PacketDecoder, Payload, unknown_wo
 from roller_core.errors import RollerError
 from roller_core.seq_gaps import SeqGaps
 
-from .base import RecordingError, check_path
+from .base import RecordingError, check_path, is_dataset
 from .event_file import reader_of
 
 
@@ -154,6 +154,8 @@ def summarise(path: Path, topic: str | None = None, check: bool = False) -> Reco
             _count_file(path, summary, reader, stream)
         except RecordingError as error:
             summary.faults.append(str(error))
+    elif is_dataset(path):
+        _count_dataset(path, summary)
     else:
         _count_bag(path, summary, topic, check)
     summary.end()
@@ -167,6 +169,18 @@ def _count_file(path: Path, summary: RecordingSummary, reader: Any, stream: int)
         return
     for begin, words, packet in reader.read_blocks(path, stream):
         summary.add_packet(reader.ENCODING, words, packet, f"in {path}, byte ", begin)
+
+
+def _count_dataset(path: Path, summary: RecordingSummary) -> None:
+    from .dataset import DatasetRecording
+
+    recording = DatasetRecording(path)
+    summary.size = (recording.camera.width, recording.camera.height)
+    summary.encodings.add("text")
+    for step in recording.items():
+        summary.add(step.events)
+        summary.faults += [str(fault) for fault in step.faults]
+    summary.outside = recording.counts.outside_events
 
 
 def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: bool) -> None:
