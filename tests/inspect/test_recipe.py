@@ -102,7 +102,7 @@ def test_what_was_not_measured_is_never_conform() -> None:
     assert part_verdict([], measured_enough=True, doubts=True) == "inconclusive"
     assert part_verdict(["conform"], measured_enough=False) == "unmeasured"
     # Few points that all is continued from: whatever the grid.
-    for measured, grid_m, verdict in ((0.2, 1e-4, "inconclusive"), (0.12, 5e-5, "conform")):
+    for measured, grid_m, verdict in ((0.1, 1e-4, "inconclusive"), (0.06, 5e-5, "conform")):
         few = Coverage(measured, 1 - measured, 0.0, 1e-4, 20.0)
         judged = judge(Recipe.create({"grid_m": grid_m}), (), few)
         assert judged.verdict == verdict
