@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, Writer
 
 from recording.bags import write_bag
 from roller_bringup.cli import main
+from roller_core.errors import UnwritableOutputError
+from roller_core.output_folder import OutputFolder
 from roller_emvs.ply import read_ply
+from roller_inspect.results.overview import draw_overview
 from roller_recording.reading import open_recording
 
 
@@ -32,6 +35,9 @@ def test_replay(small_disk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     source = write_bag(tmp_path / "scan")
     words = ["replay", str(source), "--no-picture", "--method", "emvs"]
     assert main([*words, "--output", str(tmp_path / "whole")]) == 0
+    with Writer(tmp_path / "none", version=9):
+        pass
+    assert draw_overview(tmp_path / "whole", source, bag=tmp_path / "none").exists()
     capsys.readouterr()
     results = tmp_path / "whole" / "surface.ply"
     # Room for half of the surface's points and no more.
@@ -46,6 +52,20 @@ def test_replay(small_disk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     assert 0 <= len(found["x"]) < len(read_ply(results)["x"])
     with Reader(out / "result") as reader:
         assert sum(1 for _ in reader.messages()) == reader.message_count
+
+
+def test_a_folder_can_be_used_once_there_is_room(small_disk: Path) -> None:
+    other = small_disk / "other"
+    with other.open("wb", buffering=0) as file:
+        while file.write(bytes(1000)) == 1000:
+            pass
+    with pytest.raises(UnwritableOutputError), OutputFolder(small_disk / "out", "replay"):
+        pass
+    assert [path.name for path in small_disk.iterdir()] == ["other"]
+    other.unlink()
+    with OutputFolder(small_disk / "out", "replay") as output:
+        (output.partial / "report.json").write_text("{}")
+    assert (small_disk / "out" / "report.json").exists()
 
 
 def test_simulate(small_disk: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -113,13 +113,18 @@ def test_verdicts(recipe: dict[str, Any], verdict: str, reason: str) -> None:
     assert reason in known.reason
 
 
-def test_a_golden_part_and_what_differs_from_it(tmp_path: Path) -> None:
+def test_a_golden_part_and_what_differs_from_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     good = finished(inspect(scan(flat, **SMALL, seed=1))[1]).found.height_map
     assert good is not None
     (tmp_path / "good").mkdir()
     good.save(tmp_path / "good" / "height_map.npz")
     taught = tmp_path / "golden"
     assert main(["inspect", "teach", str(tmp_path / "good"), "--output", str(taught)]) == 0
+    (tmp_path / "good" / "inspection.json").write_text('{"faults": ["poses are missing"]}')
+    assert main(["inspect", "teach", str(tmp_path / "good"), "--output", str(taught) + "2"]) == 1
+    assert "a scan with faults: poses are missing" in capsys.readouterr().err
     golden = {"reference": f"golden:{taught}"}
     known = finished(inspect(scan(HOLE, **SMALL), **golden)[1]).judgement
     assert known.verdict == "nonconform"

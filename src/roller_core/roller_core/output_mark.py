@@ -55,9 +55,11 @@ def locked(path: Path) -> int | None:
 
 
 def is_aside(folder: Path) -> bool:
-    """Whether a folder is one of ours to write in, or empty as a killed run can leave it."""
+    """Whether a folder is one of ours to write in, or as a run leaves it that hardly began."""
     try:
-        return folder.name == ASIDE and (bool(read_mark(folder)) or not os.listdir(folder))
+        return folder.name == ASIDE and (
+            bool(read_mark(folder)) or set(os.listdir(folder)) <= {_PART}
+        )
     except OSError:
         return False
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,6 +51,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _check(scan: Path, faults: list[str]) -> None:
+    """Refuse a scan with faults: what is missing there would be allowed for good."""
+    from roller_inspect.height_map import HeightMapError
+
+    if faults:
+        raise HeightMapError(f"{scan}: nothing is learnt from a scan with faults: {faults[0]}")
+
+
 def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
     """The map of a scan: from a result that is there, or by inspecting the recording."""
     from tempfile import TemporaryDirectory
@@ -64,6 +73,9 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
     from roller_recording.reading import open_recording
 
     if (scan / "height_map.npz").is_file():
+        document = scan / "inspection.json"
+        if document.exists():
+            _check(scan, json.loads(document.read_text()).get("faults", []))
         return HeightMap.load(scan / "height_map.npz")
     settings = PipelineSettings.load(args.params, args.method)
     recording = open_recording(scan, None, None, settings.max_pose_gap_s, None)
@@ -76,7 +88,8 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
             maps.append(result.found.found.height_map)
 
     with TemporaryDirectory() as folder, progress_bar(f"teach {scan.name}") as progress:
-        replay(recording, settings, Path(folder), scan, False, progress, stage, take)
+        report = replay(recording, settings, Path(folder), scan, False, progress, stage, take)
+    _check(scan, report.faults)
     if not maps:
         raise HeightMapError(f"{scan}: nothing was measured; a reference needs texture")
     return maps[-1]

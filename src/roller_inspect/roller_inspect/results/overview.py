@@ -125,6 +125,7 @@ def _draw_depths(
     picture: Picture, top: int, bag: Path, stamps: list[int], truth: Truth | None, delay_ns: int
 ) -> None:
     images = _depth_images(bag, set(stamps))
+    stamps = [stamp for stamp in stamps if stamp in images]  # a full disk has the first alone
     measured = [i[np.isfinite(i)].astype(np.float64) for i in images.values()]
     low, high = (
         1e3 * end for end in _limits(np.concatenate(measured) if measured else np.empty(0))
