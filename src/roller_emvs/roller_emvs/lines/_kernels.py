@@ -111,7 +111,7 @@ def _window(rays, starts, width, place, half, sample, every, some):  # type: ign
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _sums(events, count, line, middle, half, tukey, evenly):  # type: ignore[no-untyped-def]
-    """Weighted sums over events: 1, a, y, a², ay, y²; x, xa, xy; squared residuals, weights.
+    """Weighted sums over events: 1, a, y, a², ay, y²; x, xa, xy; squared weights.
 
     And what a robust fit's variance is of: the squares of what it sums, and how fast that changes
     with the residual.
@@ -122,7 +122,7 @@ def _sums(events, count, line, middle, half, tukey, evenly):  # type: ignore[no-
     p, d, m = np.float32(line[0]), np.float32(line[1]), np.float32(line[2])
     zero, one = np.float32(0), np.float32(1)
     middle, half, per = np.float32(middle), np.float32(half), np.float32(1.0 / tukey)
-    s0 = sa = sy = saa = say = syy = sx = sxa = sxy = srr = sww = spp = srw = zero
+    s0 = sa = sy = saa = say = syy = sx = sxa = sxy = sww = spp = srw = zero
     for i in range(-(-count // _VECTOR) * _VECTOR):
         x, y, a = events[0, i], events[1, i], events[2, i] - middle
         rest = x - p - d * a - m * y
@@ -145,11 +145,10 @@ def _sums(events, count, line, middle, half, tukey, evenly):  # type: ignore[no-
         sx += w * x
         sxa += wa * x
         sxy += wy * x
-        srr += w * rest * rest
         sww += w * w
         srw += w * w * rest * rest
         spp += v * (np.float32(5) * v - np.float32(4))
-    return s0, sa, sy, saa, say, syy, sx, sxa, sxy, srr, sww, srw, spp
+    return s0, sa, sy, saa, say, syy, sx, sxa, sxy, sww, srw, spp
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -160,8 +159,8 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
     `height` is the offset of each place, `half` the half width and height of the window, px. All
     rounds but the last take about `sample` of the events. `out` takes by place p, d, m; variance
     of p, covariance of p and d, variance of d, all by unit of the residuals' variance; events of
-    equal weight; the mean and the variance of the slopes; the residuals' variance, and what it
-    counts as for the line's (Huber's variance of an M-estimate). NaN where events fix no line.
+    equal weight; the mean and the variance of the slopes; what the residuals' variance counts as
+    for the line's (Huber's variance of an M-estimate). NaN where events fix no line.
     """
     room = 0
     for k in range(len(row)):
@@ -222,11 +221,10 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
                 out[k, 3] = 1 / s0 + at * at * vaa + 2 * at * ymean * vay + ymean * ymean * vyy
                 out[k, 4] = -at * vaa - ymean * vay
                 out[k, 5] = vaa
-                out[k, 6] = s0 * s0 / np.float64(sums[10])
+                out[k, 6] = s0 * s0 / np.float64(sums[9])
                 out[k, 7] = at
                 out[k, 8] = aa / s0
-                out[k, 9] = np.float64(sums[9]) / s0
-                out[k, 10] = np.float64(sums[11]) * s0 / max(np.float64(sums[12]), _SLACK * s0) ** 2
+                out[k, 9] = np.float64(sums[10]) * s0 / max(np.float64(sums[11]), _SLACK * s0) ** 2
 
 
 @njit(cache=True, nogil=True)

@@ -58,8 +58,6 @@ class Lines:
     offset: F64
     #: Variance of x, covariance of x and offset, variance of the offset. Shape (n, 3).
     variance: F64
-    #: Standard deviation of the events about the line.
-    band_px: F64
     #: Events that the fit rests on, of equal weight.
     events: F64
     #: Mean slope of the rays.
@@ -75,9 +73,7 @@ class Lines:
 
 
 _NONE = np.empty(0)
-NO_LINES = Lines(
-    np.empty(0, np.int64), _NONE, _NONE, _NONE, np.empty((0, 3)), _NONE, _NONE, _NONE, _NONE
-)
+NO_LINES = Lines(np.empty(0, np.int64), _NONE, _NONE, _NONE, np.empty((0, 3)), _NONE, _NONE, _NONE)
 
 
 def fit_lines(
@@ -120,12 +116,12 @@ def fit_lines(
     row, column = row[:count], column[:count]
     at = surface[row, column].astype(np.float64)
     ordered, starts = _near(rays, pixel, counts, row, column, width)
-    out = np.empty((count, 11))
+    out = np.empty((count, 10))
     kernels._fit_lines(
         ordered, starts, width, row, column, at, np.array(_WINDOW_PX), _TUKEY_PX, _ROUNDS,
         _SAMPLE, out,
     )  # fmt: skip
-    p, d, tilt, v_x, v_xd, v_d, events, lean, spread, square, robust = out.T
+    p, d, tilt, v_x, v_xd, v_d, events, lean, spread, robust = out.T
     steps = np.abs(d / offset_per_m)
     with np.errstate(invalid="ignore"):
         keep = (
@@ -136,9 +132,7 @@ def fit_lines(
         )
     variance = (robust / INDEPENDENT)[:, None] * np.stack([v_x, -v_xd, v_d], axis=1)
     # A ray's offset counts from the plane that it was placed on: away from there x falls short.
-    lines = Lines(row, column + p, tilt, at - d, variance, np.sqrt(square), events, lean, spread)[
-        keep
-    ]
+    lines = Lines(row, column + p, tilt, at - d, variance, events, lean, spread)[keep]
     return _agreeing(lines, _VOTE_M * abs(offset_per_m))
 
 
