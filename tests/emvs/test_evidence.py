@@ -7,6 +7,8 @@ import pytest
 
 from roller_emvs.evidence import CELL_PX, EvidenceSettings, RayField, coarse, find_depths, sweep
 from roller_emvs.evidence import _peak_kernels as peaks
+from roller_emvs.evidence import field as evidence_field
+from roller_emvs.evidence.field import Box
 from roller_emvs.evidence.focus_measure import all_tiles, plane_offsets
 from roller_emvs.evidence.relief import enlarge, measured_pixels
 from roller_emvs.lines.edge_drift import EdgeDriftSettings
@@ -178,6 +180,41 @@ def test_tiles_left_out_hold_no_depth(parts: int, monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr(module, "tiles_reached", lambda _r, f, at: all_tiles(f, len(at)))
     for a, b in zip(found, find_depths(field, -1.0, 1.0, SETTINGS, parts), strict=True):
         np.testing.assert_allclose(a.offset, b.offset, atol=0.02)
+
+
+def test_cutting_off_what_holds_no_depth_changes_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    x, y, slope, polarity = lines_at(0.2, np.random.default_rng(1))
+    # A patch of a large grid.
+    field = replace(
+        field_of(x[x < 60], 90.0 + 0.5 * y[x < 60], slope[x < 60], polarity[x < 60]),
+        shape=(280, SHAPE[1]),
+    )
+    cut, shapes = RayField.cut, []
+
+    def watched(whole: RayField, box: Box) -> RayField:
+        part = cut(whole, box)
+        shapes.append(part.shape)
+        return part
+
+    monkeypatch.setattr(RayField, "cut", watched)
+    drift, found = EdgeDriftSettings.create({}), []
+    for _ in range(2):
+        depths = find_depths(field, -1.0, 1.0, SETTINGS)
+        found.append((depths, measured_pixels(field, depths, SETTINGS, drift)))
+        monkeypatch.setattr(evidence_field, "_MOST_CUT", 0.0)
+    assert len(shapes) == 3
+    assert all(shape[0] < 150 for shape in shapes)
+    for own, whole in zip(found[0][0], found[1][0], strict=True):
+        for name in ("offset", "confidence", "focus_measure"):
+            np.testing.assert_allclose(getattr(own, name), getattr(whole, name), rtol=1e-5)
+    points, expected = found[0][1], found[1][1]
+    assert len(points.row) > 80
+    np.testing.assert_array_equal(points.row, expected.row)
+    np.testing.assert_array_equal(points.column, expected.column)
+    np.testing.assert_allclose(points.offset, expected.offset, atol=1e-4)
+    np.testing.assert_allclose(points.sigma, expected.sigma, rtol=1e-3)
+    for own, whole in zip(points.surfaces, expected.surfaces, strict=True):
+        np.testing.assert_allclose(own, whole, atol=1e-4)
 
 
 def test_the_fringe_of_an_edge_gives_no_points() -> None:

@@ -21,8 +21,9 @@ from roller_core.errors import SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import rotation_vector_to_quaternion
+from roller_emvs.evidence.field import Box, EvidenceField
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
-from roller_emvs.methods.surface.part_field import fits
+from roller_emvs.methods.surface.part_field import PartField, fits
 from roller_emvs.methods.surface.strip import Block, Strip
 from roller_emvs.windows import RefusedWindow
 from simulated_scans import Scans
@@ -249,6 +250,25 @@ def test_both_ways_find_the_same(scan: EventArray, monkeypatch: pytest.MonkeyPat
     assert len(by_parts) > 0.9 * len(by_rays) > 1000
     errors = [np.median(np.abs(p[:, 2] - tilted(p[:, 0]))) for p in (by_parts, by_rays)]
     assert errors[0] < errors[1] + 5e-6
+
+
+def test_what_holds_no_depth_is_cut_off(scan: EventArray, monkeypatch: pytest.MonkeyPatch) -> None:
+    track = track_of(rolling(0.3), DURATION_S)
+    # Beside what is seen in a part of the view, a few events of noise.
+    noise = np.random.default_rng(1).random(len(scan)) < 2e-4
+    part, boxes, cut = scan[(scan.y < 0.3 * CAMERA.height) | noise], [], PartField.cut
+
+    def watched(field: PartField, box: Box) -> EvidenceField:
+        boxes.append(box)
+        return cut(field, box)
+
+    monkeypatch.setattr(PartField, "cut", watched)
+    found = points_of(sweep(part, track)[0])
+    assert len(boxes) > 5
+    monkeypatch.setattr("roller_emvs.evidence.field._MOST_CUT", 0.0)
+    whole = points_of(sweep(part, track)[0])
+    assert len(whole) > 200
+    np.testing.assert_allclose(found, whole, atol=1e-7)
 
 
 def test_settings_are_checked() -> None:

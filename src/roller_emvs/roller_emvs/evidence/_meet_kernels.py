@@ -17,20 +17,21 @@ _CHUNK = 512
 
 
 @njit(cache=True, nogil=True)
-def _meet(rays, first, last, offset, start, sums):  # type: ignore[no-untyped-def]
+def _meet(rays, first, last, corner, offset, start, sums):  # type: ignore[no-untyped-def]
     """Count events, and add up their slopes along x and squares, where they meet the surface.
 
-    `offset` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere.
+    `offset` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere. Its
+    first pixel is at `corner`, column and row, of what the rays are in.
     `sums`, shape (rows, columns, 3), holds what is added to together.
     """
     height, width = offset.shape
     right = np.float32(width)
     below = np.float32(height)
     per_px = np.float32(1.0 / CELL_PX)
-    half = np.float32(0.5)
+    left, top = np.float32(0.5 - corner[0]), np.float32(0.5 - corner[1])
     for i in range(first, last):
-        x = rays[i, 0] + half
-        y = rays[i, 1] + half
+        x = rays[i, 0] + left
+        y = rays[i, 1] + top
         slope = rays[i, 2]
         z = start
         row = np.uint32(0)
@@ -57,23 +58,25 @@ def _meet(rays, first, last, offset, start, sums):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _ground(rays, surface, start, width, pixel, counts):  # type: ignore[no-untyped-def]
+def _ground(rays, corner, surface, start, width, pixel, counts):  # type: ignore[no-untyped-def]
     """Pixel in which each event meets the surface, and how many meet each.
 
-    `surface` is the offset by pixel, flat, NaN where it is unknown and in one entry more, which
-    stands for nowhere. A ray is followed from `start` from one place to the next; what makes a
-    place of rays, some at a time, the compiler turns into vector instructions.
+    `surface` is the offset by pixel, flat, its first one at `corner` as in `_meet`, NaN where it is
+    unknown and in one entry more, which stands for nowhere. A ray is followed from `start` from
+    one place to the next; what makes a place of rays, some at a time, the compiler turns into
+    vector instructions.
     """
     nowhere = np.int32(len(surface) - 1)
-    many, half, zero = np.int32(width), np.float32(0.5), np.float32(0)
+    many, zero = np.int32(width), np.float32(0)
+    left, top = np.float32(0.5 - corner[0]), np.float32(0.5 - corner[1])
     right, below = np.float32(width), np.float32(nowhere // width)
     x, y, along, across, z = np.empty((5, _CHUNK), np.float32)
     place = np.empty(_CHUNK, np.int32)
     for begin in range(0, len(rays), _CHUNK):
         first, size = np.uint64(begin), np.uint64(min(_CHUNK, len(rays) - begin))
         for i in range(size):
-            x[i] = rays[first + i, 0] + half
-            y[i] = rays[first + i, 1] + half
+            x[i] = rays[first + i, 0] + left
+            y[i] = rays[first + i, 1] + top
             along[i] = rays[first + i, 2]
             across[i] = rays[first + i, 3]
             z[i] = start

@@ -8,7 +8,8 @@ linear.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,14 +21,22 @@ from . import _meet_kernels as meet
 from ._kernels import CELL_PX
 
 I32 = npt.NDArray[np.int32]
+Mask = npt.NDArray[np.bool_]
+#: Rows and columns of cells.
+Box = tuple[slice, slice]
 
 #: Depths, at most, of which a median is taken.
 _SAMPLE = 1000
+#: A grid is cut where less than this share of it is left.
+_MOST_CUT = 0.8
 
 
 @dataclass(frozen=True)
 class EvidenceField(ABC):
     """Events of a window or block on a grid of pixels, x along the parallax."""
+
+    #: Columns of cells by which it may be cut; 0: it can't be.
+    cut_step: ClassVar[int] = 0
 
     #: Rows and columns of the grid, px; multiples of `CELL_PX`.
     shape: tuple[int, int]
@@ -43,6 +52,8 @@ class EvidenceField(ABC):
     speed_px_s: float
     #: 1 where the camera moves along x, -1 where it moves against it.
     direction: float
+    #: Most spread of slopes of any column of the grid that this was cut from; None: of its own.
+    most_spread: float | None = field(default=None, kw_only=True)
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -52,6 +63,8 @@ class EvidenceField(ABC):
     @property
     def aperture(self) -> float:
         """Most spread of slopes of any column: pixels of parallax by unit of offset."""
+        if self.most_spread is not None:
+            return self.most_spread
         return float(max((self.slopes[1] - self.slopes[0]).max(), 0.0))
 
     @property
@@ -74,6 +87,23 @@ class EvidenceField(ABC):
     def planes_in_effect(self, at: F64) -> F64 | None:
         """Offsets that planes have in effect, shape (planes, columns of cells); None: as asked."""
         return None
+
+    def cut(self, box: Box) -> EvidenceField:
+        """The same on some of its cells, columns in steps of `cut_step`."""
+        raise NotImplementedError
+
+    def box_around(self, cells: Mask, reach: int) -> Box | None:
+        """Some cells and those around, as may be cut; None where that is most of the grid."""
+        if not self.cut_step or not cells.any():
+            return None
+        box = []
+        for axis, step in ((0, 1), (1, self.cut_step)):
+            known = np.flatnonzero(cells.any(axis=1 - axis))
+            first = max(int(known[0]) - reach, 0) // step * step
+            last = -(-(int(known[-1]) + 1 + reach) // step) * step
+            box.append(slice(first, min(last, cells.shape[axis])))
+        size = np.prod([part.stop - part.start for part in box])
+        return (box[0], box[1]) if size < _MOST_CUT * cells.size else None
 
     @abstractmethod
     def slope_sums(self, offset: F32, polarity: int) -> F32:
@@ -106,22 +136,43 @@ class RayField(EvidenceField):
     #: Where OFF and ON events begin, and the end. Shape (3,).
     bounds: npt.NDArray[np.int64]
 
+    #: Column and row of the grid's first pixel in what the rays are in.
+    corner: tuple[float, float] = (0.0, 0.0)
+
+    cut_step: ClassVar[int] = 1
+
+    def cut(self, box: Box) -> RayField:
+        """See `EvidenceField`."""
+        rows, columns = box
+        left, top = self.corner
+        corner = left + CELL_PX * columns.start, top + CELL_PX * rows.start
+        return replace(
+            self, shape=shape_of(box), slopes=self.slopes[:, columns], corner=corner,
+            most_spread=self.aperture,
+        )  # fmt: skip
+
     def slope_sums(self, offset: F32, polarity: int) -> F32:
         """See `EvidenceField`."""
         sums, start = np.zeros((*self.cells, 3), np.float32), sample_median(offset)
         if start is not None:
             first, last = int(self.bounds[polarity]), int(self.bounds[polarity + 1])
-            meet._meet(self.rays, first, last, offset, start, sums)
+            meet._meet(self.rays, first, last, self.corner, offset, start, sums)
         return sums
 
     def support(self, offset: F32, polarity: int) -> F32:
         """See `EvidenceField`."""
         first, last = int(self.bounds[polarity]), int(self.bounds[polarity + 1])
-        _, counts = ground(self.rays[first:last], offset)
+        _, counts = ground(self.rays[first:last], offset, self.corner)
         return counts[:-1].reshape(self.shape).astype(np.float32)
 
 
-def ground(rays: F32, surface: F32) -> tuple[I32, I32]:
+def shape_of(box: Box) -> tuple[int, int]:
+    """Rows and columns of a part of a grid, px."""
+    rows, columns = box
+    return CELL_PX * (rows.stop - rows.start), CELL_PX * (columns.stop - columns.start)
+
+
+def ground(rays: F32, surface: F32, corner: tuple[float, float] = (0.0, 0.0)) -> tuple[I32, I32]:
     """Pixel in which each ray, float32, shape (n, 4), meets a surface, and how many meet each.
 
     Pixels are of the flat image; `surface` is the offset by pixel, NaN where it is unknown. The
@@ -133,7 +184,7 @@ def ground(rays: F32, surface: F32) -> tuple[I32, I32]:
         pixel[:], counts[-1] = surface.size, len(rays)
     else:
         flat = np.append(surface, np.float32(np.nan))
-        meet._ground(rays, flat, start, surface.shape[1], pixel, counts)
+        meet._ground(rays, corner, flat, start, surface.shape[1], pixel, counts)
     return pixel, counts
 
 

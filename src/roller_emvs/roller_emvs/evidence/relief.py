@@ -16,7 +16,7 @@ from roller_emvs.threads import share
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .evidence_settings import EvidenceSettings
-from .field import EvidenceField
+from .field import Box, EvidenceField, Mask
 from .fit import Fit, fit_planes
 from .sweep import Depths
 from .uncertainty import point_sigma
@@ -37,6 +37,8 @@ _SIDE_CELLS, _SIDE_CHANGE = 1.5, 0.3
 _MOST_SCATTER_PX = 1.5
 #: Warped events that a pixel needs to become a point.
 _MIN_VOTES = np.float32(2.0)
+#: Cells around depths up to which they tell on the surface.
+_REACH = 8
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,28 @@ class Relief:
     surfaces: tuple[F32, ...]
     #: Of the cells of each, see `crossing_change`. Shape (rows, columns).
     changes: tuple[F32, ...]
-    #: Of the cells, see `wall_side`. Shape (rows, columns).
+    #: Of the cells, see `wall_side`; 0 where nothing asks for it. Shape (rows, columns).
     side: F32
+
+    def put(self, field: EvidenceField, box: Box) -> Relief:
+        """The same as part of a larger grid, elsewhere without points."""
+        rows, columns = box
+        top, left = CELL_PX * rows.start, CELL_PX * columns.start
+        px = slice(top, CELL_PX * rows.stop), slice(left, CELL_PX * columns.stop)
+
+        def whole(part: F32, shape: tuple[int, int], at: Box, fill: float) -> F32:
+            out = np.full(shape, np.float32(fill))
+            out[at] = part
+            return out
+
+        return replace(
+            self,
+            row=self.row + top,
+            column=self.column + left,
+            surfaces=tuple(whole(v, field.shape, px, np.nan) for v in self.surfaces),
+            changes=tuple(whole(v, field.cells, box, 0.0) for v in self.changes),
+            side=whole(self.side, field.cells, box, 0.0),
+        )
 
 
 def measured_pixels(
@@ -67,6 +89,7 @@ def measured_pixels(
     settings: EvidenceSettings,
     drift: EdgeDriftSettings,
     threads: int = 1,
+    sides: bool = False,
 ) -> Relief:
     """Pixels on which events of one polarity gather, and the surface there.
 
@@ -82,10 +105,44 @@ def measured_pixels(
         The instrument's drift of edges, which is taken out if it is calibrated.
     threads : int
         Threads that share the work.
+    sides : bool
+        Whether `side` is wanted though the drift doesn't depend on it.
     """
+    if not any(np.isfinite(found.offset).any() for found in depths):
+        return _nothing(field)
+    box = field.box_around(_near(depths), _REACH)
+    if box is None:
+        return _measured(field, depths, settings, drift, threads, sides)
+    part, own = field.cut(box), [found.cut(box) for found in depths]
+    found = _measured(part, own, settings, drift, threads, sides)
+    return found.put(field, box)
+
+
+def _near(depths: list[Depths]) -> Mask:
+    """Cells that have a depth, or hold the evidence of one."""
+    height, width = depths[0].offset.shape
+    cells = np.zeros((height, width), np.bool_)
+    for found in depths:
+        known = np.isfinite(found.offset)
+        cells |= known
+        row, column = (np.rint(v[known]).astype(np.int64) for v in (found.y, found.x))
+        cells[row.clip(0, height - 1), column.clip(0, width - 1)] = True
+    return cells
+
+
+def _measured(
+    field: EvidenceField,
+    depths: list[Depths],
+    settings: EvidenceSettings,
+    drift: EdgeDriftSettings,
+    threads: int,
+    sides: bool,
+) -> Relief:
     px_per_offset = max(field.aperture, 1e-12)
     fit, slope = surface_slope(field, depths, threads)
-    of_drift, side = np.zeros((1, 1)), wall_side(depths)
+    of_drift, side = np.zeros((1, 1)), np.zeros(field.cells, np.float32)
+    if sides or any(drift.side_m):
+        side = wall_side(depths)
     if drift.calibrated:
         depths, of_drift = _without_drift(field, depths, slope, side, drift)
         fit, _ = surface_slope(field, depths, threads)
@@ -121,6 +178,15 @@ def measured_pixels(
     changes = tuple(found.change for found in depths)
     heights = offset.astype(np.float64)
     return Relief(row, column, heights, sure, sigma, tuple(surfaces), changes, side)
+
+
+def _nothing(field: EvidenceField) -> Relief:
+    """No pixels."""
+    none, place = np.empty(0, np.float32), np.empty(0, np.int64)
+    unknown, zero = np.full(field.shape, np.float32(np.nan)), np.zeros(field.cells, np.float32)
+    return Relief(
+        place, place, none.astype(np.float64), none, none, (unknown, unknown), (zero, zero), zero
+    )
 
 
 def surface_slope(field: EvidenceField, depths: list[Depths], threads: int = 1) -> tuple[Fit, F64]:

@@ -22,7 +22,7 @@ from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .coarse import coarse_offset, coarse_planes
 from .evidence_settings import EvidenceSettings
-from .field import EvidenceField, RayField, sample_median
+from .field import Box, EvidenceField, RayField, sample_median
 from .focus_measure import (
     I32,
     blur,
@@ -66,6 +66,29 @@ class Depths:
     x: F32
     y: F32
     change: F32
+
+    @classmethod
+    def none(cls, cells: tuple[int, int]) -> Depths:
+        """No depth anywhere."""
+        nothing = np.zeros(cells, np.float32)
+        return cls(np.full(cells, np.float32(np.nan)), *[nothing] * 5)
+
+    def cut(self, box: Box) -> Depths:
+        """Those of some of the cells."""
+        values = (self.offset, self.confidence, self.focus_measure, self.x, self.y, self.change)
+        offset, confidence, measure, x, y, change = (v[box] for v in values)
+        return Depths(offset, confidence, measure, x - box[1].start, y - box[0].start, change)
+
+    def put(self, cells: tuple[int, int], box: Box) -> Depths:
+        """The same as part of a larger grid, elsewhere without a depth."""
+        found = Depths.none(cells)
+        values = [found.offset, *np.zeros((5, *cells), np.float32)]
+        own = self.offset, self.confidence, self.focus_measure, self.x, self.y, self.change
+        for whole, part in zip(values, own, strict=True):
+            whole[box] = part
+        values[3][box] += np.float32(box[1].start)
+        values[4][box] += np.float32(box[0].start)
+        return Depths(*values)
 
 
 def find_depths(
@@ -161,8 +184,24 @@ def sharpest(
     settings : EvidenceSettings
         Neighbourhoods, thresholds.
     """
-    depths = _peaks(_follow(measure, field, at), at, first, last, field, settings)
-    return _checked(field, depths, polarity, float(at[-2] - at[1]), settings)
+    followed = _follow(measure, field, at)
+    span = float(at[-2] - at[1])
+    # Blurred is the most on any plane: no cell's score is above that.
+    possible = blur(followed.max(axis=0)[None], settings.sigma_px)[0] >= _weakest(settings)
+    box = field.box_around(possible, int(np.ceil(4 * settings.sigma_px / CELL_PX)))
+    if box is None:
+        depths = _peaks(followed, at, first, last, field, settings)
+        return _checked(field, depths, polarity, span, settings)
+    last = np.where(possible, last, -1).astype(np.int32)[box]
+    part, own = field.cut(box), np.ascontiguousarray(followed[:, box[0], box[1]])
+    depths = _peaks(own, at, np.ascontiguousarray(first[box]), last, part, settings)
+    return _checked(part, depths, polarity, span, settings).put(field.cells, box)
+
+
+def _weakest(s: EvidenceSettings) -> float:
+    """Score below which a peak may be chance."""
+    sigma = s.sigma_px / CELL_PX
+    return float(_SPOTS * _SPOT * _SPOT_VOTES**2 / (2 * np.pi * sigma**2))
 
 
 def _checked(
@@ -208,9 +247,7 @@ def _peaks(
     """Sharpest plane of each cell and where its evidence lies."""
     scores = blur(measure, s.sigma_px)
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
-    sigma = s.sigma_px / CELL_PX
-    weakest = _SPOTS * _SPOT * _SPOT_VOTES**2 / (2 * np.pi * sigma**2)
-    limits = (_MOST_RIVAL, weakest, s.min_confidence)
+    limits = (_MOST_RIVAL, _weakest(s), s.min_confidence)
     peaks._find_peak(scores, first, last, *limits, peak, contrast, top)
     # A column that was in view over little parallax has depth in name only.
     parallax = field.apertures * np.float32(at[-2] - at[1])
@@ -220,6 +257,7 @@ def _peaks(
     if in_effect is not None:
         peaks._top_between(scores, in_effect, peak, offset)
     nearest = np.where(np.isnan(peak), np.float32(-1), np.rint(peak)).astype(np.int64)
+    sigma = s.sigma_px / CELL_PX
     reach = int(np.ceil(2.5 * sigma))
     steps = np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (steps / sigma) ** 2)

@@ -100,7 +100,8 @@ def refine(
 
     def fit(polarity: int) -> None:
         scales = (field.offset_per_m, field.ray_slope_scale)
-        both[polarity] = fit_lines(rays(polarity), found.surfaces[polarity], columns, *scales)
+        if np.isfinite(found.surfaces[polarity]).any():
+            both[polarity] = fit_lines(rays(polarity), found.surfaces[polarity], columns, *scales)
 
     share(threads, 2, fit)
     parts = [_judge(lines, k, found, field) for k, lines in enumerate(both)]
@@ -125,9 +126,10 @@ def refine(
     if not settings.calibrated:
         of_points = light.share * _POINT_DRIFT_M * abs(field.offset_per_m)
         found = replace(found, sigma=np.hypot(found.sigma, np.float32(of_points)))
+    if not len(every.row):
+        return found, every
     offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
-    if len(offset):
-        found = _moved(found, every, offset, sigma, abs(field.offset_per_m))
+    found = _moved(found, every, offset, sigma, abs(field.offset_per_m))
     # Where light travels, the points around know of both polarities what a line knows of one.
     alone = sigma / max(1.0 - light.share, 1e-9)
     merged = _merge(found, every, offset, alone, tilt)

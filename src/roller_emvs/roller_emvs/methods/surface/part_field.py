@@ -12,7 +12,8 @@ plane. `fits` says how straight is straight enough.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -30,12 +31,13 @@ from roller_emvs.evidence import (
     planes_near,
     sharpest,
 )
+from roller_emvs.evidence.field import Box, shape_of
 from roller_emvs.rays import F32, I64
 from roller_emvs.threads import share
 
 from . import _part_kernels as kernels
 from ._event_kernels import PAGE
-from ._part_kernels import BINS_PX, ROW_PX, TILE_BINS, TILE_CELLS
+from ._part_kernels import BINS_PX, CELL_BINS, ROW_PX, TILE_BINS, TILE_CELLS
 from .strip import MARGIN_M, Block, Strip
 
 #: Parts of the image along the roll that a coarse depth is the sum of: a row crosses all of it,
@@ -76,6 +78,20 @@ class PartField(EvidenceField):
     places: list[npt.NDArray[np.int32]]
     #: Events reach no further beside the block on any plane.
     reach_m: float
+
+    cut_step: ClassVar[int] = TILE_CELLS
+
+    def cut(self, box: Box) -> PartField:
+        """See `EvidenceField`."""
+        (rows, columns), (_, parts, bins) = box, self.bins
+        line, shape = CELL_PX * parts * bins, shape_of(box)
+        counts = tuple(own[rows.start * line : rows.stop * line + 1] for own in self.counts)
+        tiles = slice(columns.start // TILE_CELLS, -(-columns.stop // TILE_CELLS))
+        return replace(
+            self, shape=shape, slopes=self.slopes[:, columns], counts=counts,
+            bins=(shape[0], parts, bins), left_bin=self.left_bin + columns.start * CELL_BINS,
+            reached=self.reached[:, rows, tiles], most_spread=self.aperture,
+        )  # fmt: skip
 
     @property
     def _per_offset(self) -> F32:
@@ -286,6 +302,8 @@ def find_part_depths(
         tiles = np.where(field.reached[k][..., None], [0, len(coarse) - 1], [len(coarse), -1])
         parts[k] = field.measure(k, coarse, True, tiles.astype(np.int32), inner)
 
+    if not field.reached.any():
+        return [Depths.none(field.cells)] * 2
     share(threads, 2, look_coarsely)
     near = offset_of_parts(sum(p for p in parts if p is not None), coarse)  # type: ignore[arg-type]
     first, last, _ = planes_near(near, at, s)
@@ -293,6 +311,9 @@ def find_part_depths(
 
     def look(k: int) -> None:
         tiles = np.where(field.reached[k][..., None], searched, [len(at), -1]).astype(np.int32)
+        if (tiles[..., 1] < 0).all():
+            found[k] = Depths.none(field.cells)
+            return
         found[k] = sharpest(field, field.measure(k, at, False, tiles, inner), at, first, last, k, s)
 
     share(threads, 2, look)

@@ -151,7 +151,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             with watch("votes"):
                 depths = find_part_depths(field, strip.half_m, s.evidence, s.threads)
             with watch("points"):
-                found = measured_pixels(field, depths, s.evidence, s.edge_drift, s.threads)
+                found = self._measured(field, depths)
             with watch("lines"):
                 return self._refined(
                     strip, block, field, depths, found,
@@ -168,7 +168,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         with watch("votes"):
             depths = find_depths(field, -half, half, s.evidence, COARSE_PARTS, s.threads)
         with watch("points"):
-            found = measured_pixels(field, depths, s.evidence, s.edge_drift, s.threads)
+            found = self._measured(field, depths)
 
         def rays(polarity: int) -> F32:
             return field.rays[field.bounds[polarity] : field.bounds[polarity + 1]]
@@ -178,6 +178,10 @@ class SurfaceSweep(DepthEngine[PassCutter]):
 
         with watch("lines"):
             return self._refined(strip, block, field, depths, found, rays, across)
+
+    def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
+        s, wanted = self.settings, self.on_lines is not None
+        return measured_pixels(field, depths, s.evidence, s.edge_drift, s.threads, wanted)
 
     def _refined(
         self,
