@@ -1,7 +1,6 @@
 """What differs from the reference: places, kinds, sizes and their uncertainty."""
 
-from roller_inspect.findings.finder_settings import Limits
-
+from .finder_settings import Limits
 from .finding import KINDS, Finding, Kind
 from .uncertainty import CellUncertainty, Uncertainty
 

@@ -10,10 +10,11 @@ import numpy as np
 from roller_inspect.height_map.height_map import Bools, HeightMap
 from roller_inspect.references.reference import Comparison, Reference
 
-from .components import Component, components, measure
+from .components import Component, components
 from .cues import height_cue
 from .finder_settings import FindingSettings
 from .finding import Finding
+from .sizes import measure
 
 #: A rise that lies in a crater's outline by more than this share is the crater's edge.
 _RIM_SHARE = 0.5
