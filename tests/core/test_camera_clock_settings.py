@@ -132,10 +132,12 @@ def test_settings_from_yaml(tmp_path: Path) -> None:
 def test_parameters_of_a_node_in_any_namespace(tmp_path: Path, key: str) -> None:
     path = tmp_path / "p.yaml"
     inner = "ros__parameters: {planes: 4}"
-    # What holds for one node goes before what holds for all, wherever it stands.
-    path.write_text(f"{key}:\n  {inner}\n/**:\n  ros__parameters: {{planes: 3}}\n")
-    assert read_parameters(path, "emvs") == {"planes": 4}
-    assert read_parameters(path, "vs") == {"planes": 3}
+    every = "/**:\n  ros__parameters: {planes: 3, use_sim_time: true}\n"
+    # As in ROS 2, what is said last counts, and some parameters are rclpy's own.
+    for text, planes in ((f"{every}{key}:\n  {inner}\n", 4), (f"{key}:\n  {inner}\n{every}", 3)):
+        path.write_text(text)
+        assert read_parameters(path, "emvs") == {"planes": planes}
+        assert read_parameters(path, "vs") == {"planes": 3}
     path.write_text(f"left: {{{key}: {{{inner}}}}}\n")
     assert read_parameters(path, "emvs") == {"planes": 4}
 

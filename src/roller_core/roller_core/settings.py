@@ -35,6 +35,8 @@ SECTIONS = (
 )  # fmt: skip
 #: Most namespaces around a node.
 _DEEPEST = 6
+#: What rclpy asks of every node.
+_OF_RCLPY = {"use_sim_time", "qos_overrides", "start_type_description_service"}
 #: So many entries are listed for who names another.
 _FEW_ENTRIES = 16
 #: What may stand where something else does, by pydantic's name of the fault, as far as its own
@@ -193,8 +195,8 @@ def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
     """Parameters of one node in a ROS 2 parameter file, whatever namespace it names.
 
     As in ROS 2, entries under ``/**`` hold for every node and ``/**/node`` for one in any
-    namespace. Here the special goes before the general, wherever it stands: ``/**``, then
-    ``/**/node``, then ``node``, ``/node`` or ``/namespace/node``.
+    namespace, and what the file says last counts. What rclpy itself asks of every node, such as
+    ``use_sim_time``, is left out.
 
     Parameters
     ----------
@@ -209,11 +211,10 @@ def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
         If the file can't be read or has another shape.
     """
     found: dict[str, Any] = {}
-    sections = read_sections(path)
-    for pattern in sorted(sections, key=_generality):
+    for pattern, values in read_sections(path).items():
         if pattern.lstrip("/") == "**" or node_name(pattern) == node:
-            _merge(found, sections[pattern])
-    return found
+            _merge(found, values)
+    return {name: value for name, value in found.items() if name not in _OF_RCLPY}
 
 
 def read_sections(path: Path | str) -> dict[str, dict[str, Any]]:
@@ -278,11 +279,6 @@ def misspelt_section(path: Path | str, nodes: Collection[str]) -> str:
 def node_name(pattern: str) -> str:
     """A node's name as a parameter file writes it, without its namespace."""
     return pattern.rpartition("/")[2]
-
-
-def _generality(pattern: str) -> int:
-    """Order of a parameter file's sections, the most general first."""
-    return 0 if pattern.lstrip("/") == "**" else 1 if "*" in pattern else 2
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
