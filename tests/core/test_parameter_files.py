@@ -9,7 +9,13 @@ import yaml
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError, SettingsError
-from roller_core.settings import SECTIONS, misspelt_section, node_name, read_sections
+from roller_core.settings import (
+    SECTIONS,
+    misspelt_section,
+    node_name,
+    passed_over_section,
+    read_sections,
+)
 from roller_recording.reading.tum import read_tum
 from roller_sim.errors import TruthError
 from roller_sim.truth import Truth
@@ -79,5 +85,29 @@ def test_a_misspelt_section_is_named(sections: list[str], said: str, tmp_path: P
     file = tmp_path / "params.yaml"
     file.write_text(yaml.safe_dump({name: {"ros__parameters": {"a": 1}} for name in sections}))
     found = misspelt_section(file, SECTIONS)
+    assert said in found
+    assert bool(found) == bool(said)
+
+
+@pytest.mark.parametrize(
+    ("sections", "node", "said"),
+    [
+        (["emvs"], "/left/emvs", "'emvs' doesn't hold for /left/emvs: call the section '/**/emvs'"),
+        (["/right/emvs", "/left/braille"], "/left/emvs", "'/right/emvs' doesn't hold"),
+        (["/*/emvs"], "/emvs", "'/*/emvs' doesn't hold"),
+        (["/right/emvs", "left/emvs"], "/left/emvs", ""),
+        (["/**/emvs"], "/left/emvs", ""),
+        (["/**/emvs"], "/emvs", ""),
+        (["/*/emvs"], "/left/emvs", ""),
+        (["emvs"], "/emvs", ""),
+        (["/**", "braille"], "/left/emvs", ""),
+    ],
+)
+def test_a_section_for_another_namespace_is_named(
+    sections: list[str], node: str, said: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "params.yaml"
+    file.write_text(yaml.safe_dump({name: {"ros__parameters": {"a": 1}} for name in sections}))
+    found = passed_over_section(file, node)
     assert said in found
     assert bool(found) == bool(said)

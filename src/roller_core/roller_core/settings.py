@@ -8,6 +8,7 @@ group; ROS names its parameters `group.name`.
 from __future__ import annotations
 
 import difflib
+import re
 import textwrap
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -274,6 +275,40 @@ def misspelt_section(path: Path | str, nodes: Collection[str]) -> str:
     if names and not any("*" in name or name in ours for name in names):
         return f"{path}: no section is for a node of ours; there are {', '.join(names.values())}"
     return ""
+
+
+def passed_over_section(path: Path | str, node: str) -> str:
+    """What to say of a parameter file that names a node, but in other namespaces alone.
+
+    Parameters
+    ----------
+    path : path
+        YAML file.
+    node : str
+        The node with its namespace, such as `/left/emvs`.
+
+    Returns
+    -------
+    str
+        Empty if a section holds for the node, or none is of its name.
+
+    Raises
+    ------
+    SettingsError
+        As `read_sections`.
+    """
+    name = node_name(node)
+    named = [pattern for pattern in read_sections(path) if node_name(pattern) == name]
+    if not named or any(_holds_for(pattern, node) for pattern in named):
+        return ""
+    return f"{path}: '{named[0]}' doesn't hold for {node}: call the section '/**/{name}'"
+
+
+def _holds_for(pattern: str, node: str) -> bool:
+    """Whether ROS 2 takes a section for a node: `*` is a namespace, `**` any number of them."""
+    words = {"*": r"/\w+", "**": r"(/\w+)*"}
+    parts = pattern.strip("/").split("/")
+    return bool(re.fullmatch("".join(words.get(p, f"/{re.escape(p)}") for p in parts), node))
 
 
 def node_name(pattern: str) -> str:

@@ -17,7 +17,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from roller_core.errors import SettingsError
-from roller_core.settings import Settings, misspelt_section
+from roller_core.settings import Settings, misspelt_section, passed_over_section
 
 S = TypeVar("S", bound=Settings)
 
@@ -55,11 +55,12 @@ def declare_settings(node: Node, model: type[S], live: Collection[str] = ()) -> 
 
 
 def _check_sections(node: Node) -> None:
-    """Warn of the command line's parameter files that have a section nearly of the node's name."""
+    """Warn of parameter files on the command line with sections that may be meant for the node."""
     for word, path in pairwise(sys.argv):
         if word == "--params-file":
             with suppress(SettingsError):  # ROS has taken it
-                if text := misspelt_section(path, [node.get_name()]):
+                text = passed_over_section(path, node.get_fully_qualified_name())
+                if text := text or misspelt_section(path, [node.get_name()]):
                     node.get_logger().warning(text)
 
 
