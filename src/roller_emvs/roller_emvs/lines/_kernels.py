@@ -36,12 +36,20 @@ def _by_pixel(rays, pixel, place, out):  # type: ignore[no-untyped-def]
 
     `place` is where each pixel's begin, and is moved on; below 0, they are left out.
     """
+    one, two, three, four = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+    own, flat = rays.reshape(-1), out.reshape(-1)
     for i in range(np.uint64(len(pixel))):
-        n = place[np.uint64(pixel[i])]
+        k = np.uint64(pixel[i])
+        n = place[k]
         if n >= 0:
-            for c in range(4):
-                out[np.uint64(n), c] = rays[i, c]
-            place[np.uint64(pixel[i])] = n + 1
+            # All are read before any is written, so that a ray is moved in one go.
+            at, to = four * i, four * np.uint64(n)
+            x, y, along, across = own[at], own[at + one], own[at + two], own[at + three]
+            flat[to] = x
+            flat[to + one] = y
+            flat[to + two] = along
+            flat[to + three] = across
+            place[k] = n + 1
 
 
 @njit(cache=True, nogil=True)
