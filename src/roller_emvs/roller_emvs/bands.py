@@ -96,17 +96,22 @@ def sort_into_bands(
 def _find(rays, bounds, share, count, low, high):  # type: ignore[no-untyped-def]
     """First and last band of each ray; last before first where there is none."""
     first, last, up, down, height, width, offset = bounds
-    for i in range(len(rays)):
-        y0 = rays[i, 1] + first * rays[i, 3]
-        y1 = rays[i, 1] + last * rays[i, 3]
-        x0 = rays[i, 0] + offset + first * rays[i, 2]
-        x1 = rays[i, 0] + offset + last * rays[i, 2]
-        top = min(y0, y1) - up
-        bottom = max(y0, y1) + down
+    zero, end = share * 0, share * 0 + (count - 1)
+    one, two, three, four = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+    flat = rays.reshape(-1)
+    for i in range(np.uint64(len(low))):
+        at = four * i
+        x, y, dx, dy = flat[at] + offset, flat[at + one], flat[at + two], flat[at + three]
+        x0, x1, y0, y1 = x + first * dx, x + last * dx, y + first * dy, y + last * dy
+        # Not min and max, which ask for NaN: so this becomes vector instructions.
+        left, right = (x0, x1) if x0 < x1 else (x1, x0)
+        upper, lower = (y0, y1) if y0 < y1 else (y1, y0)
+        top, bottom = upper - up, lower + down
         # Written so that NaN fails it.
-        inside = (bottom >= 0) & (top < height) & (max(x0, x1) >= -1) & (min(x0, x1) < width + 1)
-        low[i] = np.int32(max(top, 0) * share) if inside else 1
-        high[i] = np.int32(min(bottom * share, count - 1)) if inside else 0
+        inside = (bottom >= 0) & (top < height) & (right >= -1) & (left < width + 1)
+        low[i] = np.int32((top if top > zero else zero) * share if inside else share * 0 + 1)
+        band = bottom * share
+        high[i] = np.int32((band if band < end else end) if inside else zero)
 
 
 @njit(cache=True, nogil=True)
@@ -119,15 +124,18 @@ def _count(low, high, counts):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _list(rays, low, high, offset, place, out):  # type: ignore[no-untyped-def]
     """Write each ray at its bands' places and move them on."""
-    x, y, dx, dy = out[0], out[1], out[2], out[3]
-    for i in range(len(rays)):
+    one, two, three, four = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+    flat, to, size = rays.reshape(-1), out.reshape(-1), np.uint64(out.shape[1])
+    for i in range(np.uint64(len(low))):
+        at = four * i
+        x, y, dx, dy = flat[at] + offset, flat[at + one], flat[at + two], flat[at + three]
         for b in range(low[i], high[i] + 1):
             # Unsigned, as what may be negative is checked to count from the end.
             k = np.uint64(place[b])
-            x[k] = rays[i, 0] + offset
-            y[k] = rays[i, 1]
-            dx[k] = rays[i, 2]
-            dy[k] = rays[i, 3]
+            to[k] = x
+            to[k + size] = y
+            to[k + two * size] = dx
+            to[k + three * size] = dy
             place[b] += 1
 
 

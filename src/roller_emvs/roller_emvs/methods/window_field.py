@@ -187,18 +187,19 @@ class WindowView:
 @njit(cache=True, nogil=True)
 def _place(rays, polarity, turned, middle, off_count, out):  # type: ignore[no-untyped-def]
     """Rays on the middle plane, OFF before ON; with x and y changed over if `turned`."""
-    off = 0
-    on = off_count
-    a = 1 if turned else 0
-    b = 1 - a
-    for i in range(len(rays)):
-        if polarity[i] > 0:
-            k = on
-            on += 1
-        else:
-            k = off
-            off += 1
-        out[k, 0] = rays[i, a] + middle * rays[i, 2 + a]
-        out[k, 1] = rays[i, b] + middle * rays[i, 2 + b]
-        out[k, 2] = rays[i, 2 + a]
-        out[k, 3] = rays[i, 2 + b]
+    one, two, three, four = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+    off, on = np.uint64(0), np.uint64(off_count)
+    a = one if turned else np.uint64(0)
+    b = one - a
+    flat, to = rays.reshape(-1), out.reshape(-1)
+    for i in range(np.uint64(len(polarity))):
+        at = four * i
+        positive = polarity[i] > 0
+        k = four * (on if positive else off)
+        on += np.uint64(positive)
+        off += np.uint64(not positive)
+        x, y, dx, dy = flat[at + a], flat[at + b], flat[at + two + a], flat[at + two + b]
+        to[k] = x + middle * dx
+        to[k + one] = y + middle * dy
+        to[k + two] = dx
+        to[k + three] = dy
