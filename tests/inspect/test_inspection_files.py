@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from roller_bringup.cli import main
 from roller_core.outputs import CONTACT, DEVIATION, FINDINGS, Cloud, ContactFault, Output, Result
 from roller_emvs.patch import SURFACE_FIELDS, Patch
-from roller_inspect.exports.pdf import PdfError, check_pdf, write_pdf
+from roller_inspect.exports.pdf import write_pdf
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
 from roller_inspect.inspect_stage import InspectParameters, InspectStage, inspect_parameters
 from roller_inspect.judgement import Inspected, judge_nothing
@@ -167,13 +168,20 @@ def test_measures_are_printed_in_mm_and_µm_with_their_unit() -> None:
     assert words(low=None, value=None, uncertainty=None) == ("–", "–", "–")
 
 
-def test_a_pdf_is_the_page(tmp_path: Path) -> None:
-    try:
-        check_pdf()
-    except PdfError:
-        pytest.skip("weasyprint is not there")
-    write_pdf(tmp_path / "page.pdf", "<h1>Not conform</h1>")
-    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF-")
+@pytest.mark.parametrize("installed", [True, False])
+def test_a_pdf_needs_nothing_more(
+    installed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if installed:
+        pytest.importorskip("weasyprint")
+    else:
+        monkeypatch.setitem(sys.modules, "weasyprint", None)
+    lines = ["NONCONFORM: 50 µm ± 3 µm, $5 \\x", *map(str, range(100))]
+    picture = np.zeros((40, 80, 3), np.uint8)
+    write_pdf(tmp_path / "page.pdf", "<h1>Not conform</h1>", lines, picture)
+    written = (tmp_path / "page.pdf").read_bytes()
+    assert written.startswith(b"%PDF-")
+    assert installed or b"/Count 2" in written
 
 
 def test_files_and_exports(tmp_path: Path) -> None:
@@ -181,7 +189,7 @@ def test_files_and_exports(tmp_path: Path) -> None:
     part = finished(results)
     faults = ["a packet <was> broken"]
     document = inspection_document(part, stage.recipe, Scan(events=10**6, faults=faults))
-    write_inspection(tmp_path, document, part.found, 1e-4, ("x3p", "sdf"))
+    write_inspection(tmp_path, document, part.found, 1e-4, ("x3p", "sdf", "pdf"))
     written = json.loads((tmp_path / "inspection.json").read_text())
     assert written == document
     assert (written["part"], written["verdict"]) == ("P-17", "nonconform")
@@ -257,7 +265,7 @@ def test_a_part_without_a_point_is_unmeasured(tmp_path: Path) -> None:
     assert results == []
     part = judge_nothing(stage.recipe, "P-18")
     document = inspection_document(part, stage.recipe, Scan())
-    write_inspection(tmp_path, document, part.found, 1e-4, ("x3p", "sdf"))
+    write_inspection(tmp_path, document, part.found, 1e-4, ("x3p", "sdf", "pdf"))
     written = json.loads((tmp_path / "inspection.json").read_text())
     assert (written["verdict"], written["coverage"]["unmeasured"]) == ("unmeasured", 1.0)
     assert written["texture"]["sufficient"] is False

@@ -86,7 +86,6 @@ def _exports(text: str) -> tuple[str, ...]:
 def run(args: argparse.Namespace) -> int:
     """Replay, inspect, and say the verdict."""
     from roller_core.output_folder import OutputFolder
-    from roller_inspect.exports.pdf import check_pdf
     from roller_inspect.inspect_stage import InspectStage, inspect_parameters
     from roller_inspect.pipeline import PipelineSettings
     from roller_inspect.recipe import RecipeError, load_recipe
@@ -101,8 +100,6 @@ def run(args: argparse.Namespace) -> int:
     except (RecipeError, ReferenceError) as error:
         print(f"error: {error}", file=sys.stderr)
         return USAGE
-    if "pdf" in args.export:
-        check_pdf()
     reference = Path(recipe.reference.path) if recipe.reference.path else None
     inputs = (args.input, args.params, args.poses, args.camera, args.recipe, reference)
     # Marked as a replay's: one that comes later must not leave this verdict beside its surface.

@@ -1,37 +1,60 @@
-"""The report as PDF, where weasyprint is installed."""
+"""The report as PDF: the page itself where weasyprint is installed, else its figures and text."""
 
 from __future__ import annotations
 
-import sys
+import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 
-from roller_core.errors import RollerError
+import numpy as np
+import numpy.typing as npt
+
+#: A sheet of A4, inches; characters of a line and lines of a sheet.
+_A4 = (8.27, 11.69)
+_COLUMNS, _ROWS = 96, 78
 
 
-class PdfError(RollerError):
-    """There is nothing that makes a PDF."""
+def write_pdf(
+    path: Path, html: str, lines: Iterable[str], picture: npt.NDArray[np.uint8] | None = None
+) -> None:
+    """Write the report as PDF.
 
-
-def write_pdf(path: Path, html: str) -> None:
-    """Write a page as PDF.
-
-    Raises
-    ------
-    PdfError
-        If weasyprint is not there or doesn't load.
+    Parameters
+    ----------
+    path : path
+        The file.
+    html : str
+        The page.
+    lines : iterable of str
+        What it says as text, the verdict first, for machines without weasyprint.
+    picture : (n, m, 3) uint8, optional
+        The map, RGB, for the same.
     """
-    check_pdf()
-    import weasyprint
-
+    try:
+        import weasyprint
+    except (ImportError, OSError):  # it needs libraries of the system, too
+        _write_text(path, lines, picture)
+        return
     weasyprint.HTML(string=html).write_pdf(str(path))
 
 
-def check_pdf() -> None:
-    """See that a PDF can be made; see `write_pdf`."""
-    try:
-        import weasyprint  # noqa: F401
-    except (ImportError, OSError) as error:
-        raise PdfError(
-            f"a PDF needs weasyprint ({sys.executable} -m pip install weasyprint; apt-get install "
-            f"libpango-1.0-0 libpangoft2-1.0-0): {error}".splitlines()[0]
-        ) from error
+def _write_text(
+    path: Path, lines: Iterable[str], picture: npt.NDArray[np.uint8] | None = None
+) -> None:
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import PdfPages
+    from matplotlib.figure import Figure
+
+    rows = [row for line in lines for row in textwrap.wrap(line, _COLUMNS) or [""]]
+    if picture is not None:  # the first sheet has it below the verdict
+        rows[_ROWS // 2 : _ROWS // 2] = [""] * (_ROWS // 2) if len(rows) > _ROWS // 2 else []
+    with rc_context({"pdf.fonttype": 42}), PdfPages(path) as pdf:
+        for n in range(0, len(rows), _ROWS):
+            sheet = Figure(figsize=_A4)
+            text = "\n".join(rows[n : n + _ROWS])
+            sheet.text(0.06, 0.96, text, size=8, family="monospace", va="top", parse_math=False)
+            if picture is not None and n == 0:
+                axes = sheet.add_axes((0.06, 0.05, 0.88, 0.42))
+                axes.imshow(picture)
+                axes.set_axis_off()
+            pdf.savefig(sheet)

@@ -20,6 +20,7 @@ from roller_inspect.report.page import page
 from roller_inspect.report.pictures import map_picture
 
 from .plain_json import to_text
+from .summary import inspection_summary
 
 #: Width of `deviation.png`.
 _PICTURE_PX = 800
@@ -47,11 +48,6 @@ def write_inspection(
         Depth that most of the part may have, for the colours of the page.
     exports : collection of str
         Of `EXPORTS`.
-
-    Raises
-    ------
-    PdfError
-        If there is nothing that makes a PDF; all else is written.
     """
     (folder / "inspection.json").write_text(to_text(document), encoding="utf-8")
     write_findings_csv(folder / "findings.csv", document["findings"])
@@ -65,7 +61,7 @@ def write_inspection(
         write_x3p(folder / "height_map.x3p", grid.x_m, grid.y_m, known, version, document["part"])
     if "sdf" in exports:
         write_sdf(folder / "height_map.sdf", grid.x_m, grid.y_m, known)
-    pictured = None
+    pictured = picture = None
     if found.height_map is not None and found.deviation_m is not None:
         pictured = Pictured(found.height_map, found.deviation_m, tolerance_m)
         box = tuple(_span((grid.state != OUTSIDE).any(axis=a)) for a in (1, 0))
@@ -74,7 +70,16 @@ def write_inspection(
     html = page(document, pictured)
     (folder / "inspection.html").write_text(html, encoding="utf-8")
     if "pdf" in exports:
-        write_pdf(folder / "inspection.pdf", html)
+        write_pdf(folder / "inspection.pdf", html, _text(document), picture)
+
+
+def _text(document: Mapping[str, Any]) -> list[str]:
+    """What the page says, line by line."""
+    lines = ["Inspection", *inspection_summary(document).splitlines()]
+    lines += [*document["contact"], *(f"fault: {fault}" for fault in document["faults"])]
+    for name in ("texture", "uncertainty", "alignment", "traceability", "recipe"):
+        lines += ["", name, *to_text(document[name]).splitlines()]
+    return lines
 
 
 def _span(seen: npt.NDArray[np.bool_]) -> slice:
