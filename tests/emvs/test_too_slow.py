@@ -148,6 +148,25 @@ def test_small_packets_before_the_camera_are_bounded_too():
     assert stage.left_out_packets >= 800
 
 
+def test_results_go_out_before_what_is_told_of_others(domain, monkeypatch):
+    context = Context()
+    rclpy.init(context=context)
+    node = StageNode(Windows, context=context)
+    try:
+        info = outputs.Output(outputs.DEPTH_INFO, START_NS, "camera", CAMERA)
+        given = [Result(None, notice="no depth"), Result(None, (info,))]
+        monkeypatch.setattr(node.stage, "results", lambda flush: iter(given))
+        done = []
+        monkeypatch.setattr(node._outputs[outputs.DEPTH_INFO], "publish", done.append)
+        monkeypatch.setattr(node._diagnostics, "fault", done.append)
+        node._publish()
+        assert len(done) == 2
+        assert done[1] == "no depth"
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
 def test_the_warning_ends_with_it_and_an_end_says_what_waited(domain, capsys):
     context = Context()
     rclpy.init(context=context)

@@ -17,7 +17,6 @@ from roller_core import outputs
 from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
 from roller_core.event_stage import EventStage
-from roller_core.outputs import Result
 from roller_core.stage import ERROR, Stage
 
 from . import diagnostics, messages, qos, topics
@@ -201,20 +200,21 @@ class StageNode(RollerNode):
             self._publish(flush=True)
 
     def _publish(self, flush: bool = False) -> None:
-        self._unprocessed = 0
+        self._unprocessed, told = 0, list[str | RollerError]()
         try:
             for result in self.stage.results(flush):
-                self._send(result)
+                for output in result.outputs:
+                    self._outputs[output.topic].publish(messages.to_message(output))
+                told += [said for said in (result.notice, result.fault) if said]
         except RollerError as error:
-            self._fault(error)
-
-    def _send(self, result: Result) -> None:
-        for output in result.outputs:
-            self._outputs[output.topic].publish(messages.to_message(output))
-        if result.notice:
-            self._diagnostics.fault(result.notice)
-        if result.fault is not None:
-            self._fault(result.fault)
+            told.append(error)
+        finally:
+            # Last, as nobody waits for it: rclpy takes 50 ms for a process's first line.
+            for said in told:
+                if isinstance(said, RollerError):
+                    self._fault(said)
+                else:
+                    self._diagnostics.fault(said)
 
     def _fault(self, error: RollerError) -> None:
         self._faults += 1
