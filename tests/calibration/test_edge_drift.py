@@ -124,6 +124,7 @@ def test_light_that_stands_still_has_no_drift(monkeypatch: pytest.MonkeyPatch) -
         height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(2), np.zeros(2))
         assert np.abs(height).max() < 2e-6
         assert sigma.min() > 5e-6
+    assert found.corrected == (False, False)
 
 
 @pytest.mark.parametrize("kind", ["lines", "depths"])
@@ -197,9 +198,29 @@ def test_walls_are_told_by_their_levels_where_drift_makes_all_slope_alike(
     assert np.mean(gauge.rise == np.sign(own.slope)) > 0.99
     found = fit_drift([gauge])
     slope, side = np.array([0.8]), np.array([-1.0])
+    assert found.corrected == (True, True)
     for polarity in (0, 1):
-        height, _ = edge_drift(found.settings, polarity, slope, np.zeros(1), side)
-        assert height[0] == pytest.approx(1.5e-4, abs=4e-5)
+        # On walls nearer to each other than the gauge's the side doesn't show.
+        for seen_side in (side, 0 * side):
+            height, _ = edge_drift(found.settings, polarity, slope, np.zeros(1), seen_side)
+            assert height[0] == pytest.approx(1.5e-4, abs=4e-5)
+
+
+def test_a_polarity_that_gathers_between_walls_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It would be a wall more that goes up than go down."""
+    steps = made_up_steps(np.random.default_rng(9), base_m=0.0)
+    kept = (steps.lines.polarity == 0) | (np.arange(2000) < 300)
+    lines, place = calibration._take(steps.lines, kept), steps.place[kept]
+    on = lines.polarity == 1
+    place[on, 0] = 0.03 + 4.6 * 1.1e-3 + np.radians(1.0) * place[on, 1]
+    slope = np.where(on, 0.4, lines.slope)
+    strays = replace(steps, place=place, lines=replace(lines, slope=slope))
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[strays]])
+    gauge = calibration.steps_gauges(SCAN, SETTINGS, STEP_M)[0]
+    assert (gauge.lines.polarity == 0).all()
+    assert "10 walls of 0.200 mm" in gauge.text
 
 
 def test_walls_that_seem_level_count_too(monkeypatch: pytest.MonkeyPatch) -> None:

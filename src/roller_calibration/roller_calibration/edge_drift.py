@@ -32,10 +32,13 @@ _SLOPE, _EVEN, _SIDE = 1, 2, 3
 #: How surely the change of contrast tells which way walls rise where light stands still, and from
 #: where on it travels.
 _SIDED = 0.5, 0.8
+#: How clear the change of contrast is on walls that all do alike. Light that stands still 0.3-0.4.
+_CLEAR = 0.42
 #: By how much the fit has to be better, a gauge, for what lifts all edges alike; else it is none.
 #: On the virtual cell's gauges -26 µm would gain 2.7, and other objects err 4 µm more with it. And
 #: for a polarity that spheres don't show: OFF gains 20 in the light `strong`, ON 1 in the ring.
-_GAINS = 5.0
+#: A gauge of steps, where contrast changes alike on all walls: there it is to be expected.
+_GAINS, _GAINS_ALIKE = 5.0, 2.0
 #: Deviation from which on lines count less, m, in deviations, and rounds of that.
 _HUBER_M, _HUBER, _ROUNDS = 6e-5, 1.5, 20
 #: Fewest lines of a bin of slopes whose residual is its own, and least residual, m.
@@ -52,6 +55,8 @@ class EdgeDrift:
     #: it, metres; of what no gauge tells, what drift may be before it is measured.
     before_m: tuple[float, float]
     after_m: tuple[float, float]
+    #: Whether OFF and ON events are corrected at all.
+    corrected: tuple[bool, bool]
 
     @property
     def left_on_slopes_m(self) -> float:
@@ -79,12 +84,18 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     if on_slope.sum() < LEAST_LINES:
         raise EdgeDriftError(f"{int(on_slope.sum())} lines on slopes, fewer than {LEAST_LINES}")
     terms = drift_terms(slope, change, side)
-    columns = [np.where((polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
     # Where events lie evenly over the crossing, whichever way a wall rises, the light stands still:
     # then there is no drift, and what the gauges are off by is where on a wall events arise.
     # A gauge of whose walls each pixel has one event doesn't tell.
     shares = [share_of_travel(g.travel) for g in gauges]
-    travels = max(*shares, float(np.interp(_sided(gauges), _SIDED, (0, 1))), 1e-3)
+    sided, clear = _sided(gauges)
+    travels = max(*shares, float(np.interp(sided, _SIDED, (0, 1))), 1e-3)
+    # Where contrast changes alike whichever way walls rise, all are lifted alike, whatever slope is
+    # found; of that spheres say nothing.
+    alike = sided < _SIDED[0] and clear > _CLEAR
+    if alike:
+        terms[:, _EVEN] = 1.0
+    columns = [np.where((polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
     spreads = [np.full(TERMS, travels * _PRIOR_M) for _ in range(2)]
     own_level = [False] * 2 * TERMS
     for k, gauge in enumerate(gauges):
@@ -108,18 +119,26 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     # A gauge counts as a whole as much as the other: neighbouring lines share what they err by.
     share = np.concatenate([np.full(len(g.error_m), LEAST_LINES / len(g.error_m)) for g in gauges])
     noise = np.hypot(sigma, _HUBER_M)
-    # Slopes tell which way a wall rises as long as drift leaves them standing; else the side does.
-    either = [
-        [*(own * np.where(np.arange(TERMS) == unused, _NOTHING, 1.0) for own in spreads[:2])]
-        + spreads[2:]
-        for unused in (_SIDE, _SLOPE)
-    ]
-    costs = [_cost(design, error, each, share, noise) for each in either]
-    gains = costs[0] - costs[1] > _GAINS * len(gauges)
-    spreads = either[gains or not all(_slopes_hold(g) for g in gauges)]
+    spheres = np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
+    steps = sum(not gauge.sphere for gauge in gauges)
+    least = _GAINS_ALIKE * steps if alike else _GAINS * len(gauges)
+    if alike:
+        walls = [on_slope & ~spheres & (polarity == k) for k in range(2)]
+        used = np.arange(TERMS) == _EVEN
+        for k in range(2):
+            spreads[k] = spreads[k] * np.where(used & (walls[k].sum() >= LEAST_LINES), 1, _NOTHING)
+    else:
+        # Slopes tell which way a wall rises as long as drift leaves them standing; else the side.
+        either = [
+            [*(own * np.where(np.arange(TERMS) == unused, _NOTHING, 1.0) for own in spreads[:2])]
+            + spreads[2:]
+            for unused in (_SIDE, _SLOPE)
+        ]
+        costs = [_cost(design, error, each, share, noise) for each in either]
+        gains = costs[0] - costs[1] > least
+        spreads = either[gains or not all(_slopes_hold(g) for g in gauges)]
     # What hardly helps on the spheres themselves, nor explains the steps, is chance and would do
     # harm elsewhere.
-    spheres = np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
     on_spheres = on_slope & spheres
     full = _solve(design, error, spreads, share, noise)[1]
     every = spreads[:2]
@@ -130,13 +149,13 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         if own.any() and np.median(np.abs(full[own])) > _HELPS * np.median(np.abs(without[own])):
             whole = [*every, *spreads[2:]]
             costs = [_cost(design, error, each, share, noise) for each in (none, whole)]
-            if costs[0] - costs[1] < _GAINS * len(gauges):
+            if costs[0] - costs[1] < least:
                 spreads[k] = every[k] * _NOTHING
     for k in range(2):
         level = spreads[k] * np.where(np.arange(TERMS) == _EVEN, _NOTHING, 1.0)
         less = [*spreads[:k], level, *spreads[k + 1 :]]
         costs = [_cost(design, error, each, share, noise) for each in (less, spreads)]
-        if costs[0] - costs[1] < _GAINS * len(gauges):
+        if costs[0] - costs[1] < least:
             spreads = less
     beta, rest, normal = _solve(design, error, spreads, share, noise)
     rest += np.where(own_level, design, 0.0) @ beta
@@ -167,17 +186,21 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     plain = np.abs(error - unknown)
     before = _median(plain[off]), _median(plain[on])
     after = _median(np.abs(rest[off])), _median(np.abs(rest[on]))
-    return EdgeDrift(settings, before, after)
+    off, on = (bool(np.abs(own).max() >= _LEAST_RESIDUAL_M) for own in found)
+    return EdgeDrift(settings, before, after, (off, on))
 
 
-def _sided(gauges: list[Gauge]) -> float:
-    """How surely the change of contrast tells which way a wall rises: 0 not at all, 1 always."""
+def _sided(gauges: list[Gauge]) -> tuple[float, float]:
+    """How surely the change of contrast tells which way a wall rises: 0 not at all, 1 always.
+
+    And how clear that change is: 0 if there is none, 1 at most.
+    """
     sums = np.zeros(2)
     for gauge in gauges:
         own = np.abs(gauge.rise) > WALL_SLOPE
         side = gauge.lines.side[own]
         sums += np.array([side @ np.sign(gauge.rise[own]), np.abs(side).sum()]) / max(len(side), 1)
-    return float(abs(sums[0]) / max(sums[1], 1e-9))
+    return float(abs(sums[0]) / max(sums[1], 1e-9)), float(sums[1] / len(gauges))
 
 
 def _slopes_hold(gauge: Gauge) -> bool:

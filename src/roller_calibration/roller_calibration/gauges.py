@@ -205,20 +205,30 @@ def steps_gauges(scan: Scan, settings: SurfaceSettings, step_m: float) -> list[G
 
 
 def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) -> Gauge:
-    steep = np.abs(found.lines.slope) > WALL_SLOPE
-    try:
-        return _on_walls(name, found, steep, step_m, surface_z_m)
-    except EdgeDriftError as reason:
-        # A wall that one line alone shows, or that drift levels, seems to have no slope.
+    steep, polarity = np.abs(found.lines.slope) > WALL_SLOPE, found.lines.polarity
+    # A wall that one line alone shows, or that drift levels, seems to have no slope. And one
+    # polarity may gather between walls: as many must go up as go down.
+    first: Gauge | None = None
+    reason: EdgeDriftError | None = None
+    for which in (steep, np.ones_like(steep), polarity == 0, polarity == 1):
         try:
-            return _on_walls(name, found, np.ones_like(steep), step_m, surface_z_m)
-        except EdgeDriftError:
-            raise reason from None
+            gauge, balanced = _on_walls(name, found, which, step_m, surface_z_m)
+        except EdgeDriftError as error:
+            reason = reason or error
+            continue
+        if balanced:
+            return gauge
+        first = first or gauge
+    if first is None:
+        assert reason is not None
+        raise reason
+    return first
 
 
 def _on_walls(
     name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float, surface_z_m: float
-) -> Gauge:
+) -> tuple[Gauge, bool]:
+    """Errors of some of the lines, and whether as many walls rise as fall."""
     if steep.sum() < LEAST_LINES:
         raise EdgeDriftError(
             f"{name}: {int(steep.sum())} {found.kind} on slopes along the roll, fewer than "
@@ -268,9 +278,10 @@ def _on_walls(
         middles = [np.median(values) for values in walls if len(values) >= _LEAST_ON_WALL]
         if middles and _mad(np.array(middles)) > _APART * step_m:
             raise EdgeDriftError(f"{name}: some of the steps' walls aren't found")
-        # A kind that scatters, or by which walls differ, is of edges mistaken for others.
+        # A kind that shows on no wall is of strays; one that scatters, or by which walls differ, of
+        # edges mistaken for others.
         scatter_m = max(_mad(error[own]), _mad(np.array(middles))) if middles else 0.0
-        if found.kind == "depths" and scatter_m > _SCATTER_M:
+        if not middles or (found.kind == "depths" and scatter_m > _SCATTER_M):
             near &= kind[on] != k
     if near.sum() < LEAST_LINES:
         raise EdgeDriftError(
@@ -282,10 +293,11 @@ def _on_walls(
         f"{foot_m * 1e6:+.0f} µm " + ("off" if stands else "away from") + " the nominal surface"
     )
     spread = np.array([_STANDS_M if stands else 1e-3, *[_ON_WALL * step_m] * 4])
-    return Gauge(
+    gauge = Gauge(
         name, error[near], unknown[near].astype(float), spread, _take(lines, near),
         change[at][near], False, text, found.travel,
     )  # fmt: skip
+    return gauge, bool(change.sum() == 0)
 
 
 def _mad(values: F64) -> float:

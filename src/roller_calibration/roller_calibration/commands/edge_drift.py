@@ -58,13 +58,17 @@ def run(args: argparse.Namespace) -> int:
     lines += [f"left out: {reason}" for reason in missing]
     for k, name in enumerate(("OFF", "ON")):
         before, after = found.before_m[k] * 1e6, found.after_m[k] * 1e6
-        seen = any((gauge.lines.polarity == k).any() for gauge in gauges)
-        lines.append(
-            f"{name} events on slopes: {before:.0f} µm off at the median without the correction, "
-            f"{after:.0f} µm with it"
-            if seen
-            else f"{name} events on slopes: not calibrated, no gauge tells what they are off by"
-        )
+        if not any((gauge.lines.polarity == k).any() for gauge in gauges):
+            text = "not calibrated, no gauge tells what they are off by"
+        elif found.corrected[k]:
+            text = (
+                f"{before:.0f} µm off at the median without the correction, {after:.0f} µm with it"
+            )
+        else:
+            text = f"{before:.0f} µm off at the median, not corrected: no drift explains it"
+        lines.append(f"{name} events on slopes: {text}")
+    if not any(found.corrected):
+        lines.append("nothing is corrected: the gauges show no drift that stands out")
     lines.append(f"slopes up to {found.settings.max_slope:.2f}")
     print(*lines, sep="\n")
     record = calibration_record(
