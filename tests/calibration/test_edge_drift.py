@@ -13,7 +13,7 @@ from roller_calibration.edge_drift import fit_drift
 from roller_calibration.gauges import Gauge
 from roller_calibration.pass_lines import EdgeDriftError, PassLines
 from roller_calibration.recordings import Scan
-from roller_calibration.step_walls import parts_by_kind
+from roller_calibration.step_walls import find_walls, parts_by_kind
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -235,6 +235,20 @@ def test_walls_that_seem_level_count_too(monkeypatch: pytest.MonkeyPatch) -> Non
     assert len(gauge.error_m) > 1900
     off = gauge.error_m - drift_m(gauge.lines.polarity, gauge.rise)
     assert np.abs(off).max() < 1e-4
+
+
+def test_lines_further_off_than_a_wall_is_long_are_none_of_it() -> None:
+    """Not the wall's other edge, if nearer to it than to the next wall."""
+    walls = np.repeat(np.arange(6) * 1.7e-3, 40)
+    x = np.concatenate([walls, np.full(40, 1.7e-3 - 0.65e-3)])
+    slope, sigma = np.ones(len(x)), np.full(len(x), 1e-5)
+    found, count, _ = find_walls(x, 0.0 * x, slope, sigma, 3e-4)
+    assert count == 7
+    assert (found[-40:] == 1).all()
+    assert (found[40:80] == 2).all()
+    # A foot and a top are one wall.
+    x[-40:] = 1.7e-3 - 0.4e-3
+    assert find_walls(x, 0.0 * x, slope, sigma, 3e-4)[1] == 6
 
 
 def test_a_sphere_that_drifts_further_than_walls_does_not_lift_them(

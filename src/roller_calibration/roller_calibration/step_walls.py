@@ -21,6 +21,8 @@ _BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.3, 6
 #: Peaks nearer than this share of a long gap between them are of one wall, if both rise or both
 #: fall, and which quantile of the gaps is a long one.
 _SAME_WALL, _LONG_GAP = 0.5, 0.8
+#: Length of a wall along the roll, by the steps' height, at most.
+_LONGEST_WALL = 2.0
 #: Empty bins after the last line, so that a wall there is a peak.
 _AFTER = np.zeros(_WALL_BINS)
 #: Uncertainty of lines that count in full when walls are found, m; or that of the surest
@@ -136,9 +138,11 @@ def find_walls(x: F64, y: F64, slope: F64, sigma_m: F64, step_m: float) -> tuple
         return wall, 0, across
     near = np.abs(across[:, None] - (peaks + 0.5) * _BIN_M) < 0.5 * width * _BIN_M
     rising = np.array([np.median(slope[own]) > 0 if own.any() else False for own in near.T])
-    # Equal steps are as long as each other: what is much nearer is the same wall's other edge.
+    # Equal steps are as long as each other: what is much nearer is the same wall's other edge, if
+    # the wall is as steep as any.
     gaps = np.diff(peaks)
-    apart = gaps > _SAME_WALL * np.quantile(gaps, _LONG_GAP) if len(gaps) else gaps
+    same = _SAME_WALL * np.quantile(gaps, _LONG_GAP) if len(gaps) else 0.0
+    apart = gaps > min(same, _LONGEST_WALL * step_m / _BIN_M)
     number = np.concatenate([[0], np.cumsum(apart | (rising[1:] != rising[:-1]))]).astype(np.int64)
     for k, own in zip(number, near.T, strict=True):
         wall[own] = k
