@@ -120,3 +120,13 @@ def test_a_scan_with_ramps_gives_the_depth_range(
     for part in (settings.depth, settings.surface):
         assert part.depth_min_m == pytest.approx(0.043, abs=1e-4)
         assert part.depth_max_m == pytest.approx(0.047, abs=1e-4)
+
+
+def test_nothing_is_written_into_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scan").mkdir()
+    output = tmp_path / "scan" / "cell.yaml"
+    assert main(["calibrate", "flat", str(tmp_path / "scan"), "--output", str(output)]) == 1
+    assert "overlaps with the input" in capsys.readouterr().err
+    assert not output.exists()

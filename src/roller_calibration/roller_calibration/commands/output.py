@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from roller_core.calibration_file import CalibrationError, write_calibration
+from roller_core.output_folder import refuse_overlap
 from roller_inspect.commands.options import add_recording_options, add_written_options
 
 
@@ -38,7 +40,15 @@ def add_kind(
     parser = kinds.add_parser(name, help=texts[0], description=texts[1])
     add_written_options(parser, skin)
     add_recording_options(parser, nodes)
-    parser.set_defaults(run=run)
+
+    def checked(args: argparse.Namespace) -> int:
+        values = (v if isinstance(v, list) else [v] for v in vars(args).values())
+        for source in (v for several in values for v in several):
+            if args.output is not None and isinstance(source, Path) and source.is_dir():
+                refuse_overlap(source, args.output)
+        return run(args)
+
+    parser.set_defaults(run=checked)
     return parser
 
 

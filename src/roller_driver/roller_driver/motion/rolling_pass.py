@@ -8,6 +8,9 @@ from pydantic import Field, model_validator
 from roller_core.settings import Settings
 from roller_core.transforms import F64
 
+#: No UR10 reaches further: 1.3 m to its flange, and a tool.
+_REACH_M = 2.5
+
 
 class RollingPass(Settings):
     """Where, how fast and how hard to roll; positions of the tool centre point in base."""
@@ -35,6 +38,10 @@ class RollingPass(Settings):
         if self.length_m < 0.005:
             raise ValueError(
                 f"start_m and end_m are {self.length_m * 1e3:.1f} mm apart: at least 5"
+            )
+        if (away_m := max(np.linalg.norm(p) for p in (self.start_m, self.end_m))) > _REACH_M:
+            raise ValueError(
+                f"{away_m:.3g} m from the robot's base: it reaches {_REACH_M} m at most"
             )
         return self
 
