@@ -77,3 +77,19 @@ def test_windows_that_overlap_lose_the_same() -> None:
     once = DeadTime(WIDTH, HEIGHT)
     once.measure(events)
     np.testing.assert_array_equal(again.t_ns, once.without_followers(events, 0.5).t_ns)
+
+
+def test_a_texture_keeps_most_rows_busy_and_an_object_does_not() -> None:
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH].reshape(2, -1)
+
+    def seen(part: np.ndarray) -> EventArray:
+        x, y = columns[part], rows[part]
+        return EventArray.from_arrays(x, y, np.arange(len(x)), np.zeros(len(x)))
+
+    texture = seen(np.full(len(rows), True))
+    dead = DeadTime(WIDTH, HEIGHT)
+    # Too little travel says nothing.
+    assert not dead.textured(texture, 0.5e-3)
+    assert dead.textured(texture, 0.6e-3)
+    assert dead.textured(seen(rows < HEIGHT * 4 // 5), 1e-3)
+    assert not dead.textured(seen(rows < HEIGHT * 7 // 10), 1e-3)

@@ -27,6 +27,9 @@ _TIMES, _SHARE, _FIRST_SHARE = 8.0, 2e-4, 0.01
 _LEAST_NS, _MOST_NS, _LEAST_M = 700_000, 1_500_000, 2.5e-4
 #: Travel from the end of the dead time on over which events still hang on it: a wall's flank, m.
 _FLANK_M = 4.5e-4
+#: A row of the image is busy with so many events a metre of travel; where this share of rows is, a
+#: printed texture is what pixels see: objects are narrower. Looked at over so much travel, m.
+_BUSY_PER_M, _TEXTURED, _LOOK_M = 4e3, 0.75, 1e-3
 _NEVER_NS = -(2**62)
 
 I64 = npt.NDArray[np.int64]
@@ -53,6 +56,9 @@ class DeadTime:
         self._last = np.full((height, width), _NEVER_NS)
         self._gaps = np.zeros(_LONGEST_NS // _BIN_NS, np.int64)
         self._newest_ns = _NEVER_NS
+        self._rows = np.zeros(height, np.int64)
+        self._travel_m = 0.0
+        self._textured = False
         self.ns = 0
         self.left_out = 0
 
@@ -69,6 +75,27 @@ class DeadTime:
         _count_gaps(events.x, events.y, events.t_ns, self._measured, self._gaps)
         self.ns = _dead_time_ns(self._gaps)
         return self.ns > 0
+
+    def textured(self, events: EventArray, travel_m: float) -> bool:
+        """Whether most rows of the image are busy, as under a printed texture.
+
+        There edges lie as high as those before and after them, and what a pixel tells late tells of
+        the same height: to leave it out would cost points and gain nothing.
+
+        Parameters
+        ----------
+        events : EventArray
+            The same as were measured.
+        travel_m : float
+            Of the sensor while they came, m.
+        """
+        self._rows += np.bincount(events.y, minlength=len(self._rows))
+        self._travel_m += travel_m
+        if self._travel_m >= _LOOK_M:
+            busy = self._rows >= _BUSY_PER_M * self._travel_m
+            self._textured = bool(busy.mean() >= _TEXTURED)
+            self._rows[:], self._travel_m = 0, 0.0
+        return self._textured
 
     def without_followers(self, events: EventArray, speed_m_s: float) -> EventArray:
         """Events without those that came too soon after another of their pixel.

@@ -194,8 +194,10 @@ class EventCutter(ABC):
         late = self.dead_time
         if late and late.measure(events) and self._track.covers(start_ns, end_ns):
             begin, end = self._track.matrices([start_ns, end_ns])[:, :3, 3]
-            speed = np.linalg.norm(end - begin) / max(end_ns - start_ns, 1) * 1e9
-            events = late.without_followers(events, float(speed))
+            travel_m = float(np.linalg.norm(end - begin))
+            if not late.textured(events, travel_m):
+                speed = travel_m / max(end_ns - start_ns, 1) * 1e9
+                events = late.without_followers(events, speed)
         ramps = self._track.bent(start_ns, end_ns, self.most_bend_m) if len(events) else []
         if not ramps:
             return events
