@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.transforms import F64
 from roller_emvs.lines.edge_drift import (
@@ -15,9 +16,11 @@ from roller_emvs.lines.edge_drift import (
     share_of_travel,
 )
 
+from .drift_system import HUBER_M, DriftSystem
 from .gauges import LEAST_LINES, Gauge
 from .pass_lines import WALL_SLOPE, EdgeDriftError
 
+Bools = npt.NDArray[np.bool_]
 #: Spread of the coefficients before anything was measured, m.
 _PRIOR_M = 1.5e-4
 #: Spread of what lifts all edges of a sphere more than walls, m.
@@ -39,8 +42,6 @@ _CLEAR = 0.42
 #: for a polarity that spheres don't show: OFF gains 20 in the light `strong`, ON 1 in the ring.
 #: A gauge of steps, where contrast changes alike on all walls: there it is to be expected.
 _GAINS, _GAINS_ALIKE = 5.0, 2.0
-#: Deviation from which on lines count less, m, in deviations, and rounds of that.
-_HUBER_M, _HUBER, _ROUNDS = 6e-5, 1.5, 20
 #: Fewest lines of a bin of slopes whose residual is its own, and least residual, m.
 _LEAST_IN_BIN, _LEAST_RESIDUAL_M = 15, 5e-6
 
@@ -64,6 +65,55 @@ class EdgeDrift:
         return float(f"{sum(self.after_m) / self.settings.max_slope:.3g}")
 
 
+@dataclass(frozen=True)
+class _Lines:
+    """Lines of all gauges, one after the other, shape (n,) each."""
+
+    slope: F64
+    change: F64
+    side: F64
+    polarity: F64
+    sigma_m: F64
+    error_m: F64
+    #: Whether they lie on slopes of their gauge, and whether that is a sphere.
+    on_slope: Bools
+    of_sphere: Bools
+
+    @classmethod
+    def of(cls, gauges: list[Gauge]) -> _Lines:
+        slope, change, side, polarity, sigma_m = (
+            np.concatenate([getattr(gauge.lines, name) for gauge in gauges])
+            for name in ("slope", "change", "side", "polarity", "sigma_m")
+        )
+        error_m, rise = (
+            np.concatenate([getattr(gauge, name) for gauge in gauges])
+            for name in ("error_m", "rise")
+        )
+        of_sphere = np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
+        on_slope = np.abs(rise) > WALL_SLOPE
+        return cls(slope, change, side, polarity, sigma_m, error_m, on_slope, of_sphere)
+
+
+@dataclass(frozen=True)
+class _Light:
+    """What the gauges show of the light."""
+
+    #: How far drift may go, as a share of what it may be in light that travels.
+    travels: float
+    #: Whether contrast changes alike whichever way walls rise.
+    alike: bool
+
+    @classmethod
+    def of(cls, gauges: list[Gauge]) -> _Light:
+        # Where events lie evenly over the crossing, whichever way a wall rises, the light stands
+        # still: then there is no drift, and what the gauges are off by is where on a wall events
+        # arise. A gauge of whose walls each pixel has one event doesn't tell.
+        shares = [share_of_travel(gauge.travel) for gauge in gauges]
+        sided, clear = _sided(gauges)
+        travels = max(*shares, float(np.interp(sided, _SIDED, (0, 1))), 1e-3)
+        return cls(travels, sided < _SIDED[0] and clear > _CLEAR)
+
+
 def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     """Fit the drift of each polarity to the gauges.
 
@@ -74,101 +124,31 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     EdgeDriftError
         If too few lines lie on slopes.
     """
-    lines = [gauge.lines for gauge in gauges]
-    slope, change, side, polarity, sigma = (
-        np.concatenate([getattr(own, name) for own in lines])
-        for name in ("slope", "change", "side", "polarity", "sigma_m")
-    )
-    error = np.concatenate([gauge.error_m for gauge in gauges])
-    on_slope = np.abs(np.concatenate([gauge.rise for gauge in gauges])) > WALL_SLOPE
-    if on_slope.sum() < LEAST_LINES:
-        raise EdgeDriftError(f"{int(on_slope.sum())} lines on slopes, fewer than {LEAST_LINES}")
-    terms = drift_terms(slope, change, side)
-    # Where events lie evenly over the crossing, whichever way a wall rises, the light stands still:
-    # then there is no drift, and what the gauges are off by is where on a wall events arise.
-    # A gauge of whose walls each pixel has one event doesn't tell.
-    shares = [share_of_travel(g.travel) for g in gauges]
-    sided, clear = _sided(gauges)
-    travels = max(*shares, float(np.interp(sided, _SIDED, (0, 1))), 1e-3)
-    # Where contrast changes alike whichever way walls rise, all are lifted alike, whatever slope is
-    # found; of that spheres say nothing.
-    alike = sided < _SIDED[0] and clear > _CLEAR
-    if alike:
+    lines, light = _Lines.of(gauges), _Light.of(gauges)
+    if lines.on_slope.sum() < LEAST_LINES:
+        raise EdgeDriftError(
+            f"{int(lines.on_slope.sum())} lines on slopes, fewer than {LEAST_LINES}"
+        )
+    terms = drift_terms(lines.slope, lines.change, lines.side)
+    if light.alike:
+        # Then all walls are lifted alike, whatever slope is found; of that spheres say nothing.
         terms[:, _EVEN] = 1.0
-    columns = [np.where((polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
-    spreads = [np.full(TERMS, travels * _PRIOR_M) for _ in range(2)]
-    own_level = [False] * 2 * TERMS
-    for k, gauge in enumerate(gauges):
-        start = sum(len(g.error_m) for g in gauges[:k])
-        here = slice(start, start + len(gauge.error_m))
-        unknowns, spread = gauge.unknown, gauge.spread
-        if gauge.sphere:
-            # On a dome, which bends little, edges drift further than on walls, most on one side.
-            levels = [np.where(gauge.lines.polarity == p, terms[here, _EVEN], 0.0) for p in (0, 1)]
-            unknowns, spread = (
-                np.column_stack([unknowns, *levels]),
-                np.append(spread, [_LEVEL_M] * 2),
-            )
-        column = np.zeros((len(error), len(spread)))
-        column[here] = unknowns
-        columns.append(column)
-        spreads.append(spread)
-        own_level += [False] * gauge.unknown.shape[1]
-        own_level += [True] * (len(spread) - gauge.unknown.shape[1])
-    design = np.concatenate(columns, axis=1)
-    # A gauge counts as a whole as much as the other: neighbouring lines share what they err by.
-    share = np.concatenate([np.full(len(g.error_m), LEAST_LINES / len(g.error_m)) for g in gauges])
-    noise = np.hypot(sigma, _HUBER_M)
-    spheres = np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
-    steps = sum(not gauge.sphere for gauge in gauges)
-    least = _GAINS_ALIKE * steps if alike else _GAINS * len(gauges)
-    if alike:
-        walls = [on_slope & ~spheres & (polarity == k) for k in range(2)]
-        used = np.arange(TERMS) == _EVEN
-        for k in range(2):
-            spreads[k] = spreads[k] * np.where(used & (walls[k].sum() >= LEAST_LINES), 1, _NOTHING)
-    else:
-        # Slopes tell which way a wall rises as long as drift leaves them standing; else the side.
-        either = [
-            [*(own * np.where(np.arange(TERMS) == unused, _NOTHING, 1.0) for own in spreads[:2])]
-            + spreads[2:]
-            for unused in (_SIDE, _SLOPE)
-        ]
-        costs = [_cost(design, error, each, share, noise) for each in either]
-        gains = costs[0] - costs[1] > least
-        spreads = either[gains or not all(_slopes_hold(g) for g in gauges)]
-    # What hardly helps on the spheres themselves, nor explains the steps, is chance and would do
-    # harm elsewhere.
-    on_spheres = on_slope & spheres
-    full = _solve(design, error, spreads, share, noise)[1]
-    every = spreads[:2]
-    for k in range(2):
-        none = [*every[:k], every[k] * _NOTHING, *every[k + 1 :], *spreads[2:]]
-        without = _solve(design, error, none, share, noise)[1]
-        own = on_spheres & (polarity == k)
-        if own.any() and np.median(np.abs(full[own])) > _HELPS * np.median(np.abs(without[own])):
-            whole = [*every, *spreads[2:]]
-            costs = [_cost(design, error, each, share, noise) for each in (none, whole)]
-            if costs[0] - costs[1] < least:
-                spreads[k] = every[k] * _NOTHING
-    for k in range(2):
-        level = spreads[k] * np.where(np.arange(TERMS) == _EVEN, _NOTHING, 1.0)
-        less = [*spreads[:k], level, *spreads[k + 1 :]]
-        costs = [_cost(design, error, each, share, noise) for each in (less, spreads)]
-        if costs[0] - costs[1] < least:
-            spreads = less
-    beta, rest, normal = _solve(design, error, spreads, share, noise)
-    rest += np.where(own_level, design, 0.0) @ beta
-    unknown = np.where(own_level, 0.0, design)[:, 2 * TERMS :] @ beta[2 * TERMS :]
-    most = float(np.quantile(np.abs(slope[on_slope]), 0.98))
+    system, spreads = _system(gauges, lines, terms, light)
+    spreads = _useful(system, spreads, gauges, lines, light)
+    beta, rest, normal = system.solve(spreads)
+    rest += np.where(system.own_level, system.design, 0.0) @ beta
+    most = float(np.quantile(np.abs(lines.slope[lines.on_slope]), 0.98))
     # What neither gauge fixes of the coefficients is uncertain too.
-    own = design[:, : 2 * TERMS]
+    own = system.design[:, : 2 * TERMS]
     covariance = np.linalg.inv(normal)[: 2 * TERMS, : 2 * TERMS]
     unsure = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own))
     kinds = [
-        _residuals(rest[own], sigma[own], unsure[own], slope[own], polarity[own], most)
-        for own in (spheres, ~spheres)
-    ]
+        _residuals(
+            rest[which], lines.sigma_m[which], unsure[which], lines.slope[which],
+            lines.polarity[which], most,
+        )
+        for which in (lines.of_sphere, ~lines.of_sphere)
+    ]  # fmt: skip
     # What one kind of gauge leaves the other may not know of.
     table = np.array([_filled(row) for row in np.fmax(*kinds).reshape(4, -1)])
     found = beta[: 2 * TERMS].reshape(2, TERMS)
@@ -182,12 +162,95 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             "max_slope": round(most, 3),
         }
     )
-    off, on = (on_slope & (polarity == k) for k in (0, 1))
-    plain = np.abs(error - unknown)
-    before = _median(plain[off]), _median(plain[on])
-    after = _median(np.abs(rest[off])), _median(np.abs(rest[on]))
-    off, on = (bool(np.abs(own).max() >= _LEAST_RESIDUAL_M) for own in found)
-    return EdgeDrift(settings, before, after, (off, on))
+    of_gauges = np.where(system.own_level, 0.0, system.design)[:, 2 * TERMS :] @ beta[2 * TERMS :]
+    off, on = (lines.on_slope & (lines.polarity == k) for k in (0, 1))
+    plain, left = np.abs(lines.error_m - of_gauges), np.abs(rest)
+    corrected = tuple(bool(np.abs(own).max() >= _LEAST_RESIDUAL_M) for own in found)
+    return EdgeDrift(
+        settings,
+        (_median(plain[off]), _median(plain[on])),
+        (_median(left[off]), _median(left[on])),
+        (corrected[0], corrected[1]),
+    )
+
+
+def _system(
+    gauges: list[Gauge], lines: _Lines, terms: F64, light: _Light
+) -> tuple[DriftSystem, list[F64]]:
+    """Errors as sums of drift, by polarity, and of what is unknown of gauges; spreads of these."""
+    columns = [np.where((lines.polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
+    spreads = [np.full(TERMS, light.travels * _PRIOR_M) for _ in range(2)]
+    own_level = [False] * 2 * TERMS
+    ends = np.cumsum([len(gauge.error_m) for gauge in gauges])
+    for gauge, end in zip(gauges, ends, strict=True):
+        here = slice(end - len(gauge.error_m), end)
+        unknowns, spread = gauge.unknown, gauge.spread
+        if gauge.sphere:
+            # On a dome, which bends little, edges drift further than on walls, most on one side.
+            levels = [np.where(gauge.lines.polarity == p, terms[here, _EVEN], 0.0) for p in (0, 1)]
+            unknowns = np.column_stack([unknowns, *levels])
+            spread = np.append(spread, [_LEVEL_M] * 2)
+        column = np.zeros((len(lines.error_m), len(spread)))
+        column[here] = unknowns
+        columns.append(column)
+        spreads.append(spread)
+        known = gauge.unknown.shape[1]
+        own_level += [False] * known + [True] * (len(spread) - known)
+    # A gauge counts as a whole as much as the other: neighbouring lines share what they err by.
+    share = np.concatenate([np.full(len(g.error_m), LEAST_LINES / len(g.error_m)) for g in gauges])
+    system = DriftSystem(
+        np.concatenate(columns, axis=1), lines.error_m, share,
+        np.hypot(lines.sigma_m, HUBER_M), np.array(own_level),
+    )  # fmt: skip
+    return system, spreads
+
+
+def _useful(
+    system: DriftSystem, spreads: list[F64], gauges: list[Gauge], lines: _Lines, light: _Light
+) -> list[F64]:
+    """The spreads, those of terms that the gauges don't ask for next to nothing."""
+    steps = sum(not gauge.sphere for gauge in gauges)
+    least = _GAINS_ALIKE * steps if light.alike else _GAINS * len(gauges)
+    if light.alike:
+        spreads = _even_alone(spreads, lines)
+    else:
+        # Slopes tell which way a wall rises as long as drift leaves them standing; else the side.
+        by_slope, by_side = (
+            [*(_without(own, unused) for own in spreads[:2]), *spreads[2:]]
+            for unused in (_SIDE, _SLOPE)
+        )
+        gains = system.cost(by_slope) - system.cost(by_side) > least
+        holds = all(_slopes_hold(gauge) for gauge in gauges)
+        spreads = by_slope if holds and not gains else by_side
+    # What hardly helps on the spheres themselves, nor explains the steps, is chance and would do
+    # harm elsewhere.
+    full, useful = np.abs(system.solve(spreads)[1]), list(spreads)
+    for k in range(2):
+        none = [*spreads[:k], spreads[k] * _NOTHING, *spreads[k + 1 :]]
+        left = np.abs(system.solve(none)[1])
+        own = lines.on_slope & lines.of_sphere & (lines.polarity == k)
+        helps_little = own.any() and np.median(full[own]) > _HELPS * np.median(left[own])
+        if helps_little and system.cost(none) - system.cost(spreads) < least:
+            useful[k] = none[k]
+    for k in range(2):
+        less = [*useful[:k], _without(useful[k], _EVEN), *useful[k + 1 :]]
+        if system.cost(less) - system.cost(useful) < least:
+            useful = less
+    return useful
+
+
+def _without(spread: F64, term: int) -> F64:
+    """Spreads of a polarity's terms, one of them next to nothing."""
+    return np.asarray(spread * np.where(np.arange(TERMS) == term, _NOTHING, 1.0))
+
+
+def _even_alone(spreads: list[F64], lines: _Lines) -> list[F64]:
+    """Spreads with what lifts all edges alike alone, of polarities that enough of walls show."""
+    even, own = np.arange(TERMS) == _EVEN, list(spreads)
+    for k in range(2):
+        walls = lines.on_slope & ~lines.of_sphere & (lines.polarity == k)
+        own[k] = spreads[k] * np.where(even & (walls.sum() >= LEAST_LINES), 1.0, _NOTHING)
+    return own
 
 
 def _sided(gauges: list[Gauge]) -> tuple[float, float]:
@@ -209,28 +272,6 @@ def _slopes_hold(gauge: Gauge) -> bool:
     return (
         bool(np.mean(gauge.lines.slope[own] * gauge.rise[own] > 0) > _HOLDS) if own.any() else True
     )
-
-
-def _solve(
-    design: F64, error: F64, spreads: list[F64], share: F64, noise: F64
-) -> tuple[F64, F64, F64]:
-    """Robust ridge: coefficients, what they leave over, and the normal matrix."""
-    prior, weight = np.diag(1 / np.concatenate(spreads) ** 2), np.ones(len(error))
-    for _ in range(_ROUNDS):
-        w = weight * share / noise**2
-        normal = (design * w[:, None]).T @ design + prior
-        beta = np.linalg.solve(normal, design.T @ (w * error))
-        rest = error - design @ beta
-        weight = np.minimum(1.0, _HUBER * noise / np.maximum(np.abs(rest), 1e-9))
-    return np.asarray(beta, np.float64), rest, normal
-
-
-def _cost(design: F64, error: F64, spreads: list[F64], share: F64, noise: F64) -> float:
-    """What `_solve` makes least."""
-    beta, rest, _ = _solve(design, error, spreads, share, noise)
-    off = np.abs(rest) / noise
-    lost = np.where(off < _HUBER, off**2, 2 * _HUBER * off - _HUBER**2)
-    return float(share @ lost + np.sum((beta / np.concatenate(spreads)) ** 2))
 
 
 def _median(values: F64) -> float:
