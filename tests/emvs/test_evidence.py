@@ -8,7 +8,7 @@ import pytest
 from roller_emvs.evidence import CELL_PX, EvidenceSettings, RayField, coarse, find_depths, sweep
 from roller_emvs.evidence import _peak_kernels as peaks
 from roller_emvs.evidence import field as evidence_field
-from roller_emvs.evidence.field import Box
+from roller_emvs.evidence.field import Box, Mask
 from roller_emvs.evidence.focus_measure import all_tiles, plane_offsets
 from roller_emvs.evidence.relief import enlarge, measured_pixels
 from roller_emvs.lines.edge_drift import EdgeDriftSettings
@@ -189,14 +189,15 @@ def test_cutting_off_what_holds_no_depth_changes_none(monkeypatch: pytest.Monkey
         field_of(x[x < 60], 90.0 + 0.5 * y[x < 60], slope[x < 60], polarity[x < 60]),
         shape=(280, SHAPE[1]),
     )
-    cut, shapes = RayField.cut, []
+    cut, shapes = RayField.cut_around, []
 
-    def watched(whole: RayField, box: Box) -> RayField:
-        part = cut(whole, box)
-        shapes.append(part.shape)
-        return part
+    def watched(whole: RayField, cells: Mask, reach: int) -> tuple[RayField, Box] | None:
+        found = cut(whole, cells, reach)
+        if found is not None:
+            shapes.append(found[0].shape)
+        return found
 
-    monkeypatch.setattr(RayField, "cut", watched)
+    monkeypatch.setattr(RayField, "cut_around", watched)
     drift, found = EdgeDriftSettings.create({}), []
     for _ in range(2):
         depths = find_depths(field, -1.0, 1.0, SETTINGS)

@@ -21,7 +21,7 @@ from roller_core.errors import SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import rotation_vector_to_quaternion
-from roller_emvs.evidence.field import Box, EvidenceField
+from roller_emvs.evidence.field import Box, Mask
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.methods.surface.part_field import PartField, fits
 from roller_emvs.methods.surface.strip import Block, Strip
@@ -256,13 +256,14 @@ def test_what_holds_no_depth_is_cut_off(scan: EventArray, monkeypatch: pytest.Mo
     track = track_of(rolling(0.3), DURATION_S)
     # Beside what is seen in a part of the view, a few events of noise.
     noise = np.random.default_rng(1).random(len(scan)) < 2e-4
-    part, boxes, cut = scan[(scan.y < 0.3 * CAMERA.height) | noise], [], PartField.cut
+    part, boxes, cut = scan[(scan.y < 0.3 * CAMERA.height) | noise], [], PartField.cut_around
 
-    def watched(field: PartField, box: Box) -> EvidenceField:
-        boxes.append(box)
-        return cut(field, box)
+    def watched(field: PartField, cells: Mask, reach: int) -> tuple[PartField, Box] | None:
+        found = cut(field, cells, reach)
+        boxes.extend([] if found is None else [found[1]])
+        return found
 
-    monkeypatch.setattr(PartField, "cut", watched)
+    monkeypatch.setattr(PartField, "cut_around", watched)
     found = points_of(sweep(part, track)[0])
     assert len(boxes) > 5
     monkeypatch.setattr("roller_emvs.evidence.field._MOST_CUT", 0.0)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -34,9 +33,6 @@ _MOST_CUT = 0.8
 @dataclass(frozen=True)
 class EvidenceField(ABC):
     """Events of a window or block on a grid of pixels, x along the parallax."""
-
-    #: Columns of cells by which it may be cut; 0: it can't be.
-    cut_step: ClassVar[int] = 0
 
     #: Rows and columns of the grid, px; multiples of `CELL_PX`.
     shape: tuple[int, int]
@@ -88,22 +84,12 @@ class EvidenceField(ABC):
         """Offsets that planes have in effect, shape (planes, columns of cells); None: as asked."""
         return None
 
-    def cut(self, box: Box) -> EvidenceField:
-        """The same on some of its cells, columns in steps of `cut_step`."""
-        raise NotImplementedError
+    def cut_around(self, cells: Mask, reach: int) -> tuple[EvidenceField, Box] | None:
+        """The same on some cells and those around, and where they lie.
 
-    def box_around(self, cells: Mask, reach: int) -> Box | None:
-        """Some cells and those around, as may be cut; None where that is most of the grid."""
-        if not self.cut_step or not cells.any():
-            return None
-        box = []
-        for axis, step in ((0, 1), (1, self.cut_step)):
-            known = np.flatnonzero(cells.any(axis=1 - axis))
-            first = max(int(known[0]) - reach, 0) // step * step
-            last = -(-(int(known[-1]) + 1 + reach) // step) * step
-            box.append(slice(first, min(last, cells.shape[axis])))
-        size = np.prod([part.stop - part.start for part in box])
-        return (box[0], box[1]) if size < _MOST_CUT * cells.size else None
+        None where that is most of the grid, or where the field can't be cut.
+        """
+        return None
 
     @abstractmethod
     def slope_sums(self, offset: F32, polarity: int) -> F32:
@@ -139,17 +125,19 @@ class RayField(EvidenceField):
     #: Column and row of the grid's first pixel in what the rays are in.
     corner: tuple[float, float] = (0.0, 0.0)
 
-    cut_step: ClassVar[int] = 1
-
-    def cut(self, box: Box) -> RayField:
+    def cut_around(self, cells: Mask, reach: int) -> tuple[RayField, Box] | None:
         """See `EvidenceField`."""
+        box = box_around(cells, reach, 1)
+        if box is None:
+            return None
         rows, columns = box
         left, top = self.corner
         corner = left + CELL_PX * columns.start, top + CELL_PX * rows.start
-        return replace(
+        part = replace(
             self, shape=shape_of(box), slopes=self.slopes[:, columns], corner=corner,
             most_spread=self.aperture,
         )  # fmt: skip
+        return part, box
 
     def slope_sums(self, offset: F32, polarity: int) -> F32:
         """See `EvidenceField`."""
@@ -164,6 +152,20 @@ class RayField(EvidenceField):
         first, last = int(self.bounds[polarity]), int(self.bounds[polarity + 1])
         _, counts = ground(self.rays[first:last], offset, self.corner)
         return counts[:-1].reshape(self.shape).astype(np.float32)
+
+
+def box_around(cells: Mask, reach: int, step: int) -> Box | None:
+    """Some cells and those around, columns in steps; None where that is most of them, or none."""
+    if not cells.any():
+        return None
+    box = []
+    for axis, by in ((0, 1), (1, step)):
+        known = np.flatnonzero(cells.any(axis=1 - axis))
+        first = max(int(known[0]) - reach, 0) // by * by
+        last = -(-(int(known[-1]) + 1 + reach) // by) * by
+        box.append(slice(first, min(last, cells.shape[axis])))
+    size = np.prod([part.stop - part.start for part in box])
+    return (box[0], box[1]) if size < _MOST_CUT * cells.size else None
 
 
 def shape_of(box: Box) -> tuple[int, int]:

@@ -110,11 +110,11 @@ def measured_pixels(
     """
     if not any(np.isfinite(found.offset).any() for found in depths):
         return _nothing(field)
-    box = field.box_around(_near(depths), _REACH)
-    if box is None:
+    cut = field.cut_around(_near(depths), _REACH)
+    if cut is None:
         return _measured(field, depths, settings, drift, threads, sides)
-    part, own = field.cut(box), [found.cut(box) for found in depths]
-    found = _measured(part, own, settings, drift, threads, sides)
+    part, box = cut
+    found = _measured(part, [each.cut(box) for each in depths], settings, drift, threads, sides)
     return found.put(field, box)
 
 

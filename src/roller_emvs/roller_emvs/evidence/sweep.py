@@ -188,12 +188,13 @@ def sharpest(
     span = float(at[-2] - at[1])
     # Blurred is the most on any plane: no cell's score is above that.
     possible = blur(followed.max(axis=0)[None], settings.sigma_px)[0] >= _weakest(settings)
-    box = field.box_around(possible, int(np.ceil(4 * settings.sigma_px / CELL_PX)))
-    if box is None:
+    cut = field.cut_around(possible, int(np.ceil(4 * settings.sigma_px / CELL_PX)))
+    if cut is None:
         depths = _peaks(followed, at, first, last, field, settings)
         return _checked(field, depths, polarity, span, settings)
+    part, box = cut
     last = np.where(possible, last, -1).astype(np.int32)[box]
-    part, own = field.cut(box), np.ascontiguousarray(followed[:, box[0], box[1]])
+    own = np.ascontiguousarray(followed[:, box[0], box[1]])
     depths = _peaks(own, at, np.ascontiguousarray(first[box]), last, part, settings)
     return _checked(part, depths, polarity, span, settings).put(field.cells, box)
 

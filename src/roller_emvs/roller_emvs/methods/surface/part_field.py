@@ -13,7 +13,6 @@ plane. `fits` says how straight is straight enough.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -31,7 +30,7 @@ from roller_emvs.evidence import (
     planes_near,
     sharpest,
 )
-from roller_emvs.evidence.field import Box, shape_of
+from roller_emvs.evidence.field import Box, Mask, box_around, shape_of
 from roller_emvs.rays import F32, I64
 from roller_emvs.threads import share
 
@@ -53,8 +52,6 @@ _MOST_ACROSS_PX = 0.5
 _LEAST_EVENTS = 16
 #: Cells by which what is searched around a cell is searched too, as evidence is summed over them.
 _AROUND_CELLS = 3
-
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -79,19 +76,21 @@ class PartField(EvidenceField):
     #: Events reach no further beside the block on any plane.
     reach_m: float
 
-    cut_step: ClassVar[int] = TILE_CELLS
-
-    def cut(self, box: Box) -> PartField:
+    def cut_around(self, cells: Mask, reach: int) -> tuple[PartField, Box] | None:
         """See `EvidenceField`."""
+        box = box_around(cells, reach, TILE_CELLS)
+        if box is None:
+            return None
         (rows, columns), (_, parts, bins) = box, self.bins
         line, shape = CELL_PX * parts * bins, shape_of(box)
         counts = tuple(own[rows.start * line : rows.stop * line + 1] for own in self.counts)
         tiles = slice(columns.start // TILE_CELLS, -(-columns.stop // TILE_CELLS))
-        return replace(
+        part = replace(
             self, shape=shape, slopes=self.slopes[:, columns], counts=counts,
             bins=(shape[0], parts, bins), left_bin=self.left_bin + columns.start * CELL_BINS,
             reached=self.reached[:, rows, tiles], most_spread=self.aperture,
         )  # fmt: skip
+        return part, box
 
     @property
     def _per_offset(self) -> F32:
