@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from roller_braille.braille_stage import BrailleParameters
-from roller_core.settings import Settings, parameter_file
+from roller_core.parameter_files import parameter_file
+from roller_core.settings import Settings
 from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_emvs.depth_stage import EmvsParameters

@@ -1,25 +1,13 @@
-"""Parameter file and report."""
+"""Settings and report."""
 
 import json
-from pathlib import Path
 
 import pytest
-import yaml
 
 from braille.synthetic import Plate, over, read, scan
-from roller_braille.braille_stage import BrailleParameters
 from roller_braille.reader_settings import PROFILES, BrailleSettings
 from roller_braille.text_files import cells_to_json
 from roller_core.errors import RollerError
-from roller_core.settings import parameter_file
-
-CONFIG = Path(__file__).resolve().parents[2] / "config" / "braille.yaml"
-
-
-def test_parameter_file_is_in_step_with_the_settings() -> None:
-    assert CONFIG.read_text() == parameter_file({"braille": BrailleParameters})
-    values = yaml.safe_load(CONFIG.read_text())["/**/braille"]["ros__parameters"]
-    assert BrailleParameters.create(values) == BrailleParameters.create({})
 
 
 def test_every_setting_is_described_and_bounded() -> None:

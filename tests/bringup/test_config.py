@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from roller_core.settings import Settings, node_name, parameter_file, read_parameters
+from roller_core.parameter_files import node_name, parameter_file, read_parameters
+from roller_core.settings import Settings
 from roller_inspect.pipeline import PipelineSettings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,7 +36,8 @@ def test_files_are_in_step_with_the_models(node: str) -> None:
 def test_every_parameter_is_described_and_valid(node: str) -> None:
     model = FILES[node]
     check_descriptions(model, node)
-    assert model.from_yaml(ROOT / "config" / f"{node}.yaml", node) == model.create({})
+    values = read_parameters(ROOT / "config" / f"{node}.yaml", node)
+    assert model.create(values) == model.create({})
 
 
 def check_descriptions(model: type[Settings], where: str) -> None:

@@ -12,7 +12,7 @@ from roller_bringup.doctor.machine import HostSettings, find_host, judge_host
 from roller_bringup.doctor.result import Result
 from roller_core.calibration_file import SECTION, calibration_record, write_calibration
 from roller_core.camera import Camera
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 320.0, 240.0)
 

@@ -11,7 +11,7 @@ import yaml
 from bringup.test_config import FILES as MODELS
 from roller_bringup import launching
 from roller_bringup.launching import LaunchError, locate
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_recording.player_node import PlayerParameters
 
 ROOT = Path(__file__).parents[2]

@@ -22,7 +22,7 @@ from roller_calibration.reached import GaugeError, Reached, on_steps
 from roller_calibration.recordings import whole_scan
 from roller_core.camera import Camera
 from roller_core.events import EventArray
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_emvs.methods.surface import SurfaceSettings
 from roller_recording.reading import open_recording
 from roller_sim.bag import BagMessages

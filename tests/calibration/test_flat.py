@@ -15,8 +15,8 @@ from roller_calibration.recordings import Scan
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.events import EventArray
+from roller_core.parameter_files import read_parameters
 from roller_core.pose_track import PoseTrack
-from roller_core.settings import read_parameters
 from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
 from roller_inspect.pipeline import PipelineSettings
 

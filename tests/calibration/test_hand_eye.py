@@ -20,6 +20,7 @@ from roller_calibration.camera_rotation import CameraRotationError, find_camera_
 from roller_calibration.hand_eye import HandEyeError, find_hand_eye
 from roller_calibration.recordings import Scan, read_scan
 from roller_core.calibration_file import CalibrationError
+from roller_core.parameter_files import read_parameters
 from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
 from roller_driver.ur10.robot_settings import Ur10Parameters
 
@@ -151,7 +152,7 @@ def test_poses_give_the_cameras_place(
         robot = ["--robot-ip", LOOPBACK]
         assert main(["calibrate", "hand-eye", str(poses), "-o", str(file), *robot]) == 0
     assert "residuals of 8 pairs" in capsys.readouterr().out
-    found = Ur10Parameters.from_yaml(file, "ur10")
+    found = Ur10Parameters.create(read_parameters(file, "ur10"))
     assert found.tcp_offset == (0.0, 0.01, 0.1, 0.0, 0.0, 0.5)
     found = found.hand_eye
     np.testing.assert_allclose(found.matrix, HAND_EYE, atol=1e-6)
@@ -161,7 +162,7 @@ def test_poses_give_the_cameras_place(
     assert "give that with --params" in capsys.readouterr().err
     assert main(["calibrate", "hand-eye", *scan, "--params", str(file), "-o", str(turned)]) == 0
     assert "doesn't show the camera's position" in capsys.readouterr().out
-    again = Ur10Parameters.from_yaml(turned, "ur10").hand_eye
+    again = Ur10Parameters.create(read_parameters(turned, "ur10")).hand_eye
     np.testing.assert_allclose(again.position, found.position, atol=1e-6)
     # The poses were right: the camera stays as it was, within half a degree.
     np.testing.assert_allclose(again.matrix, found.matrix, atol=np.radians(0.5))

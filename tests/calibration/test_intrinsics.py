@@ -10,7 +10,7 @@ from roller_bringup.cli import main
 from roller_calibration.dot_grid import GridView, edge_width_px, find_grid
 from roller_calibration.intrinsics import IntrinsicsError, find_intrinsics, grid_in_camera
 from roller_core.camera import Camera
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
 
 CAMERA = Camera(640, 480, 1066.0, 1069.0, 322.5, 236.0, (-0.08, 0.11, 0.001, -0.0005))

@@ -13,7 +13,7 @@ from roller_calibration import grids
 from roller_calibration.recordings import Scan
 from roller_core.calibration_file import read_record
 from roller_core.camera import Camera
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_inspect.pipeline import PipelineSettings
 
 #: Dots are as bright as dots are: votes are scaled by their own extremes.

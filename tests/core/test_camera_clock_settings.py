@@ -9,7 +9,8 @@ from pydantic import Field
 from roller_core.camera import Camera, CameraError
 from roller_core.clock import SensorClock
 from roller_core.errors import SettingsError
-from roller_core.settings import Settings, parameter_file, read_parameters
+from roller_core.parameter_files import parameter_file, read_parameters
+from roller_core.settings import Settings
 
 DISTORTED = Camera(640, 480, 1066.0, 1060.0, 319.5, 239.5, (-0.14, 0.09, -3e-4, 2e-4, 0.01))
 
@@ -121,11 +122,15 @@ class _Demo(Settings):
     focus: _Group = _Group(votes=4)
 
 
+def _demo(path: Path, node: str) -> _Demo:
+    return _Demo.create(read_parameters(path, node))
+
+
 def test_settings_from_yaml(tmp_path: Path) -> None:
     path = tmp_path / "p.yaml"
     path.write_text("/**:\n  ros__parameters: {planes: 3}\nemvs:\n  ros__parameters: {planes: 4}\n")
-    assert _Demo.from_yaml(path, "emvs").planes == 4
-    assert _Demo.from_yaml(path, "other").planes == 3
+    assert _demo(path, "emvs").planes == 4
+    assert _demo(path, "other").planes == 3
 
 
 @pytest.mark.parametrize("key", ["emvs", "/emvs", "/**/emvs", "/*/emvs", "left/emvs", "/left/emvs"])
@@ -159,7 +164,7 @@ def test_settings_faults(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(text)
     with pytest.raises(SettingsError, match=message):
-        _Demo.from_yaml(path, "emvs")
+        _demo(path, "emvs")
 
 
 def test_a_group_given_in_part_keeps_the_rest_of_its_default(tmp_path: Path) -> None:
@@ -169,6 +174,6 @@ def test_a_group_given_in_part_keeps_the_rest_of_its_default(tmp_path: Path) -> 
         "emvs: {ros__parameters: {focus.sigma_px: 2}}\n"
         "other: {ros__parameters: {focus: {votes: 7}}}\n"
     )
-    assert _Demo.from_yaml(path, "emvs").focus == _Group(sigma_px=2.0, votes=4)
-    assert _Demo.from_yaml(path, "other").focus == _Group(sigma_px=3.0, votes=7)
+    assert _demo(path, "emvs").focus == _Group(sigma_px=2.0, votes=4)
+    assert _demo(path, "other").focus == _Group(sigma_px=3.0, votes=7)
     assert "      votes: 4\n" in parameter_file({"emvs": _Demo})

@@ -9,7 +9,7 @@ import yaml
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError, SettingsError
-from roller_core.settings import (
+from roller_core.parameter_files import (
     SECTIONS,
     misspelt_section,
     node_name,

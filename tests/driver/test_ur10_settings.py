@@ -1,40 +1,18 @@
-"""Parameters of the drivers' nodes, and the files that hold their defaults."""
-
-from pathlib import Path
+"""Parameters of the drivers' nodes."""
 
 import numpy as np
 import pytest
-import yaml
 
 from roller_core.camera import Camera, CameraError
 from roller_core.errors import SettingsError
-from roller_core.settings import parameter_file
 from roller_driver.dvxplorer.camera_info import load_camera_info
-from roller_driver.dvxplorer.node_settings import EventCameraParameters
 from roller_driver.ur10.robot_settings import Ur10Parameters
 
-CONFIG = Path(__file__).parents[2] / "config"
 
-
-@pytest.mark.parametrize(
-    ("node", "model"), [("event_camera", EventCameraParameters), ("ur10", Ur10Parameters)]
-)
-def test_the_parameter_file_has_every_parameter(node, model):
-    """`scripts/write_config.py` writes it."""
-    path = CONFIG / f"{node}.yaml"
-    assert path.read_text() == parameter_file({node: model})
-    assert model.from_yaml(path, node) == model()
-    assert all(field.description for field in model.model_fields.values())
-
-
-def test_the_cameras_place_as_quaternion_or_rotation_vector(tmp_path):
-    file = tmp_path / "hand_eye.yaml"
-    file.write_text(
-        yaml.safe_dump({"ur10": {"ros__parameters": {
-            "hand_eye_m": [0.01, -0.03, 0.08], "hand_eye_rotation_rad": [0.0, 0.0, np.pi / 2],
-        }}})
-    )  # fmt: skip
-    one = Ur10Parameters.from_yaml(file, "ur10").hand_eye
+def test_the_cameras_place_as_quaternion_or_rotation_vector():
+    one = Ur10Parameters(
+        hand_eye_m=(0.01, -0.03, 0.08), hand_eye_rotation_rad=(0.0, 0.0, np.pi / 2)
+    ).hand_eye
     half = float(np.sqrt(0.5))
     other = Ur10Parameters(
         hand_eye_m=(0.01, -0.03, 0.08), hand_eye_quaternion=(0.0, 0.0, half, half)

@@ -21,7 +21,7 @@ from roller_bringup.cli import main
 from roller_core import outputs
 from roller_core.bags import typestore
 from roller_core.errors import RollerError
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_emvs.depth_stage import DepthStage
 from roller_emvs.stitcher_stage import StitcherStage
 from roller_emvs.surface_stage import SurfaceStage

@@ -10,10 +10,10 @@ from pathlib import Path
 from roller_core.calibration_file import CalibrationError, check_same_camera, same_camera
 from roller_core.camera import Camera
 from roller_core.events import EventArray
+from roller_core.parameter_files import read_parameters
 from roller_core.pose_track import PoseTrack
 from roller_core.progress import progress_bar
 from roller_core.sensor_pose import SensorFrames
-from roller_core.settings import read_parameters
 from roller_recording.reading import Recording
 
 

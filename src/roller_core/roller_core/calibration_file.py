@@ -17,7 +17,8 @@ import yaml
 from .camera import Camera, CameraError, OtherCameraError
 from .errors import RollerError, SettingsError
 from .marked_file import write_marked_file
-from .settings import nested, node_name, read_parameters, read_sections
+from .parameter_files import node_name, read_parameters, read_sections
+from .settings import nested
 
 #: Section of the record, and version of its form.
 SECTION, VERSION = "calibration", 1

@@ -13,7 +13,7 @@ from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.frame_settings import FollowedFrames, idle_flush_field
 from roller_core.outputs import Cloud, ContactFault, Output, Result
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_core.stage import ERROR, OK, Stage
 
 from .contact_marks import ContactMarks

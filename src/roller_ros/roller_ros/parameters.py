@@ -17,7 +17,8 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from roller_core.errors import SettingsError
-from roller_core.settings import Settings, misspelt_section, passed_over_section
+from roller_core.parameter_files import misspelt_section, passed_over_section
+from roller_core.settings import Settings
 
 S = TypeVar("S", bound=Settings)
 

@@ -12,7 +12,7 @@ from typing import Any
 from roller_core.calibration_file import SECTION, check_same_camera
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 
 from .result import Result, fault, ok, warning
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from roller_core.errors import SettingsError
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_driver.ur10.errors import RobotFault
 from roller_driver.ur10.receiver import VARIABLES
 from roller_driver.ur10.robot_settings import Ur10Parameters

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from roller_calibration.reached import GAUGES
     from roller_calibration.recordings import read_scan
     from roller_core.output_folder import OutputFolder
-    from roller_core.settings import read_parameters
+    from roller_core.parameter_files import read_parameters
     from roller_inspect.pipeline import PipelineSettings
 
     check_mm("--radius-mm", args.radius_mm)

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 def _from_grid(args: argparse.Namespace) -> tuple[Camera, list[F64], list[F64]]:
     """The camera, and pairs of poses at the views of the grid."""
     from roller_calibration.grid_poses import pairs_of_poses
-    from roller_core.settings import read_parameters
+    from roller_core.parameter_files import read_parameters
 
     frames = read_parameters(args.params, "emvs") if args.params else {}
     names = {k: str(frames[k]) for k in ("base_frame", "moving_frame") if k in frames}
@@ -119,7 +119,7 @@ def _from_pairs(
 def _from_scan(args: argparse.Namespace) -> int:
     from roller_calibration.camera_rotation import find_camera_rotation
     from roller_calibration.recordings import read_scan
-    from roller_core.settings import read_parameters
+    from roller_core.parameter_files import read_parameters
     from roller_driver.ur10.robot_settings import HandEyeSettings
     from roller_inspect.pipeline import PipelineSettings
 

@@ -160,7 +160,7 @@ def _check(args: argparse.Namespace) -> None:
 def _settings(args: argparse.Namespace) -> DepthSettings:
     """Settings of the start: the defaults, `--params`, then what `--previous` calibrated."""
     from roller_calibration.grid_search import NAMES
-    from roller_core.settings import read_parameters
+    from roller_core.parameter_files import read_parameters
     from roller_inspect.pipeline import PipelineSettings
 
     settings = PipelineSettings.load(args.params, args.method).depth

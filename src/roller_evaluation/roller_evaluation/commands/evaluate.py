@@ -119,7 +119,7 @@ def _run_all(args: argparse.Namespace) -> int:
 
 def _drift(params: tuple[str, ...] | None) -> dict[str, Any]:
     """Edge drift by light of the depth methods that correct it, from parameter files."""
-    from roller_core.settings import read_parameters
+    from roller_core.parameter_files import read_parameters
 
     nodes = {"focus": "emvs", "surface": "surface"}
     out: dict[str, Any] = {}

@@ -13,7 +13,7 @@ from typing import Any
 from roller_core.calibration_file import SECTION, digest
 from roller_core.camera import Camera
 from roller_core.digests import data_digest, source_digest
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_inspect.inspect_stage import Inspected, inspect_parameters
 from roller_inspect.judgement import Judged
 from roller_inspect.recipe import Recipe

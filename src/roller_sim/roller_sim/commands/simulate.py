@@ -14,7 +14,7 @@ from roller_core.bag_writer import BagFullError
 from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
 from roller_core.output_folder import OutputFolder
-from roller_core.settings import read_parameters
+from roller_core.parameter_files import read_parameters
 from roller_sim.bag import write_bag
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import VirtualCellSettings
