@@ -1,4 +1,7 @@
-"""A stage fed faster than it works leaves out whole windows; the others are as ever."""
+"""A stage that doesn't get all: fed faster than it works, or after packets were lost.
+
+It leaves out whole windows, the others are as ever; inspection is told of what was lost.
+"""
 
 import numpy as np
 import pytest
@@ -95,6 +98,36 @@ class Feeding:
 
     def flush(self) -> None:
         self.found += [r.found for r in self.stage.results(flush=True)]
+
+
+@pytest.mark.parametrize(
+    ("lost", "sent", "told"),
+    [
+        (range(300, 320), 400, "6% of the event packets were lost: 20 of 321"),  # at once
+        (range(20, 50), 100, "30% of the event packets were lost: 30 of 100"),  # when it ends
+        (range(300, 310), 400, None),
+    ],
+)
+def test_lost_packets_are_told_to_inspection_once_a_scan(lost, sent, told):
+    stage = new_stage()
+    results: list[Result] = []
+    for number in (n for n in range(sent) if n not in lost):
+        if number % 8 == 0:
+            stage.take_transform(pose(START_NS + number * MS))
+        feed(stage, outputs.EVENTS, packet(number), [].append)
+        results += stage.results()
+    for _ in range(2):  # the second has nothing to end
+        results += stage.results(flush=True)
+    found = [(r.notice, o) for r in results for o in r.outputs if o.topic == outputs.CONTACT]
+    assert [notice for notice, _ in found] == ([told] if told else [])
+    for notice, output in found:
+        assert output.data == outputs.ScanFault(notice, "data")
+        assert output.t_ns == START_NS + lost.stop * MS
+        message = messages.to_message(output)
+        taken: list[outputs.Output] = []
+        stage.take_output = taken.append  # type: ignore[method-assign]
+        feed(stage, outputs.CONTACT, message, [].append)
+        assert taken == [output]
 
 
 @pytest.mark.parametrize(

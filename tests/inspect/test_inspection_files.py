@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from roller_bringup.cli import main
-from roller_core.outputs import CONTACT, DEVIATION, FINDINGS, Cloud, ContactFault, Output, Result
+from roller_core.outputs import CONTACT, DEVIATION, FINDINGS, Cloud, Output, Result, ScanFault
 from roller_emvs.patch import SURFACE_FIELDS, Patch
 from roller_inspect.exports.pdf import write_pdf
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
@@ -279,6 +279,7 @@ def test_a_part_without_a_point_is_unmeasured(tmp_path: Path) -> None:
         ("slipping", "slipping: the image moves at 60% of the robot's speed (and 1 times more)"),
         ("hard", "pressed too hard for 0.41 s, up to 41.0 N; the recipe asks for 5 to 30 N"),
         ("light", "pressed too lightly for 0.41 s, down to 1.0 N; the recipe asks for 5 to 30 N"),
+        ("lost", "7% of the event packets were lost: 20 of 300"),
         ("before and after", ""),
         ("", ""),
     ],
@@ -298,8 +299,10 @@ def test_a_part_that_was_not_in_good_contact_is_never_conform(what: str, said: s
                 stage.take_force(t, 99.0 if out else bad_n if off else 20.0)
             times = {"slipping": (first + 1, last - 1), "before and after": (first - 1, last + 1)}
             for t in times.get(what, ()):
-                fault = ContactFault("slipping: the image moves at 60% of the robot's speed")
+                fault = ScanFault("slipping: the image moves at 60% of the robot's speed")
                 stage.take_output(Output(CONTACT, t, "", fault))
+    if what == "lost":  # told when the scan is over, of a time within it
+        stage.take_output(Output(CONTACT, middle, "", ScanFault(said, "data")))
     part = finished(list(stage.results(flush=True)))
     judgement = part.judgement
     assert judgement.contact == ((said,) if said else ())

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Reader
 
 from roller_core import outputs
 from roller_core.bags import typestore
-from roller_core.outputs import ContactFault, Output, cloud_of
+from roller_core.outputs import Output, ScanFault, cloud_of
 from roller_evaluation.detection import matched
 from roller_inspect.inspect_stage import InspectStage, inspect_parameters
 from roller_inspect.judgement import Inspected, judge_nothing
@@ -56,7 +56,7 @@ def inspect_recorded(bag: Path, recipe: Recipe, part: str, params: Path | None =
                 stage.take_output(Output(topic, t_ns, frame, cloud_of(message)))
             else:
                 for status in message.status:
-                    stage.take_output(Output(topic, t_ns, frame, ContactFault(status.message)))
+                    stage.take_output(Output(topic, t_ns, frame, ScanFault(status.message)))
             found += [result.found for result in stage.results()]
         found += [result.found for result in stage.results(flush=True)]
     parts = [part for part in found if isinstance(part, Inspected)]

@@ -17,8 +17,9 @@ from .errors import RollerError
 from .event_stream import EventStream, StreamCounts, TimeBackwardsError
 from .events import EventArray
 from .frame_settings import StreamSettings
-from .outputs import Result
+from .outputs import Output, Result, ScanFault
 from .pose_track import PoseTrack
+from .seq_gaps import LossShare
 from .stage import ERROR, OK, WARN, Stage
 
 #: Bytes of a packet beside its events, about.
@@ -78,6 +79,8 @@ class EventStage(Stage[E], Generic[E, P]):
         self._milliseconds: deque[float] = deque(maxlen=1000)
         self._late_s: float | None = None
         self._past: Counter[str] = Counter()
+        self._losses = LossShare()
+        self._told: list[Result] = []
 
     def warm_up(self) -> None:
         """Load what decodes packets and maps their times; a stage adds what it needs."""
@@ -154,9 +157,18 @@ class EventStage(Stage[E], Generic[E, P]):
             self.restart()
             self.take_events(error.events)
             raise
-        if self.pipeline is not None and self.stream.counts.lost_packets > lost:
+        lost = self.stream.counts.lost_packets - lost
+        if self.pipeline is not None and lost:
             self.pipeline.miss()
+        stamp = packet.header.stamp
+        self._tell_loss(self._losses.see(stamp.sec * 1_000_000_000 + stamp.nanosec, lost))
         self.take_events(events)
+
+    def _tell_loss(self, told: tuple[int, str] | None) -> None:
+        """Tell inspection of lost packets, where the surface is worked out."""
+        if told is not None and outputs.CONTACT in self.outputs:
+            fault = Output(outputs.CONTACT, told[0], "", ScanFault(told[1], "data"))
+            self._told.append(Result(None, (fault,), told[1]))
 
     def _keep_early(self, packet: Any) -> None:
         """Keep a packet until the camera comes; beyond the limit the oldest go, counted."""
@@ -250,6 +262,10 @@ class EventStage(Stage[E], Generic[E, P]):
     def _results(self, flush: bool) -> Iterator[Result]:
         if self.pipeline is None:
             return
+        if flush:
+            self._tell_loss(self._losses.end())
+        told, self._told = self._told, []
+        yield from told
         yield from self._pipeline_results(self.pipeline, flush)
         needed = self.pipeline.needed_from_ns
         if needed is not None and len(self.frames.track):

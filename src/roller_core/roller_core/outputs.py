@@ -72,10 +72,12 @@ def cloud_of(message: Any) -> Cloud:
 
 
 @dataclass(frozen=True)
-class ContactFault:
-    """What is wrong with the contact between skin and surface; no points come of its stretch."""
+class ScanFault:
+    """What is wrong with a stretch of a scan: no contact between skin and surface, lost data."""
 
     text: str
+    #: What of the scan: "contact", "data".
+    part: str = "contact"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from roller_core.errors import RollerError
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
-from roller_core.outputs import CONTACT, ContactFault, Output, Result
+from roller_core.outputs import CONTACT, Output, Result, ScanFault
 from roller_core.pose_track import PoseError, PoseTrack
 
 from .depth_settings import DepthSettings
@@ -44,11 +44,12 @@ class RefusedWindow:
     contact: bool = False
 
     def result(self, piece: str, gives: str) -> Result:
-        """What a stage gives for it: nothing but a notice, and that there was no contact."""
+        """What a stage gives for it: a notice, and to inspection why the scan isn't good there."""
         at_s = self.start_ns * 1e-9
         notice = f"{piece} at {at_s:.3f} s gives no {gives}: {self.reason}"
-        fault = Output(CONTACT, self.end_ns, "", ContactFault(self.reason))
-        return Result(self, (fault,) if self.contact else (), notice)
+        told = ScanFault(self.reason, "contact" if self.contact else "data")
+        fault = Output(CONTACT, self.end_ns, "", told)
+        return Result(self, (fault,) if self.contact or self.fault is not None else (), notice)
 
 
 class WindowCutter(EventCutter):

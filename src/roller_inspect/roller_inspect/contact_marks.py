@@ -1,4 +1,4 @@
-"""What was wrong with the contact while a part was scanned."""
+"""What was wrong with contact, force and data while a part was scanned."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _MOST_WAITING = 100_000
 
 
 class ContactMarks:
-    """Gathers faults of the contact and forces out of range between the points of a part.
+    """Gathers faults of a scan and forces out of range between the points of a part.
 
     What comes before the first point and after the last is of the way to the part and back.
 
@@ -27,6 +27,7 @@ class ContactMarks:
         self._forces: deque[tuple[int, float]] = deque(maxlen=_MOST_WAITING)
         self._late: deque[tuple[int, str]] = deque(maxlen=_MOST_WAITING)
         self._from_ns: int | None = None
+        self._to_ns = 0
         self._faults: Counter[str] = Counter()
         self._first: dict[str, str] = {}
         self._before_ns = 0
@@ -37,7 +38,7 @@ class ContactMarks:
         self.now = ""
 
     def take_fault(self, t_ns: int, fault: str) -> None:
-        """Take what a depth stage saw: slipping, contact lost."""
+        """Take what a depth stage saw: slipping, contact lost, packets missing."""
         self._late.append((t_ns, fault))
 
     def take_force(self, t_ns: int, force_n: float) -> None:
@@ -55,12 +56,14 @@ class ContactMarks:
         """Points of this time have come: what was before them counts."""
         if self._from_ns is None:
             self._from_ns = t_ns
-        while self._late and self._late[0][0] < t_ns:
-            at_ns, fault = self._late.popleft()
-            if at_ns >= self._from_ns:
-                kind = fault.partition(":")[0]
+        self._to_ns = t_ns
+        past = [late for late in self._late if late[0] < t_ns]
+        for late in past:
+            self._late.remove(late)
+            if late[0] >= self._from_ns:
+                kind = late[1].partition(":")[0]
                 self._faults[kind] += 1
-                self._first.setdefault(kind, fault)
+                self._first.setdefault(kind, late[1])
         while self._forces and self._forces[0][0] < t_ns:
             at_ns, force_n = self._forces.popleft()
             if at_ns >= self._from_ns:
@@ -78,6 +81,8 @@ class ContactMarks:
 
     def lines(self) -> tuple[str, ...]:
         """One line for each thing that was wrong; empty if nothing was."""
+        if self._from_ns is not None:
+            self.passed(self._to_ns)  # what was told of it after its last points
         found = [
             self._first[kind] + (f" (and {n - 1} times more)" if n > 1 else "")
             for kind, n in self._faults.items()

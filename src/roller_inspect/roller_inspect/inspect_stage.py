@@ -12,7 +12,7 @@ from pydantic import Field
 from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.frame_settings import FollowedFrames, idle_flush_field
-from roller_core.outputs import Cloud, ContactFault, Output, Result
+from roller_core.outputs import Cloud, Output, Result, ScanFault
 from roller_core.parameter_files import read_parameters
 from roller_core.stage import ERROR, OK, Stage
 
@@ -126,8 +126,8 @@ class InspectStage(Stage[InspectParameters]):
         """Nothing: points need none."""
 
     def take_output(self, output: Output) -> None:
-        """Take points of the surface, or what is wrong with the contact."""
-        if isinstance(output.data, ContactFault):
+        """Take points of the surface, or what is wrong with the scan."""
+        if isinstance(output.data, ScanFault):
             self._marks.take_fault(output.t_ns, output.data.text)
             return
         cloud: Cloud = output.data

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from roller_core.seq_gaps import MOST_MISSING
 from roller_core.transforms import inverse_pose
 
 from .findings import CellUncertainty, Finding
@@ -21,8 +22,6 @@ from .recipe.decision import Verdict
 _UNITS = {"m": ("mm", 1e3), "m2": ("mm²", 1e6), "m3": ("mm³", 1e9)}
 #: An area to inspect is looked at in so many places at most.
 _MOST_CELLS = 4_000_000
-#: Share of a scan's packets that may be lost.
-_MOST_LOST = 0.05
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class Judgement:
     coverage: Coverage
     #: The recipe's measures, once the part is finished.
     figures: tuple[Figure, ...] = ()
-    #: What was wrong with the contact meanwhile.
+    #: What was wrong with contact, force or data meanwhile.
     contact: tuple[str, ...] = ()
 
 
@@ -128,7 +127,7 @@ def judge(
     figures : iterable of Figure
         The recipe's measures.
     contact : iterable of str
-        What was wrong with the contact: such a part is never conform.
+        What was wrong with contact, force or data: such a part is never conform.
     """
     judged, doubts, figures = judge_findings(recipe, findings), list(doubts), tuple(figures)
     enough = coverage.area_m2 > 0 and coverage.unmeasured <= 1 - recipe.least_coverage + 1e-9
@@ -201,7 +200,7 @@ def with_faults(judgement: Judgement, faults: Iterable[str], lost: float = 0.0) 
         return judgement
     if list(faults):
         why = "the scan has faults"
-    elif lost > _MOST_LOST:
+    elif lost > MOST_MISSING:
         why = f"{lost:.0%} of the event packets were lost"
     else:
         return judgement

@@ -17,7 +17,7 @@ from roller_core import outputs
 from roller_core.errors import RollerError
 from roller_core.event_stage import PACKET_BYTES
 from roller_core.frame_settings import FollowedFrames, StreamSettings
-from roller_core.outputs import ContactFault, Output
+from roller_core.outputs import Output, ScanFault
 from roller_core.sensor_pose import transforms_of
 from roller_core.stage import Stage
 
@@ -80,7 +80,7 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
             give(outputs.cloud_of(message))
         elif isinstance(message, DiagnosticArray):
             for status in message.status:
-                give(ContactFault(status.message))
+                give(ScanFault(status.message, status.name))
         elif isinstance(message, WrenchStamped):
             f = message.wrench.force
             stage.take_force(messages.to_ns(message.header.stamp), math.hypot(f.x, f.y, f.z))

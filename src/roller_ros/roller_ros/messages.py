@@ -16,7 +16,7 @@ from std_msgs.msg import Header, String
 
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
-from roller_core.outputs import Cloud, ContactFault, Output
+from roller_core.outputs import Cloud, Output, ScanFault
 from roller_core.pose_track import Pose
 
 
@@ -173,7 +173,7 @@ def transform(pose: Pose, t_ns: int, parent: str, child: str) -> TransformStampe
 
 
 @message_of.register
-def contact_message(data: ContactFault, output: Output) -> DiagnosticArray:
-    """Message of a stretch without contact."""
-    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name="contact", message=data.text)
+def contact_message(data: ScanFault, output: Output) -> DiagnosticArray:
+    """Message of a stretch in which something was wrong."""
+    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=data.part, message=data.text)
     return DiagnosticArray(header=header(output.t_ns, output.frame_id), status=[status])
