@@ -26,7 +26,7 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     """Virtual cell, surface and recorder: near the truth, nothing lost."""
     overrides = tmp_path / "overrides.yaml"
     cell = (
-        f"{{truth_output: {tmp_path / 'truth'}, subscribers: 2, pose_subscribers: 2, "
+        f"{{truth_output: {tmp_path / 'truth'}, "
         "scene: {margin_mm: 4.0, width_mm: 6.0, step_mm: 0.04}, camera: {height: 180}}"
     )
     overrides.write_text(f"virtual_cell:\n  ros__parameters: {cell}\n")

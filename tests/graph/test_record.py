@@ -129,7 +129,7 @@ def test_a_bag_of_another_driver_played_and_recorded(
     bag = write_bag(tmp_path / "theirs", recipe)
     running = record(tmp_path / "bag", "--raw")
     processes.start(
-        "player", f"{{bag: {bag}, wait_s: 30.0, pose_subscribers: 1, exit_when_done: true}}"
+        "player", f"{{bag: {bag}, wait_s: 30.0, listeners: recorder, exit_when_done: true}}"
     )
     assert processes.running["player"].wait(timeout=90) == 0
     code, output = running.end()

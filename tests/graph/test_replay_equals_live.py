@@ -54,7 +54,7 @@ def test_replay_equals_live(
     watcher.spin_until(lambda: all(watcher.statuses[n] for n in ready), 60, "start of the nodes")
     times: list[Clock] = []
     watcher.node.create_subscription(Clock, "/clock", times.append, qos.REPEATED)
-    processes.start("player", f"{{bag: {bag}, subscribers: 3, pose_subscribers: 3, clock: true}}")
+    processes.start("player", f"{{bag: {bag}, listeners: 'emvs, stitcher, recorder', clock: true}}")
     seen = watcher.seen
     watcher.spin_until(
         lambda: len(seen["/roller/depth/image"]) >= len(expected), 60, "all depth maps"
@@ -196,7 +196,7 @@ def test_two_that_publish_the_robots_poses_are_reported_and_one_is_followed(
         lambda: bool(watcher.statuses["emvs: depth"] and watcher.statuses["stitcher: surface"]),
         60, "start of the nodes",
     )  # fmt: skip
-    processes.start("player", f"{{bag: {bag}, pose_subscribers: 3}}")
+    processes.start("player", f"{{bag: {bag}, listeners: 'emvs, stitcher'}}")
     # A second robot begins to talk soon after the first has, and goes on.
     watcher.spin_until(lambda: len(watcher.seen["/tf"]) > 3, 30, "poses")
     answered = 0

@@ -7,7 +7,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from roller_ros.listeners import wait_for_listeners
+from rclpy.node import NodeNameNonExistentError
+
+from roller_ros.listeners import PlaySettings, wait_for_listeners
 
 #: Much longer than any of the waits below.
 LONG_S = 30.0
@@ -16,7 +18,7 @@ LONG_S = 30.0
 class Heard:
     """A publisher with as many subscribers as are set."""
 
-    topic_name = "/tf"
+    topic_name = "/events"
 
     def __init__(self, count: int) -> None:
         self.count = count
@@ -25,13 +27,31 @@ class Heard:
         return self.count
 
 
+class Others:
+    """A graph of nodes with the topics that each listens to."""
+
+    def __init__(self, **topics: list[str]) -> None:
+        self.topics = topics
+
+    def get_namespace(self) -> str:
+        return "/left"
+
+    def get_subscriber_names_and_types_by_node(self, name, namespace):
+        assert namespace == "/left"
+        if name not in self.topics:
+            raise NodeNameNonExistentError(name)
+        return [(topic, []) for topic in self.topics[name]]
+
+
 @pytest.fixture
 def wait_in_thread(monkeypatch):
-    def begin(wanted, wait_s, settle_s, stop) -> tuple[threading.Thread, list[str]]:
+    def begin(graph, events, settle_s=0.05, stop=None, **settings):
         monkeypatch.setattr("roller_ros.listeners.SETTLE_S", settle_s)
         found: list[str] = []
+        chosen = PlaySettings.create({"wait_s": LONG_S} | settings)
+        stop = stop or threading.Event()
         wait = threading.Thread(
-            target=lambda: found.append(wait_for_listeners(wanted, wait_s, stop))
+            target=lambda: found.append(wait_for_listeners(graph, events, chosen, stop))
         )
         wait.start()
         return wait, found
@@ -39,19 +59,26 @@ def wait_in_thread(monkeypatch):
     return begin
 
 
-def test_all_topics_have_to_be_heard(wait_in_thread):
-    events, poses, stop = Heard(2), Heard(0), threading.Event()
-    thread, found = wait_in_thread([(events, 2), (poses, 1)], LONG_S, 0.05, stop)
-    thread.join(0.4)
-    assert thread.is_alive()
-    poses.count = 1
+def test_events_have_to_be_heard_and_named_nodes_to_listen(wait_in_thread):
+    """A node is there before it listens; /clock is nothing that it waits with."""
+    events, graph = Heard(2), Others(emvs=["/tf"])
+    thread, found = wait_in_thread(graph, events, listeners="emvs, stitcher,inspect", subscribers=3)
+    for change in (
+        lambda: graph.topics.update(stitcher=["/left/roller/depth/image"]),
+        lambda: graph.topics.update(inspect=["/clock", "/parameter_events"]),
+        lambda: setattr(events, "count", 3),
+    ):
+        change()
+        thread.join(0.2)
+        assert thread.is_alive()
+    graph.topics["inspect"] = ["/clock", "/left/roller/surface/points"]
     thread.join(LONG_S)
     assert found == [""]
 
 
 def test_it_settles_anew_with_each_that_comes(wait_in_thread):
-    events, stop = Heard(1), threading.Event()
-    thread, found = wait_in_thread([(events, 1)], LONG_S, 1.0, stop)
+    events = Heard(1)
+    thread, found = wait_in_thread(Others(), events, 1.0)
     begun = time.monotonic()
     for count in range(2, 8):
         time.sleep(0.25)
@@ -63,9 +90,12 @@ def test_it_settles_anew_with_each_that_comes(wait_in_thread):
 
 
 def test_who_did_not_come_is_told(wait_in_thread):
-    thread, found = wait_in_thread([(Heard(1), 3)], 0.1, 0.0, threading.Event())
+    thread, found = wait_in_thread(
+        Others(emvs=["/tf"]), Heard(1), 0.0, wait_s=0.1, subscribers=3, listeners="emvs,braille"
+    )
     thread.join(LONG_S)
-    assert found == ["not all subscribers came in 0.1 s (/tf 1 of 3); it begins without them"]
+    told = "(/events 1 of 3; nothing of braille); it begins without them"
+    assert found == [f"not all subscribers came in 0.1 s {told}"]
 
 
 def test_those_that_come_and_go_are_not_waited_for_without_end(wait_in_thread):
@@ -74,14 +104,14 @@ def test_those_that_come_and_go_are_not_waited_for_without_end(wait_in_thread):
             self.count += 1
             return self.count
 
-    thread, found = wait_in_thread([(Flapping(0), 1)], 0.1, 0.3, threading.Event())
+    thread, found = wait_in_thread(Others(), Flapping(0), 0.3, wait_s=0.1)
     thread.join(LONG_S)
     assert found == [""]
 
 
 def test_an_interrupt_ends_the_waiting_without_a_word(wait_in_thread):
     stop = threading.Event()
-    thread, found = wait_in_thread([(Heard(0), 1)], LONG_S, 0.0, stop)
+    thread, found = wait_in_thread(Others(), Heard(0), 0.0, stop)
     stop.set()
     thread.join(LONG_S)
     assert found == [""]

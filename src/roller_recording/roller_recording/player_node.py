@@ -92,10 +92,7 @@ class PlayerNode(RollerNode):
             self.done.set()
 
     def _wait_for_listeners(self) -> None:
-        wanted = [(self._events, self._p.subscribers)]
-        if "/tf" in self._outputs:
-            wanted.append((self._outputs["/tf"], self._p.pose_subscribers))
-        missing = wait_for_listeners(wanted, self._p.wait_s, self._stop)
+        missing = wait_for_listeners(self, self._events, self._p, self._stop)
         if missing:
             self.get_logger().warning(missing)
 

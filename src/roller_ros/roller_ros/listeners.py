@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
 from typing import Protocol
 
 from pydantic import Field
+from rclpy.node import NodeNameNonExistentError
 
 from roller_core.settings import Settings
 
@@ -16,6 +16,8 @@ from roller_core.settings import Settings
 SETTLE_S = 1.0
 #: Time others have to finish before the node that played ends, s.
 LINGER_S = 4.0
+#: What any node may subscribe to before it is ready.
+_ALL_HAVE = frozenset({"/clock", "/parameter_events"})
 
 
 class PlaySettings(Settings):
@@ -23,9 +25,18 @@ class PlaySettings(Settings):
 
     rate: float = Field(1.0, ge=0.001, le=1000.0, description="Pace; 1 is real time.")
     subscribers: int = Field(1, ge=0, le=100, description="Subscribers to events to wait for.")
-    pose_subscribers: int = Field(0, ge=0, le=100, description="Subscribers to /tf to wait for.")
+    listeners: str = Field(
+        "",
+        description="Nodes of the same namespace to wait for until they listen, with commas "
+        "between.",
+    )
     wait_s: float = Field(20.0, ge=0.0, le=600.0, description="Longest wait for them, s.")
     exit_when_done: bool = Field(False, description="Whether to end after the last message.")
+
+    @property
+    def listener_names(self) -> tuple[str, ...]:
+        """The nodes, one by one."""
+        return tuple(name for word in self.listeners.split(",") if (name := word.strip()))
 
 
 class Publisher(Protocol):
@@ -37,17 +48,31 @@ class Publisher(Protocol):
         """Subscriptions that it reaches."""
 
 
+class Graph(Protocol):
+    """What is needed of the node that plays."""
+
+    def get_namespace(self) -> str:
+        """Where it is."""
+
+    def get_subscriber_names_and_types_by_node(
+        self, node_name: str, node_namespace: str
+    ) -> list[tuple[str, list[str]]]:
+        """Topics that another listens to."""
+
+
 def wait_for_listeners(
-    wanted: Sequence[tuple[Publisher, int]], wait_s: float, stop: threading.Event
+    node: Graph, events: Publisher, settings: PlaySettings, stop: threading.Event
 ) -> str:
-    """Wait until publishers have their subscribers, and then until no more come.
+    """Wait until all listen who should, and then until no more come.
 
     Parameters
     ----------
-    wanted : sequence of (publisher, int)
-        Publishers and how many subscribers each waits for.
-    wait_s : float
-        How long to wait for them at most, s.
+    node : Node
+        The one that plays.
+    events : Publisher
+        Of the event packets.
+    settings : PlaySettings
+        Who is waited for, and how long at most.
     stop : threading.Event
         Ends the waiting.
 
@@ -57,21 +82,33 @@ def wait_for_listeners(
         What to report if not all came in time; else empty.
     """
     now = time.monotonic()
-    end, changed, before = now + wait_s, now, [-1 for _ in wanted]
+    end, changed, before = now + settings.wait_s, now, None
     while not stop.is_set():
-        counts = [publisher.get_subscription_count() for publisher, _ in wanted]
+        count = events.get_subscription_count()
+        missing = [name for name in settings.listener_names if not _listens(node, name)]
         now = time.monotonic()
-        if counts != before:
-            before, changed = counts, now
-        complete = all(n >= least for n, (_, least) in zip(counts, wanted, strict=True))
+        if (count, missing) != before:
+            before, changed = (count, missing), now
+        complete = count >= settings.subscribers and not missing
         if complete and now - changed >= SETTLE_S:
             return ""
         if now > end + SETTLE_S:
-            found = ", ".join(
-                f"{publisher.topic_name} {n} of {least}"
-                for n, (publisher, least) in zip(counts, wanted, strict=True)
+            if complete:
+                return ""
+            found = f"{events.topic_name} {count} of {settings.subscribers}"
+            found += f"; nothing of {', '.join(missing)}" if missing else ""
+            return (
+                f"not all subscribers came in {settings.wait_s:g} s ({found}); "
+                "it begins without them"
             )
-            late = f"not all subscribers came in {wait_s:g} s ({found}); it begins without them"
-            return "" if complete else late
         stop.wait(0.05)
     return ""
+
+
+def _listens(node: Graph, name: str) -> bool:
+    """Whether a node subscribes: ours do so when all else is ready."""
+    try:
+        found = node.get_subscriber_names_and_types_by_node(name, node.get_namespace())
+    except NodeNameNonExistentError:
+        return False
+    return any(topic not in _ALL_HAVE for topic, _ in found)

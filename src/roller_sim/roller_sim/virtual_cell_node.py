@@ -92,11 +92,7 @@ class VirtualCellNode(RollerNode):
                 stream = iter(list(stream))
             self._save_truth(self._cell.truth.save_maps)
             self._state = "waiting for subscribers"
-            wanted = (
-                (self._outputs[EVENTS], self._p.subscribers),
-                (self._outputs[TF], self._p.pose_subscribers),
-            )
-            missing = wait_for_listeners(wanted, self._p.wait_s, self._stop)
+            missing = wait_for_listeners(self, self._outputs[EVENTS], self._p, self._stop)
             if missing:
                 self.get_logger().warning(missing)
             if not self._stop.is_set():

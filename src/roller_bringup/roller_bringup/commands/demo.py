@@ -73,14 +73,7 @@ def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
     from roller_inspect.results.summary import demo_table
 
     parameters = folder / "parameters.yaml"
-    # The scan starts when depth or surface, Braille and recorder are all listening, and the
-    # stitcher has the robot's poses too.
-    cell = {
-        "truth_output": str(folder / "truth"),
-        "subscribers": 3,
-        "pose_subscribers": 3 if args.method == "surface" else 4,
-        **COATINGS[args.coating],
-    }
+    cell = {"truth_output": str(folder / "truth"), **COATINGS[args.coating]}
     nodes = {"/**/virtual_cell": cell, "/**/recorder": {"output": str(folder / "bag")}}
     parameters.write_text(
         yaml.safe_dump({node: {"ros__parameters": values} for node, values in nodes.items()})
