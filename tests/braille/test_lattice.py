@@ -6,7 +6,7 @@ import pytest
 from braille.synthetic import SPACING
 from braille.writing import to_masks
 from roller_braille.dots import Dots
-from roller_braille.lattice import Lattice, find_lattice
+from roller_braille.lattice import Lattice, _find_rows, find_lattice
 
 DOT, CELL = SPACING.dot_pitch_m, SPACING.cell_pitch_m
 
@@ -58,6 +58,33 @@ def test_dust_does_not_move_the_lattice() -> None:
 
 def test_no_dots_no_lattice() -> None:
     assert find_lattice(Dots.none(), SPACING, left_first=True) is None
+
+
+def test_rows_that_begin_later_give_no_lattice() -> None:
+    above = Dots(np.array([0.008]), np.array([-0.0095]), np.array([1000.0]))
+    dots = above.joined(dots_of("abc"))
+    assert find_lattice(dots, SPACING, left_first=True) is not None
+    assert find_lattice(dots, SPACING, left_first=True, begins_m=0.009) is None
+
+
+def test_rows_hold_the_most_weight() -> None:
+    rng = np.random.default_rng(4)
+    pitches, width = DOT * np.linspace(0.96, 1.04, 7), DOT / 4
+    for n in (3, 10, 30):
+        down, weight = rng.uniform(-8e-3, 8e-3, n), rng.uniform(40, 400, n)
+        top, pitch, near = _find_rows(down, weight, pitches, width)
+
+        def score(top: float, pitch: float, down=down, weight=weight) -> float:  # type: ignore[no-untyped-def]
+            off = np.abs(top + pitch * np.arange(3)[:, None] - down)
+            each = (np.maximum(1 - off / (2 * width), 0) * weight).sum(axis=1)
+            uneven = abs(pitch - DOT) / (0.04 * DOT)
+            return float(each @ [1, 0.94, 0.88]) * (1 - 0.01 * uneven)
+
+        tops = np.arange(down.min() - 2 * pitches[-1], down.max(), 1e-4)
+        best = max(score(a, b) for a in tops for b in pitches)
+        assert score(top, pitch) == pytest.approx(best)
+        off = np.abs(top + pitch * np.arange(3)[:, None] - down)
+        assert (near == (off < 2 * width).any(axis=0)).all()
 
 
 def test_cells_and_nodes() -> None:

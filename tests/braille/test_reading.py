@@ -16,6 +16,7 @@ from braille.synthetic import (
     text_of,
 )
 from braille.writing import to_masks
+from roller_braille.lines import LineReader
 from roller_braille.pipeline import BraillePipeline
 from roller_braille.reader_settings import Spacing
 from roller_braille.table import LETTERS, UNREADABLE
@@ -156,6 +157,21 @@ def test_other_relief_gives_no_text() -> None:
     track = over(plate)
     cells, pipeline = read(scan(plate, track), track)
     assert (cells, pipeline.text()) == ([], [])
+
+
+def test_strewn_spots_are_seldom_tried_as_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their lattices hold few of them: that is known before a line is measured."""
+    tried: list[LineReader] = []
+
+    def explained(line: LineReader) -> float:
+        tried.append(line)
+        return 0.0
+
+    monkeypatch.setattr(LineReader, "explained", explained)
+    rng = np.random.default_rng(5)
+    plate = Plate([(*rng.uniform([0, -8e-3], [0.06, 8e-3]), 0.0, 6.28, 400) for _ in range(120)])
+    assert text_of(plate) == []
+    assert len(tried) < 45  # else 63
 
 
 def bars(plate: Plate, x0: float, pitch: float) -> Plate:

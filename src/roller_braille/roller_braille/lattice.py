@@ -187,7 +187,7 @@ def dust(votes: F64) -> float:
 
 
 def find_lattice(
-    dots: Dots, spacing: Spacing, left_first: bool, angle: float = 0.0
+    dots: Dots, spacing: Spacing, left_first: bool, angle: float = 0.0, begins_m: float = np.inf
 ) -> Lattice | None:
     """The lattice on which the most dots of one line lie.
 
@@ -201,11 +201,14 @@ def find_lattice(
         Whether the left column of a cell comes first in travel.
     angle : float
         Turn of the line, radians, nearly.
+    begins_m : float
+        Travel up to which its first dot lies.
 
     Returns
     -------
     Lattice or None
-        Its cell 0 holds the first of the line's dots; None without dots.
+        Its cell 0 holds the first of the line's dots; None without dots, or where its rows begin
+        later.
     """
     if not len(dots):
         return None
@@ -218,7 +221,7 @@ def find_lattice(
     axes = Lattice(float(dots.along[0]), float(dots.down[0]), *pitches, angle)
     own_along, own_down = axes.own(dots)
     down, pitch_down, near = _find_rows(own_down, weight, spacing.dot_pitch_m * scales, width)
-    if not near.any():
+    if not (near & (dots.along <= begins_m)).any():
         return None
     along, cell = _find_cells(
         own_along[near], weight[near], spacing, scales, width, 0 if left_first else 1
@@ -270,16 +273,18 @@ def _find_rows(
 ) -> tuple[float, float, npt.NDArray[np.bool_]]:
     """Top row and pitch of three rows that hold the most weight, and the dots on them."""
     top = np.arange(down.min() - 2 * pitches.max(), down.max() + _STEP_M, _STEP_M)
+    # (top, pitch, row)
     rows = top[:, None, None] + pitches[None, :, None] * np.arange(3)
-    # (top, pitch, row, dot)
-    fit = _near(rows[..., None] - down, width)
-    score = (fit * weight).sum(axis=-1)
+    # What lies near a row is straight between the places where a dot's share begins, tops and ends.
+    bends = np.sort(np.concatenate([down - 2 * width, down, down + 2 * width]))
+    score = np.interp(rows, bends, _near(bends[:, None] - down, width) @ weight)
     # Straighter pitches and upper rows win where the dots leave it open.
     middle = (len(pitches) - 1) / 2
     even = 1 - _UNEVEN * np.abs(np.arange(len(pitches)) - middle) / max(middle, 1)
     total = (score * (1 - _PREFERENCE * np.arange(3))).sum(axis=-1) * even
     k, s = np.unravel_index(int(np.argmax(total)), total.shape)
-    return float(top[k]), float(pitches[s]), fit[k, s].max(axis=0) > 0
+    near = np.abs(rows[k, s][:, None] - down).min(axis=0) < 2 * width
+    return float(top[k]), float(pitches[s]), near
 
 
 def _find_cells(

@@ -28,6 +28,9 @@ _SAME_TURN = 0.03
 _STEP, _STEP_S = 0.25, 0.012
 #: Lines are no nearer to each other than this, in line pitches.
 _LEAST_LINE_PITCH = 0.8
+#: Cells of a line on trial whose dots have to lie on nodes, and how well at the mean: of spots that
+#: lie anywhere a fifth does, of a line's nine tenths, of one between other relief a third.
+_FIRST_CELLS, _IN_PLACE = 3, 0.25
 #: Share of what two dots ahead have below which a spot is dust in any case. Tuned on the virtual
 #: cell.
 _DUST = 0.02
@@ -279,10 +282,11 @@ class PassReader:
         s = self._settings
         solid = dots.where(no_dust(dots.votes))
         left_first = self.roll.direction > 0
+        begins_m = start + s.spacing.dot_pitch_m / 2
         fits = [
             (lattice.fit_of(solid), lattice, spacing)
             for spacing in ((self._spacing,) if self._spacing else s.spacings)
-            if (lattice := find_lattice(dots, spacing, left_first, turn))
+            if (lattice := find_lattice(dots, spacing, left_first, turn, begins_m))
         ]
         if not fits:
             return 0.0, None
@@ -291,13 +295,16 @@ class PassReader:
         lattice = lattice.fitted(solid, spacing)
         spacing = replace(spacing, dot_pitch_m=lattice.dot_along, cell_pitch_m=lattice.cell)
         on, index = lattice.assign(dots)
-        if not on.any() or dots.along[on].min() > start + s.spacing.dot_pitch_m / 2:
+        if not on.any() or dots.along[on].min() > begins_m:
             return 0.0, None  # what the window begins with is none of its dots
         if int(on.sum()) < LEAST_DOTS or not self._whole(lattice, index[on, 2]):
             return 0.0, None
         line = LineReader(
             self.strip, self._recogniser, lattice, spacing, kind, self.roll.direction, self._view
         )
+        first = solid.where(line.holds(solid) & (lattice.assign(solid)[1][:, 0] < _FIRST_CELLS))
+        if lattice.fit_of(first) < _IN_PLACE * len(first):
+            return 0.0, None
         line.take(dots)
         explained = line.explained()
         if explained < LEAST_EXPLAINED:
