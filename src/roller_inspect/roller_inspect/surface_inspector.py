@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from roller_core.settings import Settings
-from roller_core.transforms import F64, inverse_pose
+from roller_core.transforms import inverse_pose
 from roller_emvs.patch import Patch
 
 from .findings.find import Search, search
@@ -53,8 +53,6 @@ class SurfaceInspector:
         Of map and search.
     reference : Reference
         What the surface is compared with.
-    base_from_map : ndarray, shape (4, 4), optional
-        Frame of the map; without it, it is found from the first points.
     on_piece : callable, optional
         Takes each `Piece` of a scan that is too long for memory, in order and without overlap;
         and at the end the last one.
@@ -71,14 +69,13 @@ class SurfaceInspector:
         self,
         settings: InspectionSettings,
         reference: Reference,
-        base_from_map: F64 | None = None,
         on_piece: Callable[[Piece], None] | None = None,
     ) -> None:
         self.settings = settings
         self.reference = reference
         self.findings: tuple[Finding, ...] = ()
         self.revision = 0
-        self._mapper = HeightMapper(settings.height_map, base_from_map)
+        self._mapper = HeightMapper(settings.height_map)
         self._on_piece = on_piece
         self._passed: list[int] = []
         self._strips: dict[int, HeightMap] = {}

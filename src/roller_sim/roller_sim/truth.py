@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from functools import cached_property, lru_cache, partial
 from pathlib import Path as FilePath
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -125,26 +125,10 @@ class Truth:
         t = (np.atleast_1d(np.asarray(t_ros_ns, np.int64)) - self.start_ros_ns) * 1e-9
         return self.path.in_base(t)
 
-    def height_at(
-        self, x: npt.ArrayLike, y: npt.ArrayLike, surface: Literal["skin", "relief"] = "skin"
-    ) -> F64:
-        """Height of the surface at points of `base`.
-
-        Parameters
-        ----------
-        x, y : array_like
-            Metres in `base`.
-        surface : str
-            ``skin``: what the camera sees of the surface; ``relief``: the bare object.
-
-        Returns
-        -------
-        ndarray of float64
-            z in `base`, metres (the plate's face is at ``plate_origin_m[2]``).
-        """
-        grid = self.skin if surface == "skin" else self.relief
+    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> F64:
+        """Height of the skin, which is what the camera sees, at points of `base`, metres."""
         ox, oy, oz = self.origin_m
-        return grid.sample(np.asarray(x) - ox, np.asarray(y) - oy) + oz
+        return self.skin.sample(np.asarray(x) - ox, np.asarray(y) - oy) + oz
 
     def seen_images(self, when: int) -> tuple[F32, npt.NDArray[np.bool_]]:
         """`seen_at` of every pixel, shape (height, width); depths are float32."""

@@ -39,17 +39,12 @@ class _Strip:
 class HeightMapper:
     """Makes the height map strip by strip.
 
-    Parameters
-    ----------
-    settings : HeightMapSettings
-        Grid and reach.
-    base_from_map : ndarray, shape (4, 4), optional
-        Frame of the map; without it, it is found from the first points.
+    The map's frame, `base_from_map`, is found from the first points.
     """
 
-    def __init__(self, settings: HeightMapSettings, base_from_map: F64 | None = None) -> None:
+    def __init__(self, settings: HeightMapSettings) -> None:
         self.settings = settings
-        self.base_from_map = base_from_map
+        self.base_from_map: F64 | None = None
         self.columns = max(1, round(STRIP_M / settings.grid_m))
         self._overlap = max(1, round(OVERLAP_M / settings.grid_m))
         self._waiting: list[Patch] = []

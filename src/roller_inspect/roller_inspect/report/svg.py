@@ -68,14 +68,14 @@ class Chart:
             'preserveAspectRatio="none"/>'
         )
 
-    def band(self, low: float, high: float, kind: str = "band", along: str = "y") -> None:
+    def band(self, low: float, high: float, along: str = "y") -> None:
         """An area between two values of an axis."""
         if along == "y":
             (x0, x1), (y1, y0) = self.px(self._x), self.py((low, high))
         else:
             (x0, x1), (y1, y0) = self.px((low, high)), self.py(self._y)
         self._parts.append(
-            f'<rect class="{kind}" x="{x0:.1f}" y="{y0:.1f}" width="{x1 - x0:.1f}" '
+            f'<rect class="band" x="{x0:.1f}" y="{y0:.1f}" width="{x1 - x0:.1f}" '
             f'height="{max(y1 - y0, 0):.1f}"/>'
         )
 
