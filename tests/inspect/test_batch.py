@@ -71,20 +71,10 @@ def test_recordings_are_found_and_results_are_not(tmp_path: Path) -> None:
     assert list(find_recordings([tmp_path])) == [bag, data, tmp_path / "single.raw"]
 
 
-def test_a_reference_that_was_taught_again_counts_as_another(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_reference_that_was_taught_again_counts_as_another(tmp_path: Path) -> None:
     model, out = tmp_path / "part.stl", tmp_path / "out"
-    write_bag(tmp_path / "scans" / "good")
-    words = [
-        "batch",
-        str(tmp_path / "scans"),
-        "--output",
-        str(out),
-        "--method",
-        "focus",
-        "--resume",
-    ]
+    (tmp_path / "broken.mcap").touch()  # what comes of the job doesn't matter
+    words = ["batch", str(tmp_path), "--output", str(out), "--method", "focus", "--resume"]
     keys = []
     for height_m in (0.0, 1e-3):
         corners = [[0, 0, height_m], [0.05, 0, height_m], [0, 0.05, height_m]]

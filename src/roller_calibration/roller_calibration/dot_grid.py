@@ -126,18 +126,14 @@ def edge_width_px(counts: npt.NDArray[np.integer], pixels: F32, grid: DotGrid) -
     doesn't widen the edges.
     """
     on_target, _ = cv2.findHomography(pixels, grid.points_m[:, :2] / grid.pitch_m)
-    v, u = np.nonzero(counts)
-    weight = np.minimum(counts[v, u], np.percentile(counts[v, u], 80)).astype(np.float64)
-    place = cv2.perspectiveTransform(np.stack([u, v], 1)[:, None].astype(np.float64), on_target)
     middle = (grid.points_m[:, :2] / grid.pitch_m).astype(np.float64)
     every = np.stack(np.meshgrid(*(np.arange(n) for n in counts.shape[::-1])), -1).reshape(-1, 1, 2)
-    ground = cv2.perspectiveTransform(every.astype(np.float64), on_target)
-    tree = cKDTree(middle)
+    place = cv2.perspectiveTransform(every.astype(np.float64), on_target)[:, 0]
     reach = 0.5 * np.sqrt(0.5)
     bins = np.linspace(0.0, reach, 41)
-    nearest = tree.query(place[:, 0], distance_upper_bound=reach)[0]
-    events, _ = np.histogram(nearest, bins, weights=weight)
-    nearest = tree.query(ground[:, 0], distance_upper_bound=reach)[0]
+    nearest = cKDTree(middle).query(place, distance_upper_bound=reach)[0]
+    most = np.percentile(counts[counts > 0], 80)
+    events, _ = np.histogram(nearest, bins, weights=np.minimum(counts.ravel(), most))
     pixels_there, _ = np.histogram(nearest, bins)
     density = events / np.maximum(pixels_there, 1)
     top, floor = density[:8].max(), density[-8:].min()
