@@ -60,7 +60,7 @@ def read_scan(
 
     recording = open_recording(path, args.poses, args.camera, max_gap_s, args.topic)
     check_same_camera(args.params, recording.camera)
-    s = EmvsParameters.create(read_parameters(args.params, "emvs") if args.params else {})
+    s = EmvsParameters.create(read_parameters(args.params, "emvs"))
     recording.follow(
         SensorFrames(s.base_frame, s.moving_frame, s.sensor_frame, max_gap_s, s.pose_smoothing)
     )

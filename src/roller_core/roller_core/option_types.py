@@ -1,10 +1,11 @@
-"""Numbers on a command line, held to what makes sense."""
+"""Options that commands share: numbers held to what makes sense, and where results go."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 N = TypeVar("N", int, float)
 
@@ -31,3 +32,10 @@ def number(kind: type[N], least: N, most: N) -> Callable[[str], N]:
         return value
 
     return read
+
+
+def add_output(
+    parser: argparse._ActionsContainer, what: str, metavar: str = "DIR", **more: Any
+) -> None:
+    """Add `--output`; `what` is its help, `more` as `add_argument` takes it."""
+    parser.add_argument("--output", "-o", type=Path, metavar=metavar, help=what, **more)

@@ -26,7 +26,7 @@ _DEEPEST = 6
 _OF_RCLPY = {"use_sim_time", "qos_overrides", "start_type_description_service"}
 
 
-def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
+def read_parameters(path: Path | str | None, node: str) -> dict[str, Any]:
     """Parameters of one node in a ROS 2 parameter file, whatever namespace it names.
 
     As in ROS 2, entries under ``/**`` hold for every node and ``/**/node`` for one in any
@@ -35,8 +35,9 @@ def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    path : path
-        YAML file `{/**: {ros__parameters: {...}}, /**/node: {ros__parameters: {...}}}`.
+    path : path, optional
+        YAML file `{/**: {ros__parameters: {...}}, /**/node: {ros__parameters: {...}}}`; without
+        one there are none.
     node : str
         Name of the node, without namespace.
 
@@ -46,7 +47,7 @@ def read_parameters(path: Path | str, node: str) -> dict[str, Any]:
         If the file can't be read or has another shape.
     """
     found: dict[str, Any] = {}
-    for pattern, values in read_sections(path).items():
+    for pattern, values in (read_sections(path) if path else {}).items():
         if pattern.lstrip("/") == "**" or node_name(pattern) == node:
             merge(found, values)
     return {name: value for name, value in found.items() if name not in _OF_RCLPY}

@@ -46,7 +46,7 @@ class InspectParameters(FollowedFrames):
 
 def inspect_parameters(params: Path | None, **own: str) -> InspectParameters:
     """Parameters of the node from a parameter file, and on top of them some of its own."""
-    found = read_parameters(params, "inspect") if params is not None else {}
+    found = read_parameters(params, "inspect")
     return InspectParameters.create(found | own, str(params or "settings"))
 
 

@@ -72,8 +72,7 @@ class PipelineSettings:
             Naming the entry that is wrong.
         """
         depth, stitcher, braille, surface = (
-            read_parameters(path, node) if path else {}
-            for node in ("emvs", "stitcher", "braille", "surface")
+            read_parameters(path, node) for node in ("emvs", "stitcher", "braille", "surface")
         )
         if path and (text := misspelt_section(path, SECTIONS)):
             print(f"warning: {text}", file=sys.stderr)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
+from roller_core.option_types import add_output
 from roller_inspect.commands.options import add_method_option
 from roller_sim.presets import COATINGS
 
@@ -22,14 +23,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description="Roll the virtual cell over a part with Braille, relief and defects through "
         "the real graph (separate processes, DDS), record it, and compare with the known truth.",
     )
-    parser.add_argument(
-        "--output",
-        "-o",
-        type=Path,
-        default=Path("output/demo"),
-        metavar="DIR",
-        help="results go here (output/demo)",
-    )
+    add_output(parser, "results go here (output/demo)", default=Path("output/demo"))
     parser.add_argument("--scene", default="part", help="what to roll over (part)")
     parser.add_argument(
         "--coating", choices=tuple(COATINGS), default="textured",

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from roller_core.command_help import add_examples
+from roller_core.option_types import add_output
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -28,14 +29,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--robot-ip", default="", metavar="IP", help="the robot at this address must be there"
     )
-    parser.add_argument(
-        "--output",
-        "-o",
-        type=Path,
-        default=Path("recording"),
-        metavar="DIR",
-        help="where recordings are to go (recording)",
-    )
+    add_output(parser, "where recordings are to go (recording)", default=Path("recording"))
     parser.add_argument(
         "--backend",
         default="",

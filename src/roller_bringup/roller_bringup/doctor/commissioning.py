@@ -73,7 +73,7 @@ def check_commissioning(files: CellFiles, now: datetime | None = None) -> Iterat
     yield result
     yield _hand_eye(files)
     try:
-        records: Mapping[str, Any] = read_parameters(files.params, SECTION) if files.params else {}
+        records = read_parameters(files.params, SECTION)
     except RollerError as error:
         yield fault("calibration", str(error), "mend the file, or give another with --cell FILE")
         return

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.calibration_file import SECTION, CalibrationError, calibration_record
+from roller_core.option_types import add_output
 
 from .output import check_mm
 
@@ -54,7 +55,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         help="the instrument's light: it travels with the camera (ring, the default) or not (dome)",
     )  # fmt: skip
     parser.add_argument("--skin", default="", metavar="NAME", help="name of the skin that is on")
-    parser.add_argument("--output", "-o", type=Path, required=True, metavar="DIR", help="folder")
+    add_output(parser, "folder", required=True)
     add_recording_options(parser, "surface, emvs")
     parser.set_defaults(run=run)
 
@@ -101,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
         inspection = _inspection(args.inspection) if args.inspection else None
         if inspection is not None:
             short += golden_shortfalls(inspection)
-        records = read_parameters(args.params, SECTION) if args.params else {}
+        records = read_parameters(args.params, SECTION)
         certificate = calibration_record(
             args.skin, bags, scan.camera,
             schema="roller-acceptance/2",

@@ -76,7 +76,7 @@ def _from_grid(args: argparse.Namespace) -> tuple[Camera, list[F64], list[F64]]:
     from roller_calibration.grid_poses import pairs_of_poses
     from roller_core.parameter_files import read_parameters
 
-    frames = read_parameters(args.params, "emvs") if args.params else {}
+    frames = read_parameters(args.params, "emvs")
     names = {k: str(frames[k]) for k in ("base_frame", "moving_frame") if k in frames}
     camera, pairs = pairs_of_poses(
         args.grid_recording, grid_of(args), args.camera, args.topic, **names
@@ -123,7 +123,7 @@ def _from_scan(args: argparse.Namespace) -> int:
     from roller_driver.ur10.robot_settings import HandEyeSettings
     from roller_inspect.pipeline import PipelineSettings
 
-    values = read_parameters(args.params, "ur10") if args.params else {}
+    values = read_parameters(args.params, "ur10")
     known = HandEyeSettings.create(
         {k: v for k, v in values.items() if k in HandEyeSettings.model_fields}, str(args.params)
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from roller_core.calibration_file import CalibrationError
 from roller_core.marked_file import write_marked_file
+from roller_core.option_types import add_output
 from roller_core.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -46,9 +47,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     add_grid_options(parser)
     parser.add_argument("--target", type=Path, metavar="FILE.html", help="write the blinking page")
     parser.add_argument("--topic", metavar="NAME", help="topic of the event packets")
-    parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="ROS camera_info YAML to write"
-    )
+    add_output(parser, "ROS camera_info YAML to write", "FILE")
     parser.set_defaults(run=run)
 
 

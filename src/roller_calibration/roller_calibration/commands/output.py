@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.calibration_file import CalibrationError, write_calibration
+from roller_core.option_types import add_output
 from roller_core.output_folder import refuse_overlap
-from roller_inspect.commands.options import add_recording_options, add_written_options
+from roller_inspect.commands.options import add_recording_options
 
 
 def add_kind(
@@ -38,7 +39,11 @@ def add_kind(
         Whether what is found belongs to a skin.
     """
     parser = kinds.add_parser(name, help=texts[0], description=texts[1])
-    add_written_options(parser, skin)
+    add_output(parser, "ROS 2 parameter file to write", "FILE")
+    if skin:
+        parser.add_argument(
+            "--skin", default="", metavar="NAME", help="name of the skin, for the file"
+        )
     add_recording_options(parser, nodes)
 
     def checked(args: argparse.Namespace) -> int:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
-from roller_core.option_types import number
+from roller_core.option_types import add_output, number
 from roller_core.output_folder import OutputFolder
 from roller_emvs.depth_settings import REPLAY_METHODS
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
@@ -21,9 +20,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description="Measure what each depth method and setting costs and how far its depths are "
         "from the known truth of simulated scans.",
     )
-    parser.add_argument(
-        "--output", "-o", type=Path, required=True, metavar="DIR", help="results go here"
-    )
+    add_output(parser, "results go here", required=True)
     parser.add_argument(
         "--quick", action="store_true", help="two objects, one repeat, few variations"
     )

@@ -10,7 +10,7 @@ from typing import Any
 
 from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
-from roller_core.option_types import number
+from roller_core.option_types import add_output, number
 from roller_core.output_folder import OutputFolder
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
 from roller_evaluation.experiments import EXPERIMENTS, EvaluationOptions
@@ -28,7 +28,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "goes on where it was.",
         epilog="Experiments: " + "; ".join(f"{k}: {v}" for k, v in EXPERIMENTS.items()) + ".",
     )
-    _add_output(parser)
+    add_output(parser, "results go here (default: evaluation)", default=Path("evaluation"))
     parser.add_argument("--quick", action="store_true", help="one pass of each kind, few objects")
     parser.add_argument("--only", type=words, metavar="A,B", help="experiments, of those below")
     parser.add_argument(
@@ -62,17 +62,6 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     _add_braille(experiments)
     _add_coating(experiments)
     _add_pod(experiments)
-
-
-def _add_output(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--output",
-        "-o",
-        type=Path,
-        default=Path("evaluation"),
-        metavar="DIR",
-        help="results go here (default: evaluation)",
-    )
 
 
 def _add_seed(parser: argparse.ArgumentParser) -> None:
@@ -155,7 +144,7 @@ def _add_experiment(
     run: Callable[[argparse.Namespace], int],
 ) -> argparse.ArgumentParser:
     parser = experiments.add_parser(name, help=summary, description=description)
-    _add_output(parser)
+    add_output(parser, "results go here (default: evaluation)", default=Path("evaluation"))
     parser.add_argument("--quick", action="store_true", help=quick)
     parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s")
     _add_jobs(parser)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
-from roller_core.option_types import number
+from roller_core.option_types import add_output, number
 
 from .inspect import USAGE, add_inspection_options
 from .options import add_method_option
@@ -27,9 +27,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "that fails is a row of the summary; exits with 1 if any did.",
     )
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="recordings")
-    parser.add_argument(
-        "--output", "-o", type=Path, required=True, metavar="DIR", help="results go here"
-    )
+    add_output(parser, "results go here", required=True)
     add_method_option(parser, "surface")
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
     add_inspection_options(parser)

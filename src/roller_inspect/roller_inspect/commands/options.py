@@ -6,30 +6,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from roller_core.option_types import add_output
 from roller_emvs.depth_settings import REPLAY_METHODS
 
 if TYPE_CHECKING:
     from roller_inspect.pipeline import PipelineSettings
     from roller_recording.reading import Recording
-
-
-def add_written_options(parser: argparse.ArgumentParser, skin: bool = False) -> None:
-    """Add what is said of the parameter file that a calibration writes.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Parser of the command.
-    skin : bool
-        Whether what is found belongs to a skin.
-    """
-    parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="ROS 2 parameter file to write"
-    )
-    if skin:
-        parser.add_argument(
-            "--skin", default="", metavar="NAME", help="name of the skin, for the file"
-        )
 
 
 def add_processing_options(parser: argparse.ArgumentParser, method: str | None = None) -> None:
@@ -43,9 +25,7 @@ def add_processing_options(parser: argparse.ArgumentParser, method: str | None =
         The depth method by default; without it that of the parameter file, or focus.
     """
     parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
-    parser.add_argument(
-        "--output", "-o", type=Path, required=True, metavar="DIR", help="results go here"
-    )
+    add_output(parser, "results go here", required=True)
     add_method_option(parser, method)
     add_recording_options(parser, "emvs, stitcher, surface, braille")
     parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")

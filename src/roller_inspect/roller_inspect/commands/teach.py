@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
+from roller_core.option_types import add_output
 from roller_core.progress import progress_bar
 
 from .options import add_method_option
@@ -27,9 +28,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN", help="recordings, or results of inspect"
     )
-    parser.add_argument(
-        "--output", "-o", type=Path, required=True, metavar="DIR", help="the reference"
-    )
+    add_output(parser, "the reference", required=True)
     add_method_option(parser, "surface")
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
     parser.add_argument("--recipe", type=Path, metavar="FILE", help="recipe, for its grid")

@@ -107,7 +107,7 @@ def traceability(part: str, recipe: Recipe, scan: Scan) -> dict[str, Any]:
 
 def _calibrations(params: Path | None, now: datetime) -> dict[str, Any]:
     """Skin and calibrations that a parameter file records, with their age."""
-    records = read_parameters(params, SECTION) if params is not None else {}
+    records = read_parameters(params, SECTION)
     out: dict[str, Any] = {"skin": "", "skin_use": "", "calibrations": {}}
     for kind, record in records.items():
         if not isinstance(record, Mapping):

@@ -8,10 +8,10 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
+from roller_core.option_types import add_output
 from roller_core.progress import status_line
 from roller_core.signals import handling_ends
 
@@ -32,13 +32,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "transforms, results and diagnostics. Ctrl-C ends it; a second one doesn't wait for the "
         "disk. The exit code is 1 if anything was lost.",
     )
-    parser.add_argument(
-        "--output",
-        "-o",
-        type=Path,
-        metavar="DIR",
-        help="bag folder to make (recording_DATE_TIME)",
-    )
+    add_output(parser, "bag folder to make (recording_DATE_TIME)")
     parser.add_argument(
         "--duration", type=_seconds, metavar="S", help="end after so many seconds (at Ctrl-C)"
     )

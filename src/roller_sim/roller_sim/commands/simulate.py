@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from roller_core.bag_writer import BagFullError
 from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
+from roller_core.option_types import add_output
 from roller_core.output_folder import OutputFolder
 from roller_core.parameter_files import read_parameters
 from roller_sim.bag import write_bag
@@ -32,7 +33,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description="Roll the virtual cell over a plate and write a rosbag2 with its truth.",
     )
     parser.add_argument("scene", help=f"{', '.join(SCENES)} or mesh:FILE.stl")
-    parser.add_argument("--output", "-o", type=Path, required=True, help="folder to make")
+    add_output(parser, "folder to make", "OUTPUT", required=True)
     parser.add_argument("--speed", type=float, help="speed of the scan, m/s")
     parser.add_argument("--text", help="text of Braille and letter plates")
     parser.add_argument("--length", type=float, help="least length of the plate, mm")
@@ -71,10 +72,8 @@ def settings_from(args: argparse.Namespace) -> VirtualCellSettings:
     SettingsError
         If an entry is unknown, of the wrong type or out of range.
     """
-    values: dict[str, Any] = {}
-    if args.params is not None:
-        known = VirtualCellSettings.model_fields
-        values = {k: v for k, v in read_parameters(args.params, NODE).items() if k in known}
+    known = VirtualCellSettings.model_fields
+    values = {k: v for k, v in read_parameters(args.params, NODE).items() if k in known}
     for preset in (LIGHTS.get(args.light, {}), COATINGS.get(args.coating, {})):
         for group, entries in preset.items():
             for name, value in entries.items():
