@@ -140,22 +140,6 @@ def test_a_broken_chunk_in_a_cut_file_costs_that_chunk(
     assert len(faults) == 2  # and the cut
 
 
-def test_a_cut_bag_replays_up_to_the_cut(chunked: Chunked, tmp_path: Path, capsys: Capture) -> None:
-    whole, ends = chunked.data, chunked.ends
-    folder = tmp_path / "bag"
-    folder.mkdir()
-    (folder / "bag.mcap").write_bytes(whole[: int(ends[-1] * 0.8)])
-    params = tmp_path / "params.yaml"
-    params.write_text("emvs: {ros__parameters: {window.travel_m: 0.006, focus.sigma_px: 3.0}}")
-    words = ["replay", str(folder), "--output", str(tmp_path / "out"), "--no-picture"]
-    assert main([*words, "--params", str(params)]) == 1
-    out, err = capsys.readouterr()
-    assert err.count("error: ") == err.count("\n") == 1
-    assert "cut off at byte" in err
-    assert "depth maps" in out
-    assert not out.startswith("0 ")
-
-
 @pytest.fixture(scope="module")
 def sqlite_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_bag(
