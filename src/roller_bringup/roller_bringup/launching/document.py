@@ -8,8 +8,6 @@ from xml.parsers import expat
 
 from roller_core.errors import RollerError
 
-_DEEPEST = 32
-
 
 class LaunchError(RollerError):
     """A launch file can't be read or run; the message names file and line where there is one."""
@@ -36,12 +34,7 @@ class Element:
         return LaunchError(message, self.file, self.line)
 
     def only(self, required: str, optional: str = "", children: str = "") -> None:
-        """Refuse attributes and children this element doesn't have in our subset.
-
-        Parameters
-        ----------
-        required, optional, children
-            Names of attributes and of elements, with spaces between.
+        """Refuse attributes and children but these; their names have spaces between.
 
         Raises
         ------
@@ -78,8 +71,6 @@ def read(path: Path) -> Element:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, path, parser.CurrentLineNumber)
-        if len(open_elements) > _DEEPEST:
-            raise element.error("elements are nested too deeply")
         open_elements[-1].children.append(element)
         open_elements.append(element)
 
@@ -87,13 +78,9 @@ def read(path: Path) -> Element:
         if data.strip():
             raise LaunchError(f"unexpected text {data.strip()!r}", path, parser.CurrentLineNumber)
 
-    def doctype(*_: object) -> None:
-        raise LaunchError("a DOCTYPE is not supported", path, parser.CurrentLineNumber)
-
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _: open_elements.pop()
     parser.CharacterDataHandler = text
-    parser.StartDoctypeDeclHandler = doctype
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
