@@ -7,6 +7,7 @@ import pytest
 
 from recording.bags import analytic_dataset, write_bag
 from roller_bringup.cli import main
+from roller_inspect.batch import jobs
 from roller_inspect.batch.jobs import find_recordings
 
 pytestmark = pytest.mark.scan
@@ -24,8 +25,8 @@ def test_a_failure_is_a_row_and_what_is_done_stays(
     assert "broken.mcap" in line
 
     def rows() -> dict[str, dict[str, object]]:
-        jobs = json.loads((out / "summary.json").read_text())["jobs"]
-        return {Path(str(job["source"])).name: job for job in jobs}
+        found = json.loads((out / "summary.json").read_text())["jobs"]
+        return {Path(str(job["source"])).name: job for job in found}
 
     first = rows()
     assert first["good"]["verdict"] == "unmeasured"
@@ -71,10 +72,14 @@ def test_recordings_are_found_and_results_are_not(tmp_path: Path) -> None:
     assert list(find_recordings([tmp_path])) == [bag, data, tmp_path / "single.raw"]
 
 
-def test_a_reference_that_was_taught_again_counts_as_another(tmp_path: Path) -> None:
-    model, out = tmp_path / "part.stl", tmp_path / "out"
-    (tmp_path / "broken.mcap").touch()  # what comes of the job doesn't matter
-    words = ["batch", str(tmp_path), "--output", str(out), "--method", "focus", "--resume"]
+def test_a_reference_that_was_taught_again_counts_as_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, scans, out = (tmp_path / name for name in ("part.stl", "scans", "out"))
+    scans.mkdir()
+    (scans / "one.mcap").touch()
+    monkeypatch.setattr(jobs, "run_job", lambda job: jobs._failed(job, "not tried", 0.0))
+    words = ["batch", str(scans), "--output", str(out), "--method", "focus", "--resume"]
     keys = []
     for height_m in (0.0, 1e-3):
         corners = [[0, 0, height_m], [0.05, 0, height_m], [0, 0.05, height_m]]

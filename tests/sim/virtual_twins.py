@@ -40,9 +40,8 @@ def sample(values, origin, x, y):
     py = np.clip((y - origin[1]) / origin[2], 0, ny - 1.01)
     ix, iy = px.astype(int), py.astype(int)
     fx, fy = (px - ix)[..., None], (py - iy)[..., None]
-    v = values.astype(np.float64)
-    low = v[iy, ix] * (1 - fx) + v[iy, ix + 1] * fx
-    high = v[iy + 1, ix] * (1 - fx) + v[iy + 1, ix + 1] * fx
+    low = values[iy, ix] * (1 - fx) + values[iy, ix + 1] * fx
+    high = values[iy + 1, ix] * (1 - fx) + values[iy + 1, ix + 1] * fx
     return low * (1 - fy) + high * fy
 
 
@@ -59,7 +58,7 @@ def trace(xn, yn, values, camera, roller, origin):
         return part * face + (1 - part) * free - k * part * (1 - part), part, m, x, y, free
 
     low, high = np.full(xn.shape, 30.0), np.full(xn.shape, 50.0)
-    for _ in range(60):
+    for _ in range(40):
         middle = (low + high) / 2
         above = middle < surface(middle)[0]
         low, high = np.where(above, middle, low), np.where(above, high, middle)
