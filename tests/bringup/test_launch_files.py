@@ -180,6 +180,7 @@ TALKER = "<node pkg='demo' exec='talker' name='a'"
         ("<group scoped='false'/>", 2, "attribute 'scoped'"),
         ("hello", 2, "unexpected text 'hello'"),
         ("<a></b>", 2, "not well-formed XML: mismatched tag"),
+        ("<group>" * 100 + "</group>" * 100, 2, "nested too deeply"),
         (TALKER + ">\n<param from='/no.yaml'/></node>", 3, "there is no parameter file /no.yaml"),
         (TALKER + ">\n<param name='p' value='1'/></node>", 3, "needs the attribute 'from'"),
         (TALKER + ">\n<remap from='a' to='b'/></node>", 3, "<remap> is not supported in <node>"),
@@ -211,6 +212,8 @@ def test_files_that_include_each_other_end(world):
     body = f"<arg name='a' default='1'/><include file='{path}'/>"
     with pytest.raises(LaunchError, match="launch files include each other without end"):
         load(world, body)
+    with pytest.raises(LaunchError, match="launch files include each other without end"):
+        launching.list_arguments(path)
 
 
 def test_refuses_other_files(tmp_path):

@@ -8,6 +8,8 @@ from xml.parsers import expat
 
 from roller_core.errors import RollerError
 
+_DEEPEST = 32
+
 
 class LaunchError(RollerError):
     """A launch file can't be read or run; the message names file and line where there is one."""
@@ -71,6 +73,8 @@ def read(path: Path) -> Element:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, path, parser.CurrentLineNumber)
+        if len(open_elements) > _DEEPEST:
+            raise element.error("elements are nested too deeply")
         open_elements[-1].children.append(element)
         open_elements.append(element)
 

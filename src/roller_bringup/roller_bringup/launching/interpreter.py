@@ -18,6 +18,8 @@ from .plan import LaunchPlan, NodeProcess
 _CONDITIONS = " if unless"
 _ACTIONS = "arg let group push-ros-namespace node include set_env"
 _DEEPEST_INCLUDE = 16
+_MOST_INCLUDES = 100
+_WITHOUT_END = "launch files include each other without end"
 _NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 #: With it and the names of nodes and services, a name in DDS has at most 255 characters.
 _LONGEST_NAMESPACE = 180
@@ -39,10 +41,26 @@ def list_arguments(path: Path | str) -> list[Argument]:
     Raises
     ------
     LaunchError
-        The file can't be read.
+        The file can't be read, or includes itself whatever the arguments are.
     """
-    found = (e.attributes for e in document.read(Path(path)).children if e.tag == "arg")
+    root = document.read(Path(path))
+    _check_includes(root, (Path(path).resolve(),))
+    found = (e.attributes for e in root.children if e.tag == "arg")
     return [Argument(a.get("name", ""), a.get("default"), a.get("description", "")) for a in found]
+
+
+def _check_includes(parent: Element, above: tuple[Path, ...]) -> None:
+    """Refuse files that include themselves without a condition, by names without substitutions."""
+    for element in parent.children:
+        if element.attributes.keys() & set(_CONDITIONS.split()):
+            continue
+        if element.tag == "group":
+            _check_includes(element, above)
+        path = Path(element.attributes.get("file", "")).resolve()
+        if element.tag == "include" and path.is_file():
+            if path in above or len(above) > _DEEPEST_INCLUDE:
+                raise element.error(_WITHOUT_END)
+            _check_includes(document.read(path), (*above, path))
 
 
 def load(path: Path | str, arguments: Mapping[str, str] | None = None) -> LaunchPlan:
@@ -85,7 +103,7 @@ class _Interpreter:
         self.environment = environment
         self.namespace: str | None = None
         self.declared: set[str] = set()
-        self._depth = 0
+        self._depth = self._includes = 0
 
     def run_file(self, path: Path) -> None:
         """Do all of a launch file."""
@@ -189,8 +207,9 @@ class _Interpreter:
         path = Path(self._text(element, "file"))
         if not path.is_file():
             raise element.error(f"there is no launch file {path}")
-        if self._depth == _DEEPEST_INCLUDE:
-            raise element.error("launch files include each other without end")
+        self._includes += 1
+        if self._depth == _DEEPEST_INCLUDE or self._includes > _MOST_INCLUDES:
+            raise element.error(_WITHOUT_END)
         for argument in element.children:
             argument.only("name value")
             name = self._text(argument, "name")
