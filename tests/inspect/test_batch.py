@@ -72,23 +72,28 @@ def test_recordings_are_found_and_results_are_not(tmp_path: Path) -> None:
     assert list(find_recordings([tmp_path])) == [bag, data, tmp_path / "single.raw"]
 
 
-def test_a_reference_that_was_taught_again_counts_as_another(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("option", ["--reference", "--camera"])
+def test_a_file_that_holds_something_else_now_makes_another_job(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model, scans, out = (tmp_path / name for name in ("part.stl", "scans", "out"))
+    file, scans, out = (tmp_path / name for name in ("part.stl", "scans", "out"))
     scans.mkdir()
     (scans / "one.mcap").touch()
-    monkeypatch.setattr(jobs, "run_job", lambda job: jobs._failed(job, "not tried", 0.0))
-    words = ["batch", str(scans), "--output", str(out), "--method", "focus", "--resume"]
-    keys = []
+    tried: list[jobs.Job] = []
+    monkeypatch.setattr(
+        jobs, "run_job", lambda job: tried.append(job) or jobs._failed(job, "not tried", 0.0)
+    )
+    value = f"cad:{file}" if option == "--reference" else str(file)
     for height_m in (0.0, 1e-3):
         corners = [[0, 0, height_m], [0.05, 0, height_m], [0, 0.05, height_m]]
         facet = "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners)
-        model.write_text(f"solid a\nfacet normal 0 0 1\nouter loop\n{facet}endloop\nendfacet\n")
-        main([*words, "--reference", f"cad:{model}"])
-        (job,) = json.loads((out / "summary.json").read_text())["jobs"]
-        keys.append(job["key"])
-    assert keys[0] != keys[1]
+        file.write_text(f"solid a\nfacet normal 0 0 1\nouter loop\n{facet}endloop\nendfacet\n")
+        words = ["batch", str(scans), "--output", str(out), "--resume", option, value]
+        main([*words, "--topic", "left/events"])
+    first, second = tried
+    assert first.key != second.key
+    assert " ".join(first.options).count(f"{option} {value}") == 1
+    assert "--topic left/events" in " ".join(first.options)
 
 
 def test_no_recordings_is_wrong_usage(tmp_path: Path) -> None:

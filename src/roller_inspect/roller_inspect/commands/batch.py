@@ -11,7 +11,7 @@ from roller_core.command_help import add_examples
 from roller_core.option_types import add_output, number
 
 from .inspect import USAGE, add_inspection_options
-from .options import add_method_option
+from .options import add_camera_options, add_method_option
 
 if TYPE_CHECKING:
     from roller_inspect.batch.jobs import Job, Row
@@ -30,6 +30,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_output(parser, "results go here", required=True)
     add_method_option(parser, "surface")
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
+    add_camera_options(parser)
     add_inspection_options(parser)
     parser.add_argument(
         "--jobs", type=number(int, 1, 1000), default=1, metavar="N", help="at once (1)"
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"error: {named}: no recordings there", file=sys.stderr)
         return USAGE
     jobs = _jobs(args, sources, recipe)
-    inputs = [*args.folders, args.params, args.recipe]
+    inputs = [*args.folders, args.params, args.camera, args.recipe]
     with OutputFolder(args.output, "batch", inputs, lasting=[job.key for job in jobs]) as output:
         rows = _run_all(jobs, args)
         write_summary(output.partial, rows, output.path)
@@ -93,14 +94,14 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list
     from roller_inspect.report.document import software
 
     options = ["--method", args.method, "--no-picture"]
-    for name in ("params", "recipe", "reference"):
+    for name in ("params", "camera", "topic", "recipe", "reference"):
         if (value := getattr(args, name)) is not None:
             # References are found from where the batch was started.
             options += [f"--{name}", str(value.resolve() if isinstance(value, Path) else value)]
     if args.export:
         options += ["--export", ",".join(args.export)]
-    named = (args.params, recipe.reference.path)
-    read = [recipe.sha256(), *(digest(Path(path)) if path else "" for path in named)]
+    named = (args.params, args.camera, recipe.reference.path)
+    read = [recipe.sha256(), *(digest(Path(path)) if path else "" for path in named), args.topic]
     jobs, earlier = {}, read_rows(args.output) if args.resume else {}
     for source in sources:
         found = [digest(source), *read, args.method, args.export, software()]

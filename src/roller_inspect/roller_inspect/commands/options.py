@@ -73,6 +73,11 @@ def add_recording_options(parser: argparse.ArgumentParser, nodes: str) -> None:
     parser.add_argument(
         "--poses", type=Path, metavar="FILE", help="TUM poses of the camera in base, seconds"
     )
+    add_camera_options(parser)
+
+
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    """Add what is said of the camera beside a recording: `--camera` and `--topic`."""
     parser.add_argument(
         "--camera", type=Path, metavar="FILE", help="calibration, ROS camera_info YAML"
     )
