@@ -250,6 +250,14 @@ def test_a_browser_that_reads_nothing_holds_up_no_other():
         assert state["viewers"] == 2
 
 
+def test_a_recording_that_needs_more_than_its_name_is_sent_to_replay(tmp_path, capsys):
+    (tmp_path / "events.raw").write_bytes(b"% evt 3.0\n% format EVT3;height=480;width=640\n% end\n")
+    assert cli.main(["view", str(tmp_path / "events.raw")]) == 1
+    said = capsys.readouterr().err
+    assert "give --poses FILE" in said
+    assert "`roller replay` takes that: view the folder that it writes" in said
+
+
 def test_bad_results_are_one_line_or_a_note(tmp_path):
     with pytest.raises(ResultError, match="no result there"):
         read_result(tmp_path)

@@ -32,7 +32,12 @@ def results_of(source: Path, folder: Path) -> Path:
         gather(source, folder, None, report)
         return folder
     settings = PipelineSettings.load()
-    recording = open_recording(source, max_gap_s=settings.max_pose_gap_s)
+    try:
+        recording = open_recording(source, max_gap_s=settings.max_pose_gap_s)
+    except RollerError as error:
+        raise RollerError(
+            f"{error}; `roller replay` takes that: view the folder that it writes"
+        ) from error
     print(f"{source} holds no results yet: replaying it", file=sys.stderr)
     with progress_bar(f"replay {source.name}") as progress:
         replay(recording, settings, folder, source, progress=progress)
