@@ -85,6 +85,28 @@ def test_arrival_does_not_matter(cuts: list[int], rule: str, overlap: float) -> 
     assert [(w.start_ns, w.end_ns) for w in found] == expected
 
 
+def test_the_end_by_travel_is_looked_for_with_each_pose_and_not_with_each_packet(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found, look = [], WindowCutter._travel_end
+
+    def travel_end(cutter: WindowCutter, start: int, last: int) -> object:
+        found.append(start)
+        return look(cutter, start, last)
+
+    monkeypatch.setattr(WindowCutter, "_travel_end", travel_end)
+    poses, track, events = track_of(rolling(0.3), 0.1), PoseTrack(), ticking(100)
+    cutter, windows = WindowCutter(setting(window={"rule": "travel", "travel_m": 0.02}), track), []
+    for packet in np.array_split(np.arange(len(events)), 200):
+        now_ns = events.t_ns[packet[-1]]
+        for k in range(len(track), int(np.searchsorted(poses.times_ns, now_ns, side="right"))):
+            track.append(int(poses.times_ns[k]), poses.positions[k], poses.quaternions[k])
+        cutter.add(events[packet])
+        windows += cut_all(cutter, flush=False)
+    assert len(windows) == 1
+    assert len(found) <= len(track) + len(windows)
+
+
 def test_a_window_waits_for_its_poses() -> None:
     track = track_of(rolling(0.3), 0.008)
     cutter = WindowCutter(setting(method="bma"), track)

@@ -63,10 +63,9 @@ class EventQueue:
         """Events before a time."""
         count = 0
         for part in self._parts:
-            k = int(np.searchsorted(part.t_ns, t_ns))
-            count += k
-            if k < len(part):
-                break
+            if part.t_ns[-1] >= t_ns:
+                return count + int(np.searchsorted(part.t_ns, t_ns))
+            count += len(part)
         return count
 
     def time_of(self, number: int) -> int:

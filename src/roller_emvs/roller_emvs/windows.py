@@ -67,6 +67,9 @@ class WindowCutter(EventCutter):
         super().__init__(settings.max_waiting_events, track)
         self._settings = settings
         self._start_ns: int | None = None
+        # What the end by travel was last looked for with, and what was found.
+        self._travel_of = (0, 0)
+        self._travel: tuple[int | None, int, float, str] = (None, 0, 0.0, "")
         #: Windows without all of their events, because there was no keeping up.
         self.left_out = 0
 
@@ -146,7 +149,10 @@ class WindowCutter(EventCutter):
             share = (last - start) / self._length_ns()
             reason = ""
         else:
-            end_or_none, following, share, reason = self._travel_end(start, last)
+            known = start, self._track.end_ns
+            if flush or self._travel_of != known:  # packets come more often than poses
+                self._travel_of, self._travel = known, self._travel_end(start, last)
+            end_or_none, following, share, reason = self._travel
             end = end_or_none if end_or_none is not None else 2**63 - 1
         if end <= track_end and end <= self._queue.newest_ns:
             return end, following, reason
