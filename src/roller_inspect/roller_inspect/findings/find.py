@@ -69,9 +69,7 @@ def search(
             continue
         if part.sign > 0 and any(part.share_in(crater) > _RIM_SHARE for crater in craters):
             continue
-        measured = measure(
-            0, part, height_map, comparison, cues, settings, reference.models_part, final=True
-        )
+        measured = measure(part, height_map, comparison, cues, settings, reference.models_part)
         if measured is not None:
             found.append((measured[0], part))
             if measured[0].kind == "crater":

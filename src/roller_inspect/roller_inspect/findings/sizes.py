@@ -124,16 +124,14 @@ class _Size:
 
 
 def measure(
-    number: int,
     component: Component,
     height_map: HeightMap,
     comparison: Comparison,
     cues: Cues,
     settings: FindingSettings,
     models_part: bool,
-    final: bool,
 ) -> tuple[Finding, Component] | None:
-    """Figures of a component, and the cells in its outline; None if it is below the limits.
+    """Figures of a component, final, and the cells in its outline; None if below the limits.
 
     Detection is by smoothed heights, measuring at the finest scale: smoothing takes the depth out
     of what is narrow. A crater's outline goes around its raised edge. What is no deeper than the
@@ -168,7 +166,7 @@ def measure(
         return None
     middle = float(np.median(part.height_m[size.shape & place.known]))
     finding = Finding(
-        id=number,
+        id=0,
         kind=size.kind,
         center_m=part.in_base(size.center[0], size.center[1], middle),
         length_m=size.length,
@@ -182,7 +180,7 @@ def measure(
         points=size.points,
         measured=measured,
         cues=seen_by,
-        final=final,
+        final=True,
         rim_m=size.rim,
         budget=budget,
     )
