@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 import pytest
 
 from emvs.scenes import CAMERA, MS, depth_map, rolling, track_of
@@ -148,6 +147,8 @@ def test_radius_filter_keeps_company() -> None:
 
 
 def test_ply_opens_in_open3d_and_in_ours(tmp_path: Path) -> None:
+    import open3d as o3d  # two seconds, for this test alone
+
     path = tmp_path / "surface.ply"
     rng = np.random.default_rng(0)
     points = rng.normal(size=(100, 3)) + 1000.0

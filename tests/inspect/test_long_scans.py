@@ -79,9 +79,10 @@ def test_what_is_held_is_the_same_after_3_m_and_5(
     sizes = []
     for metre in range(5):
         roll(stage, metre, to_and_fro)
-        sizes.append(held_bytes(stage))
+        if metre in (2, 4):
+            sizes.append(held_bytes(stage))
     # The poses alone would be 9 kB a metre. Times of the last results are kept.
-    assert sizes[4] - sizes[2] < 4_000, sizes
+    assert sizes[1] - sizes[0] < 4_000, sizes
 
 
 @pytest.mark.parametrize("missing", ["camera", "mounting", "events"])
@@ -99,6 +100,6 @@ def test_poses_that_nothing_needs_are_not_kept(
         if k % 100 == 99:
             for _ in stage.results():
                 pass
-        if k % 1000 == 999:
+        if k in (2999, 4999):
             sizes.append(held_bytes(stage))
-    assert sizes[4] - sizes[2] < 4_000, sizes
+    assert sizes[1] - sizes[0] < 4_000, sizes
