@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,8 +15,7 @@ from roller_recording.reading.bag_reader import BagReader
 from roller_recording.reading.base import RecordingError
 from roller_recording.reading.event_topic import event_topic
 from roller_ros import diagnostics, messages, qos, topics
-from roller_ros.listeners import LINGER_S, PlaySettings, wait_for_listeners
-from roller_ros.node import RollerNode
+from roller_ros.listeners import PlayingNode, PlaySettings
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -39,20 +37,19 @@ class PlayerParameters(PlaySettings):
     )
 
 
-class PlayerNode(RollerNode):
+class PlayerNode(PlayingNode):
     """Publishes messages as they lie in the bag, spaced as they were logged."""
 
+    _p: PlayerParameters
+
     def __init__(self) -> None:
-        super().__init__("player")
+        super().__init__("player", "waiting")
         self._p = declare_settings(self, PlayerParameters)
         if not self._p.bag:
             raise RecordingError("parameter 'bag' is empty; name the rosbag2 to play")
         self._reader = BagReader(Path(self._p.bag))
-        self._state = "waiting"
         self._played = 0
-        self._late_s = 0.0
         self._meter = diagnostics.Meter()
-        self.done = threading.Event()
         in_bag = self._reader.topics
         events = event_topic(in_bag, Path(self._p.bag), self._p.topic or None)
         # Publishers by topic in the bag; a camera of another name is played as the graph's own.
@@ -69,32 +66,15 @@ class PlayerNode(RollerNode):
         self._time = self.create_publisher(Clock, "/clock", qos.REPEATED) if self._p.clock else None
         self._time_ns: int | None = None
         self._diagnostics = diagnostics.Diagnostics(self, "playback", self._status, 0.5)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-        self._timer = self.create_timer(0.2, self._end)
-
-    def destroy_node(self) -> None:
-        """Stop playing first."""
-        if hasattr(self, "_thread"):  # else the node gave up before it had one
-            self._stop.set()
-            self._thread.join(timeout=5.0)
-        super().destroy_node()
+        self._start()
 
     def _run(self) -> None:
         try:
-            self._wait_for_listeners()
+            self._wait_for_listeners(self._events)
             self._play()
         except RollerError as error:
             self._diagnostics.fault(str(error))
-        self._state = "finished"
-        if self._p.exit_when_done and not self._stop.wait(LINGER_S):
-            self.done.set()
-
-    def _wait_for_listeners(self) -> None:
-        missing = wait_for_listeners(self, self._events, self._p, self._stop)
-        if missing:
-            self.get_logger().warning(missing)
+        self._finish()
 
     def _play(self) -> None:
         self._state = "playing"
@@ -107,12 +87,7 @@ class PlayerNode(RollerNode):
                 continue
             if begin is None or first_ns is None:
                 begin, first_ns = time.monotonic(), item.t_ns
-            due = begin + (item.t_ns - first_ns) * 1e-9 / self._p.rate
-            wait = due - time.monotonic()
-            if wait > 0:
-                self._stop.wait(wait)
-            else:
-                self._late_s = max(self._late_s, -wait)
+            self._wait_until(begin + (item.t_ns - first_ns) * 1e-9 / self._p.rate)
             self._tell_time(item.t_ns)
             self._outputs[item.topic].publish(item.data)
             self._played += 1
@@ -123,10 +98,6 @@ class PlayerNode(RollerNode):
         ):
             self._time_ns = t_ns
             self._time.publish(Clock(clock=messages.to_time(t_ns)))
-
-    def _end(self) -> None:
-        if self.done.is_set():
-            raise SystemExit(0)
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         return (

@@ -11,6 +11,8 @@ from rclpy.node import NodeNameNonExistentError
 
 from roller_core.settings import Settings
 
+from .node import RollerNode
+
 #: How long no subscriber may have come before a scan begins, s: the other side needs a moment to
 #: know of the publisher, and a node subscribes to its topics one by one.
 SETTLE_S = 1.0
@@ -112,3 +114,53 @@ def _listens(node: Graph, name: str) -> bool:
     except NodeNameNonExistentError:
         return False
     return any(topic not in _ALL_HAVE for topic, _ in found)
+
+
+class PlayingNode(RollerNode):
+    """A node that plays a scan from a thread of its own: `_run`, which the node starts."""
+
+    _p: PlaySettings
+
+    def __init__(self, name: str, state: str) -> None:
+        super().__init__(name)
+        self._state, self._late_s, self._code = state, 0.0, 0
+        self._stop, self._done = threading.Event(), threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def _start(self) -> None:
+        """Begin; the process ends with `_code` once `_done` is set."""
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        self._timer = self.create_timer(0.2, self._end)
+
+    def destroy_node(self) -> None:
+        """Stop playing first: it publishes."""
+        self._stop.set()
+        if self._thread is not None:  # else the node gave up before it had one
+            self._thread.join(timeout=5.0)
+        super().destroy_node()
+
+    def _run(self) -> None:
+        raise NotImplementedError
+
+    def _wait_for_listeners(self, events: Publisher) -> None:
+        if missing := wait_for_listeners(self, events, self._p, self._stop):
+            self.get_logger().warning(missing)
+
+    def _wait_until(self, due_s: float) -> None:
+        """Wait until a time of the monotonic clock, s, or note by how much it is too late."""
+        wait_s = due_s - time.monotonic()
+        if wait_s > 0:
+            self._stop.wait(wait_s)
+        else:
+            self._late_s = max(self._late_s, -wait_s)
+
+    def _finish(self) -> None:
+        """All was played."""
+        self._state = "finished"
+        if self._p.exit_when_done and not self._stop.wait(LINGER_S):
+            self._done.set()
+
+    def _end(self) -> None:
+        if self._done.is_set():
+            raise SystemExit(self._code)

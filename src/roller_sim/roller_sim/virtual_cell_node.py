@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -25,8 +24,7 @@ from roller_core.outputs import PREVIEW as IMAGE
 from roller_core.pose_track import Pose
 from roller_core.transforms import matrix_to_quaternion
 from roller_ros import diagnostics, messages, topics
-from roller_ros.listeners import LINGER_S, PlaySettings, wait_for_listeners
-from roller_ros.node import RollerNode
+from roller_ros.listeners import PlayingNode, PlaySettings
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
 
@@ -45,11 +43,13 @@ class VirtualCellParameters(PlaySettings, VirtualCellSettings, RobotFrames):
     )
 
 
-class VirtualCellNode(RollerNode):
+class VirtualCellNode(PlayingNode):
     """Simulates a scan and publishes what camera and robot would, at the pace they would."""
 
+    _p: VirtualCellParameters
+
     def __init__(self) -> None:
-        super().__init__("virtual_cell")
+        super().__init__("virtual_cell", "preparing")
         self._p = p = declare_settings(self, VirtualCellParameters)
         self._cell = VirtualCell(
             VirtualCellSettings.create({n: getattr(p, n) for n in VirtualCellSettings.model_fields})
@@ -58,23 +58,11 @@ class VirtualCellNode(RollerNode):
         self._outputs: dict[str, Publisher] = {
             topic.name: topics.publisher(self, topic.name) for topic in topics.INPUTS
         }
-        self._state = "preparing"
-        self._packets = self._sent = self._poses = self._code = 0
+        self._packets = self._sent = self._poses = 0
         self._meter = diagnostics.Meter()
-        self._late_s = 0.0
-        self._stop, self._done = threading.Event(), threading.Event()
         self._diagnostics = diagnostics.Diagnostics(self, "scan", self._status, 0.5, p.sensor_frame)
         self._publish_fixed()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-        self._timer = self.create_timer(0.2, self._end)
-
-    def destroy_node(self) -> None:
-        """Stop the scan first: it publishes."""
-        if hasattr(self, "_thread"):  # else the node gave up before it had one
-            self._stop.set()
-            self._thread.join(timeout=5.0)
-        super().destroy_node()
+        self._start()
 
     def _publish_fixed(self) -> None:
         now = self.get_clock().now().nanoseconds
@@ -92,9 +80,7 @@ class VirtualCellNode(RollerNode):
                 stream = iter(list(stream))
             self._save_truth(self._cell.truth.save_maps)
             self._state = "waiting for subscribers"
-            missing = wait_for_listeners(self, self._outputs[EVENTS], self._p, self._stop)
-            if missing:
-                self.get_logger().warning(missing)
+            self._wait_for_listeners(self._outputs[EVENTS])
             if not self._stop.is_set():
                 self._scan(stream)
         except Exception as error:  # a thread that dies unseen would leave all others waiting
@@ -105,9 +91,7 @@ class VirtualCellNode(RollerNode):
             self._state, self._code = "failed", 1
             self._done.set()
             return
-        self._state = "finished"
-        if self._p.exit_when_done and not self._stop.wait(LINGER_S):
-            self._done.set()
+        self._finish()
 
     def _messages(self) -> Iterator[tuple[int, str, Any, int]]:
         """Arrival, topic, message and number of events of all that the cell sends."""
@@ -147,12 +131,7 @@ class VirtualCellNode(RollerNode):
         for arrival, topic, message, events in stream:
             if self._stop.is_set():
                 return
-            due = begin + (arrival - start) * 1e-9 / self._p.rate
-            wait = due - time.monotonic()
-            if wait > 0:
-                time.sleep(wait)
-            else:
-                self._late_s = max(self._late_s, -wait)
+            self._wait_until(begin + (arrival - start) * 1e-9 / self._p.rate)
             holder: EventPacket | Image | TransformStamped = (
                 message.transforms[0] if topic == TF else message
             )
@@ -174,10 +153,6 @@ class VirtualCellNode(RollerNode):
             raise UnwritableOutputError(
                 f"{folder}: can't write the truth there ({error})"
             ) from error
-
-    def _end(self) -> None:
-        if self._done.is_set():
-            raise SystemExit(self._code)
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
         level = diagnostics.OK
