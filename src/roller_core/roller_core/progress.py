@@ -21,6 +21,11 @@ def no_progress(_text: str, _share: float) -> None:
     """Show no progress."""
 
 
+def part_of(on_progress: OnProgress, first: float, last: float) -> OnProgress:
+    """What takes the progress of a part of the work, from one share of the whole to another."""
+    return lambda text, share: on_progress(text, first + (last - first) * share)
+
+
 @contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[float], None]]:
     """Show a bar on standard error; the callable takes the share done, 0–1."""

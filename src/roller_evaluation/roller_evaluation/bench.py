@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,14 @@ import numpy as np
 
 from roller_core.codecs import encode
 from roller_core.event_stream import EventStream
-from roller_core.progress import OnProgress, no_progress
+from roller_core.progress import OnProgress, no_progress, part_of
 
 from .bench_plan import BenchOptions, depth_cases, fixed_cases
 from .bench_plots import draw_scaling, draw_speed_vs_error
 from .bench_tables import tables
 from .figures import ERRORS
 from .measures import STAGE_COLUMNS
-from .rows import Row, mean, provenance, values, where, write_rows
+from .rows import Row, mean, provenance, rounded, values, where, write_rows
 from .run import run_timed
 from .scaling import scaling_cases
 from .scans import Scan, ScanStore
@@ -60,9 +61,7 @@ def run_bench(
     o = options
     scans = ScanStore(output / "scans", hold=len(o.objects) * (len(o.speeds) + 1), threads=0)
 
-    def part(first: float, last: float) -> OnProgress:
-        return lambda text, share: on_progress(text, first + (last - first) * share)
-
+    part = partial(part_of, on_progress)
     rows = run_timed(depth_cases(o), scans, o.repeats, o.case_budget_s, part(0.0, 0.7))
     scaling = scaling_cases(o.scan(o.dense[0], o.fixed_speed), o)
     # The first round compiles and doesn't count.
@@ -109,7 +108,7 @@ def summarise(rows: Sequence[Row]) -> list[dict[str, Any]]:
     for own in found.values():
         first = [r for r in own if r["run"] == 0]
         measured = [r for r in first if r["points"]]
-        error = {k: _rounded(mean(measured, k), 4) for k in ERRORS if k != "points"}
+        error = {k: rounded(mean(measured, k), 4) for k in ERRORS if k != "points"}
         keys = ("label", "method", "factor", "value", "speed")
         case = {k: own[0][k] for k in keys}
         counts = {k: int(sum(values(first, k))) for k in ("windows", "refused")}
@@ -136,7 +135,7 @@ def _times(rows: Sequence[Row]) -> dict[str, Any]:
     for column in _TIMES:
         each = sorted(v for k in range(runs) if (v := mean(where(rows, run=k), column)) is not None)
         for end, place in (("_low", 0), ("", len(each) // 2), ("_high", -1)):
-            out[column + end] = _rounded(each[place] if each else None, 3)
+            out[column + end] = rounded(each[place] if each else None, 3)
     return out
 
 
@@ -183,10 +182,6 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
         if not front or points[k][1] < points[front[-1]][1] or points[k] == points[front[-1]]:
             front.append(k)
     return front
-
-
-def _rounded(value: float | None, digits: int) -> float | None:
-    return None if value is None else round(value, digits)
 
 
 _ENCODING = "libcaer_cmp"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from roller_core.progress import OnProgress, no_progress
+from roller_core.progress import OnProgress, no_progress, part_of
 
 from .braille import BrailleOptions, run_braille
 from .braille_report import tables as braille_tables
@@ -65,10 +66,7 @@ def run_evaluation(
     RollerError
         If a setting is no good.
     """
-
-    def part(first: float, last: float) -> OnProgress:
-        return lambda text, share: on_progress(text, first + (last - first) * share)
-
+    part = partial(part_of, on_progress)
     o, only = options, options.only
     rows = run(experiment_cases(o), output / "passes", jobs, part(0.0, 1 - _AFTER))
     found = tables(rows, o)

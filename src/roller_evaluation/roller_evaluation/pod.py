@@ -17,7 +17,7 @@ from .cases import Case, ScanCase
 from .coating import CAVEAT
 from .pictures import write_picture
 from .pod_curve import CONFIDENCE, POD, PodCurve, fit_pod, poisson_bound
-from .rows import Row, mean, provenance, values, where, write_rows
+from .rows import Row, mean, provenance, rounded, values, where, write_rows
 from .run import run
 from .tables import Table, number, share, write_json
 
@@ -130,13 +130,13 @@ def summarise(rows: Sequence[Row]) -> dict[str, list[Row]]:
             curves.append(
                 {
                     **labels, "kind": kind, "targets": curve.targets, "hits": curve.hits,
-                    "a90_um": _rounded(curve.a90), "a90_95_um": _rounded(curve.a90_95),
-                    "depth_mae_um": _rounded(np.mean(np.abs(off)) if off else None),
-                    "depth_bias_um": _rounded(np.median(off) if off else None),
-                    **{name: _rounded(np.median(v) if v else None, 3) for name, v in sizes.items()},
-                    "depth_within_u": _rounded(np.mean(held) if held else None, 3),
-                    "sides_within_u": _rounded(np.mean(spanned) if spanned else None, 3),
-                    "kind_right": _rounded(np.mean(named) if named else None, 3),
+                    "a90_um": rounded(curve.a90), "a90_95_um": rounded(curve.a90_95),
+                    "depth_mae_um": rounded(np.mean(np.abs(off)) if off else None),
+                    "depth_bias_um": rounded(np.median(off) if off else None),
+                    **{name: rounded(np.median(v) if v else None, 3) for name, v in sizes.items()},
+                    "depth_within_u": rounded(np.mean(held) if held else None, 3),
+                    "sides_within_u": rounded(np.mean(spanned) if spanned else None, 3),
+                    "kind_right": rounded(np.mean(named) if named else None, 3),
                 }
             )  # fmt: skip
         plates = where(own, role="plate")
@@ -265,10 +265,6 @@ def _name(labels: Row) -> str:
 
 def _size(um: float | None) -> str:
     return _NOT_REACHED if um is None else f"{um:.0f}"
-
-
-def _rounded(value: Any, digits: int = 1) -> float | None:
-    return None if value is None else round(float(value), digits)
 
 
 def _seeds(o: PodOptions) -> str:

@@ -31,8 +31,7 @@ def values(rows: Iterable[Row], column: str) -> list[float]:
 
 def mean(rows: Iterable[Row], column: str) -> float | None:
     """Mean of a column; None without values."""
-    found = values(rows, column)
-    return float(np.mean(found)) if found else None
+    return mean_of(values(rows, column))
 
 
 def deviation(rows: Iterable[Row], column: str) -> float | None:
@@ -45,6 +44,11 @@ def mean_of(found: Iterable[float | None]) -> float | None:
     """Mean of what there is."""
     known = [v for v in found if v is not None]
     return float(np.mean(known)) if known else None
+
+
+def rounded(value: float | np.floating | None, digits: int = 1) -> float | None:
+    """A figure without the digits that say nothing."""
+    return None if value is None else round(float(value), digits)
 
 
 def write_rows(rows: Sequence[Row], path: Path) -> None:
