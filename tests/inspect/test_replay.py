@@ -1,16 +1,13 @@
-"""Replay of every kind of input: it holds the same scan, or gives the same depth."""
+"""Replay: what it writes, and inputs that are no bags (tests/recording has all kinds of those)."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin
 
 from emvs.scenes import CAMERA, tilted
 from recording.bags import (
-    EVENT_ARRAY,
-    Recipe,
     analytic_dataset,
     camera_track,
     read_messages,
@@ -19,9 +16,7 @@ from recording.bags import (
     write_tum,
 )
 from roller_bringup.cli import main
-from roller_core.events import EventArray
 from roller_emvs.ply import read_ply
-from roller_recording.reading import open_recording
 
 PARAMS = """
 emvs:
@@ -103,47 +98,6 @@ def test_surface_in_the_bag_equals_the_file(reference: Reference) -> None:
         rows.append(np.frombuffer(message.data, np.float32).reshape(-1, 6))
     cloud = read_ply(output / "surface.ply")
     np.testing.assert_allclose(np.concatenate(rows)[:, 2], cloud["z"], atol=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("recipe", "file"),
-    [
-        pytest.param(Recipe(encoding="mono"), "", id="mono"),
-        pytest.param(Recipe(encoding="libcaer"), "", id="libcaer"),
-        pytest.param(Recipe(encoding="evt3"), "", id="evt3"),
-        pytest.param(Recipe(storage=StoragePlugin.SQLITE3), "", id="sqlite"),
-        pytest.param(Recipe(event_type=EVENT_ARRAY), "", id="older event_array_msgs"),
-        pytest.param(Recipe(), "scan.mcap", id="storage file alone"),
-    ],
-)
-def test_every_bag_holds_the_same_scan(
-    recipe: Recipe, file: str, bag: Path, tmp_path: Path
-) -> None:
-    assert_same_scan(write_bag(tmp_path / "scan", recipe) / file, bag)
-
-
-def assert_same_scan(path: Path, other: Path) -> None:
-    """What a replay takes from a recording is the same."""
-    found, expected = (open_recording(each) for each in (path, other))
-    events = [EventArray.concatenate([s.events for s in r.steps()]) for r in (found, expected)]
-    for name in ("x", "y", "t_ns", "p"):
-        np.testing.assert_array_equal(getattr(events[0], name), getattr(events[1], name))
-    times = found.track.times_ns
-    np.testing.assert_array_equal(times, expected.track.times_ns)
-    np.testing.assert_array_equal(found.track.matrices(times), expected.track.matrices(times))
-    assert found.camera == expected.camera
-
-
-@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
-def test_metadata_without_a_storage_identifier_are_read(
-    storage: StoragePlugin, bag: Path, tmp_path: Path
-) -> None:
-    source = write_bag(tmp_path / "scan", Recipe(storage=storage))
-    metadata = source / "metadata.yaml"
-    lines = metadata.read_text().splitlines()
-    kept = [("  storage_identifier: ''" if "storage_identifier" in s else s) for s in lines]
-    metadata.write_text("\n".join(kept))
-    assert_same_scan(source, bag)
 
 
 def test_a_dataset_folder_gives_the_same_depth(

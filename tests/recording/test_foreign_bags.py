@@ -28,6 +28,7 @@ from recording.bags import (
 )
 from roller_bringup.cli import main
 from roller_core.camera import Camera
+from roller_core.events import EventArray
 from roller_recording.raw_message import RawMessage
 from roller_recording.reading import RecordingError, open_recording
 from roller_recording.reading.bag_reader import BagReader
@@ -36,19 +37,37 @@ MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 Capture = pytest.CaptureFixture[str]
 
 
-def events_in(path: Path, **options: Any) -> int:
-    """Events that a replay of a bag gets; nothing may be wrong with it."""
+def read(path: Path, **options: Any) -> EventArray:
+    """What a replay of a bag gets; nothing may be wrong with it."""
     recording = open_recording(path, **options)
+    parts = []
     for step in recording.steps():
         assert step.faults == ()
+        parts.append(step.events)
     assert recording.counts.lost_packets == 0
     assert len(recording.track) > 0
-    return recording.counts.events
+    return EventArray.concatenate(parts)
+
+
+def events_in(path: Path, **options: Any) -> int:
+    return len(read(path, **options))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> EventArray:
+    return read(write_bag(tmp_path_factory.mktemp("plain") / "bag"))
+
+
+def assert_same(found: EventArray, expected: EventArray) -> None:
+    assert len(found) == len(scan())
+    for name in ("x", "y", "t_ns", "p"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize(
     "recipe",
     [
+        pytest.param(Recipe("mono"), id="mono"),
         pytest.param(Recipe("libcaer", SQLITE), id="libcaer_driver, libcaer"),
         pytest.param(Recipe("libcaer_cmp", MCAP), id="libcaer_driver, libcaer_cmp"),
         pytest.param(Recipe("evt3", SQLITE), id="metavision_driver"),
@@ -66,11 +85,24 @@ def events_in(path: Path, **options: Any) -> int:
     ],
 )
 @pytest.mark.parametrize("metadata", [True, False])
-def test_every_bag_gives_all_events(metadata: bool, recipe: Recipe, tmp_path: Path) -> None:
+def test_every_bag_gives_all_events(
+    metadata: bool, recipe: Recipe, plain: EventArray, tmp_path: Path
+) -> None:
     bag = write_bag(tmp_path / "bag", recipe)
     if not metadata:
         (bag / "metadata.yaml").unlink()
-    assert events_in(bag) == len(scan())
+    assert_same(read(bag), plain)
+
+
+@pytest.mark.parametrize("storage", [MCAP, SQLITE])
+def test_metadata_without_a_storage_identifier(
+    storage: StoragePlugin, plain: EventArray, tmp_path: Path
+) -> None:
+    metadata = write_bag(tmp_path / "bag", Recipe(storage=storage)) / "metadata.yaml"
+    text, found = re.subn("storage_identifier: .*", "storage_identifier: ''", metadata.read_text())
+    assert found == 1
+    metadata.write_text(text)
+    assert_same(read(metadata.parent), plain)
 
 
 def test_old_bags_carry_their_definition_in_mcap_only(tmp_path: Path) -> None:
