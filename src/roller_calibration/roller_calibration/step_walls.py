@@ -6,7 +6,6 @@ import itertools
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import find_peaks
 
 from roller_core.transforms import F64
 
@@ -14,9 +13,8 @@ I64 = npt.NDArray[np.int64]
 
 #: Fewest walls of steps.
 LEAST_WALLS = 2
-#: Bins in which walls are found, m; the root of a wall's count stands out by this share of
-#: the fullest one's; no two are
-#: nearer than this, in bins, and lines within half of it are a wall's own.
+#: Bins in which walls are found, m; the root of a wall's count stands out by this share of the
+#: fullest one's; no two are nearer than this, in bins, and lines within half of it are its own.
 _BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.3, 6
 #: Peaks nearer than this share of a long gap between them are of one wall, if both rise or both
 #: fall, and which quantile of the gaps is a long one.
@@ -115,6 +113,8 @@ def find_walls(x: F64, y: F64, slope: F64, sigma_m: F64, step_m: float) -> tuple
     """
     sure_m = max(_SURE_M, float(np.quantile(sigma_m, 0.25)))
     weight = np.minimum(1.0, (sure_m / sigma_m) ** 2)
+    from scipy.signal import find_peaks  # with scipy.stats, a second and a half to load
+
     y = y - np.median(y)
     sharpest = -1.0
     across: F64 = x

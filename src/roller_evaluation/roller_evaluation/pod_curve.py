@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq, minimize_scalar
-from scipy.special import expit, log_expit, logit
-from scipy.stats import chi2
+from scipy.special import expit, gammaincinv, log_expit, logit
 
 #: Probability of detection of the size that is reported, and the one-sided confidence in it.
 POD, CONFIDENCE = 0.9, 0.95
@@ -82,8 +81,8 @@ def fit_pod(sizes: Sequence[float], hits: Sequence[bool]) -> PodCurve:
     near = places[max(k - 1, 0)], places[min(k + 1, len(places) - 1)]
     middle = float(minimize_scalar(lambda t: -best(t)[0], bounds=near, method="bounded").x)
     top, slope = best(middle)
-    # One-sided: the two-sided interval of twice the risk.
-    floor = top - chi2.ppf(1 - 2 * (1 - CONFIDENCE), 1) / 2
+    # One-sided: the two-sided interval of twice the risk. Half of chi²'s quantile, one degree.
+    floor = top - gammaincinv(0.5, 2 * CONFIDENCE - 1)
     beyond = [place for place, value in zip(places, profile, strict=True)
               if place > middle and value < floor]  # fmt: skip
     bound = None
@@ -99,4 +98,4 @@ def fit_pod(sizes: Sequence[float], hits: Sequence[bool]) -> PodCurve:
 
 def poisson_bound(count: int, exposure: float) -> float:
     """Upper bound of a rate of which so many were counted over an exposure."""
-    return float(chi2.ppf(CONFIDENCE, 2 * (count + 1))) / 2 / exposure if exposure > 0 else np.inf
+    return float(gammaincinv(count + 1, CONFIDENCE)) / exposure if exposure > 0 else np.inf
