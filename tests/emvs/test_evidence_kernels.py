@@ -207,7 +207,10 @@ def test_events_meet_the_cells_they_are_of() -> None:
     cells = surface_of_cells()
     rays, x, y = rays_on_cells(cells, 400, rng)
     sums = np.zeros((*cells.shape, 3), np.float32)
-    _meet_kernels._meet(rays, 10, 390, (0.0, 0.0), cells, np.float32(0), sums)
+    flat = np.append(cells, np.float32(np.nan))
+    _meet_kernels._meet(
+        rays, 10, 390, (0.0, 0.0), flat, np.float32(0), cells.shape[1], sums.reshape(-1)
+    )
     count, slope, square = np.moveaxis(sums, -1, 0)
     expected, summed, squared = (np.zeros_like(cells) for _ in range(3))
     np.add.at(expected, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), 1)

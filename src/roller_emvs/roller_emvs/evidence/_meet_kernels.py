@@ -16,45 +16,43 @@ _ROUNDS = 4
 _CHUNK = 512
 
 
-@njit(cache=True, nogil=True)
-def _meet(rays, first, last, corner, offset, start, sums):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _meet(rays, first, last, corner, offset, start, width, sums):  # type: ignore[no-untyped-def]
     """Count events, and add up their slopes along x and squares, where they meet the surface.
 
-    `offset` is the surface on cells, NaN where unknown; a ray that meets none counts nowhere. Its
-    first pixel is at `corner`, column and row, of what the rays are in.
-    `sums`, shape (rows, columns, 3), holds what is added to together.
+    As `_ground`, but that `offset` is the surface on cells, `width` to a row. `sums`, shape
+    (cells, 3), flat, holds what is added to together.
     """
-    height, width = offset.shape
-    right = np.float32(width)
-    below = np.float32(height)
-    per_px = np.float32(1.0 / CELL_PX)
+    nowhere = np.int32(len(offset) - 1)
+    many, zero, per_px = np.int32(width), np.float32(0), np.float32(1.0 / CELL_PX)
     left, top = np.float32(0.5 - corner[0]), np.float32(0.5 - corner[1])
-    for i in range(first, last):
-        x = rays[i, 0] + left
-        y = rays[i, 1] + top
-        slope = rays[i, 2]
-        z = start
-        row = np.uint32(0)
-        column = np.uint32(0)
-        met = False
+    right, below = np.float32(width), np.float32(nowhere // width)
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
+    x, y, along, across, z = np.empty((5, _CHUNK), np.float32)
+    place = np.empty(_CHUNK, np.int32)
+    for begin in range(first, last, _CHUNK):
+        own, size = np.uint64(begin), np.uint64(min(_CHUNK, last - begin))
+        for i in range(size):
+            x[i] = rays[own + i, 0] + left
+            y[i] = rays[own + i, 1] + top
+            along[i] = rays[own + i, 2]
+            across[i] = rays[own + i, 3]
+            z[i] = start
         for _ in range(_ROUNDS):
-            a = (x + slope * z) * per_px
-            b = (y + rays[i, 3] * z) * per_px
-            met = (a >= 0) & (a < right) & (b >= 0) & (b < below)
-            if not met:
-                break
-            # Unsigned, as what may be negative is checked to count from the end.
-            row = np.uint32(b)
-            column = np.uint32(a)
-            here = offset[row, column]
-            met = not np.isnan(here)
-            if not met or z == here:
-                break
-            z = here
-        if met:
-            sums[row, column, 0] += np.float32(1)
-            sums[row, column, 1] += slope
-            sums[row, column, 2] += slope * slope
+            for i in range(size):
+                a = (x[i] + along[i] * z[i]) * per_px
+                b = (y[i] + across[i] * z[i]) * per_px
+                inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
+                at = np.int32(np.int32(b) * many + np.int32(a))
+                place[i] = at if inside else nowhere
+            for i in range(size):
+                z[i] = offset[np.uint32(place[i])]
+        for i in range(size):
+            if z[i] == z[i]:
+                to, slope = three * np.uint64(place[i]), along[i]
+                sums[to] += np.float32(1)
+                sums[to + one] += slope
+                sums[to + two] += slope * slope
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

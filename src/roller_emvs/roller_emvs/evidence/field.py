@@ -144,7 +144,8 @@ class RayField(EvidenceField):
         sums, start = np.zeros((*self.cells, 3), np.float32), sample_median(offset)
         if start is not None:
             first, last = int(self.bounds[polarity]), int(self.bounds[polarity + 1])
-            meet._meet(self.rays, first, last, self.corner, offset, start, sums)
+            flat, width = np.append(offset, np.float32(np.nan)), offset.shape[1]
+            meet._meet(self.rays, first, last, self.corner, flat, start, width, sums.reshape(-1))
         return sums
 
     def support(self, offset: F32, polarity: int) -> F32:
