@@ -41,7 +41,8 @@ def lines_of(rng: np.random.Generator, slope: np.ndarray) -> LinePoints:
     none = np.zeros(n)
     polarity = rng.integers(0, 2, n)
     lean = LEAN * rng.choice([-1.0, 1.0], n)
-    return LinePoints(none, none, none, polarity, slope, lean, none, none, np.full(n, 1e-5))
+    sigma, width = np.full(n, 1e-5), rng.uniform(1e-5, 3e-5, n)
+    return LinePoints(none, none, none, polarity, slope, lean, none, none, sigma, width)
 
 
 def made_up_sphere(rng: np.random.Generator, drift: float = 1.0) -> PassLines:
@@ -166,6 +167,30 @@ def test_drift_that_turns_slopes_over_is_told_by_the_side_that_walls_face(
     side = np.array([-1.0, 1.0])
     height, _ = edge_drift(found.settings, 0, -0.8 * side, np.zeros(2), side)
     assert np.abs(height - 3.0 * drift_m(np.zeros(2), 0.8 * side)).max() < 6e-5
+
+
+def test_one_gauge_of_steps_tells_what_lifts_its_walls_alike_and_by_their_side(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A sphere beside it, whose own level is free, asks for no more of it."""
+    rng = np.random.default_rng(4)
+    sphere, steps = made_up_sphere(rng, 0.0), made_up_steps(rng, drift=1.5, base_m=0.0)
+    alike = np.where(steps.lines.polarity == 0, 8e-5, 0.0)
+    lifted = [replace(steps, place=steps.place + alike[:, None] * [0, 0, 1])]
+    monkeypatch.setattr(
+        calibration, "pass_lines", lambda scan, _: [[sphere] if scan.name == "ball" else lifted]
+    )
+    ball = replace(SCAN, name="ball")
+    found, _ = calibration.all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
+    height, _ = edge_drift(fit_drift(found).settings, 0, np.array([-0.8, 0.8]), *np.zeros((2, 2)))
+    assert height.mean() > 4e-5
+
+
+def test_how_wide_the_bands_of_events_were_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = fit_drift(gauges(monkeypatch))
+    for median, widest in np.array(found.settings.widths_m).reshape(4, 2):
+        assert median == pytest.approx(2e-5, rel=0.1)
+        assert widest == pytest.approx(3e-5, rel=0.05)
 
 
 def test_a_polarity_that_shows_alone_comes_first() -> None:

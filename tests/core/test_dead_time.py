@@ -54,6 +54,7 @@ def test_what_comes_as_a_pixel_wakes_up_goes_however_the_stream_is_cut() -> None
     assert abs(len(kept) - shows.sum()) < 150
     assert np.isin(kept.t_ns, events.t_ns[shows]).mean() > 0.99
     assert whole.left_out == len(events) - len(kept)
+    assert whole.blind_m == pytest.approx(5e-4)
     parts = DeadTime(WIDTH, HEIGHT)
     parts.measure(events)
     cuts = [parts.without_followers(events[k : k + 999], 0.5) for k in range(0, len(events), 999)]
@@ -64,8 +65,11 @@ def test_all_stay_where_the_sensor_hardly_moves_meanwhile() -> None:
     events, _ = passing(MS)
     dead = DeadTime(WIDTH, HEIGHT)
     dead.measure(events)
+    dead.without_followers(events, 0.5)
+    before = dead.left_out
     assert dead.without_followers(events, 0.2) is events
-    assert not dead.left_out
+    assert dead.left_out == before > 0
+    assert dead.blind_m == 0.0
 
 
 def test_windows_that_overlap_lose_the_same() -> None:
@@ -90,6 +94,8 @@ def test_a_texture_keeps_most_rows_busy_and_an_object_does_not() -> None:
     dead = DeadTime(WIDTH, HEIGHT)
     # Too little travel says nothing.
     assert not dead.textured(texture, 0.5e-3)
+    dead.blind_m = 5e-4
     assert dead.textured(texture, 0.6e-3)
+    assert dead.blind_m == 0.0
     assert dead.textured(seen(rows < HEIGHT * 4 // 5), 1e-3)
     assert not dead.textured(seen(rows < HEIGHT * 7 // 10), 1e-3)

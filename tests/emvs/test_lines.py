@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from roller_core.errors import SettingsError
+from roller_emvs.evidence import Relief
 from roller_emvs.evidence.field import ground
 from roller_emvs.lines import _kernels as kernels
 from roller_emvs.lines import _place_kernels as places
@@ -12,10 +14,12 @@ from roller_emvs.lines.edge_drift import (
     SLOPE_BINS,
     EdgeDriftSettings,
     TravellingLight,
+    drift_of_wider,
     drift_terms,
     edge_drift,
 )
 from roller_emvs.lines.fit import ROW_STEP, Lines, fit_lines
+from roller_emvs.lines.refine import LinePoints, _less_sure
 
 PIXEL_M = 4.2e-5
 SHAPE = (40, 60)
@@ -70,6 +74,21 @@ def test_a_line_knows_its_uncertainty_whether_its_band_is_narrow_or_wide(noise_p
         lines = found_lines(rays)
         ratio.extend((lines.offset - 5e-5) / np.sqrt(lines.variance[:, 2]))
     assert 0.7 < np.sqrt(np.mean(np.square(ratio))) < 1.4
+
+
+@pytest.mark.parametrize("noise_px", [0.4, 0.8])
+def test_a_line_says_how_wide_the_band_of_its_events_is(noise_px: float) -> None:
+    rays = events_of_line(np.random.default_rng(2), 30.0, 0.05, 5e-5, noise_px)
+    lines = found_lines(rays)
+    assert np.median(lines.band) == pytest.approx(noise_px, rel=0.25)
+
+
+def test_a_band_wider_than_the_window_is_said_to_be_half_of_it() -> None:
+    rays = events_of_line(np.random.default_rng(2), 30.0, 0.05, 5e-5, 2.0, 40_000)
+    lines = found_lines(rays)
+    assert len(lines)
+    assert lines.band.max() <= 1.45
+    assert np.median(lines.band) > 1.1
 
 
 def test_events_from_one_direction_give_no_line() -> None:
@@ -225,6 +244,33 @@ def test_an_edge_that_shows_no_side_is_uncertain_by_the_drift() -> None:
     added = np.hypot(2e-4 * (1 - side), 0.4 * height)
     np.testing.assert_allclose(sigma, np.hypot(table, added))
     assert np.ptp(plain) == 0
+
+
+def test_lines_wider_than_any_calibrated_may_drift_further() -> None:
+    """As far as they are wider, by polarity and rising or falling; others say nothing of it."""
+    widths = [2e-5, 3e-5, 1e-5, 5e-5, 0.0, 0.0, 2e-5, 3e-5]
+    settings = drift().changed({"widths_m": widths})
+    slope, width = np.array([0.5, 0.5, -0.5, -0.5]), np.array([2.9e-5, 6e-5, 4.9e-5, 6e-5])
+    most = np.full(4, 1e-4)
+    off = drift_of_wider(settings, 0, slope, width, most)
+    np.testing.assert_allclose(off, [0.0, 2e-4, 0.0, 5e-4])
+    on = drift_of_wider(settings, 1, slope, width, most)
+    np.testing.assert_allclose(on, [0.0, 0.0, 1.45e-4, 2e-4])
+    assert not drift_of_wider(drift(), 0, slope, width, most).any()
+    with pytest.raises(SettingsError, match="7 widths_m: expected 8"):
+        drift().changed({"widths_m": widths[1:]})
+
+
+def test_points_are_as_unsure_as_the_lines_around_them() -> None:
+    none, row = np.zeros(4), np.array([10.0, 12.0, 10.0, 12.0])
+    lines = LinePoints(row, np.array([15.0, 15.0, 45.0, 45.0]), *[none] * 8)
+    own = np.full(3, 3.0, np.float32)
+    surface = np.zeros(SHAPE, np.float32)
+    at = np.array([11, 11, 35]), np.array([18.4, 47.0, 5.0])
+    found = Relief(*at, np.zeros(3), own, own, (surface, surface), (surface, surface), surface)
+    less = _less_sure(found, lines, np.array([4.0, 4.0, 0.0, 0.0]))
+    np.testing.assert_allclose(less.sigma, [5.0, 3.0, 3.0], rtol=1e-3)
+    np.testing.assert_array_equal(less.offset, found.offset)
 
 
 def test_events_say_whether_light_travels() -> None:

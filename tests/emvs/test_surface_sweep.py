@@ -22,6 +22,7 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import rotation_vector_to_quaternion
 from roller_emvs.evidence.field import Box, Mask
+from roller_emvs.lines import refine
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.methods.surface.part_field import PartField, fits
 from roller_emvs.methods.surface.strip import Block, Strip
@@ -88,6 +89,25 @@ def test_what_pixels_tell_when_they_wake_up_is_no_edge(scan: EventArray) -> None
     # They lie 0.3 mm behind.
     assert np.mean(away < 1e-4) > 0.98
     assert engine.counts.dead_time_events > 0.4 * len(events)
+
+
+def test_points_are_less_sure_where_pixels_were_blind(
+    scan: EventArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a share of the travel meanwhile, 0.3 mm, on the least slope of a line."""
+    events, track = waking(scan, MS), track_of(rolling(0.3), DURATION_S)
+    less, _, engine = sweep(events, track)
+    dead_time = engine._cutter.dead_time
+    assert dead_time is not None
+    assert dead_time.blind_m == pytest.approx(3e-4, rel=0.05)
+    monkeypatch.setattr(refine, "_WAKES", 0.0)
+    plain = sweep(events, track)[0]
+    np.testing.assert_array_equal(points_of(less), points_of(plain))
+    after, before = (np.concatenate([p.sigma for p in own]) for own in (less, plain))
+    added = np.sqrt(after**2 - before**2)
+    # Where no lines are near, sigma is of the neighbourhoods' own and larger.
+    assert (added > 0).sum() > 500
+    np.testing.assert_allclose(added[added > 0], 0.15 * 3e-4 * 0.6, rtol=0.05)
 
 
 def test_a_pass_that_ends_where_events_were_left_out_is_counted(scan: EventArray) -> None:

@@ -42,6 +42,8 @@ _CLEAR = 0.42
 #: for a polarity that spheres don't show: OFF gains 20 in the light `strong`, ON 1 in the ring.
 #: A gauge of steps, where contrast changes alike on all walls: there it is to be expected.
 _GAINS, _GAINS_ALIKE = 5.0, 2.0
+#: Share of the lines of the gauges that are no wider than what counts as the widest.
+_WIDEST = 0.98
 #: Fewest lines of a bin of slopes whose residual is its own, and least residual, m.
 _LEAST_IN_BIN, _LEAST_RESIDUAL_M = 15, 5e-6
 
@@ -74,6 +76,7 @@ class _Lines:
     side: F64
     polarity: F64
     sigma_m: F64
+    width_m: F64
     error_m: F64
     #: Whether they lie on slopes of their gauge, and whether that is a sphere.
     on_slope: Bools
@@ -81,9 +84,9 @@ class _Lines:
 
     @classmethod
     def of(cls, gauges: list[Gauge]) -> _Lines:
-        slope, change, side, polarity, sigma_m = (
+        slope, change, side, polarity, sigma_m, width_m = (
             np.concatenate([getattr(gauge.lines, name) for gauge in gauges])
-            for name in ("slope", "change", "side", "polarity", "sigma_m")
+            for name in ("slope", "change", "side", "polarity", "sigma_m", "width_m")
         )
         error_m, rise = (
             np.concatenate([getattr(gauge, name) for gauge in gauges])
@@ -91,7 +94,7 @@ class _Lines:
         )
         of_sphere = np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
         on_slope = np.abs(rise) > WALL_SLOPE
-        return cls(slope, change, side, polarity, sigma_m, error_m, on_slope, of_sphere)
+        return cls(slope, change, side, polarity, sigma_m, width_m, error_m, on_slope, of_sphere)
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             "side_m": [round(float(v), 7) + 0.0 for v in found[:, _SIDE]],
             "residual_m": [float(f"{v:.3g}") for v in table.ravel()],
             "max_slope": round(most, 3),
+            "widths_m": [float(f"{v:.3g}") for v in _widths(lines)],
         }
     )
     of_gauges = np.where(system.own_level, 0.0, system.design)[:, 2 * TERMS :] @ beta[2 * TERMS :]
@@ -233,8 +237,9 @@ def _useful(
         if helps_little and system.cost(none) - system.cost(spreads) < least:
             useful[k] = none[k]
     for k in range(2):
+        # Of what lifts all edges alike spheres, whose own level is free, say nothing.
         less = [*useful[:k], _without(useful[k], _EVEN), *useful[k + 1 :]]
-        if system.cost(less) - system.cost(useful) < least:
+        if system.cost(less) - system.cost(useful) < min(least, _GAINS_ALIKE * max(steps, 1)):
             useful = less
     return useful
 
@@ -296,6 +301,18 @@ def _residuals(rest: F64, sigma: F64, unsure: F64, slope: F64, polarity: F64, mo
                     drift = max(spread - np.median(sigma[here]) ** 2, _LEAST_RESIDUAL_M**2)
                     table[p, falling, b] = np.sqrt(drift + np.median(unsure[here]) ** 2)
     return table
+
+
+def _widths(lines: _Lines) -> list[float]:
+    """Median and widest band of events by polarity, rising and falling; 0 where unknown."""
+    found, seen = [], lines.on_slope & (lines.width_m > 0)
+    for polarity in (0, 1):
+        for falling in (False, True):
+            own = (lines.polarity == polarity) & ((lines.slope < 0) == falling)
+            width = lines.width_m[own & seen]
+            enough = len(width) >= _LEAST_IN_BIN
+            found += [*np.quantile(width, (0.5, _WIDEST))] if enough else [0.0, 0.0]
+    return [float(v) for v in found]
 
 
 def _filled(row: F64) -> F64:

@@ -49,6 +49,8 @@ class DeadTime:
         The dead time as far as it was seen; 0 while it isn't known or too short to matter.
     left_out : int
         Events left out.
+    blind_m : float
+        Travel of the sensor during the dead time, as of the last events; 0 where all stay.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -61,6 +63,7 @@ class DeadTime:
         self._textured = False
         self.ns = 0
         self.left_out = 0
+        self.blind_m = 0.0
 
     def measure(self, events: EventArray) -> bool:
         """Take events in order of time; whether there is a dead time that may matter.
@@ -95,6 +98,8 @@ class DeadTime:
             busy = self._rows >= _BUSY_PER_M * self._travel_m
             self._textured = bool(busy.mean() >= _TEXTURED)
             self._rows[:], self._travel_m = 0, 0.0
+        if self._textured:
+            self.blind_m = 0.0
         return self._textured
 
     def without_followers(self, events: EventArray, speed_m_s: float) -> EventArray:
@@ -109,6 +114,7 @@ class DeadTime:
         """
         keep = np.empty(len(events), np.bool_)
         slow = not self.ns or speed_m_s * self.ns * 1e-9 < _LEAST_M
+        self.blind_m = 0.0 if slow else speed_m_s * self.ns * 1e-9
         within = 0 if slow else self.ns + round(_FLANK_M / speed_m_s * 1e9)
         _follow(events.x, events.y, events.t_ns, within, self._last, keep)
         if slow:

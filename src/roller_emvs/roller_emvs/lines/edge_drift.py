@@ -56,6 +56,11 @@ class EdgeDriftSettings(Settings):
         "falling, ON rising, ON falling, m; a single 0: not calibrated.",
     )
     max_slope: float = Field(0.0, ge=0.0, le=10.0, description="Steepest slope calibrated.")
+    widths_m: tuple[float, ...] = Field(
+        (0.0,) * 8,
+        description="Width of the band in which a line's events lie, of OFF rising, OFF falling, "
+        "ON rising, ON falling: median and widest calibrated of each, m; a 0: not known.",
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> EdgeDriftSettings:
@@ -65,6 +70,8 @@ class EdgeDriftSettings(Settings):
                 f"{sizes[0]} coefficients_m and {sizes[1]} residual_m: expected "
                 f"4 and {4 * SLOPE_BINS}, or a single 0 in both"
             )
+        if len(self.widths_m) != 8:
+            raise ValueError(f"{len(self.widths_m)} widths_m: expected 8")
         if self.calibrated and not self.max_slope > 0:
             raise ValueError("max_slope must be above 0 where the drift is calibrated")
         return self
@@ -123,6 +130,21 @@ def edge_drift(
     sigma = np.hypot(np.where(slope >= 0, rising, falling), np.hypot(unseen, _DOUBT * height))
     over = np.maximum(np.abs(slope) - settings.max_slope, 0.0)
     return height, np.hypot(sigma, _BEYOND * over * np.maximum(np.abs(height), sigma))
+
+
+def drift_of_wider(
+    settings: EdgeDriftSettings, polarity: int, slope: F64, width_m: F64, drift_m: F64
+) -> F64:
+    """Uncertainty of the drift of lines wider than any calibrated, metres; 0 for others.
+
+    What light changes and what pixels' thresholds differ by both take an edge the further, the less
+    its flank bends: drift goes with the width of the band in which the events lie.
+    """
+    known = np.asarray(settings.widths_m).reshape(2, 2, 2)[polarity, (slope < 0).astype(int)]
+    median, widest = known[..., 0], known[..., 1]
+    beyond = (widest > 0) & (width_m > widest)
+    times = width_m / np.where(beyond, median, 1.0) - 1.0
+    return np.where(beyond, times * drift_m, 0.0)
 
 
 def share_of_travel(change: float) -> float:

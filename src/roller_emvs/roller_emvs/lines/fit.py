@@ -64,6 +64,8 @@ class Lines:
     lean: F64
     #: Variance of the slopes.
     spread: F64
+    #: Width of the band in which its events lie, one deviation, px; at most half the window's.
+    band: F64
 
     def __len__(self) -> int:
         return len(self.row)
@@ -73,7 +75,7 @@ class Lines:
 
 
 _NONE = np.empty(0)
-NO_LINES = Lines(np.empty(0, np.int64), _NONE, _NONE, _NONE, np.empty((0, 3)), _NONE, _NONE, _NONE)
+NO_LINES = Lines(np.empty(0, np.int64), _NONE, _NONE, _NONE, np.empty((0, 3)), *[_NONE] * 4)
 
 
 def fit_lines(
@@ -131,8 +133,10 @@ def fit_lines(
             & (steps <= _MOST_M)
         )
     variance = (robust / INDEPENDENT)[:, None] * np.stack([v_x, -v_xd, v_d], axis=1)
+    # What lies beyond the window isn't seen, nor how wide such a band is.
+    band = np.minimum(np.sqrt(robust), _WINDOW_PX[0] / 2)
     # A ray's offset counts from the plane that it was placed on: away from there x falls short.
-    lines = Lines(row, column + p, tilt, at - d, variance, events, lean, spread)[keep]
+    lines = Lines(row, column + p, tilt, at - d, variance, events, lean, spread, band)[keep]
     return _agreeing(lines, _VOTE_M * abs(offset_per_m))
 
 

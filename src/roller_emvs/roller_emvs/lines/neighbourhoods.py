@@ -55,6 +55,7 @@ def depth_points(
                 found.change[i, j].astype(np.float64),
                 side[i, j].astype(np.float64),
                 sigma.astype(np.float64) / abs(field.offset_per_m),
+                np.zeros(len(i)),
             )
         )
     return LinePoints(

@@ -14,7 +14,7 @@ from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _place_kernels as kernels
-from .edge_drift import EdgeDriftSettings, TravellingLight, edge_drift
+from .edge_drift import EdgeDriftSettings, TravellingLight, drift_of_wider, edge_drift
 from .fit import I64, INDEPENDENT, NO_LINES, ROW_STEP, Lines, fit_lines
 
 #: A point within this of a line, along the parallax, is of the same feature, px.
@@ -32,6 +32,9 @@ _DOUBT = 1 / 3
 _FLOOR_M = 1.2e-5
 #: Neighbourhood over which points err alike, px, and what that changes over it, m.
 _SHARED_PX, _CHANGES_M = 4.0, 3e-5
+#: The level from which a pixel tells an edge is that where it woke up after the one before, and
+#: hangs on that: the place is unsure by so much of the travel meanwhile.
+_WAKES = 0.15
 #: Drift of lines, where light travels and nothing is calibrated, and what of it a neighbourhood of
 #: both polarities errs by, m. Tuned on the virtual cell.
 _UNKNOWN_DRIFT_M, _POINT_DRIFT_M = 1.3e-4, 8e-5
@@ -59,6 +62,8 @@ class LinePoints:
     side: F64
     #: Uncertainty of the height but for drift, metres.
     sigma_m: F64
+    #: Width of the band in which its events lie, one deviation, metres; 0: unknown.
+    width_m: F64
 
 
 def refine(
@@ -68,6 +73,7 @@ def refine(
     columns: tuple[int, int],
     settings: EdgeDriftSettings,
     light: TravellingLight,
+    blind_m: float,
     threads: int,
 ) -> tuple[Relief, LinePoints]:
     """Fit lines to the events, and put them in the place of the points that they are surer than.
@@ -86,6 +92,8 @@ def refine(
         The instrument's drift of edges; without one, lines are as uncertain as it may be large.
     light : TravellingLight
         What the pass says of its light; takes these lines too.
+    blind_m : float
+        Travel of the sensor while pixels are blind after an event, m; 0 where that doesn't matter.
     threads : int
         Threads that share the work.
 
@@ -107,13 +115,18 @@ def refine(
     parts = [_judge(lines, k, found, field) for k, lines in enumerate(both)]
     for _, lines in parts:
         light.add(*_crossing(lines, field), lines.events * INDEPENDENT)
-    offsets, sigmas, tilts = [], [], []
+    offsets, sigmas, tilts, unsure = [], [], [], []
     for k, (points, lines) in enumerate(parts):
         if settings.calibrated:
             height, drift = edge_drift(settings, k, points.slope, points.change, points.side)
+            most = np.abs(height) + drift
+            wide = drift_of_wider(settings, k, points.slope, points.width_m, most)
         else:
             height = np.zeros(len(lines))
             drift = np.full(len(lines), light.share * _UNKNOWN_DRIFT_M)
+            wide = np.zeros(len(lines))
+        steep = np.maximum(np.abs(points.slope), _LEAST_SLOPE)
+        unsure.append(np.hypot(wide, _WAKES * blind_m * steep))
         offsets.append(points.offset + height * field.offset_per_m)
         sigmas.append(np.hypot(points.sigma_m, drift) * abs(field.offset_per_m))
         tilts.append(lines.tilt)
@@ -133,7 +146,8 @@ def refine(
     # Where light travels, the points around know of both polarities what a line knows of one.
     alone = sigma / max(1.0 - light.share, 1e-9)
     merged = _merge(found, every, offset, alone, tilt)
-    return merged, every
+    shared = np.concatenate(unsure) * abs(field.offset_per_m)
+    return _less_sure(merged, every, shared) if shared.any() else merged, every
 
 
 def _judge(
@@ -158,7 +172,10 @@ def _judge(
     cell = lines.row // CELL_PX, column // CELL_PX
     change, side = (v[cell].astype(np.float64) for v in (found.changes[polarity], found.side))
     row = lines.row.astype(np.float64)
-    points = LinePoints(row, lines.x, lines.offset, kind, slope, lean / spread, change, side, sigma)
+    width = lines.band * abs(field.ray_slope_scale / per_m)
+    points = LinePoints(
+        row, lines.x, lines.offset, kind, slope, lean / spread, change, side, sigma, width
+    )
     return points, lines
 
 
@@ -167,6 +184,18 @@ def _crossing(lines: Lines, field: EvidenceField) -> tuple[F64, F64]:
     scale = field.ray_slope_scale
     cell = np.clip((lines.x / CELL_PX).astype(np.int64), 0, len(field.middles) - 1)
     return (lines.lean - field.middles[cell]) * scale, lines.spread * scale**2
+
+
+def _less_sure(found: Relief, lines: LinePoints, sigma: F64) -> Relief:
+    """Points as unsure as the lines around are for what both can't know."""
+    sums = np.zeros((2, *found.surfaces[0].shape), np.float32)
+    row, column = lines.row.astype(np.int64), np.rint(lines.column).astype(np.int64)
+    for each, own in zip(sums, (np.ones(len(row)), sigma**2), strict=True):
+        np.add.at(each, (row, column.clip(0, sums.shape[2] - 1)), own)
+        cv2.GaussianBlur(each, (0, 0), _SHARED_PX, dst=each)
+    at = found.row, np.rint(found.column).astype(np.int64).clip(0, sums.shape[2] - 1)
+    square = sums[1][at] / np.maximum(sums[0][at], np.float32(1e-9))
+    return replace(found, sigma=np.sqrt(found.sigma**2 + square))
 
 
 def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: float) -> Relief:

@@ -197,7 +197,9 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         s, pixel = self.settings, strip.pixel_m
         columns = round(MARGIN_M / pixel), round((MARGIN_M + s.block_m) / pixel)
         light = self._light_of(strip)
-        found, lines = refine(field, found, rays, columns, s.edge_drift, light, s.threads)
+        late = self._cutter.dead_time
+        blind_m = late.blind_m if late else 0.0
+        found, lines = refine(field, found, rays, columns, s.edge_drift, light, blind_m, s.threads)
         for take, own in (
             (self.on_lines, lambda: lines),
             (self.on_depths, lambda: depth_points(field, depths, columns)),
