@@ -95,7 +95,7 @@ def test_from_unpacked_devices_to_a_certificate(
     assert (found["camera"], found["robot"]) == ("OK", "OK")
 
     true = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
-    views = target_poses(8, 35.0)
+    views = target_poses(12, 35.0)
     pitch = ("--pitch-mm", 4)
     calibrate("intrinsics", write_grid_bag(tmp_path / "views", true, views), *pitch,
               "--output", camera_file)  # fmt: skip
