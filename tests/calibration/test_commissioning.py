@@ -71,6 +71,7 @@ def recorded_with(camera: Camera, bag: Path, path: Path) -> Path:
     return path
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.usefixtures("devices")
 def test_from_unpacked_devices_to_a_certificate(
     scans: Scans, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -186,6 +186,10 @@ def take_scan(
             30,
             "the surface",
         )  # fmt: skip
+        watcher.spin_until(
+            lambda: seen[EVENTS][-1].seq + 1 == watcher.value(CAMERA, "packets_sent"),
+            30, "the packets that the graph has long had",
+        )  # fmt: skip
     for status in (CAMERA, ROBOT, DEPTH, STITCHED):
         for name in (
             "lost_packets", "dropped_events", "decode_errors", "packets_dropped", "late_events",

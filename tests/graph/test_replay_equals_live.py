@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from event_camera_msgs.msg import EventPacket
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
@@ -54,7 +55,11 @@ def test_replay_equals_live(
     watcher.spin_until(lambda: all(watcher.statuses[n] for n in ready), 60, "start of the nodes")
     times: list[Clock] = []
     watcher.node.create_subscription(Clock, "/clock", times.append, qos.REPEATED)
-    processes.start("player", f"{{bag: {bag}, listeners: 'emvs, stitcher, recorder', clock: true}}")
+    listeners = "subscribers: 4, listeners: 'emvs, stitcher, recorder'"
+    processes.start("player", f"{{bag: {bag}, {listeners}, clock: true}}")
+    watcher.spin_until(lambda: watcher.node.count_publishers("/clock") > 0, 60, "/clock")
+    # The fourth: what the player learns of last, so it knows who listens to /clock.
+    watcher.node.create_subscription(EventPacket, TOPICS[4], lambda _: None, qos.EVENTS)
     seen = watcher.seen
     watcher.spin_until(
         lambda: len(seen["/roller/depth/image"]) >= len(expected), 60, "all depth maps"
