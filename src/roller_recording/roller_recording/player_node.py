@@ -66,7 +66,7 @@ class PlayerNode(PlayingNode):
         self._time = self.create_publisher(Clock, "/clock", qos.REPEATED) if self._p.clock else None
         self._time_ns: int | None = None
         self._diagnostics = diagnostics.Diagnostics(self, "playback", self._status, 0.5)
-        self._start()
+        self._start(self._run)
 
     def _run(self) -> None:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 from pydantic import Field
@@ -117,7 +118,7 @@ def _listens(node: Graph, name: str) -> bool:
 
 
 class PlayingNode(RollerNode):
-    """A node that plays a scan from a thread of its own: `_run`, which the node starts."""
+    """A node that plays a scan from a thread of its own."""
 
     _p: PlaySettings
 
@@ -127,9 +128,9 @@ class PlayingNode(RollerNode):
         self._stop, self._done = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
 
-    def _start(self) -> None:
-        """Begin; the process ends with `_code` once `_done` is set."""
-        self._thread = threading.Thread(target=self._run, daemon=True)
+    def _start(self, run: Callable[[], None]) -> None:
+        """Begin to play; the process ends with `_code` once `_done` is set."""
+        self._thread = threading.Thread(target=run, daemon=True)
         self._thread.start()
         self._timer = self.create_timer(0.2, self._end)
 
@@ -139,9 +140,6 @@ class PlayingNode(RollerNode):
         if self._thread is not None:  # else the node gave up before it had one
             self._thread.join(timeout=5.0)
         super().destroy_node()
-
-    def _run(self) -> None:
-        raise NotImplementedError
 
     def _wait_for_listeners(self, events: Publisher) -> None:
         if missing := wait_for_listeners(self, events, self._p, self._stop):

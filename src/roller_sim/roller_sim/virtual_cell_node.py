@@ -62,7 +62,7 @@ class VirtualCellNode(PlayingNode):
         self._meter = diagnostics.Meter()
         self._diagnostics = diagnostics.Diagnostics(self, "scan", self._status, 0.5, p.sensor_frame)
         self._publish_fixed()
-        self._start()
+        self._start(self._run)
 
     def _publish_fixed(self) -> None:
         now = self.get_clock().now().nanoseconds
