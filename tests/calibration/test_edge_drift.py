@@ -186,6 +186,19 @@ def test_one_gauge_of_steps_tells_what_lifts_its_walls_alike_and_by_their_side(
     assert height.mean() > 4e-5
 
 
+def test_a_few_strays_say_nothing_of_the_slopes_that_they_seem_to_have(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Lines of a wall that show hardly a slope, and lie a step off: no sigma of flat ground."""
+    *spheres, steps = gauges(monkeypatch)
+    stray = np.flatnonzero((steps.lines.polarity == 0) & (steps.lines.slope > 0))[:20]
+    slope, error_m = steps.lines.slope.copy(), steps.error_m.copy()
+    slope[stray], error_m[stray] = 0.1, error_m[stray] - STEP_M
+    with_strays = replace(steps, lines=replace(steps.lines, slope=slope), error_m=error_m)
+    found = fit_drift([*spheres, steps, with_strays]).settings
+    assert max(found.residual_m[:2]) < 50e-6
+
+
 def test_how_wide_the_bands_of_events_were_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     found = fit_drift(gauges(monkeypatch))
     for median, widest in np.array(found.settings.widths_m).reshape(4, 2):

@@ -44,8 +44,9 @@ _CLEAR = 0.42
 _GAINS, _GAINS_ALIKE = 5.0, 2.0
 #: Share of the lines of the gauges that are no wider than what counts as the widest.
 _WIDEST = 0.98
-#: Fewest lines of a bin of slopes whose residual is its own, and least residual, m.
-_LEAST_IN_BIN, _LEAST_RESIDUAL_M = 15, 5e-6
+#: Fewest lines of a bin of slopes whose residual is its own, also as a share of all of a polarity
+#: and direction: on walls that all have one slope fewer are strays. Least residual, m.
+_LEAST_IN_BIN, _LEAST_SHARE, _LEAST_RESIDUAL_M = 15, 0.03, 5e-6
 
 
 @dataclass(frozen=True)
@@ -293,9 +294,10 @@ def _residuals(rest: F64, sigma: F64, unsure: F64, slope: F64, polarity: F64, mo
     for p in range(2):
         for falling in range(2):
             kind = (polarity == p) & ((slope < 0) == bool(falling))
+            least = max(_LEAST_IN_BIN, _LEAST_SHARE * kind.sum())
             for b in range(SLOPE_BINS):
                 here = kind & (bins == b)
-                if here.sum() >= _LEAST_IN_BIN:
+                if here.sum() >= least:
                     # 68 % lie within one deviation, whatever the tails.
                     spread = np.quantile(np.abs(rest[here]), 0.683) ** 2
                     drift = max(spread - np.median(sigma[here]) ** 2, _LEAST_RESIDUAL_M**2)
