@@ -16,7 +16,6 @@ from roller_core.outputs import Cloud, Output, Result, ScanFault
 from roller_core.parameter_files import read_parameters
 from roller_core.stage import ERROR, OK, Stage
 
-from .contact_marks import ContactMarks
 from .findings import CellUncertainty
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
@@ -26,6 +25,7 @@ from .part_points import PartPoints
 from .pieces import Piece
 from .recipe import Recipe, load_recipe, load_reference
 from .recipe.decision import Verdict
+from .scan_faults import ScanFaults
 from .surface_inspector import SurfaceInspector
 
 DEVIATION_FIELDS = ("x", "y", "z", "deviation", "sigma", "state")
@@ -128,7 +128,7 @@ class InspectStage(Stage[InspectParameters]):
     def take_output(self, output: Output) -> None:
         """Take points of the surface, or what is wrong with the scan."""
         if isinstance(output.data, ScanFault):
-            self._marks.take_fault(output.t_ns, output.data.text)
+            self._faults.take_fault(output.t_ns, output.data.text)
             return
         cloud: Cloud = output.data
         if output.t_ns < self._last_ns - _RESTART_S * 1e9:
@@ -141,19 +141,19 @@ class InspectStage(Stage[InspectParameters]):
             known = {"findings.cell": self.settings.uncertainty}
             self._inspector = SurfaceInspector(self.recipe.settings.changed(known), self._reference)
         self._points += len(patch)
-        self._marks.passed(output.t_ns)
+        self._faults.passed(output.t_ns)
         self._give(self._inspector.add(patch))
 
     def take_force(self, t_ns: int, force_n: float) -> None:
         """Take the robot's force of a moment, N."""
-        self._marks.take_force(t_ns, force_n)
+        self._faults.take_force(t_ns, force_n)
 
     def health(self) -> tuple[int, str]:
         """See `Stage`."""
         if self._inspector is None:
             return OK, self._verdict or "waiting for points"
-        if self._marks.now:
-            return ERROR, self._marks.now
+        if self._faults.now:
+            return ERROR, self._faults.now
         return OK, f"{self._name}: inspecting"
 
     def rated(self) -> Mapping[str, float]:
@@ -177,7 +177,7 @@ class InspectStage(Stage[InspectParameters]):
     def _begin(self) -> None:
         self._inspector = None
         self._part_points.begin()
-        self._marks = ContactMarks(self.recipe.force_n)
+        self._faults = ScanFaults(self.recipe.force_n)
         self._revision, self._seen = 0, -1
         self._cells = np.zeros(4, np.int64)
         self._judgement: Judgement | None = None
@@ -212,7 +212,7 @@ class InspectStage(Stage[InspectParameters]):
         judgement = judge(
             self.recipe, found.findings, coverage, found.faults,
             measure_all(self.recipe, found.height_map, self.settings.uncertainty),
-            self._marks.lines(),
+            self._faults.lines(),
         )  # fmt: skip
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._deviations(found.last) + self._list(judgement, finished=True)

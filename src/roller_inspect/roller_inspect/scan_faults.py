@@ -11,7 +11,7 @@ _LEAST_S, _APART_S = 0.02, 0.1
 _MOST_WAITING = 100_000
 
 
-class ContactMarks:
+class ScanFaults:
     """Gathers faults of a scan and forces out of range between the points of a part.
 
     What comes before the first point and after the last is of the way to the part and back.
