@@ -114,6 +114,30 @@ def test_verdicts(recipe: dict[str, Any], verdict: str, reason: str) -> None:
     assert reason in known.reason
 
 
+def test_what_reaches_into_a_region_is_held_against_its_tolerance() -> None:
+    def groove(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        inside = (np.abs(x - 0.008) < 5e-3) & (np.abs(y) < 5e-4)
+        return np.where(inside, -2e-4 * (1 - (y / 5e-4) ** 2) ** 2, 0.0)
+
+    # Its middle lies in the coarse half, its end in the fine one.
+    regions = {
+        "coarse": {"box_m": [0, -0.01, 0.01, 0.01]},
+        "fine": {"box_m": [0.01, -0.01, 0.02, 0.01]},
+    }
+    tolerances = [{"region": "fine", "depth_m": 2e-5}, {"depth_m": 2e-3}]
+    patches = scan(groove, **SMALL)
+    for recipe, verdict in (
+        ({"inspect": ["coarse"]}, "conform"),
+        ({}, "nonconform"),
+        ({"inspect": ["fine"]}, "nonconform"),
+        ({"exclude": ["coarse"]}, "nonconform"),
+        ({"exclude": ["coarse", "fine"]}, "unmeasured"),
+    ):
+        given = {"least_coverage": 0.1, "regions": regions, "tolerances": tolerances, **recipe}
+        known = finished(inspect(patches, **given)[1]).judgement
+        assert known.verdict == verdict, (recipe, known.reason)
+
+
 def test_a_golden_part_and_what_differs_from_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

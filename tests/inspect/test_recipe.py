@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from roller_inspect.covered_area import coverage_of_area
 from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, UNMEASURED, HeightMap
 from roller_inspect.height_map.coverage import Coverage, coverage_of
-from roller_inspect.judgement import coverage_of_area, judge, with_faults
+from roller_inspect.judgement import judge, with_faults
+from roller_inspect.pieces import Found
 from roller_inspect.recipe import Recipe, RecipeError, Region, decide, load_recipe, part_verdict
 
 WRONG = {
@@ -30,6 +32,13 @@ WRONG = {
     "schema: v9": "'schema' is 'v9'",
     "measures: [{name: a, tool: tilt, of: b, datum: c}]": "'measures.0.datum' names 'c'",
     "measures: [{name: a, tool: width, of: b}]": "width is of a line",
+    "{regions: {a: {circle_m: [0, 0, 0.01]}}, "
+    "measures: [{name: b, tool: depth, of: a, datum: a, high: 0.05}]}": "'measures.0.high' = 0.05: "
+    "depth of 'a' is at most 0.01 m; limits are in m, m², m³ and rad",
+    "{lines: {a: [[0, 0], [0.01, 0]]}, measures: [{name: b, tool: width, of: a, low: 1.5}]}": "'a' "
+    "is at most 0.01 m",
+    "{regions: {a: {circle_m: [0, 0, 0.01]}}, "
+    "measures: [{name: b, tool: tilt, of: a, datum: a, high: 5}]}": "at most 1.57 rad",
     "{": "not a YAML file",
     "reference: silver:x": "'reference' = 'silver:x': is not one of self, nominal[:FORM], "
     "golden:DIR, cad:FILE",
@@ -136,7 +145,7 @@ def test_coverage_is_that_of_the_regions_to_inspect() -> None:
     state[:10] = OUTSIDE
     nothing = np.zeros((100, 100), np.float32)
     grid = HeightMap(axis, axis, nothing, nothing, state, nothing.astype(np.uint16), np.eye(4))
-    scanned = coverage_of(grid)
+    seen = Found(grid, nothing, (), None, coverage_of(grid), ())
 
     def covered(**values: object) -> tuple[float, float, float]:
         regions = {
@@ -144,7 +153,7 @@ def test_coverage_is_that_of_the_regions_to_inspect() -> None:
             "beyond": {"box_m": [0.005, 0.001, 0.015, 0.01]},
         }
         recipe = Recipe.create({"regions": regions, **values})
-        found = coverage_of_area(recipe, grid, scanned)
+        found, _ = coverage_of_area(recipe, seen)
         return found.measured, found.continued, found.unmeasured
 
     assert covered() == pytest.approx((0.4, 0.1, 0.5))
@@ -154,3 +163,42 @@ def test_coverage_is_that_of_the_regions_to_inspect() -> None:
     # The same part, lain elsewhere and turned by a right angle.
     plate = {"origin_m": [0.02, 0.0, 0.0], "yaw_rad": math.pi / 2}
     assert covered(frame="plate", plate=plate, inspect=["left"])[2] == 1.0
+
+
+def test_every_region_and_all_that_is_inspected_is_measured_compared_and_searched() -> None:
+    """A map of 20 × 20 mm that all is known of, but a circle of 1 mm."""
+    axis = (np.arange(200) + 0.5) * 1e-4
+    x, y = np.meshgrid(axis, axis)
+    state = np.where(np.hypot(x - 0.01, y - 0.01) < 1e-3, UNMEASURED, MEASURED).astype(np.uint8)
+    zero = np.zeros((200, 200), np.float32)
+    grid = HeightMap(axis, axis, zero, zero, state, zero.astype(np.uint16), np.eye(4))
+    regions = {
+        "hole": {"circle_m": [0.01, 0.01, 8e-4]},
+        "face": {"box_m": [0.002, 0.002, 0.018, 0.018]},
+        "beyond": {"circle_m": [0.05, 0.0, 1e-3]},
+    }
+
+    def verdict(deviation: np.ndarray = zero, **values: object) -> str:
+        recipe = Recipe.create({"regions": regions, **values})
+        seen = Found(grid, deviation, (), None, coverage_of(grid), ())
+        coverage, lacking = coverage_of_area(recipe, seen)
+        judged = judge(recipe, (), coverage, lacking=lacking)
+        return f"{judged.verdict}: {judged.reason}"
+
+    strict = {"depth_m": 1e-5}
+    assert verdict() == verdict(inspect=["face"]) == "conform: no findings"
+    none = "unmeasured: 0.0% of region '{}' was measured"
+    assert verdict(inspect=["face", "hole"]) == none.format("hole")
+    assert verdict(inspect=["face", "beyond"]) == none.format("beyond")
+    assert verdict(tolerances=[{"region": "hole", **strict}]) == none.format("hole")
+    assert "reached nothing of region 'beyond'" in verdict(
+        tolerances=[{"region": "beyond", **strict}]
+    )
+    of_another = verdict(inspect=["face"], tolerances=[{"region": "beyond", **strict}])
+    assert of_another == "conform: no findings"
+    half = np.where(x < 0.01, zero, np.float32(np.nan))
+    assert "the reference goes over 50." in verdict(half)
+    assert verdict(half).startswith("unmeasured: 49.")
+    assert verdict(edge_exclusion_m=0.01) == (
+        "unmeasured: 0.0% of it was searched: edges of 10 mm left out"
+    )

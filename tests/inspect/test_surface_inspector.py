@@ -8,6 +8,8 @@ import pytest
 
 from roller_emvs.patch import Patch
 from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap, HeightMapError
+from roller_inspect.height_map.height_map import centres
+from roller_inspect.height_map.join import coarser
 from roller_inspect.pieces import Found, Piece
 from roller_inspect.references import NominalReference
 from roller_inspect.surface_inspector import InspectionSettings, SurfaceInspector
@@ -141,6 +143,16 @@ def test_what_is_far_from_points_is_not_measured(tmp_path: Path) -> None:
     (tmp_path / "other.npz").write_bytes(b"PK")
     with pytest.raises(HeightMapError, match="no height map"):
         HeightMap.load(tmp_path / "other.npz")
+
+
+def test_what_was_not_compared_is_not_compared_on_a_coarser_map_either() -> None:
+    axis, nothing = centres(0, 4, 1e-4), np.zeros((4, 4), np.float32)
+    state = np.full((4, 4), MEASURED, np.uint8)
+    fine = HeightMap(axis, axis, nothing, nothing, state, state.astype(np.uint16), np.eye(4))
+    deviation = np.array([[np.nan, np.nan, np.nan, 2e-4]] * 4, np.float32)
+    coarse, found = coarser(fine, deviation, 2)
+    assert (coarse.state == MEASURED).all()
+    np.testing.assert_allclose(found, [[np.nan, 2e-4]] * 2)
 
 
 def test_without_points_nothing_is_found() -> None:

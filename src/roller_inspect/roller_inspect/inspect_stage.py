@@ -16,10 +16,11 @@ from roller_core.outputs import Cloud, Output, Result, ScanFault
 from roller_core.parameter_files import read_parameters
 from roller_core.stage import ERROR, OK, Stage
 
+from .covered_area import coverage_of_area
 from .findings import CellUncertainty
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
-from .judgement import Inspected, Judged, Judgement, coverage_of_area, judge, judge_findings
+from .judgement import Inspected, Judged, Judgement, judge, judge_findings
 from .measures import measure_all
 from .part_points import PartPoints
 from .pieces import Piece
@@ -208,11 +209,11 @@ class InspectStage(Stage[InspectParameters]):
     def _conclude(self, inspector: SurfaceInspector) -> Result:
         """Finish the part; the next point begins another."""
         found = inspector.finish()
-        coverage = coverage_of_area(self.recipe, found.height_map, found.coverage)
+        coverage, lacking = coverage_of_area(self.recipe, found)
         judgement = judge(
             self.recipe, found.findings, coverage, found.faults,
             measure_all(self.recipe, found.height_map, self.settings.uncertainty),
-            self._faults.lines(),
+            self._faults.lines(), lacking,
         )  # fmt: skip
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._deviations(found.last) + self._list(judgement, finished=True)

@@ -11,17 +11,21 @@ import numpy as np
 from roller_core.seq_gaps import MOST_MISSING
 from roller_core.transforms import inverse_pose
 
+from .covered_area import enough
 from .findings import CellUncertainty, Finding
-from .height_map import OUTSIDE, HeightMap
-from .height_map.coverage import Coverage, coverage_of_cells, textured
-from .measures import Figure, measure_all, moved
+from .height_map.coverage import Coverage, textured
+from .measures import Figure, measure_all
 from .pieces import Found
 from .recipe import Recipe, decide, part_verdict
 from .recipe.decision import Verdict
+from .recipe.recipe import Tolerance
+from .recipe.regions import in_polygon
 
 _UNITS = {"m": ("mm", 1e3), "m2": ("mm²", 1e6), "m3": ("mm³", 1e9)}
-#: An area to inspect is looked at in so many places at most.
-_MOST_CELLS = 4_000_000
+#: A finding is looked at in so many places along x and along y.
+_PLACES = 24
+#: Verdicts, the worst last.
+_WORSE: tuple[Verdict, ...] = ("conform", "unmeasured", "inconclusive", "nonconform")
 
 
 @dataclass(frozen=True)
@@ -68,22 +72,46 @@ class Inspected:
 
 
 def judge_findings(recipe: Recipe, findings: Iterable[Finding]) -> tuple[Judged, ...]:
-    """Findings within the area to inspect, by the recipe's tolerances."""
+    """Findings that reach into the area to inspect, by the recipe's tolerances.
+
+    One that lies in several regions is held against the tolerance of each; the worst counts.
+    """
     out = []
-    recipe_from_base = inverse_pose(recipe.base_from_recipe)
     for finding in findings:
-        x, y, _ = recipe_from_base[:3, :3] @ finding.center_m + recipe_from_base[:3, 3]
-        inside = tuple(n for n, region in recipe.regions.items() if region.contains(x, y))
-        if set(inside) & set(recipe.exclude):
-            continue
-        if recipe.inspect and not set(inside) & set(recipe.inspect):
-            continue
-        out.append(_judged(recipe, finding, inside))
+        held = {}
+        for inside in _regions_of(recipe, finding):
+            if set(inside) & set(recipe.exclude):
+                continue
+            if recipe.inspect and not set(inside) & set(recipe.inspect):
+                continue
+            held[recipe.tolerance(finding.kind, inside)] = inside
+        judged = [_judged(tolerance, finding, inside, recipe) for tolerance, inside in held.items()]
+        if judged:
+            out.append(max(judged, key=lambda each: _WORSE.index(each.verdict)))
     return tuple(out)
 
 
-def _judged(recipe: Recipe, finding: Finding, inside: tuple[str, ...]) -> Judged:
-    tolerance = recipe.tolerance(finding.kind, inside)
+def _regions_of(recipe: Recipe, finding: Finding) -> list[tuple[str, ...]]:
+    """The regions of each place within its outline: every combination that there is once."""
+    if not recipe.regions:
+        return [()]
+    pose = inverse_pose(recipe.base_from_recipe)
+    x, y, _ = pose[:3, :3] @ finding.center_m + pose[:3, 3]
+    outline = (finding.outline_m @ pose[:3, :3].T + pose[:3, 3])[:, :2]
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    grid = np.meshgrid(*np.linspace(low, high, _PLACES).T)
+    within = in_polygon(outline, *grid)
+    x, y = (np.append(inner[within], middle) for inner, middle in zip(grid, (x, y), strict=True))
+    inside = np.stack([region.contains(x, y) for region in recipe.regions.values()])
+    return [
+        tuple(name for name, there in zip(recipe.regions, row, strict=True) if there)
+        for row in dict.fromkeys(map(tuple, inside.T.tolist()))
+    ]
+
+
+def _judged(
+    tolerance: Tolerance, finding: Finding, inside: tuple[str, ...], recipe: Recipe
+) -> Judged:
     region = tolerance.region or next(iter(inside), "")
     verdicts: dict[str, Verdict] = {}
     for name, most in tolerance.limits().items():
@@ -111,6 +139,7 @@ def judge(
     doubts: Iterable[str] = (),
     figures: Iterable[Figure] = (),
     contact: Iterable[str] = (),
+    lacking: Iterable[str] = (),
 ) -> Judgement:
     """The verdict of a part that is finished.
 
@@ -128,19 +157,21 @@ def judge(
         The recipe's measures.
     contact : iterable of str
         What was wrong with contact, force or data: such a part is never conform.
+    lacking : iterable of str
+        What else wasn't measured, compared or searched enough.
     """
     judged, doubts, figures = judge_findings(recipe, findings), list(doubts), tuple(figures)
-    enough = coverage.area_m2 > 0 and coverage.unmeasured <= 1 - recipe.least_coverage + 1e-9
+    lacking = tuple(lacking)
     verdicts = [*(j.verdict for j in judged), *(f.verdict for f in figures)]
-    verdict = part_verdict(verdicts, enough, bool(doubts))
+    verdict = part_verdict(verdicts, enough(recipe, coverage) and not lacking, bool(doubts))
     contact = tuple(contact)
     if contact and verdict == "conform":
         verdict = "inconclusive"
-    more = [*doubts, *contact]
+    more = [*lacking, *doubts, *contact]
     if verdict == "conform" and not textured(coverage, recipe.grid_m):
         verdict = "inconclusive"
         more.append("too little texture to be sure: defects between what was measured are not seen")
-    reason = _reason(recipe, judged, coverage, more, enough, figures)
+    reason = _reason(recipe, judged, coverage, more, figures)
     return Judgement(verdict, reason, judged, coverage, figures, contact)
 
 
@@ -149,7 +180,6 @@ def _reason(
     judged: tuple[Judged, ...],
     coverage: Coverage,
     doubts: list[str],
-    enough: bool,
     figures: tuple[Figure, ...],
 ) -> str:
     bad = sum(j.verdict == "nonconform" for j in judged)
@@ -157,7 +187,7 @@ def _reason(
     parts = []
     if not coverage.area_m2:
         parts.append("nothing was measured")
-    elif not enough:
+    elif not enough(recipe, coverage):
         parts.append(
             f"{1 - coverage.unmeasured:.1%} of the area to inspect was measured or continued, the "
             f"recipe asks for {recipe.least_coverage:.1%}"
@@ -205,45 +235,3 @@ def with_faults(judgement: Judgement, faults: Iterable[str], lost: float = 0.0) 
     else:
         return judgement
     return replace(judgement, verdict="inconclusive", reason=f"{judgement.reason}; but {why}")
-
-
-def coverage_of_area(recipe: Recipe, height_map: HeightMap | None, scanned: Coverage) -> Coverage:
-    """Coverage of the area that a recipe names; what the scan didn't reach is unmeasured.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        Regions to inspect and to leave out.
-    height_map : HeightMap or None
-        The whole.
-    scanned : Coverage
-        Of what was scanned, for recipes without regions.
-    """
-    if height_map is None or not (recipe.inspect or recipe.exclude):
-        return scanned
-    fine = step = height_map.step_m
-    map_from_recipe = inverse_pose(height_map.base_from_map) @ recipe.base_from_recipe
-    if recipe.inspect:
-        # A grid of the regions, which may reach beyond the map's.
-        regions = [recipe.regions[name] for name in recipe.inspect]
-        corners = np.concatenate([region.outline() for region in regions])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        fine = max(fine, math.sqrt(float(np.prod(high - low)) / _MOST_CELLS))
-        axes = zip(low, high, strict=True)
-        x, y = np.meshgrid(*(np.arange(low + fine / 2, high, fine) for low, high in axes))
-        inside = np.logical_or.reduce([region.contains(x, y) for region in regions])
-        mx, my = moved(map_from_recipe, x, y)
-        column = np.rint((mx - height_map.x_m[0]) / step).astype(np.int64)
-        row = np.rint((my - height_map.y_m[0]) / step).astype(np.int64)
-        there = (row >= 0) & (row < height_map.shape[0])
-        there &= (column >= 0) & (column < height_map.shape[1])
-        state = np.full(x.shape, OUTSIDE, np.uint8)
-        state[there] = height_map.state[row[there], column[there]]
-    else:
-        state = height_map.state
-        inside = state != OUTSIDE
-        x, y = moved(inverse_pose(map_from_recipe), *np.meshgrid(height_map.x_m, height_map.y_m))
-    for name in recipe.exclude:
-        inside &= ~recipe.regions[name].contains(x, y)
-    area_m2 = int(inside.sum()) * fine**2
-    return coverage_of_cells(state[inside], area_m2, scanned.points_per_mm2)

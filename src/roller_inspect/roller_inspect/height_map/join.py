@@ -130,9 +130,12 @@ def coarser(height_map: HeightMap, deviation_m: F32, factor: int) -> tuple[Heigh
     total = weight.sum(axis=-1)
 
     def mean(values: F32) -> F32:
-        filled = np.where(weight > 0, np.nan_to_num(blocks(values, 0)), 0)
+        each = blocks(values, np.nan)
+        used = weight * np.isfinite(each)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray((filled * weight).sum(axis=-1) / total, np.float32)
+            return np.asarray(
+                (np.nan_to_num(each) * used).sum(axis=-1) / used.sum(axis=-1), np.float32
+            )
 
     half = factor**2 / 2
     inside = (state != OUTSIDE).sum(axis=-1) >= half

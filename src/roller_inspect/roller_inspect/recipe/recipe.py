@@ -45,6 +45,8 @@ _REFERENCES = {
 }
 #: Tools that measure along a line, and those that need no datum.
 _ALONG, _ALONE = ("width",), ("width", "roughness_sa", "roughness_sq")
+#: The skin follows no step that is higher, m.
+_DEEPEST_M = 0.01
 #: Sizes that a tolerance may limit, as a finding has them.
 SIZES = ("depth_m", "length_m", "width_m", "area_m2", "volume_m3")
 
@@ -121,7 +123,7 @@ class Tolerance(Settings):
         "any", description="Of which kind."
     )
     # Far beyond these a number is in another unit, and would let everything pass.
-    depth_m: float | None = Field(None, ge=0, le=0.01, description="Most depth or height, m.")
+    depth_m: float | None = Field(None, ge=0, le=_DEEPEST_M, description="Most depth or height, m.")
     length_m: float | None = Field(None, ge=0, le=5, description="Most length, m.")
     width_m: float | None = Field(None, ge=0, le=5, description="Most width, m.")
     area_m2: float | None = Field(None, ge=0, le=5, description="Most area, m².")
@@ -232,7 +234,32 @@ class Recipe(Settings):
             if name and name not in self.regions:
                 there = ", ".join(self.regions) or "none"
                 raise ValueError(f"'{where}' names '{name}', which is not there (regions: {there})")
+        for i, m in enumerate(self.measures):
+            most, unit = self._most(m)
+            for name in ("low", "high"):
+                value = getattr(m, name)
+                if value is not None and abs(value) > most:
+                    raise ValueError(
+                        f"'measures.{i}.{name}' = {value:g}: {m.tool} of '{m.of}' is at most "
+                        f"{most:.3g} {unit}; limits are in m, m², m³ and rad"
+                    )
         return self
+
+    def _most(self, measure: Measure) -> tuple[float, str]:
+        """What a measure can be at most, and its unit: limits beyond are in another unit."""
+        of = (
+            self.lines[measure.of]
+            if measure.of in self.lines
+            else self.regions[measure.of].outline()
+        )
+        width, height = np.ptp(np.array(of), axis=0).tolist()
+        return {
+            "tilt": (math.pi / 2, "rad"),
+            "width": (math.hypot(width, height), "m"),
+            "diameter": (math.hypot(width, height), "m"),
+            "area": (width * height, "m²"),
+            "volume": (width * height * _DEEPEST_M, "m³"),
+        }.get(measure.tool, (_DEEPEST_M, "m"))
 
     @property
     def base_from_recipe(self) -> F64:

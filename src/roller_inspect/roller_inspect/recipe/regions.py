@@ -62,9 +62,14 @@ class Region(Settings):
         if self.circle_m is not None:
             cx, cy, r = self.circle_m
             return np.asarray(np.hypot(x - cx, y - cy) <= r)
-        corners = self.outline()
-        inside = np.zeros(x.shape, bool)
-        for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            if y0 != y1:  # a line to the right crosses an odd number of sides
-                inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-        return inside
+        return in_polygon(self.outline(), x, y)
+
+
+def in_polygon(corners: npt.NDArray[np.float64], x: npt.ArrayLike, y: npt.ArrayLike) -> Mask:
+    """Which places lie in a polygon with these corners, shape (n, 2)."""
+    x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+    inside = np.zeros(x.shape, bool)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if y0 != y1:  # a line to the right crosses an odd number of sides
+            inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+    return inside
