@@ -10,6 +10,8 @@ _MMAP_THRESHOLD, _FROM_SYSTEM = -3, 32 << 20
 #: One heap for all threads, as each keeps what was freed in it. Threads allocate large arrays, and
 #: too seldom to wait for one another.
 _ARENA_MAX, _ARENAS = -8, 1
+#: Blocks taken ahead, bytes and number: below both limits.
+_AHEAD, _BLOCKS_AHEAD = 30 << 20, 4
 #: The same where memory counts for more.
 _KEPT_WHEN_SMALL, _FROM_SYSTEM_WHEN_SMALL = 1 << 20, 64 << 10
 
@@ -27,6 +29,15 @@ def keep_freed_memory() -> bool:
         Whether it was done; other C libraries have nothing of the kind.
     """
     return _set(_KEPT, _FROM_SYSTEM)
+
+
+def take_memory() -> None:
+    """Take from the system, ahead of the first window, what `keep_freed_memory` keeps.
+
+    Touching it for the first time takes as long as half a window's work.
+    """
+    blocks = [b"\1" * _AHEAD for _ in range(_BLOCKS_AHEAD)]
+    blocks.clear()
 
 
 def return_freed_memory() -> bool:

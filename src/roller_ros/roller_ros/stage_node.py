@@ -17,6 +17,7 @@ from roller_core import outputs
 from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
 from roller_core.event_stage import EventStage
+from roller_core.memory import take_memory
 from roller_core.stage import ERROR, Stage
 
 from . import diagnostics, messages, qos, topics
@@ -62,6 +63,7 @@ class StageNode(RollerNode):
         self._working = threading.Lock()  # the stage: the worker's, or a service's
         self._outputs = {name: topics.publisher(self, name) for name in kind.outputs}
         stage.warm_up()
+        take_memory()
         self._diagnostics = diagnostics.Diagnostics(
             self, kind.part, self._status, hardware_id=settings.sensor_frame
         )
