@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 
 #: Parameters of glibc's mallopt (malloc.h), and what they are set to, bytes.
-_TRIM_THRESHOLD, _KEPT = -1, 128 << 20
+_TRIM_THRESHOLD, _KEPT = -1, 192 << 20
 _MMAP_THRESHOLD, _FROM_SYSTEM = -3, 32 << 20
 #: One heap for all threads, as each keeps what was freed in it. Threads allocate large arrays, and
 #: too seldom to wait for one another.

@@ -15,6 +15,7 @@ from roller_core.frame_settings import FollowedFrames, idle_flush_field
 from roller_core.outputs import Cloud, Output, Result, ScanFault
 from roller_core.parameter_files import read_parameters
 from roller_core.stage import ERROR, OK, Stage
+from roller_emvs.patch import Patch
 
 from .covered_area import coverage_of_area
 from .findings import CellUncertainty
@@ -26,6 +27,7 @@ from .part_points import PartPoints
 from .pieces import Piece
 from .recipe import Recipe, load_recipe, load_reference
 from .recipe.decision import Verdict
+from .references import SelfReference
 from .scan_faults import ScanFaults
 from .surface_inspector import SurfaceInspector
 
@@ -104,6 +106,16 @@ class InspectStage(Stage[InspectParameters]):
         self._last_ns = 0
         self._inspector: SurfaceInspector | None = None
         self._begin()
+
+    def warm_up(self) -> None:
+        """Load what finding and measuring takes: a third of a second."""
+        x, y = np.meshgrid(np.arange(0.0, 0.024, 1e-4), np.arange(0.0, 0.008, 1e-4))
+        dent = -2e-4 * (np.hypot(x - 6e-3, y - 4e-3) < 1e-3)
+        points = np.stack([x, y, dent], axis=-1).reshape(-1, 3)
+        sure = np.ones(len(points), np.float32)
+        inspector = SurfaceInspector(self.recipe.settings, SelfReference())
+        inspector.add(Patch(points, points[:, 2].astype(np.float32), sure, 2e-5 * sure))
+        inspector.finish()
 
     def services(self) -> Mapping[str, Callable[[], str]]:
         """See `Stage`."""
