@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from roller_core.transforms import F64
 from roller_inspect.height_map import HeightMap
@@ -104,6 +105,35 @@ def test_a_model_is_laid_on_the_scan_in_what_its_shape_determines() -> None:
     plane = inspect(flat, CadReference(*mesh_of(flat, shift))).alignment
     assert plane is not None
     assert set(plane.refined) == {"z", "rx", "ry"}
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_a_model_that_lies_a_millimetre_or_two_degrees_off_is_laid_on_the_scan(axis: int) -> None:
+    """A part whose shape says all: two bosses of different size."""
+
+    def two(x: F64, y: F64) -> F64:
+        r = np.hypot(x - 0.019, y - 2e-3)
+        return part(x, y + 1.5e-3) + 3e-4 / (1 + np.exp((r - 1.5e-3) / 1.5e-4))
+
+    turn = np.zeros(3)
+    shift = np.zeros(3)
+    (shift if axis < 3 else turn)[axis % 3] = 1e-3 if axis < 3 else np.radians(2.0)
+    vertices, triangles = mesh_of(two, (0.0, 0.0, 0.0))
+    middle = np.array([0.012, 0.0, 0.0])
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    pose[:3, 3] = middle - pose[:3, :3] @ middle + shift
+    found = inspect(two, CadReference(vertices, triangles, pose))
+    assert found.findings == ()
+    assert found.alignment is not None
+    back = (found.alignment.correction @ pose @ [*BOSS, 0.0, 1.0])[:3] - [*BOSS, 0.0]
+    assert np.abs(back).max() < 5e-5
+    # What the geometry doesn't determine stays where the pose has it.
+    flat_found = inspect(flat, CadReference(*mesh_of(flat, (0.0, 0.0, 0.0)), pose)).alignment
+    assert flat_found is not None
+    moved = flat_found.correction @ pose @ [*BOSS, 0.0, 1.0]
+    np.testing.assert_allclose(moved[:2], (BOSS + shift[:2]), atol=1e-5)
+    assert abs(moved[2]) < 2e-5
 
 
 def test_what_is_left_of_the_form_hides_no_bump_from_a_model() -> None:

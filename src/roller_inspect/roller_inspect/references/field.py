@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -24,6 +24,10 @@ _SURE_M, _SHARED = 2e-5, 50.0
 _FARTHEST_M, _WORST_M = 2e-3, 5e-4
 #: Slopes steeper than this don't say where a wall is: the skin rounds it.
 _STEEPEST = 1.0
+#: Where more than this share of what is left is so many times the median, the reference is looked
+#: at from afar: blurred by a Gaussian of this deviation, m, refined in what is as sure as this, m,
+#: by residuals up to this, m. What comes of it counts if it leaves less by this factor.
+_MANY, _TIMES_NOISE, _BLUR_M, _FROM_AFAR_M, _BETTER = 0.01, 6.0, 7e-4, (3e-4, 1e-4), 0.95
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,17 @@ class Field:
     #: NaN where there is none. Shape (ny, nx).
     height_m: F32
     sigma_m: F32
+
+    def blurred(self, sigma_m: float) -> Field:
+        """Heights smoothed by a Gaussian; gaps stay."""
+        step = (self.x_m[-1] - self.x_m[0]) / max(len(self.x_m) - 1, 1)
+        there = np.isfinite(self.height_m)
+        height, share = (
+            ndimage.gaussian_filter(grid.astype(np.float32), sigma_m / step)
+            for grid in (np.nan_to_num(self.height_m), there)
+        )
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return replace(self, height_m=np.where(there, height / share, np.float32(np.nan)))
 
     def sample(self, x: F64, y: F64) -> tuple[F64, F64]:
         """Height and uncertainty at places, linear; NaN outside."""
@@ -104,10 +119,34 @@ def _moved(field: Field, motion: F64, centre: F64, x: F64, y: F64) -> tuple[F64,
 def _align(field: Field, x: F64, y: F64, z: F64) -> tuple[F64, tuple[str, ...]]:
     """Robust small motion of the field to points, in the directions that they determine."""
     centre = np.array([x.mean(), y.mean()])
+    motion, refined = _fit(field, x, y, z, np.zeros(6))
+    left = _left(field, motion, centre, x, y, z)
+    if np.mean(left > _TIMES_NOISE * np.median(left)) > _MANY:
+        # Walls that lie beside each other don't pull: a blurred field shows them from afar.
+        start, _ = _fit(field.blurred(_BLUR_M), x, y, z, motion, *_FROM_AFAR_M)
+        nearer, better = _fit(field, x, y, z, start)
+        most = _TIMES_NOISE * np.median(left)
+        after = _left(field, nearer, centre, x, y, z)
+        if np.minimum(after, most).mean() < _BETTER * np.minimum(left, most).mean():
+            return nearer, better
+    return motion, refined
+
+
+def _left(field: Field, motion: F64, centre: F64, x: F64, y: F64, z: F64) -> F64:
+    """What a motion leaves, without sign; of places beside the field the median."""
+    away = np.abs(z - _moved(field, motion, centre, x, y)[0])
+    return np.where(np.isfinite(away), away, np.nanmedian(away))
+
+
+def _fit(
+    field: Field, x: F64, y: F64, z: F64, start: F64, sure_m: float = _SURE_M, spread_m: float = 0.0
+) -> tuple[F64, tuple[str, ...]]:
+    """Motion by steps from a first one; residuals up to a spread count in full."""
+    centre = np.array([x.mean(), y.mean()])
     arm = max(float(np.hypot(x - centre[0], y - centre[1]).max()), 1e-6)
     # Turns in units of the way that they move the farthest point.
     scale = np.array([1, 1, 1, 1 / arm, 1 / arm, 1 / arm])
-    motion, determined = np.zeros(6), np.zeros(6)
+    motion, determined = start.copy(), np.zeros(6)
     e = 1e-4
     for _ in range(_ROUNDS):
         height, _ = _moved(field, motion, centre, x, y)
@@ -124,12 +163,13 @@ def _align(field: Field, x: F64, y: F64, z: F64) -> tuple[F64, tuple[str, ...]]:
         u, v = x - centre[0], y - centre[1]
         columns = np.stack([-gx, -gy, np.ones_like(u), v, -u, gx * v - gy * u])
         columns = columns[:, good] * scale[:, None]
-        residual = away[good] - np.median(away[good])
-        weight = tukey(residual)
+        # A plane first: a reference that leans would look like noise.
+        level = _without_plane(away[good], columns[2:5])
+        weight = tukey(level, spread_m)
         matrix = columns * weight @ columns.T
         values, vectors = np.linalg.eigh(matrix)
-        noise = max(rms_robust(residual), 5e-6)
-        sure = noise * np.sqrt(_SHARED / np.maximum(values, 1e-12)) < _SURE_M
+        noise = max(rms_robust(level), 5e-6)
+        sure = noise * np.sqrt(_SHARED / np.maximum(values, 1e-12)) < sure_m
         free = vectors[:, sure]
         pull = free.T @ (columns * weight @ away[good])
         motion = motion + scale * (free @ (pull / values[sure]))
@@ -137,6 +177,16 @@ def _align(field: Field, x: F64, y: F64, z: F64) -> tuple[F64, tuple[str, ...]]:
         if np.linalg.norm(motion[:3]) > 2 * _FARTHEST_M:
             break
     return motion, tuple(n for n, d in zip(NAMES, determined, strict=True) if d > 0.5)
+
+
+def _without_plane(away: F64, plane: F64) -> F64:
+    """Residuals less a robust plane through them, given by its columns (3, n)."""
+    weight = np.ones_like(away)
+    for _ in range(_ROUNDS):
+        found = np.linalg.lstsq((plane * np.sqrt(weight)).T, away * np.sqrt(weight), rcond=None)[0]
+        level = away - found @ plane
+        weight = tukey(level)
+    return level
 
 
 def _in_base(motion: F64, centre: F64, height_map: HeightMap) -> F64:

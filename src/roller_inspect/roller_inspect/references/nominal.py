@@ -176,7 +176,7 @@ def fit_cylinder(x: F64, y: F64, z: F64) -> Model:
     return lambda px, py: height(found, px, py)
 
 
-def tukey(residual: npt.NDArray[np.float64]) -> F64:
-    """Tukey's weights, by the residuals' own robust spread."""
-    spread = max(rms_robust(residual), 1e-7)
+def tukey(residual: npt.NDArray[np.float64], least: float = 0.0) -> F64:
+    """Tukey's weights, by the residuals' own robust spread, or a larger one that is given."""
+    spread = max(rms_robust(residual), least, 1e-7)
     return np.asarray(np.clip(1 - (residual / (_TUKEY * spread)) ** 2, 0.0, None) ** 2)
