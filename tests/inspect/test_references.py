@@ -83,6 +83,21 @@ def test_a_golden_part_shows_what_is_missing_and_nothing_else(tmp_path: Path) ->
         GoldenReference.load(tmp_path / "none")
 
 
+def test_a_bad_part_among_those_that_teach_is_named() -> None:
+    hole = dent((BOSS[0] + 4e-3, 0.0), 1.5e-3, 3e-4)
+    good, bad = map_of(part, 1), map_of(lambda x, y: part(x, y) + hole(x, y), 2)
+    with pytest.raises(ReferenceError, match=r"scan 1 of 2 differs .* around x 16\.0, y .* three"):
+        teach([good, bad])
+    said: list[str] = []
+    golden = teach([good, bad, map_of(part, 3)], said.append)
+    (line,) = said
+    assert line.startswith("scan 2 of 3 differs from the rest by 2")
+    place = np.hypot(golden.x_m[None, :] - 0.016, golden.y_m[:, None]) < 8e-4
+    assert abs(np.nanmean(golden.height_m[place])) < 2e-5
+    teach([good, map_of(part, 4)], said.append)
+    assert len(said) == 1
+
+
 def mesh_of(surface: Surface, shift: tuple[float, float, float]) -> tuple[F64, np.ndarray]:
     step = 1e-4
     x, y = np.meshgrid(np.arange(-0.002, 0.027, step), np.arange(-0.007, 0.007, step))

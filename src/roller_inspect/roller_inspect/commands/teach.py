@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,12 +43,16 @@ def run(args: argparse.Namespace) -> int:
     from roller_inspect.references import teach
 
     with OutputFolder(args.output, "teach", [*args.scans, args.params, args.recipe]) as output:
-        golden = teach([_map(args, scan) for scan in args.scans])
+        golden = teach([_map(args, scan) for scan in args.scans], _warn)
         golden.save(output.partial)
     known = float((golden.height_m == golden.height_m).mean())
     print(f"golden reference of {golden.scans} scans, {known:.1%} of its cells known")
     print(f"use it: roller inspect SCAN --output DIR --reference golden:{args.output}")
     return 0
+
+
+def _warn(text: str) -> None:
+    print(f"warning: {text}", file=sys.stderr)
 
 
 def _check(scan: Path, faults: list[str]) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from roller_core.transforms import F64
 from roller_inspect.height_map.height_map import (
@@ -30,6 +31,8 @@ _SAME_FRAME = 1e-9
 _LEAST_SHARE = 0.5
 #: Standard uncertainty of the mean of few scans isn't below this, m.
 _LEAST_SIGMA_M = 3e-6
+#: A scan that differs by this over so wide a place, m, of this area, m², isn't like the others.
+_ODD_M, _ODD_WIDE_M, _ODD_AREA_M2 = 1e-4, 5e-4, 3e-7
 
 
 @dataclass(frozen=True)
@@ -94,18 +97,23 @@ class GoldenReference:
 _NAMES = [field.name for field in fields(GoldenReference)]
 
 
-def teach(maps: Sequence[HeightMap]) -> GoldenReference:
+def teach(
+    maps: Sequence[HeightMap], warn: Callable[[str], None] = lambda text: None
+) -> GoldenReference:
     """Learn what good parts look like.
 
     Parameters
     ----------
     maps : sequence of HeightMap
         Of good parts in the same place; each is aligned to the first.
+    warn : callable, optional
+        Called with a line for each scan that differs from the others somewhere.
 
     Raises
     ------
     ReferenceError
-        Without a map, or if one isn't of the same part in the same place.
+        Without a map, if one isn't of the same part in the same place, or if two are all and
+        differ: which is good can't be told.
     """
     if not maps:
         raise ReferenceError("reference golden: there is no scan to teach from")
@@ -135,12 +143,39 @@ def teach(maps: Sequence[HeightMap]) -> GoldenReference:
     height = np.full(first.shape, np.nan, np.float32)
     spread = np.full(first.shape, np.nan, np.float32)
     height[some] = np.nanmedian(stack[:, some], axis=0)
+    for number, each in enumerate(stack, 1):
+        # The median of two lies half way.
+        if odd := _odd((each - height) * (2 if len(maps) == 2 else 1), first):
+            text = f"scan {number} of {len(maps)} differs from the rest {odd}"
+            if len(maps) == 2:
+                raise ReferenceError(
+                    f"reference golden: {text}; which is good? teach three or more"
+                )
+            warn(f"{text}: is it a good part? the median of all counts")
     if len(maps) > 1:
         spread[some] = 1.4826 * np.nanmedian(np.abs(stack[:, some] - height[some]), axis=0)
     else:
         spread[some] = first.sigma_m[some]
     coverage = np.stack(measured).mean(axis=0).astype(np.float32)
     return GoldenReference(x, y, height, spread, coverage, len(maps), first.base_from_map)
+
+
+def _odd(away: F32, height_map: HeightMap) -> str:
+    """Where a scan lies off the others' median, in words; empty: nowhere."""
+    step = height_map.step_m
+    mean = ndimage.uniform_filter(np.nan_to_num(away), max(1, round(_ODD_WIDE_M / step)))
+    far = np.abs(mean) > _ODD_M
+    labels, count = ndimage.label(far)
+    if not count:
+        return ""
+    area = np.bincount(labels[far], minlength=count + 1)
+    largest = labels == np.argmax(area)
+    if area.max() * step**2 < _ODD_AREA_M2:
+        return ""
+    row, column = (int(np.mean(axis)) for axis in np.nonzero(largest))
+    x, y, _ = height_map.in_base(height_map.x_m[column], height_map.y_m[row], 0.0) * 1e3
+    most = float(np.abs(mean[largest]).max())
+    return f"by {most * 1e6:.0f} µm around x {x:.1f}, y {y:.1f} mm"
 
 
 def _field(height_map: HeightMap) -> Field:
