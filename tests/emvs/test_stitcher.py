@@ -9,6 +9,7 @@ from emvs.scenes import CAMERA, MS, depth_map, rolling, track_of
 from roller_core import outputs
 from roller_core.errors import UnwritableOutputError
 from roller_core.outputs import Output
+from roller_core.transforms import pose_matrix
 from roller_emvs import registration
 from roller_emvs.depth_settings import StitcherSettings
 from roller_emvs.ply import PlyWriter, read_ply
@@ -124,10 +125,15 @@ def test_icp_is_refused_on_a_flat_plate(monkeypatch: pytest.MonkeyPatch) -> None
     np.testing.assert_array_equal(found.correction, np.eye(4))
 
 
-def test_icp_is_refused_when_implausibly_large() -> None:
+def test_icp_is_refused_when_implausibly_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[np.ndarray] = []
+    monkeypatch.setattr(
+        registration, "pose_matrix", lambda *a: steps.append(pose_matrix(*a)) or steps[-1]
+    )
     found = refine(hills(20_000, 1) + [1.5e-4, 0, 0], hills(60_000, 2))
     assert not found.accepted
     assert "implausible" in found.reason
+    assert len(steps) == 1  # what has gone that far is not sought any further
 
 
 def test_icp_is_refused_when_no_better() -> None:

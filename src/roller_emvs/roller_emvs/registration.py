@@ -31,6 +31,8 @@ _MIN_CONDITIONING, _MIN_GAIN = 0.01, 0.05
 _LOOSE = "the geometry does not fix the pose"
 #: A correction that moves a point further than this is refused, m.
 _MOST_CORRECTION_M = 5e-5
+#: Nor does one come to less that has moved a point so far on its way, m: it is sought no further.
+_GIVEN_UP_M = 2 * _MOST_CORRECTION_M
 
 
 @dataclass(frozen=True)
@@ -119,14 +121,14 @@ def refine(points: F64, target: F64) -> Refinement:
     moved, pairs = _icp(finding, cloud)
     if len(pairs.own) < _MIN_PAIRS or not np.isfinite(moved).all():
         return _refused("ICP did not converge")
-    conditioning = _conditioning(finding[pairs.own], cloud.planes(pairs.nearest)[1])
-    after = cloud.pairs(_move(moved, judging))
-    if conditioning < _MIN_CONDITIONING:
-        return _refused(_LOOSE)
     # What counts is how far any point moves: a small turn far out is no small correction.
-    shift = np.linalg.norm(_move(moved, chosen) - chosen, axis=1).max()
+    shift = _shift_m(moved, chosen)
     if shift > _MOST_CORRECTION_M:
         return _refused(f"a correction of {shift * 1e6:.0f} µm is implausible")
+    conditioning = _conditioning(finding[pairs.own], cloud.planes(pairs.nearest)[1])
+    if conditioning < _MIN_CONDITIONING:
+        return _refused(_LOOSE)
+    after = cloud.pairs(_move(moved, judging))
     if after.rms_m > before.rms_m * (1 - _MIN_GAIN) or after.fitness < before.fitness * 0.98:
         return _refused("no better than the robot's pose")
     shift_back, shift_out = np.eye(4), np.eye(4)
@@ -148,6 +150,8 @@ def _icp(points: F64, cloud: _Target) -> tuple[F64, _Pairs]:
         turn_and_shift = np.linalg.lstsq(rows, away, rcond=1e-9)[0]
         turn = rotation_vector_to_quaternion(turn_and_shift[:3])
         pose = pose_matrix(turn_and_shift[3:], turn) @ pose
+        if _shift_m(pose, points) > _GIVEN_UP_M:
+            break
         last, pairs = pairs, cloud.pairs(_move(pose, points))
         change = abs(pairs.fitness - last.fitness), abs(pairs.rms_m - last.rms_m)
         if change[0] < _SETTLED[0] and change[1] < _SETTLED[1]:
@@ -157,6 +161,11 @@ def _icp(points: F64, cloud: _Target) -> tuple[F64, _Pairs]:
 
 def _move(pose: F64, points: F64) -> F64:
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+
+
+def _shift_m(pose: F64, points: F64) -> float:
+    """How far a pose moves any of some points, metres."""
+    return float(np.linalg.norm(_move(pose, points) - points, axis=1).max())
 
 
 def _refused(reason: str) -> Refinement:
