@@ -82,6 +82,33 @@ def test_extent_and_profile_of_a_hollow() -> None:
     assert holds(depth, -3e-4)
 
 
+def test_a_flat_bottom_is_no_deeper_for_its_noise_and_where_nothing_is_nothing_is_measured() -> (
+    None
+):
+    """Slow errors too; a pocket of 5 mm, the same without it."""
+    around = {0.0: "nothing stands out", -1e-4: ""}
+    good, pockets = [], []
+    for seed in range(10):
+        slow = errors((120, 200), 1e-3, 5e-6, np.random.default_rng(100 + seed))
+        for depth, reason in around.items():
+            m = map_of(lambda x, y, d=depth: np.where(np.hypot(x - 0.01, y) < 2.5e-3, d, 0.0), seed)
+            m = replace(m, height_m=m.height_m + slow.astype(np.float32))
+            found = extent(m, disc(m, 3.1e-3), disc(m, 5.5e-3))
+            assert reason in found["area"].reason
+            assert (
+                (found["area"].value is None) == (found["diameter"].value is None) == bool(reason)
+            )
+            good += [holds(found["depth"], depth)]
+            good += [holds(found["volume"], np.pi * 2.5e-3**2 * depth)]
+            if depth:
+                assert found["depth"].value is not None
+                pockets.append(found["depth"].value)
+        _, tilt = flushness_and_tilt(m, disc(m, 2.2e-3), ~disc(m, 3.5e-3))
+        good.append(holds(tilt, 0.0))
+    assert np.mean(good) >= 0.9
+    assert abs(np.mean(pockets) + 1e-4) < SIGMA_M
+
+
 def test_what_does_not_rise_above_the_noise_is_not_measurable() -> None:
     def rough(x: F64, y: F64) -> F64:
         return 1e-4 * np.sin(2 * np.pi * x / 2e-3) + 0 * y

@@ -36,7 +36,7 @@ _DEEPEST = 0.05
 _DEEP, _LEAST_APEX = 0.75, 30
 #: Distance over which points share their errors, m: smoothing by a Gaussian of 0.6 mm, an area of
 #: 4.5 mm², halves them.
-_ALIKE_M = 1.1e-3
+ALIKE_M = 1.1e-3
 #: From this share of measured cells on they are spread over a finding.
 _SPREAD = 0.2
 #: z at which a finding is as good as certain.
@@ -197,7 +197,7 @@ def _size(place: _Place, sign: int, level: float, noise: float, models_part: boo
     inside = mask & known
     if not inside.any():
         return None
-    depth = _depth(signed, sign * (place.deviation - level), inside & (place.weight > 0))
+    depth = extreme(signed, sign * (place.deviation - level), inside & (place.weight > 0))
     if depth <= 0:
         return None
     # The outline: where a part of the depth is reached, within reach of what was detected.
@@ -243,12 +243,12 @@ def _claimed(size: _Size, part: HeightMap, measured: float) -> float:
     sure = size.shape & (part.state == MEASURED)
     if not sure.any():
         return 0.0
-    alike = max(1.0, size.length / _ALIKE_M) * max(1.0, size.area / size.length / _ALIKE_M)
+    alike = max(1.0, size.length / ALIKE_M) * max(1.0, size.area / size.length / ALIKE_M)
     return float(np.median(part.sigma_m[sure])) / math.sqrt(alike if measured >= _SPREAD else 1.0)
 
 
-def _depth(signed: F32, raw: F32, inside: Bools) -> float:
-    """Extreme of a finding, with its sign: the apex of a paraboloid through its deep part.
+def extreme(signed: F32, raw: F32, inside: Bools) -> float:
+    """Highest of some cells' heights, smoothed and raw: the apex of a paraboloid through them.
 
     The mean of the deepest cells would be too shallow for what is round; the deepest cell alone
     too deep, as errors have it.

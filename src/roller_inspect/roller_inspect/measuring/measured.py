@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+#: The extreme of a region or profile stands out of the noise if it is so many times as uncertain
+#: as one height: there are many to choose from.
+STANDS_OUT = 3.5
+
 Unit = Literal["m", "m²", "m³", "rad"]
 
 

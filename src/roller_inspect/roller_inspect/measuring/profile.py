@@ -10,7 +10,7 @@ from scipy import ndimage
 from roller_core.transforms import F64
 from roller_inspect.height_map.height_map import CONTINUED, OUTSIDE, U8, HeightMap
 
-from .measured import Measured, not_measurable
+from .measured import STANDS_OUT, Measured, not_measurable
 
 #: Share of a profile, at either end, that its datum line goes through.
 _ENDS = 0.2
@@ -75,9 +75,9 @@ def width_and_depth(found: Profile) -> tuple[Measured, Measured]:
     k = int(np.argmax(np.abs(middle)))
     depth = float(np.median(away[max(k - 1, 0) : k + 2]))
     u_depth = float(np.hypot(sigma, sigma / np.sqrt(2)))
-    if abs(depth) <= 2 * u_depth:
+    if abs(depth) <= STANDS_OUT * u_depth:
         return not_measurable("m", "nothing stands out of the noise"), Measured(
-            depth, 2 * u_depth, "m"
+            depth, STANDS_OUT * u_depth, "m"
         )
     over = away * np.sign(depth) > abs(depth) / 2
     low, high = k, k

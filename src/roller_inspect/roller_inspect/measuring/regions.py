@@ -7,13 +7,14 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from roller_inspect.findings.cues import smoothed
+from roller_inspect.findings.cues import SCALES_M, cell_weights, smoothed
+from roller_inspect.findings.sizes import ALIKE_M, extreme
 from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
 from roller_inspect.references.nominal import fit_polynomial
 from roller_inspect.references.reference import ReferenceError
 
 from .datum import Datum, datum_plane
-from .measured import Measured, not_measurable
+from .measured import STANDS_OUT, Measured, not_measurable
 
 #: Cut-off of the S-filter, m: what is finer is the sensor's own; and the Gaussian's standard
 #: deviation by its cut-off (ISO 16610-61).
@@ -21,6 +22,8 @@ _S_FILTER_M, _BY_CUT_OFF = 0.25e-3, 0.1874
 #: Share of a region that must be measured for its roughness, and known for what stands out of it;
 #: Sq must be so many times the noise.
 _LEAST_MEASURED, _LEAST_KNOWN, _TIMES_NOISE = 0.3, 0.8, 3.0
+#: A tilt of more standard uncertainties has a direction.
+_BOTH = 4.0
 _FEW = "too few measured cells in {}"
 
 
@@ -67,10 +70,12 @@ def flushness_and_tilt(
     size = float(np.hypot(*slope))
     along = slope / size if size > 0 else np.array([1.0, 0.0])
     both = (top.covariance + base.covariance)[1:, 1:]
-    # What the head's errors have in common may lean as much from one side to the other.
+    # What the head's errors have in common may be as much on one side as on the other, or not.
     across_m = 2 * height_map.step_m * math.sqrt(float(head.sum()) / math.pi)
-    u = math.sqrt(max(float(along @ both @ along), 0.0) + (top.common_m / across_m) ** 2)
-    return _step(base, top), Measured(float(np.arctan(size)), 2 * u, "rad")
+    u = math.sqrt(max(float(along @ both @ along), 0.0) + 2 * (top.common_m / across_m) ** 2)
+    # Of hardly any tilt both directions add up: 95 % of such errors lie within 2.45 times of one.
+    k = 2.0 if size > _BOTH * u else 2.45
+    return _step(base, top), Measured(float(np.arctan(size)), k * u, "rad")
 
 
 def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Measured]:
@@ -101,27 +106,39 @@ def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Meas
         }  # fmt: skip
     step = height_map.step_m
     away = height_map.height_m - plane.at(height_map.x_m[None, :], height_map.y_m[:, None])
-    flat = ndimage.median_filter(np.where(known, away, 0.0), 3)
-    values = flat[known]
-    sign = 1.0 if values.max() > -values.min() else -1.0
-    depth = float((sign * values).max())
+    away = away.astype(np.float32)
+    fine = smoothed(away, cell_weights(height_map, away), max(SCALES_M[0] / step, 0.5))[0]
+    rise, hollow = (extreme(s * fine, s * away, known & np.isfinite(fine)) for s in (1, -1))
+    sign, depth = (1.0, rise) if rise > hollow else (-1.0, hollow)
     sigma = float(np.median(height_map.sigma_m[known]))
     rows, columns = np.nonzero(known)
     x, y = float(height_map.x_m[columns].mean()), float(height_map.y_m[rows].mean())
     base = float(np.hypot(plane.standard_uncertainty(x, y), plane.common_m))
     u_depth = float(np.hypot(0.7 * sigma, base))
+    whole_m2 = float(region.sum()) * step**2
+    volume = float(away[known].sum()) * step**2 * float(region.sum() / known.sum())
+    # Neighbours share their errors: a small region's mean errs as its cells do.
+    u_mean = math.hypot(base, sigma / math.sqrt(max(1.0, whole_m2 / ALIKE_M**2)))
+    measured_volume = Measured(volume, 2 * whole_m2 * u_mean, "m³")
+    if depth <= STANDS_OUT * u_depth:
+        reason = "nothing stands out of the noise"
+        return {
+            "depth": Measured(sign * depth, STANDS_OUT * u_depth, "m"),
+            "area": not_measurable("m²", reason), "diameter": not_measurable("m", reason),
+            "volume": measured_volume,
+        }  # fmt: skip
+    flat = ndimage.median_filter(np.where(known, away, 0.0), 3)
     area = float((known & (sign * flat > depth / 2)).sum()) * step**2
     gy, gx = np.gradient(flat, step)
     rim = known & (np.abs(sign * flat - depth / 2) < 0.25 * depth)
     slope = float(np.median(np.hypot(gx, gy)[rim])) if rim.any() else depth / step
     u_edge = float(np.hypot(u_depth / max(slope, 1e-3), step / np.sqrt(12)))
     diameter = 2 * float(np.sqrt(area / np.pi))
-    volume = float(away[known].sum()) * step**2 * float(region.sum() / known.sum())
     return {
         "depth": Measured(sign * depth, 2 * u_depth, "m"),
         "area": Measured(area, 2 * np.pi * diameter * u_edge, "m²"),
         "diameter": Measured(diameter, 4 * u_edge, "m"),
-        "volume": Measured(volume, 2 * float(region.sum()) * step**2 * base, "m³"),
+        "volume": measured_volume,
     }
 
 
