@@ -32,13 +32,24 @@ WRONG = {
     "schema: v9": "'schema' is 'v9'",
     "measures: [{name: a, tool: tilt, of: b, datum: c}]": "'measures.0.datum' names 'c'",
     "measures: [{name: a, tool: width, of: b}]": "width is of a line",
-    "{regions: {a: {circle_m: [0, 0, 0.01]}}, "
-    "measures: [{name: b, tool: depth, of: a, datum: a, high: 0.05}]}": "'measures.0.high' = 0.05: "
+    "{regions: {a: {circle_m: [0, 0, 0.01]}, c: {circle_m: [0, 0, 0.02]}}, "
+    "measures: [{name: b, tool: depth, of: a, datum: c, high: 0.05}]}": "'measures.0.high' = 0.05: "
     "depth of 'a' is at most 0.01 m; limits are in m, m², m³ and rad",
     "{lines: {a: [[0, 0], [0.01, 0]]}, measures: [{name: b, tool: width, of: a, low: 1.5}]}": "'a' "
     "is at most 0.01 m",
+    "regions: {a: {polygon_m: [[0, 0], [0.01, 0.01], [0.02, 0.02]]}}": "corners lie on a line",
+    "lines: {a: [[0, 0], [0, 0]]}": "'lines.a' begins where it ends",
+    "lines: {a: [[0, 0], [10, 0]]}": "recipes are in metres",
+    "plate: {yaw_rad: 90}": "'plate.yaw_rad' = 90: at most 6.28",
+    "plate: {origin_m: [100, 20, 0]}": "over 5 m away; recipes are in metres",
+    "tolerances: [{length_m: 3}]": "'tolerances.0.length_m' = 3: at most 0.1 is expected",
+    "tolerances: [{area_m2: 0.5}]": "'tolerances.0.area_m2' = 0.5: at most 0.01 is expected",
     "{regions: {a: {circle_m: [0, 0, 0.01]}}, "
-    "measures: [{name: b, tool: tilt, of: a, datum: a, high: 5}]}": "at most 1.57 rad",
+    "measures: [{name: b, tool: tilt, of: a, datum: a}]}": "a region is no datum of its own",
+    "{regions: {a: {circle_m: [0, 0, 0.01]}}, measures: [{name: b, tool: roughness_sa, of: a}, "
+    "{name: b, tool: roughness_sq, of: a}]}": "two 'measures' are called 'b'",
+    "{regions: {a: {circle_m: [0, 0, 0.01]}, c: {circle_m: [0, 0, 0.02]}}, "
+    "measures: [{name: b, tool: tilt, of: a, datum: c, high: 5}]}": "at most 1.57 rad",
     "{": "not a YAML file",
     "reference: silver:x": "'reference' = 'silver:x': is not one of self, nominal[:FORM], "
     "golden:DIR, cad:FILE",

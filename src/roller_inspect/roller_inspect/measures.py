@@ -16,7 +16,7 @@ from .measuring.profile import profile, width_and_depth
 from .measuring.regions import extent, flushness_and_tilt, roughness, step_height
 from .recipe import Recipe, decide
 from .recipe.decision import Verdict
-from .recipe.recipe import Measure
+from .recipe.measure import Measure
 
 #: How often the scale's uncertainty counts, by unit; slopes know none.
 _POWERS = {"m": 1, "m²": 2, "m³": 3, "rad": 0}

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from roller_inspect.findings.cues import SCALES_M, cell_weights, smoothed
 from roller_inspect.findings.sizes import ALIKE_M, extreme
-from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
 from roller_inspect.references.nominal import fit_polynomial
 from roller_inspect.references.reference import ReferenceError
 
@@ -105,10 +105,11 @@ def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Meas
             "volume": not_measurable("m³", reason),
         }  # fmt: skip
     step = height_map.step_m
-    away = height_map.height_m - plane.at(height_map.x_m[None, :], height_map.y_m[:, None])
-    away = away.astype(np.float32)
+    base_m = plane.at(height_map.x_m[None, :], height_map.y_m[:, None])
+    away: F32 = (height_map.height_m - base_m).astype(np.float32)
     fine = smoothed(away, cell_weights(height_map, away), max(SCALES_M[0] / step, 0.5))[0]
-    rise, hollow = (extreme(s * fine, s * away, known & np.isfinite(fine)) for s in (1, -1))
+    inside = known & np.isfinite(fine)
+    rise, hollow = extreme(fine, away, inside), extreme(-fine, -away, inside)
     sign, depth = (1.0, rise) if rise > hollow else (-1.0, hollow)
     sigma = float(np.median(height_map.sigma_m[known]))
     rows, columns = np.nonzero(known)

@@ -20,21 +20,10 @@ from roller_inspect.references import Form
 from roller_inspect.surface_inspector import InspectionSettings
 
 from .decision import Rule
-from .regions import Region
+from .measure import ALONE, ALONG, DEEPEST_M, Measure
+from .regions import FARTHEST_M, Region
 
 SCHEMA = "roller-recipe/1"
-Tool = Literal[
-    "step_height",
-    "flushness",
-    "tilt",
-    "width",
-    "depth",
-    "diameter",
-    "area",
-    "volume",
-    "roughness_sa",
-    "roughness_sq",
-]
 Kind = Literal["self", "nominal", "golden", "cad"]
 #: How each is given.
 _REFERENCES = {
@@ -43,10 +32,6 @@ _REFERENCES = {
     "golden": "golden:DIR",
     "cad": "cad:FILE",
 }
-#: Tools that measure along a line, and those that need no datum.
-_ALONG, _ALONE = ("width",), ("width", "roughness_sa", "roughness_sq")
-#: The skin follows no step that is higher, m.
-_DEEPEST_M = 0.01
 #: Sizes that a tolerance may limit, as a finding has them.
 SIZES = ("depth_m", "length_m", "width_m", "area_m2", "volume_m3")
 
@@ -64,7 +49,18 @@ class Plate(Settings):
     """Where the part lies in base; regions of frame `plate` are counted from there."""
 
     origin_m: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="Origin in base.")
-    yaw_rad: float = Field(0.0, description="Its x axis against that of base, about z.")
+    yaw_rad: float = Field(
+        0.0,
+        ge=-2 * math.pi,
+        le=2 * math.pi,
+        description="Its x axis against that of base, about z.",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Plate:
+        if max(map(abs, self.origin_m)) > FARTHEST_M:
+            raise ValueError(f"origin_m is over {FARTHEST_M:g} m away; recipes are in metres")
+        return self
 
     @property
     def base_from_plate(self) -> F64:
@@ -123,11 +119,11 @@ class Tolerance(Settings):
         "any", description="Of which kind."
     )
     # Far beyond these a number is in another unit, and would let everything pass.
-    depth_m: float | None = Field(None, ge=0, le=_DEEPEST_M, description="Most depth or height, m.")
-    length_m: float | None = Field(None, ge=0, le=5, description="Most length, m.")
-    width_m: float | None = Field(None, ge=0, le=5, description="Most width, m.")
-    area_m2: float | None = Field(None, ge=0, le=5, description="Most area, m².")
-    volume_m3: float | None = Field(None, ge=0, le=0.01, description="Most volume, m³.")
+    depth_m: float | None = Field(None, ge=0, le=DEEPEST_M, description="Most depth or height, m.")
+    length_m: float | None = Field(None, ge=0, le=0.1, description="Most length, m.")
+    width_m: float | None = Field(None, ge=0, le=0.1, description="Most width, m.")
+    area_m2: float | None = Field(None, ge=0, le=0.01, description="Most area, m².")
+    volume_m3: float | None = Field(None, ge=0, le=1e-4, description="Most volume, m³.")
 
     @model_validator(mode="after")
     def _check(self) -> Tolerance:
@@ -142,23 +138,6 @@ class Tolerance(Settings):
 
 #: What a finding may be where no tolerance of the recipe fits it.
 DEFAULT_TOLERANCE = Tolerance.create({"depth_m": 100e-6})
-
-
-class Measure(Settings):
-    """A named figure of the part; without limits it is reported alone."""
-
-    name: str = Field(min_length=1, description="What reports call it.")
-    tool: Tool = Field(description="How it is measured.")
-    of: str = Field(description="The region that it is of; of width, and of depth, a line.")
-    datum: str = Field("", description="The region whose plane it is measured from.")
-    low: float | None = Field(None, description="Least value: m, m², m³ or rad, by the tool.")
-    high: float | None = Field(None, description="Most value.")
-
-    @model_validator(mode="after")
-    def _check(self) -> Measure:
-        if self.low is not None and self.high is not None and self.low > self.high:
-            raise ValueError("low is above high")
-        return self
 
 
 class Recipe(Settings):
@@ -217,49 +196,37 @@ class Recipe(Settings):
             raise ValueError(f"'schema' is {self.schema_!r}; {SCHEMA} is read")
         if self.force_n is not None and not 0 <= self.force_n[0] < self.force_n[1]:
             raise ValueError("'force_n' is the least and the most force, N")
+        for name, ends in self.lines.items():
+            if ends[0] == ends[1] or np.abs(ends).max() > FARTHEST_M:
+                raise ValueError(
+                    f"'lines.{name}' begins where it ends, or goes over {FARTHEST_M:g} m; recipes "
+                    "are in metres"
+                )
+        names = [m.name for m in self.measures]
+        if double := next((name for name in names if names.count(name) > 1), ""):
+            raise ValueError(f"two 'measures' are called '{double}'")
         named = [("inspect", name) for name in self.inspect]
         named += [("exclude", name) for name in self.exclude]
         named += [(f"tolerances.{i}.region", t.region) for i, t in enumerate(self.tolerances)]
         named += [(f"measures.{i}.datum", m.datum) for i, m in enumerate(self.measures)]
         for i, m in enumerate(self.measures):
-            if m.of in self.lines and m.tool in ("width", "depth"):
+            if m.of in self.lines and m.tool in ALONG:
                 continue
-            if m.tool in _ALONG:
+            if m.tool == "width":
                 there = ", ".join(self.lines) or "none"
                 raise ValueError(f"'measures.{i}.of' is '{m.of}'; {m.tool} is of a line ({there})")
             named.append((f"measures.{i}.of", m.of))
-            if not m.datum and m.tool not in _ALONE:
+            if not m.datum and m.tool not in ALONE:
                 raise ValueError(f"'measures.{i}': {m.tool} of a region needs a 'datum'")
         for where, name in named:
             if name and name not in self.regions:
                 there = ", ".join(self.regions) or "none"
                 raise ValueError(f"'{where}' names '{name}', which is not there (regions: {there})")
         for i, m in enumerate(self.measures):
-            most, unit = self._most(m)
-            for name in ("low", "high"):
-                value = getattr(m, name)
-                if value is not None and abs(value) > most:
-                    raise ValueError(
-                        f"'measures.{i}.{name}' = {value:g}: {m.tool} of '{m.of}' is at most "
-                        f"{most:.3g} {unit}; limits are in m, m², m³ and rad"
-                    )
+            along = m.of in self.lines
+            outline = np.array(self.lines[m.of]) if along else self.regions[m.of].outline()
+            m.check_limits(f"measures.{i}", outline)
         return self
-
-    def _most(self, measure: Measure) -> tuple[float, str]:
-        """What a measure can be at most, and its unit: limits beyond are in another unit."""
-        of = (
-            self.lines[measure.of]
-            if measure.of in self.lines
-            else self.regions[measure.of].outline()
-        )
-        width, height = np.ptp(np.array(of), axis=0).tolist()
-        return {
-            "tilt": (math.pi / 2, "rad"),
-            "width": (math.hypot(width, height), "m"),
-            "diameter": (math.hypot(width, height), "m"),
-            "area": (width * height, "m²"),
-            "volume": (width * height * _DEEPEST_M, "m³"),
-        }.get(measure.tool, (_DEEPEST_M, "m"))
 
     @property
     def base_from_recipe(self) -> F64:

@@ -11,7 +11,7 @@ from roller_core.settings import Settings
 Mask = npt.NDArray[np.bool_]
 
 #: No robot's part is larger or farther away, m: a number beyond is in another unit.
-_FARTHEST_M = 5.0
+FARTHEST_M = 5.0
 
 
 class Region(Settings):
@@ -37,8 +37,12 @@ class Region(Settings):
         if self.circle_m and self.circle_m[2] <= 0:
             raise ValueError("circle_m is middle x, y and a radius above 0")
         farthest = float(np.abs(self.outline()).max())
-        if not farthest <= _FARTHEST_M:
+        if not farthest <= FARTHEST_M:
             raise ValueError(f"it reaches to {farthest:g} m; recipes are in metres")
+        corners = self.outline()
+        x, y = (corners - corners[0]).T
+        if abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 1e-12:
+            raise ValueError("its corners lie on a line")
         return self
 
     def outline(self) -> npt.NDArray[np.float64]:
