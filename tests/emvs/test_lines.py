@@ -202,6 +202,22 @@ def test_ridges_and_votes_equal_plain_words() -> None:
         assert near[k] == along.sum()
 
 
+def test_means_along_contours_equal_plain_words() -> None:
+    rng = np.random.default_rng(6)
+    rows = np.sort(rng.integers(0, 60, 90))
+    x, tilt, value = rng.uniform(0, 6, 90), rng.normal(0, 0.1, 90), rng.normal(0, 1, 90)
+    variance, ends = rng.uniform(0.5, 2, 90), np.searchsorted(rows, rows + 10, side="right")
+    mean, left = np.empty(90), np.empty(90)
+    kernels._along(rows, x, tilt, value, variance, ends, 10, 1.5, 5.0, mean, left)
+    for k in range(90):
+        apart = rows - rows[k]
+        straight = np.abs(x - x[k] - (tilt + tilt[k]) / 2 * apart) < 1.5
+        weight = np.exp(-0.5 * (apart / 5.0) ** 2) / variance * straight * (np.abs(apart) <= 10)
+        weight /= weight.sum()
+        assert mean[k] == pytest.approx(weight @ value)
+        assert left[k] == pytest.approx(weight**2 @ variance)
+
+
 def drift(max_slope: float = 1.0) -> EdgeDriftSettings:
     coefficients = np.arange(1.0, 5.0) * 1e-5
     residual = np.linspace(1e-5, 4e-5, 4 * SLOPE_BINS)

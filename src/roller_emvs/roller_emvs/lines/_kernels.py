@@ -253,3 +253,26 @@ def _vote(row, x, slope, offset, last, reach_y, reach_x, most, votes, near):  # 
                 n += 1
         votes[k] = np.median(values[:n])
         near[k] = n
+
+
+@njit(cache=True, nogil=True)
+def _along(row, x, slope, value, variance, last, reach_y, reach_x, spread, mean, left):  # type: ignore[no-untyped-def]
+    """Mean of a value of the lines along each line's contour, and its variance if none is shared.
+
+    By their variance and a Gaussian over rows of deviation `spread`. Lines are sorted by row;
+    `last[k]` is where the rows from `row[k]` + `reach_y` on begin.
+    """
+    first = 0
+    for k in range(len(row)):
+        while row[first] < row[k] - reach_y:
+            first += 1
+        total = summed = squares = 0.0
+        for j in range(first, last[k]):
+            rows = row[j] - row[k]
+            if abs(x[j] - x[k] - 0.5 * (slope[k] + slope[j]) * rows) < reach_x:
+                w = np.exp(-0.5 * (rows / spread) ** 2) / variance[j]
+                total += w
+                summed += w * value[j]
+                squares += w * w * variance[j]
+        mean[k] = summed / total
+        left[k] = squares / total**2

@@ -7,7 +7,7 @@ over their slopes, whose inclination is what the plane's offset lacks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -40,6 +40,11 @@ _LEAST_EVENTS, _LEAST_VARIANCE, _MOST_M = 30.0, 0.012, 5e-4
 #: and half width, px.
 _VOTE_M, _CONTOUR_PX = 1.2e-4, (6, 1.5)
 _MOST_VOTES = 64
+#: What a line's height adds to the surface is the mean of the lines along its contour, by what each
+#: is sure of and a Gaussian of this deviation; its half length, rows. Of neighbours so many share
+#: their events.
+_ALONG_ROWS, _REACH_ROWS = 5.0, 10
+_SHARED = 2 * _WINDOW_PX[1] / ROW_STEP
 #: Events of a pixel's crossing come of one threshold: their number counts as this share.
 INDEPENDENT = 0.5
 
@@ -137,7 +142,8 @@ def fit_lines(
     band = np.minimum(np.sqrt(robust), _WINDOW_PX[0] / 2)
     # A ray's offset counts from the plane that it was placed on: away from there x falls short.
     lines = Lines(row, column + p, tilt, at - d, variance, events, lean, spread, band)[keep]
-    return _agreeing(lines, _VOTE_M * abs(offset_per_m))
+    agreeing = _agreeing(lines, _VOTE_M * abs(offset_per_m))
+    return _averaged(lines[agreeing], d[keep][agreeing])
 
 
 def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int) -> tuple[F32, I32]:
@@ -152,10 +158,8 @@ def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int)
     return ordered, starts
 
 
-def _agreeing(lines: Lines, most: float) -> Lines:
-    """Lines that agree with others along their contour."""
-    if not len(lines):
-        return lines
+def _agreeing(lines: Lines, most: float) -> npt.NDArray[np.bool_]:
+    """Which lines agree with others along their contour."""
     votes, near = np.empty(len(lines)), np.empty(len(lines), np.int64)
     reach_y, reach_x = _CONTOUR_PX
     ends = np.searchsorted(lines.row, lines.row + reach_y, side="right")
@@ -163,4 +167,21 @@ def _agreeing(lines: Lines, most: float) -> Lines:
         lines.row, lines.x, lines.tilt, lines.offset, ends, reach_y, reach_x, _MOST_VOTES,
         votes, near,
     )  # fmt: skip
-    return lines[(np.abs(lines.offset - votes) <= most) & (near > 1)]
+    return np.asarray((np.abs(lines.offset - votes) <= most) & (near > 1))
+
+
+def _averaged(lines: Lines, lack: F64) -> Lines:
+    """Lines whose offset less the surface's, `lack`, is the mean along their contour.
+
+    Not the offset itself: that would level a surface that bends along the contour.
+    """
+    own = lines.variance[:, 2]
+    mean, left = np.empty(len(lines)), np.empty(len(lines))
+    ends = np.searchsorted(lines.row, lines.row + _REACH_ROWS, side="right")
+    kernels._along(
+        lines.row, lines.x, lines.tilt, lack, own, ends, _REACH_ROWS, _CONTOUR_PX[1], _ALONG_ROWS,
+        mean, left,
+    )  # fmt: skip
+    variance = lines.variance.copy()
+    variance[:, 2] = np.minimum(_SHARED * left, own)
+    return replace(lines, offset=lines.offset + lack - mean, variance=variance)
