@@ -13,7 +13,7 @@ from roller_calibration.edge_drift import fit_drift
 from roller_calibration.gauges import Gauge
 from roller_calibration.pass_lines import EdgeDriftError, PassLines
 from roller_calibration.recordings import Scan
-from roller_calibration.step_walls import find_walls, parts_by_kind
+from roller_calibration.step_walls import find_walls, parts_by_kind, wall_levels
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -371,3 +371,16 @@ def test_gauges_of_the_virtual_cell_correct_another_object(scans: Scans, tmp_pat
         assert report["edge_drift"] == name
         near_um[name] = report["truth"]["objects"]["bumps"]["near_edge_mae_um"]
     assert near_um["calibrated"] < 0.8 * near_um["not calibrated"]
+
+
+def test_walls_that_were_not_seen_are_counted() -> None:
+    change = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
+    heights = np.array([0.5, 1.5, 2.5, 2.5, 1.5, 0.5])
+    np.testing.assert_allclose(wall_levels(heights, change), heights)
+    # Drift that lifts all that goes down is none; a wall that hardly stands out counts as one.
+    np.testing.assert_allclose(wall_levels(heights + 0.6 * (change < 0), change), heights)
+    np.testing.assert_allclose(wall_levels(0.3 * heights, change), heights)
+    seen = np.array([0, 2, 4, 5])
+    np.testing.assert_allclose(wall_levels(heights[seen], change[seen]), heights[seen])
+    heights[1] = np.nan
+    np.testing.assert_allclose(wall_levels(heights, change), [0.5, 1.5, 2.5, 2.5, 1.5, 0.5])

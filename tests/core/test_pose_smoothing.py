@@ -12,6 +12,7 @@ from roller_core.pose_track import PoseOrderError
 from roller_core.sensor_pose import SensorFrames
 
 EPOCH_NS = 1_790_000_000_000_000_000
+JITTER_NS = 30_000
 
 
 def smoothed(stamps: list[int], neighbours: int) -> list[int]:
@@ -22,12 +23,46 @@ def smoothed(stamps: list[int], neighbours: int) -> list[int]:
     return [t for t, _ in out]
 
 
-def test_jitter_falls_to_a_third() -> None:
-    rng = np.random.default_rng(0)
-    true = EPOCH_NS + np.arange(500) * 8_000_000
-    noisy = true + np.rint(rng.normal(0, 30_000, 500)).astype(np.int64)
-    left = np.array(smoothed(noisy.tolist(), 4)) - true
-    assert left[4:-4].std() < 1.2 * 30_000 / 3
+def jittery(count: int = 1000, period_ns: int = 8_000_000) -> tuple[np.ndarray, np.ndarray]:
+    """True stamps of a steady rate, and the same with 30 µs of jitter."""
+    true = EPOCH_NS + np.arange(count) * period_ns
+    noise = np.random.default_rng(0).normal(0, JITTER_NS, count)
+    return true, true + np.rint(noise).astype(np.int64)
+
+
+def test_jitter_falls_to_a_quarter_and_less_between_poses_of_an_aperture() -> None:
+    true, noisy = jittery()
+    left = (np.array(smoothed(noisy.tolist(), 4)) - true)[20:-20]
+    assert left.std() < 0.25 * JITTER_NS
+    # Depth is travel over parallax: what counts is the time between poses, here 56 ms apart.
+    assert (left[7:] - left[:-7]).std() < 0.18 * JITTER_NS
+
+
+def test_late_and_missing_ones_spoil_no_others() -> None:
+    true, noisy = jittery()
+    rng = np.random.default_rng(1)
+    late = rng.choice(1000, 20, replace=False)
+    noisy[late] += rng.integers(500_000, 3_500_000, 20)
+    kept = rng.random(1000) > 0.1
+    left = np.array(smoothed(noisy[kept].tolist(), 4)) - true[kept]
+    others = ~np.isin(np.arange(1000), late)[kept]
+    others[:20] = False
+    assert left[others].std() < 0.35 * JITTER_NS
+
+
+def test_a_rate_that_wanders_is_followed() -> None:
+    true, noisy = jittery()
+    wander = np.rint(300_000 * np.sin(np.arange(1000) / 40)).astype(np.int64)
+    left = np.array(smoothed((noisy + wander).tolist(), 4)) - true - wander
+    assert left[20:-20].std() < 0.6 * JITTER_NS
+    assert np.abs(left).max() < 5 * JITTER_NS
+
+
+def test_stamps_at_random_are_hardly_moved() -> None:
+    steps = np.random.default_rng(2).exponential(8e6, 1000)
+    stamps = EPOCH_NS + np.cumsum(steps).astype(np.int64)
+    moved = np.array(smoothed(stamps.tolist(), 4)) - stamps
+    assert (moved != 0).mean() < 0.1
 
 
 @given(steps=st.lists(st.integers(1, 10**9), max_size=40), neighbours=st.integers(0, 6))

@@ -19,7 +19,7 @@ from .gauges import LEAST_LINES, OTHER_SIZE
 from .pass_lines import WALL_SLOPE, passes_of
 from .recordings import Scan
 from .sphere import find_sphere
-from .step_walls import LEAST_WALLS, find_walls, step_height
+from .step_walls import LEAST_WALLS, find_walls, step_height, wall_levels
 
 #: Cells in which it is counted what of a sphere was seen, by its radius; of a wall, and of a plane,
 #: m.
@@ -126,8 +126,9 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
     off = away[np.arange(len(u)), nearest]
     near = np.abs(off) < _NEAR_WALL_M
     u, height, nearest, off = u[near], local[near, 2], nearest[near], off[near]
-    middle = np.cumsum(change) - 0.5 * change
     on = np.abs(off) < _ON_WALL_M
+    levels = np.array([np.median(height[on & (nearest == k)]) for k in range(count)])
+    middle = wall_levels(levels / step_m, change)
     fitted_m = step_height(
         np.where(on, nearest, -1), (change[nearest] < 0).astype(np.int64), height, middle
     )

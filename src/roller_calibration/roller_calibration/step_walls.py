@@ -37,6 +37,8 @@ _APART_M, _FOOT = 1e-4, 0.4
 _ALONE = 0.6
 #: Share by which the step between two walls that both rise, or both fall, may be off.
 _CLIMB = 0.3
+#: So many steps from a wall that goes up to the next that goes down one between wasn't seen.
+_UNSEEN = 0.75
 
 
 def rising_walls(
@@ -89,6 +91,26 @@ def parts_by_kind(across: F64, wall: I64, kind: I64, rising: npt.NDArray[np.bool
         first.append(np.clip(np.median(gaps) / _APART_M, -1.0, 1.0) if gaps else alone)
     up, down = first
     return _FOOT * np.array([-up, down, up, -down])
+
+
+def wall_levels(heights: F64, change: F64) -> F64:
+    """Height of each wall's middle, in steps, shape (n,): counted, with walls that weren't seen.
+
+    Parameters
+    ----------
+    heights : ndarray of float64, shape (n,)
+        As measured, in steps; NaN where a wall has none.
+    change : ndarray of float64, shape (n,)
+        1 where a wall goes up along the roll, -1 where down.
+    """
+    levels = [0.5 * change[0]]
+    for k, climb in enumerate(np.nan_to_num(np.diff(heights)), 1):
+        if change[k] == change[k - 1]:
+            by = change[k] * max(1.0, np.rint(change[k] * climb))
+        else:  # drift lifts walls that go up apart from those that go down
+            by = np.rint(climb) if abs(climb) > _UNSEEN else 0.0
+        levels.append(levels[-1] + by)
+    return np.asarray(levels)
 
 
 def step_height(wall: I64, kind: I64, height: F64, middle: F64) -> float:

@@ -54,8 +54,9 @@ def smoothing_field(default: int) -> Any:
         default,
         ge=0,
         le=100,
-        description="Poses on either side over which the time stamps of the robot's poses are "
-        "smoothed where their rate is steady; 0 takes stamps as they come.",
+        description="Later poses that a pose of the robot waits for: its time stamp is that of the "
+        "line through theirs and up to 64 earlier ones where their rate is steady. 0 takes stamps "
+        "as they come.",
     )
 
 

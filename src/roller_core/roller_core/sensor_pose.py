@@ -89,8 +89,8 @@ class SensorFrames:
     max_gap_s : float
         See `PoseTrack`.
     smoothing : int
-        Neighbours on either side over which the stamps of the robot's poses are smoothed; a pose
-        is in the track when that many have followed it. See `StampSmoother`.
+        Later poses that each waits for, so that stamps can be smoothed; it is in the track when
+        that many have followed it. See `StampSmoother`.
     """
 
     def __init__(
