@@ -115,6 +115,22 @@ def test_findings_of_a_scan_given_in_pieces_are_those_of_the_whole() -> None:
     assert one.depth_m == pytest.approx(other.depth_m, abs=1e-5)
 
 
+def test_a_pass_beside_one_that_is_given_up_takes_nothing_of_it() -> None:
+    bump, hole = dent((0.008, 0.0), 1.5e-3, -2e-4), dent((0.02, 0.008), 1.5e-3, 2e-4)
+
+    def part(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return bump(x, y) + hole(x, y)
+
+    there = scan(part, length_m=0.1, width_m=0.008)
+    beside = scan(part, length_m=0.1, width_m=0.008, start=(0.0, 0.008), seed=1)
+    found = inspect([*there, *beside], height_map={"max_cells": 40_000})
+    assert sorted(round(f.depth_m * 1e4) for f in found.findings) == [-2, 2]
+    assert found.height_map is not None
+    for side in (found.height_map.y_m < 3.5e-3, found.height_map.y_m > 4.5e-3):
+        inner = side & (np.abs(found.height_map.y_m - 0.004) < 7e-3)
+        assert found.height_map.known[inner].mean() > 0.9
+
+
 def test_a_finding_is_provisional_until_the_scan_has_passed_it_and_keeps_its_number() -> None:
     patches = scan(dent((0.0235, 0.0), 1.5e-3, 3e-4), length_m=0.06)
     inspector = SurfaceInspector(InspectionSettings.create({}), NominalReference("plane"))

@@ -10,7 +10,7 @@ import numpy as np
 from .findings.finding import Finding
 from .height_map.coverage import Coverage
 from .height_map.height_map import F32, OUTSIDE, HeightMap
-from .height_map.join import coarser, join, join_size, place_on
+from .height_map.join import coarser, join_size, join_with
 from .references.reference import Alignment
 
 _Grid = TypeVar("_Grid", bound=np.ndarray)
@@ -78,11 +78,7 @@ class Whole:
             if join_size([m for m, _ in maps]) <= self._most_cells:
                 break
             step *= 2
-        joined = join([m for m, _ in maps])
-        deviation = np.full(joined.shape, np.nan, np.float32)
-        for m, d in maps:
-            place_on(joined, m, deviation, d)
-        self.piece = Piece(joined, deviation)
+        self.piece = Piece(*join_with([m for m, _ in maps], [d for _, d in maps]))
 
 
 def within(pieces: list[Piece], whole: HeightMap) -> list[Piece]:

@@ -18,7 +18,7 @@ from .findings.finder_settings import FindingSettings
 from .findings.finding import Finding
 from .height_map.coverage import Coverage, coverage_of
 from .height_map.height_map import OUTSIDE, Bools, HeightMap
-from .height_map.join import join, place_on, without_run_in
+from .height_map.join import join, window_of, without_run_in
 from .height_map.map_settings import HeightMapSettings
 from .height_map.mapper import HeightMapper
 from .pieces import Found, Piece, Whole, part_of, within
@@ -223,7 +223,8 @@ class SurfaceInspector:
     def _cut(self) -> list[int]:
         """Strips to conclude: all but what the newest findings may still need."""
         order = list(self._strips)
-        keep = set(order[-4:])
+        # The scan may have come back to strips, and be in the middle of them.
+        keep = set(order[-4:]) | self._mapper.under_way
         for first, last in (self._reach(f) for f in self.findings if not f.final):
             keep |= set(range(first, last + 1))
         done = [k for k in order if k not in keep]
@@ -238,7 +239,7 @@ class SurfaceInspector:
         window = join(list(parts.values()))
         masked = np.zeros(window.shape, bool)
         for k in parts.keys() & self._masks.keys():
-            place_on(window, parts[k], masked, self._masks[k])
+            masked[window_of(window, parts[k])] = self._masks[k]
         found = self._search(window, final=True, masked=masked)
         self._before = {k: self._strips[k] for k in strips[-1:]}
         for k in strips:

@@ -45,7 +45,12 @@ def _step(pieces: list[HeightMap]) -> float:
 
 
 def join(pieces: list[HeightMap]) -> HeightMap:
-    """One map of pieces of one frame and grid; where they overlap the last one counts."""
+    """One map of pieces of one frame and grid; where they overlap what is known best counts."""
+    return join_with(pieces, [piece.height_m for piece in pieces])[0]
+
+
+def join_with(pieces: list[HeightMap], values: list[F32]) -> tuple[HeightMap, F32]:
+    """The same, and values that each piece has on its own grid; the last of equally known ones."""
     step = _step(pieces)
     (i0, i1), (j0, j1) = _extent(pieces)
     shape = (j1 - j0, i1 - i0)
@@ -58,19 +63,24 @@ def join(pieces: list[HeightMap]) -> HeightMap:
         np.zeros(shape, np.uint16),
         pieces[0].base_from_map,
     )
-    for piece in pieces:
-        place_on(out, piece, out.height_m, piece.height_m)
-        place_on(out, piece, out.sigma_m, piece.sigma_m)
-        place_on(out, piece, out.state, piece.state)
-        place_on(out, piece, out.points, piece.points)
-    return out
+    joined = np.full(shape, np.nan, np.float32)
+    for piece, own in zip(pieces, values, strict=True):
+        place = window_of(out, piece)
+        # A later pass beside an earlier one knows nothing of its cells.
+        better = (piece.state >= out.state[place]) & (piece.state != OUTSIDE)
+        for grid, new in (
+            (out.height_m, piece.height_m), (out.sigma_m, piece.sigma_m), (joined, own),
+            (out.points, piece.points), (out.state, piece.state),
+        ):  # fmt: skip
+            grid[place][better] = new[better]
+    return out, joined
 
 
-def place_on(whole: HeightMap, piece: HeightMap, grid: np.ndarray, values: np.ndarray) -> None:
-    """Write values of a piece where they belong on a grid of the whole."""
+def window_of(whole: HeightMap, piece: HeightMap) -> tuple[slice, slice]:
+    """Rows and columns of a whole that a piece covers."""
     i0, j0 = _first_cell(whole, whole.step_m)
     i, j = _first_cell(piece, whole.step_m)
-    grid[j - j0 : j - j0 + piece.shape[0], i - i0 : i - i0 + piece.shape[1]] = values
+    return slice(j - j0, j - j0 + piece.shape[0]), slice(i - i0, i - i0 + piece.shape[1])
 
 
 def without_run_in(height_map: HeightMap) -> HeightMap:

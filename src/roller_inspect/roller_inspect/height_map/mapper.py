@@ -97,6 +97,11 @@ class HeightMapper:
             self._take(patch)
         return self._mark([k for k, strip in self._strips.items() if not strip.done])
 
+    @property
+    def under_way(self) -> set[int]:
+        """Strips that the scan has points of and hasn't passed."""
+        return {k for k, strip in self._strips.items() if not strip.done}
+
     def forget(self, strips: list[int]) -> None:
         """Give up the points of strips; later ones there begin anew."""
         for k in strips:
