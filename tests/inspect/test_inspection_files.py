@@ -138,6 +138,20 @@ def test_what_reaches_into_a_region_is_held_against_its_tolerance() -> None:
         assert known.verdict == verdict, (recipe, known.reason)
 
 
+def test_what_is_too_wide_for_a_finding_is_not_conform() -> None:
+    def bent(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 4e-4 * ((x - 0.008) / 0.008) ** 2 + 0.0 * y
+
+    for recipe, verdict in (
+        ({}, "inconclusive"),
+        ({"reference": "nominal:polynomial2"}, "conform"),
+        ({"tolerances": [{"depth_m": 1e-3}]}, "conform"),
+    ):
+        known = finished(inspect(scan(bent, **SMALL), **recipe)[1]).judgement
+        assert known.verdict == verdict, known.reason
+        assert ("100 µm off the reference" in known.reason) == (verdict == "inconclusive")
+
+
 def test_a_golden_part_and_what_differs_from_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from roller_core.parameter_files import read_parameters
 from roller_core.stage import ERROR, OK, Stage
 from roller_emvs.patch import Patch
 
-from .covered_area import coverage_of_area
+from .covered_area import coverage_of_area, off_reference
 from .findings import CellUncertainty
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
@@ -227,6 +227,8 @@ class InspectStage(Stage[InspectParameters]):
             measure_all(self.recipe, found.height_map, self.settings.uncertainty),
             self._faults.lines(), lacking,
         )  # fmt: skip
+        if judgement.verdict == "conform" and (off := off_reference(self.recipe, found)):
+            judgement = replace(judgement, verdict="inconclusive", reason=off)
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._deviations(found.last) + self._list(judgement, finished=True)
         inspected = Inspected(self._name, found, judgement)
