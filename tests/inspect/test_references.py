@@ -151,6 +151,14 @@ def test_a_model_that_lies_a_millimetre_or_two_degrees_off_is_laid_on_the_scan(a
     assert abs(moved[2]) < 2e-5
 
 
+def test_a_burr_along_an_edge_does_not_tilt_the_model_that_it_is_held_against() -> None:
+    def burr(x: F64, y: F64) -> F64:
+        return 2e-4 / (1 + np.exp(-(y - 0.0033) / 1e-4)) + 0.0 * x
+
+    found = inspect(burr, CadReference(*mesh_of(flat, (0.0, 0.0, 0.0))))
+    assert max(f.depth_m for f in found.findings) == pytest.approx(2e-4, abs=2e-5)
+
+
 def test_what_is_left_of_the_form_hides_no_bump_from_a_model() -> None:
     bump = dent((0.015, 0.0), 1e-3, -1.5e-4)
 

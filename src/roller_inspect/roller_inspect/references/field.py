@@ -181,11 +181,12 @@ def _fit(
 
 def _without_plane(away: F64, plane: F64) -> F64:
     """Residuals less a robust plane through them, given by its columns (3, n)."""
-    weight = np.ones_like(away)
+    level = away - np.median(away)
     for _ in range(_ROUNDS):
+        # What stands out of a level surface from the start doesn't tilt it.
+        weight = tukey(level)
         found = np.linalg.lstsq((plane * np.sqrt(weight)).T, away * np.sqrt(weight), rcond=None)[0]
         level = away - found @ plane
-        weight = tukey(level)
     return level
 
 

@@ -106,7 +106,8 @@ def fit_polynomial(x: F64, y: F64, z: F64, order: int) -> Model:
         raise ReferenceError("reference nominal: the measured cells lie on a line; no form fits")
     found = np.zeros(len(powers))
     found[0] = np.median(z)
-    weight = np.ones(len(z))
+    # What stands out of a level surface from the start doesn't tilt the form.
+    weight = tukey(z - found[0])
     for _ in range(_ROUNDS):
         weighted = columns.T * weight
         found[:] = np.linalg.solve(weighted @ columns, weighted @ z)
