@@ -201,7 +201,7 @@ def test_two_that_publish_the_robots_poses_are_reported_and_one_is_followed(
         lambda: bool(watcher.statuses["emvs: depth"] and watcher.statuses["stitcher: surface"]),
         60, "start of the nodes",
     )  # fmt: skip
-    processes.start("player", f"{{bag: {bag}, listeners: 'emvs, stitcher'}}")
+    processes.start("player", f"{{bag: {bag}, listeners: 'emvs, stitcher, watcher'}}")
     # A second robot begins to talk soon after the first has, and goes on.
     watcher.spin_until(lambda: len(watcher.seen["/tf"]) > 3, 30, "poses")
     answered = 0
