@@ -117,6 +117,13 @@ def test_what_lies_between_points_that_came_together_is_looked_at():
     assert grid.tiles[0, 0].layers["deviation"][0, 0] == 1
 
 
+def test_layers_have_one_order_whichever_came_first():
+    grid = Grid(1e-3)
+    for name in ("deviation", "height"):
+        grid.add(*np.full((3, 1), 5e-4)[:2], {name: np.ones(1, np.float32)})
+    assert grid.layers == ["height", "deviation"]
+
+
 def _all(grid: Grid) -> dict:
     out = {}
     for (tx, ty), tile in grid.tiles.items():

@@ -203,7 +203,8 @@ class Grid:
 
     def _have(self, names: Mapping[str, F32]) -> None:
         new = [name for name in names if name not in self.layers]
-        self.layers += new
+        # In one order for the page, whichever topic came first.
+        self.layers = sorted([*self.layers, *new], key=lambda name: (name != "height", name))
         for tile in self.tiles.values():
             for name in new:
                 tile.layers[name] = np.full((TILE, TILE), np.nan, np.float32)
