@@ -90,3 +90,14 @@ def test_gaps_in_the_numbers() -> None:
     gaps.forget("/a")
     gaps.see("/a", 9, 11 * 10**9)
     assert (gaps.lost, gaps.restarts) == (2 + 7 + 1 + 4, 6)
+
+
+@pytest.mark.parametrize("apart", [500, 2**19, 2**40])
+def test_two_senders_that_a_bag_does_not_tell_apart_lose_only_what_each_does(apart: int) -> None:
+    gaps = SeqGaps()
+    for k in (k for k in range(1000) if k not in (400, 401)):
+        gaps.see("/a", k, k)
+        if k != 700:
+            gaps.see("/a", apart + k, k)
+    assert (gaps.lost, gaps.gaps, gaps.restarts) == (2 + 2 + 1, 3, 1)
+    assert [gap.packets for gap in gaps.places] == [2, 2, 1]

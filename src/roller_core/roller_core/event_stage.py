@@ -158,7 +158,7 @@ class EventStage(Stage[E], Generic[E, P]):
             self.take_events(error.events)
             raise
         lost = self.stream.counts.lost_packets - lost
-        if self.pipeline is not None and lost:
+        if self.pipeline is not None and lost > 0:
             self.pipeline.miss()
         stamp = packet.header.stamp
         self._tell_loss(self._losses.see(stamp.sec * 1_000_000_000 + stamp.nanosec, lost))

@@ -30,8 +30,29 @@ class Gap:
     packets: int
 
 
+@dataclass(slots=True)
+class _Numbers:
+    """Of a sender: the last number, the last before a leap or a fall, and what the leap counts."""
+
+    last: int
+    other: int | None = None
+    leap: Gap | None = None
+    #: Whether both go on, in turns.
+    two: bool = False
+
+    def turn_to(self, seq: int) -> None:
+        """Make the one that a number follows the last."""
+        if self.other is None or seq in (self.last, self.last + 1):
+            return
+        nearer = self.two and self.other < seq and not self.other < self.last < seq
+        if nearer or seq == self.other + 1:
+            self.last, self.other, self.two = self.other, self.last, True
+
+
 class SeqGaps:
     """Counts missing packets by their `seq`, which rises by one from packet to packet.
+
+    Where a bag doesn't tell two senders apart, a leap is no loss if the numbers before it go on.
 
     Attributes
     ----------
@@ -50,30 +71,43 @@ class SeqGaps:
         self.gaps = 0
         self.restarts = 0
         self.places: list[Gap] = []
-        self._last: dict[str, dict[bytes, int]] = {}
+        self._last: dict[str, dict[bytes, _Numbers]] = {}
 
     def see(self, topic: str, seq: int, t_ns: int, sender: bytes = b"") -> None:
         """Take the number of the next packet; each sender counts its own."""
         senders = self._last.setdefault(topic, {})
-        last = senders.pop(sender, None)
-        self.restarts += last is None and bool(senders)
+        numbers = senders.pop(sender, None)
+        self.restarts += numbers is None and bool(senders)
         if len(senders) >= _MOST_SENDERS:
             del senders[next(iter(senders))]  # silent for longest
-        senders[sender] = seq
-        if last is None:
-            return
+        senders[sender] = numbers = numbers or _Numbers(seq)
+        numbers.turn_to(seq)
+        if numbers.two and numbers.leap is not None:
+            self._count(numbers.leap, -1)
+            self.restarts += 1
+            numbers.leap = None
+        last, numbers.last = numbers.last, seq
+        gap = Gap(topic, t_ns, seq - last - 1)
         if not last <= seq <= last + _MOST_LOST:
             self.restarts += 1
-        elif seq > last + 1:
-            self.lost += seq - last - 1
-            self.gaps += 1
-            if len(self.places) < _PLACES:
-                self.places.append(Gap(topic, t_ns, seq - last - 1))
+            numbers.other, numbers.leap, numbers.two = last, None, False
+        elif gap.packets > 0:
+            self._count(gap)
+            if not numbers.two:
+                numbers.other, numbers.leap = last, gap
+
+    def _count(self, gap: Gap, sign: int = 1) -> None:
+        self.lost += sign * gap.packets
+        self.gaps += sign
+        if sign < 0:
+            self.places = [place for place in self.places if place is not gap]
+        elif len(self.places) < _PLACES:
+            self.places.append(gap)
 
     def skip(self, topic: str, packets: int) -> None:
         """The next numbers came, but were not looked at."""
-        for sender in self._last.get(topic, {}):
-            self._last[topic][sender] += packets
+        for numbers in self._last.get(topic, {}).values():
+            numbers.last += packets
 
     def forget(self, topic: str) -> None:
         """Another source follows: its first number says nothing."""
