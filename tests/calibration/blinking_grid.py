@@ -18,7 +18,11 @@ from roller_sim.cell import Packet
 START_NS = 1_700_000_000_000_000_000
 SENSOR_NS = 5_000_000_000
 VIEW_S, PAUSE_S, BLINK_S = 1.0, 1.0, 0.125
+#: The same where an emulated robot shows the grid, which takes as long as it takes.
+LIVE_VIEW_S, LIVE_PERIOD_S, LIVE_MARGIN_S = 0.6, 1.1, 0.1
 GRID = DotGrid(4e-3)
+#: The grid in base.
+BASE_TARGET = pose_matrix([0.6, -0.2, 0.1], [0.0, 0.0, 0.0, 1.0])
 
 
 def target_poses(count: int, tilt_deg: float, seed: int = 3) -> list[F64]:
@@ -46,16 +50,18 @@ def dots_image(camera: Camera, pose: F64, blur_px: float = 1.0) -> F64:
     return cv2.GaussianBlur(image, (0, 0), blur_px) / 255.0
 
 
-def view_events(camera: Camera, pose: F64, begin_ns: int, rng: np.random.Generator) -> EventArray:
-    """A second of blinking dots, with noise and a hot pixel."""
+def view_events(
+    camera: Camera, pose: F64, begin_ns: int, rng: np.random.Generator, view_s: float = VIEW_S
+) -> EventArray:
+    """Blinking dots for a while, with noise and a hot pixel."""
     share = dots_image(camera, pose)
     parts = []
-    for k in range(int(VIEW_S / BLINK_S)):
+    for k in range(round(view_s / BLINK_S)):
         v, u = np.nonzero(rng.random(share.shape) < share)
         t = begin_ns + int(k * BLINK_S * 1e9) + rng.integers(0, 2_000_000, len(u))
         parts.append((t, u, v, np.full(len(u), k % 2)))
     n = 2000
-    noise = rng.integers(0, int(VIEW_S * 1e9), 2 * n) + begin_ns
+    noise = rng.integers(0, int(view_s * 1e9), 2 * n) + begin_ns
     u, v = rng.integers(0, camera.width, 2 * n), rng.integers(0, camera.height, 2 * n)
     u[:n], v[:n] = 17, 23
     parts.append((noise, u, v, rng.integers(0, 2, 2 * n)))
@@ -74,7 +80,6 @@ def write_grid_bag(
     if hand_eye is not None:
         items.append((START_NS - 1, "/event_camera/camera_info", CAMERA_INFO,
                       make.camera_info(START_NS)))  # fmt: skip
-    base_target = pose_matrix([0.6, -0.2, 0.1], [0.0, 0.0, 0.0, 1.0])
     for k, pose in enumerate(poses):
         begin = int(k * (VIEW_S + PAUSE_S) * 1e9)
         events = view_events(camera, pose, SENSOR_NS + begin, rng)
@@ -87,7 +92,7 @@ def write_grid_bag(
                 items.append((stamp, "/event_camera/events", EVENT_PACKET,
                               make.packet(packet, "libcaer_cmp")))  # fmt: skip
         if hand_eye is not None:
-            tool = base_target @ inverse_pose(pose) @ inverse_pose(hand_eye)
+            tool = BASE_TARGET @ inverse_pose(pose) @ inverse_pose(hand_eye)
             quaternion = Rotation.from_matrix(tool[:3, :3]).as_quat()
             for t in range(begin - 60_000_000, begin + int(VIEW_S * 1e9) + 60_000_000, 40_000_000):
                 message = make.transform(START_NS + t, BASE, TOOL, tool[:3, 3], quaternion)
