@@ -53,6 +53,18 @@ def test_each_step_says_whether_it_is_done_and_what_to_do_next(files: CellFiles)
     assert "--params cell.yaml" in new["flat plate"].advice
 
 
+def test_files_that_are_still_to_be_made_are_steps_to_go(tmp_path: Path) -> None:
+    """As on the first day of a cell, with the command of the page on commissioning."""
+    names = "cell.yaml", "hand_eye.yaml", "camera.yaml", "golden", "certificate"
+    named = {r.name: r for r in check_commissioning(CellFiles(*(tmp_path / n for n in names)))}
+    new = {r.name: r for r in check_commissioning(CellFiles())}
+    assert {n: r.level for n, r in named.items()} == {n: r.level for n, r in new.items()}
+    for step in ("intrinsics", "hand-eye", "time offset", "acceptance"):
+        assert named[step].found.endswith("isn't there")
+        assert named[step].advice.startswith("roller calibrate ")
+    assert "--params" not in named["time offset"].advice
+
+
 def test_what_is_old_of_another_skin_or_another_camera(files: CellFiles) -> None:
     later = datetime.now(timezone.utc) + timedelta(days=400)
     assert levels(files, later)["flat plate"] == "warning"

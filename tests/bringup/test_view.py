@@ -263,6 +263,8 @@ def test_a_recording_that_needs_more_than_its_name_is_sent_to_replay(tmp_path, c
     said = capsys.readouterr().err
     assert "give --poses FILE" in said
     assert "`roller replay` takes that: view the folder that it writes" in said
+    assert cli.main(["view", str(tmp_path / "nothing")]) == 1
+    assert capsys.readouterr().err.strip().endswith("there is no such file or folder")
 
 
 def test_bad_results_are_one_line_or_a_note(tmp_path):

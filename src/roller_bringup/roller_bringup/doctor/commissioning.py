@@ -22,7 +22,7 @@ _OLD_DAYS = 180
 
 @dataclass(frozen=True)
 class CellFiles:
-    """The files that a cell is started with; None where there is none."""
+    """The files that a cell is started with; None, or not there yet, where there is none."""
 
     #: Parameter file of the processing nodes, from `roller calibrate`.
     params: Path | None = None
@@ -72,14 +72,15 @@ def check_commissioning(files: CellFiles, now: datetime | None = None) -> Iterat
     camera, result = _camera(files.camera_info)
     yield result
     yield _hand_eye(files)
+    params = files.params if files.params and files.params.exists() else None
     try:
-        records = read_parameters(files.params, SECTION)
+        records = read_parameters(params, SECTION)
     except RollerError as error:
         yield fault("calibration", str(error), "mend the file, or give another with --cell FILE")
         return
-    if files.params and camera is not None:
+    if params and camera is not None:
         try:
-            check_same_camera(files.params, camera)
+            check_same_camera(params, camera)
         except RollerError as error:
             yield fault("calibration", str(error), "calibrate again with this camera")
     for step in _STEPS:
@@ -94,10 +95,17 @@ def check_commissioning(files: CellFiles, now: datetime | None = None) -> Iterat
     yield _certificate(files.certificate, records, now)
 
 
+def _missing(step: str, path: Path | None, option: str, make: str) -> Result:
+    """A step whose file wasn't given, or isn't there yet."""
+    if path is None:
+        return warning(step, "no file given", f"{option}; {make}")
+    return warning(step, f"{path} isn't there", make)
+
+
 def _camera(path: Path | None) -> tuple[Camera | None, Result]:
     make = "roller calibrate intrinsics views --pitch-mm MM --output camera.yaml"
-    if path is None:
-        return None, warning("intrinsics", "no camera file given", f"--camera-info FILE; {make}")
+    if path is None or not path.exists():
+        return None, _missing("intrinsics", path, "--camera-info FILE", make)
     try:
         camera = Camera.from_yaml(path)
     except RollerError as error:
@@ -110,8 +118,8 @@ def _hand_eye(files: CellFiles) -> Result:
 
     make = "roller calibrate hand-eye --grid-recording poses --pitch-mm MM --output hand_eye.yaml"
     path = files.hand_eye or files.params
-    if path is None:
-        return warning("hand-eye", "no file given", f"--hand-eye FILE; {make}")
+    if path is None or not path.exists():
+        return _missing("hand-eye", path, "--hand-eye FILE", make)
     try:
         values = read_parameters(path, "ur10")
         known = {k: v for k, v in values.items() if k in HandEyeSettings.model_fields}
@@ -131,8 +139,9 @@ def _hand_eye(files: CellFiles) -> Result:
 
 def _golden(folder: Path | None) -> Result:
     make = "roller inspect teach GOOD_SCAN... --output golden"
-    if folder is None:
-        return ok("golden scan", "none given; only parts judged by good ones need it")
+    if folder is None or not folder.exists():
+        there = f"{folder} isn't there" if folder else "none given"
+        return ok("golden scan", f"{there}; only parts judged by good ones need it")
     from roller_inspect.references.golden import GoldenReference
 
     try:
@@ -146,8 +155,8 @@ def _certificate(folder: Path | None, records: Mapping[str, Any], now: datetime)
     """Whether the cell was accepted as it is calibrated now."""
     name = "acceptance"
     make = "roller calibrate acceptance --sphere BAG --radius-mm R --params cell.yaml --output DIR"
-    if folder is None:
-        return warning(name, "no certificate given", f"--certificate DIR; {make}")
+    if folder is None or not folder.exists():
+        return _missing(name, folder, "--certificate DIR", make)
     path = folder / "certificate.json"
     try:
         found = json.loads(path.read_text())
@@ -173,13 +182,15 @@ def _certificate(folder: Path | None, records: Mapping[str, Any], now: datetime)
 
 def _judge(step: _Step, record: Any, now: datetime, params: Path | None) -> Result:
     # The first makes the file that the others go on with.
-    params_given = "" if params is None and step is _STEPS[0] else " --params cell.yaml"
+    there = params is not None and params.exists()
+    params_given = " --params cell.yaml" if there or step is not _STEPS[0] else ""
     make = f"roller {step.make}{params_given} --output cell.yaml"
     if not isinstance(record, dict):
         if not step.needed:
             return ok(step.title, "not calibrated; only the paper's methods need it")
-        given = f"not in {params}" if params else "no parameter file given (--cell FILE)"
-        return warning(step.title, given, make)
+        if there:
+            return warning(step.title, f"not in {params}", make)
+        return _missing(step.title, params, "--cell FILE", make)
     try:
         found = step.figures.format(**record)
         made = datetime.fromisoformat(str(record["date"]).replace("Z", "+00:00"))

@@ -35,6 +35,8 @@ def results_of(source: Path, folder: Path) -> Path:
     try:
         recording = open_recording(source, max_gap_s=settings.max_pose_gap_s)
     except RollerError as error:
+        if not source.exists():
+            raise
         raise RollerError(
             f"{error}; `roller replay` takes that: view the folder that it writes"
         ) from error
