@@ -2,8 +2,8 @@
 
 An image that moves at a share s of the robot's speed looks like a surface at the depth Z / s. So
 one number, looked for like a depth but far beyond the range of depths, tells rolling (1) from
-slipping and from a roller that stands (0). A slip of some percent can't be told from a depth in
-the range, and isn't told.
+slipping and from a roller that stands (0). A slip that looks like a depth in the range can't be
+told from it, and isn't told.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ _OF, _MOST, _LEAST = 8, 12_000, 800
 _MOST_WAITING = 1_000_000
 #: Events that share a pose.
 _PACKET = 64
-#: Shares that are tried, and how far from 1 is still rolling: the depth range, and what isn't in
-#: contact turns with the roller, up to 8 % faster at the border of the image.
-_SHARES = np.arange(0.0, 1.7, 0.05)
-_ROLLS = np.abs(_SHARES - 1.0) < 0.16
+#: Shares that are tried: near 1 as close as a peak is wide.
+_SHARES = np.r_[0.0:0.8:0.05, 0.8:1.2:0.02, 1.2:1.7:0.05]
+#: How far from 1 is still rolling: the depth range and so much more for what the share errs by,
+#: and at most so much.
+_LEEWAY, _MOST_LEEWAY = 0.03, 0.16
 #: Below this share the image stands.
 _STANDS = 0.2
 #: Bins along and across the motion, px.
@@ -73,14 +74,18 @@ class ContactWatch(EventCutter):
         Calibration.
     track : PoseTrack
         Camera in base; grows meanwhile.
-    depth_m : float
-        Depth of the surface, about, metres.
+    depth_min_m, depth_max_m : float
+        Between which depths the surface lies, metres.
     """
 
-    def __init__(self, camera: Camera, track: PoseTrack, depth_m: float) -> None:
+    def __init__(
+        self, camera: Camera, track: PoseTrack, depth_min_m: float, depth_max_m: float
+    ) -> None:
         super().__init__(_MOST_WAITING, track)
         self.state = ContactState()
-        self._camera, self._depth_m = camera, depth_m
+        self._camera, self._depth_m = camera, 0.5 * (depth_min_m + depth_max_m)
+        leeway = 0.5 * (depth_max_m - depth_min_m) / self._depth_m + _LEEWAY
+        self._rolls = np.abs(_SHARES - 1.0) < min(leeway, _MOST_LEEWAY)
         self._table: F32 = camera.undistortion_table()
         #: Events by pixel; zero between two looks.
         self._counts = np.zeros(self._table.shape[:2], np.uint16)
@@ -194,7 +199,7 @@ class ContactWatch(EventCutter):
         fault = ""
         if share is not None and share < _STANDS:
             fault = "contact lost: the image stands while the robot rolls"
-        elif share is not None and not _ROLLS[np.argmin(np.abs(_SHARES - share))]:
+        elif share is not None and not self._rolls[np.argmin(np.abs(_SHARES - share))]:
             fault = f"slipping: the image moves at {share:.0%} of the robot's speed"
         return ContactState(share, area_m2, fill, cells, fault)
 
@@ -227,8 +232,8 @@ class ContactWatch(EventCutter):
         best = int(np.argmax(sharp))
         if sharp[best] < _SURE * chance:
             return None
-        rolling = float(sharp[_ROLLS].max())
-        if not _ROLLS[best] and sharp[best] < _CLEARER * rolling:
+        rolling = float(sharp[self._rolls].max())
+        if not self._rolls[best] and sharp[best] < _CLEARER * rolling:
             return None
         return float(_SHARES[best])
 

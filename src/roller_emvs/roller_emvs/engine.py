@@ -59,9 +59,7 @@ class DepthEngine(Generic[C]):
         cutter.most_bend_m = settings.depth_min_m / max(camera.fx, camera.fy)
         self._counts = DepthCounts()
         self._event_delay_s = settings.event_delay_s
-        self._contact = ContactWatch(
-            camera, track, 0.5 * (settings.depth_min_m + settings.depth_max_m)
-        )
+        self._contact = ContactWatch(camera, track, settings.depth_min_m, settings.depth_max_m)
 
     @property
     def counts(self) -> DepthCounts:
