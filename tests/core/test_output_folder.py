@@ -237,3 +237,13 @@ def test_a_single_file_replaces_only_one_of_ours(tmp_path: Path) -> None:
         write_marked_file(tmp_path / "mine.yaml", "# roller calibrate", "# roller calibrate")
     assert contents(tmp_path)["mine.yaml"] == "emvs: {}"
     assert "# roller calibrate" in contents(tmp_path).values()
+
+
+def test_a_single_file_takes_no_pipes_place_and_waits_for_none(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    for name in ("pipe", "folder", "endless"):
+        with pytest.raises(UnwritableOutputError, match="is there and is no file"):
+            write_marked_file(tmp_path / name, "# roller", "# roller")
+    assert sorted(os.listdir(tmp_path)) == ["endless", "folder", "pipe"]
