@@ -43,6 +43,11 @@ def run_with(monkeypatch, fault):
         (RuntimeError("Symlink loop from 'x'"), 1, "error: Symlink loop from 'x'\n"),
         (KeyError("x\ny"), 1, r"error: KeyError: 'x\ny' (a fault of roller: please report it;"),
         (
+            UnicodeEncodeError("utf-8", "a\udcff", 1, 2, "surrogates not allowed"),
+            1,
+            r"error: 'a\udcff': a name that isn't UTF-8 can't be given there",
+        ),
+        (
             InvalidNamespaceException("/a b", "no spaces", 2),
             1,
             "error: Invalid namespace: no spaces",

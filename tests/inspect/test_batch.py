@@ -16,8 +16,9 @@ pytestmark = pytest.mark.scan
 def test_a_failure_is_a_row_and_what_is_done_stays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder, out = tmp_path / "scans", tmp_path / "out"
-    write_bag(folder / "good")
+    # A file's name may hold bytes that are no text.
+    folder, out, good = tmp_path / "scans", tmp_path / "out\udcff", "good\udcff"
+    write_bag(folder / good)
     (folder / "broken.mcap").write_bytes(b"\x89MCAP0\r\n nothing")
     words = ["batch", str(folder), "--output", str(out), "--method", "focus", "--jobs", "2"]
     assert main(words) == 1
@@ -29,20 +30,20 @@ def test_a_failure_is_a_row_and_what_is_done_stays(
         return {Path(str(job["source"])).name: job for job in found}
 
     first = rows()
-    assert first["good"]["verdict"] == "unmeasured"
-    assert first["good"]["error"] == ""
+    assert first[good]["verdict"] == "unmeasured"
+    assert first[good]["error"] == ""
     assert first["broken.mcap"]["verdict"] == ""
-    done = out / str(first["good"]["key"]) / "inspection.json"
+    done = out / str(first[good]["key"]) / "inspection.json"
     written = done.stat().st_mtime_ns
     page = (out / "index.html").read_text()
-    assert f"{first['good']['key']}/inspection.html" in page
+    assert f"{first[good]['key']}/inspection.html" in page
     assert len((out / "summary.csv").read_text().splitlines()) == 3
 
     capsys.readouterr()
     assert main([*words, "--resume"]) == 1
     said = capsys.readouterr().out
     assert f"broken.mcap: tried again, it failed before: {first['broken.mcap']['error']}" in said
-    assert rows()["good"] == first["good"] | {"kept": True}  # and the time that it took then
+    assert rows()[good] == first[good] | {"kept": True}  # and the time that it took then
     assert not rows()["broken.mcap"]["kept"]
     assert done.stat().st_mtime_ns == written
 

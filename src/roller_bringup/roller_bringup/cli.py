@@ -125,6 +125,8 @@ def _describe(error: Exception) -> str:
         return f"{name if len(name) < 200 else name[:99] + '...: '}{error.strerror}"
     if isinstance(error, RuntimeError) and text.startswith("Symlink loop"):
         return text  # Python before 3.13 has no type for it
+    if isinstance(error, UnicodeEncodeError):
+        return f"{error.object[:200]!r}: a name that isn't UTF-8 can't be given there"
     if isinstance(error, ImportError):
         return f"{text}; see what `roller doctor` says, or run `make setup`"
     if isinstance(error, MemoryError):

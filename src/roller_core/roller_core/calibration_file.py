@@ -7,6 +7,7 @@ want to know; no node has that name, so it changes nothing.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -84,7 +85,7 @@ def digest(path: Path) -> str:
     try:
         for file in files:
             if path.is_dir():
-                total.update(f"{file.relative_to(path)}\n".encode())
+                total.update(os.fsencode(file.relative_to(path)) + b"\n")
             with file.open("rb") as stream:
                 while block := stream.read(1 << 20):
                     total.update(block)

@@ -34,7 +34,7 @@ def write_marked_file(path: Path, text: str, mark: str) -> None:
         if path.exists() and not path.is_file():
             raise UnwritableOutputError(f"{path}: is there and is no file; give another name")
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8")
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")
         if path.exists() and not _begins_with(path, mark.encode()):
             raise UnwritableOutputError(
                 f"{path}: roller did not write it, so it stays; the results are in {part}"

@@ -84,7 +84,11 @@ def run_job(job: Job) -> Row:
         command = [sys.executable, "-c", _CHILD, str(job.memory_bytes), *words]
         try:
             done = subprocess.run(
-                command, capture_output=True, text=True, timeout=job.timeout_s or None
+                command,
+                capture_output=True,
+                text=True,
+                errors="backslashreplace",
+                timeout=job.timeout_s or None,
             )
         except subprocess.TimeoutExpired:
             return _failed(job, f"took longer than {job.timeout_s:g} s", begin)

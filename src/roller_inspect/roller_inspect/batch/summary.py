@@ -13,6 +13,9 @@ from pathlib import Path
 
 from .jobs import Row
 
+#: For bytes of file names that are no text.
+_ODD = "backslashreplace"
+
 
 def write_summary(folder: Path, rows: Sequence[Row], results: Path) -> None:
     """Write `summary.csv`, `summary.json` and `index.html`.
@@ -30,11 +33,11 @@ def write_summary(folder: Path, rows: Sequence[Row], results: Path) -> None:
     counts = Counter(row.verdict or "failed" for row in rows)
     text = json.dumps({"schema": "roller-batch/1", "verdicts": counts, "jobs": data}, indent=1)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    with (folder / "summary.csv").open("w", newline="", encoding="utf-8") as file:
+    with (folder / "summary.csv").open("w", newline="", encoding="utf-8", errors=_ODD) as file:
         writer = csv.DictWriter(file, [field.name for field in fields(Row)])
         writer.writeheader()
         writer.writerows(data)
-    (folder / "index.html").write_text(_page(rows, counts, results), encoding="utf-8")
+    (folder / "index.html").write_text(_page(rows, counts, results), encoding="utf-8", errors=_ODD)
 
 
 def read_rows(folder: Path) -> dict[str, Row]:

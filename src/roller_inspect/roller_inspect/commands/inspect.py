@@ -95,7 +95,8 @@ def run(args: argparse.Namespace) -> int:
         recipe = load_recipe(args.recipe, args.reference)
         settings = PipelineSettings.load(args.params, args.method)
         frame = settings.surface.base_frame if settings.sweeps else settings.stitcher.base_frame
-        part = args.part_id or args.input.resolve().name
+        name = args.part_id or args.input.resolve().name
+        part = name.encode(errors="backslashreplace").decode()
         stage = InspectStage(inspect_parameters(args.params, part=part, base_frame=frame), recipe)
     except (RecipeError, ReferenceError) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -35,6 +35,11 @@ def write_findings_csv(path: Path, findings: Iterable[Mapping[str, Any]]) -> Non
             )
 
 
+def write_png(path: Path, pixels: npt.NDArray[Any]) -> None:
+    """Write a picture, blue first; OpenCV itself dies of a path that isn't UTF-8."""
+    path.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+
+
 def write_height_png(
     path: Path,
     x_m: npt.NDArray[np.float64],
@@ -53,7 +58,7 @@ def write_height_png(
     step = max((high - low) / (_MOST - 1), 1e-9)
     pixels = np.full(height_m.shape, _NONE, np.uint16)
     pixels[seen] = 1 + np.rint((height_m[seen] - low) / step).clip(0, _MOST - 1).astype(np.uint16)
-    cv2.imwrite(str(path), pixels[::-1])
+    write_png(path, pixels[::-1])
     scale = {
         "formula": "height_m = low_m + (value - 1) * step_m; value 0: no height",
         "low_m": low,

@@ -6,13 +6,12 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from roller_inspect.exports.height_files import write_sdf, write_x3p
 from roller_inspect.exports.pdf import write_pdf
-from roller_inspect.exports.tables import write_findings_csv, write_height_png
+from roller_inspect.exports.tables import write_findings_csv, write_height_png, write_png
 from roller_inspect.height_map import CONTINUED, OUTSIDE, HeightMap
 from roller_inspect.pieces import Found
 from roller_inspect.report.map_section import Pictured
@@ -66,8 +65,9 @@ def write_inspection(
         pictured = Pictured(found.height_map, found.deviation_m, tolerance_m)
         box = tuple(_span((grid.state != OUTSIDE).any(axis=a)) for a in (1, 0))
         picture = map_picture(found.deviation_m[box], grid.state[box], 2 * tolerance_m, _PICTURE_PX)
-        cv2.imwrite(str(folder / "deviation.png"), picture[..., ::-1])
-    html = page(document, pictured)
+        write_png(folder / "deviation.png", picture[..., ::-1])
+    # Names may hold bytes that are no text.
+    html = page(document, pictured).encode(errors="backslashreplace").decode()
     (folder / "inspection.html").write_text(html, encoding="utf-8")
     if "pdf" in exports:
         write_pdf(folder / "inspection.pdf", html, _text(document), picture)

@@ -23,5 +23,6 @@ def plain(value: Any) -> Any:
 
 
 def to_text(value: Any) -> str:
-    """The text of a JSON file."""
-    return json.dumps(plain(value), indent=1, ensure_ascii=False, default=str) + "\n"
+    """The text of a JSON file; bytes of file names that are no text are escaped."""
+    text = json.dumps(plain(value), indent=1, ensure_ascii=False, default=str) + "\n"
+    return text.encode(errors="backslashreplace").decode()
