@@ -154,6 +154,12 @@ def test_five_million_points_two_browsers_a_dead_node_and_a_new_server(open_page
             until(page, "document.querySelector('#word').textContent !== '…'")
             until(page, f"({_COLOURS})('#overview') > 60")
         wait_until(lambda: len(server.viewers) == 2)
+        scene.take_depth(lambda: np.full((4, 4), 0.03, np.float32))
+        scene.take_text("plate")
+        for page in pages:
+            page.wait_for_selector("#depth")
+            page.wait_for_selector("#text")
+            assert page.is_visible("#legend")
         before = [painted(page) for page in pages]
         for k in range(98, 100):
             roll(k * 0.1, 1_000)
@@ -177,6 +183,12 @@ def test_five_million_points_two_browsers_a_dead_node_and_a_new_server(open_page
         for page in pages:
             until(page, "document.querySelector('#title').textContent === 'again'")
             until(page, "document.querySelector('#foot').textContent.includes('99 points')")
+            # What the first server had isn't taken for this one's.
+            page.wait_for_selector("#depth", state="hidden")
+            page.wait_for_selector("#text", state="hidden")
+        again.begin_anew()
+        for page in pages:
+            page.wait_for_selector("#legend", state="hidden")
 
 
 def test_nothing_is_fetched_from_elsewhere() -> None:

@@ -129,3 +129,13 @@ def test_a_graph_is_shown(port, processes: Processes, watch) -> None:
     processes.stop()
     state = until("the node is missed", lambda s: s["big"]["word"] in ("NODE LOST", "STOPPED"))
     assert state["nodes"][0]["level"] == "gone"
+    # Another graph: what the first one left isn't taken for its own.
+    watcher.spin_until(lambda: not watcher.node.count_publishers("/diagnostics"), 30, "its end")
+    processes.start("braille")
+    for state in states(port):
+        assert time.monotonic() < end, state
+        if [node["name"] for node in state["nodes"]] == ["braille: text"]:
+            break
+    assert state["big"]["word"] != "NODE LOST"
+    assert (state["facts"], state["depth_revision"], state["text_revision"]) == ({}, 0, 2)
+    assert state["map"]["points"] == 0

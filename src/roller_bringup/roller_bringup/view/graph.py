@@ -94,6 +94,7 @@ class Graph:
         self._pose: tuple[int, Any] | None = None
         self._pose_seen_s = self._lag_seen_s = 0.0
         self._stamp_ns = 0
+        self._ended = False
         self._subscriptions: dict[str, tuple[Any, Callable[[list[bytes]], None]]] = {}
         # The latched map first: it holds what is there when we come.
         self._subscribe(outputs.SURFACE_MAP, PointCloud2, qos.LATCHED, self._take_map)
@@ -140,6 +141,8 @@ class Graph:
                 self._scene.lag_s = None
             if time.monotonic() - self._pose_seen_s > _POSES_GONE_S:
                 self._scene.speed_m_s = self._scene.force_n = self._pose = None
+            if not self._ended and self._scene.stopped(time.monotonic()):
+                self._ended = not self._node.count_publishers(outputs.DIAGNOSTICS)
 
     def _take_map(self, found: list[bytes]) -> None:
         """Take the map as it was when we came; afterwards the points themselves are enough."""
@@ -157,7 +160,7 @@ class Graph:
             message = deserialize_message(data, PointCloud2)
             stamp_ns = messages.to_ns(message.header.stamp)
             if stamp_ns < self._stamp_ns - 1_000_000_000:
-                self._clear()  # the source restarted
+                self._scene.clear_map()  # the source restarted
                 clouds.clear()
             self._stamp_ns = stamp_ns
             # Two cells share /tf: the robot is the one whose base the points are in.
@@ -172,11 +175,6 @@ class Graph:
     def _add(self, rows: dict[str, Any]) -> None:
         x, y = (rows[name].astype(np.float64) for name in "xy")
         self._scene.grid.add(x, y, {"height": rows["height"]})
-
-    def _clear(self) -> None:
-        self._scene.grid.clear()
-        self._scene.coverage = None
-        self._scene.head = None
 
     def _take_deviation(self, found: list[bytes]) -> None:
         for data in found:
@@ -244,6 +242,9 @@ class Graph:
                     self._take_status(status)
 
     def _take_status(self, status: Any) -> None:
+        if self._ended:  # another graph begins
+            self._ended, self._stamp_ns, self._map_points = False, 0, 0.0
+            self._scene.begin_anew()
         node = self._scene.nodes.setdefault(status.name, health.Node(status.name))
         node.level, node.message = status.level[0], status.message
         node.seen_s = time.monotonic()
@@ -258,7 +259,7 @@ class Graph:
             return
         # Larger voxels take three quarters of the points, no more.
         if points < self._map_points / 8:
-            self._clear()
+            self._scene.clear_map()
         self._map_points = points
 
 

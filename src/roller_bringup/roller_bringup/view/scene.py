@@ -24,6 +24,10 @@ _TILES_AT_ONCE = 64
 _MOST_TEXT = 20_000
 
 
+def _no_depth() -> F32:
+    return np.full((2, 2), np.nan, np.float32)
+
+
 @dataclass
 class Scene:
     """All that is known; `lock` is held to read and to change it."""
@@ -54,7 +58,8 @@ class Scene:
     text_revision: int = 0
     findings: list[dict[str, Any]] = field(default_factory=list)
     findings_revision: int = 0
-    depth: Callable[[], F32] = lambda: np.full((2, 2), np.nan, np.float32)
+    #: 0: there is no depth image.
+    depth: Callable[[], F32] = _no_depth
     depth_revision: int = 0
     lock: threading.RLock = field(default_factory=threading.RLock)
 
@@ -78,6 +83,26 @@ class Scene:
         """Take the newest depth image, as what gives it, metres."""
         with self.lock:
             self.depth, self.depth_revision = image, self.depth_revision + 1
+
+    def clear_map(self) -> None:
+        """Forget the map and what is known of it as a whole."""
+        self.grid.clear()
+        self.coverage = self.head = None
+
+    def begin_anew(self) -> None:
+        """Forget all that a graph said: what it left must not pass for another's."""
+        with self.lock:
+            self.clear_map()
+            self.nodes.clear()
+            self.facts = {}
+            self.take_text("")
+            self.take_findings([])
+            self.depth, self.depth_revision = _no_depth, 0
+
+    def stopped(self, now_s: float) -> bool:
+        """Whether there were nodes, and none says anything any more."""
+        with self.lock:
+            return bool(self.nodes) and all(n.gone(now_s) for n in self.nodes.values())
 
     def state(self, now_s: float) -> dict[str, Any]:
         """What changes all the time, as JSON."""

@@ -74,8 +74,7 @@ export function follow(tiles, on) {
   };
   source.onerror = () => {
     // A new server counts from the start again.
-    had.depth = had.text = 0;
-    had.findings = -1;
+    had.depth = had.text = had.findings = -1;
     on.offline();
   };
 }

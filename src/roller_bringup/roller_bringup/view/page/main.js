@@ -71,6 +71,7 @@ function showLayers() {
     }));
   }
   for (const button of $("#layers").children) button.setAttribute("aria-pressed", button.dataset.layer === tiles.layer);
+  $("#legend").style.visibility = tiles.bounds() ? "" : "hidden";  // a range of nothing says nothing
   legend($("#legend"), tiles.layer, tiles.range);
 }
 

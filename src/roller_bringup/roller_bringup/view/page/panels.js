@@ -79,7 +79,7 @@ export function showOffline() {
 }
 
 export function showDepth({ header, buffer, offset }) {
-  $("#depth").hidden = false;
+  $("#depth").hidden = !header.revision;
   $("#depth-range").textContent = `${length(header.low_m, 4)} (near) to ${length(header.high_m, 4)}`;
   const canvas = $("#depth canvas"), c = canvas.getContext("2d"), colours = table("depth");
   [canvas.width, canvas.height] = [header.width, header.height];
