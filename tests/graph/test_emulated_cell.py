@@ -54,6 +54,7 @@ class Took:
     begin_ns: int
     controller_begin_ns: int
     mapped: int
+    skew_ppm: float
 
 
 def test_emulated_devices_give_the_surface_of_the_direct_path(
@@ -71,7 +72,10 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     took = take_scan(watcher, scan, tmp_path, monkeypatch)
 
     # The clocks: what was mapped against what is true.
-    first, mapped_ns, sensor_ns = decoded(took.packets, scan)
+    first, mapped_ns, sensor_ns, skew_ppm = decoded(took.packets, scan)
+    # The node's map is that of its packets; a busy host may have stamped some of them late.
+    assert took.skew_ppm == pytest.approx(skew_ppm, abs=5)
+    assert took.skew_ppm == pytest.approx(40, abs=35)
     packets_ns = took.begin_ns + np.rint(scan.seconds_of(sensor_ns) * 1e9).astype(np.int64)
     camera_delay = delay_of(mapped_ns, packets_ns, took.begin_ns, "camera")
     assert 0 <= camera_delay < 2_000_000
@@ -196,8 +200,10 @@ def take_scan(
             "clock_steps", "left_out", "faults", "events_without_pose",
         ):  # fmt: skip
             assert watcher.value(status, name) in (0.0, -1.0), (status, name)
-    assert watcher.value(ROBOT, "clock_skew_ppm") == pytest.approx(-ROBOT_PPM, abs=20)
-    assert watcher.value(DEPTH, "clock_skew_ppm") == pytest.approx(40, abs=20)
+    # The robot goes on: what a busy machine held up counts less and less.
+    watcher.spin_until(
+        lambda: abs(watcher.value(ROBOT, "clock_skew_ppm") + ROBOT_PPM) < 20, 60, "the robot's rate"
+    )
     cloud = np.concatenate(
         [np.frombuffer(m.data, np.float32).reshape(-1, 6) for m in seen[SURFACE]]
     )
@@ -208,11 +214,12 @@ def take_scan(
         round(start_s * 1e9) + to_ros_ns,
         round(controller.begin_s * 1e9) + to_ros_ns,
         int(watcher.value(DEPTH, "events")),
+        watcher.value(DEPTH, "clock_skew_ppm"),
     )
 
 
-def decoded(packets: list[Any], scan: EmulatedScan) -> tuple[EventArray, I64, I64]:
-    """The first event, and of each packet's first event ROS time and sensor time."""
+def decoded(packets: list[Any], scan: EmulatedScan) -> tuple[EventArray, I64, I64, float]:
+    """The first event, of each packet's first event ROS time and sensor time, the clock's skew."""
     stream = EventStream(scan.camera.width, scan.camera.height)
     events = [
         stream.push(
@@ -222,7 +229,8 @@ def decoded(packets: list[Any], scan: EmulatedScan) -> tuple[EventArray, I64, I6
         for m in packets
     ]  # fmt: skip
     mapped_ns = np.array([part.t_ns[0] for part in events])
-    return events[0][:1], mapped_ns, np.array([m.time_base for m in packets])
+    sensor_ns = np.array([m.time_base for m in packets])
+    return events[0][:1], mapped_ns, sensor_ns, stream.clock.skew * 1e6
 
 
 def delay_of(mapped_ns: I64, true_ns: I64, begin_ns: int, what: str) -> int:
