@@ -188,7 +188,11 @@ def test_every_command_has_examples_that_parse_and_a_short_o():
 
 def test_a_shell_completes_commands_and_options(tmp_path):
     pytest.importorskip("argcomplete")
-    for line, expected in (("roller rep", b"replay "), ("roller view --po", b"--port ")):
+    for line, expected in (
+        ("roller rep", b"replay "),
+        ("roller view --po", b"--port "),
+        ("roller simulate hex", b"hexagon "),
+    ):
         answer = tmp_path / "answer"
         environment = os.environ | {
             "_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(answer), "COMP_LINE": line,

@@ -12,13 +12,16 @@ __all__ = ["add_parser", "rewritten"]
 
 _TIME_OFFSET = "--time-offset"
 _EXAMPLES = {
-    "hand-eye": "--grid-recording poses --pitch-mm 6.9 --output hand_eye.yaml",
-    "time-offset": "there_and_back --output cell.yaml",
-    "flat": "plate --params cell.yaml --output cell.yaml",
-    "sphere": "ball_1 ball_2 --radius-mm 10 --output cell.yaml",
-    "edge-drift": "--sphere ball --radius-mm 5 --steps stairs --step-mm 0.25 --output cell.yaml",
-    "acceptance": "--sphere ball --radius-mm 5 --params cell.yaml --output certificate",
-    "scale": "--readings-mm 1,2,3 --pixels 26.1,52.4,78.3",
+    "hand-eye": (
+        "--grid-recording poses --pitch-mm 6.9 --output hand_eye.yaml",
+        "--scan plate --params hand_eye.yaml --output turned.yaml  # how the camera is turned",
+    ),
+    "time-offset": ("slow fast --output cell.yaml",),
+    "flat": ("plate --params cell.yaml --output cell.yaml",),
+    "sphere": ("ball_1 ball_2 --radius-mm 10 --output cell.yaml",),
+    "edge-drift": ("--sphere ball --radius-mm 5 --steps stairs --step-mm 0.25 --output cell.yaml",),
+    "acceptance": ("--sphere ball --radius-mm 5 --params cell.yaml --output certificate",),
+    "scale": ("--readings-mm 1,2,3 --pixels 26.1,52.4,78.3",),
 }
 
 
@@ -33,8 +36,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
     for module in (intrinsics, hand_eye, time_offset, flat, sphere, edge_drift, scale, acceptance):
         module.add_parser(kinds)
-    for kind, example in _EXAMPLES.items():
-        add_examples(kinds.choices[kind], f"calibrate {kind} {example}")
+    for kind, examples in _EXAMPLES.items():
+        add_examples(kinds.choices[kind], *(f"calibrate {kind} {words}" for words in examples))
 
 
 def rewritten(words: list[str]) -> list[str]:

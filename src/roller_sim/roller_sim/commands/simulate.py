@@ -32,7 +32,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="simulate a scan, written as a bag",
         description="Roll the virtual cell over a plate and write a rosbag2 with its truth.",
     )
-    parser.add_argument("scene", help=f"{', '.join(SCENES)} or mesh:FILE.stl")
+    scene = parser.add_argument("scene", help=f"{', '.join(SCENES)} or mesh:FILE.stl")
+    scene.completer = lambda **_: SCENES  # type: ignore[attr-defined]
     add_output(parser, "folder to make", "OUTPUT", required=True)
     parser.add_argument("--speed", type=float, help="speed of the scan, m/s")
     parser.add_argument("--text", help="text of Braille and letter plates")
