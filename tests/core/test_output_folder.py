@@ -247,3 +247,12 @@ def test_a_single_file_takes_no_pipes_place_and_waits_for_none(tmp_path: Path) -
         with pytest.raises(UnwritableOutputError, match="is there and is no file"):
             write_marked_file(tmp_path / name, "# roller", "# roller")
     assert sorted(os.listdir(tmp_path)) == ["endless", "folder", "pipe"]
+
+
+def test_a_fault_names_no_folder_that_goes(tmp_path: Path) -> None:
+    with (
+        pytest.raises(UnwritableOutputError, match=r"out/bag: the disk is full$") as caught,
+        OutputFolder(tmp_path / "out", "replay") as output,
+    ):
+        raise UnwritableOutputError(f"{output.partial / 'bag'}: the disk is full")
+    assert ".roller-partial" not in str(caught.value)

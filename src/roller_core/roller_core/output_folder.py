@@ -131,6 +131,9 @@ class OutputFolder:
                 raise UnwritableOutputError(
                     f"{self._shown}: results can't be written there ({value.strerror})"
                 ) from value
+            elif isinstance(value, UnwritableOutputError):  # names a folder that is about to go
+                said = str(value).replace(str(self.partial), str(self._shown))
+                raise UnwritableOutputError(said) from value
         finally:
             self._leave()
 
