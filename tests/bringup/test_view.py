@@ -317,3 +317,20 @@ def test_the_whole_in_a_word():
     assert word(gone) == "STOPPED"
     bad = health.Node("event_camera: camera", 2, "looking for the camera", seen_s=99)
     assert "--camera" in bad.shown(100.0)["advice"]
+
+
+@pytest.mark.parametrize(
+    ("node", "said", "advice"),
+    [
+        ("event_camera: camera", "the camera sends nothing", "--camera"),
+        ("event_camera: camera", "no DVXplorer Mini is plugged in (no USB device", "--camera"),
+        ("ur10: robot", "robot 10.0.0.1:30004: it can't be reached (Connection", "--robot-ip"),
+        ("ur10: robot", "robot 10.0.0.1: the connection was lost", "--robot-ip"),
+        ("ur10: robot", "another node publishes tool0_controller on /tf too", "ROS_DOMAIN_ID"),
+        ("ur10: robot", "26 poses were missed", "directly"),
+        ("emvs: depth", "no poses base -> tool0_controller on /tf", "Start the robot's node"),
+        ("emvs: depth", "data were lost", "USB 3"),
+    ],
+)
+def test_what_nodes_say_has_its_advice(node, said, advice):
+    assert advice in health.advice_for(node, said)

@@ -17,12 +17,12 @@ _ADVICE = tuple(
     (re.compile(pattern), advice)
     for pattern, advice in (
         (
-            r"event_camera: .*(looking|searching|silent)",
+            r"event_camera: .*(looking for|sends nothing|plugged|went away|reading failed|stalled)",
             "Check the camera's cable and power; `roller doctor --camera` looks for it.",
         ),
         (r"not calibrated|camera_info", "Set camerainfo_url: docs/commissioning.md, intrinsics."),
         (
-            r"ur10: .*looking for robot",
+            r"ur10: .*(looking for|can't be reached|connection was lost|nothing came)",
             "Check the robot's power, network and robot_ip; "
             "`roller doctor --robot-ip ADDRESS` tries it.",
         ),
@@ -44,11 +44,8 @@ _ADVICE = tuple(
         ),
         (r"disk", "Free the disk or record to a faster one."),
         (r"never came|lost", "Data were lost: use USB 3 and a direct network; `roller doctor`."),
+        (r"another node|more than one|publish", "Stop one, or set another ROS_DOMAIN_ID."),
         (r"transform|tf|pose", "Start the robot's node, and check frames and tf_prefix."),
-        (
-            r"another|more than one|publishers",
-            "Stop one of them, or set another ROS_DOMAIN_ID.",
-        ),
         (r"clock", "The clocks settle by themselves within seconds; then roll the pass again."),
         (r"coverage|texture|dark", "The skin shows too little: check light, coating and contact."),
     )

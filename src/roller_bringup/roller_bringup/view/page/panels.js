@@ -12,7 +12,7 @@ function figures(state) {
   const rows = [
     ["speed", number(state.speed_m_s, 2), "m/s"],
     ["force", number(state.force_n, 1), "N"],
-    ["events", Number.isFinite(rate) ? (rate / 1e6).toFixed(2) : null, "M/s"],
+    ["events", Number.isFinite(rate) ? (rate / 1e6).toFixed(2) : null, "Mev/s"],
     ["lag", number(state.lag_s, 2), "s"],
     [cover.cell_m ? `measured, of cells of ${length(cover.cell_m)}` : "measured", Number.isFinite(measured) ? (100 * measured).toFixed(measured < 0.1 ? 1 : 0) : null, "%"],
     ["continued", Number.isFinite(cover.continued) ? (100 * cover.continued).toFixed(0) : null, "%"],
