@@ -94,7 +94,9 @@ def write_grid_bag(
         if hand_eye is not None:
             tool = BASE_TARGET @ inverse_pose(pose) @ inverse_pose(hand_eye)
             quaternion = Rotation.from_matrix(tool[:3, :3]).as_quat()
-            for t in range(begin - 60_000_000, begin + int(VIEW_S * 1e9) + 60_000_000, 40_000_000):
+            for t in range(
+                begin - 60_000_000, begin + int(VIEW_S * 1e9) + 300_000_000, 300_000_000
+            ):
                 message = make.transform(START_NS + t, BASE, TOOL, tool[:3, 3], quaternion)
                 items.append((START_NS + t, "/tf", TF_MESSAGE, message))
     items.sort(key=lambda item: item[0])

@@ -17,6 +17,8 @@ from .intrinsics import grid_in_camera
 
 #: The robot stands still in a view if its tool moves no further, metres and radians.
 _STILL_M, _STILL_RAD = 1e-4, 1e-3
+#: Longest gap of its poses, s: while the grid stands still in the image, so does the robot.
+_MAX_GAP_S = 0.5
 
 
 class GridPosesError(RollerError):
@@ -59,7 +61,7 @@ def pairs_of_poses(
         If the recording can't be read or has no such views.
     """
     recording = open_recording(path, None, camera_file, topic=topic)
-    tool = SensorFrames(base_frame, moving_frame, moving_frame)
+    tool = SensorFrames(base_frame, moving_frame, moving_frame, max_gap_s=_MAX_GAP_S)
     watcher = GridWatcher(recording.camera, grid)
     for step in recording.items():
         for transform in step.transforms:
