@@ -5,6 +5,7 @@ import numpy as np
 from roller_core.transforms import F64
 from roller_inspect.height_map import _kernels
 from roller_inspect.height_map.completion import complete_surface
+from roller_inspect.height_map.gaps import hold_gaps
 from roller_inspect.height_map.scatter import scatter_of
 
 from .analytic_surface import errors
@@ -72,6 +73,31 @@ def test_a_dome_goes_on_between_its_anchors_and_a_flat_top_stays_flat() -> None:
         error = np.abs(complete_surface(height, sigma, 1e-4) - surface)
         inside = np.maximum(np.abs(x), np.abs(y)) < 3e-3
         assert error[inside].mean() < limit
+
+
+def test_beside_steep_walls_the_unseen_is_not_higher_or_lower_than_what_was_seen() -> None:
+    x, y = np.meshgrid(np.arange(100) * 1e-4 - 5e-3, np.arange(80) * 1e-4 - 4e-3)
+    # A plateau, of which the wall is seen, and flat ground far from it.
+    top = np.clip((3e-3 - np.hypot(x, y)) / 2e-4, 0, 1) * 4e-4
+    known = ((top > 0) & (top < 4e-4)) | (np.abs(x) > 4.5e-3)
+    height = np.where(known, top, np.nan).astype(np.float32)
+    completed = complete_surface(height, np.where(known, 2e-5, np.nan).astype(np.float32), 1e-4)
+    beyond = np.hypot(x, y) < 2.5e-3
+    assert completed[beyond].max() > 4.2e-4
+    before = completed.copy()
+    hold_gaps(completed, height)
+    assert completed[beyond].max() <= np.nanmax(height)
+    assert (completed[known] == before[known]).all()
+
+
+def test_too_few_measured_cells_hold_nothing() -> None:
+    for places in ([], [(3, 3)], [(3, k) for k in range(9)]):
+        measured = np.full((9, 9), np.nan, np.float32)
+        for place in places:
+            measured[place] = 1e-4
+        height = np.full((9, 9), 3e-4, np.float32)
+        hold_gaps(height, measured)
+        assert (height == np.float32(3e-4)).all()
 
 
 def test_scatter_sees_errors_but_neither_form_nor_walls() -> None:

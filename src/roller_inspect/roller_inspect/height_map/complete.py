@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from .cells import Cells
 from .completion import complete_surface
+from .gaps import hold_gaps
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, U8, UNMEASURED, Bools
 from .map_settings import HeightMapSettings
 from .scatter import scatter_of
@@ -40,6 +41,7 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
         return empty, empty.copy(), np.full(known.shape, OUTSIDE, np.uint8)
     outside = _outside(known)
     height = complete_surface(cells.height_m, cells.sigma_m, step)
+    hold_gaps(height, cells.height_m)
     with np.errstate(invalid="ignore"):
         away = np.abs(cells.height_m - height)
         good = known & (away < np.maximum(_OUTLIER_M, _OUTLIER_SIGMAS * cells.sigma_m))

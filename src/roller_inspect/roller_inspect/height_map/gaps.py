@@ -1,0 +1,43 @@
+"""Bounds for the surface over gaps: no guess is higher or lower than what surrounds it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import Delaunay, QhullError
+
+from .height_map import F32
+
+#: Measured cells this far from a gap may be corners of its triangles, cells.
+_SHORE = 2
+_AROUND = np.ones((3, 3), bool)
+
+
+def hold_gaps(height_m: F32, measured_m: F32) -> None:
+    """Keep the completed surface between the measured heights around, in place.
+
+    Cells of a gap, but those beside measured ones, stay within the heights of the three measured
+    cells whose triangle (Delaunay's) they lie in. A surface that bends little swings beyond steep
+    walls, and would err more there than linear interpolation.
+
+    Parameters
+    ----------
+    height_m : ndarray of float32, shape (ny, nx)
+        The completed surface, metres.
+    measured_m : ndarray of float32, shape (ny, nx)
+        Measured cells, NaN elsewhere.
+    """
+    known = np.isfinite(measured_m)
+    gap = ~ndimage.binary_dilation(known, _AROUND)
+    shore = known & ndimage.binary_dilation(gap, _AROUND, iterations=1 + _SHORE)
+    corners, cells = np.argwhere(shore), np.argwhere(gap)
+    if not len(cells):
+        return
+    try:
+        triangles = Delaunay(corners)
+    except (QhullError, ValueError):  # Fewer than three, or all on one line.
+        return
+    found = triangles.find_simplex(cells)
+    at, found = tuple(cells[found >= 0].T), found[found >= 0]
+    heights = measured_m[tuple(corners.T)][triangles.simplices]
+    height_m[at] = np.clip(height_m[at], heights.min(axis=1)[found], heights.max(axis=1)[found])
