@@ -90,6 +90,30 @@ def test_beside_steep_walls_the_unseen_is_not_higher_or_lower_than_what_was_seen
     assert (completed[known] == before[known]).all()
 
 
+def test_painted_triangles_are_those_of_the_plain_twin() -> None:
+    random = np.random.default_rng(5)
+    corners = random.integers(0, 12, (300, 3, 2))
+    corners[0], corners[1] = [[2, 2], [4, 4], [6, 6]], [[3, 1], [3, 1], [7, 9]]
+    heights = random.random((300, 3), np.float32)
+    for k in range(0, 300, 3):  # few at a time leave cells that none covers
+        found = np.full((2, 12, 12), [[[np.inf]], [[-np.inf]]], np.float32)
+        plain = found.copy()
+        _kernels._paint(corners[k : k + 3], heights[k : k + 3], *found)
+        cells = np.indices((12, 12))
+        for (a, b, c), height in zip(corners[k : k + 3], heights[k : k + 3], strict=True):
+            sides = np.stack([
+                (q[1] - p[1]) * (cells[0] - p[0]) - (q[0] - p[0]) * (cells[1] - p[1])
+                for p, q in ((a, b), (b, c), (c, a))
+            ])  # fmt: skip
+            inside = ((sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)) & (sides != 0).any(
+                axis=0
+            )
+            if (b - a)[1] * (c - a)[0] != (b - a)[0] * (c - a)[1]:
+                plain[0][inside] = np.minimum(plain[0][inside], height.min())
+                plain[1][inside] = np.maximum(plain[1][inside], height.max())
+        assert (found == plain).all()
+
+
 def test_too_few_measured_cells_hold_nothing() -> None:
     for places in ([], [(3, 3)], [(3, k) for k in range(9)]):
         measured = np.full((9, 9), np.nan, np.float32)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import Delaunay, QhullError
 
+from . import _kernels
 from .height_map import F32
 
 #: Measured cells this far from a gap may be corners of its triangles, cells.
@@ -37,7 +38,10 @@ def hold_gaps(height_m: F32, measured_m: F32) -> None:
         triangles = Delaunay(corners)
     except (QhullError, ValueError):  # Fewer than three, or all on one line.
         return
-    found = triangles.find_simplex(cells)
-    at, found = tuple(cells[found >= 0].T), found[found >= 0]
+    sides = corners[triangles.simplices]
     heights = measured_m[tuple(corners.T)][triangles.simplices]
-    height_m[at] = np.clip(height_m[at], heights.min(axis=1)[found], heights.max(axis=1)[found])
+    # Not `find_simplex`: between corners on a grid it may search all triangles for each cell.
+    low, high = np.full((2, *known.shape), [[[np.inf]], [[-np.inf]]], np.float32)
+    _kernels._paint(sides, heights, low, high)
+    held = gap & (low <= high)
+    np.clip(height_m, low, high, out=height_m, where=held)
