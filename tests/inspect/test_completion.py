@@ -85,7 +85,7 @@ def test_beside_steep_walls_the_unseen_is_not_higher_or_lower_than_what_was_seen
     beyond = np.hypot(x, y) < 2.5e-3
     assert completed[beyond].max() > 4.2e-4
     before = completed.copy()
-    hold_gaps(completed, height)
+    hold_gaps(completed, height, np.zeros(known.shape, bool))
     assert completed[beyond].max() <= np.nanmax(height)
     assert (completed[known] == before[known]).all()
 
@@ -120,7 +120,7 @@ def test_too_few_measured_cells_hold_nothing() -> None:
         for place in places:
             measured[place] = 1e-4
         height = np.full((9, 9), 3e-4, np.float32)
-        hold_gaps(height, measured)
+        hold_gaps(height, measured, np.zeros((9, 9), bool))
         assert (height == np.float32(3e-4)).all()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from roller_core.stage import ERROR, OK, Stage
 from roller_emvs.patch import Patch
 
 from .covered_area import coverage_of_area, off_reference
-from .findings import CellUncertainty
+from .findings import CellUncertainty, Finding
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, judge, judge_findings
@@ -194,6 +195,7 @@ class InspectStage(Stage[InspectParameters]):
         self._revision, self._seen = 0, -1
         self._cells = np.zeros(4, np.int64)
         self._judgement: Judgement | None = None
+        self._judged: dict[Finding, tuple[Judged, ...]] = {}
         self._waiting: list[Result] = []
 
     def _results(self, flush: bool) -> Iterator[Result]:
@@ -210,13 +212,21 @@ class InspectStage(Stage[InspectParameters]):
             self._cells += np.bincount(piece.height_map.state.ravel(), minlength=4)
         if pieces or self._inspector.revision != self._seen:
             self._seen = self._inspector.revision
-            judged = judge_findings(self.recipe, self._inspector.findings)
+            judged = self._judge(self._inspector.findings)
             sure = any(j.verdict == "nonconform" and j.finding.final for j in judged)
             verdict: Verdict = "nonconform" if sure else "inconclusive"
             so_far = Judgement(verdict, "not finished", judged, self._scanned())
             outs += self._list(so_far, finished=False)
         if outs:
             self._waiting.append(Result(None, tuple(outs)))
+
+    def _judge(self, findings: Iterable[Finding]) -> tuple[Judged, ...]:
+        """Findings by the recipe: those that are final are judged once."""
+        known = self._judged
+        self._judged = {
+            f: known[f] if f in known else judge_findings(self.recipe, (f,)) for f in findings
+        }
+        return tuple(chain.from_iterable(self._judged.values()))
 
     def _conclude(self, inspector: SurfaceInspector) -> Result:
         """Finish the part; the next point begins another."""

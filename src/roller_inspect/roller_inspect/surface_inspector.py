@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -164,7 +164,7 @@ class SurfaceInspector:
         window = join([self._strips[k] for k in near])
         # A crater is measured again, as what rises around it is told by it.
         passed = [f for f in self.findings if f.final and f.kind != "crater"]
-        passed = [f for f in passed if self._inside(f, window)]
+        passed = _inside(passed, window)
         found = self._search(window, final=False, known=passed)
         if found is None:
             return []
@@ -181,17 +181,13 @@ class SurfaceInspector:
         for finding, (first, last) in zip(found.findings, found.spans, strict=True):
             open_end = (ends[1] and last > window.shape[1] - margin) or (ends[0] and first < margin)
             fresh.append(replace(finding, final=not open_end))
-        kept = [f for f in self.findings if f.final or not self._inside(f, window)]
-        fresh = [f for f in fresh if not any(f0.final and _same(f, f0) for f0 in kept)]
-        self._set(tuple([*kept, *self._numbered(fresh)]))
+        here = {f.id for f in _inside(self.findings, window)}
+        kept = [f for f in self.findings if f.final or f.id not in here]
+        final = _beside(fresh, [f for f in kept if f.final], window)
+        fresh = [f for f in fresh if not any(_same(f, f0) for f0 in final)]
+        self._set(tuple([*kept, *self._numbered(fresh, window)]))
         deviation = found.comparison.deviation_m
         return [Piece(strip, part_of(deviation, window, strip)) for strip in new]
-
-    def _inside(self, finding: Finding, window: HeightMap, margin_m: float = 0.0) -> bool:
-        """Whether a finding's centre lies on a map, or so near to it along x."""
-        x = np.linalg.solve(window.base_from_map, [*finding.center_m, 1.0])[0]
-        margin_m += window.step_m / 2
-        return bool(window.x_m[0] - margin_m <= x <= window.x_m[-1] + margin_m)
 
     def _reach(self, finding: Finding) -> tuple[int, int]:
         """First and last strip that a finding touches."""
@@ -200,11 +196,12 @@ class SurfaceInspector:
         length_m = self._mapper.length_m
         return int(np.floor(x.min() / length_m)), int(np.floor(x.max() / length_m))
 
-    def _numbered(self, findings: list[Finding]) -> list[Finding]:
-        """Findings that were reported before keep their number."""
+    def _numbered(self, findings: list[Finding], window: HeightMap) -> list[Finding]:
+        """Findings on a map that were reported before keep their number."""
         out, taken = [], set()
+        known = _beside(findings, self.findings, window)
         for finding in findings:
-            before = [f for f in self.findings if f.id not in taken and _same(finding, f)]
+            before = [f for f in known if f.id not in taken and _same(finding, f)]
             if before:
                 number = before[0].id
             else:
@@ -254,17 +251,35 @@ class SurfaceInspector:
             if self._worst is None or not alignment.residual_m < self._worst.residual_m:
                 self._worst = alignment
             # Seen from two pieces, a centre on the border may fall into neither.
-            fresh = [f for f in found.findings if self._inside(f, whole, _BORDER_M)]
-            self._gone += self._numbered(
-                [f for f in fresh if not any(_same(f, g) for g in self._gone)]
-            )
-        gone = {f.id for f in self._gone}
-        rest = [f for f in self.findings if f.id not in gone and not self._inside(f, whole)]
+            fresh = _inside(found.findings, whole, _BORDER_M)
+            known = _beside(fresh, self._gone, whole)
+            fresh = [f for f in fresh if not any(_same(f, g) for g in known)]
+            self._gone += self._numbered(fresh, whole)
+        gone = {f.id for f in (*self._gone, *_inside(self.findings, whole))}
+        rest = [f for f in self.findings if f.id not in gone]
         self._set(tuple([*self._gone, *rest]))
         piece = Piece(whole, deviation)
         if self._on_piece is not None:
             self._on_piece(piece)
         self._whole.add(piece)
+
+
+def _inside(findings: Iterable[Finding], window: HeightMap, margin_m: float = 0.0) -> list[Finding]:
+    """Those whose centre lies on a map, or so near to it along x."""
+    findings = list(findings)
+    centres = np.array([f.center_m for f in findings]).reshape(-1, 3)
+    x = (centres - window.base_from_map[:3, 3]) @ window.base_from_map[:3, 0]
+    margin_m += window.step_m / 2
+    there = (window.x_m[0] - margin_m <= x) & (x <= window.x_m[-1] + margin_m)
+    return [f for f, inside in zip(findings, there.tolist(), strict=True) if inside]
+
+
+def _beside(
+    fresh: Sequence[Finding], findings: Sequence[Finding], window: HeightMap
+) -> list[Finding]:
+    """Of findings those that one of some on a map may be the same as."""
+    longest_m = max((f.length_m for f in (*fresh, *findings)), default=0.0)
+    return _inside(findings, window, _BORDER_M + _SAME * longest_m)
 
 
 def _cell(finding: Finding, height_map: HeightMap) -> tuple[int, int]:

@@ -41,7 +41,7 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
         return empty, empty.copy(), np.full(known.shape, OUTSIDE, np.uint8)
     outside = _outside(known)
     height = complete_surface(cells.height_m, cells.sigma_m, step)
-    hold_gaps(height, cells.height_m)
+    hold_gaps(height, cells.height_m, outside)
     with np.errstate(invalid="ignore"):
         away = np.abs(cells.height_m - height)
         good = known & (away < np.maximum(_OUTLIER_M, _OUTLIER_SIGMAS * cells.sigma_m))

@@ -7,18 +7,19 @@ from scipy import ndimage
 from scipy.spatial import Delaunay, QhullError
 
 from . import _kernels
-from .height_map import F32
+from .height_map import F32, Bools
 
-#: Measured cells this far from a gap may be corners of its triangles, cells.
-_SHORE = 2
+#: Where no cell so near is measured is a gap, and measured cells this far from one may be corners
+#: of its triangles, cells.
+_NEAR, _SHORE = 2, 2
 _AROUND = np.ones((3, 3), bool)
 
 
-def hold_gaps(height_m: F32, measured_m: F32) -> None:
+def hold_gaps(height_m: F32, measured_m: F32, outside: Bools) -> None:
     """Keep the completed surface between the measured heights around, in place.
 
-    Cells of a gap, but those beside measured ones, stay within the heights of the three measured
-    cells whose triangle (Delaunay's) they lie in. A surface that bends little swings beyond steep
+    Cells of a gap stay within the heights of the three measured cells whose triangle (Delaunay's)
+    they lie in. A surface that bends little swings beyond steep
     walls, and would err more there than linear interpolation.
 
     Parameters
@@ -27,16 +28,16 @@ def hold_gaps(height_m: F32, measured_m: F32) -> None:
         The completed surface, metres.
     measured_m : ndarray of float32, shape (ny, nx)
         Measured cells, NaN elsewhere.
+    outside : ndarray of bool, shape (ny, nx)
+        Cells beyond the scan, which are left as they are.
     """
     known = np.isfinite(measured_m)
-    gap = ~ndimage.binary_dilation(known, _AROUND)
-    shore = known & ndimage.binary_dilation(gap, _AROUND, iterations=1 + _SHORE)
-    corners, cells = np.argwhere(shore), np.argwhere(gap)
-    if not len(cells):
-        return
+    gap = ~(ndimage.binary_dilation(known, _AROUND, iterations=_NEAR) | outside)
+    shore = known & ndimage.binary_dilation(gap, _AROUND, iterations=_NEAR + _SHORE)
+    corners = np.argwhere(shore)
     try:
         triangles = Delaunay(corners)
-    except (QhullError, ValueError):  # Fewer than three, or all on one line.
+    except (QhullError, ValueError):  # None, fewer than three, or all on one line.
         return
     sides = corners[triangles.simplices]
     heights = measured_m[tuple(corners.T)][triangles.simplices]
