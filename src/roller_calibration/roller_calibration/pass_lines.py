@@ -50,14 +50,9 @@ def pass_lines(scan: Scan, settings: SurfaceSettings) -> Iterator[list[PassLines
         If there are too few of either, or a pass goes in a third direction.
     """
     plain = settings.changed({"edge_drift": EdgeDriftSettings.create({})})
-    sweep = SurfaceSweep(plain, scan.camera, scan.track)
-    lines: _Found = []
-    depths: _Found = []
-    sweep.on_lines = lambda *own: lines.append(own)
-    sweep.on_depths = lambda *own: depths.append(own)
-    sweep.add_events(scan.events)
-    patches = [r.points for r in sweep.results(flush=True) if isinstance(r, SurfacePatch)]
-    cloud = np.concatenate([np.empty((0, 3)), *patches])
+    depths: Found = []
+    patches, lines = swept(scan, plain, depths)
+    cloud = np.concatenate([np.empty((0, 3)), *(patch.points for patch in patches)])
     # Depths are of several edges, whose changes cancel: lines say more, if there are any.
     travel = _travel(lines or depths)
     for kind, found in (("lines", lines), ("depths", depths)):
@@ -66,10 +61,25 @@ def pass_lines(scan: Scan, settings: SurfaceSettings) -> Iterator[list[PassLines
             yield passes
 
 
-_Found = list[tuple[F64, F64, LinePoints]]
+#: Places in base, axes of the pass, and the lines: block by block.
+Found = list[tuple[F64, F64, LinePoints]]
 
 
-def _travel(found: _Found) -> float:
+def swept(
+    scan: Scan, settings: SurfaceSettings, depths: Found | None = None
+) -> tuple[list[SurfacePatch], Found]:
+    """The surface of a recording where it has points, and its lines; a list takes depths too."""
+    sweep = SurfaceSweep(settings, scan.camera, scan.track)
+    lines: Found = []
+    sweep.on_lines = lambda *own: lines.append(own)
+    if depths is not None:
+        sweep.on_depths = lambda *own: depths.append(own)
+    sweep.add_events(scan.events)
+    results = sweep.results(flush=True)
+    return [r for r in results if isinstance(r, SurfacePatch) and len(r)], lines
+
+
+def _travel(found: Found) -> float:
     """Median change of the events' density on slopes; 0 without any."""
     lean = [np.abs(own.lean[np.abs(own.slope) > WALL_SLOPE]) for _, _, own in found]
     every = np.concatenate([np.empty(0), *lean])
@@ -77,7 +87,7 @@ def _travel(found: _Found) -> float:
 
 
 def passes_of(
-    name: str, found: _Found, kind: str = "lines", cloud: F64 | None = None, travel: float = 0.0
+    name: str, found: Found, kind: str = "lines", cloud: F64 | None = None, travel: float = 0.0
 ) -> list[PassLines]:
     """What was found by pass.
 

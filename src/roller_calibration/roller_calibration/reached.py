@@ -9,14 +9,12 @@ import numpy as np
 
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
-from roller_emvs.lines.refine import LinePoints
-from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
-from roller_emvs.methods.surface.sweep import SurfacePatch
+from roller_emvs.methods.surface import SurfaceSettings
 
 from .dome_candidates import cell_medians
 from .flat import CELL_M, find_plate
 from .gauges import LEAST_LINES, OTHER_SIZE
-from .pass_lines import WALL_SLOPE, passes_of
+from .pass_lines import WALL_SLOPE, Found, passes_of, swept
 from .recordings import Scan
 from .sphere import find_sphere
 from .step_walls import LEAST_WALLS, find_walls, step_height, wall_levels
@@ -52,16 +50,9 @@ class Reached:
     points: int
 
 
-_Found = list[tuple[F64, F64, LinePoints]]
-
-
-def _sweep(scan: Scan, settings: SurfaceSettings) -> tuple[F64, F64, _Found]:
+def _sweep(scan: Scan, settings: SurfaceSettings) -> tuple[F64, F64, Found]:
     """Points in base with their uncertainty, and the lines that they were found by."""
-    sweep = SurfaceSweep(settings, scan.camera, scan.track)
-    lines: _Found = []
-    sweep.on_lines = lambda *own: lines.append(own)
-    sweep.add_events(scan.events)
-    found = [r for r in sweep.results(flush=True) if isinstance(r, SurfacePatch) and len(r)]
+    found, lines = swept(scan, settings)
     if not found:
         raise GaugeError(f"{scan.name}: no points at all")
     points = np.concatenate([patch.points for patch in found])
@@ -77,7 +68,7 @@ def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached
         If there is no such sphere in view.
     """
     points, sigma, _ = _sweep(scan, settings)
-    sphere = find_sphere(points, _towards(scan), radius_m)
+    sphere = find_sphere(points, -_middle_pose(scan)[:3, 2], radius_m)
     away = points - sphere.centre_m
     along = away @ sphere.towards
     across = away - along[:, None] * sphere.towards
@@ -161,7 +152,7 @@ def on_plane(scan: Scan, settings: SurfaceSettings, _size_m: float = 0.0) -> Rea
         If what is in view is not flat.
     """
     points, sigma, _ = _sweep(scan, settings)
-    pose = scan.track.matrices([int(scan.track.times_ns[len(scan.track) // 2])])[0]
+    pose = _middle_pose(scan)
     plate = find_plate(points, pose, scan.camera)
     local = (points - pose[:3, 3]) @ pose[:3, :3]
     lean = np.tan(np.radians(plate.tilt_deg))
@@ -188,10 +179,10 @@ GAUGES = {
 }
 
 
-def _towards(scan: Scan) -> F64:
-    """From the surface to the camera, in base."""
+def _middle_pose(scan: Scan) -> F64:
+    """Camera in base in the middle of a pass."""
     middle_ns = int(scan.track.times_ns[len(scan.track) // 2])
-    return np.asarray(-scan.track.matrices([middle_ns])[0][:3, 2])
+    return np.asarray(scan.track.matrices([middle_ns])[0])
 
 
 def _cells(places: F64, step: float) -> int:

@@ -6,7 +6,7 @@ sphere stands still in base, so it is one place, and each window's truth follows
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -75,8 +75,7 @@ class Sphere:
     def moved_to_top(self, height_m: float) -> Sphere:
         """The same sphere with its top at a height (z in base), metres."""
         shift = (height_m - self.top_m[2]) / self.towards[2]
-        values = {**self.__dict__, "centre_m": self.centre_m + shift * self.towards}
-        return Sphere(**values)
+        return replace(self, centre_m=self.centre_m + shift * self.towards)
 
 
 def find_sphere(

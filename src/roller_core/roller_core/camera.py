@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -245,6 +246,17 @@ class Camera:
             ) from error
         except CameraError as error:
             raise CameraError(f"camera {path}: {error}") from error
+
+    @classmethod
+    def from_info(cls, info: Any) -> Camera:
+        """Camera of a `sensor_msgs/CameraInfo`, of rclpy or of a bag.
+
+        Raises
+        ------
+        CameraError
+            If the camera isn't calibrated or its model not known.
+        """
+        return cls.from_matrix(info.width, info.height, info.k, info.d, info.distortion_model)
 
     def to_yaml(self, path: Path | str, name: str = "event_camera") -> None:
         """Write a ROS camera_info YAML file."""

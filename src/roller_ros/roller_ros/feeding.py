@@ -14,6 +14,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
+from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stage import PACKET_BYTES
 from roller_core.frame_settings import FollowedFrames, StreamSettings
@@ -69,7 +70,7 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
         elif isinstance(message, EventPacket):
             stage.take_packet(message)
         elif isinstance(message, CameraInfo):
-            camera = messages.camera_from_info(message)
+            camera = Camera.from_info(message)
             if topic == outputs.DEPTH_INFO:
                 give(camera)
             else:

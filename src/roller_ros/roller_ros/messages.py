@@ -57,19 +57,6 @@ def payload(values: npt.NDArray[np.generic]) -> array[int]:
     return out
 
 
-def camera_from_info(message: CameraInfo) -> Camera:
-    """Camera of a CameraInfo message.
-
-    Raises
-    ------
-    CameraError
-        If the camera isn't calibrated or its model not known.
-    """
-    return Camera.from_matrix(
-        message.width, message.height, message.k, message.d, message.distortion_model
-    )
-
-
 def camera_info(camera: Camera, t_ns: int, frame_id: str) -> CameraInfo:
     """CameraInfo message of a camera."""
     k = camera.K

@@ -1,6 +1,6 @@
 """The six test objects: sphere, stairs, sparse sphere, hexagon, bumps and pyramid.
 
-Each function puts one object on a plate, centred across it, and returns its length along the roll.
+Each function puts one object on a plate, centred across it.
 Lengths are in millimetres. Heights and sizes follow what the paper shows of its printed objects,
 kept below 1.5 mm so that all contact depths lie within the sensor's range.
 """
@@ -24,7 +24,7 @@ PYRAMID_BASE, PYRAMID_INSET, PYRAMID_RISE, PYRAMID_STEPS = 10.0, 1.0, 0.25, 5
 
 def put_sphere(
     plate: Plate, x0: float, radius: float = SPHERE_RADIUS, height: float = SPHERE_HEIGHT
-) -> float:
+) -> None:
     """A ball of 4 mm radius that stands 1.5 mm out of the plate."""
     r = float(np.sqrt(2 * radius * height - height**2))
     xc = x0 + r
@@ -34,7 +34,6 @@ def put_sphere(
         return np.maximum(np.sqrt(rest) - (radius - height), 0.0)
 
     plate.put("sphere", (x0, x0 + 2 * r, -r, r), cap)
-    return 2 * r
 
 
 def put_stairs(
@@ -43,20 +42,18 @@ def put_stairs(
     rise: float = STAIR_RISE,
     tread: float = STAIR_TREAD,
     steps: int = STAIR_STEPS,
-) -> float:
+) -> None:
     """Steps of 0.2 mm up and down again."""
     count = 2 * steps - 1
-    length = count * tread
 
     def stairs(x: F64, y: F64) -> F64:
         i = np.clip(np.floor((x - x0) / tread + 1e-6), 0, count - 1)
         return rise * (steps - np.abs(i - (steps - 1)))
 
-    plate.put("stairs", (x0, x0 + length, -STAIR_WIDTH / 2, STAIR_WIDTH / 2), stairs)
-    return length
+    plate.put("stairs", (x0, x0 + count * tread, -STAIR_WIDTH / 2, STAIR_WIDTH / 2), stairs)
 
 
-def put_sparse_sphere(plate: Plate, x0: float) -> float:
+def put_sparse_sphere(plate: Plate, x0: float) -> None:
     """Terraced rings whose outer edges follow a sphere."""
     r = RING_RADIUS
     ball = (r**2 + RING_HEIGHT**2) / (2 * RING_HEIGHT)
@@ -69,7 +66,6 @@ def put_sparse_sphere(plate: Plate, x0: float) -> float:
         return np.where(distance < r, height, 0.0)
 
     plate.put("sparse_sphere", (x0, x0 + 2 * r, -r, r), rings)
-    return 2 * r
 
 
 def _hexagon_distance(x: F64, y: F64) -> F64:
@@ -77,7 +73,7 @@ def _hexagon_distance(x: F64, y: F64) -> F64:
     return np.maximum(np.abs(y), np.abs(x) * np.sqrt(0.75) + np.abs(y) * 0.5)
 
 
-def put_hexagon(plate: Plate, x0: float) -> float:
+def put_hexagon(plate: Plate, x0: float) -> None:
     """A hexagon with a shallow hexagonal recess."""
     flat, recess = HEXAGON_RADIUS * np.sqrt(0.75), RECESS_RADIUS * np.sqrt(0.75)
 
@@ -86,12 +82,10 @@ def put_hexagon(plate: Plate, x0: float) -> float:
         return np.where(d <= recess, HEXAGON_HEIGHT - RECESS_DEPTH, HEXAGON_HEIGHT) * (d <= flat)
 
     plate.put("hexagon", (x0, x0 + 2 * HEXAGON_RADIUS, -flat, flat), hexagon)
-    return 2 * HEXAGON_RADIUS
 
 
-def put_bumps(plate: Plate, x0: float) -> float:
+def put_bumps(plate: Plate, x0: float) -> None:
     """Half cylinders side by side, of growing radius, across the roll."""
-    length = 2 * sum(BUMP_RADII) + BUMP_GAP * (len(BUMP_RADII) - 1)
 
     def bumps(x: F64, y: F64) -> F64:
         height = np.zeros_like(x)
@@ -102,11 +96,10 @@ def put_bumps(plate: Plate, x0: float) -> float:
             middle += r + BUMP_GAP
         return height
 
-    plate.put("bumps", (x0, x0 + length, -BUMP_WIDTH / 2, BUMP_WIDTH / 2), bumps)
-    return length
+    plate.put("bumps", (x0, x0 + LENGTHS["bumps"], -BUMP_WIDTH / 2, BUMP_WIDTH / 2), bumps)
 
 
-def put_pyramid(plate: Plate, x0: float) -> float:
+def put_pyramid(plate: Plate, x0: float) -> None:
     """A square pyramid of five steps."""
     half = PYRAMID_BASE / 2
 
@@ -116,10 +109,9 @@ def put_pyramid(plate: Plate, x0: float) -> float:
         return PYRAMID_RISE * np.clip(level, 0, PYRAMID_STEPS)
 
     plate.put("pyramid", (x0, x0 + PYRAMID_BASE, -half, half), pyramid)
-    return PYRAMID_BASE
 
 
-OBJECTS: dict[str, Callable[[Plate, float], float]] = {
+OBJECTS: dict[str, Callable[[Plate, float], None]] = {
     "sphere": put_sphere,
     "stairs": put_stairs,
     "sparse_sphere": put_sparse_sphere,

@@ -81,8 +81,9 @@ def _demo(settings: SceneSettings) -> Scene:
     plate = new_plate(settings, line + sum(LENGTHS.values()) + gaps)
     text = put_braille(plate, text, settings.margin_mm, settings)
     x = settings.margin_mm + line + DEMO_TEXT_GAP_MM
-    for put in OBJECTS.values():
-        x += put(plate, x) + DEMO_GAP_MM
+    for name, put in OBJECTS.items():
+        put(plate, x)
+        x += LENGTHS[name] + DEMO_GAP_MM
     return plate.scene("demo", DEMO_PRESS_MM, text)
 
 
@@ -95,7 +96,8 @@ def _part(settings: SceneSettings) -> Scene:
     text = put_braille(plate, text, settings.margin_mm, settings)
     x = settings.margin_mm + line + DEMO_TEXT_GAP_MM
     for name in PART_RELIEF:
-        x += OBJECTS[name](plate, x) + DEMO_GAP_MM
+        OBJECTS[name](plate, x)
+        x += LENGTHS[name] + DEMO_GAP_MM
     half = min(PITCH_ACROSS * ACROSS, settings.width_mm) / 2
     plate.put("face", (x, x + PART_FACE_MM, -half, half), lambda x, y: 0.0)
     for i, (kind, along, across, length, width, depth, angle) in enumerate(PART_DEFECTS):

@@ -16,37 +16,51 @@ _ROUNDS = 4
 _CHUNK = 512
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _follow(rays, begin, size, corner, per_px, surface, start, width, parts, place):  # type: ignore[no-untyped-def]
+    """Follow some rays to where they meet the surface: their `place` there, offsets in `parts`.
+
+    `surface` is the offset by place, flat, `width` to a row and `per_px` to a pixel, its first one
+    at `corner`, NaN where it is unknown and in one entry more, which stands for nowhere. A ray is
+    followed from `start` from one place to the next; what makes a place of rays, some at a time,
+    the compiler turns into vector instructions. `parts`, shape (5, chunk), holds what the rays
+    begin at, their slopes and the offset where they are.
+    """
+    x, y, along, across, z = parts
+    nowhere = np.int32(len(surface) - 1)
+    many, zero = np.int32(width), np.float32(0)
+    left, top = np.float32(0.5 - corner[0]), np.float32(0.5 - corner[1])
+    right, below = np.float32(width), np.float32(nowhere // width)
+    for i in range(size):
+        x[i] = rays[begin + i, 0] + left
+        y[i] = rays[begin + i, 1] + top
+        along[i] = rays[begin + i, 2]
+        across[i] = rays[begin + i, 3]
+        z[i] = start
+    for _ in range(_ROUNDS):
+        for i in range(size):
+            a = (x[i] + along[i] * z[i]) * per_px
+            b = (y[i] + across[i] * z[i]) * per_px
+            inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
+            at = np.int32(np.int32(b) * many + np.int32(a))
+            place[i] = at if inside else nowhere
+        for i in range(size):
+            z[i] = surface[np.uint32(place[i])]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _meet(rays, first, last, corner, offset, start, width, sums):  # type: ignore[no-untyped-def]
     """Count events, and add up their slopes along x and squares, where they meet the surface.
 
-    As `_ground`, but that `offset` is the surface on cells, `width` to a row. `sums`, shape
-    (cells, 3), flat, holds what is added to together.
+    `offset` is the surface on cells, as `_follow` takes it. `sums`, shape (cells, 3), flat, holds
+    what is added to together.
     """
-    nowhere = np.int32(len(offset) - 1)
-    many, zero, per_px = np.int32(width), np.float32(0), np.float32(1.0 / CELL_PX)
-    left, top = np.float32(0.5 - corner[0]), np.float32(0.5 - corner[1])
-    right, below = np.float32(width), np.float32(nowhere // width)
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
-    x, y, along, across, z = np.empty((5, _CHUNK), np.float32)
-    place = np.empty(_CHUNK, np.int32)
+    parts, place = np.empty((5, _CHUNK), np.float32), np.empty(_CHUNK, np.int32)
+    per_px, along, z = np.float32(1.0 / CELL_PX), parts[2], parts[4]
     for begin in range(first, last, _CHUNK):
         own, size = np.uint64(begin), np.uint64(min(_CHUNK, last - begin))
-        for i in range(size):
-            x[i] = rays[own + i, 0] + left
-            y[i] = rays[own + i, 1] + top
-            along[i] = rays[own + i, 2]
-            across[i] = rays[own + i, 3]
-            z[i] = start
-        for _ in range(_ROUNDS):
-            for i in range(size):
-                a = (x[i] + along[i] * z[i]) * per_px
-                b = (y[i] + across[i] * z[i]) * per_px
-                inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
-                at = np.int32(np.int32(b) * many + np.int32(a))
-                place[i] = at if inside else nowhere
-            for i in range(size):
-                z[i] = offset[np.uint32(place[i])]
+        _follow(rays, own, size, corner, per_px, offset, start, width, parts, place)
         for i in range(size):
             if z[i] == z[i]:
                 to, slope = three * np.uint64(place[i]), along[i]
@@ -59,34 +73,14 @@ def _meet(rays, first, last, corner, offset, start, width, sums):  # type: ignor
 def _ground(rays, corner, surface, start, width, pixel, counts):  # type: ignore[no-untyped-def]
     """Pixel in which each event meets the surface, and how many meet each.
 
-    `surface` is the offset by pixel, flat, its first one at `corner` as in `_meet`, NaN where it is
-    unknown and in one entry more, which stands for nowhere. A ray is followed from `start` from
-    one place to the next; what makes a place of rays, some at a time, the compiler turns into
-    vector instructions.
+    `surface` is the offset by pixel, as `_follow` takes it.
     """
-    nowhere = np.int32(len(surface) - 1)
-    many, zero = np.int32(width), np.float32(0)
-    left, top = np.float32(0.5 - corner[0]), np.float32(0.5 - corner[1])
-    right, below = np.float32(width), np.float32(nowhere // width)
-    x, y, along, across, z = np.empty((5, _CHUNK), np.float32)
-    place = np.empty(_CHUNK, np.int32)
+    nowhere, one = np.int32(len(surface) - 1), np.float32(1)
+    parts, place = np.empty((5, _CHUNK), np.float32), np.empty(_CHUNK, np.int32)
+    z = parts[4]
     for begin in range(0, len(rays), _CHUNK):
         first, size = np.uint64(begin), np.uint64(min(_CHUNK, len(rays) - begin))
-        for i in range(size):
-            x[i] = rays[first + i, 0] + left
-            y[i] = rays[first + i, 1] + top
-            along[i] = rays[first + i, 2]
-            across[i] = rays[first + i, 3]
-            z[i] = start
-        for _ in range(_ROUNDS):
-            for i in range(size):
-                a = x[i] + along[i] * z[i]
-                b = y[i] + across[i] * z[i]
-                inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
-                at = np.int32(np.int32(b) * many + np.int32(a))
-                place[i] = at if inside else nowhere
-            for i in range(size):
-                z[i] = surface[np.uint32(place[i])]
+        _follow(rays, first, size, corner, one, surface, start, width, parts, place)
         for i in range(size):
             at = place[i] if z[i] == z[i] else nowhere
             pixel[first + i] = at

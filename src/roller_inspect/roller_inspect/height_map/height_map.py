@@ -69,6 +69,11 @@ class HeightMap:
         """Cells whose height may be used: measured or continued."""
         return np.asarray(self.state >= CONTINUED)
 
+    def measured(self, masked: Bools | None = None) -> Bools:
+        """Cells that were measured and have a height, without those that are masked."""
+        used = (self.state == MEASURED) & np.isfinite(self.height_m)
+        return used if masked is None else used & ~masked
+
     def in_base(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike, height_m: npt.ArrayLike) -> F64:
         """Points of the map's frame in base, shape (..., 3), metres."""
         local = np.stack(np.broadcast_arrays(x_m, y_m, height_m), axis=-1).astype(np.float64)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from roller_core.transforms import F64
-from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+from roller_inspect.height_map.height_map import Bools, HeightMap
 from roller_inspect.references.nominal import tukey
 
 #: Fewest measured cells of a plane.
@@ -58,7 +58,7 @@ def datum_plane(height_map: HeightMap, region: Bools) -> Datum | None:
     region : ndarray of bool, shape (ny, nx)
         Cells of the datum.
     """
-    used = region & (height_map.state == MEASURED) & np.isfinite(height_map.height_m)
+    used = region & height_map.measured()
     rows, columns = np.nonzero(used)
     if len(rows) < LEAST_CELLS:
         return None

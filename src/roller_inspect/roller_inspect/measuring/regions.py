@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from roller_inspect.findings.cues import SCALES_M, cell_weights, smoothed
 from roller_inspect.findings.sizes import ALIKE_M, extreme
-from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
+from roller_inspect.height_map.height_map import F32, Bools, HeightMap
 from roller_inspect.references.nominal import fit_polynomial
 from roller_inspect.references.reference import ReferenceError
 
@@ -155,7 +155,7 @@ def roughness(height_map: HeightMap, region: Bools) -> tuple[Measured, Measured]
     region : ndarray of bool, shape (ny, nx)
         Cells.
     """
-    measured = region & (height_map.state == MEASURED) & np.isfinite(height_map.height_m)
+    measured = region & height_map.measured()
     if not region.any() or measured.sum() < _LEAST_MEASURED * region.sum():
         return _neither("too little of the region was measured")
     rows, columns = np.nonzero(measured)

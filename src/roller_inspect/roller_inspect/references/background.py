@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+from roller_inspect.height_map.height_map import Bools, HeightMap
 from roller_inspect.height_map.medians import spread_blocks
 
 from .nominal import tukey
@@ -28,9 +28,7 @@ class SelfReference:
 
     def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
         """See `Reference`."""
-        used = (height_map.state == MEASURED) & np.isfinite(height_map.height_m)
-        if masked is not None:
-            used &= ~masked
+        used = height_map.measured(masked)
         background, sigma = self._background(height_map, used)
         deviation = (height_map.height_m - background).astype(np.float32)
         residual = deviation[used]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from roller_core.transforms import F64
-from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
+from roller_inspect.height_map.height_map import F32, Bools, HeightMap
 
 from .nominal import tukey
 from .reference import Alignment, Comparison, ReferenceError, rms_robust
@@ -76,9 +76,7 @@ def compare_field(
         If they don't overlap, or lie further apart than a pose can be off.
     """
     x, y = np.meshgrid(height_map.x_m, height_map.y_m)
-    used = (height_map.state == MEASURED) & np.isfinite(height_map.height_m)
-    if masked is not None:
-        used &= ~masked
+    used = height_map.measured(masked)
     overlap = used & np.isfinite(field.sample(x, y)[0])
     if overlap.sum() < max(_LEAST_CELLS, 0.02 * used.sum()):
         raise ReferenceError(

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from roller_core.transforms import F64
-from roller_inspect.height_map.height_map import MEASURED, Bools, HeightMap
+from roller_inspect.height_map.height_map import Bools, HeightMap
 
 from .reference import Alignment, Comparison, ReferenceError, rms_robust
 
@@ -45,9 +45,7 @@ class NominalReference:
 
     def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
         """See `Reference`."""
-        used = (height_map.state == MEASURED) & np.isfinite(height_map.height_m)
-        if masked is not None:
-            used &= ~masked
+        used = height_map.measured(masked)
         rows, columns = np.nonzero(used)
         stride = max(1, len(rows) // _MOST_CELLS)
         rows, columns = rows[::stride], columns[::stride]

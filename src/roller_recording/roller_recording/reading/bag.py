@@ -134,9 +134,9 @@ class BagRecording(Recording):
             return Step(EventArray.empty(), progress, (error,))
 
     def _other_camera(self, info: Any, t_ns: int) -> tuple[RecordingError, ...]:
-        """A fault, if the camera's calibration isn't the first of the bag any more."""
+        """A fault, if the camera's calibration isn't the bag's first."""
         try:
-            if _camera(info) == self.camera:
+            if Camera.from_info(info) == self.camera:
                 return ()
         except RollerError:
             pass  # no calibration at all
@@ -164,10 +164,5 @@ class BagRecording(Recording):
                 raise MalformedRecordingError(
                     f"bag {self._path}: {topic} is malformed ({error}); give --camera FILE"
                 ) from error
-            return _camera(info)
+            return Camera.from_info(info)
         raise MissingTopicError(f"bag {self._path}: {topic} holds no message; give --camera FILE")
-
-
-def _camera(info: Any) -> Camera:
-    """Camera of a CameraInfo message."""
-    return Camera.from_matrix(info.width, info.height, info.k, info.d, info.distortion_model)
