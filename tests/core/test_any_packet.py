@@ -13,7 +13,7 @@ U32, U64 = st.integers(0, 2**32 - 1), st.integers(0, 2**64 - 1)
 WIDTHS = st.sampled_from([(640, 480), (1, 1), (65_535, 65_535)])
 
 
-@settings(max_examples=300)
+@settings(max_examples=500)
 @given(ENCODINGS, st.binary(max_size=256), U64, WIDTHS)
 @example("mono", bytes(8), 2**63, (640, 480))
 @example("mono", b"\xff" * 8, 2**62 - 1, (640, 480))

@@ -150,14 +150,3 @@ def test_events_outside_the_image_are_counted() -> None:
     packet = PacketDecoder("libcaer", 640, 480).decode(encode("libcaer", events, 0))
     assert len(packet.events) == 1
     assert packet.outside == 2
-
-
-@settings(max_examples=100)
-@given(
-    words=st.lists(st.integers(0, 0xFFFF), max_size=200),
-    encoding=st.sampled_from(["evt3", "libcaer_cmp"]),
-)
-def test_any_words_decode_without_harm(words: list[int], encoding: str) -> None:
-    events = PacketDecoder(encoding, 640, 480).decode(np.array(words, np.uint16).tobytes()).events
-    assert np.all(events.x < 640)
-    assert np.all(events.y < 480)

@@ -15,6 +15,7 @@ from own import LOOPBACK
 from roller_core.camera import Camera
 from roller_core.codecs import PacketDecoder
 from roller_core.events import EventArray
+from roller_core.outputs import stamp_ns
 from roller_core.pose_track import Pose
 from roller_ros import messages, qos
 
@@ -76,7 +77,7 @@ def test_devices_come_out_as_topics_through_their_troubles(
         wait_for_message("the controller's clock has jumped")
         wait_for_poses(100)
         # Stamps are ROS time and go on.
-        stamps = [messages.to_ns(t.header.stamp) for m in seen["/tf"] for t in m.transforms]
+        stamps = [stamp_ns(t) for m in seen["/tf"] for t in m.transforms]
         assert np.diff(stamps).min() > -20e6
         # Counted by connection: on a busy machine there may be a new one since.
         told = [float(v.get("clock_steps_back", 0)) for _, v in watcher.statuses[ROBOT]]
@@ -139,7 +140,7 @@ def check_events(watcher, sent):
     distinct = np.unique(np.stack([sent.t_ns, sent.x, sent.y, sent.p], 1), axis=0)
     assert np.array_equal(np.stack([part.t_ns, part.x, part.y, part.p], 1), distinct)
     # Stamps are the host's and run with the sensor's clock.
-    stamps = np.array([messages.to_ns(p.header.stamp) for p in packets])
+    stamps = np.array([stamp_ns(p) for p in packets])
     assert np.all(np.diff(stamps) >= 0)
 
 
@@ -148,7 +149,7 @@ def check_poses(watcher):
     assert {(t.header.frame_id, t.child_frame_id) for t in items} == {
         ("left_base", "left_tool0_controller")
     }
-    stamps = np.array([messages.to_ns(t.header.stamp) for t in items[:200]])
+    stamps = np.array([stamp_ns(t) for t in items[:200]])
     x = np.array([t.transform.translation.x for t in items[:200]])
     steps = np.diff(stamps)
     assert abs(np.median(steps) - 8e6) < 1e5

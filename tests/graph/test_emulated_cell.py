@@ -25,9 +25,9 @@ from own import LOOPBACK
 from roller_bringup.launching import Runner, load
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
+from roller_core.outputs import stamp_ns
 from roller_emvs.patch import Patch
 from roller_inspect.pipeline import Pipeline, PipelineSettings
-from roller_ros import messages
 from roller_sim.motion import HAND_EYE_M, HAND_EYE_ROTATION_RAD
 
 pytestmark = pytest.mark.graph
@@ -79,7 +79,7 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     packets_ns = took.begin_ns + np.rint(scan.seconds_of(sensor_ns) * 1e9).astype(np.int64)
     camera_delay = delay_of(mapped_ns, packets_ns, took.begin_ns, "camera")
     assert 0 <= camera_delay < 2_000_000
-    stamps = np.array([messages.to_ns(t.header.stamp) for t in took.poses])
+    stamps = np.array([stamp_ns(t) for t in took.poses])
     ticks = np.rint((stamps - took.controller_begin_ns) / 8e6)
     ticks_ns = took.controller_begin_ns + (ticks * 8_000_000).astype(np.int64)
     robot_delay = delay_of(stamps, ticks_ns, took.begin_ns, "robot")
@@ -223,7 +223,7 @@ def decoded(packets: list[Any], scan: EmulatedScan) -> tuple[EventArray, I64, I6
     stream = EventStream(scan.camera.width, scan.camera.height)
     events = [
         stream.push(
-            m.encoding, m.width, m.height, m.seq, messages.to_ns(m.header.stamp), m.time_base,
+            m.encoding, m.width, m.height, m.seq, stamp_ns(m), m.time_base,
             m.events,
         )
         for m in packets

@@ -10,7 +10,8 @@ from event_camera_msgs.msg import EventPacket
 from sensor_msgs.msg import CameraInfo, Image
 
 from roller_core.event_stream import EventStream
-from roller_ros import messages, qos
+from roller_core.outputs import stamp_ns
+from roller_ros import qos
 from roller_sim.truth import Truth
 
 pytestmark = pytest.mark.graph
@@ -51,7 +52,7 @@ def test_two_cells_scan_in_one_graph(processes, watch, tmp_path):
         stream = EventStream(80, 48)
         for m in topics[side, "events"]:
             stream.push(
-                m.encoding, m.width, m.height, m.seq, messages.to_ns(m.header.stamp), m.time_base,
+                m.encoding, m.width, m.height, m.seq, stamp_ns(m), m.time_base,
                 m.events,
             )  # fmt: skip
         assert stream.counts.events > 1000
@@ -64,7 +65,7 @@ def test_two_cells_scan_in_one_graph(processes, watch, tmp_path):
         moved = [t for m in watcher.seen["/tf"] for t in m.transforms]
         own = [t for t in moved if t.child_frame_id == f"{side}_tool0_controller"]
         assert {t.header.frame_id for t in own} == {f"{side}_base"}
-        stamps = [messages.to_ns(t.header.stamp) for t in own]
+        stamps = [stamp_ns(t) for t in own]
         truth = Truth.load(tmp_path / side)
         assert truth.start_ros_ns < stamps[0] < stamps[-1] < truth.start_ros_ns + 10**9
         assert abs(truth.start_ros_ns - time.time_ns()) < 600e9

@@ -15,6 +15,7 @@ from recording.bags import (
     write_bag,
     write_tum,
 )
+from recording.event_files import write_aedat4
 from roller_bringup.cli import main
 from roller_emvs.ply import read_ply
 
@@ -116,20 +117,7 @@ def test_a_dataset_folder_gives_the_same_depth(
 def test_aedat4_with_poses_gives_the_same_depth(
     params: Path, tmp_path: Path, reference: Reference
 ) -> None:
-    import dv_processing as dv
-
-    path = tmp_path / "scan.aedat4"
-    size = (CAMERA.width, CAMERA.height)
-    config = dv.io.MonoCameraWriter.EventOnlyConfig("camera", size, dv.CompressionType.LZ4)
-    writer = dv.io.MonoCameraWriter(str(path), config)
-    events, store = scan(), dv.EventStore()
-    shift_us = (1_700_000_000_000_000_000 - 5_000_000_000) // 1000
-    for k in range(0, len(events), 4):  # a quarter: the writer takes one event at a time
-        store.push_back(
-            int(events.t_ns[k]) // 1000 + shift_us, int(events.x[k]), int(events.y[k]), True
-        )
-    writer.writeEvents(store)
-    del writer
+    path = write_aedat4(tmp_path / "scan.aedat4", {"events": 4})
     write_tum(camera_track(), tmp_path / "poses.txt")
     CAMERA.to_yaml(tmp_path / "camera.yaml")
     code = replay(
@@ -143,13 +131,6 @@ def test_aedat4_with_poses_gives_the_same_depth(
         both = np.isfinite(depth) & np.isfinite(expected[stamp])
         assert both.sum() > 200
         assert np.median(np.abs(depth - expected[stamp])[both]) < 1e-4
-
-
-def test_methods_are_selectable(bag: Path, params: Path, tmp_path: Path) -> None:
-    assert replay(bag, tmp_path / "out", params, "--method", "bma", "--no-braille") == 0
-    report = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert report["method"] == "bma"
-    assert "fusion" in next(w for w in report["windows"] if w["points"])["milliseconds"]
 
 
 @pytest.mark.recordings

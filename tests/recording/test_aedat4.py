@@ -4,11 +4,11 @@ import json
 import re
 from pathlib import Path
 
-import dv_processing as dv
 import pytest
 
 from emvs.scenes import tilted
-from recording.bags import CAMERA, START_NS, camera_track, scan, write_tum
+from recording.bags import CAMERA, camera_track, scan, write_tum
+from recording.event_files import write_aedat4
 from roller_bringup.cli import main
 from roller_emvs.ply import read_ply
 
@@ -16,27 +16,9 @@ Capture = pytest.CaptureFixture[str]
 PARAMS = "emvs: {ros__parameters: {window.travel_m: 0.006, focus.sigma_px: 3.0}}"
 
 
-def write(path: Path, streams: dict[str, int]) -> Path:
-    """A file with some events of the scan in each stream: every n-th one."""
-    config = dv.io.MonoCameraWriter.Config("camera")
-    for name in streams:
-        config.addEventStream((CAMERA.width, CAMERA.height), name)
-    writer = dv.io.MonoCameraWriter(str(path), config)
-    events = scan()
-    start_us = (START_NS - int(events.t_ns[0])) // 1000
-    for name, every in streams.items():
-        for part in range(0, len(events), 40_000):  # as packets of a few milliseconds
-            store = dv.EventStore()
-            for k in range(part, min(part + 40_000, len(events)), every):
-                t_us = int(events.t_ns[k]) // 1000 + start_us
-                store.push_back(t_us, int(events.x[k]), int(events.y[k]), True)
-            writer.writeEvents(store, name)
-    return path
-
-
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("aedat4") / "scan.aedat4", {"events": 4})
+    return write_aedat4(tmp_path_factory.mktemp("aedat4") / "scan.aedat4", {"events": 4})
 
 
 def replay(source: Path, folder: Path, *more: str) -> int:
@@ -82,7 +64,7 @@ def test_a_file_cut_anywhere_gets_one_line(file: Path, tmp_path: Path, capsys: C
 
 
 def test_several_streams_need_a_choice(tmp_path: Path, capsys: Capture) -> None:
-    path = write(tmp_path / "two.aedat4", {"left": 100, "right": 400})
+    path = write_aedat4(tmp_path / "two.aedat4", {"left": 100, "right": 400})
     assert main(["info", str(path)]) == 1
     assert "several event streams; choose with --topic: 0, 1" in capsys.readouterr().err
     assert main(["info", str(path), "--topic", "1"]) == 0

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from recording.bags import CAMERA, scan
+from recording.event_files import check_read_back
 from roller_bringup.cli import main
 from roller_core.events import EventArray
 from roller_recording.reading import RecordingError, open_recording
@@ -41,17 +42,7 @@ def test_events_come_back(
     own: EventArray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path / "events.h5", own)
-    poses, camera = tmp_path / "poses.txt", tmp_path / "camera.yaml"
-    poses.write_text("49 0 0 0 0 0 0 1\n50 0.3 0 0 0 0 0 1\n")
-    CAMERA.to_yaml(camera)
-    steps = list(open_recording(path, poses, camera).steps())
-    found = EventArray.concatenate([step.events for step in steps if len(step.events)])
-    for name in ("x", "y", "t_ns", "p"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(own, name))
-    assert main(["info", "--check", str(path)]) == 0
-    assert f"events     {len(own)} (" in capsys.readouterr().out
-    with pytest.raises(RecordingError, match="holds no poses; give --poses"):
-        open_recording(path, None, camera)
+    poses, camera = check_read_back(path, own, 49, capsys)
     with pytest.raises(RecordingError, match="one stream of events"):
         open_recording(path, poses, camera, topic="left")
     data = bytearray(path.read_bytes())

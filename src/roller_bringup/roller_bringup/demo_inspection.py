@@ -11,10 +11,10 @@ from rosbags.rosbag2 import Reader
 
 from roller_core import outputs
 from roller_core.bags import typestore
-from roller_core.outputs import Output, ScanFault, cloud_of
+from roller_core.outputs import Output, ScanFault, cloud_of, stamp_ns
 from roller_evaluation.detection import matched
 from roller_inspect.inspect_stage import InspectStage, inspect_parameters
-from roller_inspect.judgement import Inspected, judge_nothing
+from roller_inspect.judgement import Inspected, longest_part
 from roller_inspect.recipe import Recipe, load_recipe
 from roller_inspect.report.document import Scan, inspection_document
 from roller_inspect.results.inspection_files import write_inspection
@@ -49,9 +49,8 @@ def inspect_recorded(bag: Path, recipe: Recipe, part: str, params: Path | None =
         connections = [c for c in reader.connections if c.topic in wanted]
         for connection, _, data in reader.messages(connections):
             message: Any = store.deserialize_cdr(data, connection.msgtype)
-            stamp = message.header.stamp
-            t_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-            topic, frame = connection.topic[1:], message.header.frame_id
+            t_ns, frame = stamp_ns(message), message.header.frame_id
+            topic = connection.topic[1:]
             if topic == outputs.SURFACE_POINTS:
                 stage.take_output(Output(topic, t_ns, frame, cloud_of(message)))
             else:
@@ -59,12 +58,7 @@ def inspect_recorded(bag: Path, recipe: Recipe, part: str, params: Path | None =
                     stage.take_output(Output(topic, t_ns, frame, ScanFault(status.message)))
             found += [result.found for result in stage.results()]
         found += [result.found for result in stage.results(flush=True)]
-    parts = [part for part in found if isinstance(part, Inspected)]
-    return max(
-        parts,
-        key=lambda p: p.judgement.coverage.area_m2,
-        default=judge_nothing(recipe, part),
-    )
+    return longest_part((p for p in found if isinstance(p, Inspected)), recipe, part)
 
 
 #: Region of scenes that is inspected, and how deep a defect it may have, m.

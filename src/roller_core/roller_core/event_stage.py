@@ -17,7 +17,7 @@ from .errors import RollerError
 from .event_stream import EventStream, StreamCounts, TimeBackwardsError
 from .events import EventArray
 from .frame_settings import StreamSettings
-from .outputs import Output, Result, ScanFault
+from .outputs import Output, Result, ScanFault, stamp_ns
 from .pose_track import PoseTrack
 from .seq_gaps import LossShare
 from .stage import ERROR, OK, WARN, Stage
@@ -160,8 +160,7 @@ class EventStage(Stage[E], Generic[E, P]):
         lost = self.stream.counts.lost_packets - lost
         if self.pipeline is not None and lost > 0:
             self.pipeline.miss()
-        stamp = packet.header.stamp
-        self._tell_loss(self._losses.see(stamp.sec * 1_000_000_000 + stamp.nanosec, lost))
+        self._tell_loss(self._losses.see(stamp_ns(packet), lost))
         self.take_events(events)
 
     def _tell_loss(self, told: tuple[int, str] | None) -> None:

@@ -13,6 +13,7 @@ from .clock import SensorClock
 from .codecs import CodecError, PacketDecoder
 from .errors import RollerError
 from .events import EventArray
+from .outputs import stamp_ns
 from .seq_gaps import SeqGaps
 
 
@@ -96,7 +97,7 @@ class EventStream:
             message.width,
             message.height,
             message.seq,
-            message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec,
+            stamp_ns(message),
             message.time_base,
             message.events,
         )

@@ -51,6 +51,12 @@ class CloudError(RollerError):
     """A cloud that isn't one of ours."""
 
 
+def stamp_ns(message: Any) -> int:
+    """ROS time of a message with a header, rclpy's or rosbags'."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
 def cloud_of(message: Any) -> Cloud:
     """Columns of a PointCloud2, rclpy's or rosbags', of float32 fields without gaps.
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .frame_settings import DEFAULT_SMOOTHING
+from .outputs import stamp_ns
 from .pose_smoothing import StampSmoother
 from .pose_track import PoseJumpError, PoseOrderError, PoseTrack, PoseValueError, unit_pose
 from .transforms import (
@@ -51,11 +52,11 @@ class Transform:
 def transforms_of(message: Any, static: bool) -> Iterator[Transform]:
     """Transforms of a tf2_msgs/TFMessage, of a live graph or of a bag."""
     for item in message.transforms:
-        stamp, t, r = item.header.stamp, item.transform.translation, item.transform.rotation
+        t, r = item.transform.translation, item.transform.rotation
         yield Transform(
             item.header.frame_id.lstrip("/"),
             item.child_frame_id.lstrip("/"),
-            stamp.sec * 1_000_000_000 + stamp.nanosec,
+            stamp_ns(item),
             (t.x, t.y, t.z),
             (r.x, r.y, r.z, r.w),
             static,

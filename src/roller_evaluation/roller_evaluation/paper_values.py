@@ -7,9 +7,9 @@ from __future__ import annotations
 
 #: Mean absolute error by depth method at 0.3 m/s.
 FUSION_UM = {
-    "emvs": {"stairs": 67.2, "sphere": 125.6, "sparse_sphere": 27.4, "mean": 73.4},
-    "left_right": {"stairs": 61.3, "sphere": 108.5, "sparse_sphere": 14.4, "mean": 61.4},
-    "bma": {"stairs": 58.1, "sphere": 94.6, "sparse_sphere": 12.0, "mean": 54.9},
+    "emvs": {"stairs": 67.2, "sphere": 125.6, "sparse_sphere": 27.4},
+    "left_right": {"stairs": 61.3, "sphere": 108.5, "sparse_sphere": 14.4},
+    "bma": {"stairs": 58.1, "sphere": 94.6, "sparse_sphere": 12.0},
 }
 #: Mean and deviation over five passes at 0.3 m/s, bma.
 OBJECTS_UM = {

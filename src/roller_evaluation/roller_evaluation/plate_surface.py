@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -61,10 +62,7 @@ def measure_coverage(case: Case, scan: Scan) -> list[Row]:
         "measured": round(len(cells) / float(np.prod(shape)), 4),
         "mev_per_s": round(rate * 1e-6, 3),
     }
-    for name, figure in (("mae_um", np.mean), ("median_um", np.median), ("p90_um", _p90)):
+    p90 = partial(np.quantile, q=0.9)
+    for name, figure in (("mae_um", np.mean), ("median_um", np.median), ("p90_um", p90)):
         row[name] = round(float(figure(error)), 2) if len(error) else None
     return [row]
-
-
-def _p90(values: np.ndarray) -> np.floating:
-    return np.quantile(values, 0.9)

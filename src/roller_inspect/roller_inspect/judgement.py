@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -205,6 +206,12 @@ def _reason(
     if not parts:
         parts.append(f"{len(judged)} findings, all within tolerance" if judged else "no findings")
     return "; ".join(parts)
+
+
+def longest_part(parts: Iterable[Inspected], recipe: Recipe, part: str) -> Inspected:
+    """Of parts the one of most area; one without a point where there is none."""
+    area = attrgetter("judgement.coverage.area_m2")
+    return max(parts, key=area, default=None) or judge_nothing(recipe, part)
 
 
 def judge_nothing(recipe: Recipe, part: str) -> Inspected:

@@ -18,7 +18,7 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stage import PACKET_BYTES
 from roller_core.frame_settings import FollowedFrames, StreamSettings
-from roller_core.outputs import Output, ScanFault
+from roller_core.outputs import Output, ScanFault, stamp_ns
 from roller_core.sensor_pose import transforms_of
 from roller_core.stage import Stage
 
@@ -59,8 +59,7 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
         return
 
     def give(data: Any) -> None:
-        stamp_ns, frame = messages.to_ns(message.header.stamp), message.header.frame_id
-        stage.take_output(Output(topic, stamp_ns, frame, data))
+        stage.take_output(Output(topic, stamp_ns(message), message.header.frame_id, data))
 
     try:
         if message is NEW_SOURCE:
@@ -84,7 +83,7 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
                 give(ScanFault(status.message, status.name))
         elif isinstance(message, WrenchStamped):
             f = message.wrench.force
-            stage.take_force(messages.to_ns(message.header.stamp), math.hypot(f.x, f.y, f.z))
+            stage.take_force(stamp_ns(message), math.hypot(f.x, f.y, f.z))
     except RollerError as error:
         on_fault(error)
 
@@ -103,4 +102,4 @@ def backlog_for(settings: FollowedFrames, kind: type[Stage[Any]]) -> Backlog[tup
 
 def bulk_of(packet: EventPacket) -> Bulk:
     """What a packet counts for in a backlog."""
-    return Bulk(len(packet.events) + PACKET_BYTES, messages.to_ns(packet.header.stamp))
+    return Bulk(len(packet.events) + PACKET_BYTES, stamp_ns(packet))

@@ -35,11 +35,6 @@ def to_message(output: Output) -> Any:
     return message_of(output.data, output)
 
 
-def to_ns(stamp: Time) -> int:
-    """Nanoseconds of a time message."""
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
-
-
 def to_time(t_ns: int) -> Time:
     """Time message of nanoseconds."""
     return Time(sec=int(t_ns) // 1_000_000_000, nanosec=int(t_ns) % 1_000_000_000)

@@ -19,7 +19,7 @@ from roller_core.codecs import encode
 from roller_core.errors import UnwritableOutputError
 from roller_core.frame_settings import RobotFrames
 from roller_core.outputs import CAMERA_INFO as INFO
-from roller_core.outputs import EVENTS, TF, TF_STATIC
+from roller_core.outputs import EVENTS, TF, TF_STATIC, stamp_ns
 from roller_core.outputs import PREVIEW as IMAGE
 from roller_core.pose_track import Pose
 from roller_core.transforms import matrix_to_quaternion
@@ -135,7 +135,7 @@ class VirtualCellNode(PlayingNode):
             holder: EventPacket | Image | TransformStamped = (
                 message.transforms[0] if topic == TF else message
             )
-            stamp = messages.to_ns(holder.header.stamp) + shift
+            stamp = stamp_ns(holder) + shift
             holder.header.stamp = messages.to_time(stamp)
             self._outputs[topic].publish(message)
             self._packets += topic == EVENTS

@@ -155,10 +155,9 @@ class Graph:
     def _take_points(self, found: list[bytes]) -> None:
         """Take what came since the last look at once: it costs little more than one cloud."""
         clouds: list[dict[str, Any]] = []
-        stamp_ns = 0
         for data in found:
             message = deserialize_message(data, PointCloud2)
-            stamp_ns = messages.to_ns(message.header.stamp)
+            stamp_ns = outputs.stamp_ns(message)
             if stamp_ns < self._stamp_ns - 1_000_000_000:
                 self._scene.clear_map()  # the source restarted
                 clouds.clear()
@@ -170,7 +169,7 @@ class Graph:
         if clouds:
             self._add({name: np.concatenate([c[name] for c in clouds]) for name in _NEEDED})
             self._scene.head = (float(clouds[-1]["x"].mean()), float(clouds[-1]["y"].mean()))
-            self._take_lag(stamp_ns)
+            self._take_lag(self._stamp_ns)
 
     def _add(self, rows: dict[str, Any]) -> None:
         x, y = (rows[name].astype(np.float64) for name in "xy")
@@ -221,7 +220,7 @@ class Graph:
 
     def _take_pose(self, transform: Any) -> None:
         self._pose_seen_s = time.monotonic()
-        stamp_ns = messages.to_ns(transform.header.stamp)
+        stamp_ns = outputs.stamp_ns(transform)
         t = transform.transform.translation
         place = np.array([t.x, t.y, t.z])
         before_ns, before = self._pose or (stamp_ns, place)

@@ -130,7 +130,7 @@ def _colours(height_m: Any) -> Any:
     """Colours of heights, dark blue to yellow."""
     import cv2
 
+    from roller_inspect.results.drawing import colours
+
     low, high = np.percentile(height_m, (2, 98))
-    level = np.clip((height_m - low) / max(high - low, 1e-9), 0.0, 1.0)
-    table = cv2.applyColorMap(np.arange(256, dtype=np.uint8), cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
-    return table[(255 * level).astype(np.uint8)]
+    return colours(height_m, low, max(high, low + 1e-9), cv2.COLORMAP_VIRIDIS)

@@ -112,7 +112,7 @@ def _inspect(
     args: argparse.Namespace, settings: Any, stage: Any, recording: Any, folder: Path
 ) -> int:
     from roller_inspect.inspect_stage import Inspected
-    from roller_inspect.judgement import judge_nothing, with_faults
+    from roller_inspect.judgement import longest_part, with_faults
     from roller_inspect.replay import replay
     from roller_inspect.report.document import Scan, inspection_document
     from roller_inspect.results.inspection_files import write_inspection
@@ -135,8 +135,7 @@ def _inspect(
     faults = list(report.faults)
     if len(parts) > 1:
         faults.append(f"{args.input}: its source started again; the verdict is of the longest part")
-    longest = max(parts, key=lambda p: p.judgement.coverage.area_m2, default=None)
-    inspected = longest or judge_nothing(stage.recipe, stage.settings.part)
+    inspected = longest_part(parts, stage.recipe, stage.settings.part)
     packets, lost = report.totals["packets"], report.totals["lost_packets"]
     share = lost / max(packets + lost, 1)
     inspected = replace(inspected, judgement=with_faults(inspected.judgement, faults, share))

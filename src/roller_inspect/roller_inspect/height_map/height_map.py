@@ -20,7 +20,12 @@ Bools = npt.NDArray[np.bool_]
 #: continued from measured cells beside it; measured.
 OUTSIDE, UNMEASURED, CONTINUED, MEASURED = 0, 1, 2, 3
 
-_SHAPES = {"x_m": 1, "y_m": 1, "height_m": 2, "sigma_m": 2, "state": 2, "base_from_map": 2}
+#: Dimensions and types of its arrays.
+_ARRAYS = {
+    "x_m": (1, np.float64), "y_m": (1, np.float64), "height_m": (2, np.float32),
+    "sigma_m": (2, np.float32), "state": (2, np.uint8), "points": (2, np.uint16),
+    "base_from_map": (2, np.float64),
+}  # fmt: skip
 
 
 def centres(first: int, count: int, step_m: float) -> F64:
@@ -93,16 +98,7 @@ class HeightMap:
 
     def save(self, path: Path) -> None:
         """Write `height_map.npz`."""
-        np.savez_compressed(
-            path,
-            x_m=self.x_m,
-            y_m=self.y_m,
-            height_m=self.height_m,
-            sigma_m=self.sigma_m,
-            state=self.state,
-            points=self.points,
-            base_from_map=self.base_from_map,
-        )
+        np.savez_compressed(path, **vars(self))
 
     @classmethod
     def load(cls, path: Path) -> HeightMap:
@@ -118,22 +114,15 @@ class HeightMap:
                 found = {name: file[name] for name in file.files}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
             raise HeightMapError(f"{path}: no height map can be read ({error})") from error
-        for name, dimensions in _SHAPES.items():
+        if "state" in found:
+            found.setdefault("points", found["state"] == MEASURED)
+        for name, (dimensions, _) in _ARRAYS.items():
             if name not in found or found[name].ndim != dimensions:
                 raise HeightMapError(f"{path}: no height map: '{name}' is missing or misshapen")
         shape = (len(found["y_m"]), len(found["x_m"]))
-        grids = [found[name] for name in ("height_m", "sigma_m", "state")]
-        points = found.get("points", (found["state"] == MEASURED).astype(np.uint16))
-        if any(grid.shape != shape for grid in [*grids, points]) or min(shape) < 1:
+        grids = [found[name] for name in ("height_m", "sigma_m", "state", "points")]
+        if any(grid.shape != shape for grid in grids) or min(shape) < 1:
             raise HeightMapError(f"{path}: no height map: its grids are not {shape} cells")
         if found["base_from_map"].shape != (4, 4):
             raise HeightMapError(f"{path}: no height map: 'base_from_map' is not 4×4")
-        return cls(
-            found["x_m"].astype(np.float64),
-            found["y_m"].astype(np.float64),
-            found["height_m"].astype(np.float32),
-            found["sigma_m"].astype(np.float32),
-            found["state"].astype(np.uint8),
-            points.astype(np.uint16),
-            found["base_from_map"].astype(np.float64),
-        )
+        return cls(**{name: found[name].astype(kind) for name, (_, kind) in _ARRAYS.items()})

@@ -37,7 +37,7 @@ class Chart:
         height: int = 200,
         equal: bool = False,
     ) -> None:
-        self._x, self._y = _wide(x), _wide(y)
+        self._x, self._y = wide(x), wide(y)
         if equal:  # the same scale on both axes
             inner = width - _LEFT - _RIGHT
             span = self._y[1] - self._y[0]
@@ -152,6 +152,7 @@ def plain(value: float) -> str:
     return f"{value:g}".replace("-", "−")
 
 
-def _wide(limits: tuple[float, float]) -> tuple[float, float]:
+def wide(limits: tuple[float, float]) -> tuple[float, float]:
+    """Ends of an axis, apart even where both are the same."""
     low, high = limits
-    return (low, high) if high > low else (low - 0.5, low + 0.5)
+    return (low, high) if high != low else (low - 0.5, low + 0.5)

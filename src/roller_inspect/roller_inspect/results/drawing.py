@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from roller_inspect.report.svg import plain, ticks
+from roller_inspect.report.svg import plain, ticks, wide
 
 F64 = npt.NDArray[np.float64]
 RGB = npt.NDArray[np.uint8]
@@ -119,7 +119,7 @@ class Panel:
         y_label: str = "",
         equal: bool = False,
     ) -> None:
-        self._x, self._y = _wide(x), _wide(y)
+        self._x, self._y = wide(x), wide(y)
         left, top, right, bottom = box
         width, height = right - left, bottom - top
         if equal:
@@ -233,8 +233,3 @@ def scale_bar(
     values = np.linspace(high, low, bar.height)[:, None].repeat(bar.width, axis=1)
     bar.rgb[:] = colours(values, *((high, low) if falls else (low, high)), chart)
     bar.close(x_ticks=False, beside="right")
-
-
-def _wide(limits: tuple[float, float]) -> tuple[float, float]:
-    low, high = limits
-    return (low, high) if high != low else (low - 0.5, low + 0.5)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from rosbags.rosbag2 import Reader
 
 from roller_core.bags import typestore
+from roller_core.outputs import stamp_ns
 from roller_core.transforms import inverse_pose
 from roller_emvs.ply import read_ply
 from roller_inspect.height_map import HeightMap
@@ -168,7 +169,7 @@ def _depth_images(bag: Path, stamps: set[int]) -> dict[int, npt.NDArray[np.float
         wanted = [c for c in reader.connections if c.topic == "/roller/depth/image"]
         for connection, _, data in reader.messages(wanted):
             message: Any = store.deserialize_cdr(data, connection.msgtype)
-            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+            stamp = stamp_ns(message)
             if stamp in stamps:
                 pixels = np.frombuffer(message.data, np.float32)
                 found[stamp] = pixels.reshape(message.height, message.width)

@@ -13,6 +13,7 @@ from roller_braille.cells import Cell, certain_dots
 from roller_braille.translation import ALL_DOTS, LineCell
 from roller_core.bags import typestore
 from roller_core.errors import RollerError
+from roller_core.outputs import stamp_ns
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.patch import SURFACE_PROPERTIES
@@ -73,9 +74,9 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
                 continue
             message: Any = store.deserialize_cdr(data, connection.msgtype)
             if topic in beside:
-                beside[topic][_stamp_ns(message)] = _pixels(message)
+                beside[topic][stamp_ns(message)] = _pixels(message)
             elif topic == "/roller/depth/image" and not surface:
-                stamp = _stamp_ns(message)
+                stamp = stamp_ns(message)
                 depth = _pixels(message)
                 sure, sigma = (kept.pop(stamp, depth) for kept in beside.values())
                 found = DepthMap(stamp, depth, sure, sigma, np.eye(4), stamp, stamp, 0)
@@ -113,17 +114,13 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     report.write(output / "report.json")
 
 
-def _stamp_ns(message: Any) -> int:
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
-
-
 def _pixels(message: Any) -> npt.NDArray[np.float32]:
     return np.frombuffer(message.data, np.float32).reshape(message.height, message.width)
 
 
 def _patch(message: Any) -> SurfacePatch:
     """Points of one cloud; its stamp is all that it says of their time."""
-    rows, stamp = np.frombuffer(message.data, np.float32).reshape(-1, 6), _stamp_ns(message)
+    rows, stamp = np.frombuffer(message.data, np.float32).reshape(-1, 6), stamp_ns(message)
     height, sure, sigma = rows[:, 3:].T
     return SurfacePatch(rows[:, :3].astype(np.float64), height, sure, sigma, stamp, stamp)
 
@@ -133,7 +130,7 @@ def _cell(message: Any) -> Cell:
         return [p.x, p.y, p.z]
 
     return Cell(
-        _stamp_ns(message),
+        stamp_ns(message),
         int(message.line),
         int(message.column),
         int(message.mask),

@@ -12,7 +12,7 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream, TimeBackwardsError
 from roller_core.events import EventArray
-from roller_core.outputs import EVENTS, WRENCH
+from roller_core.outputs import EVENTS, WRENCH, stamp_ns
 from roller_core.sensor_pose import SensorFrames, transforms_of
 
 from .bag_reader import BagReader
@@ -118,8 +118,8 @@ class BagRecording(Recording):
             elif item.topic == self._info_topic:
                 yield Step(EventArray.empty(), progress, self._other_camera(message, item.t_ns))
             elif item.topic == wrench:
-                at, f = message.header.stamp, message.wrench.force
-                force = (at.sec * 1_000_000_000 + at.nanosec, math.hypot(f.x, f.y, f.z))
+                f = message.wrench.force
+                force = (stamp_ns(message), math.hypot(f.x, f.y, f.z))
                 yield Step(EventArray.empty(), progress, force=force)
             else:
                 found = tuple(transforms_of(message, static=item.topic == _TF_STATIC))
