@@ -18,6 +18,7 @@ from ._kernels import CELL_PX
 from .evidence_settings import EvidenceSettings
 from .field import Box, EvidenceField, Mask
 from .fit import Fit, fit_planes
+from .islands import without_islands
 from .sweep import Depths
 from .uncertainty import point_sigma
 
@@ -110,6 +111,7 @@ def measured_pixels(
     """
     if not any(np.isfinite(found.offset).any() for found in depths):
         return _nothing(field)
+    depths = [without_islands(field, found) for found in depths]
     cut = field.cut_around(_near(depths), _REACH)
     if cut is None:
         return _measured(field, depths, settings, drift, threads, sides)

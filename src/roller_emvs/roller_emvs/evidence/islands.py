@@ -1,0 +1,50 @@
+"""Small parts of the surface that lie far above or below what is around them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from ._kernels import CELL_PX
+from .field import EvidenceField
+from .sweep import Depths
+
+#: From cell to cell no skin is this steep; islands of at most so many cells are of chance, if none
+#: of them has this share of the confidence of what is around, cells.
+_STEEP, _CELLS, _WEAK, _AROUND = 5.0, 24, 0.5, (7, 7)
+#: A step of that is so many units of the heights that OpenCV takes.
+_UNITS = 40
+
+
+def without_islands(field: EvidenceField, depths: Depths) -> Depths:
+    """Depths without the few, weak cells that a jump parts from the others around.
+
+    Wrong peaks that are alike in some neighbouring cells would pass for a surface, millimetres off.
+    Few cells with nothing around them stay.
+
+    Parameters
+    ----------
+    field : EvidenceField
+        Events.
+    depths : Depths
+        Of one polarity.
+    """
+    known, one = np.isfinite(depths.offset), np.float32(1)
+    per_jump = abs(_STEEP * CELL_PX / field.slope_per_px)
+    units = np.clip(depths.offset * (_UNITS / per_jump), -32000, 32000)
+    heights = np.where(known, np.rint(units), -32768).astype(np.int16)
+    cv2.filterSpeckles(heights, -32768, _CELLS, _UNITS)
+    large = heights > -32768
+    small = known & ~large
+    if not small.any():
+        return depths
+    sure = depths.confidence
+    sums = [cv2.boxFilter(v, -1, _AROUND, normalize=False) for v in (large * sure, large * one)]
+    around = sums[0] / np.maximum(sums[1], one)
+    label, count = ndimage.label(small, np.ones((3, 3)))
+    weak = ndimage.maximum(sure - _WEAK * around, label, np.arange(count + 1)) < 0
+    island = small & weak[label]
+    return replace(depths, offset=np.where(island, np.float32(np.nan), depths.offset))

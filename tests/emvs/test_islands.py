@@ -1,0 +1,42 @@
+"""Few, weak cells far above or below what is around them are no surface."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from roller_emvs.evidence.islands import without_islands
+from roller_emvs.evidence.sweep import Depths
+
+#: A cell is 0.17 mm; offsets are in metres.
+FIELD: Any = SimpleNamespace(slope_per_px=1 / 43e-6)
+ISLAND = np.s_[10:13, 20:23]
+
+
+def depths(height_m: float, sure: float, around: float = 0.5) -> Depths:
+    """A surface of confidence 0.5, on a slope, in the middle of which some cells are elsewhere."""
+    offset = np.tile(np.linspace(0, 1e-3, 40), (24, 1)).astype(np.float32)
+    confidence = np.full(offset.shape, around, np.float32)
+    if not around:
+        offset[:] = np.nan
+    offset[ISLAND], confidence[ISLAND] = height_m, sure
+    nothing = np.zeros_like(offset)
+    return Depths(offset, confidence, *[nothing] * 4)
+
+
+def test_a_weak_island_goes() -> None:
+    for height in (-2e-3, 2.5e-3):
+        found = without_islands(FIELD, depths(height, 0.15))
+        gone = np.isnan(found.offset)
+        assert gone[ISLAND].all()
+        assert gone.sum() == 9
+
+
+def test_what_may_be_relief_stays() -> None:
+    for given in (
+        depths(2.5e-3, 0.4),  # as sure as what is around
+        depths(1e-3, 0.1),  # a step that a skin can follow
+        depths(2.5e-3, 0.1, around=0.0),  # nothing else was seen
+    ):
+        found = without_islands(FIELD, given)
+        np.testing.assert_array_equal(found.offset, given.offset)
