@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from ._kernels import CELL_PX
 from .field import EvidenceField
@@ -43,8 +42,13 @@ def without_islands(field: EvidenceField, depths: Depths) -> Depths:
         return depths
     sure = depths.confidence
     sums = [cv2.boxFilter(v, -1, _AROUND, normalize=False) for v in (large * sure, large * one)]
-    around = sums[0] / np.maximum(sums[1], one)
-    label, count = ndimage.label(small, np.ones((3, 3)))
-    weak = ndimage.maximum(sure - _WEAK * around, label, np.arange(count + 1)) < 0
-    island = small & weak[label]
-    return replace(depths, offset=np.where(island, np.float32(np.nan), depths.offset))
+    count, label = cv2.connectedComponents(small.astype(np.uint8))
+    there = np.nonzero(small)
+    number = label[there]
+    # Of each island the most that a cell has over the share of what is around it.
+    over = np.full(count, -np.inf, np.float32)
+    around = sums[0][there] / np.maximum(sums[1][there], one)
+    np.maximum.at(over, number, sure[there] - _WEAK * around)
+    offset = depths.offset.copy()
+    offset[there] = np.where(over[number] < 0, np.float32(np.nan), offset[there])
+    return replace(depths, offset=offset)

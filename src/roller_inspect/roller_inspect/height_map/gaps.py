@@ -19,8 +19,8 @@ def hold_gaps(height_m: F32, measured_m: F32, outside: Bools) -> None:
     """Keep the completed surface between the measured heights around, in place.
 
     Cells of a gap stay within the heights of the three measured cells whose triangle (Delaunay's)
-    they lie in. A surface that bends little swings beyond steep
-    walls, and would err more there than linear interpolation.
+    they lie in. A surface that bends little swings beyond steep walls, and would err more there
+    than linear interpolation.
 
     Parameters
     ----------
