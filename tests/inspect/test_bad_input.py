@@ -316,6 +316,21 @@ def test_not_an_aedat4_file(tmp_path: Path, capsys: Capture) -> None:
     refuse(tmp_path, capsys, path, "not a readable AEDAT4")
 
 
+def test_truncated_aedat4_keeps_what_came_before(
+    tmp_path: Path, capsys: Capture, shared_data: Path
+) -> None:
+    path = tmp_path / "cut.aedat4"
+    shutil.copyfile(shared_data / "aedat4" / "davis346.aedat4", path)
+    path.write_bytes(path.read_bytes()[:3_000_000])
+    assert main(["info", str(path)]) == 1
+    out = capsys.readouterr()
+    assert_matches(
+        out.err.strip(), r"cut off or broken after 1.\d\d\d s .*; the \d+ events before are read"
+    )
+    events = int(out.out.split("events")[1].split()[0])
+    assert 1000 < events < 78_830
+
+
 def test_an_interrupt_says_what_was_not_processed(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

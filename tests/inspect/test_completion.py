@@ -105,9 +105,7 @@ def test_painted_triangles_are_those_of_the_plain_twin() -> None:
                 (q[1] - p[1]) * (cells[0] - p[0]) - (q[0] - p[0]) * (cells[1] - p[1])
                 for p, q in ((a, b), (b, c), (c, a))
             ])  # fmt: skip
-            inside = ((sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)) & (sides != 0).any(
-                axis=0
-            )
+            inside = (sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)
             if (b - a)[1] * (c - a)[0] != (b - a)[0] * (c - a)[1]:
                 plain[0][inside] = np.minimum(plain[0][inside], height.min())
                 plain[1][inside] = np.maximum(plain[1][inside], height.max())

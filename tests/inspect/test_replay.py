@@ -133,6 +133,13 @@ def test_aedat4_with_poses_gives_the_same_depth(
         assert np.median(np.abs(depth - expected[stamp])[both]) < 1e-4
 
 
+def test_methods_are_selectable(bag: Path, params: Path, tmp_path: Path) -> None:
+    assert replay(bag, tmp_path / "out", params, "--method", "bma", "--no-braille") == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["method"] == "bma"
+    assert "fusion" in next(w for w in report["windows"] if w["points"])["milliseconds"]
+
+
 @pytest.mark.recordings
 def test_slider_depth(shared_data: Path, tmp_path: Path) -> None:
     """The reference C++ code finds about 2,700 pixels, 2,600 after its outlier filter."""
