@@ -99,8 +99,8 @@ def test_parts_end_on_request_and_when_the_source_starts_again() -> None:
 @pytest.mark.parametrize(
     ("recipe", "verdict", "reason"),
     [
-        ({"tolerances": [{"depth_m": 1e-3}]}, "conform", "1 findings, all within tolerance"),
-        ({"tolerances": [{"depth_m": 2.9e-4}]}, "inconclusive", "as near to their limit"),
+        ({"tolerances": [{"depth_m": 1e-3}]}, "conform", "1 finding, within tolerance"),
+        ({"tolerances": [{"depth_m": 2.9e-4}]}, "inconclusive", "1 finding as near to its limit"),
         (
             {"regions": {"a": {"box_m": [0, -0.01, 0.1, 0.01]}}, "inspect": ["a"]},
             "unmeasured", "of the area to inspect was measured",

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from roller_emvs.patch import Patch
+from roller_inspect.findings.cues import cell_weights, height_cue, smoothed
+from roller_inspect.findings.finder_settings import FindingSettings
 from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap, HeightMapError
 from roller_inspect.height_map.height_map import centres
 from roller_inspect.height_map.join import coarser
@@ -36,6 +38,29 @@ def test_a_clean_plane_has_no_findings_and_a_dent_has_its_figures() -> None:
     # (1 - r²)² reaches the outline's part of the depth at 0.74 of the radius.
     assert finding.length_m == pytest.approx(2 * 0.74 * 1.5e-3, rel=0.2)
     assert finding.volume_m3 == pytest.approx(-np.pi / 3 * 1.5e-3**2 * 2e-4, rel=0.2)
+
+
+def test_noise_grows_with_what_points_claim_towards_the_ends_of_a_scan() -> None:
+    def less_seen(patch: Patch) -> Patch:
+        times = 1 + 5 * np.clip((np.abs(patch.points[:, 0] - 0.02) - 0.014) / 6e-3, 0, 1)
+        points = np.column_stack([patch.points[:, :2], patch.points[:, 2] * times])
+        return replace(patch, points=points, sigma=patch.sigma * times.astype(np.float32))
+
+    inspector = SurfaceInspector(InspectionSettings.create({}), NominalReference("plane"))
+    for patch in scan(flat, length_m=0.04, width_m=0.02):
+        inspector.add(less_seen(patch))
+    found = inspector.finish()
+    assert found.findings == ()
+    height_map = found.height_map
+    assert height_map is not None
+    comparison = NominalReference("plane").compare(height_map, None)
+    cues = height_cue(height_map, comparison, FindingSettings.create({}))
+    fine, _ = smoothed(comparison.deviation_m, cell_weights(height_map, comparison.deviation_m), 1)
+    for end_m in (0.0055, 0.02, 0.0345):
+        there = np.abs(height_map.x_m - end_m) < 1e-3
+        here = np.ix_(np.abs(height_map.y_m) < 7e-3, there)
+        errs = 1.4826 * np.nanmedian(np.abs(fine[here]))
+        assert np.median(cues.noise_around_m[0][here]) == pytest.approx(errs, rel=0.4)
 
 
 def test_a_small_dent_beside_a_deep_one_is_a_finding_of_its_own_and_its_foot_is_none() -> None:

@@ -198,13 +198,18 @@ def _reason(
     if bad:
         parts.append(f"{bad} of {len(judged)} findings out of tolerance")
     if unclear:
-        parts.append(f"{unclear} findings as near to their limit as they are uncertain")
+        parts.append(
+            "1 finding as near to its limit as it is uncertain"
+            if unclear == 1
+            else f"{unclear} findings as near to their limit as they are uncertain"
+        )
     if wrong := sum(f.verdict == "nonconform" for f in figures):
         parts.append(f"{wrong} of {len(figures)} measures out of tolerance")
     if unsure := sum(f.verdict in ("inconclusive", "unmeasured") for f in figures):
         parts.append(f"{unsure} of {len(figures)} measures can't be decided")
     if not parts:
-        parts.append(f"{len(judged)} findings, all within tolerance" if judged else "no findings")
+        some = "1 finding, within" if len(judged) == 1 else f"{len(judged)} findings, all within"
+        parts.append(f"{some} tolerance" if judged else "no findings")
     return "; ".join(parts)
 
 

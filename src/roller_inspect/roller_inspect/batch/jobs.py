@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import time
@@ -95,7 +96,9 @@ def run_job(job: Job) -> Row:
         if done.returncode not in (0, 3, 4):
             lines = [line for line in done.stderr.splitlines() if line.strip()]
             said = next((line for line in lines if line.startswith("error: ")), lines[-1:] or "")
+            # The row names its source already.
             error = str(said if isinstance(said, str) else said[0]).removeprefix("error: ")
+            error = re.sub(rf"^(bag )?{re.escape(job.source)}: ", "", error)
             error = error or f"ended with {done.returncode}"
             if done.returncode != 1 or not (folder / "inspection.json").is_file():
                 return _failed(job, error, begin)

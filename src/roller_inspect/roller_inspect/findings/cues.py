@@ -29,6 +29,8 @@ _LEAST_SHARE = 0.05
 _LEAST_SIGMA_M = 2e-6
 #: Noise is taken from blocks of this size, m, where so many of nine have some.
 _BLOCK_M, _LEAST_BLOCKS = 4e-3, 4
+#: What points claim is smoothed by a Gaussian of this standard deviation, m.
+_CLAIM_M = 2e-3
 #: Peaks of chance that may pass for findings at one scale, 1/m², and fewest to tell from.
 _FALSE_PER_M2, _LEAST_PEAKS = 300.0, 30
 #: Beyond the quartiles the tail is longer still; tuned on the virtual cell, checked on another
@@ -57,9 +59,10 @@ class Cues:
     #: Cells that may belong to a finding, and that make one. Shape (ny, nx).
     weak: Bools
     strong: Bools
-    #: Standard uncertainty of a smoothed height by scale, as the scan itself shows it. Shape
-    #: (scales,).
+    #: Standard uncertainty of heights smoothed by the finest and the coarsest scale, as the scan
+    #: itself shows it: usual values, and around each cell. Shapes (2,) and (2, ny, nx).
     noise_m: F32
+    noise_around_m: F32
     #: Cells that dense edges speak for. Shape (ny, nx).
     edges: Bools
 
@@ -105,7 +108,9 @@ def height_cue(
     step = height_map.step_m
     usable = inspectable(height_map, settings.edge_exclusion_m)
     best = np.zeros(height_map.shape, np.float32)
-    noises = np.full(len(SCALES_M), np.nan, np.float32)
+    usual = np.zeros(2, np.float32)
+    around = np.zeros((2, *height_map.shape), np.float32)
+    claimed = _claimed(height_map)
     fields = [comparison.deviation_m]
     if local:
         fields.append(detail(height_map, comparison.deviation_m))
@@ -117,10 +122,11 @@ def height_cue(
                 field, np.where(found, np.float32(0), weight), max(scale / step, 0.5)
             )
             counts = usable & ~found & (share > _LEAST_SHARE)
-            noise = _noise(mean, counts & (weight > 0), step)
+            noise = _noise(mean, counts & (weight > 0), claimed, step)
             thinned = noise[::2, ::2][counts[::2, ::2]]
-            if len(thinned):
-                noises[k] = np.median(thinned)
+            if k in (0, len(SCALES_M) - 1) and len(thinned):
+                end = int(k > 0)
+                usual[end], around[end] = np.median(thinned), noise
             with np.errstate(invalid="ignore"):
                 z = np.where(counts, mean / np.hypot(noise, comparison.sigma_m), np.float32(0))
             z *= settings.strong_z / max(_tail(z, counts, scale / step, step), settings.strong_z)
@@ -135,7 +141,8 @@ def height_cue(
     edges = sign != 0
     best = np.where(edges, sign * np.maximum(best * sign, np.float32(settings.strong_z)), best)
     size = np.abs(best)
-    return Cues(best, size > settings.weak_z, (size > settings.strong_z) | edges, noises, edges)
+    strong = (size > settings.strong_z) | edges
+    return Cues(best, size > settings.weak_z, strong, usual, around, edges)
 
 
 def dense_edges(height_map: HeightMap, height_m: F32, usable: Bools) -> npt.NDArray[np.int8]:
@@ -236,8 +243,23 @@ def inspectable(height_map: HeightMap, edge_m: float) -> Bools:
     return distance(np.pad(area, 1))[1:-1, 1:-1] * step > edge_m
 
 
-def _noise(mean: F32, usable: Bools, step_m: float) -> F32:
-    """Robust spread of a smoothed deviation around each place.
+def _claimed(height_map: HeightMap) -> F32:
+    """Uncertainty that points claim around each place, of what they usually claim.
+
+    It grows towards the ends of a scan, where surface was seen through less travel, within less
+    than the blocks that noise is taken from.
+    """
+    sigma = height_map.sigma_m
+    measured = (height_map.state == MEASURED) & np.isfinite(sigma) & (sigma > 0)
+    if not measured.any():
+        return np.ones(height_map.shape, np.float32)
+    around, _ = smoothed(sigma, measured.astype(np.float32), _CLAIM_M / height_map.step_m)
+    share = around / np.median(around[measured])
+    return np.where(np.isfinite(share), share, 1.0).astype(np.float32)
+
+
+def _noise(mean: F32, usable: Bools, claimed: F32, step_m: float) -> F32:
+    """Robust spread of a smoothed deviation around each place, as points there claim it.
 
     The median of nine blocks, so that a finding, which fills one or two, doesn't hide itself; and
     never far below the whole's.
@@ -246,9 +268,10 @@ def _noise(mean: F32, usable: Bools, step_m: float) -> F32:
         return np.full(mean.shape, np.inf, np.float32)
     # Every other cell says as much: errors of neighbours are alike.
     m = max(1, round(_BLOCK_M / step_m / 2))
-    size, counts = np.abs(mean[::2, ::2]), usable[::2, ::2]
+    size, counts = np.abs(mean / claimed)[::2, ::2], usable[::2, ::2]
     whole = 1.4826 * float(np.median(size[counts])) if counts.any() else 0.0
     blocks = block_medians(size, counts, m, m / 2)
     around = 1.4826 * median_around(blocks, _LEAST_BLOCKS)
     spread = np.maximum(np.where(np.isfinite(around), around, whole), 0.4 * whole)
-    return np.maximum(spread_blocks(spread, 2 * m, mean.shape), _LEAST_SIGMA_M).astype(np.float32)
+    noise = claimed * spread_blocks(spread, 2 * m, mean.shape)
+    return np.maximum(noise, _LEAST_SIGMA_M).astype(np.float32)

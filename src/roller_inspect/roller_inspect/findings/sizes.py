@@ -142,7 +142,7 @@ def measure(
     margin_m = _BEYOND_RIM_M if hollow else _RING_M[1]
     place = _Place.around(component, height_map, comparison, cues, margin_m)
     part, window = place.part, place.window
-    noise, coarse = (float(np.nan_to_num(cues.noise_m[k])) for k in (0, -1))
+    noise, coarse = map(float, cues.noise_m)
     level = 0.0 if models_part else place.level_around()
     size = _size(place, sign, level, noise, models_part)
     if size is None or not size.within(settings.limits):
@@ -159,9 +159,12 @@ def measure(
         (size.length, size.width, size.depth), size.area, hollow_width, place.step_m, settings.cell,
     )  # fmt: skip
     seen_by = _named(cues, window, place.mask)
-    # Points may claim more than they err by: the middle of what they claim and what is seen. Dense
-    # edges speak for themselves: what they lie off by is less sure than that they do.
-    doubt = math.hypot((math.hypot(noise, coarse) + budget.scatter) / 2, reference)
+    # Points may claim more than they err by: the middle of what they claim and what is seen, there
+    # or as usual. Dense edges speak for themselves: what they lie off by is less sure than that
+    # they do.
+    around = np.median(cues.noise_around_m[(slice(None), *window)][:, place.mask], axis=1)
+    seen = math.hypot(*np.maximum(around, cues.noise_m))
+    doubt = math.hypot((seen + max(seen, budget.scatter)) / 2, reference)
     if seen_by == ("height",) and size.depth < 2 * doubt:
         return None
     middle = float(np.median(part.height_m[size.shape & place.known]))

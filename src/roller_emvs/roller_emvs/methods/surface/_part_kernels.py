@@ -286,7 +286,7 @@ def _gather(counts, shape, left, offset, most, seen, per_offset, buffers, suppor
     """Events of each pixel where its surface is; of tiles of cells that are not `seen` none.
 
     `offset` is the surface by pixel, NaN where unknown, looked at up to `most`. `buffers` are for
-    use: of bins int8, and of a row's pixels float32 and thrice int32.
+    use: of bins uint8, and of a row's pixels float32 and thrice int32.
     """
     _, parts, bins = shape
     height, width = offset.shape
