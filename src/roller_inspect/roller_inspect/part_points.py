@@ -50,20 +50,21 @@ class PartPoints:
                 f"{SURFACE_POINTS}: fields {', '.join(cloud.names)}; expected "
                 f"{', '.join(SURFACE_FIELDS)}"
             )
-        points = cloud.columns[:, :3].astype(np.float64)
-        near = (np.abs(points) < _FARTHEST_M).all(axis=1)
+        # By axis: the rows are short, and each would cost a loop of its own.
+        axes = np.array(cloud.columns[:, :3].T, np.float64, order="C")
+        near = (np.abs(axes) < _FARTHEST_M).all(axis=0)
         if near.any():
-            middle = np.median(points[near], axis=0)
-            near &= (np.abs(points - middle) < _CLOUD_M).all(axis=1)
+            middle = np.median(axes[:, near], axis=1)
+            near &= (np.abs(axes - middle[:, None]) < _CLOUD_M).all(axis=0)
             low, high = self._box or (middle, middle)
             if ((middle < low - _PART_M) | (middle > high + _PART_M)).any():
-                self.left_out += len(points)
+                self.left_out += near.size
                 raise PointsError(
                     f"{SURFACE_POINTS}: points around {np.round(middle, 3).tolist()} m are far "
                     "from the part's others and left out; service ~/start begins another part"
                 )
-            kept = points[near]
-            if len(kept):
-                self._box = np.minimum(low, kept.min(axis=0)), np.maximum(high, kept.max(axis=0))
-        self.left_out += int(len(points) - near.sum())
-        return Patch(points[near], *cloud.columns[near, 3:].T)
+            kept = axes[:, near]
+            if kept.size:
+                self._box = np.minimum(low, kept.min(axis=1)), np.maximum(high, kept.max(axis=1))
+        self.left_out += int(near.size - near.sum())
+        return Patch(np.ascontiguousarray(axes[:, near].T), *cloud.columns[near, 3:].T)

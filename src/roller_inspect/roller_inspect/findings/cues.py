@@ -110,7 +110,7 @@ def height_cue(
     best = np.zeros(height_map.shape, np.float32)
     usual = np.zeros(2, np.float32)
     around = np.zeros((2, *height_map.shape), np.float32)
-    claimed = _claimed(height_map)
+    claimed, reference2 = _claimed(height_map), np.square(comparison.sigma_m)
     fields = [comparison.deviation_m]
     if local:
         fields.append(detail(height_map, comparison.deviation_m))
@@ -128,12 +128,14 @@ def height_cue(
                 end = int(k > 0)
                 usual[end], around[end] = np.median(thinned), noise
             with np.errstate(invalid="ignore"):
-                z = np.where(counts, mean / np.hypot(noise, comparison.sigma_m), np.float32(0))
-            z *= settings.strong_z / max(_tail(z, counts, scale / step, step), settings.strong_z)
+                z = mean / np.sqrt(np.square(noise) + reference2)
+            z[~counts] = 0
+            tail = _tail(z, counts, scale / step, step)
+            z *= np.float32(settings.strong_z / max(tail, settings.strong_z))
             size = np.abs(z)
             np.copyto(best, z, where=size > np.abs(best))
             sure = connected(size > settings.weak_z, size > settings.strong_z)
-            found |= cv2.dilate(sure.astype(np.uint8), disc(_FOUND_M / step)) > 0
+            found |= cv2.dilate(sure.view(np.uint8), disc(_FOUND_M / step)).view(bool)
     # The background goes along with what alone is seen; the few points around tell more.
     itself = comparison.alignment.reference == "self"
     heights = height_map.height_m if itself else comparison.deviation_m
@@ -177,10 +179,13 @@ def dense_edges(height_map: HeightMap, height_m: F32, usable: Bools) -> npt.NDAr
 
 def connected(weak: Bools, strong: Bools) -> Bools:
     """Weak cells that hang together with a strong one, corners included."""
-    count, labels = cv2.connectedComponents(weak.astype(np.uint8))
-    sure = np.zeros(count, bool)
-    sure[labels[weak & strong]] = True
-    return sure[labels]
+    out = np.zeros(weak.shape, bool)
+    if (both := weak & strong).any():
+        count, labels = cv2.connectedComponents(weak.astype(np.uint8))
+        sure = np.zeros(count, bool)
+        sure[labels[both]] = True
+        out[weak] = sure[labels[weak]]
+    return out
 
 
 def disc(reach_cells: float) -> npt.NDArray[np.uint8]:
@@ -249,13 +254,14 @@ def _claimed(height_map: HeightMap) -> F32:
     It grows towards the ends of a scan, where surface was seen through less travel, within less
     than the blocks that noise is taken from.
     """
-    sigma = height_map.sigma_m
-    measured = (height_map.state == MEASURED) & np.isfinite(sigma) & (sigma > 0)
+    sigma, state = height_map.sigma_m[::2, ::2], height_map.state[::2, ::2]
+    measured = (state == MEASURED) & np.isfinite(sigma) & (sigma > 0)
     if not measured.any():
         return np.ones(height_map.shape, np.float32)
-    around, _ = smoothed(sigma, measured.astype(np.float32), _CLAIM_M / height_map.step_m)
+    around, _ = smoothed(sigma, measured.astype(np.float32), _CLAIM_M / height_map.step_m / 2)
     share = around / np.median(around[measured])
-    return np.where(np.isfinite(share), share, 1.0).astype(np.float32)
+    share = np.where(np.isfinite(share), share, np.float32(1))
+    return spread_blocks(share, 2, height_map.shape)
 
 
 def _noise(mean: F32, usable: Bools, claimed: F32, step_m: float) -> F32:
@@ -268,10 +274,10 @@ def _noise(mean: F32, usable: Bools, claimed: F32, step_m: float) -> F32:
         return np.full(mean.shape, np.inf, np.float32)
     # Every other cell says as much: errors of neighbours are alike.
     m = max(1, round(_BLOCK_M / step_m / 2))
-    size, counts = np.abs(mean / claimed)[::2, ::2], usable[::2, ::2]
+    size, counts = np.abs(mean[::2, ::2] / claimed[::2, ::2]), usable[::2, ::2]
     whole = 1.4826 * float(np.median(size[counts])) if counts.any() else 0.0
     blocks = block_medians(size, counts, m, m / 2)
     around = 1.4826 * median_around(blocks, _LEAST_BLOCKS)
     spread = np.maximum(np.where(np.isfinite(around), around, whole), 0.4 * whole)
-    noise = claimed * spread_blocks(spread, 2 * m, mean.shape)
-    return np.maximum(noise, _LEAST_SIGMA_M).astype(np.float32)
+    noise = claimed * spread_blocks(spread.astype(np.float32), 2 * m, mean.shape)
+    return np.maximum(noise, np.float32(_LEAST_SIGMA_M))

@@ -60,11 +60,10 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
     distance, nearest = ndimage.distance_transform_edt(~good, return_indices=True)
     at = tuple(nearest)
     gy, gx = np.gradient(height, step)
+    level = np.asarray(gx * gx + gy * gy <= _STEEP**2)
     go_on = (distance * step <= settings.reach_m + 1e-9) & ~noisy
     # A gap of a cell or two can't hide a wall.
-    go_on &= (distance < 2.0) | (
-        (np.abs(height - height[at]) <= _FAR_M) & (np.hypot(gx, gy)[at] <= _STEEP)
-    )
+    go_on &= (distance < 2.0) | ((np.abs(height - height[at]) <= _FAR_M) & level[at])
     state = np.where(good, MEASURED, np.where(go_on, CONTINUED, UNMEASURED))
     sigma = np.hypot(np.fmax(cells.sigma_m[at], scatter), _SLOPE * distance * step)
     state[outside] = OUTSIDE

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
-from scipy import ndimage
 from scipy.spatial import Delaunay, QhullError
 
 from . import _kernels
@@ -12,7 +12,6 @@ from .height_map import F32, Bools
 #: Where no cell so near is measured is a gap, and measured cells this far from one may be corners
 #: of its triangles, cells.
 _NEAR, _SHORE = 2, 2
-_AROUND = np.ones((3, 3), bool)
 
 
 def hold_gaps(height_m: F32, measured_m: F32, outside: Bools) -> None:
@@ -32,8 +31,8 @@ def hold_gaps(height_m: F32, measured_m: F32, outside: Bools) -> None:
         Cells beyond the scan, which are left as they are.
     """
     known = np.isfinite(measured_m)
-    gap = ~(ndimage.binary_dilation(known, _AROUND, iterations=_NEAR) | outside)
-    shore = known & ndimage.binary_dilation(gap, _AROUND, iterations=_NEAR + _SHORE)
+    gap = ~(_grown(known, _NEAR) | outside)
+    shore = known & _grown(gap, _NEAR + _SHORE)
     corners = np.argwhere(shore)
     try:
         triangles = Delaunay(corners)
@@ -46,3 +45,9 @@ def hold_gaps(height_m: F32, measured_m: F32, outside: Bools) -> None:
     _kernels._paint(sides, heights, low, high)
     held = gap & (low <= high)
     np.clip(height_m, low, high, out=height_m, where=held)
+
+
+def _grown(cells: Bools, by: int) -> Bools:
+    """Cells and those so near to them, corners included."""
+    size = 2 * by + 1
+    return cv2.dilate(cells.view(np.uint8), np.ones((size, size), np.uint8)) > 0

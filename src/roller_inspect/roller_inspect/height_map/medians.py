@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 
 from .height_map import F32, Bools
 
 F64 = npt.NDArray[np.float64]
+_Float = TypeVar("_Float", np.float32, np.float64)
 
 
 def median_known(values: npt.NDArray[np.floating]) -> F64:
@@ -44,6 +47,8 @@ def median_around(blocks: F64, least: int) -> F64:
     return np.where(np.isfinite(around).sum(axis=-1) >= least, median_known(around), np.nan)
 
 
-def spread_blocks(blocks: F64, k: int, shape: tuple[int, ...]) -> F64:
+def spread_blocks(
+    blocks: npt.NDArray[_Float], k: int, shape: tuple[int, ...]
+) -> npt.NDArray[_Float]:
     """Values of blocks in each of their cells, shape as given."""
     return np.repeat(np.repeat(blocks, k, axis=0), k, axis=1)[: shape[0], : shape[1]]
