@@ -154,8 +154,20 @@ class SurfaceTally(_Tallies):
             total.near_edge_um += tally.near_edge_um
             total.edges += tally.edges
             total.measured_edges += tally.measured_edges
+        if not tallies:
+            own = self._passed_over()
+            total.count(self._errors_um(own), np.zeros(len(own), bool))
         figures = {name: _figures(tally) for name, tally in tallies.items()}
         return {"objects": figures, "all": _figures(total), "text": self.truth.text}
+
+    def _passed_over(self) -> npt.NDArray[np.float64]:
+        """Points where the camera was above: all that counts of a plate without objects."""
+        points, start_ns = self.points, self.truth.start_ros_ns
+        ends = self.truth.camera_positions([start_ns, start_ns + self.truth.duration_ns])[:, 0]
+        return points[(points[:, 0] >= ends.min()) & (points[:, 0] <= ends.max())]
+
+    def _errors_um(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return (points[:, 2] - self.truth.height_at(points[:, 0], points[:, 1])) * 1e6
 
     def _tally(self, region: Region, points: npt.NDArray[np.float64]) -> _Tally:
         """Errors within an object, on a grid of the camera's pixels on the surface."""
@@ -172,8 +184,7 @@ class SurfaceTally(_Tallies):
         measured = np.zeros(edges.shape, bool)
         measured[rows, columns] = True
         tally = _Tally()
-        error = (own[:, 2] - self.truth.height_at(own[:, 0], own[:, 1])) * 1e6
-        tally.count(error, _grown(edges)[rows, columns])
+        tally.count(self._errors_um(own), _grown(edges)[rows, columns])
         tally.edges = int(edges.sum())
         tally.measured_edges = int((edges & _grown(measured)).sum())
         return tally

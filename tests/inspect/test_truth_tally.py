@@ -1,0 +1,24 @@
+"""Errors of surface points against the truth of a scan."""
+
+import numpy as np
+import pytest
+
+from roller_inspect.results.truth_tally import SurfaceTally
+from roller_sim.cell import VirtualCell
+from roller_sim.cell_settings import VirtualCellSettings
+
+
+def test_of_a_plate_without_objects_what_the_camera_passed_counts() -> None:
+    truth = VirtualCell(VirtualCellSettings.create({"scene": {"name": "flat"}}, "test")).truth
+    assert not truth.objects
+    end_ns = truth.start_ros_ns + truth.duration_ns
+    first, last = truth.camera_positions([truth.start_ros_ns, end_ns])[:, 0]
+    x, y = np.meshgrid(np.linspace(first + 1e-3, last - 1e-3, 20), np.linspace(-5e-3, 5e-3, 5))
+    beyond = np.array([[last + 5e-3, 0.0, 1.0]])
+    good = np.stack([x, y, truth.height_at(x, y) + 1e-5], axis=-1).reshape(-1, 3)
+    tally = SurfaceTally(truth, delay_s=truth.event_delay_ns * 1e-9)
+    tally.add_points(np.concatenate([good, beyond]), truth.start_ros_ns)
+    found = tally.summary()
+    assert found["objects"] == {}
+    assert found["all"]["points"] == len(good)
+    assert found["all"]["mae_um"] == pytest.approx(10.0, abs=0.1)
