@@ -20,6 +20,16 @@ def growth(instance: Instance) -> tuple[float, float] | None:
     return tuple(float(np.polyfit(minutes, [s[k] for s in warm], 1)[0]) for k in (1, 2))  # type: ignore[return-value]
 
 
+def quarters(instance: Instance) -> str | None:
+    """Median memory, MB, in each quarter of a process's time: growth goes on, warm-up doesn't."""
+    parts = np.array_split(np.array([s[1] for s in instance.samples]), 4)
+    return ", ".join(f"{np.median(p):.0f}" for p in parts) if len(parts[-1]) else None
+
+
+def _lived(instance: Instance) -> float:
+    return instance.samples[-1][0] - instance.begin_s if instance.samples else 0.0
+
+
 def table(
     graph: Graph, rows: list[dict[str, Any]], seconds: float, seed: int
 ) -> tuple[str, dict[str, Any]]:
@@ -50,6 +60,7 @@ def table(
         nodes[name] = {
             "processes": len(own),
             "most MB": round(most),
+            "MB by quarter": quarters(max(own, key=_lived)) if own else None,
             "MB a minute": None if slopes[0] is None else round(slopes[0], 2),
             "handles a minute": None if slopes[1] is None else round(slopes[1], 2),
         }
