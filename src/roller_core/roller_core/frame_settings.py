@@ -9,8 +9,8 @@ from pydantic import Field
 from .settings import Settings
 from .timing_settings import PoseGapSettings, WaitingSettings
 
-#: Poses on either side of one over which its stamp is smoothed.
-DEFAULT_SMOOTHING = 4
+#: Later poses that one waits for, so that its stamp is that of a line through many.
+DEFAULT_SMOOTHING = 8
 
 
 class FrameSettings(Settings):

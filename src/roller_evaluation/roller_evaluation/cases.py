@@ -49,7 +49,7 @@ class ScanCase:
     #: Other settings of the virtual cell that differ from its defaults, by group as in a parameter
     #: file: light, sensor, contact.
     cell: Overrides = field(default_factory=dict, hash=False)
-    #: Poses on either side over which the stamps of poses are smoothed, as the node does it.
+    #: Later poses that each waits for so that its stamp is smoothed, as the node does it.
     pose_smoothing: int = DEFAULT_SMOOTHING
 
     def settings(self, threads: int = 1) -> VirtualCellSettings:
