@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -16,6 +15,7 @@ from rclpy.node import Node
 
 from roller_core.errors import RollerError
 from roller_ros import qos, topics
+from roller_ros.refusals import init_ros
 
 from .launching import LaunchPlan, Runner
 
@@ -58,7 +58,7 @@ class Observer:
     def __init__(self) -> None:
         self.seen = Observation()
         self._context = Context()
-        rclpy.init(context=self._context)
+        init_ros(context=self._context)
         self._node = Node("observer", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 
 import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import NameValidationException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from roller_core.errors import RollerError
+
+from .shared_memory import check_shared_memory
 
 _MOST_TEXT = 250
 
@@ -18,23 +21,28 @@ class RosArgumentsError(RollerError):
     """Arguments behind `--ros-args` that ROS can't read."""
 
 
-def init_ros(args: list[str] | None = None) -> None:
+def init_ros(args: list[str] | None = None, context: Context | None = None) -> None:
     """Start rclpy, without its handling of signals.
 
     Parameters
     ----------
     args : list of str, optional
         Its arguments; those of the command line if not given.
+    context : Context, optional
+        What is started; the process's own if not given.
 
     Raises
     ------
     RosArgumentsError
         If it can't read them, or a parameter file that they name.
+    SharedMemoryError
+        If nodes would wait for shared memory that was left half made.
     """
+    check_shared_memory()
     # Else ROS's layer over Fast DDS sets aside what the profile says of memory.
     os.environ.setdefault("RMW_FASTRTPS_USE_QOS_FROM_XML", "1")
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
     except _rclpy.UnknownROSArgsError as error:
         raise RosArgumentsError(f"there are no such --ros-args: {error}") from error
     except _rclpy.RCLError as error:

@@ -47,8 +47,9 @@ class Exchange:
     large: int = 0
     #: Median of the large ones' time in transit; 0 where none came.
     milliseconds: float = 0.0
-    #: Why nothing could be tried.
+    #: Why nothing could be tried, and what to do.
     fault: str = ""
+    remedy: str = "see ROS 2, above"
 
 
 def find_transport(
@@ -100,8 +101,8 @@ def judge_transport(facts: TransportFacts) -> Result:
         return warning(
             name,
             f"{found}; {facts.shared_memory_bytes / 1e6:.0f} MB of shared memory are free",
-            "give /dev/shm 512 MB (docker: --shm-size=512m), and remove /dev/shm/fastrtps_* "
-            "that dead nodes left",
+            "give /dev/shm 512 MB (docker: --shm-size=512m), and remove /dev/shm/fastdds_* "
+            "(fastrtps_* of Fast DDS 2) that dead nodes left",
         )
     return ok(name, f"{found}, profile {facts.profile}")
 
@@ -126,18 +127,22 @@ def exchange_messages(default_profile: Path | None = None) -> Exchange:
 
 def _exchange() -> Exchange:
     try:
-        import rclpy
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
         from std_msgs.msg import UInt8MultiArray
 
         from roller_ros import qos
+        from roller_ros.refusals import init_ros
+        from roller_ros.shared_memory import SharedMemoryError
     except Exception as error:  # a broken installation fails in many ways
         return Exchange(fault=f"rclpy can't be used ({error})")
     topic = f"/roller/doctor_{os.getpid()}"
     context = Context()
-    rclpy.init(context=context)
+    try:
+        init_ros(context=context)
+    except SharedMemoryError as error:
+        return Exchange(fault=str(error), remedy="remove what it names, and nothing else")
     node = Node(f"doctor_{os.getpid()}", context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
@@ -175,13 +180,14 @@ def judge_exchange(found: Exchange) -> Result:
     """Whether the nodes will hear each other."""
     name = "DDS messages"
     if found.fault:
-        return fault(name, found.fault, "see ROS 2, above")
+        return fault(name, found.fault, found.remedy)
     if not found.small and not found.large:
         return fault(
             name,
             "two processes on this machine don't hear each other",
             "look at ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE and the firewall (UDP on "
-            "the loopback); remove /dev/shm/fastrtps_* that dead nodes left",
+            "the loopback); remove /dev/shm/fastdds_* (fastrtps_* of Fast DDS 2) that dead nodes "
+            "left",
         )
     text = (
         f"{found.small} of {MESSAGES} small messages came, {found.large} of {MESSAGES} of "

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
@@ -30,6 +29,7 @@ from tf2_msgs.msg import TFMessage
 from roller_core import outputs
 from roller_core.last_resort import ends_within
 from roller_ros import messages, qos
+from roller_ros.refusals import init_ros
 
 from . import health
 from .findings import FIGURES
@@ -81,7 +81,7 @@ class Graph:
         self._prefix = f"{namespace}/" if namespace else ""
         _listen_only()
         self._context = Context()
-        rclpy.init(context=self._context)
+        init_ros(context=self._context)
         self._node = Node(
             "view",
             namespace=namespace,
