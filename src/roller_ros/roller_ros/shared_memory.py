@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import time
 from pathlib import Path
 
@@ -12,9 +13,9 @@ from roller_core.errors import RollerError
 FOLDER = Path("/dev/shm")
 #: A participant's port: of Fast DDS 3, and of Fast DDS 2.
 _PORT = re.compile(r"fast(dds|rtps)_port\d+")
-#: First words of a segment that nobody has begun to fill, or somebody is filling (Boost's
-#: `managed_open_or_create`); one without room is empty.
-_HALF = (b"", b"\0\0\0\0", b"\1\0\0\0")
+#: First word, at most, of a segment that nobody has begun to fill (0, or none), or that somebody is
+#: filling (Boost's `managed_open_or_create`).
+_BEGUN = 1
 #: Making one takes milliseconds; what isn't whole after this, s, never will be.
 _PATIENCE_S, _LOOK_S = 1.0, 0.05
 
@@ -39,7 +40,7 @@ def half_made(folder: Path = FOLDER) -> list[Path]:
         if _PORT.fullmatch(path.name):
             try:
                 with path.open("rb") as file:
-                    half = file.read(4) in _HALF
+                    half = int.from_bytes(file.read(4), sys.byteorder) <= _BEGUN
             except OSError:  # gone by now, or somebody else's
                 continue
             if half:
