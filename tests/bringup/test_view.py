@@ -233,6 +233,11 @@ def test_an_address_that_is_taken_is_one_line():
         PageServer(Scene("y"), port=server.port)
 
 
+def test_a_host_that_is_no_name_is_one_line():
+    with pytest.raises(AddressError, match="can't listen there"):
+        PageServer(Scene("x"), host="\udcff")
+
+
 def test_a_slow_browser_misses_the_oldest_frames():
     async def look_on() -> list[bytes]:
         viewer = Viewer()

@@ -30,6 +30,8 @@ BOMB = ["a0: &a0 [x, x]", *(f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]" for k in range
         ("emvs: &e {ros__parameters: {}, inner: *e}", "line 1: aliases"),
         ("[" * 5000, "nested too deeply|not a YAML file"),
         ("emvs: [1", "line 1: not a YAML file"),
+        ("emvs: " + "9" * 5000, "not a YAML file .*digits"),
+        ("emvs: 2026-02-31", "not a YAML file .*day is out of range"),
         ("x" * 10_000_001, "over 10000000 bytes"),
     ],
 )

@@ -166,7 +166,8 @@ def test_command_takes_options_over_the_parameter_file(tmp_path):
     assert settings.packets.encoding == "mono"
     with pytest.raises(SettingsError, match=r"unknown entry 'light\.colour'"):
         command.settings_from(parse("stairs", "--output", "x", "--set", "light.colour=1"))
-    for entry in ("scene.name=[1", "scene.name={a: *b}", "scene.name=" + "[" * 5000):
+    huge = "scene.seed=" + "9" * 5000
+    for entry in ("scene.name=[1", "scene.name={a: *b}", "scene.name=" + "[" * 5000, huge):
         with pytest.raises(SettingsError, match="can't be read as YAML"):
             command.settings_from(parse("stairs", "--output", "x", "--set", entry))
     with pytest.raises(SettingsError, match="speed"):

@@ -70,3 +70,5 @@ def read_yaml(path: Path | str) -> Any:
         raise TextFileError(f"{path}{line}: {reason}") from error
     except RecursionError as error:
         raise TextFileError(f"{path}: nested too deeply") from error
+    except ValueError as error:  # a number of too many digits, a date that isn't
+        raise TextFileError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error

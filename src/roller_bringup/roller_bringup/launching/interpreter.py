@@ -267,6 +267,6 @@ class _Interpreter:
         try:
             text = self._expand(element, path.read_text(encoding="utf-8"))
             yaml.safe_load(text)
-        except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
+        except (OSError, ValueError, yaml.YAMLError, RecursionError):
             raise element.error(f"{path} isn't YAML with these arguments in it") from None
         return self.plan.write(text)

@@ -253,7 +253,7 @@ def _listen(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         return socket.create_server((host, port), family=family)
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, TypeError) as error:  # the last of a name that isn't one
         reason = getattr(error, "strerror", None) or error
         raise AddressError(
             f"{host} port {port}: can't listen there ({reason}); give another --host or --port"

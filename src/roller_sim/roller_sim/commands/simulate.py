@@ -100,7 +100,7 @@ def settings_from(args: argparse.Namespace) -> VirtualCellSettings:
             raise SettingsError(f"--set {entry}: expected GROUP.NAME=VALUE")
         try:
             value = yaml.safe_load(text)
-        except (yaml.YAMLError, RecursionError) as error:
+        except (yaml.YAMLError, RecursionError, ValueError) as error:
             raise SettingsError(f"--set {entry[:80]}: the value can't be read as YAML") from error
         _put(values, name, value)
     return VirtualCellSettings.create(values, "simulate")
