@@ -21,6 +21,9 @@ F64 = npt.NDArray[np.float64]
 _COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 #: A direction that leads further than this from its pixel is not that pixel's, px.
 _MAX_MISS_PX = 0.1
+#: Largest side of an image, px: what addresses of 11 bits reach; event cameras have half of that.
+#: Tables and volumes grow with it.
+_MOST_PX = 2048
 _ITERATE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
@@ -43,7 +46,8 @@ class Camera:
     Raises
     ------
     CameraError
-        If a figure is not finite, not positive where it must be, or the model isn't known.
+        If a figure is not finite, not positive where it must be or too large, or the model isn't
+        known.
     """
 
     #: Image size, px.
@@ -63,6 +67,10 @@ class Camera:
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
             raise CameraError(f"image size {self.width}×{self.height} px is not positive")
+        if max(self.width, self.height) > _MOST_PX:
+            raise CameraError(
+                f"image size {self.width}×{self.height} px is over {_MOST_PX} px a side"
+            )
         if not np.all(np.isfinite([self.fx, self.fy, self.cx, self.cy, *self.distortion])):
             raise CameraError("the camera calibration holds a value that is not finite")
         if self.fx <= 0 or self.fy <= 0:
