@@ -84,13 +84,29 @@ class Source:
         ):
             self._publishers[name].publish(messages.to_message(Output(name, now, "base", data)))
 
+    def publish_nonsense(self) -> None:
+        """A force and a pose that aren't finite."""
+        wrench, tf = topics.BY_NAME[outputs.WRENCH].type(), topics.BY_NAME[outputs.TF].type()
+        place, turn = np.array([np.nan, 0, 0]), np.array([0, 0, 0, 1.0])
+        tf.transforms.append(
+            messages.transform(Pose(place, turn), time.time_ns(), "base", "tool0_controller")
+        )
+        wrench.wrench.force.z = np.nan
+        self._publishers[outputs.WRENCH].publish(wrench)
+        self._publishers[outputs.TF].publish(tf)
+
+
+def refuse(name: str) -> None:
+    """NaN is a number to Python's JSON, and to no browser's."""
+    raise AssertionError(f"{name} in what the page gets")
+
 
 def states(port: int) -> Iterator[dict]:
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
     connection.request("GET", "/api/events")
     for line in connection.getresponse():
         if line.startswith(b"data: "):
-            yield json.loads(line[6:])
+            yield json.loads(line[6:], parse_constant=refuse)
 
 
 def test_a_graph_is_shown(port, processes: Processes, watch) -> None:
@@ -125,6 +141,10 @@ def test_a_graph_is_shown(port, processes: Processes, watch) -> None:
     assert found["uncertainty"]["depth_m"] == 2e-5
     assert "area_m2" not in found["uncertainty"]
     assert state["text_revision"] == 1
+    for _ in zip(range(20), states(port), strict=False):
+        source.publish_nonsense()
+    state = next(states(port))
+    assert state["force_n"] == 25.0
     assert [node["name"] for node in state["nodes"]] == ["stitcher: surface"]
     processes.stop()
     state = until("the node is missed", lambda s: s["big"]["word"] in ("NODE LOST", "STOPPED"))

@@ -223,6 +223,8 @@ class Graph:
         stamp_ns = outputs.stamp_ns(transform)
         t = transform.transform.translation
         place = np.array([t.x, t.y, t.z])
+        if not np.isfinite(place).all():
+            return
         before_ns, before = self._pose or (stamp_ns, place)
         passed_s = (stamp_ns - before_ns) * 1e-9
         if passed_s > _SPEED_OVER_S:
@@ -232,7 +234,9 @@ class Graph:
 
     def _take_wrench(self, found: list[bytes]) -> None:
         force = deserialize_message(found[-1], WrenchStamped).wrench.force
-        self._scene.force_n = float(np.linalg.norm([force.x, force.y, force.z]))
+        force_n = float(np.linalg.norm([force.x, force.y, force.z]))
+        if np.isfinite(force_n):  # JSON, and so the page, knows no other numbers
+            self._scene.force_n = force_n
 
     def _take_statuses(self, found: list[bytes]) -> None:
         for data in found:
