@@ -343,3 +343,16 @@ def test_info_counts_a_dataset_folder(tmp_path: Path, capsys: Capture) -> None:
         file.write("1 2 3\n")
     assert main(["info", str(folder)]) == 1
     assert "line 1001" in capsys.readouterr().err
+
+
+def test_many_faults_of_a_kind_are_counted(tmp_path: Path, capsys: Capture) -> None:
+    """An hour of a driver's packets that nobody can read is no million lines."""
+    t_ns, topic, kind, data = next(m for m in bag_messages(Recipe("mono")) if "events" in m[1])
+    broken = data.replace(b"mono", b"none")
+    bag = tmp_path / "scan"
+    writer = Writer(bag, version=9, storage_plugin=MCAP)
+    write_messages(writer, ((t_ns + k, topic, kind, broken) for k in range(150)))
+    assert main(["info", str(bag)]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 101
+    assert lines[-1].startswith("error: 50 more of this kind")

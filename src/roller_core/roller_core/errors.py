@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import re
+
+#: Of a longer message the begin and the end are shown.
+_BEGIN, _END = 400, 200
+
 
 class RollerError(Exception):
     """A fault that is reported to the user in one line: what is wrong, where, what to do.
 
-    Commands print the message and exit non-zero; nodes report it as a diagnostic and go on.
+    Commands print the message and exit non-zero; nodes report it as a diagnostic and go on. What it
+    quotes may come from anybody and be of any length.
     """
+
+    def __str__(self) -> str:
+        """The message: one line, bounded, without what steers a terminal."""
+        text = re.sub(r"[\x00-\x1f\x7f-\x9f]+", " ", super().__str__())
+        return text if len(text) <= _BEGIN + _END else f"{text[:_BEGIN]} … {text[-_END:]}"
 
 
 class SettingsError(RollerError):

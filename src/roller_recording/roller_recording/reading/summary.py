@@ -12,8 +12,11 @@ from roller_core.codecs import DecodedPacket, PacketDecoder, Payload, unknown_wo
 from roller_core.errors import RollerError
 from roller_core.seq_gaps import SeqGaps
 
-from .base import RecordingError, check_path, is_dataset
+from .base import MalformedRecordingError, RecordingError, check_path, is_dataset
 from .event_file import reader_of
+
+#: Of more faults of a kind the rest is counted.
+_MOST_FAULTS = 100
 
 
 @dataclass
@@ -46,6 +49,7 @@ class RecordingSummary:
     notes: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     _first_unknown: str = ""
+    _kinds: Counter[str] = field(default_factory=Counter)
 
     @property
     def off(self) -> int:
@@ -117,8 +121,18 @@ class RecordingSummary:
             self._first_unknown = f"{at}{begin + unknown[0]} ({encoding})"
         self.unknown_words += len(unknown)
 
+    def add_fault(self, error: Exception) -> None:
+        """Note what is wrong; of each kind so many, the rest is counted."""
+        kind = type(error).__name__
+        self._kinds[kind] += 1
+        if self._kinds[kind] <= _MOST_FAULTS:
+            self.faults.append(str(error))
+
     def end(self) -> None:
         """All is counted: what could not be decoded is a fault."""
+        for kind, n in self._kinds.items():
+            if n > _MOST_FAULTS:
+                self.faults.append(f"{n - _MOST_FAULTS} more of this kind ({kind})")
         if self.unknown_words:
             self.faults.append(
                 f"{self.unknown_words} words mean nothing in their encoding, the first "
@@ -153,7 +167,7 @@ def summarise(path: Path, topic: str | None = None, check: bool = False) -> Reco
         try:
             _count_file(path, summary, reader, stream)
         except RecordingError as error:
-            summary.faults.append(str(error))
+            summary.add_fault(error)
     elif is_dataset(path):
         _count_dataset(path, summary)
     else:
@@ -179,7 +193,8 @@ def _count_dataset(path: Path, summary: RecordingSummary) -> None:
     summary.encodings.add("text")
     for step in recording.items():
         summary.add(step.events)
-        summary.faults += [str(fault) for fault in step.faults]
+        for fault in step.faults:
+            summary.add_fault(fault)
     summary.outside = recording.counts.outside_events
 
 
@@ -200,7 +215,7 @@ def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: 
     decoders: dict[tuple[str, str], PacketDecoder] = {}
     for item in reader.messages(set(reader.topics)):
         if isinstance(item, RecordingError):
-            summary.faults.append(str(item))
+            summary.add_fault(item)
             continue
         summary.topics[item.topic] += 1
         counted = item.type in (EVENT_PACKET, EVENT_ARRAY) and topic in (None, item.topic)
@@ -216,12 +231,14 @@ def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: 
                 decoders[key] = PacketDecoder(message.encoding, message.width, message.height)
             packet = decoders[key].decode(message.events, message.time_base)
         except RollerError as error:
-            summary.faults.append(str(error))
+            summary.add_fault(error)
             continue
         except Exception as error:  # a damaged message raises whatever its bytes lead to
-            summary.faults.append(
-                f"bag {path}: a message on {item.topic} at {item.t_ns * 1e-9:.6f} s is "
-                f"malformed ({error})"
+            summary.add_fault(
+                MalformedRecordingError(
+                    f"bag {path}: a message on {item.topic} at {item.t_ns * 1e-9:.6f} s is "
+                    f"malformed ({error})"
+                )
             )
             continue
         summary.encodings.add(message.encoding)
@@ -231,6 +248,7 @@ def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: 
     if check:
         faults, notes = reader.check(summary.topics)
         if not summary.faults:  # else reported already
-            summary.faults += [str(fault) for fault in faults]
+            for fault in faults:
+                summary.add_fault(fault)
         summary.notes += notes
         summary.notes.append(f"checked: {summary.topics.total()} messages are read and decoded")
