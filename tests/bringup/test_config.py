@@ -2,6 +2,7 @@
 
 import importlib.util
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -48,6 +49,15 @@ def check_descriptions(model: type[Settings], where: str) -> None:
             check_descriptions(group, f"{where}.{name}")
         else:
             assert field.description, f"{where}.{name} has no description"
+
+
+def test_a_process_that_stands_still_for_half_a_minute_is_not_given_up() -> None:
+    """Fast DDS 3.2 doesn't always find one again that it gave up."""
+    root = ElementTree.parse(ROOT / "config" / "fastdds.xml").getroot()
+    kind = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
+    (lease,) = (item.find(f"{kind}sec") for item in root.iter(f"{kind}leaseDuration"))
+    assert lease is not None
+    assert int(lease.text or 0) >= 2 * 30
 
 
 def test_all_defaults_load_for_a_replay() -> None:
