@@ -55,3 +55,15 @@ def test_kernels_from_the_cache_load_nothing_that_only_compiling_needs() -> None
         for _ in range(2)  # the first may compile
     ]
     assert said[-1].stdout == "False\n"
+
+
+def test_a_live_page_loads_no_image_library() -> None:
+    """It is to stay small beside the nodes, and OpenCV takes 20 MB."""
+    code = (
+        "import sys, roller_bringup.view.server, roller_bringup.view.graph\n"
+        "found = [m for m in ('cv2', 'pydantic', 'scipy', 'numba') if m in sys.modules]\n"
+        "assert not found, found\n"
+    )
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-1000:]

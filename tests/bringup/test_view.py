@@ -8,16 +8,18 @@ import struct
 from collections import defaultdict
 from urllib.parse import urlsplit
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from roller_msgs.msg import FindingArray
 
 from bringup.view_results import BASE_FROM_MAP, DENT, serving, write_result
 from roller_bringup import cli
-from roller_bringup.view import health
+from roller_bringup.view import graph, health
 from roller_bringup.view.findings import listed
-from roller_bringup.view.grid import CONTINUED, MEASURED, TILE, UNMEASURED, Grid
+from roller_bringup.view.grid import CONTINUED, MEASURED, TILE, UNMEASURED, Grid, _hull
 from roller_bringup.view.result import ResultError, read_result
 from roller_bringup.view.scene import Scene
 from roller_bringup.view.server import AddressError, PageServer
@@ -117,6 +119,16 @@ def test_what_lies_between_points_that_came_together_is_looked_at():
     assert grid.tiles[0, 0].layers["deviation"][0, 0] == 1
 
 
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=12))
+def test_cells_between_others_are_those_of_their_convex_hull(cells):
+    i, j = np.array(cells).T
+    i, j = i - i.min(), j - j.min()
+    inside = _hull(i, j)
+    corners = cv2.convexHull(np.column_stack([i, j]).astype(np.int32))
+    for y, x in np.ndindex(inside.shape):
+        assert inside[y, x] == (cv2.pointPolygonTest(corners, (float(x), float(y)), False) >= 0)
+
+
 def test_layers_have_one_order_whichever_came_first():
     grid = Grid(1e-3)
     for name in ("deviation", "height"):
@@ -124,13 +136,46 @@ def test_layers_have_one_order_whichever_came_first():
     assert grid.layers == ["height", "deviation"]
 
 
-def _all(grid: Grid) -> dict:
+def _all(grid: Grid, layer: str = "height") -> dict:
     out = {}
     for (tx, ty), tile in grid.tiles.items():
         for j, i in zip(*np.nonzero(tile.state), strict=True):
-            value = tile.layers["height"][j, i]
+            value = tile.layers[layer][j, i]
             out[tx * TILE + i, ty * TILE + j] = (tile.state[j, i], float(value))
     return out
+
+
+def test_of_several_states_a_cell_has_the_best():
+    grid = Grid(1e-3)
+    states = np.array([MEASURED, CONTINUED, CONTINUED], np.uint8)
+    x, deviation = np.array([0.5, 0.6, 1.5]) * 1e-3, np.array([1, 3, 5], np.float32)
+    grid.add(x, np.full(3, 5e-4), {"deviation": deviation}, states, looked_at=False)
+    cells = _all(grid, "deviation")
+    assert cells == {(0, 0): (MEASURED, 2.0), (1, 0): (CONTINUED, 5.0)}
+
+
+def test_a_long_list_of_findings_is_read_now_and_then(monkeypatch):
+    read, clock = [], [100.0]
+
+    def message_of(data: bytes, _: object) -> FindingArray:
+        read.append(data)
+        clock[0] += 0.1  # what reading takes
+        return FindingArray()
+
+    monkeypatch.setattr(graph, "deserialize_message", message_of)
+    monkeypatch.setattr(graph.time, "monotonic", lambda: clock[0])
+    shown = graph.Graph.__new__(graph.Graph)
+    shown._scene, shown._list, shown._list_due_s = Scene("live"), None, 0.0
+    for number in range(100):
+        shown._take_findings([b"older", b"%d" % number])
+        shown._read_list()
+        clock[0] += 0.1
+    assert len(read) == 4
+    clock[0] += 10.0
+    shown._read_list()
+    shown._read_list()
+    assert read[-1] == b"99"  # the newest is read in the end, and once
+    assert len(read) == 5
 
 
 def test_who_has_some_tiles_gets_the_rest(monkeypatch):

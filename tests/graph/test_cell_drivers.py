@@ -18,6 +18,7 @@ from roller_core.events import EventArray
 from roller_core.outputs import stamp_ns
 from roller_core.pose_track import Pose
 from roller_ros import messages, qos
+from roller_ros.images import image_to_array
 
 pytestmark = pytest.mark.graph
 
@@ -92,7 +93,7 @@ def test_devices_come_out_as_topics_through_their_troubles(
         640, 1066.0, "event_camera_optical_frame",
     )  # fmt: skip
     assert seen[IMAGE][-1].encoding == "mono8"
-    assert len(np.unique(messages.image_to_array(seen[IMAGE][-1]))) >= 3
+    assert len(np.unique(image_to_array(seen[IMAGE][-1]))) >= 3
     watcher.check_keys(CAMERA, ROBOT)
     assert watcher.value(CAMERA, "decode_errors") == 0
     assert watcher.value(CAMERA, "packets_dropped") == 0

@@ -17,6 +17,7 @@ from roller_core.sensor_pose import Transform
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
 from roller_ros import messages
 from roller_ros.feeding import feed
+from roller_ros.images import image_to_array
 
 SIZES = st.sampled_from([0, 1, 3, 4, 8, 2**31, 2**32 - 1])
 UNIT = (0.0, 0.0, 0.0, 1.0)
@@ -34,7 +35,7 @@ def test_any_image_is_read_or_refused(
     image = Image(encoding=encoding, width=width, height=height, step=step, data=data)
     feed(stage, outputs.DEPTH_IMAGE, image, faults.append)
     if not faults:
-        assert messages.image_to_array(image).shape == (height, width)
+        assert image_to_array(image).shape == (height, width)
 
 
 def test_stamps_of_another_time_do_not_stand_in_the_way() -> None:

@@ -22,8 +22,8 @@ from roller_core.outputs import Output, ScanFault, stamp_ns
 from roller_core.sensor_pose import transforms_of
 from roller_core.stage import Stage
 
-from . import messages
 from .backlog import Backlog, Bulk
+from .images import image_to_array
 
 #: In place of a packet: those that follow are of another publisher.
 NEW_SOURCE = object()
@@ -75,7 +75,7 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
             else:
                 stage.take_camera(camera)
         elif isinstance(message, Image):
-            give(messages.image_to_array(message))
+            give(image_to_array(message))
         elif isinstance(message, PointCloud2):
             give(outputs.cloud_of(message))
         elif isinstance(message, DiagnosticArray):

@@ -78,4 +78,4 @@ def _points(rows: Any) -> F64 | None:
 
 
 def _moved(matrix: F64, points: F64) -> list[list[float]]:
-    return (points @ matrix[:2, :3].T + matrix[:2, 3]).tolist()
+    return np.round(points @ matrix[:2, :3].T + matrix[:2, 3], 6).tolist()

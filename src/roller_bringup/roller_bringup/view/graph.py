@@ -28,7 +28,8 @@ from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
 from roller_core.last_resort import ends_within
-from roller_ros import messages, qos
+from roller_ros import qos
+from roller_ros.images import image_to_array
 from roller_ros.refusals import init_ros
 
 from . import health
@@ -38,7 +39,7 @@ from .scene import Scene
 
 #: Between two looks at what has come, s. Often enough for a page, and an executor that wakes for
 #: each pose would take a tenth of a core.
-_PERIOD_S = 0.1
+_PERIOD_S = 0.15
 #: Poses this far apart give the speed, s.
 _SPEED_OVER_S = 0.08
 #: Without poses for so long nobody knows the speed, s.
@@ -48,6 +49,11 @@ _RESULTS_GONE_S = 2.0
 #: A stamp older than this is of a recording: no lag can be told from it, s.
 _MOST_LAG_S = 30.0
 _PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
+#: The list of findings is read again after this many times what reading it took: it is sent whole
+#: with every strip, and hundreds of findings would take half a core.
+_LIST_PAUSE = 30.0
+#: Messages of a topic that are taken at once: after a jam the rest waits for the next look.
+_AT_ONCE = 20
 #: Columns of a cloud that the map needs.
 _NEEDED = ("x", "y", "height")
 _NEEDED_OF_DEVIATION = ("x", "y", "deviation", "state")
@@ -95,6 +101,8 @@ class Graph:
         self._pose_seen_s = self._lag_seen_s = 0.0
         self._stamp_ns = 0
         self._ended = False
+        self._list: bytes | None = None
+        self._list_due_s = 0.0
         self._subscriptions: dict[str, tuple[Any, Callable[[list[bytes]], None]]] = {}
         # The latched map first: it holds what is there when we come.
         self._subscribe(outputs.SURFACE_MAP, PointCloud2, qos.LATCHED, self._take_map)
@@ -134,9 +142,10 @@ class Graph:
     def _run(self) -> None:
         while not self._stop.wait(_PERIOD_S):
             for subscription, take in list(self._subscriptions.values()):
-                if found := _take_all(subscription):
+                if found := _take_some(subscription):
                     with self._scene.lock:
                         take(found)
+            self._read_list()
             if time.monotonic() - self._lag_seen_s > _RESULTS_GONE_S:
                 self._scene.lag_s = None
             if time.monotonic() - self._pose_seen_s > _POSES_GONE_S:
@@ -176,19 +185,32 @@ class Graph:
         self._scene.grid.add(x, y, {"height": rows["height"]})
 
     def _take_deviation(self, found: list[bytes]) -> None:
-        for data in found:
-            rows = _columns(deserialize_message(data, PointCloud2), _NEEDED_OF_DEVIATION)
-            if rows is None:
-                continue
-            for state in (CONTINUED, MEASURED):
-                of_state = rows["state"] == state
-                x, y, deviation = (rows[name][of_state] for name in ("x", "y", "deviation"))
-                self._scene.grid.add(
-                    x.astype(np.float64), y.astype(np.float64), {"deviation": deviation}, state
-                )
+        clouds = [deserialize_message(data, PointCloud2) for data in found]
+        columns = [_columns(cloud, _NEEDED_OF_DEVIATION) for cloud in clouds]
+        if not (sound := [rows for rows in columns if rows is not None]):
+            return
+        rows = {n: np.concatenate([c[n] for c in sound]) for n in _NEEDED_OF_DEVIATION}
+        x, y = (rows[name].astype(np.float64) for name in "xy")
+        states = np.where(rows["state"] == MEASURED, MEASURED, CONTINUED).astype(np.uint8)
+        # What was looked at is said by the points.
+        deviation = {"deviation": rows["deviation"]}
+        self._scene.grid.add(x, y, deviation, states, looked_at=False)
 
     def _take_findings(self, found: list[bytes]) -> None:
-        message = deserialize_message(found[-1], FindingArray)
+        """Keep the list as it came, until it is time to read it."""
+        self._list = found[-1]
+
+    def _read_list(self) -> None:
+        begin_s = time.monotonic()
+        if self._list is None or begin_s < self._list_due_s:
+            return
+        with self._scene.lock:
+            self._show_list(deserialize_message(self._list, FindingArray))
+        self._list = None
+        end_s = time.monotonic()
+        self._list_due_s = end_s + _LIST_PAUSE * (end_s - begin_s)
+
+    def _show_list(self, message: Any) -> None:
         self._scene.take_findings([_plain_finding(item) for item in message.findings])
         shares = (message.measured, message.continued, message.unmeasured)
         names = ("measured", "continued", "unmeasured")
@@ -201,7 +223,7 @@ class Graph:
         """Keep the image as it came: it is only read when a browser asks for it."""
         data = found[-1]
         self._scene.take_depth(
-            lambda: messages.image_to_array(deserialize_message(data, Image)).astype(np.float32)
+            lambda: image_to_array(deserialize_message(data, Image)).astype(np.float32)
         )
 
     def _take_lag(self, stamp_ns: int) -> None:
@@ -247,6 +269,7 @@ class Graph:
     def _take_status(self, status: Any) -> None:
         if self._ended:  # another graph begins
             self._ended, self._stamp_ns, self._map_points = False, 0, 0.0
+            self._list = None
             self._scene.begin_anew()
         node = self._scene.nodes.setdefault(status.name, health.Node(status.name))
         node.level, node.message = status.level[0], status.message
@@ -266,13 +289,13 @@ class Graph:
         self._map_points = points
 
 
-def _take_all(subscription: Any) -> list[bytes]:
-    """What waits."""
+def _take_some(subscription: Any) -> list[bytes]:
+    """What waits, the oldest first."""
     found: list[bytes] = []
     handle, kind = subscription.handle, subscription.msg_type
     try:
         with handle:
-            while len(found) < 1000 and (item := handle.take_message(kind, True)) is not None:
+            while len(found) < _AT_ONCE and (item := handle.take_message(kind, True)) is not None:
                 found.append(item[0])
     except (_rclpy.RCLError, _rclpy.InvalidHandle):
         pass  # the graph is gone

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -111,7 +110,7 @@ class Grid:
         x_m: F64,
         y_m: F64,
         values: Mapping[str, F32],
-        state: int = MEASURED,
+        state: int | U8 = MEASURED,
         looked_at: bool = True,
     ) -> None:
         """Take points; what is not finite is left out.
@@ -124,8 +123,8 @@ class Grid:
             Places, metres.
         values : mapping of str to ndarray, shape (n,)
             Of each layer.
-        state : int
-            Of the cells that they fall into.
+        state : int or ndarray of uint8, shape (n,)
+            Of the cells that they fall into: where there are several, the best.
         looked_at : bool
             Whether what lies between them was looked at.
         """
@@ -134,8 +133,11 @@ class Grid:
             sound &= np.isfinite(column)
         if not sound.any():
             return
-        values = {name: column[sound] for name, column in values.items()}
-        i, j = (np.floor(v[sound] / self.cell_m).astype(np.int64) for v in (x_m, y_m))
+        states = np.broadcast_to(np.uint8(state), sound.shape)
+        if not sound.all():
+            values = {name: column[sound] for name, column in values.items()}
+            x_m, y_m, states = x_m[sound], y_m[sound], states[sound]
+        i, j = (np.floor(v / self.cell_m).astype(np.int64) for v in (x_m, y_m))
         counted = "height" in values
         self.points += len(i) * counted
         self._have(values)
@@ -156,8 +158,7 @@ class Grid:
                 layer[hit] = (old * weight + sums) / (weight + count[hit])
             if counted:
                 tile.weight.reshape(-1)[hit] = np.minimum(before + count[hit], _MOST_WEIGHT)
-            flat = tile.state.reshape(-1)
-            flat[hit] = np.maximum(flat[hit], state)
+            np.maximum.at(tile.state.reshape(-1), at, states[chosen])
             self._touch(tile)
         self._shrink()
 
@@ -226,6 +227,9 @@ class Grid:
         tx, ty = i // TILE, j // TILE
         low, wide = ty.min(), np.ptp(ty) + 1
         code = tx * wide + (ty - low)
+        code -= code.min()
+        if code.max() < 1 << 15:  # a fifth of the time
+            code = code.astype(np.int16)
         order = np.argsort(code, kind="stable")
         for chosen in np.split(order, np.flatnonzero(np.diff(code[order])) + 1):
             key = (int(tx[chosen[0]]), int(ty[chosen[0]]))
@@ -250,13 +254,7 @@ class Grid:
             pieces = np.split(order, np.flatnonzero(np.diff(slabs[order])) + 1)
         for piece in pieces:
             x0, y0 = int(i[piece].min()), int(j[piece].min())
-            mask = np.zeros((int(j[piece].max()) - y0 + 1, int(i[piece].max()) - x0 + 1), np.uint8)
-            mask[j[piece] - y0, i[piece] - x0] = 1
-            rows = np.flatnonzero(mask.any(axis=1))
-            first = mask[rows].argmax(axis=1)
-            last = mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)
-            ends = np.column_stack([np.r_[first, last], np.r_[rows, rows]]).astype(np.int32)
-            cv2.fillConvexPoly(mask, cv2.convexHull(ends), 1)
+            mask = _hull(i[piece] - x0, j[piece] - y0)
             for key, here, there in _overlapped(x0, y0, mask.shape):
                 tile = self._tile(key)
                 np.maximum(tile.state[there], mask[here], out=tile.state[there])
@@ -271,7 +269,8 @@ class Grid:
         old, self.tiles, self._before = self.tiles, {}, None
         self.cell_m *= 2
         self.epoch = secrets.token_hex(4)
-        for (tx, ty), tile in old.items():
+        while old:  # the new ones take the place of the old
+            (tx, ty), tile = old.popitem()
             new = self._tile((tx >> 1, ty >> 1))
             half = TILE // 2
             at = (
@@ -289,6 +288,31 @@ class Grid:
                 mean = np.divide(sums, total, out=np.full_like(sums, np.nan), where=total > 0)
                 new.layers[name][at] = mean
             self._touch(new)
+
+
+def _hull(i: I64, j: I64) -> npt.NDArray[np.bool_]:
+    """Which cells lie in the convex hull of some, the least of which are 0 and 0."""
+    points = np.zeros((int(j.max()) + 1, int(i.max()) + 1), np.bool_)
+    points[j, i] = True
+    rows = np.flatnonzero(points.any(axis=1))
+    last = points.shape[1] - 1 - points[rows, ::-1].argmax(axis=1)
+    left, right = _convex(rows, points[rows].argmax(axis=1)), -_convex(rows, -last)
+    columns = np.arange(points.shape[1])
+    return (columns >= left[:, None] - 1e-6) & (columns <= right[:, None] + 1e-6)
+
+
+def _convex(rows: I64, values: I64) -> F64:
+    """The greatest convex curve that lies nowhere above values, at every row up to the last."""
+    kept: list[tuple[int, int]] = []
+    for row, value in zip(rows.tolist(), values.tolist(), strict=True):
+        while len(kept) > 1:
+            (a, at_a), (b, at_b) = kept[-2:]
+            if (at_b - at_a) * (row - a) < (value - at_a) * (b - a):
+                break
+            kept.pop()
+        kept.append((row, value))
+    at, known = np.transpose(kept)
+    return np.interp(np.arange(rows[-1] + 1), at, known)
 
 
 def _corners(i: I64, j: I64) -> I64:

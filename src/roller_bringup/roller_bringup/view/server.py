@@ -37,7 +37,7 @@ from .viewers import Viewers
 
 _PAGE = Path(__file__).parent / "page"
 #: Between two frames, s.
-_PERIOD_S = 0.2
+_PERIOD_S = 0.18
 #: A frame is sent after this long even where nothing changed, s.
 _HEARTBEAT_S = 2.0
 _COOKIE = "roller_view"
@@ -207,9 +207,11 @@ class PageServer:
                 await task
 
     async def _send_frames(self) -> None:
-        before, sent_s, seen = "", 0.0, 0
+        before, sent_s, seen, due_s = "", 0.0, 0, time.monotonic()
         while True:
-            await asyncio.sleep(_PERIOD_S)
+            # Work, and a loop that is late, don't add up: five frames a second are five.
+            due_s = max(due_s + _PERIOD_S, time.monotonic())
+            await asyncio.sleep(due_s - time.monotonic())
             if not len(self.viewers):
                 seen = 0
                 continue

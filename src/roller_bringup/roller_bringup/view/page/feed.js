@@ -66,8 +66,8 @@ export function follow(tiles, on) {
     latest = JSON.parse(data);
     on.state(latest);
     if (latest.map.epoch !== tiles.epoch || latest.map.revision > tiles.revision) map();
-    // A picture for people: three a second are enough.
-    if (latest.depth_revision !== had.depth && performance.now() - had.depthAt > 300) depth();
+    // A picture for people: two a second are enough.
+    if (latest.depth_revision !== had.depth && performance.now() - had.depthAt > 450) depth();
     if (latest.text_revision !== had.text) text();
     if (latest.findings_revision !== had.findings) findings();
     if (!latest.live && !had.files) files();
