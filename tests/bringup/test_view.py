@@ -24,8 +24,12 @@ from roller_bringup.view.result import ResultError, read_result
 from roller_bringup.view.scene import Scene
 from roller_bringup.view.server import AddressError, PageServer
 from roller_bringup.view.viewers import QUEUE, Viewer
+from roller_core import outputs
 from roller_core.errors import RollerError
+from roller_core.outputs import Cloud, Output
 from roller_emvs.ply import PlyWriter
+from roller_inspect.inspect_stage import DEVIATION_FIELDS
+from roller_inspect.results.result_writer import ResultBag
 from waiting import wait_until
 
 points = st.lists(
@@ -225,6 +229,21 @@ def _on_grid(scene: Scene, at: tuple[float, float]) -> np.ndarray:
     """A place of the file's map in that of the page."""
     place = np.linalg.inv(scene.base_from_map) @ BASE_FROM_MAP @ [*at, 0, 1]
     return place[:2]
+
+
+def test_deviations_of_the_run_in_make_the_map_no_larger(tmp_path):
+    folder = write_result(tmp_path / "result")
+    bounds = read_result(folder).grid.bounds
+    x = np.arange(-0.05, 0.03, 1e-4)
+    xyz = np.column_stack([x, np.full((len(x), 2), 0.005)]) @ BASE_FROM_MAP[:3, :3].T
+    rows = np.column_stack([xyz + BASE_FROM_MAP[:3, 3], x, x, np.full(len(x), 3)])
+    cloud = Cloud(rows.astype(np.float32), DEVIATION_FIELDS)
+    bag = ResultBag(folder / "result")
+    bag.write(Output(outputs.DEVIATION, 1, "base", cloud))
+    bag.close()
+    grid = read_result(folder).grid
+    assert "deviation" in grid.layers
+    assert grid.bounds == bounds
 
 
 def test_only_files_of_the_result_are_given_out(tmp_path):

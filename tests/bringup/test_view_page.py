@@ -1,5 +1,6 @@
 """The operator's page in headless Chromium."""
 
+import re
 import shutil
 import time
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ import pytest
 
 from bringup.view_results import serving, write_result
 from roller_bringup.view import health
+from roller_bringup.view.grid import CONTINUED
 from roller_bringup.view.result import read_result
 from roller_bringup.view.scene import Scene
 from waiting import wait_until
@@ -126,11 +128,36 @@ def test_findings_are_filtered_and_profiles_drawn(tmp_path, open_page):
         says(page, "#profile-text", "from -220 µm to 10 µm")
         text = page.inner_text("#profile-text")
         assert text.startswith("height over")
-        assert int(text.split(" % measured")[0].rsplit(", ")[1]) < 95
+        measured, continued = (int(share) for share in re.findall(r"(\d+) %", text))
+        # Of 30 mm, 24 and 3.
+        assert continued == pytest.approx(measured / 8, abs=1)
+        chart, told = page.locator("#profile-chart").bounding_box(), set()
+        for share in np.linspace(0.1, 0.98, 45):
+            page.mouse.move(chart["x"] + share * chart["width"], chart["y"] + 50)
+            told.add(page.inner_text("#profile-text").partition(": ")[2])
+        assert {"10 µm", "10 µm, continued from neighbours", "not measured"} <= told
         page.keyboard.press("Escape")
         page.wait_for_selector("#profile", state="hidden")
         link = page.locator("#files a", has_text="findings.csv")
         assert link.get_attribute("href") == "/files/findings.csv"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_only_what_was_not_measured_is_hatched(tmp_path, open_page, scheme):
+    scene = Scene("continued", tmp_path)
+    state = np.full((64, 64), CONTINUED, np.uint8)
+    scene.grid.put(0, 0, {"height": np.zeros((64, 64), np.float32)}, state)
+    with serving(scene) as server:
+        page = open_page(server.url, color_scheme=scheme)
+        until(page, f"({_COLOURS})('#map') > 1")
+        page.keyboard.press("-")  # nothing is at an edge of the picture
+        middle = """() => {
+          const canvas = document.querySelector("#map"), {width, height} = canvas;
+          const context = canvas.getContext("2d");
+          const image = context.getImageData(width / 2 - 40, height / 2 - 40, 80, 80);
+          return new Set(new Uint32Array(image.data.buffer)).size;
+        }"""
+        until(page, f"({middle})() === 1")
 
 
 def test_five_million_points_two_browsers_a_dead_node_and_a_new_server(open_page):

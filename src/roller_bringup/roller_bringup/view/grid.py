@@ -186,6 +186,10 @@ class Grid:
                 tile.layers[name][there] = values[here]
             self._touch(tile)
 
+    def drop_outside(self) -> None:
+        """Forget tiles with no cell inside."""
+        self.tiles = {key: tile for key, tile in self.tiles.items() if tile.state.any()}
+
     def changed(self, since: int, most: int) -> tuple[list[tuple[Key, Tile]], bool]:
         """Tiles that changed after a revision, oldest change first, and whether there are more."""
         found = [(key, tile) for key, tile in self.tiles.items() if tile.revision > since]

@@ -119,6 +119,7 @@ def _read_deviation(bag: Path, scene: Scene) -> None:
         deviation = {"deviation": rows[:, names.index("deviation")]}
         # The states are those of the height map.
         scene.grid.add(xyz[:, 0], xyz[:, 1], deviation, OUTSIDE, looked_at=False)
+    scene.grid.drop_outside()  # of the run-in, which the height map leaves out
 
 
 def _thinned(layers: dict[str, F32], state: Any, times: int) -> tuple[dict[str, F32], Any]:

@@ -7,15 +7,16 @@ const SCALES = { height: HEIGHT, deviation: DEVIATION, sigma: SIGMA, depth: [...
 
 const parsed = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
 
-/** 256 colours, opacity 0–255. */
-export function table(name, opacity = 255) {
-  const anchors = SCALES[name].map(parsed);
+/** 256 colours; with a CSS colour under them that shines through. */
+export function table(name, under = null) {
+  const paler = ([r, g, b], [pr, pg, pb]) => [0.6 * r + 0.4 * pr, 0.6 * g + 0.4 * pg, 0.6 * b + 0.4 * pb];
+  const anchors = SCALES[name].map(parsed).map((colour) => (under ? paler(colour, parsed(under.trim())) : colour));
   const out = new Uint32Array(256);
   for (let k = 0; k < 256; k++) {
     const at = (k / 255) * (anchors.length - 1);
     const n = Math.min(Math.floor(at), anchors.length - 2);
     const [r, g, b] = anchors[n].map((c, m) => Math.round(c + (anchors[n + 1][m] - c) * (at - n)));
-    out[k] = ((opacity << 24) | (b << 16) | (g << 8) | r) >>> 0;
+    out[k] = ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
   }
   return out;
 }

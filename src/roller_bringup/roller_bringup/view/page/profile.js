@@ -3,7 +3,7 @@
 import { hatch, length, variable } from "./colours.js";
 
 const $ = (selector) => document.querySelector(selector);
-const SAMPLES = 600;
+const SAMPLES = 600, MEASURED = 3;
 
 export class Profile {
   constructor(tiles, onMark, onClose) {
@@ -20,18 +20,18 @@ export class Profile {
     if (line) this.sample(), this.draw();
   }
 
-  /** Values along the line; NaN where nothing was measured. */
+  /** Values along the line; NaN where there are none. */
   sample() {
     const [a, b] = this.line;
     this.metres = Math.hypot(b[0] - a[0], b[1] - a[1]);
     this.name = this.tiles.layer;
     this.values = new Float64Array(SAMPLES).fill(NaN);
-    this.sure = new Uint8Array(SAMPLES);
+    this.state = new Uint8Array(SAMPLES);
     for (let k = 0; k < SAMPLES; k++) {
       const t = (k + 0.5) / SAMPLES;
       const found = this.tiles.at(a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]));
       if (found && found.state > 1 && Number.isFinite(found[this.name])) this.values[k] = found[this.name];
-      this.sure[k] = found ? found.state : 0;
+      this.state[k] = found ? found.state : 0;
     }
   }
 
@@ -84,19 +84,26 @@ export class Profile {
     }
     c.strokeStyle = variable("--mark");
     c.fillStyle = variable("--mark");
-    c.lineWidth = 2 * r;
-    c.beginPath();
-    let pen = false;
-    for (let k = 0; k < SAMPLES; k++) {
-      const value = this.values[k];
-      if (!Number.isFinite(value)) { pen = false; continue; }
-      if (pen) c.lineTo(x(k), y(value));
-      else c.moveTo(x(k), y(value)), c.fillRect(x(k) - r, y(value) - r, 2 * r, 2 * r);
-      pen = true;
+    // Pale what was continued from neighbours, over it what was measured.
+    for (const [least, width, opacity] of [[0, 1, 0.45], [MEASURED, 2.5, 1]]) {
+      c.lineWidth = width * r;
+      c.globalAlpha = opacity;
+      c.beginPath();
+      let pen = false;
+      for (let k = 0; k < SAMPLES; k++) {
+        const value = this.values[k];
+        if (!Number.isFinite(value) || this.state[k] < least) { pen = false; continue; }
+        if (pen) c.lineTo(x(k), y(value));
+        else c.moveTo(x(k), y(value)), c.fillRect(x(k) - (width * r) / 2, y(value) - (width * r) / 2, width * r, width * r);
+        pen = true;
+      }
+      c.stroke();
     }
-    c.stroke();
-    const seen = Math.round((100 * known.length) / SAMPLES);
-    let text = `${this.name} over ${length(this.metres)}: from ${length(Math.min(...known))} to ${length(Math.max(...known))}, ${seen} % measured`;
+    c.globalAlpha = 1;
+    const share = (count) => Math.round((100 * count) / SAMPLES);
+    const measured = this.values.filter((value, k) => Number.isFinite(value) && this.state[k] === MEASURED).length;
+    let text = `${this.name} over ${length(this.metres)}: from ${length(Math.min(...known))} to ${length(Math.max(...known))}, ${share(measured)} % measured`;
+    if (known.length > measured) text += `, ${share(known.length - measured)} % continued (pale)`;
     if (this.cursor !== null && this.cursor !== undefined) {
       const k = this.cursor;
       c.strokeStyle = variable("--bad");
@@ -106,6 +113,7 @@ export class Profile {
       c.lineTo(x(k), h - bottom);
       c.stroke();
       text = `at ${length((this.metres * k) / SAMPLES)}: ${Number.isFinite(this.values[k]) ? length(this.values[k], 4) : "not measured"}`;
+      if (Number.isFinite(this.values[k]) && this.state[k] < MEASURED) text += ", continued from neighbours";
     }
     $("#profile-text").textContent = text;
   }

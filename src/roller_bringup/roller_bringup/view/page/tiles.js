@@ -87,7 +87,7 @@ export class Tiles {
     if (this.styled !== this.version) {
       this.styled = this.version;
       this.sure = table(this.layer);
-      this.continued = table(this.layer, 150);
+      this.continued = table(this.layer, variable("--pale"));
       this.outside = packed(variable("--pane"));
     }
     const n = this.size;
