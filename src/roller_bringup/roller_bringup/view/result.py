@@ -68,8 +68,12 @@ def read_result(folder: Path, title: str = "") -> Scene:
 
 
 def offered_files(folder: Path) -> Iterator[tuple[str, int]]:
-    """Names, relative, and sizes of the files of a result that may be taken, in two levels."""
-    for path in sorted([*folder.glob("*"), *folder.glob("*/*")]):
+    """Names, relative, and sizes of the files of a result that may be taken, in two levels.
+
+    Pages to read come first.
+    """
+    found = [*folder.glob("*"), *folder.glob("*/*")]
+    for path in sorted(found, key=lambda path: (path.suffix not in (".html", ".pdf"), path)):
         name = path.relative_to(folder).as_posix()
         if path.suffix not in _OFFERED or path.is_symlink() or not path.is_file():
             continue
