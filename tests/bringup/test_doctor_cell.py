@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from roller_bringup.doctor.commissioning import CellFiles, check_commissioning
+from roller_bringup.doctor.commissioning import CellFiles, check_commissioning, next_step
 from roller_bringup.doctor.machine import HostSettings, find_host, judge_host
 from roller_bringup.doctor.result import Result
 from roller_core.calibration_file import SECTION, calibration_record, write_calibration
@@ -51,6 +51,13 @@ def test_each_step_says_whether_it_is_done_and_what_to_do_next(files: CellFiles)
     # There is no file yet that the first could go on with.
     assert "--params" not in new["time offset"].advice
     assert "--params cell.yaml" in new["flat plate"].advice
+
+
+def test_the_next_step_is_said(files: CellFiles) -> None:
+    after = next_step(check_commissioning(files))
+    assert after.startswith("next is edge drift, see docs/commissioning.md: roller calibrate edge")
+    assert next_step(check_commissioning(CellFiles())).startswith("next is intrinsics")
+    assert next_step([Result("camera", "fault", "none"), Result("hand-eye", "OK", "")]) == ""
 
 
 def test_files_that_are_still_to_be_made_are_steps_to_go(tmp_path: Path) -> None:

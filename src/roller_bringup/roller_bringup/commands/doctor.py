@@ -61,6 +61,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         parser,
         "doctor",
         "doctor --camera --robot-ip 192.168.0.10",
+        "doctor --cell cell.yaml --hand-eye hand_eye.yaml --camera-info camera.yaml",
     )
     parser.set_defaults(run=run)
 
@@ -69,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     """Check and print; 1 where something is a fault."""
     from rich.console import Console
 
-    from roller_bringup.doctor.commissioning import CellFiles
+    from roller_bringup.doctor.commissioning import CellFiles, next_step
     from roller_bringup.doctor.examination import Request, examine
     from roller_bringup.doctor.result import as_json, as_table
 
@@ -89,4 +90,6 @@ def run(args: argparse.Namespace) -> int:
         console = Console()
         # Not a terminal but a file or a pipe, which has no width.
         Console(width=None if console.is_terminal else 140).print(as_table(results))
+        if cell is not None:
+            print(next_step(results) or "all steps of docs/commissioning.md are done")
     return 1 if any(r.level == "fault" for r in results) else 0

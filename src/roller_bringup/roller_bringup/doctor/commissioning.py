@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -58,6 +58,13 @@ _STEPS = (
 )  # fmt: skip
 
 
+#: Names of all steps.
+STEPS = (
+    "intrinsics", "hand-eye", "calibration", *(step.title for step in _STEPS), "skin",
+    "golden scan", "acceptance",
+)  # fmt: skip
+
+
 def check_commissioning(files: CellFiles, now: datetime | None = None) -> Iterator[Result]:
     """Judge the cell's files in the order in which they are made.
 
@@ -93,6 +100,14 @@ def check_commissioning(files: CellFiles, now: datetime | None = None) -> Iterat
         )  # fmt: skip
     yield _golden(files.golden)
     yield _certificate(files.certificate, records, now)
+
+
+def next_step(results: Iterable[Result]) -> str:
+    """What a cell's set-up goes on with, in a line; empty: nothing is left."""
+    for result in results:
+        if result.name in STEPS and result.level != "OK":
+            return f"next is {result.name}, see docs/commissioning.md: {result.advice}"
+    return ""
 
 
 def _missing(step: str, path: Path | None, option: str, make: str) -> Result:
