@@ -24,6 +24,7 @@ from roller_sim.cell import Packet
 #: Type and offered quality of service of our topics.
 KINDS = {t.path: (t.type_name, topics.offered(t)) for t in topics.ALL}
 CAMERA_INFO, TF_MESSAGE = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
 START_NS = 1_700_000_000_000_000_000
 SENSOR_START_NS = 5_000_000_000
 DURATION_S = 0.08
@@ -62,6 +63,7 @@ class Recipe:
     tf: bool = True
     tf_static: bool = True
     namespace: str = "/event_camera"
+    force_n: float | None = None
     compression: CompressionMode = CompressionMode.NONE
     edit: Callable[[str, int, Any], Any] = field(default=lambda topic, n, message: message)
 
@@ -79,6 +81,15 @@ def bag_messages(recipe: Recipe) -> Iterator[tuple[int, str, str, bytes]]:
     if recipe.tf:
         items += _poses(make)
     items += _packets(make, recipe)
+    if recipe.force_n is not None:
+        force, none = (
+            make.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=z)
+            for z in (-recipe.force_n, 0.0)
+        )
+        for t_ns in range(START_NS, START_NS + int(DURATION_S * 1e9), 8_000_000):
+            wrench = make.make("geometry_msgs/msg/Wrench", force=force, torque=none)
+            stamped = make.make(WRENCH, header=make.header(t_ns, BASE), wrench=wrench)
+            items.append((t_ns, "/roller/robot/wrench", WRENCH, stamped))
     items.sort(key=lambda item: item[0])
     counts: dict[str, int] = {}
     for t_ns, topic, kind, message in items:

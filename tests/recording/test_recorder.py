@@ -297,4 +297,5 @@ def test_which_topics_are_recorded() -> None:
     everything = {t.name for t in topics.recorded()}
     assert everything == {t.name for t in topics.ALL} - {outputs.SURFACE_MAP}
     raw = {t.name for t in topics.recorded(raw=True, events_topic="/left/events")}
-    assert raw == {"/left/events", "/left/camera_info", "/tf", "/tf_static"}
+    own = {"/left/events", "/left/camera_info", "/tf", "/tf_static"}
+    assert raw == own | {outputs.WRENCH}  # what inspection holds a part to

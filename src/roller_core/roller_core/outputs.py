@@ -51,6 +51,12 @@ class CloudError(RollerError):
     """A cloud that isn't one of ours."""
 
 
+def force_topic(events_topic: str) -> str:
+    """Where the robot's force is in a bag with event packets on `events_topic`."""
+    ours = events_topic.endswith(f"/{EVENTS}")
+    return (events_topic.removesuffix(EVENTS) if ours else "/") + WRENCH
+
+
 def stamp_ns(message: Any) -> int:
     """ROS time of a message with a header, rclpy's or rosbags'."""
     stamp = message.header.stamp

@@ -11,6 +11,7 @@ from pydantic import Field
 from rosgraph_msgs.msg import Clock
 
 from roller_core.errors import RollerError
+from roller_core.outputs import force_topic
 from roller_recording.reading.bag_reader import BagReader
 from roller_recording.reading.base import RecordingError
 from roller_recording.reading.event_topic import event_topic
@@ -55,8 +56,9 @@ class PlayerNode(PlayingNode):
         # Publishers by topic in the bag; a camera of another name is played as the graph's own.
         # Not _publishers: rclpy's own.
         self._outputs = {}
-        for topic in topics.INPUTS:
-            theirs = topics.beside(topic.name, events)
+        for topic in topics.INPUTS + topics.FORCE:
+            force = topic in topics.FORCE
+            theirs = force_topic(events) if force else topics.beside(topic.name, events)
             # The older type of event packets has the same layout.
             if theirs == events or in_bag.get(theirs) == topic.type_name:
                 made = self.create_publisher(topic.type, topic.name, topic.qos)

@@ -91,13 +91,13 @@ def recorded(raw: bool = False, events_topic: str = outputs.EVENTS) -> list[Topi
     Parameters
     ----------
     raw : bool
-        Only what a replay needs: events, calibration and transforms.
+        Only what a replay needs: events, calibration, transforms and force.
     events_topic : str
         Where the event packets are; the camera's other topics lie beside it.
     """
     return [
         Topic(beside(t.name, events_topic), t.type, t.qos)
-        for t in (INPUTS if raw else ALL)
+        for t in (INPUTS + FORCE if raw else ALL)
         if not (raw and t.type is Image) and t.name != outputs.SURFACE_MAP
     ]
 

@@ -39,7 +39,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--raw",
         action="store_true",
-        help="only what a replay needs: events, camera_info and transforms",
+        help="only what a replay needs: events, camera_info, transforms and force",
     )
     parser.add_argument(
         "--topic",

@@ -12,7 +12,7 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream, TimeBackwardsError
 from roller_core.events import EventArray
-from roller_core.outputs import EVENTS, WRENCH, stamp_ns
+from roller_core.outputs import force_topic, stamp_ns
 from roller_core.sensor_pose import SensorFrames, transforms_of
 
 from .bag_reader import BagReader
@@ -93,9 +93,7 @@ class BagRecording(Recording):
 
     def items(self) -> Iterator[Step]:
         """Read message by message; a packet that can't be decoded is left out, with a fault."""
-        wrench = (
-            self._topic.removesuffix(EVENTS) if self._topic.endswith(EVENTS) else "/"
-        ) + WRENCH
+        wrench = force_topic(self._topic)
         wanted = {self._topic, wrench} | ({_TF, _TF_STATIC} if self.poses is None else set())
         wanted |= {self._info_topic} if self._info_topic else set()
         progress = 0.0
