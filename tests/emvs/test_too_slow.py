@@ -191,7 +191,7 @@ def test_results_go_out_before_what_is_told_of_others(domain, monkeypatch):
         monkeypatch.setattr(node.stage, "results", lambda flush: iter(given))
         done = []
         monkeypatch.setattr(node._outputs[outputs.DEPTH_INFO], "publish", done.append)
-        monkeypatch.setattr(node._diagnostics, "fault", done.append)
+        monkeypatch.setattr(node._diagnostics, "fault", lambda text, _: done.append(text))
         node._publish()
         assert len(done) == 2
         assert done[1] == "no depth"

@@ -1,13 +1,17 @@
 """Rates, and floods of faults."""
 
+from types import SimpleNamespace
+
 import pytest
 
 pytest.importorskip("rclpy")
 
 from roller_core.clock import SensorClock
+from roller_core.outputs import CONTACT, Output, Result, ScanFault
 from roller_core.sensor_pose import PoseCounts
 from roller_ros import diagnostics
 from roller_ros.diagnostics import Diagnostics, Meter
+from roller_ros.stage_node import StageNode
 
 
 class FakeNode:
@@ -80,6 +84,38 @@ def test_a_flood_of_faults_does_not_flood_the_graph():
     assert 10 <= len(node.sent) < 100  # ten a second, and this takes no ten seconds
     found.publish()
     assert node.sent[-1][1] == "pose 499 is wrong"
+
+
+def test_a_warning_hides_no_error():
+    node, level = FakeNode(), [diagnostics.OK]
+    found = Diagnostics(node, "depth", lambda: (level[0], "running", {}))
+    for said in ("a short window", "it broke", "another short window"):
+        found.fault(said, diagnostics.ERROR if said == "it broke" else diagnostics.WARN)
+    found.publish()
+    warn, error = diagnostics.WARN, diagnostics.ERROR
+    told = [(warn, "a short window"), (error, "it broke"), (error, "it broke")]
+    assert [(at, text) for at, text, _ in node.sent] == told
+    level[0] = diagnostics.ERROR
+    found.fault("a short window", diagnostics.WARN)
+    found.publish()
+    assert node.sent[-1][:2] == (diagnostics.ERROR, "running")
+
+
+def test_windows_without_a_result_are_an_error_where_the_scan_is_bad_or_gives_none():
+    told, output = [], SimpleNamespace(publish=lambda _: None)
+    none, points = Result(None, notice="too little travel"), Result(1)
+    slips = Output(CONTACT, 1, "", ScanFault("slipping"))
+    given = [none, points, Result(None, (slips,), "slipping"), none, none, none, none]
+    node = SimpleNamespace(
+        stage=SimpleNamespace(results=lambda _: given),
+        _outputs={CONTACT: output},
+        _empty=0,
+        _diagnostics=SimpleNamespace(fault=lambda text, level: told.append((text, level))),
+    )
+    StageNode._publish(node)
+    levels = [level for _, level in told]
+    warn, error = diagnostics.WARN, diagnostics.ERROR
+    assert levels == [warn, error, warn, warn, error, error]
 
 
 def test_figures_of_a_clock_and_of_poses():

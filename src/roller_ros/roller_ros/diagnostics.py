@@ -90,31 +90,34 @@ class Diagnostics:
         self._node = node
         self._name = f"{node.get_fully_qualified_name().lstrip('/')}: {part}"
         self._values = values
-        self._fault = ""
+        self._fault, self._fault_level = "", ERROR
         self._told: list[float] = []
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
         node.create_timer(period_s, self.publish)
 
-    def fault(self, message: str) -> None:
+    def fault(self, message: str, level: bytes = ERROR) -> None:
         """Report a fault now; it stays in the next regular status too.
 
-        A flood of faults is reported ten times a second.
+        A flood of faults is reported ten times a second. Until that status an error isn't
+        followed by a warning.
         """
-        if message == self._fault:
+        if message == self._fault or (self._fault and level < self._fault_level):
             return
-        self._fault = message
+        self._fault, self._fault_level = message, level
         now = time.monotonic()
         self._told = [at for at in self._told if now - at < 1.0]
         if len(self._told) < _MOST_FAULTS_A_SECOND:
             self._told.append(now)
             self._node.get_logger().warning(message)
-            self._send(ERROR, message, {})
+            self._send(level, message, {})
 
     def publish(self) -> None:
         """Publish the regular status."""
         level, message, values = self._values()
         if self._fault:
-            level, message, self._fault = ERROR, self._fault, ""
+            if self._fault_level >= level:
+                level, message = self._fault_level, self._fault
+            self._fault = ""
         self._send(level, message, values)
 
     def _send(self, level: bytes, message: str, values: Mapping[str, object]) -> None:

@@ -18,6 +18,7 @@ from roller_core.clock import SensorClock
 from roller_core.errors import RollerError
 from roller_core.event_stage import EventStage
 from roller_core.memory import take_memory
+from roller_core.outputs import ScanFault
 from roller_core.stage import ERROR, Stage
 
 from . import diagnostics, messages, qos, topics
@@ -31,6 +32,8 @@ from .worker import Worker
 
 #: Messages that are taken without looking for results while more wait.
 _MOST_UNPROCESSED = 10
+#: A scan begins and ends with windows too short for a result; more of them in a row are bad.
+_MOST_EMPTY = 3
 
 
 class StageNode(RollerNode):
@@ -52,6 +55,7 @@ class StageNode(RollerNode):
         settings = declare_settings(self, kind.model)
         self.stage = stage = kind(settings)
         stage.clock_ns = lambda: int(self.get_clock().now().nanoseconds)
+        self._empty = 0
         self._faults = self._unprocessed = self._steps_told = self._left_out_told = 0
         self._poses = PoseSources(settings.base_frame, settings.moving_frame)
         self._events, self._cameras = OneSource(), OneSource(latched=True)
@@ -202,12 +206,18 @@ class StageNode(RollerNode):
             self._publish(flush=True)
 
     def _publish(self, flush: bool = False) -> None:
-        self._unprocessed, told = 0, list[str | RollerError]()
+        self._unprocessed, told = 0, list[tuple[str, bytes] | RollerError]()
         try:
             for result in self.stage.results(flush):
                 for output in result.outputs:
                     self._outputs[output.topic].publish(messages.to_message(output))
-                told += [said for said in (result.notice, result.fault) if said]
+                self._empty = self._empty + 1 if result.notice else 0
+                if result.notice:
+                    bad = any(isinstance(output.data, ScanFault) for output in result.outputs)
+                    bad |= self._empty > _MOST_EMPTY
+                    told.append((result.notice, diagnostics.ERROR if bad else diagnostics.WARN))
+                if result.fault:
+                    told.append(result.fault)
         except RollerError as error:
             told.append(error)
         finally:
@@ -216,7 +226,7 @@ class StageNode(RollerNode):
                 if isinstance(said, RollerError):
                     self._fault(said)
                 else:
-                    self._diagnostics.fault(said)
+                    self._diagnostics.fault(*said)
 
     def _fault(self, error: RollerError) -> None:
         self._faults += 1
