@@ -1,6 +1,7 @@
 """`roller batch`: one failure is a row, what is done stays done."""
 
 import json
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,19 @@ def test_a_failure_is_a_row_and_what_is_done_stays(
     assert rows()[good] == first[good] | {"kept": True}  # and the time that it took then
     assert not rows()["broken.mcap"]["kept"]
     assert done.stat().st_mtime_ns == written
+
+
+def test_how_far_it_is_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shares: list[float] = []
+    bar = contextmanager(lambda _: iter([shares.append]))
+    monkeypatch.setattr("roller_core.progress.progress_bar", bar)
+    monkeypatch.setattr(jobs, "run_job", lambda job: jobs._failed(job, "not tried", 0.0))
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    for name in ("one", "two"):
+        (scans / f"{name}.mcap").write_text(name)
+    assert main(["batch", str(scans), "--output", str(tmp_path / "out")]) == 1
+    assert shares == [0.5, 1.0]
 
 
 def test_a_dask_scheduler_does_the_jobs(tmp_path: Path) -> None:

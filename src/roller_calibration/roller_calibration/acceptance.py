@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from roller_core.progress import progress_bar
 from roller_emvs.methods.surface import SurfaceSettings
 from roller_recording.reading import open_recording
 from roller_sim.bag import write_bag
@@ -91,7 +92,8 @@ def promised(gauge: str, scan: Scan, light: str) -> Reached:
     )  # fmt: skip
     with TemporaryDirectory(prefix="roller_promise_") as folder:
         bag = Path(folder) / own.scene
-        write_bag(VirtualCell(settings), bag)
+        with progress_bar(f"simulate the {gauge}") as progress:
+            write_bag(VirtualCell(settings), bag, progress)
         virtual = whole_scan(open_recording(bag))
     return GAUGES[gauge].measure(virtual, SurfaceSettings.create({}), own.size_m)
 

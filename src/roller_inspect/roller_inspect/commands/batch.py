@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,6 +59,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Run all jobs and write the summary."""
     from roller_core.output_folder import OutputFolder
+    from roller_core.progress import progress_bar
     from roller_inspect.batch.jobs import find_recordings
     from roller_inspect.batch.summary import write_summary
     from roller_inspect.recipe import RecipeError, load_recipe
@@ -75,11 +77,15 @@ def run(args: argparse.Namespace) -> int:
     jobs = _jobs(args, sources, recipe)
     inputs = [*args.folders, args.params, args.camera, args.recipe]
     with OutputFolder(args.output, "batch", inputs, lasting=[job.key for job in jobs]) as output:
-        rows = _run_all(jobs, args)
+        rows: list[Row] = []
+        with progress_bar(f"inspect {len(jobs)} recordings") as progress:
+            for row in _run_all(jobs, args):
+                rows.append(row)
+                said = row.error or row.reason
+                print(f"{row.source}: {row.verdict or 'failed'}: {said}", flush=True)
+                progress(len(rows) / len(jobs))
         write_summary(output.partial, rows, output.path)
     failed = [row for row in rows if row.error]
-    for row in rows:
-        print(f"{row.source}: {row.verdict or 'failed'}: {row.error or row.reason}")
     print(f"results in {args.output}/: index.html, summary.csv, summary.json")
     for row in failed:
         print(f"error: {row.source}: {row.error}", file=sys.stderr)
@@ -117,7 +123,8 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list
     return list(jobs.values())  # a recording that is there twice is one job
 
 
-def _run_all(jobs: list[Job], args: argparse.Namespace) -> list[Row]:
+def _run_all(jobs: list[Job], args: argparse.Namespace) -> Iterator[Row]:
+    """Rows in the order of the jobs, as they come."""
     from joblib import Parallel, delayed, parallel_config
 
     from roller_core.errors import RollerError
@@ -125,8 +132,9 @@ def _run_all(jobs: list[Job], args: argparse.Namespace) -> list[Row]:
 
     if args.scheduler is None:
         # A job is a process already; threads wait for them.
-        work = Parallel(n_jobs=args.jobs, backend="threading")
-        return list(work(delayed(run_job)(job) for job in jobs))
+        work = Parallel(n_jobs=args.jobs, backend="threading", return_as="generator")
+        yield from work(delayed(run_job)(job) for job in jobs)
+        return
     try:
         from distributed import Client
     except ImportError as error:
@@ -138,4 +146,4 @@ def _run_all(jobs: list[Job], args: argparse.Namespace) -> list[Row]:
     except (OSError, ValueError) as error:
         raise RollerError(f"{args.scheduler}: no Dask scheduler answers there ({error})") from error
     with client, parallel_config(backend="dask"):
-        return list(Parallel()(delayed(run_job)(job) for job in jobs))
+        yield from Parallel()(delayed(run_job)(job) for job in jobs)
