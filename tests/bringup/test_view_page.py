@@ -106,6 +106,12 @@ def test_findings_are_filtered_and_profiles_drawn(tmp_path, open_page):
     with serving(read_result(write_result(tmp_path / "result"))) as server:
         page = open_page(server.url)
         wait_until(lambda: page.locator("#findings li").count() == 3)
+        # Who goes through the list by keyboard stays in it.
+        page.focus("#findings li:nth-child(2)")
+        page.keyboard.press("Enter")
+        page.keyboard.press("Tab")
+        page.keyboard.press("Enter")
+        assert "scratch" in page.inner_text("#findings li[aria-selected='true']")
         page.select_option("#by-verdict", "nonconform")
         assert page.locator("#findings li").count() == 2
         page.select_option("#by-kind", "raised")
@@ -200,6 +206,14 @@ def test_five_million_points_two_browsers_a_dead_node_and_a_new_server(open_page
         scene.nodes["ur10: robot"] = health.Node("ur10: robot", 0, "receiving", seen_s=1e12)
         until(pages[0], "document.querySelector('#word').textContent === 'NODE LOST'")
         says(pages[0], "#nodes li[data-level='gone']", "start it again")
+        # Its figures, by keyboard, while frames come.
+        pages[0].focus("#nodes li")
+        count = painted(pages[0])
+        scene.take_text("plate eight")
+        until(pages[0], f"window.rollerPainted()[0] > {count}")
+        scene.nodes["emvs: depth"].values = {"windows": "7"}
+        pages[0].keyboard.press("Enter")
+        says(pages[0], "#nodes li table", "windows")
         port = server.port
     until(pages[0], "document.querySelector('#word').textContent === 'NO SERVER'")
     again = Scene("again")

@@ -5,6 +5,20 @@ import { length } from "./colours.js";
 const $ = (selector) => document.querySelector(selector);
 const element = (name, className, text) => Object.assign(document.createElement(name), { className, textContent: text });
 
+/** Fill a list anew; an item that has the keyboard keeps it. `act` is for a click and Enter. */
+export function refill(list, items) {
+  const held = list.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+  list.replaceChildren(...items.map(([key, act, item]) => {
+    item.dataset.key = key;
+    item.tabIndex = 0;
+    item.addEventListener("click", act);
+    item.addEventListener("keydown", (event) => event.key === "Enter" && act());
+    return item;
+  }));
+  const again = held === null ? null : [...list.children].find((item) => item.dataset.key === held);
+  if (again) again.focus({ preventScroll: true });
+}
+
 /** What a finding is in words. */
 export function described(finding) {
   const size = [finding.length_m, finding.width_m].filter(Number.isFinite).map((v) => length(v)).join(" × ");
@@ -62,16 +76,13 @@ export class Findings {
     $("#findings-count").textContent = all.length ? (shown.length < all.length ? `${shown.length} of ${all.length}` : all.length) : "none";
     $("#filters").hidden = all.length < 2;
     // A list of thousands would take seconds to lay out.
-    $("#findings ol").replaceChildren(...shown.slice(0, 500).map((finding) => {
+    refill($("#findings ol"), shown.slice(0, 500).map((finding) => {
       const item = document.createElement("li"), { deep, size } = described(finding);
       item.dataset.verdict = finding.verdict;
-      item.tabIndex = 0;
       item.setAttribute("aria-selected", finding === this.selected);
       item.append(element("b", "", `${finding.kind} ${deep}`.trim()), " ", element("span", "chip", finding.verdict || "?"), document.createElement("br"),
         element("span", "small", [`#${finding.id}`, size, finding.limit, Number.isFinite(finding.confidence) ? `sure to ${Math.round(finding.confidence * 100)} %` : ""].filter(Boolean).join(" · ")));
-      item.addEventListener("click", () => this.select(finding));
-      item.addEventListener("keydown", (event) => event.key === "Enter" && this.select(finding));
-      return item;
+      return [finding.id, () => this.select(finding), item];
     }));
     this.renderWorst();
     this.onChange(shown);

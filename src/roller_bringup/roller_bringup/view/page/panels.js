@@ -1,6 +1,7 @@
 // Big state, figures, health, depth, text and files.
 
 import { hatch, length, table } from "./colours.js";
+import { refill } from "./findings.js";
 
 const $ = (selector) => document.querySelector(selector);
 const element = (name, className, text) => Object.assign(document.createElement(name), { className, textContent: text });
@@ -48,10 +49,10 @@ function showNodes(nodes) {
   $("#nodes").hidden = !nodes.length;
   const order = ["bad", "gone", "warn", "good", "idle"];
   const sorted = [...nodes].sort((a, b) => order.indexOf(a.level) - order.indexOf(b.level) || a.name.localeCompare(b.name));
-  $("#nodes ul").replaceChildren(...sorted.map((node) => {
+  refill($("#nodes ul"), sorted.map((node) => {
     const item = document.createElement("li");
     item.dataset.level = node.level;
-    item.title = "click: its figures";
+    item.title = "click or Enter: its figures";
     item.append(element("b", "", node.name), ` ${node.message}`);
     if (node.advice) item.append(element("div", "advice", `→ ${node.advice}`));
     if (open.has(node.name)) {
@@ -64,11 +65,11 @@ function showNodes(nodes) {
       figures.append(...rows);
       item.append(figures);
     }
-    item.addEventListener("click", () => {
+    const turn = () => {
       open.delete(node.name) || open.add(node.name);
       showNodes(nodes);
-    });
-    return item;
+    };
+    return [node.name, turn, item];
   }));
 }
 
