@@ -20,7 +20,7 @@ from .field import Box, EvidenceField, Mask
 from .fit import Fit, fit_planes
 from .islands import without_islands
 from .sweep import Depths
-from .uncertainty import point_sigma
+from .uncertainty import point_sigma, seen_around
 
 #: Neighbourhood from which the surface's slope is taken, px.
 _SLOPE_SIGMA_PX = 5.0
@@ -142,7 +142,7 @@ def _measured(
 ) -> Relief:
     px_per_offset = max(field.aperture, 1e-12)
     fit, slope = surface_slope(field, depths, threads)
-    of_drift, side = np.zeros((1, 1)), np.zeros(field.cells, np.float32)
+    of_drift, side = np.zeros(field.cells), np.zeros(field.cells, np.float32)
     if sides or any(drift.side_m):
         side = wall_side(depths)
     if drift.calibrated:
@@ -173,10 +173,9 @@ def _measured(
     keep = (spread_px < _MOST_SCATTER_PX) & (sure >= settings.min_point_confidence)
     keep &= ~_fringe(support)[row, column]
     row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
-    sigma = point_sigma(field, fit.offset, row, column, spread_px[keep])
-    if drift.calibrated:
-        left = of_drift[row // CELL_PX, column // CELL_PX]
-        sigma = np.hypot(sigma, left).astype(np.float32)
+    sigma = point_sigma(
+        field, fit.offset, row, column, spread_px[keep], of_drift, seen_around(depths)
+    )
     changes = tuple(found.change for found in depths)
     heights = offset.astype(np.float64)
     return Relief(row, column, heights, sure, sigma, tuple(surfaces), changes, side)

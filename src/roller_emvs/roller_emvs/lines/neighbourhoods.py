@@ -7,7 +7,7 @@ import numpy as np
 from roller_emvs.evidence import CELL_PX, Depths, EvidenceField
 from roller_emvs.evidence.relief import surface_slope, wall_side
 from roller_emvs.evidence.slope_statistics import slope_statistics
-from roller_emvs.evidence.uncertainty import point_sigma
+from roller_emvs.evidence.uncertainty import point_sigma, seen_around
 
 from .refine import LinePoints
 
@@ -27,7 +27,7 @@ def depth_points(
         First column in which they are wanted, and the one after the last.
     """
     fit, slopes = surface_slope(field, depths)
-    side = wall_side(depths)
+    side, around, no_drift = wall_side(depths), seen_around(depths), np.zeros(field.cells)
     scale = field.ray_slope_scale
     low, high = field.slopes * scale
     middle, variance = 0.5 * (low + high), np.maximum((high - low) ** 2 / 12, 1e-12)
@@ -43,7 +43,8 @@ def depth_points(
         lean = (seen.mean[i, j] * scale - middle[j]) / variance[j]
         px = np.asarray([a * CELL_PX for a in at])
         scatter = fit.scatter[at] * np.float32(max(field.aperture, 1e-12))
-        sigma = point_sigma(field, fit.offset, px[0], px[1], np.nan_to_num(scatter, nan=1.0))
+        scatter = np.nan_to_num(scatter, nan=1.0)
+        sigma = point_sigma(field, fit.offset, px[0], px[1], scatter, no_drift, around)
         parts.append(
             LinePoints(
                 row.astype(np.float64),

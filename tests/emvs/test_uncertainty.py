@@ -1,0 +1,112 @@
+"""`sigma` of points: what it follows, and that it holds where all of a printed skin is seen."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from roller_core.parameter_files import read_parameters
+from roller_emvs.depth_stage import EmvsParameters
+from roller_emvs.evidence import CELL_PX, RayField
+from roller_emvs.evidence.sweep import Depths
+from roller_emvs.evidence.uncertainty import point_sigma, seen_around
+from roller_emvs.methods.surface import SurfaceSweep
+from roller_emvs.pipeline import DepthPipeline
+from roller_emvs.surface_stage import SurfaceParameters
+from roller_emvs.windows import RefusedWindow
+from roller_inspect.results.truth_tally import SurfaceTally
+from roller_sim.presets import COATINGS
+from simulated_scans import Scans
+
+CELLS = (30, 40)
+PARALLAX = 200.0  # px by unit of offset
+FIELD = RayField(
+    (CELLS[0] * CELL_PX, CELLS[1] * CELL_PX),
+    np.stack([np.full(CELLS[1], -PARALLAX / 2), np.full(CELLS[1], PARALLAX / 2)]),
+    1.0, 1.0, 1000.0, 1e4, 1.0, np.empty((0, 4), np.float32), np.zeros(3, np.int64),
+)  # fmt: skip
+MIDDLE = np.array([60]), np.array([80])
+#: Of plate around the stairs, and up to which height it counts as level.
+MARGIN_M, LEVEL_M = 0.002, 2e-5
+CALIBRATION = Path(__file__).parents[2] / "config" / "virtual_cell_ring.yaml"
+
+
+def depths(known: np.ndarray) -> Depths:
+    values = np.where(known, 0.0, np.nan).astype(np.float32)
+    return Depths(values, *[np.zeros(CELLS, np.float32)] * 5)
+
+
+def sigma_px(seen: np.ndarray, scatter_px: float, drift_px: float = 0.0) -> float:
+    """Of a point in the middle of a level surface, in pixels of parallax."""
+    drift = np.full(CELLS, drift_px / PARALLAX)
+    scatter, level = np.array([scatter_px], np.float32), np.zeros(CELLS, np.float32)
+    return float(point_sigma(FIELD, level, *MIDDLE, scatter, drift, seen)[0] * PARALLAX)
+
+
+def test_where_both_polarities_are_seen_all_around_what_they_scatter_tells() -> None:
+    everywhere, nowhere = np.ones(CELLS, bool), np.zeros(CELLS, bool)
+    both = seen_around([depths(everywhere)] * 2)
+    one = seen_around([depths(everywhere), depths(nowhere)])
+    np.testing.assert_allclose(both, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(one, 0.5, rtol=1e-6)
+    assert sigma_px(both, 0.05) < 0.2
+    # Drift would set them apart, which scatters; unless it is what is left of a calibration.
+    assert sigma_px(both, 0.05, drift_px=0.6) == sigma_px(both, 0.05)
+    assert sigma_px(one, 0.05, drift_px=0.6) > 0.6
+    for scatter in (0.0, 0.1, 0.3, 1.0):
+        assert sigma_px(both, scatter) <= sigma_px(one, scatter)
+        assert sigma_px(both, scatter) >= scatter
+
+
+def test_few_cells_that_lie_alone_are_less_sure() -> None:
+    """Of a scan's ends: of a cell with no other around a depth is hardly worth its parallax."""
+    alone = np.zeros(CELLS, bool)
+    alone[14:17, 19:22] = True
+    band = np.zeros(CELLS, bool)
+    band[11:20] = True
+    few, some = (seen_around([depths(known)] * 2) for known in (alone, band))
+    assert sigma_px(few, 0.1) > 0.9
+    assert sigma_px(some, 0.1) == pytest.approx(np.hypot(0.1, 0.5), rel=1e-5)
+
+
+@pytest.mark.parametrize("method", ["focus", "surface"])
+def test_sigma_holds_under_a_printed_texture_and_is_no_wider_than_it_must_be(
+    method: str, scans: Scans
+) -> None:
+    """Calibrated, in a light that travels: flat ground and walls alike."""
+    scene = {"margin_mm": MARGIN_M * 1e3, "step_mm": 0.03}
+    scan = scans.scan("stairs", scene=scene, **COATINGS["textured"])
+    errors, sigmas, level = [], [], []
+    if method == "focus":
+        section = read_parameters(CALIBRATION, "emvs")
+        depth = DepthPipeline(EmvsParameters.create(section), scan.camera, scan.track)
+        depth.add_events(scan.events)
+        for found in depth.results(flush=True):
+            if not isinstance(found, RefusedWindow):
+                seen, contact = scan.truth.seen_images(found.stamp_ns - scan.truth.event_delay_ns)
+                known = np.isfinite(found.depth) & contact
+                errors.append((found.depth - seen)[known])
+                sigmas.append(found.sigma[known])
+                level.append(seen[known] > seen[contact].max() - LEVEL_M)
+    else:
+        section = read_parameters(CALIBRATION, "surface")
+        sweep = SurfaceSweep(SurfaceParameters.create(section), scan.camera, scan.track)
+        sweep.add_events(scan.events)
+        stairs = scan.truth.objects["stairs"]
+        for patch in sweep.results(flush=True):
+            if not isinstance(patch, RefusedWindow):
+                tally = SurfaceTally(scan.truth)
+                tally.add_points(patch.points, patch.stamp_ns)
+                x, y, z = tally.points.T
+                known = (x > stairs.x0 - MARGIN_M) & (x < stairs.x1 + MARGIN_M)
+                height = scan.truth.height_at(x, y)
+                errors.append((z - height)[known])
+                sigmas.append(patch.sigma[known])
+                level.append(height[known] < LEVEL_M)
+    error, sigma = np.abs(np.concatenate(errors)), np.concatenate(sigmas)
+    flat = np.concatenate(level)
+    for part in (flat, ~flat):
+        assert part.sum() > 5_000
+        assert (error <= 2 * sigma)[part].mean() > 0.93
+    # On level ground; without looking around it is three to four times what two thirds err by.
+    assert np.median(sigma[flat]) < 2 * np.quantile(error[flat], 0.68)
