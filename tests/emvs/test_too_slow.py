@@ -133,9 +133,10 @@ def test_lost_packets_are_told_to_inspection_once_a_scan(lost, sent, told):
 @pytest.mark.parametrize(
     "limit", [{"max_waiting_mb": 1.0}, {"max_latency_s": 0.5}], ids=["bytes", "latency"]
 )
-def test_whole_windows_are_left_out_and_counted(limit):
-    undisturbed = Feeding(new_stage())
-    slow = Feeding(new_stage(**limit))
+@pytest.mark.parametrize("rule", ["travel", "time"])
+def test_whole_windows_are_left_out_and_counted(limit, rule):
+    undisturbed = Feeding(new_stage(window={"rule": rule}))
+    slow = Feeding(new_stage(window={"rule": rule}, **limit))
     queue = backlog_for(slow.stage.settings, Windows)
     most_bytes = 0
     for number in range(PACKETS):

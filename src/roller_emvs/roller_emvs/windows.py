@@ -122,7 +122,7 @@ class WindowCutter(EventCutter):
                     return False
                 first_ns = self._queue.first_ns
             self._start_ns = first_ns
-        elif self._settings.window_rule == "time":
+        elif self._settings.window_rule == "time" and not self._gaps:  # those in it are counted
             length = self._length_ns()
             empty = (first_ns - self._start_ns) // length
             self._start_ns += max(empty, 0) * length
