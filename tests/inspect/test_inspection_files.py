@@ -315,6 +315,10 @@ def test_a_part_without_a_point_is_unmeasured(tmp_path: Path) -> None:
     ("what", "said"),
     [
         ("slipping", "slipping: the image moves at 60% of the robot's speed (and 1 times more)"),
+        (
+            "slips to the end",
+            "slipping: the image moves at 60% of the robot's speed (and 2 times more)",
+        ),
         ("hard", "pressed too hard for 0.41 s, up to 41.0 N; the recipe asks for 5 to 30 N"),
         ("light", "pressed too lightly for 0.41 s, down to 1.0 N; the recipe asks for 5 to 30 N"),
         ("lost", "7% of the event packets were lost: 20 of 300"),
@@ -335,7 +339,11 @@ def test_a_part_that_was_not_in_good_contact_is_never_conform(what: str, said: s
                 off = first < t < last and abs(t - middle) < 2.05e8
                 out = what == "before and after" and not first < t < last
                 stage.take_force(t, 99.0 if out else bad_n if off else 20.0)
-            times = {"slipping": (first + 1, last - 1), "before and after": (first - 1, last + 1)}
+            times = {
+                "slipping": (first + 1, last - 1),
+                "slips to the end": (last + 1, last + 2, last + 3),
+                "before and after": (first - 1, last + 1),
+            }
             for t in times.get(what, ()):
                 fault = ScanFault("slipping: the image moves at 60% of the robot's speed")
                 stage.take_output(Output(CONTACT, t, "", fault))

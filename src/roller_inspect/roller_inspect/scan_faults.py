@@ -7,6 +7,8 @@ from collections import Counter, deque
 
 #: Shorter than this the force may be out of its range, s; samples further apart say nothing.
 _LEAST_S, _APART_S = 0.02, 0.1
+#: So many pieces of slip after the last points aren't of lifting the roller.
+_STILL_ON = 2
 #: Samples of force, and faults, that wait for the points that follow them.
 _MOST_WAITING = 100_000
 
@@ -14,7 +16,9 @@ _MOST_WAITING = 100_000
 class ScanFaults:
     """Gathers faults of a scan and forces out of range between the points of a part.
 
-    What comes before the first point and after the last is of the way to the part and back.
+    What comes before the first point and after the last is of the way to the part and back. But a
+    roller that was lifted doesn't slip: where it is told to after the last points, more often than
+    as it leaves, it is still on the part, and no depth comes of that.
 
     Parameters
     ----------
@@ -61,13 +65,16 @@ class ScanFaults:
         for late in past:
             self._late.remove(late)
             if late[0] >= self._from_ns:
-                kind = late[1].partition(":")[0]
-                self._faults[kind] += 1
-                self._first.setdefault(kind, late[1])
+                self._count_fault(late[1])
         while self._forces and self._forces[0][0] < t_ns:
             at_ns, force_n = self._forces.popleft()
             if at_ns >= self._from_ns:
                 self._count(at_ns, force_n)
+
+    def _count_fault(self, fault: str) -> None:
+        kind = _kind(fault)
+        self._faults[kind] += 1
+        self._first.setdefault(kind, fault)
 
     def _count(self, t_ns: int, force_n: float) -> None:
         assert self._range_n is not None
@@ -83,6 +90,11 @@ class ScanFaults:
         """One line for each thing that was wrong; empty if nothing was."""
         if self._from_ns is not None:
             self.passed(self._to_ns)  # what was told of it after its last points
+            after = [late for late in self._late if _kind(late[1]) == "slipping"]
+            if len(after) >= _STILL_ON:
+                for late in after:
+                    self._late.remove(late)
+                    self._count_fault(late[1])
         found = [
             self._first[kind] + (f" (and {n - 1} times more)" if n > 1 else "")
             for kind, n in self._faults.items()
@@ -96,3 +108,7 @@ class ScanFaults:
                 worst = f"down to {self._least_n:.1f} N"
                 found.append(f"pressed too lightly for {self._light_s:.2f} s, {worst}; {asked}")
         return tuple(found)
+
+
+def _kind(fault: str) -> str:
+    return fault.partition(":")[0]
