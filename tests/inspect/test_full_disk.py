@@ -47,6 +47,8 @@ def test_replay(small_disk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     (line,) = capsys.readouterr().err.splitlines()
     assert "can't be written (No space left on device)" in line
     out = small_disk / "out"
+    assert f"error: {out}/" in line  # not the folder aside, which is gone
+    assert ".roller-partial" not in line
     assert json.loads((out / "report.json").read_text())["faults"] == [line.split("error: ")[1]]
     found = read_ply(out / "surface.ply")
     assert 0 <= len(found["x"]) < len(read_ply(results)["x"])

@@ -6,6 +6,8 @@ import re
 
 #: Of a longer message the begin and the end are shown.
 _BEGIN, _END = 400, 200
+#: Where an output folder is written aside; see `output_folder`.
+ASIDE = ".roller-partial"
 
 
 class RollerError(Exception):
@@ -26,4 +28,11 @@ class SettingsError(RollerError):
 
 
 class UnwritableOutputError(RollerError):
-    """The folder or file that results should go to can't be written."""
+    """The folder or file that results should go to can't be written.
+
+    Its message names where that would be, not where it is written aside, which is gone by then.
+    """
+
+    def __str__(self) -> str:
+        """The message; see `RollerError`."""
+        return re.sub(rf"([^/]+)/{re.escape(ASIDE)}/\1(?=[/:;,) ]|$)", r"\1", super().__str__())

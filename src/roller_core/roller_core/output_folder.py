@@ -18,9 +18,8 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
-from .errors import UnwritableOutputError
+from .errors import ASIDE, UnwritableOutputError
 from .output_mark import (
-    ASIDE,
     MARK,
     entries_made,
     fingerprint,
@@ -131,9 +130,6 @@ class OutputFolder:
                 raise UnwritableOutputError(
                     f"{self._shown}: results can't be written there ({value.strerror})"
                 ) from value
-            elif isinstance(value, UnwritableOutputError):  # names a folder that is about to go
-                said = str(value).replace(str(self.partial), str(self._shown))
-                raise UnwritableOutputError(said) from value
         finally:
             self._leave()
 

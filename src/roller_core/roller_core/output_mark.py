@@ -9,11 +9,10 @@ import os
 from pathlib import Path
 from typing import Any
 
+from .errors import ASIDE
 from .text_file import TextFileError, read_text
 
 MARK = ".roller-output.json"
-#: Folder to write in, inside the one that is written.
-ASIDE = ".roller-partial"
 _PART = ".roller-mark"
 _FORMAT = 1
 #: Files up to this size are compared by content, larger ones by size.
