@@ -283,7 +283,7 @@ def test_points_are_as_unsure_as_the_lines_around_them() -> None:
     own = np.full(3, 3.0, np.float32)
     surface = np.zeros(SHAPE, np.float32)
     at = np.array([11, 11, 35]), np.array([18.4, 47.0, 5.0])
-    found = Relief(*at, np.zeros(3), own, own, (surface, surface), (surface, surface), surface)
+    found = Relief(*at, np.zeros(3), own, own, own, (surface, surface), (surface, surface), surface)
     less = _less_sure(found, lines, np.array([4.0, 4.0, 0.0, 0.0]))
     np.testing.assert_allclose(less.sigma, [5.0, 3.0, 3.0], rtol=1e-3)
     np.testing.assert_array_equal(less.offset, found.offset)

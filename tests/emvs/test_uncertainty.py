@@ -9,7 +9,7 @@ from roller_core.parameter_files import read_parameters
 from roller_emvs.depth_stage import EmvsParameters
 from roller_emvs.evidence import CELL_PX, RayField
 from roller_emvs.evidence.sweep import Depths
-from roller_emvs.evidence.uncertainty import point_sigma, seen_around
+from roller_emvs.evidence.uncertainty import agreed_share, point_sigma, seen_around
 from roller_emvs.methods.surface import SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.surface_stage import SurfaceParameters
@@ -36,11 +36,13 @@ def depths(known: np.ndarray) -> Depths:
     return Depths(values, *[np.zeros(CELLS, np.float32)] * 5)
 
 
-def sigma_px(seen: np.ndarray, scatter_px: float, drift_px: float = 0.0) -> float:
-    """Of a point in the middle of a level surface, in pixels of parallax."""
-    drift = np.full(CELLS, drift_px / PARALLAX)
-    scatter, level = np.array([scatter_px], np.float32), np.zeros(CELLS, np.float32)
-    return float(point_sigma(FIELD, level, *MIDDLE, scatter, drift, seen)[0] * PARALLAX)
+def sigmas_px(seen: np.ndarray, scatter_px: float, drift_px: float = 0.0) -> tuple[float, float]:
+    """Of a point in the middle of a level surface, by itself and as those around agree."""
+    level, scatter = np.zeros(CELLS, np.float32), np.array([scatter_px], np.float32)
+    place = (FIELD, level, *MIDDLE, scatter, seen)
+    alone = np.hypot(point_sigma(*place), np.float32(drift_px / PARALLAX))
+    agreed = alone * agreed_share(*place, alone)
+    return float(alone[0] * PARALLAX), float(agreed[0] * PARALLAX)
 
 
 def test_where_both_polarities_are_seen_all_around_what_they_scatter_tells() -> None:
@@ -49,13 +51,14 @@ def test_where_both_polarities_are_seen_all_around_what_they_scatter_tells() -> 
     one = seen_around([depths(everywhere), depths(nowhere)])
     np.testing.assert_allclose(both, 1.0, rtol=1e-6)
     np.testing.assert_allclose(one, 0.5, rtol=1e-6)
-    assert sigma_px(both, 0.05) < 0.2
-    # Drift would set them apart, which scatters; unless it is what is left of a calibration.
-    assert sigma_px(both, 0.05, drift_px=0.6) == sigma_px(both, 0.05)
-    assert sigma_px(one, 0.05, drift_px=0.6) > 0.6
     for scatter in (0.0, 0.1, 0.3, 1.0):
-        assert sigma_px(both, scatter) <= sigma_px(one, scatter)
-        assert sigma_px(both, scatter) >= scatter
+        alone, agreed = sigmas_px(both, scatter)
+        assert scatter <= agreed <= alone
+        assert sigmas_px(one, scatter)[0] == sigmas_px(one, scatter)[1] >= alone
+    assert sigmas_px(both, 0.05)[1] < 0.2
+    # Drift would set the polarities apart, which scatters.
+    assert sigmas_px(both, 0.05, 0.6)[1] == pytest.approx(sigmas_px(both, 0.05)[1], rel=1e-5)
+    assert sigmas_px(one, 0.05, 0.6)[1] > 0.6
 
 
 def test_few_cells_that_lie_alone_are_less_sure() -> None:
@@ -65,8 +68,8 @@ def test_few_cells_that_lie_alone_are_less_sure() -> None:
     band = np.zeros(CELLS, bool)
     band[11:20] = True
     few, some = (seen_around([depths(known)] * 2) for known in (alone, band))
-    assert sigma_px(few, 0.1) > 0.9
-    assert sigma_px(some, 0.1) == pytest.approx(np.hypot(0.1, 0.5), rel=1e-5)
+    assert sigmas_px(few, 0.1)[1] > 0.9
+    assert sigmas_px(some, 0.1)[1] == pytest.approx(np.hypot(0.1, 0.5), rel=1e-5)
 
 
 @pytest.mark.parametrize("method", ["focus", "surface"])

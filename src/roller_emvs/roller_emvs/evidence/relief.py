@@ -20,7 +20,7 @@ from .field import Box, EvidenceField, Mask
 from .fit import Fit, fit_planes
 from .islands import without_islands
 from .sweep import Depths
-from .uncertainty import point_sigma, seen_around
+from .uncertainty import agreed_share, point_sigma, seen_around
 
 #: Neighbourhood from which the surface's slope is taken, px.
 _SLOPE_SIGMA_PX = 5.0
@@ -53,8 +53,10 @@ class Relief:
     offset: F64
     #: 0–1. Shape (n,).
     confidence: F32
-    #: Standard uncertainty of the offset. Shape (n,).
+    #: Standard uncertainty of the offset of each by itself, and the share of it that is left by how
+    #: those around agree; see `agreed_share`. Shape (n,).
     sigma: F32
+    agreed: F32
     #: The surface by pixel where OFF and where ON events have a depth, NaN elsewhere. Shape
     #: (height, width).
     surfaces: tuple[F32, ...]
@@ -142,7 +144,7 @@ def _measured(
 ) -> Relief:
     px_per_offset = max(field.aperture, 1e-12)
     fit, slope = surface_slope(field, depths, threads)
-    of_drift, side = np.zeros(field.cells), np.zeros(field.cells, np.float32)
+    of_drift, side = np.zeros((1, 1)), np.zeros(field.cells, np.float32)
     if sides or any(drift.side_m):
         side = wall_side(depths)
     if drift.calibrated:
@@ -173,12 +175,15 @@ def _measured(
     keep = (spread_px < _MOST_SCATTER_PX) & (sure >= settings.min_point_confidence)
     keep &= ~_fringe(support)[row, column]
     row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
-    sigma = point_sigma(
-        field, fit.offset, row, column, spread_px[keep], of_drift, seen_around(depths)
-    )
+    seen, spread_px = seen_around(depths), spread_px[keep]
+    sigma = point_sigma(field, fit.offset, row, column, spread_px, seen)
+    if drift.calibrated:
+        left = of_drift[row // CELL_PX, column // CELL_PX]
+        sigma = np.hypot(sigma, left).astype(np.float32)
+    agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)
     changes = tuple(found.change for found in depths)
     heights = offset.astype(np.float64)
-    return Relief(row, column, heights, sure, sigma, tuple(surfaces), changes, side)
+    return Relief(row, column, heights, sure, sigma, agreed, tuple(surfaces), changes, side)
 
 
 def _nothing(field: EvidenceField) -> Relief:
@@ -186,7 +191,15 @@ def _nothing(field: EvidenceField) -> Relief:
     none, place = np.empty(0, np.float32), np.empty(0, np.int64)
     unknown, zero = np.full(field.shape, np.float32(np.nan)), np.zeros(field.cells, np.float32)
     return Relief(
-        place, place, none.astype(np.float64), none, none, (unknown, unknown), (zero, zero), zero
+        place,
+        place,
+        none.astype(np.float64),
+        none,
+        none,
+        none,
+        (unknown, unknown),
+        (zero, zero),
+        zero,
     )
 
 

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from roller_core.transforms import F64
 from roller_emvs.rays import F32
 
 from ._kernels import CELL_PX
@@ -36,19 +35,12 @@ def seen_around(depths: list[Depths]) -> F32:
 
 
 def point_sigma(
-    field: EvidenceField,
-    fitted: F32,
-    row: I64,
-    column: I64,
-    scatter_px: F32,
-    drift: F64,
-    seen: F32,
+    field: EvidenceField, fitted: F32, row: I64, column: I64, scatter_px: F32, seen: F32
 ) -> F32:
-    """Standard uncertainty of the offset of pixels, float32, shape (n,).
+    """Standard uncertainty of the offset of pixels but for drift, float32, shape (n,).
 
     Depths that scatter about their surface err by what they scatter, in parallax; where the
-    surface is steep a point is off by its place besides. Polarities drift apart, so where both are
-    seen all around, and agree, neither does.
+    surface is steep a point is off by its place besides.
 
     Parameters
     ----------
@@ -60,17 +52,52 @@ def point_sigma(
         Pixels.
     scatter_px : ndarray of float32, shape (n,)
         Deviation of the depths around from the surface, pixels of parallax.
-    drift : ndarray of float64, shape (rows, columns)
-        What is left of the edges' drift, in offset.
     seen : ndarray of float32, shape (rows, columns)
         Share of the cells around that have a depth; see `seen_around`.
     """
     i, j = row // CELL_PX, column // CELL_PX
-    down, along = map(np.asarray, np.gradient(fitted))
-    slope = np.nan_to_num(np.hypot(down[i, j], along[i, j])) / CELL_PX
-    parallax = np.maximum(field.apertures[j], np.float32(1e-12))
     peak_px = np.interp(seen, (_ALONE, _SOME_SEEN), (_ALONE_PX, _PEAK_PX))[i, j]
-    usual = np.hypot(np.hypot(scatter_px, peak_px) / parallax, drift[i, j])
-    agreed = np.hypot(_SCATTERS * scatter_px, _LEAST_PX) / parallax
-    own = np.where(seen[i, j] >= _ALL_SEEN, np.minimum(usual, agreed), usual)
-    return np.hypot(own, _PLACE_PX * slope).astype(np.float32)
+    of_peak = np.hypot(scatter_px, peak_px) / _parallax(field)[j]
+    return np.hypot(of_peak, _PLACE_PX * _slope(fitted)[i, j]).astype(np.float32)
+
+
+def agreed_share(
+    field: EvidenceField,
+    fitted: F32,
+    row: I64,
+    column: I64,
+    scatter_px: F32,
+    seen: F32,
+    sigma: F32,
+) -> F32:
+    """Share of the uncertainty of pixels that is left by how their neighbours agree, 0-1.
+
+    Polarities drift apart, so where both are seen all around, and agree, neither does; then what
+    they scatter is what they err by.
+
+    Parameters
+    ----------
+    field, fitted, row, column, scatter_px, seen
+        See `point_sigma`.
+    sigma : ndarray of float32, shape (n,)
+        Uncertainty of each by itself, drift and all.
+
+    Returns
+    -------
+    ndarray of float32, shape (n,)
+    """
+    i, j = row // CELL_PX, column // CELL_PX
+    agreed = np.hypot(_SCATTERS * scatter_px, _LEAST_PX) / _parallax(field)[j]
+    agreed = np.hypot(agreed, _PLACE_PX * _slope(fitted)[i, j])
+    share = np.minimum(agreed / np.maximum(sigma, np.float32(1e-12)), 1.0)
+    return np.where(seen[i, j] >= _ALL_SEEN, share, 1.0).astype(np.float32)
+
+
+def _parallax(field: EvidenceField) -> F32:
+    return np.maximum(field.apertures, np.float32(1e-12))
+
+
+def _slope(fitted: F32) -> F32:
+    """Slope by pixel; 0 where it isn't known."""
+    down, along = map(np.asarray, np.gradient(fitted))
+    return np.asarray(np.nan_to_num(np.hypot(down, along)) / CELL_PX, np.float32)

@@ -27,7 +27,7 @@ def depth_points(
         First column in which they are wanted, and the one after the last.
     """
     fit, slopes = surface_slope(field, depths)
-    side, around, no_drift = wall_side(depths), seen_around(depths), np.zeros(field.cells)
+    side, around = wall_side(depths), seen_around(depths)
     scale = field.ray_slope_scale
     low, high = field.slopes * scale
     middle, variance = 0.5 * (low + high), np.maximum((high - low) ** 2 / 12, 1e-12)
@@ -44,7 +44,7 @@ def depth_points(
         px = np.asarray([a * CELL_PX for a in at])
         scatter = fit.scatter[at] * np.float32(max(field.aperture, 1e-12))
         scatter = np.nan_to_num(scatter, nan=1.0)
-        sigma = point_sigma(field, fit.offset, px[0], px[1], scatter, no_drift, around)
+        sigma = point_sigma(field, fit.offset, px[0], px[1], scatter, around)
         parts.append(
             LinePoints(
                 row.astype(np.float64),

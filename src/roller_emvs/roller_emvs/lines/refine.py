@@ -250,6 +250,7 @@ def _merge(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64)
         np.concatenate([found.offset[stays], height]),
         np.concatenate([found.confidence[stays], sure[:count]]),
         np.concatenate([found.sigma[stays], np.sqrt(left)]).astype(np.float32),
+        np.concatenate([found.agreed[stays], np.ones(count)]).astype(np.float32),
         found.surfaces,
         found.changes,
         found.side,

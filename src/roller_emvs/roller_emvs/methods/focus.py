@@ -70,7 +70,7 @@ def focus_depth(
     row, column = row[keep], column[keep]
     depth[row, column] = 1.0 / (seen.middle + found.offset[keep])
     confidence[row, column] = found.confidence[keep]
-    sigma[row, column] = found.sigma[keep] * depth[row, column] ** 2
+    sigma[row, column] = (found.sigma * found.agreed)[keep] * depth[row, column] ** 2
     return depth, confidence, sigma
 
 

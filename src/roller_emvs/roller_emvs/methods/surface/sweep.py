@@ -128,7 +128,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             points,
             (points[:, 2] - s.surface_z_m).astype(np.float32),
             found.confidence[keep],
-            found.sigma[keep],
+            (found.sigma * found.agreed)[keep],
             block.first_ns,
             block.last_ns,
             block.events,
