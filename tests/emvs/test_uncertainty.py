@@ -113,3 +113,18 @@ def test_sigma_holds_under_a_printed_texture_and_is_no_wider_than_it_must_be(
         assert (error <= 2 * sigma)[part].mean() > 0.93
     # On level ground; without looking around it is three to four times what two thirds err by.
     assert np.median(sigma[flat]) < 2 * np.quantile(error[flat], 0.68)
+
+
+def test_what_both_polarities_share_doesnt_show_in_how_they_agree(scans: Scans) -> None:
+    """An instrument whose edges drift by the side of their wall: both polarities alike."""
+    scene = {"margin_mm": MARGIN_M * 1e3, "step_mm": 0.03}
+    scan = scans.scan("stairs", scene=scene, **COATINGS["textured"])
+    section, medians = read_parameters(CALIBRATION, "emvs"), []
+    for side_m in ((0.0, 0.0), (1e-9, 1e-9)):
+        drift = {**section["edge_drift"], "side_m": side_m}
+        settings = EmvsParameters.create({**section, "edge_drift": drift})
+        depth = DepthPipeline(settings, scan.camera, scan.track)
+        depth.add_events(scan.events)
+        maps = [m for m in depth.results(flush=True) if not isinstance(m, RefusedWindow)]
+        medians.append(np.median(np.concatenate([m.sigma[np.isfinite(m.depth)] for m in maps])))
+    assert medians[1] > 1.3 * medians[0]

@@ -180,7 +180,9 @@ def _measured(
     if drift.calibrated:
         left = of_drift[row // CELL_PX, column // CELL_PX]
         sigma = np.hypot(sigma, left).astype(np.float32)
-    agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)
+    agreed = np.ones(len(sigma), np.float32)
+    if not any(drift.side_m):  # by its side both polarities of a wall drift alike
+        agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)
     changes = tuple(found.change for found in depths)
     heights = offset.astype(np.float64)
     return Relief(row, column, heights, sure, sigma, agreed, tuple(surfaces), changes, side)
