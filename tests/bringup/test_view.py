@@ -5,21 +5,17 @@ import http.client
 import json
 import socket
 import struct
-from collections import defaultdict
 from urllib.parse import urlsplit
 
-import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from roller_msgs.msg import FindingArray
 
-from bringup.view_results import BASE_FROM_MAP, DENT, serving, write_result
+from bringup.view_results import BASE_FROM_MAP, DENT, cells_of, serving, write_result
 from roller_bringup import cli
 from roller_bringup.view import graph, health
 from roller_bringup.view.findings import listed
-from roller_bringup.view.grid import CONTINUED, MEASURED, TILE, UNMEASURED, Grid, _hull
+from roller_bringup.view.grid import MEASURED, TILE, UNMEASURED, Grid
 from roller_bringup.view.result import ResultError, read_result
 from roller_bringup.view.scene import Scene
 from roller_bringup.view.server import AddressError, PageServer
@@ -31,10 +27,6 @@ from roller_emvs.ply import PlyWriter
 from roller_inspect.inspect_stage import DEVIATION_FIELDS
 from roller_inspect.results.result_writer import ResultBag
 from waiting import wait_until
-
-points = st.lists(
-    st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-1e-3, 1e-3)), max_size=40
-)
 
 
 def get(server: PageServer, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
@@ -71,91 +63,6 @@ def unpacked(data: bytes) -> tuple[dict, dict]:
             cells[tx * TILE + i, ty * TILE + j] = (state[j, i], values)
     assert at == len(data)
     return header, cells
-
-
-@settings(max_examples=25)
-@given(points, st.integers(1, 5))
-def test_cells_hold_the_mean_of_their_points(found, parts):
-    grid, truth = Grid(1e-3), defaultdict(list)
-    for k in range(parts):
-        x, y, z = np.array(found[k::parts], np.float64).reshape(-1, 3).T
-        grid.add(x, y, {"height": z.astype(np.float32)})
-        for i, j, v in zip(np.floor(x / 1e-3), np.floor(y / 1e-3), z, strict=True):
-            truth[i, j].append(v)
-    cells = {(k[0], k[1]): row for k, row in _all(grid).items() if row[0] == MEASURED}
-    assert cells.keys() == truth.keys()
-    for key, values in truth.items():
-        assert cells[key][1] == pytest.approx(np.mean(values), abs=1e-8)
-
-
-def test_larger_cells_hold_the_mean_of_the_smaller_and_memory_is_bounded():
-    rng = np.random.default_rng(1)
-    x, y = rng.uniform(0, 0.5, 20_000), rng.uniform(0, 0.01, 20_000)
-    z = rng.normal(0, 1e-4, 20_000).astype(np.float32)
-    small, large = Grid(1e-4, most_tiles=20), Grid(1e-3)
-    epoch = small.epoch
-    small.add(x, y, {"height": z})
-    assert len(small.tiles) <= 20
-    assert small.epoch != epoch
-    large = Grid(small.cell_m)
-    large.add(x, y, {"height": z})
-    one, other = _all(small), _all(large)
-    measured = {k: v[1] for k, v in one.items() if v[0] == MEASURED}
-    assert measured.keys() == {k for k, v in other.items() if v[0] == MEASURED}
-    assert all(v == pytest.approx(other[k][1], abs=1e-8) for k, v in measured.items())
-
-
-def test_what_lies_between_points_that_came_together_is_looked_at():
-    grid = Grid(1e-3)
-    corners = np.array([[0, 0], [0.01, 0], [0, 0.01], [0.01, 0.01]]) + 5e-4
-    grid.add(*corners.T, {"height": np.zeros(4, np.float32)})
-    states = {k: v[0] for k, v in _all(grid).items()}
-    assert len(states) == 11 * 11
-    assert sorted(states.values())[-4:] == [MEASURED] * 4
-    assert states[5, 5] == UNMEASURED
-    assert grid.covered() == pytest.approx(4 / 121)
-    grid.add(*corners[:1].T + 0.02, {"height": np.zeros(1, np.float32)})
-    assert _all(grid)[15, 15][0] == UNMEASURED  # a stretch between without a point
-    grid.add(*corners[:1].T + 0.2, {"height": np.zeros(1, np.float32)})
-    assert (100, 100) not in _all(grid)
-    grid.add(*corners[:1].T, {"deviation": np.ones(1, np.float32)}, CONTINUED)
-    assert _all(grid)[0, 0][0] == MEASURED
-    assert grid.tiles[0, 0].layers["deviation"][0, 0] == 1
-
-
-@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=12))
-def test_cells_between_others_are_those_of_their_convex_hull(cells):
-    i, j = np.array(cells).T
-    i, j = i - i.min(), j - j.min()
-    inside = _hull(i, j)
-    corners = cv2.convexHull(np.column_stack([i, j]).astype(np.int32))
-    for y, x in np.ndindex(inside.shape):
-        assert inside[y, x] == (cv2.pointPolygonTest(corners, (float(x), float(y)), False) >= 0)
-
-
-def test_layers_have_one_order_whichever_came_first():
-    grid = Grid(1e-3)
-    for name in ("deviation", "height"):
-        grid.add(*np.full((3, 1), 5e-4)[:2], {name: np.ones(1, np.float32)})
-    assert grid.layers == ["height", "deviation"]
-
-
-def _all(grid: Grid, layer: str = "height") -> dict:
-    out = {}
-    for (tx, ty), tile in grid.tiles.items():
-        for j, i in zip(*np.nonzero(tile.state), strict=True):
-            value = tile.layers[layer][j, i]
-            out[tx * TILE + i, ty * TILE + j] = (tile.state[j, i], float(value))
-    return out
-
-
-def test_of_several_states_a_cell_has_the_best():
-    grid = Grid(1e-3)
-    states = np.array([MEASURED, CONTINUED, CONTINUED], np.uint8)
-    x, deviation = np.array([0.5, 0.6, 1.5]) * 1e-3, np.array([1, 3, 5], np.float32)
-    grid.add(x, np.full(3, 5e-4), {"deviation": deviation}, states, looked_at=False)
-    cells = _all(grid, "deviation")
-    assert cells == {(0, 0): (MEASURED, 2.0), (1, 0): (CONTINUED, 5.0)}
 
 
 def test_a_long_list_of_findings_is_read_now_and_then(monkeypatch):
@@ -196,8 +103,8 @@ def test_who_has_some_tiles_gets_the_rest(monkeypatch):
                 header, cells = unpacked(scene.map_answer(epoch, since))
                 since, epoch, more = header["revision"], header["epoch"], header["more"]
                 seen |= {k: (v[0], float(v[1]["height"])) for k, v in cells.items()}
-    assert seen.keys() == _all(scene.grid).keys()
-    np.testing.assert_equal(seen, _all(scene.grid))
+    assert seen.keys() == cells_of(scene.grid).keys()
+    np.testing.assert_equal(seen, cells_of(scene.grid))
     assert not unpacked(scene.map_answer(epoch, since))[0]["tiles"]
     assert unpacked(scene.map_answer("another", since))[0]["tiles"]
 

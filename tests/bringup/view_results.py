@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from roller_bringup.view.grid import TILE, Grid
 from roller_bringup.view.scene import Scene
 from roller_bringup.view.server import PageServer
 
@@ -84,3 +85,13 @@ def serving(scene: Scene, host: str = "127.0.0.1", port: int = 0) -> Iterator[Pa
     finally:
         server.stop()
         thread.join(20)
+
+
+def cells_of(grid: Grid, layer: str = "height") -> dict:
+    """State and value of each cell that is inside, by its place."""
+    out = {}
+    for (tx, ty), tile in grid.tiles.items():
+        for j, i in zip(*np.nonzero(tile.state), strict=True):
+            value = tile.layers[layer][j, i]
+            out[tx * TILE + i, ty * TILE + j] = (tile.state[j, i], float(value))
+    return out
