@@ -186,6 +186,13 @@ def test_every_command_has_examples_that_parse_and_a_short_o():
                 simulate.settings_from(arguments)
 
 
+@pytest.mark.parametrize("words", [["--help"], ["calibrate", "--help"]])
+def test_what_has_commands_of_its_own_shows_an_example_too(words, capsys):
+    with pytest.raises(SystemExit):
+        cli.main(words)
+    assert "examples:\n  roller " in capsys.readouterr().out
+
+
 def test_a_shell_completes_commands_and_options(tmp_path):
     pytest.importorskip("argcomplete")
     for line, expected in (

@@ -75,6 +75,7 @@ def _run(words: list[str]) -> int:
     # Libraries make hundreds of thousands of objects that stay: looking for garbage among them
     # after every 700 takes a tenth of a short command's time.
     gc.set_threshold(50_000)
+    from roller_core.command_help import add_examples
     from roller_core.errors import RollerError
     from roller_core.library_threads import one_thread_a_library
     from roller_core.signals import terminate_in_order
@@ -83,6 +84,13 @@ def _run(words: list[str]) -> int:
 
     parser = argparse.ArgumentParser(
         prog="roller", description="Surface inspection with an event-camera tactile roller."
+    )
+    add_examples(
+        parser,
+        "simulate stairs --speed 0.3 --output scan   # a scan of the virtual cell",
+        "inspect scan --output verdict               # is the part good?",
+        "view verdict                                # the verdict in the browser",
+        "COMMAND --help                              # more of each command",
     )
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     if _COMPLETING in os.environ:

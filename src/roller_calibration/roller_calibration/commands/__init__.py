@@ -24,6 +24,9 @@ _EXAMPLES = {
     "scale": ("--readings-mm 1,2,3 --pixels 26.1,52.4,78.3",),
 }
 
+#: Those that a cell begins with.
+_FIRST = ("flat", "edge-drift")
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `calibrate` to the command's parser, with a subcommand for each kind."""
@@ -36,6 +39,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
     for module in (intrinsics, hand_eye, time_offset, flat, sphere, edge_drift, scale, acceptance):
         module.add_parser(kinds)
+    add_examples(parser, *(f"calibrate {kind} {_EXAMPLES[kind][0]}" for kind in _FIRST))
     for kind, examples in _EXAMPLES.items():
         add_examples(kinds.choices[kind], *(f"calibrate {kind} {words}" for words in examples))
 
