@@ -3,11 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from roller_emvs.patch import Patch
-from roller_inspect.findings.cues import cell_weights, height_cue, smoothed
+from roller_inspect.findings.cues import cell_weights, height_cue, smoothed, usual_density
 from roller_inspect.findings.finder_settings import FindingSettings
 from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap, HeightMapError
 from roller_inspect.height_map.height_map import centres
@@ -107,6 +108,17 @@ def test_where_little_is_seen_dense_edges_are_a_finding_if_they_lie_off() -> Non
             np.testing.assert_allclose(one.center_m[:2], [0.016, 0.0], atol=5e-4)
     dense = inspect(scan(dent((0.015, 0.001), 1.5e-3, 2e-4)))
     assert [f.cues for f in dense.findings] == [("height",)]
+
+
+def test_the_usual_density_is_that_of_the_wide_gaussian_on_all_cells() -> None:
+    random = np.random.default_rng(4)
+    across = np.linspace(0.2, 3.0, 247)[:, None]  # no multiple of a block
+    points = random.poisson(across, (247, 333)).astype(np.float32)
+    inside = np.ones(points.shape, bool)
+    inside[:, :40] = False
+    wide = cv2.GaussianBlur(points, (0, 0), 40.0, borderType=cv2.BORDER_CONSTANT) / 1e-8
+    usual = float(np.median(wide[inside]))
+    np.testing.assert_allclose(usual_density(points, inside, 1e-4), usual, rtol=0.01)
 
 
 def test_few_stray_points_do_not_turn_the_map() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.errors import RollerError
 from roller_core.outputs import SURFACE_POINTS, Cloud
@@ -14,6 +15,8 @@ _FARTHEST_M = 1e4
 #: A cloud's points lie this near to its middle, and that to where the part was seen so far, m: the
 #: map has memory for what is between.
 _CLOUD_M, _PART_M = 0.5, 1.0
+#: From so many of a cloud's points, or twice as many, its middle is told.
+_SOME = 4000
 
 
 class PointsError(RollerError):
@@ -51,20 +54,28 @@ class PartPoints:
                 f"{', '.join(SURFACE_FIELDS)}"
             )
         # By axis: the rows are short, and each would cost a loop of its own.
-        axes = np.array(cloud.columns[:, :3].T, np.float64, order="C")
-        near = (np.abs(axes) < _FARTHEST_M).all(axis=0)
-        if near.any():
-            middle = np.median(axes[:, near], axis=1)
-            near &= (np.abs(axes - middle[:, None]) < _CLOUD_M).all(axis=0)
+        columns = np.ascontiguousarray(cloud.columns.T)
+        columns = _near(columns, np.zeros(3), _FARTHEST_M)
+        if columns.size:
+            # Which is far from all others some of them tell.
+            some = columns[:3, :: 1 + columns.shape[1] // _SOME].astype(np.float64)
+            middle = np.median(some, axis=1)
             low, high = self._box or (middle, middle)
             if ((middle < low - _PART_M) | (middle > high + _PART_M)).any():
-                self.left_out += near.size
+                self.left_out += len(cloud.columns)
                 raise PointsError(
                     f"{SURFACE_POINTS}: points around {np.round(middle, 3).tolist()} m are far "
                     "from the part's others and left out; service ~/start begins another part"
                 )
-            kept = axes[:, near]
-            if kept.size:
-                self._box = np.minimum(low, kept.min(axis=1)), np.maximum(high, kept.max(axis=1))
-        self.left_out += int(near.size - near.sum())
-        return Patch(np.ascontiguousarray(axes[:, near].T), *cloud.columns[near, 3:].T)
+            columns = _near(columns, middle, _CLOUD_M)
+            if columns.size:
+                ends = columns[:3].min(axis=1), columns[:3].max(axis=1)
+                self._box = np.minimum(low, ends[0]), np.maximum(high, ends[1])
+        self.left_out += len(cloud.columns) - columns.shape[1]
+        return Patch(np.ascontiguousarray(columns[:3].T, np.float64), *columns[3:])
+
+
+def _near(columns: npt.NDArray[np.float32], middle: F64, reach_m: float) -> npt.NDArray[np.float32]:
+    """Points of columns, shape (n, m), near to a place by axis; mostly they are all."""
+    which = np.all(np.abs(columns[:3] - middle[:, None]) < reach_m, axis=0)
+    return columns if which.all() else columns.compress(which, axis=1)

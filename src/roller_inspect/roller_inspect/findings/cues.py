@@ -65,6 +65,10 @@ class Cues:
     noise_around_m: F32
     #: Cells that dense edges speak for. Shape (ny, nx).
     edges: Bools
+    #: Of cells, for smoothing; and the deviation smoothed by the finest scale, NaN where nothing is
+    #: known. Shapes (ny, nx).
+    weight: F32
+    fine_m: F32
 
 
 def smoothed(values: F32, weight: F32, scale_cells: float) -> tuple[F32, F32]:
@@ -111,16 +115,19 @@ def height_cue(
     usual = np.zeros(2, np.float32)
     around = np.zeros((2, *height_map.shape), np.float32)
     claimed, reference2 = _claimed(height_map), np.square(comparison.sigma_m)
-    fields = [comparison.deviation_m]
+    whole = comparison.deviation_m
+    fields, weights, fine = [whole], [cell_weights(height_map, whole)], whole
     if local:
-        fields.append(detail(height_map, comparison.deviation_m))
-    for field in fields:
-        weight = cell_weights(height_map, field)
+        fields.append(detail(height_map, whole))
+        weights.append(cell_weights(height_map, fields[1]))
+    for field, weight in zip(fields, weights, strict=True):
         found = np.zeros(height_map.shape, bool)
         for k, scale in enumerate(SCALES_M):
             mean, share = smoothed(
                 field, np.where(found, np.float32(0), weight), max(scale / step, 0.5)
             )
+            if field is whole and k == 0:
+                fine = mean
             counts = usable & ~found & (share > _LEAST_SHARE)
             noise = _noise(mean, counts & (weight > 0), claimed, step)
             thinned = noise[::2, ::2][counts[::2, ::2]]
@@ -144,7 +151,7 @@ def height_cue(
     best = np.where(edges, sign * np.maximum(best * sign, np.float32(settings.strong_z)), best)
     size = np.abs(best)
     strong = (size > settings.strong_z) | edges
-    return Cues(best, size > settings.weak_z, strong, usual, around, edges)
+    return Cues(best, size > settings.weak_z, strong, usual, around, edges, weights[0], fine)
 
 
 def dense_edges(height_map: HeightMap, height_m: F32, usable: Bools) -> npt.NDArray[np.int8]:
@@ -155,26 +162,39 @@ def dense_edges(height_map: HeightMap, height_m: F32, usable: Bools) -> npt.NDAr
         return found
     step = height_map.step_m
     points = height_map.points.astype(np.float32)
-    near, wide = (
-        cv2.GaussianBlur(points, (0, 0), reach / step, borderType=cv2.BORDER_CONSTANT) / step**2
-        for reach in (_EDGES_M, _WIDE_M)
+    near = cv2.GaussianBlur(points, (0, 0), _EDGES_M / step, borderType=cv2.BORDER_CONSTANT)
+    dense = usable & (
+        near > step**2 * max(_DENSE_PER_M2, _TIMES * usual_density(points, inside, step))
     )
-    dense = usable & (near > max(_DENSE_PER_M2, _TIMES * float(np.median(wide[inside]))))
-    count, labels = cv2.connectedComponents(dense.astype(np.uint8))
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(dense.astype(np.uint8))
+    enough = np.bincount(labels.ravel(), points.ravel()) >= _EDGE_POINTS
     measured = (height_map.state == MEASURED) & np.isfinite(height_m)
     reach = round(_WIDE_M / step)
-    for number in range(1, count):
-        own = labels == number
-        if points[own].sum() < _EDGE_POINTS:
-            continue
-        rows, columns = (slice(max(a.min() - reach, 0), a.max() + reach) for a in np.nonzero(own))
-        box = (rows, columns)
-        heights, here, around = height_m[box], own & measured, measured & ~dense
-        if here.any() and around[box].sum() >= _LEAST_AROUND:
-            off = np.median(height_m[here]) - np.median(heights[around[box]])
+    for number in np.flatnonzero(enough[1:]) + 1:
+        x, y, width, height, _ = boxes[number]
+        window = (
+            slice(max(y - reach, 0), y + height + reach),
+            slice(max(x - reach, 0), x + width + reach),
+        )
+        own, heights = labels[window] == number, height_m[window]
+        here, around = own & measured[window], measured[window] & ~dense[window]
+        if here.any() and around.sum() >= _LEAST_AROUND:
+            off = np.median(heights[here]) - np.median(heights[around])
             if abs(off) >= _EDGE_DEVIATION_M:
-                found[own] = np.sign(off)
+                found[window][own] = np.sign(off)
     return found
+
+
+def usual_density(points: F32, inside: Bools, step_m: float) -> float:
+    """Median of the points a m² within the wider Gaussian, which blocks of an eighth tell."""
+    k = max(1, round(_WIDE_M / step_m / 8))
+    rows, columns = (-n % k for n in points.shape)
+    whole = np.pad(points, ((0, rows), (0, columns)))
+    size = whole.shape[1] // k, whole.shape[0] // k
+    blocks = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
+    reach = _WIDE_M / step_m / k
+    wide = cv2.GaussianBlur(blocks, (0, 0), reach, borderType=cv2.BORDER_CONSTANT)
+    return float(np.median(spread_blocks(wide, k, inside.shape)[inside])) / step_m**2
 
 
 def connected(weak: Bools, strong: Bools) -> Bools:

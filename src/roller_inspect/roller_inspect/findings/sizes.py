@@ -12,7 +12,7 @@ from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
 from roller_inspect.references.reference import Comparison
 
 from .components import Component
-from .cues import SCALES_M, Cues, cell_weights, connected, disc, distance, smoothed
+from .cues import Cues, connected, disc, distance
 from .finder_settings import FindingSettings, Limits
 from .finding import Finding, Kind
 from .uncertainty import uncertainty
@@ -82,12 +82,11 @@ class _Place:
         )
         rows, columns = component.mask.shape
         mask[row : row + rows, column : column + columns] = component.mask
-        weight = cell_weights(part, deviation)
-        fine, share = smoothed(deviation, weight, max(SCALES_M[0] / step, 0.5))
-        known = (share > 0) & np.isfinite(fine) & part.known
+        fine = cues.fine_m[window]
         return cls(
-            window, part, step, deviation, mask, cues.weak[window] & ~mask, weight, fine, known
-        )
+            window, part, step, deviation, mask, cues.weak[window] & ~mask, cues.weight[window],
+            fine, np.isfinite(fine) & part.known,
+        )  # fmt: skip
 
     def level_around(self) -> float:
         """Median of the deviation in a ring around the component, m; 0 where little is known."""

@@ -11,6 +11,8 @@ _SNAP_RAD = np.radians(10.0)
 #: A surface's own normal counts if of so many points this share lie so near to a plane, m, and
 #: spread over it so far, m; else it is base's z.
 _LEAST_POINTS, _SHARE, _FLAT_M, _WIDE_M = 1000, 0.8, 3e-4, 2e-3
+#: It is told by so many at most.
+_ENOUGH = 20_000
 
 
 def find_frame(points_m: F64, motion: F64, surface_z_m: float) -> F64:
@@ -31,6 +33,8 @@ def find_frame(points_m: F64, motion: F64, surface_z_m: float) -> F64:
         base_from_map; its z points up in base, as the roller comes from above.
     """
     normal = np.array([0.0, 0.0, 1.0])
+    # A part of many says as much.
+    points_m = points_m[:: 1 + len(points_m) // _ENOUGH]
     middle = np.median(points_m, axis=0) if len(points_m) else np.zeros(3)
     found = _plane_normal(points_m - middle) if len(points_m) >= _LEAST_POINTS else None
     if found is not None and np.arccos(np.clip(found[2], -1.0, 1.0)) > _SNAP_RAD:

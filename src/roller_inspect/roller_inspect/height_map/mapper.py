@@ -30,7 +30,7 @@ _ROWS = 32
 
 @dataclass
 class _Strip:
-    """Points of a strip: x from its start, y, height, sigma; and whether the map has them all."""
+    """Points of a strip: x from its start, y, height, sigma, each (4, n); whether it is mapped."""
 
     points: list[npt.NDArray[np.float32]]
     done: bool = False
@@ -165,22 +165,24 @@ class HeightMapper:
     def _take(self, patch: Patch) -> tuple[int, int]:
         """Points to their strips; first and last strip touched."""
         map_from_base = inverse_pose(self.frame)
-        local = patch.points @ map_from_base[:3, :3].T + map_from_base[:3, 3]
-        sigma = patch.sigma.astype(np.float64)
-        good = np.isfinite(local).all(axis=1) & np.isfinite(sigma)
-        local, sigma = local[good], sigma[good]
-        if not len(local):
+        # By axis: the rows are short, and each would cost a loop of its own.
+        local = np.empty((4, len(patch)))
+        local[:3] = map_from_base[:3, :3] @ patch.points.T + map_from_base[:3, 3, None]
+        local[3] = patch.sigma
+        good = np.isfinite(local).all(axis=0)
+        if not good.all():
+            local = local.compress(good, axis=1)
+        if not local.size:
             return (0, -1)
-        length = self.length_m
-        number = np.floor(local[:, 0] / length).astype(np.int64)
-        for k in np.unique(number):
-            mine = number == k
-            rows = np.column_stack([local[mine], sigma[mine]])
-            rows[:, 0] -= k * length
-            strip = self._strips.setdefault(int(k), _Strip([]))
-            strip.points.append(rows.astype(np.float32))
+        number = np.floor(local[0] / self.length_m).astype(np.int64)
+        touched = np.unique(number)
+        for k in touched.tolist():
+            columns = local.compress(number == k, axis=1)
+            columns[0] -= k * self.length_m
+            strip = self._strips.setdefault(k, _Strip([]))
+            strip.points.append(columns.astype(np.float32))
             strip.done = False
-        return int(number.min()), int(number.max())
+        return int(touched[0]), int(touched[-1])
 
     def _mark(self, strips: list[int]) -> list[int]:
         for k in strips:
@@ -195,8 +197,8 @@ class HeightMapper:
             if strip is None:
                 continue
             if len(strip.points) > 1:
-                strip.points = [np.concatenate(strip.points)]
+                strip.points = [np.concatenate(strip.points, axis=1)]
             moved = strip.points[0].astype(np.float64)
-            moved[:, 0] += (k - first) * self.length_m
+            moved[0] += (k - first) * self.length_m
             parts.append(moved)
-        return np.concatenate(parts).T
+        return np.concatenate(parts, axis=1)
