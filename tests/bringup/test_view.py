@@ -5,6 +5,7 @@ import http.client
 import json
 import socket
 import struct
+import tracemalloc
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -15,10 +16,11 @@ from bringup.view_results import BASE_FROM_MAP, DENT, cells_of, serving, write_r
 from roller_bringup import cli
 from roller_bringup.view import graph, health
 from roller_bringup.view.findings import listed
-from roller_bringup.view.grid import MEASURED, TILE, UNMEASURED, Grid
+from roller_bringup.view.grid import MEASURED, UNMEASURED, Grid
 from roller_bringup.view.result import ResultError, read_result
 from roller_bringup.view.scene import Scene
 from roller_bringup.view.server import AddressError, PageServer
+from roller_bringup.view.tiles import TILE
 from roller_bringup.view.viewers import QUEUE, Viewer
 from roller_core import outputs
 from roller_core.errors import RollerError
@@ -107,6 +109,18 @@ def test_who_has_some_tiles_gets_the_rest(monkeypatch):
     np.testing.assert_equal(seen, cells_of(scene.grid))
     assert not unpacked(scene.map_answer(epoch, since))[0]["tiles"]
     assert unpacked(scene.map_answer("another", since))[0]["tiles"]
+
+
+def test_an_answer_of_tiles_is_held_once():
+    scene = Scene("x")
+    x, y = np.mgrid[0:0.05:1e-4, 0:0.02:1e-4].reshape(2, -1)
+    scene.grid.add(x, y, {"height": x.astype(np.float32)})
+    tracemalloc.start()
+    try:
+        answer = scene.map_answer("", -1)
+        assert tracemalloc.get_traced_memory()[1] < 1.3 * len(answer)
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_result_is_served(tmp_path):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from bringup.view_results import cells_of
 from roller_bringup.view.grid import CONTINUED, MEASURED, UNMEASURED, Grid
 from roller_bringup.view.hull import cells_in_hull
+from roller_bringup.view.raster import rasters
 
 points = st.lists(
     st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-1e-3, 1e-3)), max_size=40
@@ -91,3 +92,22 @@ def test_of_several_states_a_cell_has_the_best():
     grid.add(x, np.full(3, 5e-4), {"deviation": deviation}, states, looked_at=False)
     cells = cells_of(grid, "deviation")
     assert cells == {(0, 0): (MEASURED, 2.0), (1, 0): (CONTINUED, 5.0)}
+
+
+@given(st.lists(st.tuples(st.integers(0, 900), st.integers(-900, 0)), min_size=1, max_size=30))
+def test_points_far_apart_are_summed_up_tile_by_tile(cells):
+    i, j = np.array(cells).T
+    values, states = np.arange(1.0, len(i) + 1), np.arange(len(i)) % 2 + np.uint8(CONTINUED)
+    sums, best, pieces = defaultdict(float), defaultdict(int), 0
+    for raster in rasters(i, j, {"v": values}, states.astype(np.uint8), 64):
+        pieces += 1
+        assert raster.count.size <= 1 << 17
+        for y, x in zip(*np.nonzero(raster.count), strict=True):
+            sums[raster.x0 + x, raster.y0 + y] += raster.sums["v"][y, x]
+            best[raster.x0 + x, raster.y0 + y] = raster.state[y, x]
+    assert pieces <= len(set(zip(i // 64, j // 64, strict=True)))
+    for cell in set(cells):
+        here = (i == cell[0]) & (j == cell[1])
+        assert sums[cell] == values[here].sum()
+        assert best[cell] == states[here].max()
+    assert sums.keys() == set(cells)

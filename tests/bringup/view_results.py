@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from roller_bringup.view.grid import TILE, Grid
+from roller_bringup.view.grid import Grid
 from roller_bringup.view.scene import Scene
 from roller_bringup.view.server import PageServer
+from roller_bringup.view.tiles import TILE
 
 #: From the map's frame to base.
 BASE_FROM_MAP = np.array([[0, -1, 0, 0.4], [1, 0, 0, -0.1], [0, 0, 1, 0.02], [0, 0, 0, 1.0]])

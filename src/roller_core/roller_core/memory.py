@@ -13,7 +13,7 @@ _ARENA_MAX, _ARENAS = -8, 1
 #: Blocks taken ahead, bytes and number: below both limits.
 _AHEAD, _BLOCKS_AHEAD = 30 << 20, 4
 #: The same where memory counts for more.
-_KEPT_WHEN_SMALL, _FROM_SYSTEM_WHEN_SMALL = 1 << 20, 64 << 10
+_KEPT_WHEN_SMALL, _FROM_SYSTEM_WHEN_SMALL = 1 << 20, 512 << 10
 
 
 def keep_freed_memory() -> bool:

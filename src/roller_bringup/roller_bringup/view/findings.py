@@ -50,6 +50,28 @@ def listed(findings: Iterable[Mapping[str, Any]], map_from_base: F64) -> list[di
     return sorted(out, key=badness)
 
 
+def plain_finding(message: Any) -> dict[str, Any]:
+    """A finding of a message (roller_msgs/Finding) as in `inspection.json`."""
+
+    def point(p: Any) -> list[float]:
+        return [p.x, p.y, p.z]
+
+    plain = {
+        "id": message.id,
+        "kind": message.kind,
+        "verdict": message.verdict,
+        "confidence": message.confidence,
+        "center_m": point(message.center),
+        "outline_m": [point(corner) for corner in message.outline],
+        "uncertainty": {},
+    }
+    for key in FIGURES:
+        name = key.rpartition("_")[0]
+        plain[key] = getattr(message, name)
+        plain["uncertainty"][key] = getattr(message, f"{name}_uncertainty")
+    return plain
+
+
 def badness(finding: Mapping[str, Any]) -> tuple[float, ...]:
     """Sorts the worst first: by verdict, then by depth, then by area."""
     verdict = finding.get("verdict", "")

@@ -28,12 +28,14 @@ from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
 from roller_core.last_resort import ends_within
+from roller_core.serialized_cloud import SerializedCloud
 from roller_ros import qos
 from roller_ros.images import image_to_array
 from roller_ros.refusals import init_ros
 
 from . import health
-from .findings import FIGURES
+from .clouds import clouds_of, columns_of
+from .findings import plain_finding
 from .grid import CONTINUED, MEASURED
 from .scene import Scene
 
@@ -52,8 +54,9 @@ _PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
 #: The list of findings is read again after this many times what reading it took: it is sent whole
 #: with every strip, and hundreds of findings would take half a core.
 _LIST_PAUSE = 30.0
-#: Messages of a topic that are taken at once: after a jam the rest waits for the next look.
-_AT_ONCE = 20
+#: Messages of a topic that are taken at once, for little memory, and how often in one look: after a
+#: jam the rest waits for the next.
+_AT_ONCE, _PORTIONS = 3, 7
 #: Columns of a cloud that the map needs.
 _NEEDED = ("x", "y", "height")
 _NEEDED_OF_DEVIATION = ("x", "y", "deviation", "state")
@@ -142,7 +145,9 @@ class Graph:
     def _run(self) -> None:
         while not self._stop.wait(_PERIOD_S):
             for subscription, take in list(self._subscriptions.values()):
-                if found := _take_some(subscription):
+                for _ in range(_PORTIONS):
+                    if not (found := _take_some(subscription)):
+                        break
                     with self._scene.lock:
                         take(found)
             self._read_list()
@@ -155,46 +160,42 @@ class Graph:
 
     def _take_map(self, found: list[bytes]) -> None:
         """Take the map as it was when we came; afterwards the points themselves are enough."""
-        rows = _columns(deserialize_message(found[-1], PointCloud2))
-        if rows is not None:
-            self._add(rows)
+        if clouds := clouds_of(found[-1:], _NEEDED):
+            self._add(clouds)
         subscription, _ = self._subscriptions.pop(outputs.SURFACE_MAP)
         self._node.destroy_subscription(subscription)
 
     def _take_points(self, found: list[bytes]) -> None:
         """Take what came since the last look at once: it costs little more than one cloud."""
-        clouds: list[dict[str, Any]] = []
-        for data in found:
-            message = deserialize_message(data, PointCloud2)
-            stamp_ns = outputs.stamp_ns(message)
-            if stamp_ns < self._stamp_ns - 1_000_000_000:
+        clouds: list[SerializedCloud] = []
+        for cloud in clouds_of(found, _NEEDED):
+            if cloud.stamp_ns < self._stamp_ns - 1_000_000_000:
                 self._scene.clear_map()  # the source restarted
                 clouds.clear()
-            self._stamp_ns = stamp_ns
+            self._stamp_ns = cloud.stamp_ns
             # Two cells share /tf: the robot is the one whose base the points are in.
-            self._tool = message.header.frame_id.removesuffix("base") + "tool0_controller"
-            if (rows := _columns(message)) is not None:
-                clouds.append(rows)
+            self._tool = cloud.frame_id.removesuffix("base") + "tool0_controller"
+            clouds.append(cloud)
         if clouds:
-            self._add({name: np.concatenate([c[name] for c in clouds]) for name in _NEEDED})
-            self._scene.head = (float(clouds[-1]["x"].mean()), float(clouds[-1]["y"].mean()))
+            self._add(clouds)
+            newest = clouds[-1].cloud
+            self._scene.head = tuple(newest.columns[:, :2].mean(axis=0, dtype=float).tolist())
             self._take_lag(self._stamp_ns)
 
-    def _add(self, rows: dict[str, Any]) -> None:
-        x, y = (rows[name].astype(np.float64) for name in "xy")
-        self._scene.grid.add(x, y, {"height": rows["height"]})
+    def _add(self, clouds: Sequence[SerializedCloud]) -> None:
+        x, y, height = columns_of(clouds, _NEEDED)
+        self._scene.grid.add(x.astype(np.float64), y.astype(np.float64), {"height": height})
 
     def _take_deviation(self, found: list[bytes]) -> None:
-        clouds = [deserialize_message(data, PointCloud2) for data in found]
-        columns = [_columns(cloud, _NEEDED_OF_DEVIATION) for cloud in clouds]
-        if not (sound := [rows for rows in columns if rows is not None]):
+        if not (clouds := clouds_of(found, _NEEDED_OF_DEVIATION)):
             return
-        rows = {n: np.concatenate([c[n] for c in sound]) for n in _NEEDED_OF_DEVIATION}
-        x, y = (rows[name].astype(np.float64) for name in "xy")
-        states = np.where(rows["state"] == MEASURED, MEASURED, CONTINUED).astype(np.uint8)
+        x, y, deviation, state = columns_of(clouds, _NEEDED_OF_DEVIATION)
+        states = np.where(state == MEASURED, MEASURED, CONTINUED).astype(np.uint8)
         # What was looked at is said by the points.
-        deviation = {"deviation": rows["deviation"]}
-        self._scene.grid.add(x, y, deviation, states, looked_at=False)
+        self._scene.grid.add(
+            x.astype(np.float64), y.astype(np.float64), {"deviation": deviation}, states,
+            looked_at=False,
+        )  # fmt: skip
 
     def _take_findings(self, found: list[bytes]) -> None:
         """Keep the list as it came, until it is time to read it."""
@@ -211,7 +212,7 @@ class Graph:
         self._list_due_s = end_s + _LIST_PAUSE * (end_s - begin_s)
 
     def _show_list(self, message: Any) -> None:
-        self._scene.take_findings([_plain_finding(item) for item in message.findings])
+        self._scene.take_findings([plain_finding(item) for item in message.findings])
         shares = (message.measured, message.continued, message.unmeasured)
         names = ("measured", "continued", "unmeasured")
         self._scene.coverage = dict(zip(names, map(float, shares), strict=True))
@@ -223,7 +224,7 @@ class Graph:
         """Keep the image as it came: it is only read when a browser asks for it."""
         data = found[-1]
         self._scene.take_depth(
-            lambda: image_to_array(deserialize_message(data, Image)).astype(np.float32)
+            lambda: image_to_array(deserialize_message(data, Image)).astype(np.float32, copy=False)
         )
 
     def _take_lag(self, stamp_ns: int) -> None:
@@ -300,36 +301,3 @@ def _take_some(subscription: Any) -> list[bytes]:
     except (_rclpy.RCLError, _rclpy.InvalidHandle):
         pass  # the graph is gone
     return found
-
-
-def _plain_finding(message: Any) -> dict[str, Any]:
-    """A finding as in `inspection.json`."""
-
-    def point(p: Any) -> list[float]:
-        return [p.x, p.y, p.z]
-
-    plain = {
-        "id": message.id,
-        "kind": message.kind,
-        "verdict": message.verdict,
-        "confidence": message.confidence,
-        "center_m": point(message.center),
-        "outline_m": [point(corner) for corner in message.outline],
-        "uncertainty": {},
-    }
-    for key in FIGURES:
-        name = key.rpartition("_")[0]
-        plain[key] = getattr(message, name)
-        plain["uncertainty"][key] = getattr(message, f"{name}_uncertainty")
-    return plain
-
-
-def _columns(message: Any, needed: Sequence[str] = _NEEDED) -> dict[str, Any] | None:
-    """Columns of a cloud of float32 by name; None if it has no points or isn't one of ours."""
-    try:
-        cloud = outputs.cloud_of(message)
-    except outputs.CloudError:
-        return None
-    if not len(cloud.columns) or not set(needed) <= set(cloud.names):
-        return None
-    return dict(zip(cloud.names, cloud.columns.T, strict=True))

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .hull import cells_in_hull
+from .raster import Raster, rasters
+from .tiles import TILE, Blocks, Key, Tile, fours
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 U8 = npt.NDArray[np.uint8]
 
-#: Cells along a tile's edge.
-TILE = 64
 #: Tiles at most, of 25 kB (and 16 kB for each further layer); beyond it cells get twice as large.
 #: A strip 15 mm wide has cells of 0.1 mm up to 1.4 m, of 0.2 mm up to 4 m, of 0.4 mm up to 16 m.
 MOST_TILES = 640
@@ -34,26 +33,7 @@ _NEAR_M = 0.025
 #: Points beyond are none of ours, metres.
 _FARTHEST_M = 1e3
 
-Key = tuple[int, int]
 Slices = tuple[slice, slice]
-
-
-@dataclass
-class Tile:
-    """Cells of a square; `revision` is that of its last change."""
-
-    layers: dict[str, F32]
-    state: U8
-    weight: U8
-    revision: int = 0
-    _counted: tuple[int, int, int] = (-1, 0, 0)
-
-    def counts(self) -> tuple[int, int]:
-        """Cells inside, and those of them that were measured or continued."""
-        if self._counted[0] != self.revision:
-            of_state = np.bincount(self.state.ravel(), minlength=4)
-            self._counted = (self.revision, int(of_state[1:].sum()), int(of_state[2:].sum()))
-        return self._counted[1:]
 
 
 class Grid:
@@ -81,6 +61,8 @@ class Grid:
     def __init__(self, cell_m: float = 1e-4, most_tiles: int = MOST_TILES) -> None:
         self._first_cell_m = cell_m
         self._most_tiles = most_tiles
+        self._values = Blocks((TILE, TILE), np.float32)
+        self._bytes = Blocks((2, TILE, TILE), np.uint8)
         self.clear()
 
     def clear(self) -> None:
@@ -135,34 +117,40 @@ class Grid:
             sound &= np.isfinite(column)
         if not sound.any():
             return
-        states = np.broadcast_to(np.uint8(state), sound.shape)
+        states = np.asarray(state, np.uint8)
         if not sound.all():
             values = {name: column[sound] for name, column in values.items()}
-            x_m, y_m, states = x_m[sound], y_m[sound], states[sound]
+            x_m, y_m = x_m[sound], y_m[sound]
+            states = states[sound] if states.ndim else states
         i, j = (np.floor(v / self.cell_m).astype(np.int64) for v in (x_m, y_m))
         counted = "height" in values
         self.points += len(i) * counted
         self._have(values)
         if looked_at:
             self._mark_hull(i, j)
-        for tile, chosen, at in self._by_tile(i, j):
-            count = np.bincount(at, minlength=TILE * TILE)
-            hit = np.flatnonzero(count)
-            before = tile.weight.reshape(-1)[hit].astype(np.float64)
-            for name, column in values.items():
-                sums = np.bincount(at, weights=column[chosen], minlength=TILE * TILE)[hit]
-                layer = tile.layers[name].reshape(-1)
-                old = layer[hit].astype(np.float64)
-                # The weight is that of the height: another layer has its newest values.
-                known = np.isfinite(old) & counted
-                weight = np.where(known, before, 0.0)
-                old[~known] = 0.0
-                layer[hit] = (old * weight + sums) / (weight + count[hit])
-            if counted:
-                tile.weight.reshape(-1)[hit] = np.minimum(before + count[hit], _MOST_WEIGHT)
-            np.maximum.at(tile.state.reshape(-1), at, states[chosen])
-            self._touch(tile)
+        for raster in rasters(i, j, values, states, TILE):
+            self._take(raster, counted)
         self._shrink()
+
+    def _take(self, new: Raster, counted: bool) -> None:
+        for key, here, there in _overlapped(new.x0, new.y0, new.count.shape):
+            count = new.count[here]
+            hit = count > 0
+            if not hit.any():
+                continue
+            tile = self._tile(key)
+            weight = tile.weight[there]
+            for name, sums in new.sums.items():
+                layer, total, points = tile.layers[name][there], sums[here], count
+                if counted:  # the weight is that of the height: other layers have the newest
+                    before = np.where(np.isfinite(layer), weight, 0)
+                    total = total + np.nan_to_num(layer) * before
+                    points = count + before
+                np.divide(total, points, out=layer, where=hit, casting="same_kind")
+            if counted:
+                weight[hit] = np.minimum(weight[hit] + count[hit], _MOST_WEIGHT)
+            np.maximum(tile.state[there], new.state[here], out=tile.state[there])
+            self._touch(tile)
 
     def put(self, x0: int, y0: int, layers: Mapping[str, F32], state: U8) -> None:
         """Take a whole map at once; cell [j, i] of the arrays is cell (x0 + i, y0 + j) here.
@@ -214,33 +202,18 @@ class Grid:
         self.layers = sorted([*self.layers, *new], key=lambda name: (name != "height", name))
         for tile in self.tiles.values():
             for name in new:
-                tile.layers[name] = np.full((TILE, TILE), np.nan, np.float32)
+                tile.layers[name] = self._values.take(np.nan)
 
     def _tile(self, key: Key) -> Tile:
         if key not in self.tiles:
-            empty = {name: np.full((TILE, TILE), np.nan, np.float32) for name in self.layers}
-            zeros = np.zeros((2, TILE, TILE), np.uint8)
-            self.tiles[key] = Tile(empty, zeros[0], zeros[1])
+            empty = {name: self._values.take(np.nan) for name in self.layers}
+            self.tiles[key] = Tile(empty, *self._bytes.take(0))
         return self.tiles[key]
 
     def _touch(self, tile: Tile) -> None:
         """Note a change; each has a number of its own, so who has some can ask for the rest."""
         self.revision += 1
         tile.revision = self.revision
-
-    def _by_tile(self, i: I64, j: I64) -> Iterator[tuple[Tile, I64, I64]]:
-        """Of each tile that cells are in: the tile, which cells, and their places in it."""
-        tx, ty = i // TILE, j // TILE
-        low, wide = ty.min(), np.ptp(ty) + 1
-        code = tx * wide + (ty - low)
-        code -= code.min()
-        if code.max() < 1 << 15:  # a fifth of the time
-            code = code.astype(np.int16)
-        order = np.argsort(code, kind="stable")
-        for chosen in np.split(order, np.flatnonzero(np.diff(code[order])) + 1):
-            key = (int(tx[chosen[0]]), int(ty[chosen[0]]))
-            at = (j[chosen] - key[1] * TILE) * TILE + i[chosen] - key[0] * TILE
-            yield self._tile(key), chosen, at
 
     def _mark_hull(self, i: I64, j: I64) -> None:
         """Mark what lies between points that came together as looked at: the sensor saw it all."""
@@ -283,11 +256,11 @@ class Grid:
                 slice((ty & 1) * half, (ty & 1) * half + half),
                 slice((tx & 1) * half, (tx & 1) * half + half),
             )
-            weight = _fours(tile.weight.astype(np.float32))
+            weight = fours(tile.weight.astype(np.float32))
             new.weight[at] = np.minimum(weight.sum(axis=0), _MOST_WEIGHT)
-            new.state[at] = _fours(tile.state).max(axis=0)
+            new.state[at] = fours(tile.state).max(axis=0)
             for name, layer in tile.layers.items():
-                values = _fours(layer)
+                values = fours(layer)
                 counts = np.where(np.isfinite(values), np.maximum(weight, 1.0), 0.0)
                 total = counts.sum(axis=0)
                 sums = (np.nan_to_num(values) * counts).sum(axis=0)
@@ -300,12 +273,6 @@ def _corners(i: I64, j: I64) -> I64:
     """The outermost cells in eight directions, shape (8, 2)."""
     found = [extreme(v) for v in (i, j, i + j, i - j) for extreme in (np.argmin, np.argmax)]
     return np.column_stack([i[found], j[found]])
-
-
-def _fours(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    """The four cells that become one, shape (4, n / 2, n / 2)."""
-    half = TILE // 2
-    return values.reshape(half, 2, half, 2).transpose(1, 3, 0, 2).reshape(4, half, half)
 
 
 def _overlapped(x0: int, y0: int, shape: tuple[int, ...]) -> Iterator[tuple[Key, Slices, Slices]]:
@@ -323,12 +290,3 @@ def _overlap(tile: int, first: int, count: int) -> tuple[slice, slice]:
     begin = max(tile * TILE, first)
     end = min((tile + 1) * TILE, first + count)
     return slice(begin - first, end - first), slice(begin - tile * TILE, end - tile * TILE)
-
-
-def pack(found: Sequence[tuple[Key, Tile]], names: Sequence[str]) -> bytes:
-    """Tiles as bytes: of each its layers (64 × 64 float32), then its state (64 × 64 uint8)."""
-    parts = []
-    for _, tile in found:
-        parts += [tile.layers[name].tobytes() for name in names]
-        parts.append(tile.state.tobytes())
-    return b"".join(parts)

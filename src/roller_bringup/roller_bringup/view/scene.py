@@ -16,10 +16,11 @@ from roller_core.transforms import inverse_pose
 
 from . import health
 from .findings import listed
-from .grid import F32, F64, MOST_TILES, TILE, Grid, pack
+from .grid import F32, F64, MOST_TILES, Grid
+from .tiles import TILE, pack
 
-#: Tiles in one answer: some 1.5 MB.
-_TILES_AT_ONCE = 64
+#: Tiles in one answer: some 1.2 MB at most.
+_TILES_AT_ONCE = 32
 #: The newest text that is shown.
 _MOST_TEXT = 20_000
 
@@ -150,7 +151,7 @@ class Scene:
                 "layers": grid.layers,
                 "tiles": [key for key, _ in found],
             }
-            return framed(header, pack(found, grid.layers))
+            return framed(header, *pack(found, grid.layers))
 
     def depth_answer(self) -> bytes:
         """The newest depth image at half its size: a JSON header and bytes, 0 where there is none.
@@ -171,7 +172,7 @@ class Scene:
             "low_m": low,
             "high_m": high,
         }
-        return framed(header, values.tobytes())
+        return framed(header, values.data)
 
     def _big(self, now_s: float) -> dict[str, str]:
         if self.folder is None:
@@ -199,11 +200,11 @@ class Scene:
         return None if share is None else {"measured": share, "cell_m": self.grid.cell_m}
 
 
-def framed(header: Mapping[str, Any], body: bytes) -> bytes:
-    """Length of the header (uint32, little-endian), the header as JSON padded to four, the body."""
+def framed(header: Mapping[str, Any], *blocks: memoryview) -> bytes:
+    """Length of the header (uint32, little-endian), the header as JSON padded to four, blocks."""
     text = json.dumps(header, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    return struct.pack("<I", len(text)) + text + body
+    return b"".join([struct.pack("<I", len(text)), text, *blocks])
 
 
 def _halved(image: F32) -> F32:
