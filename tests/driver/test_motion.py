@@ -79,7 +79,8 @@ def test_the_trajectory_stays_on_the_line_within_a_micrometre() -> None:
         ({"end_m": (0.5501, -0.2, 0.1)}, "0.1 mm apart"),
         ({"end_m": (500.0, -0.2, 0.1)}, "500 m from the robot's base"),
         ({"speed_m_s": 0.7}, "speed_m_s"),
-        ({"end_m": (2.0, -0.2, 0.1)}, "doesn't bring|singularity"),
+        ({"end_m": (2.0, -0.2, 0.1)}, "out of reach"),
+        ({"start_m": (0.9, -0.2, 0.1), "end_m": (1.3, -0.2, 0.1)}, "out of reach"),
         ({"start_m": (0.12, -0.2, 0.1), "speed_m_s": 0.5}, "limit|singularity"),
     ],
 )
@@ -91,7 +92,13 @@ def test_what_cannot_be_rolled_is_refused(change: dict[str, object], says: str) 
 
 def test_the_script_lifts_presses_and_says_whose_risk_it_is() -> None:
     script = urscript(rolling(force_n=20.0))
-    assert script.startswith("# EXAMPLE")
+    lines = script.splitlines()
+    # What the controller asks of a script that it is sent.
+    assert (lines[0], lines[-1]) == ("def roll_pass():", "end")
+    assert all(line.startswith("  ") for line in lines[1:-1])
+    assert script.isascii()
+    assert "# EXAMPLE" in lines[1]
+    assert "calls roll_pass()" in script
     assert "risk assessment" in script
     moves = re.findall(r"movel\(p\[(.*?)\], a=([\d.]+), v=([\d.]+)\)", script)
     places = np.array([[float(v) for v in pose.split(",")] for pose, _, _ in moves])

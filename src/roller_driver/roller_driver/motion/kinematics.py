@@ -22,6 +22,8 @@ MOST_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
 SHARE = 0.5
 #: An arm whose Jacobian's least singular value is below this is near a singularity.
 _SINGULAR = 0.03
+#: One whose elbow is straighter than this, as the sine of its angle, is so for being stretched out.
+_STRETCHED = 0.2
 _TWIST = np.array([np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0])
 
 
@@ -87,11 +89,16 @@ class Arm:
             step = inverse @ off
             q += step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-12))
         else:
-            place = ", ".join(f"{v:.3f}" for v in flange[:3, 3])
-            raise KinematicsError(f"the arm doesn't bring its flange to {place} m from there")
+            raise KinematicsError(f"{_place(flange)} is out of reach from there")
         if np.linalg.svd(self.jacobian(q), compute_uv=False)[-1] < _SINGULAR:
+            if abs(np.sin(q[2])) < _STRETCHED:
+                raise KinematicsError(f"{_place(flange)} is out of reach: the arm is stretched out")
             raise KinematicsError("the arm is near a singularity there: start from another posture")
         return q
+
+
+def _place(flange: F64) -> str:
+    return ", ".join(f"{v:.3f}" for v in flange[:3, 3]) + " m (the flange in base)"
 
 
 ARMS = {

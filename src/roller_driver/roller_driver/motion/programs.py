@@ -25,6 +25,9 @@ STEP_S = 0.02
 def urscript(rolling: RollingPass) -> str:
     """A URScript program of the pass.
 
+    It can be sent to the controller as it is (port 30002), which runs the function it begins with;
+    a program on the pendant that loads it calls `roll_pass()`.
+
     The ramps are straight continuations of the pass: the roller must touch nothing there, or a
     run-in plate that is level with the part. Pressing with a force begins on the run-in plate.
     """
@@ -32,10 +35,12 @@ def urscript(rolling: RollingPass) -> str:
     up = np.array([0.0, 0.0, rolling.lift_m])
     v, a = rolling.speed_m_s, rolling.acceleration_m_s2
     lines = [
-        WARNING,
-        f"# {rolling.length_m * 1e3:.0f} mm at {v:g} m/s, ramps of {rolling.ramp_m * 1e3:.0f} mm "
-        "before and behind it.",
         "def roll_pass():",
+        *(f"  {line}" for line in WARNING.splitlines()),
+        f"  # {rolling.length_m * 1e3:.0f} mm at {v:g} m/s, ramps of {rolling.ramp_m * 1e3:.0f} mm "
+        "before and behind it.",
+        "  # Sent to the controller (port 30002) this runs at once. A program on the pendant that",
+        "  # loads it as a script file calls roll_pass() in the line after.",
         f"  movel({_pose(before + up, rolling)}, {_APPROACH})",
         f"  movel({_pose(before, rolling)}, {_APPROACH})",
     ]
