@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from roller_sim.braille import NUMBER_SIGN, to_cells
-from roller_sim.cell_settings import SceneSettings, SkinSettings
+from roller_sim.cell import VirtualCell
+from roller_sim.cell_settings import SceneSettings, SkinSettings, VirtualCellSettings
 from roller_sim.errors import SceneError, UnknownSceneError
 from roller_sim.objects import LENGTHS
 from roller_sim.scenes import SCENES, build_scene
@@ -243,3 +244,17 @@ def test_defects_beside_a_narrow_plate_are_followed_by_no_skin():
     beside = [m.followed(made.relief).skin_depth for m in made.defects if abs(m.y) > 6e-3]
     assert beside
     assert not any(beside)
+
+
+@pytest.mark.parametrize(("name", "ends_mm"), [("clean", 92.0), ("stairs", None)])
+def test_a_longer_plate_is_rolled_over_to_its_end(name, ends_mm):
+    cell = VirtualCell(
+        VirtualCellSettings.create(
+            {"scene": {"name": name, "length_mm": 100.0, "step_mm": 0.1}}, ""
+        )
+    )
+    assert cell.settings.motion.end_mm >= 100.0
+    if ends_mm is not None:  # what is inspected goes on to the margin
+        assert cell.scene.regions[0].x1 == pytest.approx(ends_mm * 1e-3)
+    short = VirtualCellSettings.create({"scene": {"name": name, "step_mm": 0.1}}, "")
+    assert VirtualCell(short).settings.motion.end_mm < 60.0

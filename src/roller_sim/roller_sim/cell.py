@@ -228,6 +228,8 @@ def _with_ends(settings: VirtualCellSettings, scene: Scene, reach_mm: float) -> 
     last = max((r.x1 for r in scene.regions), default=x1) * 1e3 + reach_mm + _MAP_MARGIN_MM
     if not scene.regions:
         first, last = x0 * 1e3, x1 * 1e3
+    if settings.scene.length_mm * 1e-3 > x1 - x0 - scene.relief.step:  # longer than its objects
+        last = max(last, x1 * 1e3)
     return motion.model_copy(
         update={
             "start_mm": first if motion.start_mm is None else motion.start_mm,

@@ -29,7 +29,11 @@ class SceneSettings(Settings):
         description="Flat plate before the first and after the last object, mm.",
     )
     length_mm: float = Field(
-        0.0, ge=0.0, le=2000.0, description="Least length of the plate, mm; 0: as its objects need."
+        0.0,
+        ge=0.0,
+        le=2000.0,
+        description="Least length of the plate, mm; 0: as its objects need. A longer one is rolled "
+        "over to its end.",
     )
     dot_height_mm: float = Field(0.48, ge=0.05, le=1.5, description="Braille: height of a dot, mm.")
     turn_deg: float = Field(

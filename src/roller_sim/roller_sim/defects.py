@@ -99,6 +99,7 @@ def clean(settings: SceneSettings) -> Scene:
 def _plate(settings: SceneSettings) -> Plate:
     """An empty plate; its region `plate` is what is rolled over at full speed and view."""
     length = math.ceil(settings.defects / ACROSS) * PITCH
+    length = max(length, settings.length_mm - 2 * settings.margin_mm)
     plate = new_plate(settings, length)
     half = min(PITCH_ACROSS * ACROSS, settings.width_mm) / 2
     x0 = settings.margin_mm

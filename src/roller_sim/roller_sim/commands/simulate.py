@@ -37,7 +37,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_output(parser, "folder to make", "OUTPUT", required=True)
     parser.add_argument("--speed", type=float, help="speed of the scan, m/s")
     parser.add_argument("--text", help="text of Braille and letter plates")
-    parser.add_argument("--length", type=float, help="least length of the plate, mm")
+    parser.add_argument(
+        "--length", type=float, help="least length of the plate, mm; all of it is rolled over"
+    )
     parser.add_argument("--press", type=float, help="press depth at full contact, mm")
     parser.add_argument(
         "--contact", choices=["light", "medium", "full"], help="how hard it presses"
