@@ -64,7 +64,9 @@ def inspection_document(inspected: Inspected, recipe: Recipe, scan: Scan) -> dic
             "measures": judgement.figures,
             "contact": judgement.contact,
             "uncertainty": inspect_parameters(scan.params).uncertainty.sources(),
-            "texture": texture(cover, recipe.grid_m, scan.events, found.coverage.area_m2),
+            "texture": texture(
+                cover, recipe.grid_m, scan.events, found.coverage.area_m2, bool(scan.faults)
+            ),
             "recipe": recipe.model_dump(mode="json", by_alias=True),
             "faults": scan.faults,
             "traceability": traceability(inspected.part, recipe, scan),

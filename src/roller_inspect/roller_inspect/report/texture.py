@@ -15,7 +15,11 @@ LEAST_EVENTS_PER_MM2 = 500.0
 
 
 def texture(
-    coverage: Coverage, grid_m: float, events: int | None, scanned_m2: float
+    coverage: Coverage,
+    grid_m: float,
+    events: int | None,
+    scanned_m2: float,
+    broken_off: bool = False,
 ) -> dict[str, Any]:
     """What a report says of a scan's texture.
 
@@ -29,6 +33,8 @@ def texture(
         Of the scan; None where it isn't known.
     scanned_m2 : float
         Area of the scan.
+    broken_off : bool
+        Whether a fault ended it.
     """
     per_mm2 = events / scanned_m2 * 1e-6 if events is not None and scanned_m2 > 0 else None
     measured = coverage.measured / coverage.scanned if coverage.scanned else 0.0
@@ -39,6 +45,8 @@ def texture(
     text = (
         f"Texture suffices: {seen}."
         if sufficient
+        else "A fault ended the scan before anything was measured: of its texture nothing is known."
+        if broken_off and not coverage.measured
         else "The scan didn't reach what is to be inspected: are the recipe's frame and regions "
         "those of this part?"
         if not coverage.scanned
