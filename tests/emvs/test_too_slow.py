@@ -201,7 +201,7 @@ def test_results_go_out_before_what_is_told_of_others(domain, monkeypatch):
         context.try_shutdown()
 
 
-def test_the_warning_ends_with_it_and_an_end_says_what_waited(domain, capsys):
+def test_the_warning_ends_with_it_and_an_end_says_what_waited(domain, capsys, monkeypatch):
     context = Context()
     rclpy.init(context=context)
     node = StageNode(Windows, context=context)
@@ -217,6 +217,12 @@ def test_the_warning_ends_with_it_and_an_end_says_what_waited(domain, capsys):
         assert said[0][:2] == (diagnostics.WARN, "too slow: 7 packets of events left out")
         assert "too slow" not in said[1][1]
         assert said[1][2]["left_out_packets"] == 7
+        node._worker.backlog.dropped = 3  # poses that waited too long
+        assert node._status()[:2] == (diagnostics.WARN, said[0][1])
+        monkeypatch.setattr(Windows, "lost_packets", 1)
+        assert node._status()[:2] == (diagnostics.WARN, "data were lost")
+        node._worker.backlog.dropped = 0
+        monkeypatch.undo()
         with node._working:  # its worker can't begin
             for number in range(3):
                 node._worker.submit((outputs.EVENTS, packet(number)))

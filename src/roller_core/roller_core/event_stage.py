@@ -201,8 +201,12 @@ class EventStage(Stage[E], Generic[E, P]):
     @property
     def lost(self) -> bool:
         """Whether packets or events were lost."""
-        packets = self.stream.counts.lost_packets if self.stream is not None else 0
-        return bool(packets or self.totals().get("dropped_events"))
+        return bool(self.lost_packets or self.totals().get("dropped_events"))
+
+    @property
+    def lost_packets(self) -> int:
+        """Packets that never came."""
+        return self.stream.counts.lost_packets if self.stream is not None else 0
 
     def rated(self) -> Mapping[str, float]:
         """See `Stage`."""

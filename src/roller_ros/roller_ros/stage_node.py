@@ -276,13 +276,15 @@ class StageNode(RollerNode):
                     diagnostics.WARN,
                     "the camera's clock has jumped against the host's; its map is started anew",
                 )
+        left_out, slow, came_not = 0, "", 0
         if isinstance(self.stage, EventStage):
-            left_out, slow = self.stage.too_slow()
+            (left_out, slow), came_not = self.stage.too_slow(), self.stage.lost_packets
             before, self._left_out_told = self._left_out_told, left_out
             if left_out > before:  # since the last report: it holds no more than that
                 return diagnostics.WARN, slow
         if self.stage.lost or self._worker.backlog.dropped:
-            return diagnostics.WARN, "data were lost"
+            # What waited too long goes too where there is no keeping up: that is no loss by itself.
+            return diagnostics.WARN, slow if left_out and not came_not else "data were lost"
         return diagnostics.OK, "running"
 
     def _conflict(self) -> str:
