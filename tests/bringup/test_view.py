@@ -19,7 +19,7 @@ from roller_bringup.view.findings import listed
 from roller_bringup.view.grid import MEASURED, UNMEASURED, Grid
 from roller_bringup.view.result import ResultError, read_result
 from roller_bringup.view.scene import Scene
-from roller_bringup.view.server import AddressError, PageServer
+from roller_bringup.view.server import AddressError, PageServer, _is_loopback
 from roller_bringup.view.tiles import TILE
 from roller_bringup.view.viewers import QUEUE, Viewer
 from roller_core import outputs
@@ -196,8 +196,11 @@ def test_only_files_of_the_result_are_given_out(tmp_path):
         assert get(server, "/api/map?since=x")[0] == 400
 
 
-def test_other_machines_need_the_token():
-    with serving(Scene("x"), host="0.0.0.0") as server:
+def test_other_machines_need_the_token(monkeypatch):
+    assert not any(map(_is_loopback, ("0.0.0.0", "::", "192.168.1.2", "cell.example")))
+    assert all(map(_is_loopback, ("localhost", "127.0.0.1", "127.0.0.2", "::1")))
+    monkeypatch.setattr("roller_bringup.view.server._is_loopback", lambda host: False)
+    with serving(Scene("x")) as server:  # not where others could see it
         for path in ("/", "/api/map", "/api/events", "/page/main.js", "/?token=wrong"):
             assert get(server, path)[0] == 401, path
         assert server.token in server.url

@@ -244,3 +244,9 @@ def test_what_ros_refuses_stops_a_node_with_one_line(
     assert message in line
     assert "a fault of roller" not in line
     assert len(line) < 300
+
+
+def test_ros_is_started_in_one_place() -> None:
+    """There it asks for shared memory, and Fast DDS takes what our profile says of memory."""
+    found = [f for f in SRC.rglob("*.py") if "rclpy.init(" in f.read_text()]
+    assert [f.name for f in found] == ["refusals.py"]

@@ -20,8 +20,9 @@ def main(topic: str, timeout_s: float) -> int:
     from std_msgs.msg import UInt8MultiArray
 
     from roller_ros import messages, qos
+    from roller_ros.refusals import init_ros
 
-    rclpy.init()
+    init_ros()
     node = Node("doctor_peer")
     small = node.create_publisher(UInt8MultiArray, f"{topic}_small", qos.DEPTH)
     large = node.create_publisher(UInt8MultiArray, f"{topic}_large", qos.EVENTS)
