@@ -232,6 +232,27 @@ def test_five_million_points_two_browsers_a_dead_node_and_a_new_server(open_page
             page.wait_for_selector("#legend", state="hidden")
 
 
+@pytest.mark.parametrize("width", [1280, 1400, 1920])
+def test_state_and_figures_stand_side_by_side(open_page, width):
+    scene = Scene("live")
+    scene.nodes["inspect: findings"] = node = health.Node("inspect: findings", 0, "running")
+    scene.nodes["emvs: depth"] = lost = health.Node("emvs: depth", 0, "running")
+    node.values, lost.seen_s = {"event_rate_per_s": "30.44e6"}, -1e9
+    scene.speed_m_s, scene.force_n, scene.lag_s = 0.3, -19.0, 0.03
+    scene.coverage = {"measured": 0.42, "continued": 0.58, "unmeasured": 0.1}
+    with serving(scene) as server:
+        page = open_page(server.url)
+        page.set_viewport_size({"width": width, "height": 900})
+        node.seen_s = time.monotonic()
+        until(page, "document.querySelector('#word').textContent === 'NODE LOST'")
+        wait_until(lambda: page.locator("#figures dd").count() == 7)
+        big, figures = (page.locator(name).bounding_box() for name in ("#big", "#figures"))
+        word = page.evaluate("document.querySelector('#word').scrollWidth")
+        assert figures["x"] > big["x"] + word + 8
+        assert figures["y"] < big["y"] + big["height"]
+        assert figures["height"] < 100  # one row
+
+
 def test_nothing_is_fetched_from_elsewhere() -> None:
     folder = Path(health.__file__).parent / "page"
     for path in folder.iterdir():
