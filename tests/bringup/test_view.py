@@ -91,8 +91,9 @@ def test_a_long_list_of_findings_is_read_now_and_then(monkeypatch):
     assert len(read) == 5
 
 
-def test_who_has_some_tiles_gets_the_rest(monkeypatch):
-    monkeypatch.setattr("roller_bringup.view.scene._TILES_AT_ONCE", 3)
+@pytest.mark.parametrize("at_once", [3, 8])
+def test_who_has_some_tiles_gets_the_rest(monkeypatch, at_once):
+    monkeypatch.setattr("roller_bringup.view.scene._TILES_AT_ONCE", at_once)
     scene, seen, since, epoch = Scene("x"), {}, -1, ""
     scene.grid = Grid(1e-3)
     rng = np.random.default_rng(2)
@@ -109,6 +110,18 @@ def test_who_has_some_tiles_gets_the_rest(monkeypatch):
     np.testing.assert_equal(seen, cells_of(scene.grid))
     assert not unpacked(scene.map_answer(epoch, since))[0]["tiles"]
     assert unpacked(scene.map_answer("another", since))[0]["tiles"]
+
+
+def test_who_has_none_sees_at_once_where_the_scan_is(monkeypatch):
+    monkeypatch.setattr("roller_bringup.view.scene._TILES_AT_ONCE", 8)
+    scene = Scene("x")
+    for x in np.arange(0.0, 0.3, 0.005) + 1e-4:
+        scene.grid.add(np.array([x]), np.array([1e-4]), {"height": np.ones(1, np.float32)})
+    newest = max(scene.grid.tiles)
+    header, _ = unpacked(scene.map_answer("", -1))
+    assert header["more"]
+    assert len(header["tiles"]) == 8
+    assert list(newest) in header["tiles"]
 
 
 def test_an_answer_of_tiles_is_held_once():

@@ -180,11 +180,33 @@ class Grid:
         """Forget tiles with no cell inside."""
         self.tiles = {key: tile for key, tile in self.tiles.items() if tile.state.any()}
 
-    def changed(self, since: int, most: int) -> tuple[list[tuple[Key, Tile]], bool]:
-        """Tiles that changed after a revision, oldest change first, and whether there are more."""
+    def changed(self, since: int, most: int) -> tuple[list[tuple[Key, Tile]], int, bool]:
+        """Tiles that changed after a revision.
+
+        Parameters
+        ----------
+        since : int
+            The revision.
+        most : int
+            Tiles at most. Where there are more, they are those with the oldest changes and, again
+            and again until it is their turn, a few with the newest: where the scan is now.
+
+        Returns
+        -------
+        found : list of (tuple of int, Tile)
+            The tiles and their keys.
+        revision : int
+            From where on to ask for the rest.
+        more : bool
+            Whether there is a rest.
+        """
         found = [(key, tile) for key, tile in self.tiles.items() if tile.revision > since]
         found.sort(key=lambda item: item[1].revision)
-        return found[:most], len(found) > most
+        if len(found) <= most:
+            return found, self.revision, False
+        newest = most // 8
+        oldest = found[: most - newest]
+        return oldest + found[len(found) - newest :], oldest[-1][1].revision, True
 
     def cells(self, name: str) -> F32:
         """Centres of the cells that were measured, and a layer's value there, shape (n, 3)."""

@@ -141,10 +141,11 @@ class Scene:
         """Tiles that changed since a revision of an epoch: a JSON header and arrays."""
         with self.lock:
             grid = self.grid
-            found, more = grid.changed(since if epoch == grid.epoch else -1, _TILES_AT_ONCE)
+            since = since if epoch == grid.epoch else -1
+            found, revision, more = grid.changed(since, _TILES_AT_ONCE)
             header = {
                 "epoch": grid.epoch,
-                "revision": found[-1][1].revision if found else grid.revision,
+                "revision": revision,
                 "more": more,
                 "tile": TILE,
                 "cell_m": grid.cell_m,
