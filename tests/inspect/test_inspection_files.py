@@ -13,6 +13,7 @@ import pytest
 
 from roller_bringup.cli import main
 from roller_core.outputs import CONTACT, DEVIATION, FINDINGS, Cloud, Output, Result, ScanFault
+from roller_core.stage import ERROR, OK
 from roller_emvs.patch import SURFACE_FIELDS, Patch
 from roller_inspect.exports.pdf import write_pdf
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
@@ -356,3 +357,21 @@ def test_a_part_that_was_not_in_good_contact_is_never_conform(what: str, said: s
     assert said in judgement.reason
     document = inspection_document(part, stage.recipe, Scan())
     assert document["contact"] == list(judgement.contact)
+
+
+def test_force_that_is_soon_back_in_its_range_is_told_at_once_and_seen_in_the_status() -> None:
+    stage = InspectStage(InspectParameters.create({}), Recipe.create(PLANE | {"force_n": [5, 30]}))
+    (first, *_) = clouds(scan(flat))
+    stage.take_output(first)
+    list(stage.results())
+    told, levels = [], []
+    for k in range(500):  # a hundred a second; one sample too much, and a tenth of a second
+        force_n = 41.0 if k == 50 or 100 <= k < 110 else 20.0
+        stage.take_force(first.t_ns + k * 10**7, force_n)
+        told += [(k, r.notice) for r in stage.results() if r.notice]
+        levels.append(stage.health()[0])
+    said = "pressed too hard: 41.0 N, the recipe asks for 5 to 30 N"
+    assert told == [(102, said)]
+    assert levels[:102] == [OK] * 102
+    assert levels[102:250] == [ERROR] * 148  # statuses come once a second
+    assert levels[-1] == OK

@@ -160,7 +160,8 @@ class InspectStage(Stage[InspectParameters]):
 
     def take_force(self, t_ns: int, force_n: float) -> None:
         """Take the robot's force of a moment, N."""
-        self._faults.take_force(t_ns, force_n)
+        if told := self._faults.take_force(t_ns, force_n):
+            self._waiting.append(Result(None, notice=told))
 
     def health(self) -> tuple[int, str]:
         """See `Stage`."""

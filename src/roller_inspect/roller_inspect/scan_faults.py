@@ -7,6 +7,8 @@ from collections import Counter, deque
 
 #: Shorter than this the force may be out of its range, s; samples further apart say nothing.
 _LEAST_S, _APART_S = 0.02, 0.1
+#: That it was out of its range is said for so long, s: statuses come once a second.
+_SAID_S = 1.5
 #: So many pieces of slip after the last points aren't of lifting the roller.
 _STILL_ON = 2
 #: Samples of force, and faults, that wait for the points that follow them.
@@ -38,23 +40,34 @@ class ScanFaults:
         #: Seconds, and the worst force, of too little and of too much.
         self._light_s = self._hard_s = 0.0
         self._least_n, self._most_n = math.inf, 0.0
-        #: What is wrong with the newest force; empty: nothing.
+        #: What is, or a moment ago was, wrong with the force; empty: nothing.
         self.now = ""
+        self._out_from_ns: int | None = None
+        self._out_to_ns = 0
 
     def take_fault(self, t_ns: int, fault: str) -> None:
         """Take what a depth stage saw: slipping, contact lost, packets missing."""
         self._late.append((t_ns, fault))
 
-    def take_force(self, t_ns: int, force_n: float) -> None:
-        """Take the force of a moment."""
+    def take_force(self, t_ns: int, force_n: float) -> str:
+        """Take the force of a moment; what of it is to be told at once, or nothing."""
         if self._range_n is None:
-            return
-        low, high = self._range_n
-        self.now = ""
-        if self._from_ns is not None and not low <= force_n <= high:
-            what = "pressed too hard" if force_n > high else "pressed too lightly"
-            self.now = f"{what}: {force_n:.1f} N, the recipe asks for {low:g} to {high:g} N"
+            return ""
         self._forces.append((t_ns, force_n))
+        low, high = self._range_n
+        if self._from_ns is None or low <= force_n <= high:
+            self._out_from_ns = None
+            if t_ns - self._out_to_ns > _SAID_S * 1e9:
+                self.now = ""
+            return ""
+        if self._out_from_ns is None:
+            self._out_from_ns = t_ns
+        if t_ns - self._out_from_ns < _LEAST_S * 1e9:
+            return ""
+        before, what = self.now, "pressed too hard" if force_n > high else "pressed too lightly"
+        self._out_to_ns = t_ns
+        self.now = f"{what}: {force_n:.1f} N, the recipe asks for {low:g} to {high:g} N"
+        return "" if before.startswith(what) else self.now
 
     def passed(self, t_ns: int) -> None:
         """Points of this time have come: what was before them counts."""
