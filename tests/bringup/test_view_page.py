@@ -232,6 +232,17 @@ def test_five_million_points_two_browsers_a_dead_node_and_a_new_server(open_page
             page.wait_for_selector("#legend", state="hidden")
 
 
+def test_a_phone_shows_the_verdict_first(tmp_path, open_page):
+    with serving(read_result(write_result(tmp_path / "result"))) as server:
+        page = open_page(server.url)
+        page.set_viewport_size({"width": 390, "height": 600})
+        page.reload()
+        first = page.locator("#findings li").first
+        wait_until(lambda: first.get_attribute("aria-selected") == "true")
+        assert page.evaluate("window.scrollY") == 0
+        assert page.evaluate("document.documentElement.scrollWidth") == 390
+
+
 @pytest.mark.parametrize("width", [1280, 1400, 1920])
 def test_state_and_figures_stand_side_by_side(open_page, width):
     scene = Scene("live")

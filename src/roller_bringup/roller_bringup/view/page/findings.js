@@ -62,7 +62,10 @@ export class Findings {
     this.selected = finding;
     this.render();
     const item = document.querySelector('#findings li[aria-selected="true"]');
-    if (item) item.scrollIntoView({ block: "nearest" });
+    if (item) {  // in the list alone: on a phone the verdict above it must stay
+      const list = item.parentElement, at = item.getBoundingClientRect(), box = list.getBoundingClientRect();
+      list.scrollTop += Math.min(at.top - box.top, 0) || Math.max(at.bottom - box.bottom, 0);
+    }
     this.onSelect(finding, jump);
   }
 
