@@ -87,15 +87,17 @@ def smoothed(values: F32, weight: F32, scale_cells: float) -> tuple[F32, F32]:
 def cell_weights(height_map: HeightMap, deviation_m: F32) -> F32:
     """Weights of cells in smoothing: 1 for measured ones, relative to their uncertainty."""
     finite = np.isfinite(deviation_m)
-    state = height_map.state
-    weight = np.where(state == MEASURED, 1.0, np.where(state == CONTINUED, _CONTINUED_WEIGHT, 0.0))
-    measured = finite & (state == MEASURED)
+    by_state = np.zeros(256, np.float32)
+    by_state[[CONTINUED, MEASURED]] = _CONTINUED_WEIGHT, 1.0
+    weight = by_state[height_map.state]
+    measured = finite & (height_map.state == MEASURED)
     if measured.any():
-        usual = float(np.median(height_map.sigma_m[measured]))
+        usual = np.median(height_map.sigma_m[measured])
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.clip((usual / height_map.sigma_m) ** 2, 0.1, 2.0)
-        weight = weight * np.where(np.isfinite(ratio), ratio, 0.1)
-    return np.where(finite, weight, 0.0).astype(np.float32)
+            ratio = np.square(usual / height_map.sigma_m)
+        weight *= np.fmax(np.fmin(ratio, np.float32(2.0)), np.float32(0.1))
+    weight[~finite] = 0
+    return weight
 
 
 def height_cue(

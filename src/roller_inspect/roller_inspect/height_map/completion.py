@@ -28,8 +28,10 @@ _FREE = 0.2
 _MOST_SIGMA_M = 30e-6
 #: Beyond so many σ an anchor pulls no harder.
 _HUBER = 2.0
-#: Grids from coarse to fine; rounds of reweighting on each; tolerance and steps of the solver.
-_FACTORS, _ROUNDS, _STEPS, _TOLERANCE = (8, 4, 2, 1), (4, 3, 2, 2), (200, 100, 60, 40), 1e-4
+#: Grids from coarse to fine; rounds of reweighting on each; the solver's steps and tolerance. On
+#: the finest, dense cells are there after a few steps, sparse ones take all.
+_FACTORS, _ROUNDS, _STEPS = (8, 4, 2, 1), (4, 3, 2, 2), (200, 100, 60, 40)
+_TOLERANCES = (1e-4, 1e-4, 1e-4, 2e-4)
 
 
 def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
@@ -59,7 +61,7 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
     while 2 ** len(grids) <= _FACTORS[0]:
         grids.append(_coarser(grids[-1]))
     found: F32 | None = None
-    for factor, rounds, steps in zip(_FACTORS, _ROUNDS, _STEPS, strict=True):
+    for factor, rounds, *ends in zip(_FACTORS, _ROUNDS, _STEPS, _TOLERANCES, strict=True):
         wc, heights, spreads = grids[factor.bit_length() - 1]
         share = 1 / np.maximum(wc, np.float32(1e-12))
         zc, sc = heights * share, np.where(wc > 0, spreads * share, np.float32(1))
@@ -70,7 +72,7 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
             start = zc[tuple(nearest)]
         else:
             start = _finer(found, zc.shape)
-        found = _solve(zc, wc, sc, start, step_m * factor, rounds, steps)
+        found = _solve(zc, wc, sc, start, step_m * factor, rounds, *ends)
     assert found is not None
     return np.asarray(found + np.float32(level), np.float32)
 
@@ -91,8 +93,9 @@ def _finer(values: F32, shape: tuple[int, ...]) -> F32:
 
 
 def _solve(
-    z: F32, weight: F32, sigma: F32, start: F32, step_m: float, rounds: int, steps: int
-) -> F32:
+    z: F32, weight: F32, sigma: F32, start: F32, step_m: float, rounds: int, steps: int,
+    tolerance: float,
+) -> F32:  # fmt: skip
     """Reweighted least squares on one grid."""
     known = weight > 0
     stiff = (_CELL_M / step_m) ** 2 / _BEND_M**2
@@ -101,10 +104,9 @@ def _solve(
     # Of slopes as of bends: a sum over cells of _CELL_M, whatever the grid.
     tie = np.float32((step_m / _CELL_M) ** 2 * _SLOPE_WEIGHT / (step_m * _SLOPE) ** 2)
     slope = np.float32(1 / (step_m * _SLOPE))
-    tolerance = np.float32(_TOLERANCE)
     for _ in range(rounds):
         away = np.abs(h - z) / sigma
         pull = weight / sigma**2 * np.minimum(1, _HUBER / np.maximum(away, np.float32(1e-9)))
         ties = [tie / np.sqrt(1 + np.square(np.diff(h, axis=axis) * slope)) for axis in (1, 0)]
-        _kernels._solve(h, pull * z, pull, bend, *ties, tolerance, steps, work)
+        _kernels._solve(h, pull * z, pull, bend, *ties, np.float32(tolerance), steps, work)
     return h

@@ -72,7 +72,7 @@ def join_with(pieces: list[HeightMap], values: list[F32]) -> tuple[HeightMap, F3
             (out.height_m, piece.height_m), (out.sigma_m, piece.sigma_m), (joined, own),
             (out.points, piece.points), (out.state, piece.state),
         ):  # fmt: skip
-            grid[place][better] = new[better]
+            np.copyto(grid[place], new, where=better)
     return out, joined
 
 

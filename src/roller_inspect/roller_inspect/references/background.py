@@ -69,23 +69,32 @@ class SelfReference:
 
 
 def _local_plane(z: np.ndarray, weight: np.ndarray, reach: float) -> np.ndarray:
-    """Value of the plane fitted around each cell with a Gaussian window, cells."""
-    yy, xx = np.indices(z.shape, np.float64)
+    """Value of the plane fitted around each cell with a Gaussian window, cells.
 
-    size = 2 * int(3.0 * reach + 0.5) + 1
-    moments = (np.ones_like(z), xx, yy, z, xx * xx, yy * yy, xx * yy, xx * z, yy * z)
-    blurred = cv2.GaussianBlur(
-        np.stack([weight * m for m in moments], axis=-1), (size, size), reach,
-        borderType=cv2.BORDER_CONSTANT,
-    )  # fmt: skip
-    w, *sums = np.moveaxis(blurred, -1, 0)
-    mx, my, mz, *squares = (total / np.maximum(w, 1e-12) for total in sums)
-    products = (mx * mx, my * my, mx * my, mx * mz, my * mz)
-    sxx, syy, sxy, sxz, syz = (s - p for s, p in zip(squares, products, strict=True))
+    Moments are about each cell itself: what is far away takes no digits from them.
+    """
+    along = np.arange(-int(3.0 * reach + 0.5), int(3.0 * reach + 0.5) + 1, dtype=np.float64)
+    window = np.exp(-0.5 * np.square(along / reach))
+    window /= window.sum()
+    kernels = [(window * along**power).astype(np.float32) for power in range(3)]
+
+    def moment(values: np.ndarray, x: int, y: int) -> np.ndarray:
+        return cv2.sepFilter2D(
+            values, cv2.CV_32F, kernels[x], kernels[y], borderType=cv2.BORDER_CONSTANT
+        )
+
+    weight = weight.astype(np.float32)
+    heights = weight * z.astype(np.float32)
+    share = np.maximum(moment(weight, 0, 0), np.float32(1e-12))
+    mx, my, xx, yy, xy = (
+        moment(weight, x, y) / share for x, y in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
+    )
+    mz, xz, yz = (moment(heights, x, y) / share for x, y in ((0, 0), (1, 0), (0, 1)))
     # A little ridge: with few cells the plane is level.
-    ridge = 0.05 * reach**2
-    sxx, syy = sxx + ridge, syy + ridge
+    ridge = np.float32(0.05 * reach**2)
+    sxx, syy, sxy = xx - mx * mx + ridge, yy - my * my + ridge, xy - mx * my
+    sxz, syz = xz - mx * mz, yz - my * mz
     det = sxx * syy - sxy**2
     a = (sxz * syy - syz * sxy) / det
     b = (syz * sxx - sxz * sxy) / det
-    return np.asarray(mz + a * (xx - mx) + b * (yy - my))
+    return np.asarray(mz - a * mx - b * my, np.float64)
