@@ -13,7 +13,7 @@ from roller_calibration.edge_drift import fit_drift
 from roller_calibration.gauges import Gauge
 from roller_calibration.pass_lines import EdgeDriftError, PassLines
 from roller_calibration.recordings import Scan
-from roller_calibration.step_walls import find_walls, parts_by_kind, wall_levels
+from roller_calibration.step_walls import find_walls, parts_by_kind, rising_walls, wall_levels
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -273,6 +273,16 @@ def test_walls_that_seem_level_count_too(monkeypatch: pytest.MonkeyPatch) -> Non
     assert len(gauge.error_m) > 1900
     off = gauge.error_m - drift_m(gauge.lines.polarity, gauge.rise)
     assert np.abs(off).max() < 1e-4
+
+
+def test_a_wall_that_seems_level_goes_by_its_height_and_not_by_chance() -> None:
+    """Where one event tells of a wall no slope shows, of any of them."""
+    slopes = [0.13, -0.01, 0.05, 0.1, 0.14, 0.21, 0.12, -0.02]
+    levels = [-94, 140, 386, 668, 1026, 775, 527, 279]  # µm; steps of 250
+    wall = np.repeat(np.arange(8), 40)
+    slope, height = np.repeat(slopes, 40), np.repeat(levels, 40) * 1e-6
+    rising = rising_walls(wall, np.zeros(len(wall), np.int64), height, slope, 8, 2.5e-4)
+    assert rising.tolist() == [True] * 4 + [False] * 4
 
 
 def test_lines_further_off_than_a_wall_is_long_are_none_of_it() -> None:

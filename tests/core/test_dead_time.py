@@ -45,6 +45,48 @@ def test_few_events_say_nothing() -> None:
     assert not dead.measure(EventArray.from_arrays([], [], [], []))
 
 
+def test_a_pixel_that_fires_by_itself_has_little_say() -> None:
+    events, _ = passing(MS)
+    hot = np.arange(events.t_ns[0], events.t_ns[-1], 3 * MS // 4)
+    t = np.concatenate([events.t_ns, hot])
+    order = np.argsort(t, kind="stable")
+    x, y = (np.append(v, np.full(len(hot), 16))[order] for v in (events.x, events.y))
+    dead = DeadTime(WIDTH, HEIGHT)
+    assert dead.measure(EventArray.from_arrays(x, y, t[order], np.zeros(len(t))))
+    assert dead.ns == MS
+
+
+def test_gaps_that_get_frequent_bit_by_bit_are_of_the_object() -> None:
+    """As on a smooth dome, read out every 0.2 ms."""
+    rng = np.random.default_rng(5)
+    gaps = np.ceil(10 * np.sqrt(rng.random((20, WIDTH))) / 0.2).astype(np.int64) * (MS // 5)
+    t, x = np.cumsum(gaps, axis=0).ravel(), np.tile(np.arange(WIDTH), 20)
+    rows = np.repeat([0, 16, 32], len(t))
+    t, x = np.tile(t, 3), np.tile(x, 3)
+    order = np.argsort(t, kind="stable")
+    dead = DeadTime(WIDTH, HEIGHT)
+    assert not dead.known
+    assert not dead.measure(
+        EventArray.from_arrays(x[order], rows[order], t[order], np.zeros(len(t)))
+    )
+    assert dead.known
+
+
+def test_late_events_don_t_begin_to_stay_all_at_once() -> None:
+    """They would look like an edge behind the edge."""
+    dead = DeadTime(WIDTH, HEIGHT)
+    assert dead.measure(passing(MS)[0])
+    dead._last[:] = 0
+    y, x = np.mgrid[:HEIGHT, :WIDTH].reshape(2, -1)
+    shares = []
+    for gap_ms in (1.8, 2.2, 2.5, 2.8, 3.2):
+        t = np.full(len(x), round(gap_ms * MS))
+        dead._last[:] = 0
+        kept = dead.without_followers(EventArray.from_arrays(x, y, t, 0 * t), 0.5)
+        shares.append(len(kept) / len(x))
+    np.testing.assert_allclose(shares, [0.0, 0.25, 0.5, 0.75, 1.0], atol=0.05)
+
+
 def test_what_comes_as_a_pixel_wakes_up_goes_however_the_stream_is_cut() -> None:
     events, shows = passing(MS)
     whole = DeadTime(WIDTH, HEIGHT)

@@ -17,6 +17,7 @@ from emvs.scenes import (
     without,
 )
 from roller_core.camera import Camera
+from roller_core.dead_time import DeadTime
 from roller_core.errors import SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -89,6 +90,31 @@ def test_what_pixels_tell_when_they_wake_up_is_no_edge(scan: EventArray) -> None
     # They lie 0.3 mm behind.
     assert np.mean(away < 1e-4) > 0.98
     assert engine.counts.dead_time_events > 0.4 * len(events)
+
+
+def test_a_pass_waits_until_it_is_known_how_long_pixels_are_blind(scan: EventArray) -> None:
+    """Its first events are looked at like all others."""
+    events, track = waking(scan, MS), track_of(rolling(0.3), DURATION_S)
+    few = events[events.x % 16 == 0]
+    _, _, engine = sweep(few, track)
+    informed = DeadTime(CAMERA.width, CAMERA.height)
+    informed.measure(few)
+    informed.without_followers(few, 0.3)
+    assert engine.counts.dead_time_events == pytest.approx(informed.left_out, rel=0.01)
+    # Where none is known after the first view's length nothing waits any longer.
+    some = few[::20]
+    engine = SurfaceSweep(settings(), CAMERA, track)
+    engine.add_events(some)
+    assert list(engine.results())
+    assert engine.held_events < len(some)
+
+
+def test_where_pixels_were_blind_light_isn_t_known_to_stand_still(scan: EventArray) -> None:
+    """One event a wall doesn't get denser; a pixel that isn't blind for long tells more."""
+    track = track_of(rolling(0.3), DURATION_S)
+    blind, seeing = (sweep(waking(scan, ns), track)[0] for ns in (MS, MS // 2))
+    assert min(np.concatenate([patch.sigma for patch in blind])) > 1.2e-4
+    assert np.median(np.concatenate([patch.sigma for patch in seeing])) < 1e-4
 
 
 def test_points_are_less_sure_where_pixels_were_blind(

@@ -37,6 +37,8 @@ _APART_M, _FOOT = 1e-4, 0.4
 _ALONE = 0.6
 #: Share by which the step between two walls that both rise, or both fall, may be off.
 _CLIMB = 0.3
+#: Slope below which a wall seems level, and which way it slopes is chance.
+_LEVEL = 0.1
 #: So many steps from a wall that goes up to the next that goes down one between wasn't seen.
 _UNSEEN = 0.75
 
@@ -50,7 +52,11 @@ def rising_walls(
     wall to wall, whatever its drift: drift may be so large that it turns the slopes over, or makes
     all alike. A wall of which no other shows the same goes by its slope.
     """
-    alike = np.array([np.median(slope[wall == k]) > 0 for k in range(count)])
+    slopes = np.array([np.median(slope[wall == k]) for k in range(count)])
+    alike = slopes > 0
+    for k in range(1, count):
+        if abs(slopes[k]) < _LEVEL:
+            alike[k] = alike[k - 1]
     runs = np.cumsum(np.concatenate([[False], alike[1:] != alike[:-1]]))
     rising = alike.copy()
     for run in np.unique(runs):

@@ -17,16 +17,20 @@ from .events import EventArray
 
 #: Rows of which one is measured; gaps between events of a pixel that count, and their bins, ns.
 _EVERY, _LONGEST_NS, _BIN_NS = 16, 10_000_000, 50_000
-#: Gaps from which on there is a measurement.
-_ENOUGH = 1000
-#: The dead time ends in the first bin with so many times the mean of the shorter ones, and with
-#: this share of all; the very first needs more to be it.
-_TIMES, _SHARE, _FIRST_SHARE = 8.0, 2e-4, 0.01
+#: Gaps from which on there is a measurement, and how many of a pixel count, as one that fires by
+#: itself has more than all others.
+_ENOUGH, _MOST_OF_PIXEL = 1000, 8
+#: The dead time ends in the first bin with so many times what any shorter one has, and with this
+#: share of all: where brightness changes slowly gaps get more frequent bit by bit.
+_TIMES, _SHARE = 8.0, 0.01
 #: Dead time that is one, ns: what is shorter matters little, what is longer comes of the object;
 #: and the travel from which on it matters, m.
 _LEAST_NS, _MOST_NS, _LEAST_M = 700_000, 1_500_000, 2.5e-4
 #: Travel from the end of the dead time on over which events still hang on it: a wall's flank, m.
 _FLANK_M = 4.5e-4
+#: It is longer by up to this, by pixel at random, m: else where late events begin to stay looked
+#: like an edge behind every edge, with the parallax of that.
+_SPREAD_M = 6e-4
 #: A row of the image is busy with so many events a metre of travel; where this share of rows is, a
 #: printed texture is what pixels see: objects are narrower. Looked at over so much travel, m.
 _BUSY_PER_M, _TEXTURED, _LOOK_M = 4e3, 0.75, 1e-3
@@ -55,6 +59,7 @@ class DeadTime:
 
     def __init__(self, width: int, height: int) -> None:
         self._measured = np.full((-(-height // _EVERY), width), _NEVER_NS)
+        self._counted = np.zeros(self._measured.shape, np.uint8)
         self._last = np.full((height, width), _NEVER_NS)
         self._gaps = np.zeros(_LONGEST_NS // _BIN_NS, np.int64)
         self._newest_ns = _NEVER_NS
@@ -64,6 +69,11 @@ class DeadTime:
         self.ns = 0
         self.left_out = 0
         self.blind_m = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether enough was seen to say if there is a dead time that may matter."""
+        return int(self._gaps.sum()) >= _ENOUGH
 
     def measure(self, events: EventArray) -> bool:
         """Take events in order of time; whether there is a dead time that may matter.
@@ -75,7 +85,7 @@ class DeadTime:
         if events.t_ns[0] < self._newest_ns:
             self._measured[:] = self._last[:] = _NEVER_NS
         self._newest_ns = int(events.t_ns[-1])
-        _count_gaps(events.x, events.y, events.t_ns, self._measured, self._gaps)
+        _count_gaps(events.x, events.y, events.t_ns, self._measured, self._counted, self._gaps)
         self.ns = _dead_time_ns(self._gaps)
         return self.ns > 0
 
@@ -116,7 +126,8 @@ class DeadTime:
         slow = not self.ns or speed_m_s * self.ns * 1e-9 < _LEAST_M
         self.blind_m = 0.0 if slow else speed_m_s * self.ns * 1e-9
         within = 0 if slow else self.ns + round(_FLANK_M / speed_m_s * 1e9)
-        _follow(events.x, events.y, events.t_ns, within, self._last, keep)
+        spread = 0 if slow else round(_SPREAD_M / speed_m_s * 1e9)
+        _follow(events.x, events.y, events.t_ns, within, spread, self._last, keep)
         if slow:
             return events
         kept = events[keep]
@@ -129,30 +140,34 @@ def _dead_time_ns(gaps: I64) -> int:
     total = int(gaps.sum())
     if total < _ENOUGH:
         return 0
-    shorter = np.concatenate([[0], np.cumsum(gaps)[:-1]]) / np.maximum(np.arange(len(gaps)), 1)
-    least = np.full(len(gaps), max(_SHARE * total, 3.0))
-    least[0] = _FIRST_SHARE * total
-    begins = np.flatnonzero(gaps >= np.maximum(_TIMES * shorter, least))
+    shorter = np.concatenate([[0], np.maximum.accumulate(gaps)[:-1]])
+    begins = np.flatnonzero(gaps >= np.maximum(_TIMES * shorter, _SHARE * total))
     found = int(begins[0]) * _BIN_NS if len(begins) else 0
     return found if _LEAST_NS <= found <= _MOST_NS else 0
 
 
 @njit(cache=True, nogil=True)
-def _count_gaps(x, y, t, last, gaps):  # type: ignore[no-untyped-def]
-    """Count gaps between events of the pixels of some rows; `last` is by those."""
+def _count_gaps(x, y, t, last, counted, gaps):  # type: ignore[no-untyped-def]
+    """Count gaps between events of the pixels of some rows; `last`, `counted` are by those."""
     for i in range(np.uint64(len(t))):
         if y[i] & np.uint16(_EVERY - 1):
             continue
         row = y[i] // np.uint16(_EVERY)
         gap = t[i] - last[row, x[i]]
         last[row, x[i]] = t[i]
-        if gap < _LONGEST_NS:
+        if gap < _LONGEST_NS and counted[row, x[i]] < _MOST_OF_PIXEL:
+            counted[row, x[i]] += np.uint8(1)
             gaps[gap // _BIN_NS] += 1
 
 
 @njit(cache=True, nogil=True)
-def _follow(x, y, t, within, last, keep):  # type: ignore[no-untyped-def]
-    """Which events don't come `within` a time of another of their pixel, whatever that shows."""
+def _follow(x, y, t, within, spread, last, keep):  # type: ignore[no-untyped-def]
+    """Which events don't come `within` a time of another of their pixel, whatever that shows.
+
+    The time is longer by up to `spread`, by pixel.
+    """
     for i in range(len(t)):
-        keep[i] = t[i] - last[y[i], x[i]] >= within
+        mixed = (np.uint32(x[i]) * np.uint32(73856093)) ^ (np.uint32(y[i]) * np.uint32(19349663))
+        share = ((mixed >> np.uint32(8)) & np.uint32(1023)) / 1024.0
+        keep[i] = t[i] - last[y[i], x[i]] >= within + share * spread
         last[y[i], x[i]] = t[i]

@@ -194,9 +194,18 @@ class EventCutter(ABC):
         if late and late.measure(events) and self._track.covers(start_ns, end_ns):
             begin, end = self._track.matrices([start_ns, end_ns])[:, :3, 3]
             travel_m = float(np.linalg.norm(end - begin))
-            if not late.textured(events, travel_m):
-                speed = travel_m / max(end_ns - start_ns, 1) * 1e9
-                events = late.without_followers(events, speed)
+            events = self._without_late(events, travel_m, end_ns - start_ns)
+        return self._without_ramps(events, start_ns, end_ns)
+
+    def _without_late(self, events: EventArray, travel_m: float, span_ns: int) -> EventArray:
+        """Events that were measured, without those that pixels tell too late."""
+        late = self.dead_time
+        if late is None or not late.ns or late.textured(events, travel_m):
+            return events
+        return late.without_followers(events, travel_m / max(span_ns, 1) * 1e9)
+
+    def _without_ramps(self, events: EventArray, start_ns: int, end_ns: int) -> EventArray:
+        """Events without those of ramps that are too steep for the poses; counted."""
         ramps = self._track.bent(start_ns, end_ns, self.most_bend_m) if len(events) else []
         if not ramps:
             return events

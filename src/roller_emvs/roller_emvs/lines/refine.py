@@ -137,17 +137,26 @@ def refine(
         }
     )
     if not settings.calibrated:
-        of_points = light.share * _POINT_DRIFT_M * abs(field.offset_per_m)
-        found = replace(found, sigma=np.hypot(found.sigma, np.float32(of_points)))
+        found = _unsure(found, light.share * _POINT_DRIFT_M * abs(field.offset_per_m))
+    # A pixel that is blind for long tells one event of a wall: in one polarity, as a line does, and
+    # whether events get denser, as where light travels, doesn't show.
+    unknown = 0.0 if settings.calibrated or not blind_m else 1.0 - light.share
+    unknown *= _UNKNOWN_DRIFT_M
     if not len(every.row):
-        return found, every
+        return _unsure(found, unknown * abs(field.offset_per_m)), every
     offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
     found = _moved(found, every, offset, sigma, abs(field.offset_per_m))
     # Where light travels, the points around know of both polarities what a line knows of one.
     alone = sigma / max(1.0 - light.share, 1e-9)
     merged = _merge(found, every, offset, alone, tilt)
+    merged = _unsure(merged, unknown * abs(field.offset_per_m))
     shared = np.concatenate(unsure) * abs(field.offset_per_m)
     return _less_sure(merged, every, shared) if shared.any() else merged, every
+
+
+def _unsure(found: Relief, by: float) -> Relief:
+    """Points all less sure."""
+    return replace(found, sigma=np.hypot(found.sigma, np.float32(by)))
 
 
 def _judge(

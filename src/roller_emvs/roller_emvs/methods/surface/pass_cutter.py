@@ -23,6 +23,9 @@ from .surface_settings import SurfaceSettings
 
 #: Travel from which the direction of a pass is taken, m.
 _START_M = 0.003
+#: Travel for which a pass waits for the dead time of pixels to be known, m: hardly any of it is
+#: out of view by then.
+_WAIT_M = 0.02
 #: Travel back, or away from the surface, that ends a pass, m.
 _BACK_M, _AWAY_M = 0.0003, 0.002
 #: Duration that ends a pass: its microseconds are kept in 32 bits.
@@ -31,6 +34,8 @@ _LONGEST_NS = 4_000_000_000_000
 _HEADING = 0.002, 0.9
 
 Output = RefusedWindow | tuple[Strip, Block]
+#: Events between two poses, the times of these, and the poses.
+Step = tuple[EventArray, int, int, F64, F64]
 
 
 class PassCutter(EventCutter):
@@ -55,7 +60,8 @@ class PassCutter(EventCutter):
         self._rays = ((table - centre) / focal).astype(np.float32)
         self._at_ns: int | None = None
         self._strip: Strip | None = None
-        self._early: list[tuple[EventArray, int, int, F64, F64]] = []
+        self._early: list[Step] = []
+        self._waiting: list[Step] = []
         self._anchor: tuple[int, F64] | None = None
         self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
         self._dropped = 0
@@ -70,7 +76,7 @@ class PassCutter(EventCutter):
     @property
     def held_events(self) -> int:
         """Events that wait."""
-        early = sum(len(e[0]) for e in self._early)
+        early = sum(len(e[0]) for e in (*self._early, *self._waiting))
         return len(self._queue) + early + (self._strip.held_events if self._strip else 0)
 
     @property
@@ -126,17 +132,17 @@ class PassCutter(EventCutter):
             if len(events):
                 yield RefusedWindow(t0, t1, len(events), str(error), error)
             return
-        events = self._placed(events, t0, t1)
+        if self.dead_time:
+            self.dead_time.measure(events)
+        events = self._without_ramps(events, t0, t1)
         pose0, pose1 = self._track.matrices([t0, t1])
         if self._strip is not None:
             local0, local1 = self._strip.to_strip(pose0), self._strip.to_strip(pose1)
             if self._leaves(local1) or t1 - self._strip.start_ns > _LONGEST_NS:
                 yield from self._end_pass()
             else:
-                self._vote(self._strip, events, t0, t1, local0, local1)
-                self._strip.advance(t1, local1)
-                for block in self._strip.ready():
-                    yield self._strip, block
+                self._waiting.append((events, t0, t1, local0, local1))
+                yield from self._advance(self._strip)
                 return
         yield from self._approach(events, t0, t1, pose0, pose1)
 
@@ -160,9 +166,9 @@ class PassCutter(EventCutter):
             self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
             for part, a, b, first, second in early:
                 second = strip.to_strip(second)
-                self._vote(strip, part, a, b, strip.to_strip(first), second)
                 self._leaves(second)
-                strip.advance(b, second)
+                self._waiting.append((part, a, b, strip.to_strip(first), second))
+            yield from self._advance(strip)
         elif t1 - since > self._settings.max_still_s * 1e9:
             yield from self._give_up(
                 since,
@@ -170,6 +176,21 @@ class PassCutter(EventCutter):
                 f"the sensor moved less than {_START_M * 1e3:g} mm in "
                 f"{self._settings.max_still_s:g} s: no parallax, no depth",
             )
+
+    def _advance(self, strip: Strip, flush: bool = False) -> Iterator[Output]:
+        """Work off what waits, once it is known whether pixels are blind for long."""
+        late, waiting = self.dead_time, self._waiting
+        if not waiting:
+            return
+        known = late is None or late.known or waiting[-1][4][0, 3] >= _WAIT_M
+        if not (known or flush or self.held_events > self._settings.max_waiting_events):
+            return
+        self._waiting = []
+        for events, t0, t1, pose0, pose1 in waiting:
+            self._vote(strip, events, t0, t1, pose0, pose1)
+            strip.advance(t1, pose1)
+            for block in strip.ready():
+                yield strip, block
 
     def _give_up(self, start_ns: int, end_ns: int, reason: str) -> Iterator[RefusedWindow]:
         count = sum(len(e[0]) for e in self._early)
@@ -195,6 +216,7 @@ class PassCutter(EventCutter):
         if stands(motion, t1 - t0, self._settings.min_speed_m_s):
             self.still_events += len(events)
             return
+        events = self._without_late(events, motion, t1 - t0)
         strip.add(events, t0, t1, pose0, pose1)
         most = self._settings.max_waiting_events
         while strip.held_events > most and len(strip.store.blocks) > 1:
@@ -207,5 +229,6 @@ class PassCutter(EventCutter):
             reason = "the sensor hardly moved before the end: no parallax, no depth"
             yield from self._give_up(self._early[0][1], self._early[-1][2], reason)
         if strip is not None:
+            yield from self._advance(strip, flush=True)
             for block in strip.ready(flush=True):
                 yield strip, block
