@@ -28,10 +28,9 @@ _FREE = 0.2
 _MOST_SIGMA_M = 30e-6
 #: Beyond so many σ an anchor pulls no harder.
 _HUBER = 2.0
-#: Grids from coarse to fine; rounds of reweighting on each; the solver's steps and tolerance. On
-#: the finest, dense cells are there after a few steps, sparse ones take all.
-_FACTORS, _ROUNDS, _STEPS = (8, 4, 2, 1), (4, 3, 2, 2), (200, 100, 60, 40)
-_TOLERANCES = (1e-4, 1e-4, 1e-4, 2e-4)
+#: Grids from coarse to fine: how much coarser, rounds of reweighting, the solver's steps and
+#: tolerance. On the finest, dense cells are there after a few steps, sparse ones take all.
+_GRIDS = ((8, 4, 200, 1e-4), (4, 3, 100, 1e-4), (2, 2, 60, 1e-4), (1, 2, 40, 2e-4))
 
 
 def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
@@ -58,10 +57,10 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
     sigma = np.where(known, np.minimum(sigma_m, np.float32(_MOST_SIGMA_M)), np.float32(1))
     # Of each grid the weights of its cells, and their sums of heights and uncertainties.
     grids = [np.stack([weight, weight * z, weight * sigma])]
-    while 2 ** len(grids) <= _FACTORS[0]:
+    while 2 ** len(grids) <= _GRIDS[0][0]:
         grids.append(_coarser(grids[-1]))
     found: F32 | None = None
-    for factor, rounds, *ends in zip(_FACTORS, _ROUNDS, _STEPS, _TOLERANCES, strict=True):
+    for factor, rounds, steps, tolerance in _GRIDS:
         wc, heights, spreads = grids[factor.bit_length() - 1]
         share = 1 / np.maximum(wc, np.float32(1e-12))
         zc, sc = heights * share, np.where(wc > 0, spreads * share, np.float32(1))
@@ -72,7 +71,7 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
             start = zc[tuple(nearest)]
         else:
             start = _finer(found, zc.shape)
-        found = _solve(zc, wc, sc, start, step_m * factor, rounds, *ends)
+        found = _solve(zc, wc, sc, start, step_m * factor, rounds, steps, tolerance)
     assert found is not None
     return np.asarray(found + np.float32(level), np.float32)
 
