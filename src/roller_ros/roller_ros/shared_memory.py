@@ -14,8 +14,9 @@ FOLDER = Path("/dev/shm")
 #: A participant's port: of Fast DDS 3, and of Fast DDS 2.
 _PORT = re.compile(r"fast(dds|rtps)_port\d+")
 #: First word, at most, of a segment that nobody has begun to fill (0, or none), or that somebody is
-#: filling (Boost's `managed_open_or_create`).
-_BEGUN = 1
+#: filling (Boost's `managed_open_or_create`); and all of one that couldn't be made, as where there
+#: is no room: nobody waits for it.
+_BEGUN, _FAILED = 1, b"\0"
 #: Making one takes milliseconds; what isn't whole after this, s, never will be.
 _PATIENCE_S, _LOOK_S = 1.0, 0.05
 
@@ -40,10 +41,10 @@ def half_made(folder: Path = FOLDER) -> list[Path]:
         if _PORT.fullmatch(path.name):
             try:
                 with path.open("rb") as file:
-                    half = int.from_bytes(file.read(4), sys.byteorder) <= _BEGUN
+                    begin = file.read(4)
             except OSError:  # gone by now, or somebody else's
                 continue
-            if half:
+            if begin != _FAILED and int.from_bytes(begin, sys.byteorder) <= _BEGUN:
                 found.append(path)
     return found
 
