@@ -1,11 +1,14 @@
 """The surface between measured cells."""
 
+import itertools
+
 import numpy as np
 
 from roller_core.transforms import F64
-from roller_inspect.height_map import _kernels
+from roller_inspect.height_map import _kernels, _multigrid
 from roller_inspect.height_map.completion import complete_surface
 from roller_inspect.height_map.gaps import hold_gaps
+from roller_inspect.height_map.height_map import F32
 from roller_inspect.height_map.scatter import scatter_of
 
 from .analytic_surface import errors
@@ -38,23 +41,111 @@ def matrix_of(pull: F64, bend: F64, tie_x: F64, tie_y: F64) -> F64:
     return out
 
 
+def parts_of(ny: int, nx: int, random: np.random.Generator, known: float = 0.5) -> list[F32]:
+    """What the solver's matrix is made of: pull, bend and ties along x and y."""
+    pull = random.uniform(0, 1, (ny, nx)) * (random.random((ny, nx)) < known)
+    pull[0, 0] = 1
+    parts = [pull, random.uniform(0.1, 5, (ny, nx))]
+    parts += [random.uniform(0.01, 1, shape) for shape in ((ny, nx - 1), (ny - 1, nx))]
+    return [part.astype(np.float32) for part in parts]
+
+
+def cells(ny: int, nx: int) -> tuple[F32, ...]:
+    return tuple(np.zeros((-(-ny // 2**k), -(-nx // 2**k)), np.float32) for k in range(8))
+
+
+def solver(parts: list[F32]) -> tuple[tuple[tuple[F32, ...], ...], list[tuple[F32, ...]], F32]:
+    """The solver's levels, of which the first has the parts, and its scratch."""
+    ny, nx = parts[0].shape
+    ties = [part[:, 1:].copy() for part in cells(ny, nx)], [p[1:].copy() for p in cells(ny, nx)]
+    levels = tuple(zip(cells(ny, nx), cells(ny, nx), *ties, cells(ny, nx), strict=True))
+    for level, part in zip(levels[0], parts, strict=False):
+        level[:] = part
+    return levels, [cells(ny, nx) for _ in range(4)], np.empty((3, nx + 2), np.float32)
+
+
+def spread_of(n: int) -> F64:
+    """Heights of n cells from those of half as many, linear between their centres."""
+    out = np.zeros((n, -(-n // 2)))
+    for i in range(n):
+        beside = min(max(i // 2 + (1 if i % 2 else -1), 0), out.shape[1] - 1)
+        out[i, i // 2] += 0.75
+        out[i, beside] += 0.25
+    return out
+
+
+def cycle_of(levels: tuple[tuple[F32, ...], ...], right: F64) -> F64:
+    """One V-cycle, with matrices."""
+    matrix = matrix_of(*(part.astype(float) for part in levels[0][:4]))
+    scale = 1 / np.diag(matrix)
+
+    def smooth(x: F64, steps: int, least: float) -> F64:
+        # Of Chebyshev's iteration the error's polynomial, by its roots.
+        low = 4 / least
+        for k in range(steps):
+            root = (4 + low) / 2 + (4 - low) / 2 * np.cos(np.pi * (k + 0.5) / steps)
+            x = x + scale * (right - matrix @ x) / root
+        return x
+
+    if len(levels) == 1:
+        return smooth(np.zeros_like(right), 8, 60)
+    ny, nx = levels[0][0].shape
+    spread = np.kron(spread_of(ny), spread_of(nx))
+    x = smooth(np.zeros_like(right), 2, 8)
+    x = x + spread @ cycle_of(levels[1:], spread.T @ (right - matrix @ x))
+    return smooth(x, 2, 8)
+
+
 def test_the_solver_solves_what_its_plain_twin_does() -> None:
     random = np.random.default_rng(3)
-    ny, nx = 7, 9
-    pull = random.uniform(0, 1, (ny, nx)) * (random.random((ny, nx)) < 0.5)
-    parts = [pull, random.uniform(0.1, 5, (ny, nx))]
-    parts += [random.uniform(0, 1, shape) for shape in ((ny, nx - 1), (ny - 1, nx))]
-    parts = [part.astype(np.float32) for part in parts]
-    matrix = matrix_of(*(part.astype(float) for part in parts))
-    h, right = (random.normal(size=(ny, nx)).astype(np.float32) for _ in range(2))
-    right *= parts[0]
-    out, work = np.empty((ny, nx), np.float32), np.empty((5, ny, nx), np.float32)
-    _kernels._apply(h, *parts, np.empty((3, nx + 2), np.float32), out)
-    np.testing.assert_allclose(out.ravel(), matrix @ h.ravel(), rtol=1e-5, atol=1e-4)
-    _kernels._diagonal(*parts, out)
-    np.testing.assert_allclose(out.ravel(), np.diag(matrix), rtol=1e-6)
-    _kernels._solve(h, right, *parts, np.float32(1e-6), 500, work)
-    np.testing.assert_allclose(h.ravel(), np.linalg.solve(matrix, right.ravel()), atol=1e-4)
+    for ny, nx in ((7, 9), (8, 6), (1, 5), (4, 1), (2, 2)):
+        parts = parts_of(ny, nx, random)
+        matrix = matrix_of(*(part.astype(float) for part in parts))
+        h, right = (random.normal(size=(ny, nx)).astype(np.float32) for _ in range(2))
+        levels, scratch, lines = solver(parts)
+        out = np.empty((ny, nx), np.float32)
+        _multigrid._apply(h, *parts, lines, out)
+        np.testing.assert_allclose(out.ravel(), matrix @ h.ravel(), rtol=1e-5, atol=1e-4)
+        _multigrid._scale(*parts, out)
+        np.testing.assert_allclose(out.ravel(), 1 / np.diag(matrix), rtol=1e-6)
+        _multigrid._solve(h, right, levels, *scratch, out, lines, np.float32(1e-9), 60)
+        np.testing.assert_allclose(h.ravel(), np.linalg.solve(matrix, right.ravel()), atol=1e-3)
+
+
+def test_the_solvers_cycle_is_that_of_its_plain_twin() -> None:
+    random = np.random.default_rng(4)
+    ny, nx = 11, 14
+    levels, (x, right, image, way), lines = solver(parts_of(ny, nx, random))
+    # No step: only the levels are made.
+    h = np.zeros((ny, nx), np.float32)
+    _multigrid._solve(h, h, levels, x, right, image, way, h.copy(), lines, np.float32(0), 0)
+    for fine, coarse in itertools.pairwise(levels):
+        pairs = [np.kron(np.eye(m), [1, 1]) for m in coarse[0].shape]
+        fy, fx = (pair[:, :n] for pair, n in zip(pairs, fine[0].shape, strict=True))
+        np.testing.assert_allclose(coarse[0], fy @ fine[0] @ fx.T, rtol=1e-5)
+        np.testing.assert_allclose(coarse[1], fy @ fine[1] @ fx.T / 16, rtol=1e-5)
+        tie_x, tie_y = fx[:-1, : fine[2].shape[1]], fy[:-1, : fine[3].shape[0]]
+        np.testing.assert_allclose(coarse[2], fy @ fine[2] @ tie_x.T / 4, rtol=1e-5)
+        np.testing.assert_allclose(coarse[3], tie_y @ fine[3] @ fx.T / 4, rtol=1e-5)
+    right[0][:] = random.normal(size=(ny, nx))
+    _multigrid._cycle(levels, x, right, image, way, lines)
+    plain = cycle_of(levels, right[0].ravel().astype(float))
+    np.testing.assert_allclose(x[0].ravel(), plain, rtol=1e-3, atol=1e-3 * np.abs(plain).max())
+
+
+def test_a_few_steps_solve_what_has_hardly_an_anchor() -> None:
+    random = np.random.default_rng(6)
+    ny, nx = 101, 130
+    parts = parts_of(ny, nx, random, known=0.01)
+    # Few anchors and stiff between them: simple iterations take a thousand steps for it.
+    parts[0] *= 100
+    parts[1][:], parts[2][:], parts[3][:] = 100, 0.01, 0.01
+    truth = random.normal(size=(ny, nx)).astype(np.float32).cumsum(0).cumsum(1) / 100
+    levels, scratch, lines = solver(parts)
+    h, right = np.zeros((ny, nx), np.float32), np.empty((ny, nx), np.float32)
+    _multigrid._apply(truth, *parts, lines, right)
+    _multigrid._solve(h, right, levels, *scratch, h.copy(), lines, np.float32(0), 12)
+    assert np.abs(h - truth).mean() < 0.05 * np.abs(truth).mean()
 
 
 def test_a_dome_goes_on_between_its_anchors_and_a_flat_top_stays_flat() -> None:

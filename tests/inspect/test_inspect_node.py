@@ -21,11 +21,11 @@ def test_on_busy_cores_inspection_comes_last(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_what_finding_takes_is_loaded_before_the_scan() -> None:
     code = (
-        "from roller_inspect.height_map import _kernels\n"
+        "from roller_inspect.height_map import _multigrid\n"
         "from roller_inspect.inspect_stage import InspectParameters, InspectStage\n"
         "stage = InspectStage(InspectParameters.create({}))\n"
         "stage.warm_up()\n"
-        "assert _kernels._solve.signatures\n"
+        "assert _multigrid._solve.signatures\n"
         "assert stage.counts()['points'] == 0 and not list(stage.results(flush=True))\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

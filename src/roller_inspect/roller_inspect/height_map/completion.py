@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from . import _kernels
+from . import _multigrid
 from .height_map import F32
 
 #: Cell that the weights are for, m; tuned on the virtual cell, and checked on another simulator.
@@ -28,9 +28,13 @@ _FREE = 0.2
 _MOST_SIGMA_M = 30e-6
 #: Beyond so many σ an anchor pulls no harder.
 _HUBER = 2.0
-#: Grids from coarse to fine: how much coarser, rounds of reweighting, the solver's steps and
-#: tolerance. On the finest, dense cells are there after a few steps, sparse ones take all.
-_GRIDS = ((8, 4, 200, 1e-4), (4, 3, 100, 1e-4), (2, 2, 60, 1e-4), (1, 2, 40, 2e-4))
+#: Grids from coarse to fine: how much coarser, rounds of reweighting, and the solver's steps. Dense
+#: cells are there after one step, sparse ones take all.
+_GRIDS = ((8, 4, 3), (4, 3, 2), (2, 2, 2), (1, 2, 2))
+#: A cell's share of the solver's remaining error, squared and in σ.
+_ENOUGH = 1e-5
+#: Levels of the solver, the finest included.
+_LEVELS = 8
 
 
 def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
@@ -60,7 +64,7 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
     while 2 ** len(grids) <= _GRIDS[0][0]:
         grids.append(_coarser(grids[-1]))
     found: F32 | None = None
-    for factor, rounds, steps, tolerance in _GRIDS:
+    for factor, rounds, steps in _GRIDS:
         wc, heights, spreads = grids[factor.bit_length() - 1]
         share = 1 / np.maximum(wc, np.float32(1e-12))
         zc, sc = heights * share, np.where(wc > 0, spreads * share, np.float32(1))
@@ -71,7 +75,7 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
             start = zc[tuple(nearest)]
         else:
             start = _finer(found, zc.shape)
-        found = _solve(zc, wc, sc, start, step_m * factor, rounds, steps, tolerance)
+        found = _solve(zc, wc, sc, start, step_m * factor, rounds, steps)
     assert found is not None
     return np.asarray(found + np.float32(level), np.float32)
 
@@ -92,20 +96,30 @@ def _finer(values: F32, shape: tuple[int, ...]) -> F32:
 
 
 def _solve(
-    z: F32, weight: F32, sigma: F32, start: F32, step_m: float, rounds: int, steps: int,
-    tolerance: float,
-) -> F32:  # fmt: skip
+    z: F32, weight: F32, sigma: F32, start: F32, step_m: float, rounds: int, steps: int
+) -> F32:
     """Reweighted least squares on one grid."""
     known = weight > 0
     stiff = (_CELL_M / step_m) ** 2 / _BEND_M**2
-    bend = np.where(known, np.float32(_FREE * stiff), np.float32(stiff))
-    h, work = np.ascontiguousarray(start), np.empty((5, *z.shape), np.float32)
+    h = np.ascontiguousarray(start)
+    ny, nx = h.shape
+    shapes = [(-(-ny // 2**k), -(-nx // 2**k)) for k in range(_LEVELS)]
+
+    def cells(cut_y: int = 0, cut_x: int = 0) -> tuple[F32, ...]:
+        return tuple(np.empty((my - cut_y, mx - cut_x), np.float32) for my, mx in shapes)
+
+    levels = tuple(zip(cells(), cells(), cells(cut_x=1), cells(cut_y=1), cells(), strict=True))
+    pull, bend, tie_x, tie_y, _ = levels[0]
+    scratch = cells(), cells(), cells(), cells(), np.empty_like(h), np.empty((3, nx + 2), h.dtype)
+    bend[:] = np.where(known, np.float32(_FREE * stiff), np.float32(stiff))
     # Of slopes as of bends: a sum over cells of _CELL_M, whatever the grid.
     tie = np.float32((step_m / _CELL_M) ** 2 * _SLOPE_WEIGHT / (step_m * _SLOPE) ** 2)
     slope = np.float32(1 / (step_m * _SLOPE))
+    enough = np.float32(_ENOUGH * np.count_nonzero(known))
     for _ in range(rounds):
         away = np.abs(h - z) / sigma
-        pull = weight / sigma**2 * np.minimum(1, _HUBER / np.maximum(away, np.float32(1e-9)))
-        ties = [tie / np.sqrt(1 + np.square(np.diff(h, axis=axis) * slope)) for axis in (1, 0)]
-        _kernels._solve(h, pull * z, pull, bend, *ties, np.float32(tolerance), steps, work)
+        pull[:] = weight / sigma**2 * np.minimum(1, _HUBER / np.maximum(away, np.float32(1e-9)))
+        for axis, ties in ((1, tie_x), (0, tie_y)):
+            ties[:] = tie / np.sqrt(1 + np.square(np.diff(h, axis=axis) * slope))
+        _multigrid._solve(h, pull * z, levels, *scratch, enough, steps)
     return h

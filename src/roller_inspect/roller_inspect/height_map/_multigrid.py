@@ -1,0 +1,259 @@
+"""Conjugate gradients with a multigrid preconditioner, without forming the matrix.
+
+The matrix A is that of `completion`'s quadratic form. Its parts are `pull` (ny, nx) on the
+diagonal, second differences weighted by `bend` (ny, nx) of the middle cell (twice for the mixed
+one, of the cell with the lowest indices), and first differences weighted by `tie_x` (ny, nx - 1)
+and `tie_y` (ny - 1, nx). Arrays are C-ordered and all of one type: float64, or float32, which
+takes less time.
+
+Each coarser level has the same parts on cells twice as large. Smoother: two steps of Chebyshev's
+iteration (Adams et al., Parallel multigrid smoothing, 2003).
+"""
+
+from __future__ import annotations
+
+import numba
+
+#: Sums may be reordered; nothing here is NaN or infinite.
+_SUMS = {"reassoc", "contract", "nsz"}
+#: No eigenvalue of A over its diagonal is larger: that of a mixed difference, of a second one it
+#: is 3. The smoother takes away from this to an eighth of it; on the coarsest level to a 60th.
+_MOST, _SMOOTH, _COARSEST, _COARSEST_STEPS = 4.0, 8.0, 60.0, 8
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_SUMS)
+def _apply(h, pull, bend, tie_x, tie_y, lines, out):  # type: ignore[no-untyped-def]
+    """Write A h into `out` (ny, nx); `lines` (3, nx + 2) or wider is scratch.
+
+    Each loop writes one row, so that it runs on several cells at once.
+    """
+    ny, nx = h.shape
+    # Of a row: its second differences, and what flows from each cell to the next; mixed ones.
+    second, flow, mixed = lines[0], lines[1], lines[2]
+    second[0], second[nx + 1], flow[0], flow[nx], mixed[0], mixed[nx] = 0, 0, 0, 0, 0, 0
+    out[0] = 0
+    for i in range(ny):
+        here, w, own = h[i], bend[i], out[i]
+        second[1], second[nx] = 0, 0
+        for j in range(1, nx - 1):
+            second[j + 1] = w[j] * (here[j - 1] - here[j] + (here[j + 1] - here[j]))
+        for j in range(nx - 1):
+            flow[j + 1] = tie_x[i, j] * (here[j + 1] - here[j]) + second[j + 1] - second[j + 2]
+        for j in range(nx):
+            own[j] += pull[i, j] * here[j] + flow[j] - flow[j + 1]
+        if i == ny - 1:
+            continue
+        below, under = h[i + 1], out[i + 1]
+        for j in range(nx - 1):
+            mixed[j + 1] = (w[j] + w[j]) * (here[j] - here[j + 1] - below[j] + below[j + 1])
+        for j in range(nx):
+            under[j] = mixed[j] - mixed[j + 1] + tie_y[i, j] * (below[j] - here[j])
+        for j in range(nx):
+            own[j] -= under[j]
+        if i > 0:
+            above, over = h[i - 1], out[i - 1]
+            for j in range(nx):
+                second[j] = w[j] * (above[j] - here[j] + (below[j] - here[j]))
+            for j in range(nx):
+                over[j] += second[j]
+            for j in range(nx):
+                own[j] -= second[j] + second[j]
+            for j in range(nx):
+                under[j] += second[j]
+            second[0] = 0
+
+
+@numba.njit(cache=True, nogil=True)
+def _scale(pull, bend, tie_x, tie_y, out):  # type: ignore[no-untyped-def]
+    """Write one over the diagonal of A into `out` (ny, nx)."""
+    ny, nx = pull.shape
+    out[:] = pull
+    for i in range(ny):
+        for j in range(nx):
+            w = bend[i, j]
+            if 0 < j < nx - 1:
+                out[i, j - 1] += w
+                out[i, j] += 4 * w
+                out[i, j + 1] += w
+            if 0 < i < ny - 1:
+                out[i - 1, j] += w
+                out[i, j] += 4 * w
+                out[i + 1, j] += w
+            if j < nx - 1:
+                out[i, j] += tie_x[i, j]
+                out[i, j + 1] += tie_x[i, j]
+                if i < ny - 1:
+                    out[i, j] += 2 * w
+                    out[i, j + 1] += 2 * w
+                    out[i + 1, j] += 2 * w
+                    out[i + 1, j + 1] += 2 * w
+            if i < ny - 1:
+                out[i, j] += tie_y[i, j]
+                out[i + 1, j] += tie_y[i, j]
+    for i in range(ny):
+        for j in range(nx):
+            out[i, j] = 1 / out[i, j]
+
+
+@numba.njit(cache=True, nogil=True)
+def _coarsen(fine, out, share):  # type: ignore[no-untyped-def]
+    """Write `share` of the sums over two by two cells into `out`; cells beyond the last are none.
+
+    `out` may be smaller than half of `fine`: ties have no coarse one at their end.
+    """
+    ny, nx = fine.shape
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            total = fine[2 * i, 2 * j]
+            right, below = 2 * j + 1 < nx, 2 * i + 1 < ny
+            if right:
+                total += fine[2 * i, 2 * j + 1]
+            if below:
+                total += fine[2 * i + 1, 2 * j]
+            if right and below:
+                total += fine[2 * i + 1, 2 * j + 1]
+            out[i, j] = share * total
+
+
+@numba.njit(cache=True, nogil=True)
+def _restrict(fine, line, out):  # type: ignore[no-untyped-def]
+    """Write the transpose of `_prolong` times `fine` into `out`; `line` as wide as `fine`."""
+    (ny, nx), (my, mx) = fine.shape, out.shape
+    near, far = fine.dtype.type(0.75), fine.dtype.type(0.25)
+    for i in range(my):
+        a, b, c, d = max(2 * i - 1, 0), 2 * i, 2 * i + 1, 2 * i + 2
+        last = c >= ny
+        # Beyond an edge lies the edge; past an odd end, nothing.
+        c, d = min(c, ny - 1), min(d, ny - 1)
+        below = fine.dtype.type(0) if last else near
+        beyond = fine.dtype.type(0) if last else far
+        for j in range(nx):
+            line[j] = (
+                far * fine[a, j] + near * fine[b, j] + below * fine[c, j] + beyond * fine[d, j]
+            )
+        for j in range(mx):
+            total = far * line[max(2 * j - 1, 0)] + near * line[2 * j]
+            if 2 * j + 1 < nx:
+                total += near * line[2 * j + 1] + far * line[min(2 * j + 2, nx - 1)]
+            out[i, j] = total
+
+
+@numba.njit(cache=True, nogil=True)
+def _prolong(coarse, line, out):  # type: ignore[no-untyped-def]
+    """Add heights linear between the centres of coarse cells to `out`; `line` as wide as it."""
+    (ny, nx), (my, mx) = out.shape, coarse.shape
+    near, far = out.dtype.type(0.75), out.dtype.type(0.25)
+    for i in range(ny):
+        at = i // 2
+        to = min(at + 1, my - 1) if i % 2 else max(at - 1, 0)
+        for j in range(mx):
+            line[j] = near * coarse[at, j] + far * coarse[to, j]
+        for j in range(mx):
+            out[i, 2 * j] += near * line[j] + far * line[max(j - 1, 0)]
+        for j in range(nx // 2):
+            out[i, 2 * j + 1] += near * line[j] + far * line[min(j + 1, mx - 1)]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_SUMS)
+def _smooth(x, right, parts, image, way, lines, steps, least, begun):  # type: ignore[no-untyped-def]
+    """Chebyshev's iteration on A x = right, in place, for eigenvalues above `_MOST` / `least`.
+
+    It starts from x, or from zero if it hasn't `begun`. `parts` are A's and one over its diagonal.
+    """
+    pull, bend, tie_x, tie_y, scale = parts
+    ny, nx = x.shape
+    kind = x.dtype.type
+    low = _MOST / least
+    middle, half = (_MOST + low) / 2, (_MOST - low) / 2
+    rho, on, by = half / middle, kind(0), kind(1 / middle)
+    for step in range(steps):
+        if step == 0 and not begun:
+            for i in range(ny):
+                for j in range(nx):
+                    way[i, j] = by * scale[i, j] * right[i, j]
+                    x[i, j] = way[i, j]
+        else:
+            _apply(x, pull, bend, tie_x, tie_y, lines, image)
+            for i in range(ny):
+                for j in range(nx):
+                    way[i, j] = on * way[i, j] + by * scale[i, j] * (right[i, j] - image[i, j])
+                    x[i, j] += way[i, j]
+        after = 1 / (2 * middle / half - rho)
+        on, by, rho = kind(after * rho), kind(2 * after / half), after
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_SUMS)
+def _cycle(levels, x, right, image, way, lines):  # type: ignore[no-untyped-def]
+    """One V-cycle on A x = right: into x[0] from right[0]; all but `lines` by level."""
+    last = len(x) - 1
+    for k in range(last):
+        _smooth(x[k], right[k], levels[k], image[k], way[k], lines, 2, _SMOOTH, False)
+        pull, bend, tie_x, tie_y, _ = levels[k]
+        _apply(x[k], pull, bend, tie_x, tie_y, lines, image[k])
+        for i in range(x[k].shape[0]):
+            for j in range(x[k].shape[1]):
+                image[k][i, j] = right[k][i, j] - image[k][i, j]
+        _restrict(image[k], lines[0], right[k + 1])
+    _smooth(
+        x[last], right[last], levels[last], image[last], way[last], lines, _COARSEST_STEPS,
+        _COARSEST, False,
+    )  # fmt: skip
+    for k in range(last - 1, -1, -1):
+        _prolong(x[k + 1], lines[0], x[k])
+        _smooth(x[k], right[k], levels[k], image[k], way[k], lines, 2, _SMOOTH, True)
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_SUMS)
+def _solve(h, pulled, levels, x, right, image, way, ahead, lines, enough, steps):  # type: ignore[no-untyped-def]
+    """Solve A h = `pulled` in place from a start. Returns the steps taken.
+
+    `h`, `pulled`, `ahead` (ny, nx) and `lines` (3, nx + 2), the last two scratch. `levels` is a
+    tuple by level, each (ny, nx) halved and rounded up, of `pull`, `bend`, `tie_x`, `tie_y` and
+    one over A's diagonal; the first level's four are given, all else is made here. `x`, `right`,
+    `image`, `way`: scratch by level. It ends when the square of the error, in the matrix's own
+    measure, is `enough` or less.
+    """
+    ny, nx = h.shape
+    kind = h.dtype.type
+    for k in range(len(levels)):
+        pull, bend, tie_x, tie_y, scale = levels[k]
+        if k:
+            # Differences over twice the distance: first ones double, second ones four times.
+            _coarsen(levels[k - 1][0], pull, kind(1))
+            _coarsen(levels[k - 1][1], bend, kind(1 / 16))
+            _coarsen(levels[k - 1][2], tie_x, kind(1 / 4))
+            _coarsen(levels[k - 1][3], tie_y, kind(1 / 4))
+        _scale(pull, bend, tie_x, tie_y, scale)
+    pull, bend, tie_x, tie_y, _ = levels[0]
+    residual, turned, spread = right[0], x[0], image[0]
+    _apply(h, pull, bend, tie_x, tie_y, lines, spread)
+    for i in range(ny):
+        for j in range(nx):
+            residual[i, j] = pulled[i, j] - spread[i, j]
+    ahead[:] = 0
+    before = kind(1)
+    for step in range(steps):
+        _cycle(levels, x, right, image, way, lines)
+        rho = kind(0)
+        for i in range(ny):
+            for j in range(nx):
+                rho += residual[i, j] * turned[i, j]
+        if rho <= enough:
+            return step
+        beta = rho / before
+        for i in range(ny):
+            for j in range(nx):
+                ahead[i, j] = turned[i, j] + beta * ahead[i, j]
+        _apply(ahead, pull, bend, tie_x, tie_y, lines, spread)
+        lift = kind(0)
+        for i in range(ny):
+            for j in range(nx):
+                lift += ahead[i, j] * spread[i, j]
+        if lift <= 0:
+            return step
+        alpha, before = rho / lift, rho
+        for i in range(ny):
+            for j in range(nx):
+                h[i, j] += alpha * ahead[i, j]
+                residual[i, j] -= alpha * spread[i, j]
+    return steps
