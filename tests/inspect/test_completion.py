@@ -106,10 +106,28 @@ def test_the_solver_solves_what_its_plain_twin_does() -> None:
         out = np.empty((ny, nx), np.float32)
         _multigrid._apply(h, *parts, lines, out)
         np.testing.assert_allclose(out.ravel(), matrix @ h.ravel(), rtol=1e-5, atol=1e-4)
-        _multigrid._scale(*parts, out)
+        _multigrid._scale(*parts, lines, out)
         np.testing.assert_allclose(out.ravel(), 1 / np.diag(matrix), rtol=1e-6)
         _multigrid._solve(h, right, levels, *scratch, out, lines, np.float32(1e-9), 60)
         np.testing.assert_allclose(h.ravel(), np.linalg.solve(matrix, right.ravel()), atol=1e-3)
+
+
+def test_weights_are_those_of_the_plain_twin() -> None:
+    random = np.random.default_rng(7)
+    ny, nx = 9, 12
+    h, z = (random.normal(0, 3e-5, (ny, nx)).astype(np.float32) for _ in range(2))
+    weight = np.where(random.random((ny, nx)) < 0.5, 0.6, 0).astype(np.float32)
+    sigma = random.uniform(1e-6, 3e-5, (ny, nx)).astype(np.float32)
+    h[0], tie, slope = z[0], np.float32(0.4), np.float32(1e5)
+    found = [
+        np.empty(shape, np.float32) for shape in ((ny, nx), (ny, nx), (ny, nx - 1), (ny - 1, nx))
+    ]
+    _multigrid._weigh(h, z, weight, sigma, np.float32(2), tie, slope, *found)
+    away = np.maximum(np.abs(h - z) / sigma, 1e-9)
+    pull = weight / sigma**2 * np.minimum(1, 2 / away)
+    ties = [tie / np.sqrt(1 + np.square(np.diff(h, axis=axis) * slope)) for axis in (1, 0)]
+    for mine, plain in zip(found, (pull, pull * z, *ties), strict=True):
+        np.testing.assert_allclose(mine, plain, rtol=1e-4)
 
 
 def test_the_solvers_cycle_is_that_of_its_plain_twin() -> None:

@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 
 from roller_emvs.patch import Patch
-from roller_inspect.findings.cues import cell_weights, height_cue, smoothed, usual_density
+from roller_inspect.findings.cues import height_cue
+from roller_inspect.findings.dense_edges import usual_density
 from roller_inspect.findings.finder_settings import FindingSettings
+from roller_inspect.findings.smoothing import (
+    between_blocks,
+    block_means,
+    cell_weights,
+    smoothed,
+    smoothed_sums,
+    weighted,
+)
 from roller_inspect.height_map import CONTINUED, MEASURED, OUTSIDE, HeightMap, HeightMapError
 from roller_inspect.height_map.height_map import centres
 from roller_inspect.height_map.join import coarser
@@ -119,6 +128,24 @@ def test_the_usual_density_is_that_of_the_wide_gaussian_on_all_cells() -> None:
     wide = cv2.GaussianBlur(points, (0, 0), 40.0, borderType=cv2.BORDER_CONSTANT) / 1e-8
     usual = float(np.median(wide[inside]))
     np.testing.assert_allclose(usual_density(points, inside, 1e-4), usual, rtol=0.01)
+
+
+def test_what_is_smoothed_much_is_the_same_on_a_coarser_grid() -> None:
+    random = np.random.default_rng(5)
+    values = random.normal(0, 1e-5, (150, 203)).astype(np.float32)
+    values[60:80, 90:130] += 1e-4
+    weight = (random.random(values.shape) < 0.6).astype(np.float32)
+    weight[20:50, 20:60] = 0
+    values[weight == 0] = np.nan
+    plain, share = smoothed(values, weight, 10.0)
+    sums = block_means(weighted(values, weight), 4)
+    coarse, coarse_share = smoothed_sums(sums, block_means(weight, 4), 10.0 / 4)
+    sure = (slice(10, 140), slice(10, 190))
+    found = between_blocks(coarse, 4, values.shape)
+    np.testing.assert_allclose(found[sure], plain[sure], atol=2e-6)
+    np.testing.assert_allclose(
+        between_blocks(coarse_share, 4, values.shape)[sure], share[sure], atol=0.02
+    )
 
 
 def test_few_stray_points_do_not_turn_the_map() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from roller_core.transforms import F64, inverse_pose
 
-from .findings.cues import cell_weights, inspectable, smoothed
+from .findings.cues import inspectable
+from .findings.smoothing import cell_weights, smoothed
 from .height_map import CONTINUED, OUTSIDE, UNMEASURED, HeightMap
 from .height_map.coverage import Coverage, coverage_of_cells
 from .height_map.height_map import F32, U8, Bools

@@ -12,17 +12,26 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from roller_inspect.height_map.height_map import CONTINUED, F32, MEASURED, OUTSIDE, Bools, HeightMap
+from roller_inspect.height_map.height_map import F32, MEASURED, OUTSIDE, Bools, HeightMap
 from roller_inspect.height_map.medians import block_medians, median_around, spread_blocks
 from roller_inspect.references.background import SelfReference
 from roller_inspect.references.reference import Comparison
 
+from .dense_edges import DENSE_SHARE, dense_edges
 from .finder_settings import FindingSettings
+from .smoothing import (
+    between_blocks,
+    block_means,
+    cell_weights,
+    smoothed,
+    smoothed_sums,
+    weighted,
+)  # fmt: skip
 
 #: Standard deviations of the Gaussians, m.
 SCALES_M = (1e-4, 2e-4, 5e-4, 1e-3)
-#: Weight of continued cells, which repeat what measured ones say.
-_CONTINUED_WEIGHT = 0.1
+#: What is smoothed needs no cells finer than this part of its Gaussian's standard deviation.
+_GRAIN = 0.4
 #: A smoothed height needs the weight of so many measured cells, in part of its Gaussian.
 _LEAST_SHARE = 0.05
 #: Noise at every scale is at least this, m: what no test resolved.
@@ -38,15 +47,8 @@ _FALSE_PER_M2, _LEAST_PEAKS = 300.0, 30
 _LONGER = 1.2
 #: What a scale found is no news to coarser ones, nor what lies so near to it, m.
 _FOUND_M = 3e-4
-#: From this share of known cells on a scan counts as one that shows all of the surface; gaps in
-#: it, m, and its smallest part, m².
-_DENSE_SHARE, _GAP_M, _LEAST_AREA_M2 = 0.5, 5e-4, 1e-5
-#: Edges are dense where points within a Gaussian of this standard deviation, m, are this many a m²,
-#: and so many times as many as is usual within the wider one. A place of them is a finding if it
-#: has so many points, and their deviation a median of this, m: what trails behind strong edges lies
-#: on the reference. Tuned on the virtual cell, plain coating.
-_EDGES_M, _WIDE_M, _DENSE_PER_M2, _TIMES = 3e-4, 4e-3, 8e6, 8.0
-_EDGE_POINTS, _EDGE_DEVIATION_M, _LEAST_AROUND = 15, 3e-5, 5
+#: Gaps in what shows all of the surface, m, and its smallest part, m².
+_GAP_M, _LEAST_AREA_M2 = 5e-4, 1e-5
 
 
 @dataclass(frozen=True)
@@ -69,35 +71,6 @@ class Cues:
     #: known. Shapes (ny, nx).
     weight: F32
     fine_m: F32
-
-
-def smoothed(values: F32, weight: F32, scale_cells: float) -> tuple[F32, F32]:
-    """Normalised convolution with a Gaussian: mean, and share of the window with weight."""
-    filled = np.where(weight > 0, values, 0).astype(np.float32) * weight
-    size = 2 * int(3.0 * scale_cells + 0.5) + 1
-    share, total = (
-        cv2.GaussianBlur(v, (size, size), scale_cells, borderType=cv2.BORDER_CONSTANT)
-        for v in (weight.astype(np.float32, copy=False), filled)
-    )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(share > 1e-6, total / share, np.nan)
-    return mean.astype(np.float32), np.asarray(share, np.float32)
-
-
-def cell_weights(height_map: HeightMap, deviation_m: F32) -> F32:
-    """Weights of cells in smoothing: 1 for measured ones, relative to their uncertainty."""
-    finite = np.isfinite(deviation_m)
-    by_state = np.zeros(256, np.float32)
-    by_state[[CONTINUED, MEASURED]] = _CONTINUED_WEIGHT, 1.0
-    weight = by_state[height_map.state]
-    measured = finite & (height_map.state == MEASURED)
-    if measured.any():
-        usual = np.median(height_map.sigma_m[measured])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.square(usual / height_map.sigma_m)
-        weight *= np.fmax(np.fmin(ratio, np.float32(2.0)), np.float32(0.1))
-    weight[~finite] = 0
-    return weight
 
 
 def height_cue(
@@ -124,23 +97,28 @@ def height_cue(
         weights.append(cell_weights(height_map, fields[1]))
     for field, weight in zip(fields, weights, strict=True):
         found = np.zeros(height_map.shape, bool)
+        filled = weighted(field, weight)
         for k, scale in enumerate(SCALES_M):
-            mean, share = smoothed(
-                field, np.where(found, np.float32(0), weight), max(scale / step, 0.5)
-            )
+            by = _grain(scale / step)
+            cells = (slice(None, None, by), slice(None, None, by))
+            sums, weights_left = (block_means(np.where(found, 0, v), by) for v in (filled, weight))
+            mean, share = smoothed_sums(sums, weights_left, max(scale / step / by, 0.5))
             if field is whole and k == 0:
                 fine = mean
-            counts = usable & ~found & (share > _LEAST_SHARE)
-            noise = _noise(mean, counts & (weight > 0), claimed, step)
+            counts = usable[cells] & ~found[cells] & (share > _LEAST_SHARE)
+            noise = _noise(mean, counts & (weights_left > 0), claimed[cells], step * by)
             thinned = noise[::2, ::2][counts[::2, ::2]]
             if k in (0, len(SCALES_M) - 1) and len(thinned):
                 end = int(k > 0)
-                usual[end], around[end] = np.median(thinned), noise
+                usual[end] = np.median(thinned)
+                around[end] = spread_blocks(noise, by, height_map.shape)
             with np.errstate(invalid="ignore"):
-                z = mean / np.sqrt(np.square(noise) + reference2)
+                z = mean / np.sqrt(np.square(noise) + reference2[cells])
             z[~counts] = 0
-            tail = _tail(z, counts, scale / step, step)
+            tail = _tail(z, counts, scale / step / by, step * by)
             z *= np.float32(settings.strong_z / max(tail, settings.strong_z))
+            z = between_blocks(z, by, height_map.shape)
+            z[~usable | found] = 0
             size = np.abs(z)
             np.copyto(best, z, where=size > np.abs(best))
             sure = connected(size > settings.weak_z, size > settings.strong_z)
@@ -156,47 +134,9 @@ def height_cue(
     return Cues(best, size > settings.weak_z, strong, usual, around, edges, weights[0], fine)
 
 
-def dense_edges(height_map: HeightMap, height_m: F32, usable: Bools) -> npt.NDArray[np.int8]:
-    """Where a scan that shows little else shows many edges that lie higher, 1, or lower, −1."""
-    found = np.zeros(height_map.shape, np.int8)
-    inside = height_map.state != OUTSIDE
-    if not usable.any() or height_map.known[inside].mean() > _DENSE_SHARE:
-        return found
-    step = height_map.step_m
-    points = height_map.points.astype(np.float32)
-    near = cv2.GaussianBlur(points, (0, 0), _EDGES_M / step, borderType=cv2.BORDER_CONSTANT)
-    dense = usable & (
-        near > step**2 * max(_DENSE_PER_M2, _TIMES * usual_density(points, inside, step))
-    )
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(dense.astype(np.uint8))
-    enough = np.bincount(labels.ravel(), points.ravel()) >= _EDGE_POINTS
-    measured = (height_map.state == MEASURED) & np.isfinite(height_m)
-    reach = round(_WIDE_M / step)
-    for number in np.flatnonzero(enough[1:]) + 1:
-        x, y, width, height, _ = boxes[number]
-        window = (
-            slice(max(y - reach, 0), y + height + reach),
-            slice(max(x - reach, 0), x + width + reach),
-        )
-        own, heights = labels[window] == number, height_m[window]
-        here, around = own & measured[window], measured[window] & ~dense[window]
-        if here.any() and around.sum() >= _LEAST_AROUND:
-            off = np.median(heights[here]) - np.median(heights[around])
-            if abs(off) >= _EDGE_DEVIATION_M:
-                found[window][own] = np.sign(off)
-    return found
-
-
-def usual_density(points: F32, inside: Bools, step_m: float) -> float:
-    """Median of the points a m² within the wider Gaussian, which blocks of an eighth tell."""
-    k = max(1, round(_WIDE_M / step_m / 8))
-    rows, columns = (-n % k for n in points.shape)
-    whole = np.pad(points, ((0, rows), (0, columns)))
-    size = whole.shape[1] // k, whole.shape[0] // k
-    blocks = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
-    reach = _WIDE_M / step_m / k
-    wide = cv2.GaussianBlur(blocks, (0, 0), reach, borderType=cv2.BORDER_CONSTANT)
-    return float(np.median(spread_blocks(wide, k, inside.shape)[inside])) / step_m**2
+def _grain(scale_cells: float) -> int:
+    """How much coarser, a power of two, the cells may be for a Gaussian of so many cells."""
+    return 2 ** max(0, int(np.floor(np.log2(scale_cells * _GRAIN))))
 
 
 def connected(weak: Bools, strong: Bools) -> Bools:
@@ -257,7 +197,7 @@ def inspectable(height_map: HeightMap, edge_m: float) -> Bools:
     if not inside.any():
         return inside
     area = inside
-    if height_map.known[inside].mean() > _DENSE_SHARE:
+    if height_map.known[inside].mean() > DENSE_SHARE:
         # What is close together; gaps as wide as findings belong to it.
         k = max(1, round(_GAP_M / step))
         ones = np.ones((2 * k + 1, 2 * k + 1), np.uint8)
@@ -267,7 +207,9 @@ def inspectable(height_map: HeightMap, edge_m: float) -> Bools:
         large = stats[:, cv2.CC_STAT_AREA] * step**2 >= _LEAST_AREA_M2
         large[0] = False
         area = large[labels]
-    return distance(np.pad(area, 1))[1:-1, 1:-1] * step > edge_m
+    away = cv2.distanceTransform(np.pad(area, 1).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # Squares of distances are whole numbers of cells.
+    return away[1:-1, 1:-1] > np.sqrt(np.floor(np.square(edge_m / step) + 1e-9) + 0.5)
 
 
 def _claimed(height_map: HeightMap) -> F32:

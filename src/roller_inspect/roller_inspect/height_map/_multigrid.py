@@ -13,6 +13,7 @@ iteration (Adams et al., Parallel multigrid smoothing, 2003).
 from __future__ import annotations
 
 import numba
+import numpy as np
 
 #: Sums may be reordered; nothing here is NaN or infinite.
 _SUMS = {"reassoc", "contract", "nsz"}
@@ -63,36 +64,68 @@ def _apply(h, pull, bend, tie_x, tie_y, lines, out):  # type: ignore[no-untyped-
             second[0] = 0
 
 
-@numba.njit(cache=True, nogil=True)
-def _scale(pull, bend, tie_x, tie_y, out):  # type: ignore[no-untyped-def]
-    """Write one over the diagonal of A into `out` (ny, nx)."""
+@numba.njit(cache=True, nogil=True, fastmath=_SUMS)
+def _scale(pull, bend, tie_x, tie_y, lines, out):  # type: ignore[no-untyped-def]
+    """Write one over the diagonal of A into `out` (ny, nx); `lines` as for `_apply`."""
     ny, nx = pull.shape
+    second, mixed, across = lines[0], lines[1], lines[2]
+    second[0], second[1], second[nx], second[nx + 1] = 0, 0, 0, 0
+    mixed[0], mixed[nx], across[0], across[nx] = 0, 0, 0, 0
     out[:] = pull
     for i in range(ny):
+        w, own = bend[i], out[i]
+        # A difference counts with its factor's square: 1, 4 and 1 of a second one.
+        for j in range(1, nx - 1):
+            second[j + 1] = w[j]
+        for j in range(nx - 1):
+            across[j + 1] = tie_x[i, j]
         for j in range(nx):
-            w = bend[i, j]
-            if 0 < j < nx - 1:
-                out[i, j - 1] += w
-                out[i, j] += 4 * w
-                out[i, j + 1] += w
-            if 0 < i < ny - 1:
-                out[i - 1, j] += w
-                out[i, j] += 4 * w
-                out[i + 1, j] += w
-            if j < nx - 1:
-                out[i, j] += tie_x[i, j]
-                out[i, j + 1] += tie_x[i, j]
-                if i < ny - 1:
-                    out[i, j] += 2 * w
-                    out[i, j + 1] += 2 * w
-                    out[i + 1, j] += 2 * w
-                    out[i + 1, j + 1] += 2 * w
-            if i < ny - 1:
-                out[i, j] += tie_y[i, j]
-                out[i + 1, j] += tie_y[i, j]
+            own[j] += second[j] + 4 * second[j + 1] + second[j + 2] + across[j] + across[j + 1]
+        if i == ny - 1:
+            continue
+        under = out[i + 1]
+        for j in range(nx - 1):
+            mixed[j + 1] = w[j] + w[j]
+        for j in range(nx):
+            both = mixed[j] + mixed[j + 1] + tie_y[i, j]
+            own[j] += both
+            under[j] += both
+        if i > 0:
+            over = out[i - 1]
+            for j in range(nx):
+                over[j] += w[j]
+            for j in range(nx):
+                own[j] += 4 * w[j]
+            for j in range(nx):
+                under[j] += w[j]
     for i in range(ny):
         for j in range(nx):
             out[i, j] = 1 / out[i, j]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_SUMS)
+def _weigh(h, z, weight, sigma, most, tie, slope, pull, pulled, tie_x, tie_y):  # type: ignore[no-untyped-def]
+    """Write the weights that cells and slopes have at h.
+
+    `pull`: of each cell's height z, `weight` / `sigma`² and less beyond `most` σ (Huber);
+    `pulled`: times z. `tie_x`, `tie_y`: `tie` / sqrt(1 + s²) of the difference times `slope`.
+    """
+    ny, nx = h.shape
+    one = h.dtype.type(1)
+    for i in range(ny):
+        for j in range(nx):
+            far = abs(h[i, j] - z[i, j])
+            bound = most * sigma[i, j]
+            own = weight[i, j] / (sigma[i, j] * sigma[i, j])
+            pull[i, j] = own * bound / max(far, bound)
+            pulled[i, j] = pull[i, j] * z[i, j]
+        for j in range(nx - 1):
+            s = (h[i, j + 1] - h[i, j]) * slope
+            tie_x[i, j] = tie / np.sqrt(one + s * s)
+        if i < ny - 1:
+            for j in range(nx):
+                s = (h[i + 1, j] - h[i, j]) * slope
+                tie_y[i, j] = tie / np.sqrt(one + s * s)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -210,8 +243,8 @@ def _solve(h, pulled, levels, x, right, image, way, ahead, lines, enough, steps)
     `h`, `pulled`, `ahead` (ny, nx) and `lines` (3, nx + 2), the last two scratch. `levels` is a
     tuple by level, each (ny, nx) halved and rounded up, of `pull`, `bend`, `tie_x`, `tie_y` and
     one over A's diagonal; the first level's four are given, all else is made here. `x`, `right`,
-    `image`, `way`: scratch by level. It ends when the square of the error, in the matrix's own
-    measure, is `enough` or less.
+    `image`, `way`: scratch by level. It ends when the square of the error before a step,
+    in the matrix's own measure, was `enough` or less.
     """
     ny, nx = h.shape
     kind = h.dtype.type
@@ -223,7 +256,7 @@ def _solve(h, pulled, levels, x, right, image, way, ahead, lines, enough, steps)
             _coarsen(levels[k - 1][1], bend, kind(1 / 16))
             _coarsen(levels[k - 1][2], tie_x, kind(1 / 4))
             _coarsen(levels[k - 1][3], tie_y, kind(1 / 4))
-        _scale(pull, bend, tie_x, tie_y, scale)
+        _scale(pull, bend, tie_x, tie_y, lines, scale)
     pull, bend, tie_x, tie_y, _ = levels[0]
     residual, turned, spread = right[0], x[0], image[0]
     _apply(h, pull, bend, tie_x, tie_y, lines, spread)
@@ -238,8 +271,6 @@ def _solve(h, pulled, levels, x, right, image, way, ahead, lines, enough, steps)
         for i in range(ny):
             for j in range(nx):
                 rho += residual[i, j] * turned[i, j]
-        if rho <= enough:
-            return step
         beta = rho / before
         for i in range(ny):
             for j in range(nx):
@@ -256,4 +287,6 @@ def _solve(h, pulled, levels, x, right, image, way, ahead, lines, enough, steps)
             for j in range(nx):
                 h[i, j] += alpha * ahead[i, j]
                 residual[i, j] -= alpha * spread[i, j]
+        if rho <= enough:
+            return step + 1
     return steps

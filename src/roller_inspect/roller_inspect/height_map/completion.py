@@ -27,12 +27,12 @@ _FREE = 0.2
 #: anchors steep walls tilt the flats beside them.
 _MOST_SIGMA_M = 30e-6
 #: Beyond so many σ an anchor pulls no harder.
-_HUBER = 2.0
+_HUBER = np.float32(2.0)
 #: Grids from coarse to fine: how much coarser, rounds of reweighting, and the solver's steps. Dense
 #: cells are there after one step, sparse ones take all.
 _GRIDS = ((8, 4, 3), (4, 3, 2), (2, 2, 2), (1, 2, 2))
-#: A cell's share of the solver's remaining error, squared and in σ.
-_ENOUGH = 1e-5
+#: The solver's last step is the one before which a cell's squared error is this, in σ².
+_ENOUGH = 1e-3
 #: Levels of the solver, the finest included.
 _LEVELS = 8
 
@@ -111,15 +111,13 @@ def _solve(
     levels = tuple(zip(cells(), cells(), cells(cut_x=1), cells(cut_y=1), cells(), strict=True))
     pull, bend, tie_x, tie_y, _ = levels[0]
     scratch = cells(), cells(), cells(), cells(), np.empty_like(h), np.empty((3, nx + 2), h.dtype)
+    pulled = np.empty_like(h)
     bend[:] = np.where(known, np.float32(_FREE * stiff), np.float32(stiff))
     # Of slopes as of bends: a sum over cells of _CELL_M, whatever the grid.
     tie = np.float32((step_m / _CELL_M) ** 2 * _SLOPE_WEIGHT / (step_m * _SLOPE) ** 2)
     slope = np.float32(1 / (step_m * _SLOPE))
     enough = np.float32(_ENOUGH * np.count_nonzero(known))
     for _ in range(rounds):
-        away = np.abs(h - z) / sigma
-        pull[:] = weight / sigma**2 * np.minimum(1, _HUBER / np.maximum(away, np.float32(1e-9)))
-        for axis, ties in ((1, tie_x), (0, tie_y)):
-            ties[:] = tie / np.sqrt(1 + np.square(np.diff(h, axis=axis) * slope))
-        _multigrid._solve(h, pull * z, levels, *scratch, enough, steps)
+        _multigrid._weigh(h, z, weight, sigma, _HUBER, tie, slope, pull, pulled, tie_x, tie_y)
+        _multigrid._solve(h, pulled, levels, *scratch, enough, steps)
     return h

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from roller_inspect.findings.cues import SCALES_M, cell_weights, smoothed
+from roller_inspect.findings.cues import SCALES_M
 from roller_inspect.findings.sizes import ALIKE_M, extreme
+from roller_inspect.findings.smoothing import cell_weights, smoothed
 from roller_inspect.height_map.height_map import F32, Bools, HeightMap
 from roller_inspect.references.nominal import fit_polynomial
 from roller_inspect.references.reference import ReferenceError
