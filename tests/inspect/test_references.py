@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from roller_core.transforms import F64
@@ -21,7 +22,7 @@ from roller_inspect.references import (
 )
 from roller_inspect.surface_inspector import InspectionSettings, SurfaceInspector
 
-from .analytic_surface import Surface, dent, flat, scan
+from .analytic_surface import Surface, dent, errors, flat, scan
 from .box_step import box_step
 
 BOSS = (0.012, 0.0)
@@ -81,6 +82,35 @@ def test_a_golden_part_shows_what_is_missing_and_nothing_else(tmp_path: Path) ->
     assert abs(finding.depth_m + 2e-4) < finding.uncertainty.depth_m
     with pytest.raises(ReferenceError, match=r"no golden\.npz"):
         GoldenReference.load(tmp_path / "none")
+
+
+def test_what_scatters_in_few_good_scans_is_no_finding_in_another() -> None:
+    dots = [(0.004 + 0.0025 * k, y) for k in range(7) for y in (-2.5e-3, 0.0, 2.5e-3)]
+
+    def dotted(seed: int) -> Surface:
+        """A plate with dots, whose steep flanks are read 40 µm higher or lower by each scan."""
+        random = np.random.default_rng(seed)
+        step = 1e-4
+        wrong = errors((102, 242), step, 4e-5, random)
+
+        def height(x: F64, y: F64) -> F64:
+            r = np.min([np.hypot(x - u, y - v) for u, v in dots], axis=0)
+            at = np.broadcast_arrays((y + 5e-3) / step, x / step)
+            flank = np.exp(-(((r - 4e-4) / 2e-4) ** 2))
+            return 4e-4 * np.exp(-((r / 4e-4) ** 2)) + flank * map_coordinates(wrong, at, order=1)
+
+        return height
+
+    golden = teach([map_of(dotted(seed), seed) for seed in (1, 2, 3)])
+    for seed in range(4, 8):
+        assert inspect(dotted(seed), golden, seed).findings == ()
+    missing = dent(dots[10], 8e-4, 3e-4)
+    other = dotted(8)
+    (finding,) = inspect(lambda x, y: other(x, y) + missing(x, y), golden, 8).findings
+    assert finding.kind == "missing"
+    small = dent((0.01525, 1.25e-3), 1e-3, -1.2e-4)
+    (finding,) = inspect(lambda x, y: other(x, y) + small(x, y), golden, 8).findings
+    assert finding.kind == "extra"
 
 
 def test_a_bad_part_among_those_that_teach_is_named() -> None:

@@ -31,6 +31,12 @@ _SAME_FRAME = 1e-9
 _LEAST_SHARE = 0.5
 #: Standard uncertainty of the mean of few scans isn't below this, m.
 _LEAST_SIGMA_M = 3e-6
+#: What makes the median deviation of so many scans a standard deviation without bias (Croux and
+#: Rousseeuw, Time-efficient algorithms for two highly robust estimators of scale, 1992).
+_FEW = {2: 1.196, 3: 1.495, 4: 1.363, 5: 1.206, 6: 1.2, 7: 1.14, 8: 1.129, 9: 1.107}
+#: Few scans that agree in a cell by chance say little: what is around, within a Gaussian of this
+#: standard deviation, m, counts as so many scans more.
+_AROUND_M, _AROUND_SCANS = 3e-4, 8
 #: A scan that differs by this over so wide a place, m, of this area, m², isn't like the others.
 _ODD_M, _ODD_WIDE_M, _ODD_AREA_M2 = 1e-4, 5e-4, 3e-7
 
@@ -47,7 +53,8 @@ class GoldenReference:
     y_m: F64
     #: Median of the scans; NaN where less than half of them know it. Shape (ny, nx).
     height_m: F32
-    #: Their robust standard deviation; with one scan its own uncertainty. Shape (ny, nx).
+    #: Their robust standard deviation, of few scans together with what is around; with one scan its
+    #: own uncertainty. Shape (ny, nx).
     spread_m: F32
     #: Share of the scans that measured the cell. Shape (ny, nx).
     coverage: F32
@@ -88,8 +95,12 @@ class GoldenReference:
             raise ReferenceError(
                 "reference golden: it was taught in another frame than this scan's"
             )
-        # The spread of good parts bounds what is a deviation at all.
-        sigma = np.maximum(self.spread_m, _LEAST_SIGMA_M).astype(np.float32)
+        # The spread of good parts bounds what is a deviation at all: this scan's, and the median's
+        # of so many. What is usual of it shows in this scan's own scatter already.
+        spread2 = np.square(self.spread_m)
+        usual2 = np.nanmedian(spread2) if np.isfinite(spread2).any() else 0.0
+        sigma = np.sqrt(np.maximum(spread2 - usual2, 0) + spread2 / self.scans)
+        sigma = np.maximum(sigma, _LEAST_SIGMA_M).astype(np.float32)
         field = Field(self.x_m, self.y_m, self.height_m, sigma)
         return compare_field(field, height_map, self.name, masked)
 
@@ -153,11 +164,27 @@ def teach(
                 )
             warn(f"{text}: is it a good part? the median of all counts")
     if len(maps) > 1:
-        spread[some] = 1.4826 * np.nanmedian(np.abs(stack[:, some] - height[some]), axis=0)
+        deviation = np.nanmedian(np.abs(stack[:, some] - height[some]), axis=0)
+        spread[some] = 1.4826 * _FEW.get(len(maps), 1.0) * deviation
+        spread = _steadied(spread, len(maps), step)
     else:
         spread[some] = first.sigma_m[some]
     coverage = np.stack(measured).mean(axis=0).astype(np.float32)
     return GoldenReference(x, y, height, spread, coverage, len(maps), first.base_from_map)
+
+
+def _steadied(spread: F32, scans: int, step_m: float) -> F32:
+    """Standard deviations of few scans each, drawn towards those around (pooled variances)."""
+    known = np.isfinite(spread)
+    sums, share = (
+        ndimage.gaussian_filter(values.astype(np.float32), _AROUND_M / step_m, mode="constant")
+        for values in (np.where(known, np.square(spread), 0), known)
+    )
+    around = sums / np.maximum(share, np.float32(1e-6))
+    pooled = ((scans - 1) * np.square(spread) + _AROUND_SCANS * around) / (
+        scans - 1 + _AROUND_SCANS
+    )
+    return np.asarray(np.sqrt(pooled), np.float32)
 
 
 def _odd(away: F32, height_map: HeightMap) -> str:
