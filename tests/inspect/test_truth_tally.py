@@ -6,6 +6,7 @@ import pytest
 from roller_inspect.results.truth_tally import SurfaceTally
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import VirtualCellSettings
+from roller_sim.relief import Region
 
 
 def test_of_a_plate_without_objects_what_the_camera_passed_counts() -> None:
@@ -22,3 +23,13 @@ def test_of_a_plate_without_objects_what_the_camera_passed_counts() -> None:
     assert found["objects"] == {}
     assert found["all"]["points"] == len(good)
     assert found["all"]["mae_um"] == pytest.approx(10.0, abs=0.1)
+
+
+def test_an_object_smaller_than_a_pixel_has_no_edges_and_stops_nothing() -> None:
+    truth = VirtualCell(VirtualCellSettings.create({"scene": {"name": "flat"}}, "test")).truth
+    speck = Region("speck", 0.01, 0.01001, 0.0, 1e-5)
+    tally = SurfaceTally(truth, regions={"speck": speck})
+    tally.add_points(np.array([[0.010005, 5e-6, 1e-5]]), truth.start_ros_ns)
+    found = tally.summary()["objects"]["speck"]
+    assert found["points"] == 1
+    assert np.isnan(found["edges_measured"])

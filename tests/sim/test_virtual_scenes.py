@@ -196,6 +196,9 @@ def test_a_mesh_is_laid_on_the_plate(tmp_path):
         scene("mesh:nothing.stl")
     with pytest.raises(SceneError, match="check mesh_unit"):
         scene(f"mesh:{file}", mesh_unit="m")
+    o3d.io.write_triangle_mesh(str(file), box.scale(1e-3, (0, 0, 0)))
+    with pytest.raises(SceneError, match=r"mm in unit 'mm', too small to be seen; check mesh_unit"):
+        scene(f"mesh:{file}")
 
 
 def test_defects_lie_where_their_marks_say():

@@ -12,6 +12,9 @@ from .errors import SceneError
 from .plates import new_plate
 from .relief import F64, Scene
 
+#: Least length and width, mm: a few pixels.
+_LEAST_MM = 0.2
+
 
 def mesh_scene(path: str, settings: SceneSettings) -> Scene:
     """A plate with the upper side of a mesh on it, seen from +z, its lowest corner at the face.
@@ -44,6 +47,11 @@ def mesh_scene(path: str, settings: SceneSettings) -> Scene:
         raise SceneError(
             f"mesh {path}: {size[2]:.3g} mm high in unit '{settings.mesh_unit}'; the roller takes "
             "up to 3 mm; check mesh_unit and that z points up"
+        )
+    if min(size[:2]) < _LEAST_MM:
+        raise SceneError(
+            f"mesh {path}: {size[0]:.3g} × {size[1]:.3g} mm in unit '{settings.mesh_unit}', too "
+            "small to be seen; check mesh_unit"
         )
     plate = new_plate(settings, float(size[0]))
     x0, half = settings.margin_mm, float(size[1]) / 2

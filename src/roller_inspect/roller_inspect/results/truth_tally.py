@@ -173,9 +173,9 @@ class SurfaceTally(_Tallies):
         """Errors within an object, on a grid of the camera's pixels on the surface."""
         camera = self.truth.camera
         step = self.truth.path.height_m / max(camera.fx, camera.fy)
-        x, y = np.meshgrid(
-            np.arange(region.x0, region.x1, step), np.arange(region.y0, region.y1, step)
-        )
+        # Two cells at least, which a slope takes.
+        ends = max(region.x1, region.x0 + 1.5 * step), max(region.y1, region.y0 + 1.5 * step)
+        x, y = np.meshgrid(np.arange(region.x0, ends[0], step), np.arange(region.y0, ends[1], step))
         dy, dx = np.gradient(self.truth.height_at(x, y), step)
         edges = np.hypot(dx, dy) > EDGE_SLOPE
         own = points[region.contains(points[:, 0], points[:, 1])]
