@@ -3,6 +3,8 @@
 import itertools
 
 import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from roller_core.transforms import F64
 from roller_inspect.height_map import _kernels, _multigrid
@@ -122,9 +124,11 @@ def test_weights_are_those_of_the_plain_twin() -> None:
     found = [
         np.empty(shape, np.float32) for shape in ((ny, nx), (ny, nx), (ny, nx - 1), (ny - 1, nx))
     ]
-    _multigrid._weigh(h, z, weight, sigma, np.float32(2), tie, slope, *found)
+    hardest = np.float32(1e10)
+    _multigrid._weigh(h, z, weight, sigma, np.float32(2), hardest, tie, slope, *found)
     away = np.maximum(np.abs(h - z) / sigma, 1e-9)
-    pull = weight / sigma**2 * np.minimum(1, 2 / away)
+    pull = np.minimum(weight / sigma**2 * np.minimum(1, 2 / away), hardest)
+    assert (pull == hardest).any()
     ties = [tie / np.sqrt(1 + np.square(np.diff(h, axis=axis) * slope)) for axis in (1, 0)]
     for mine, plain in zip(found, (pull, pull * z, *ties), strict=True):
         np.testing.assert_allclose(mine, plain, rtol=1e-4)
@@ -182,6 +186,30 @@ def test_a_dome_goes_on_between_its_anchors_and_a_flat_top_stays_flat() -> None:
         error = np.abs(complete_surface(height, sigma, 1e-4) - surface)
         inside = np.maximum(np.abs(x), np.abs(y)) < 3e-3
         assert error[inside].mean() < limit
+
+
+@given(
+    ny=st.integers(1, 50),
+    nx=st.integers(1, 50),
+    share=st.floats(0.002, 1.0),
+    step_mm=st.floats(0.02, 2.0),
+    scatter_um=st.floats(0.0, 500.0),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=60, deadline=None)
+def test_any_measured_cells_give_a_finite_surface_near_them(
+    ny: int, nx: int, share: float, step_mm: float, scatter_um: float, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    known = random.random((ny, nx)) < share
+    known[random.integers(ny), random.integers(nx)] = True
+    height = np.where(known, random.normal(0.05, 1e-6 * scatter_um, (ny, nx)), np.nan)
+    # However sure, or not, cells claim to be.
+    sigma = np.where(known, random.choice([0.0, 1e-9, 1e-6, 1e-5, 1e-3], (ny, nx)), np.nan)
+    found = complete_surface(height.astype(np.float32), sigma.astype(np.float32), 1e-3 * step_mm)
+    low, high = np.nanmin(height), np.nanmax(height)
+    beyond = 3 * (high - low) + 1e-4
+    assert ((low - beyond <= found) & (found <= high + beyond)).all()
 
 
 def test_beside_steep_walls_the_unseen_is_not_higher_or_lower_than_what_was_seen() -> None:

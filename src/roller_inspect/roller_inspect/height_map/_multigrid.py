@@ -104,11 +104,12 @@ def _scale(pull, bend, tie_x, tie_y, lines, out):  # type: ignore[no-untyped-def
 
 
 @numba.njit(cache=True, nogil=True, fastmath=_SUMS)
-def _weigh(h, z, weight, sigma, most, tie, slope, pull, pulled, tie_x, tie_y):  # type: ignore[no-untyped-def]
+def _weigh(h, z, weight, sigma, most, hardest, tie, slope, pull, pulled, tie_x, tie_y):  # type: ignore[no-untyped-def]
     """Write the weights that cells and slopes have at h.
 
-    `pull`: of each cell's height z, `weight` / `sigma`² and less beyond `most` σ (Huber);
-    `pulled`: times z. `tie_x`, `tie_y`: `tie` / sqrt(1 + s²) of the difference times `slope`.
+    `pull`: of each cell's height z, `weight` / `sigma`² and less beyond `most` σ (Huber), at most
+    `hardest`; `pulled`: times z. `tie_x`, `tie_y`: `tie` / sqrt(1 + s²) of the difference times
+    `slope`.
     """
     ny, nx = h.shape
     one = h.dtype.type(1)
@@ -117,7 +118,7 @@ def _weigh(h, z, weight, sigma, most, tie, slope, pull, pulled, tie_x, tie_y):  
             far = abs(h[i, j] - z[i, j])
             bound = most * sigma[i, j]
             own = weight[i, j] / (sigma[i, j] * sigma[i, j])
-            pull[i, j] = own * bound / max(far, bound)
+            pull[i, j] = min(own * bound / max(far, bound), hardest)
             pulled[i, j] = pull[i, j] * z[i, j]
         for j in range(nx - 1):
             s = (h[i, j + 1] - h[i, j]) * slope

@@ -24,8 +24,8 @@ _BEND_M, _SLOPE_WEIGHT, _SLOPE = 50e-6, 0.03, 0.1
 #: ρ of measured cells: they may bend.
 _FREE = 0.2
 #: Anchors' σ is at most this, m: that of lone edges covers more than their scatter, and with softer
-#: anchors steep walls tilt the flats beside them.
-_MOST_SIGMA_M = 30e-6
+#: anchors steep walls tilt the flats beside them. And at least.
+_MOST_SIGMA_M, _LEAST_SIGMA_M = 30e-6, 1e-6
 #: Beyond so many σ an anchor pulls no harder.
 _HUBER = np.float32(2.0)
 #: Grids from coarse to fine: how much coarser, rounds of reweighting, and the solver's steps. Dense
@@ -33,6 +33,8 @@ _HUBER = np.float32(2.0)
 _GRIDS = ((8, 4, 3), (4, 3, 2), (2, 2, 2), (1, 2, 2))
 #: The solver's last step is the one before which a cell's squared error is this, in σ².
 _ENOUGH = 1e-3
+#: A cell pulls no harder than this times what bends one: it doesn't move, and steps go on.
+_HARDEST = 1e4
 #: Levels of the solver, the finest included.
 _LEVELS = 8
 
@@ -58,7 +60,8 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
     level = float(np.median(height_m[known]))
     z = np.where(known, height_m - np.float32(level), np.float32(0))
     weight = np.where(known, np.float32((step_m / _CELL_M) ** 2), np.float32(0))
-    sigma = np.where(known, np.minimum(sigma_m, np.float32(_MOST_SIGMA_M)), np.float32(1))
+    bounds = np.float32(_LEAST_SIGMA_M), np.float32(_MOST_SIGMA_M)
+    sigma = np.where(known, np.clip(sigma_m, *bounds), np.float32(1))
     # Of each grid the weights of its cells, and their sums of heights and uncertainties.
     grids = [np.stack([weight, weight * z, weight * sigma])]
     while 2 ** len(grids) <= _GRIDS[0][0]:
@@ -116,8 +119,11 @@ def _solve(
     # Of slopes as of bends: a sum over cells of _CELL_M, whatever the grid.
     tie = np.float32((step_m / _CELL_M) ** 2 * _SLOPE_WEIGHT / (step_m * _SLOPE) ** 2)
     slope = np.float32(1 / (step_m * _SLOPE))
+    hardest = np.float32(_HARDEST * stiff)
     enough = np.float32(_ENOUGH * np.count_nonzero(known))
     for _ in range(rounds):
-        _multigrid._weigh(h, z, weight, sigma, _HUBER, tie, slope, pull, pulled, tie_x, tie_y)
+        _multigrid._weigh(
+            h, z, weight, sigma, _HUBER, hardest, tie, slope, pull, pulled, tie_x, tie_y
+        )
         _multigrid._solve(h, pulled, levels, *scratch, enough, steps)
     return h
