@@ -12,6 +12,34 @@ _CHUNK = 512
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _place(count, when, u, v, m, d, right, below, column, place):  # type: ignore[no-untyped-def]
+    """Column and place in a strip's image of events at pixels u, v; place -1 outside it.
+
+    m, d: float64 (3, 3), map and its change over the time between two knots, of which `when`,
+    float64 (n,), is the share. A function of its own, over arrays of its own: so the compiler
+    takes several events at once.
+    """
+    m00, m01, m02 = m[0, 0], m[0, 1], m[0, 2]
+    m10, m11, m12 = m[1, 0], m[1, 1], m[1, 2]
+    m20, m21, m22 = m[2, 0], m[2, 1], m[2, 2]
+    d00, d01, d02 = d[0, 0], d[0, 1], d[0, 2]
+    d10, d11, d12 = d[1, 0], d[1, 1], d[1, 2]
+    d20, d21, d22 = d[2, 0], d[2, 1], d[2, 2]
+    for i in range(count):
+        f, a, b = when[i], np.float64(u[i]), np.float64(v[i])
+        w = (m20 + f * d20) * a + (m21 + f * d21) * b + m22 + f * d22
+        c = (m00 + f * d00) * a + (m01 + f * d01) * b + m02 + f * d02
+        r = (m10 + f * d10) * a + (m11 + f * d11) * b + m12 + f * d12
+        w = 1.0 / w
+        c = np.floor(c * w + 0.5)
+        r = np.floor(r * w + 0.5)
+        # Written so that NaN fails it: of w = 0, which looks along the surface.
+        inside = (a >= -1e8) & (c >= 0) & (c < right) & (r >= 0) & (r < below)
+        column[i] = np.int32(c if inside else 0.0)
+        place[i] = np.int32(r * right + c if inside else -1.0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-untyped-def]
     """Warp events onto the surface and count them there.
 
@@ -28,8 +56,9 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
     width = np.uint64(table.shape[1])
     size = np.uint64(rows * columns)
     one, two = np.uint64(1), np.uint64(2)
-    u, v = np.empty((2, _CHUNK), np.float32)
-    column, place = np.empty((2, _CHUNK), np.int32)
+    when = np.empty(_CHUNK, np.float64)
+    u, v = np.empty(_CHUNK, np.float32), np.empty(_CHUNK, np.float32)
+    column, place = np.empty(_CHUNK, np.int32), np.empty(_CHUNK, np.int32)
     right, below = np.float64(columns), np.float64(rows)
     last = len(knots_ns) - 2
     k = start = used = 0
@@ -41,27 +70,14 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
             stop -= 1
         begin = np.uint64(start)
         count = np.uint64(stop - start)
+        share = 1.0 / (knots_ns[k + 1] - knots_ns[k])
         for i in range(count):
             at = two * (np.uint64(y[begin + i]) * width + np.uint64(x[begin + i]))
             u[i] = pixels[at]
             v[i] = pixels[at + one]
+            when[i] = (t[begin + i] - knots_ns[k]) * share
         m = maps[k]
-        d = maps[k + 1] - m
-        share = 1.0 / (knots_ns[k + 1] - knots_ns[k])
-        for i in range(count):
-            f = (t[begin + i] - knots_ns[k]) * share
-            a = np.float64(u[i])
-            b = np.float64(v[i])
-            w = (m[2, 0] + f * d[2, 0]) * a + (m[2, 1] + f * d[2, 1]) * b + m[2, 2] + f * d[2, 2]
-            c = (m[0, 0] + f * d[0, 0]) * a + (m[0, 1] + f * d[0, 1]) * b + m[0, 2] + f * d[0, 2]
-            r = (m[1, 0] + f * d[1, 0]) * a + (m[1, 1] + f * d[1, 1]) * b + m[1, 2] + f * d[1, 2]
-            w = 1.0 / w
-            c = np.floor(c * w + 0.5)
-            r = np.floor(r * w + 0.5)
-            # Written so that NaN fails it: of w = 0, which looks along the surface.
-            inside = (a >= -1e8) & (c >= 0) & (c < right) & (r >= 0) & (r < below)
-            column[i] = np.int32(c if inside else 0.0)
-            place[i] = np.int32(r * right + c if inside else -1.0)
+        _place(count, when, u, v, m, maps[k + 1] - m, right, below, column, place)
         for i in range(count):
             if place[i] >= 0:
                 flat[np.uint64(place[i]) + size * np.uint64(p[begin + i])] += np.float32(1)

@@ -19,6 +19,9 @@ PX_M = 6e-5
 #: Columns seen over less than this share of the full travel are not made up for.
 _LEAST_EXPOSURE = 0.25
 _MARGIN_M = 0.002
+#: Columns by which the mosaic grows. Of a power of two, rows would share the same few lines of a
+#: core's cache.
+_MORE_COLUMNS = 1000
 #: Batches' ends by which the pace is measured.
 _NEWEST = 5
 #: Blocks whose emptier ones are background, px, and parts of the mosaic that it is taken from.
@@ -311,7 +314,7 @@ class Strip:
         have = self._counts.shape[2]
         need = column - self._first
         if need > have:
-            more = max(need - have, 1024)
+            more = max(need - have, _MORE_COLUMNS)
             more_counts = np.zeros((2, self._rows, more), np.float32)
             self._counts = np.concatenate([self._counts, more_counts], axis=2)
             self._newest = np.append(self._newest, np.zeros(more, np.int64))
