@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 from roller_ros.node_main import run_node
+from roller_ros.priority import give_way
 from roller_ros.stage_node import StageNode
 
 from . import messages  # noqa: F401 (registers the messages of findings)
@@ -17,5 +17,5 @@ _NICE = 10
 
 def main() -> None:
     """Run the node."""
-    os.nice(_NICE)
+    give_way(_NICE)
     sys.exit(run_node(lambda: StageNode(InspectStage)))
