@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from roller_core.transforms import F64
 from roller_emvs.lines.edge_drift import (
-    SLOPE_BINS,
     TERMS,
     EdgeDriftSettings,
     drift_terms,
     share_of_travel,
 )
 
+from .drift_lines import GaugeLines
+from .drift_speed import find_speed_drift
 from .drift_system import HUBER_M, DriftSystem
+from .drift_tables import LEAST_RESIDUAL_M, band_widths, residual_table
 from .gauges import LEAST_LINES, Gauge
 from .pass_lines import WALL_SLOPE, EdgeDriftError
 
-Bools = npt.NDArray[np.bool_]
 #: Spread of the coefficients before anything was measured, m.
 _PRIOR_M = 1.5e-4
 #: Spread of what lifts all edges of a sphere more than walls, m.
@@ -42,11 +42,6 @@ _CLEAR = 0.42
 #: for a polarity that spheres don't show: OFF gains 20 in the light `strong`, ON 1 in the ring.
 #: A gauge of steps, where contrast changes alike on all walls: there it is to be expected.
 _GAINS, _GAINS_ALIKE = 5.0, 2.0
-#: Share of the lines of the gauges that are no wider than what counts as the widest.
-_WIDEST = 0.98
-#: Fewest lines of a bin of slopes whose residual is its own, also as a share of all of a polarity
-#: and direction: on walls that all have one slope fewer are strays. Least residual, m.
-_LEAST_IN_BIN, _LEAST_SHARE, _LEAST_RESIDUAL_M = 15, 0.03, 5e-6
 
 
 @dataclass(frozen=True)
@@ -66,36 +61,6 @@ class EdgeDrift:
     def left_on_slopes_m(self) -> float:
         """Height by which lines are off with the correction, on a slope of 1, metres."""
         return float(f"{sum(self.after_m) / self.settings.max_slope:.3g}")
-
-
-@dataclass(frozen=True)
-class _Lines:
-    """Lines of all gauges, one after the other, shape (n,) each."""
-
-    slope: F64
-    change: F64
-    side: F64
-    polarity: F64
-    sigma_m: F64
-    width_m: F64
-    error_m: F64
-    #: Whether they lie on slopes of their gauge, and whether that is a sphere.
-    on_slope: Bools
-    of_sphere: Bools
-
-    @classmethod
-    def of(cls, gauges: list[Gauge]) -> _Lines:
-        slope, change, side, polarity, sigma_m, width_m = (
-            np.concatenate([getattr(gauge.lines, name) for gauge in gauges])
-            for name in ("slope", "change", "side", "polarity", "sigma_m", "width_m")
-        )
-        error_m, rise = (
-            np.concatenate([getattr(gauge, name) for gauge in gauges])
-            for name in ("error_m", "rise")
-        )
-        of_sphere = np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
-        on_slope = np.abs(rise) > WALL_SLOPE
-        return cls(slope, change, side, polarity, sigma_m, width_m, error_m, on_slope, of_sphere)
 
 
 @dataclass(frozen=True)
@@ -128,7 +93,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     EdgeDriftError
         If too few lines lie on slopes.
     """
-    lines, light = _Lines.of(gauges), _Light.of(gauges)
+    lines, light = GaugeLines.of(gauges), _Light.of(gauges)
     if lines.on_slope.sum() < LEAST_LINES:
         raise EdgeDriftError(
             f"{int(lines.on_slope.sum())} lines on slopes, fewer than {LEAST_LINES}"
@@ -139,22 +104,17 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         terms[:, _EVEN] = 1.0
     system, spreads = _system(gauges, lines, terms, light)
     spreads = _useful(system, spreads, gauges, lines, light)
+    leading = _leading(spreads[0]), _leading(spreads[1])
+    speed = find_speed_drift(system, spreads, gauges, lines, terms, leading)
+    system = replace(system, error=system.error - speed.height_m)
     beta, rest, normal = system.solve(spreads)
     rest += np.where(system.own_level, system.design, 0.0) @ beta
     most = float(np.quantile(np.abs(lines.slope[lines.on_slope]), 0.98))
     # What neither gauge fixes of the coefficients is uncertain too.
     own = system.design[:, : 2 * TERMS]
     covariance = np.linalg.inv(normal)[: 2 * TERMS, : 2 * TERMS]
-    unsure = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own))
-    kinds = [
-        _residuals(
-            rest[which], lines.sigma_m[which], unsure[which], lines.slope[which],
-            lines.polarity[which], most,
-        )
-        for which in (lines.of_sphere, ~lines.of_sphere)
-    ]  # fmt: skip
-    # What one kind of gauge leaves the other may not know of.
-    table = np.array([_filled(row) for row in np.fmax(*kinds).reshape(4, -1)])
+    unsure = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own) + speed.unsure_m**2)
+    table = residual_table(lines, rest, unsure, most, _PRIOR_M)
     found = beta[: 2 * TERMS].reshape(2, TERMS)
     settings = EdgeDriftSettings.create(
         {
@@ -162,15 +122,17 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             "coefficients_m": [round(float(v), 7) + 0.0 for v in found[:, :2].ravel()],
             "even_m": [round(float(v), 7) + 0.0 for v in found[:, _EVEN]],
             "side_m": [round(float(v), 7) + 0.0 for v in found[:, _SIDE]],
+            "by_speed_s": [round(float(v), 7) + 0.0 for v in speed.by_speed_s.ravel()],
+            "speeds_m_s": speed.speeds_m_s,
             "residual_m": [float(f"{v:.3g}") for v in table.ravel()],
             "max_slope": round(most, 3),
-            "widths_m": [float(f"{v:.3g}") for v in _widths(lines)],
+            "widths_m": [float(f"{v:.3g}") for v in band_widths(lines)],
         }
     )
     of_gauges = np.where(system.own_level, 0.0, system.design)[:, 2 * TERMS :] @ beta[2 * TERMS :]
     off, on = (lines.on_slope & (lines.polarity == k) for k in (0, 1))
     plain, left = np.abs(lines.error_m - of_gauges), np.abs(rest)
-    corrected = tuple(bool(np.abs(own).max() >= _LEAST_RESIDUAL_M) for own in found)
+    corrected = tuple(bool(np.abs(own).max() >= LEAST_RESIDUAL_M) for own in found)
     return EdgeDrift(
         settings,
         (_median(plain[off]), _median(plain[on])),
@@ -180,7 +142,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
 
 
 def _system(
-    gauges: list[Gauge], lines: _Lines, terms: F64, light: _Light
+    gauges: list[Gauge], lines: GaugeLines, terms: F64, light: _Light
 ) -> tuple[DriftSystem, list[F64]]:
     """Errors as sums of drift, by polarity, and of what is unknown of gauges; spreads of these."""
     columns = [np.where((lines.polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
@@ -211,7 +173,7 @@ def _system(
 
 
 def _useful(
-    system: DriftSystem, spreads: list[F64], gauges: list[Gauge], lines: _Lines, light: _Light
+    system: DriftSystem, spreads: list[F64], gauges: list[Gauge], lines: GaugeLines, light: _Light
 ) -> list[F64]:
     """The spreads, those of terms that the gauges don't ask for next to nothing."""
     steps = sum(not gauge.sphere for gauge in gauges)
@@ -250,13 +212,18 @@ def _without(spread: F64, term: int) -> F64:
     return np.asarray(spread * np.where(np.arange(TERMS) == term, _NOTHING, 1.0))
 
 
-def _even_alone(spreads: list[F64], lines: _Lines) -> list[F64]:
+def _even_alone(spreads: list[F64], lines: GaugeLines) -> list[F64]:
     """Spreads with what lifts all edges alike alone, of polarities that enough of walls show."""
     even, own = np.arange(TERMS) == _EVEN, list(spreads)
     for k in range(2):
         walls = lines.on_slope & ~lines.of_sphere & (lines.polarity == k)
         own[k] = spreads[k] * np.where(even & (walls.sum() >= LEAST_LINES), 1.0, _NOTHING)
     return own
+
+
+def _leading(spread: F64) -> int:
+    """Term that tells which way a wall rises; where all drift alike, the one of that."""
+    return max((_SIDE, _SLOPE, _EVEN), key=lambda term: float(spread[term]))
 
 
 def _sided(gauges: list[Gauge]) -> tuple[float, float]:
@@ -282,44 +249,3 @@ def _slopes_hold(gauge: Gauge) -> bool:
 
 def _median(values: F64) -> float:
     return float(np.median(values)) if len(values) else _PRIOR_M
-
-
-def _residuals(rest: F64, sigma: F64, unsure: F64, slope: F64, polarity: F64, most: float) -> F64:
-    """What is left, as a standard deviation, by polarity, direction and bin of slopes.
-
-    What the fits of the lines themselves err by is taken out.
-    """
-    table = np.full((2, 2, SLOPE_BINS), np.nan)
-    bins = np.minimum((np.abs(slope) / most * SLOPE_BINS).astype(int), SLOPE_BINS - 1)
-    for p in range(2):
-        for falling in range(2):
-            kind = (polarity == p) & ((slope < 0) == bool(falling))
-            least = max(_LEAST_IN_BIN, _LEAST_SHARE * kind.sum())
-            for b in range(SLOPE_BINS):
-                here = kind & (bins == b)
-                if here.sum() >= least:
-                    # 68 % lie within one deviation, whatever the tails.
-                    spread = np.quantile(np.abs(rest[here]), 0.683) ** 2
-                    drift = max(spread - np.median(sigma[here]) ** 2, _LEAST_RESIDUAL_M**2)
-                    table[p, falling, b] = np.sqrt(drift + np.median(unsure[here]) ** 2)
-    return table
-
-
-def _widths(lines: _Lines) -> list[float]:
-    """Median and widest band of events by polarity, rising and falling; 0 where unknown."""
-    found, seen = [], lines.on_slope & (lines.width_m > 0)
-    for polarity in (0, 1):
-        for falling in (False, True):
-            own = (lines.polarity == polarity) & ((lines.slope < 0) == falling)
-            width = lines.width_m[own & seen]
-            enough = len(width) >= _LEAST_IN_BIN
-            found += [*np.quantile(width, (0.5, _WIDEST))] if enough else [0.0, 0.0]
-    return [float(v) for v in found]
-
-
-def _filled(row: F64) -> F64:
-    """The table with slopes that no gauge shows: as drift is before it is measured."""
-    known = np.flatnonzero(np.isfinite(row))
-    if not len(known):
-        return np.full(len(row), _PRIOR_M)
-    return np.interp(np.arange(len(row)), known, row[known])

@@ -38,6 +38,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 def run(args: argparse.Namespace) -> int:
     """Fit the drift, print it and write it."""
+    from roller_calibration.drift_speed import speed_text
     from roller_calibration.edge_drift import fit_drift
     from roller_calibration.gauges import all_gauges
     from roller_calibration.recordings import read_scans
@@ -69,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
         lines.append(f"{name} events on slopes: {text}")
     if not any(found.corrected):
         lines.append("nothing is corrected: the gauges show no drift that stands out")
+    lines.append(speed_text(found.settings))
     lines.append(f"slopes up to {found.settings.max_slope:.2f}")
     print(*lines, sep="\n")
     record = calibration_record(

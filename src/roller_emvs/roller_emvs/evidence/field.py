@@ -48,6 +48,8 @@ class EvidenceField(ABC):
     speed_px_s: float
     #: 1 where the camera moves along x, -1 where it moves against it.
     direction: float
+    #: Speed of the camera while these events came, m/s; None: the one that `speed_px_s` is of.
+    camera_m_s: float | None = field(default=None, kw_only=True)
     #: Most spread of slopes of any column of the grid that this was cut from; None: of its own.
     most_spread: float | None = field(default=None, kw_only=True)
 
@@ -75,10 +77,21 @@ class EvidenceField(ABC):
         return np.maximum(self.slopes[1] - self.slopes[0], 0.0).astype(np.float32)
 
     @property
+    def speed_m_s(self) -> float:
+        """Speed of the camera over the surface, m/s."""
+        if self.camera_m_s is not None:
+            return self.camera_m_s
+        return self.speed_px_s * self._pixel_m
+
+    @property
+    def _pixel_m(self) -> float:
+        """Size of a pixel on the surface, m."""
+        return abs(self.ray_slope_scale / self.offset_per_m)
+
+    @property
     def slope_per_px(self) -> float:
         """From a change of offset by px along x to dh/dx of the surface along the motion."""
-        pixel_m = abs(self.ray_slope_scale / self.offset_per_m)
-        return self.direction / (self.offset_per_m * pixel_m)
+        return self.direction / (self.offset_per_m * self._pixel_m)
 
     def planes_in_effect(self, at: F64) -> F64 | None:
         """Offsets that planes have in effect, shape (planes, columns of cells); None: as asked."""

@@ -231,7 +231,7 @@ def _without_drift(
     """Depths less the drift on the slope of the surface through them, and what may be left."""
     found, sigmas = [], []
     for polarity, own in enumerate(depths):
-        height, sigma = edge_drift(drift, polarity, slope, own.change, side)
+        height, sigma = edge_drift(drift, polarity, slope, own.change, side, field.speed_m_s)
         # Heights count towards the camera, offsets away from it.
         offset = own.offset + (height * field.offset_per_m).astype(np.float32)
         found.append(replace(own, offset=offset))

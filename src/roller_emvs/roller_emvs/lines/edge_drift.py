@@ -2,8 +2,9 @@
 
 Where light travels with the camera, a wall's contrast changes during its crossing, and with it the
 place on its flank where a threshold is crossed. That looks like parallax: a line through such
-events is off in height by the drift. What it is follows from the surface's slope along the roll
-and from the width of the band in which the events lie; `roller calibrate edge-drift` finds how.
+events is off in height by the drift. What it is follows from the surface's slope along the roll,
+from the speed, and from the width of the band in which the events lie; `roller calibrate
+edge-drift` finds how.
 """
 
 from __future__ import annotations
@@ -50,6 +51,16 @@ class EdgeDriftSettings(Settings):
         description="Of height by the side that a wall faces, as the change of contrast around "
         "tells it: of OFF and of ON events, m.",
     )
+    by_speed_s: tuple[float, ...] = Field(
+        (0.0,) * 2 * TERMS,
+        description="By how much the coefficients change with speed: of OFF and then of ON events "
+        "the two of `coefficients_m`, that of `even_m` and that of `side_m`, m per m/s.",
+    )
+    speeds_m_s: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0),
+        description="Speed that the coefficients are of, slowest and fastest calibrated, m/s; "
+        "0: not known.",
+    )
     residual_m: tuple[float, ...] = Field(
         (0.0,),
         description="What is left by slope: six bins up to `max_slope`, of OFF rising, OFF "
@@ -72,6 +83,16 @@ class EdgeDriftSettings(Settings):
             )
         if len(self.widths_m) != 8:
             raise ValueError(f"{len(self.widths_m)} widths_m: expected 8")
+        if len(self.by_speed_s) != 2 * TERMS:
+            raise ValueError(f"{len(self.by_speed_s)} by_speed_s: expected {2 * TERMS}")
+        at, slowest, fastest = self.speeds_m_s
+        if any(self.speeds_m_s) and not 0 < slowest <= at <= fastest:
+            raise ValueError(
+                f"speeds_m_s {at:g}, {slowest:g}, {fastest:g}: expected one between the slowest "
+                "and the fastest, then these two, all above 0, or three zeros"
+            )
+        if any(self.by_speed_s) and not any(self.speeds_m_s):
+            raise ValueError("speeds_m_s must be above 0 where by_speed_s is not 0")
         if self.calibrated and not self.max_slope > 0:
             raise ValueError("max_slope must be above 0 where the drift is calibrated")
         return self
@@ -109,27 +130,54 @@ def edge_drift(
     slope: F64,
     change: npt.NDArray[np.floating],
     side: npt.NDArray[np.floating],
+    speed_m_s: F64 | float,
 ) -> tuple[F64, F64]:
     """Height by which edges are found too high, and its uncertainty, metres; see `drift_terms`.
 
-    Beyond the calibrated slopes the drift stays what it is there, and is uncertain by as much.
+    Beyond the calibrated slopes and speeds the drift stays what it is there, and is uncertain by as
+    much. `speed_m_s` is the camera's, one or of each edge.
     """
     held = np.clip(slope, -settings.max_slope, settings.max_slope)
-    beta = [
-        *settings.coefficients_m[2 * polarity : 2 * polarity + 2],
-        settings.even_m[polarity],
-        settings.side_m[polarity],
-    ]
+    beta, beyond = _coefficients(settings, polarity, speed_m_s)
     terms = drift_terms(held, change, side)
-    height = terms @ np.asarray(beta)
+    height = (terms * beta).sum(axis=-1) if beta.ndim > 1 else terms @ beta
     table = np.asarray(settings.residual_m).reshape(2, 2, SLOPE_BINS)[polarity]
     middles = (np.arange(SLOPE_BINS) + 0.5) * settings.max_slope / SLOPE_BINS
     rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)
     # A line that shows neither slope nor side may be on a wall all the same.
-    unseen = np.abs(np.asarray(beta)[[1, 3]] * (1.0 - np.abs(terms[..., [1, 3]]))).max(axis=-1)
+    unseen = np.abs(beta[..., [1, 3]] * (1.0 - np.abs(terms[..., [1, 3]]))).max(axis=-1)
     sigma = np.hypot(np.where(slope >= 0, rising, falling), np.hypot(unseen, _DOUBT * height))
     over = np.maximum(np.abs(slope) - settings.max_slope, 0.0)
-    return height, np.hypot(sigma, _BEYOND * over * np.maximum(np.abs(height), sigma))
+    sigma = np.hypot(sigma, _BEYOND * over * np.maximum(np.abs(height), sigma))
+    if beyond is not None:
+        sigma = np.hypot(sigma, _BEYOND * beyond * np.maximum(np.abs(height), sigma))
+    return height, sigma
+
+
+def _coefficients(
+    settings: EdgeDriftSettings, polarity: int, speed_m_s: F64 | float
+) -> tuple[F64, F64 | None]:
+    """Coefficients at a speed, shape (4,), or (n, 4) where they change with it.
+
+    And how far that is beyond the calibrated speeds, by their logarithm; None where these aren't
+    known.
+    """
+    beta = np.array(
+        [
+            *settings.coefficients_m[2 * polarity : 2 * polarity + 2],
+            settings.even_m[polarity],
+            settings.side_m[polarity],
+        ]
+    )
+    at, slowest, fastest = settings.speeds_m_s
+    if not at:
+        return beta, None
+    held = np.clip(speed_m_s, slowest, fastest)
+    by_speed = np.array(settings.by_speed_s).reshape(2, TERMS)[polarity]
+    if by_speed.any():
+        beta = beta + np.multiply.outer(held - at, by_speed)
+    known = np.maximum(speed_m_s, 1e-6)
+    return beta, np.asarray(np.abs(np.log(known / held)))
 
 
 def drift_of_wider(

@@ -57,6 +57,7 @@ def depth_points(
                 side[i, j].astype(np.float64),
                 sigma.astype(np.float64) / abs(field.offset_per_m),
                 np.zeros(len(i)),
+                np.full(len(i), field.speed_m_s),
             )
         )
     return LinePoints(

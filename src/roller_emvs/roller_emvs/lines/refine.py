@@ -64,6 +64,8 @@ class LinePoints:
     sigma_m: F64
     #: Width of the band in which its events lie, one deviation, metres; 0: unknown.
     width_m: F64
+    #: Speed of the camera when its events came, m/s.
+    speed_m_s: F64
 
 
 def refine(
@@ -118,7 +120,9 @@ def refine(
     offsets, sigmas, tilts, unsure = [], [], [], []
     for k, (points, lines) in enumerate(parts):
         if settings.calibrated:
-            height, drift = edge_drift(settings, k, points.slope, points.change, points.side)
+            height, drift = edge_drift(
+                settings, k, points.slope, points.change, points.side, points.speed_m_s
+            )
             most = np.abs(height) + drift
             wide = drift_of_wider(settings, k, points.slope, points.width_m, most)
         else:
@@ -182,8 +186,9 @@ def _judge(
     change, side = (v[cell].astype(np.float64) for v in (found.changes[polarity], found.side))
     row = lines.row.astype(np.float64)
     width = lines.band * abs(field.ray_slope_scale / per_m)
+    speed = np.full(len(lines), field.speed_m_s)
     points = LinePoints(
-        row, lines.x, lines.offset, kind, slope, lean / spread, change, side, sigma, width
+        row, lines.x, lines.offset, kind, slope, lean / spread, change, side, sigma, width, speed
     )
     return points, lines
 

@@ -240,7 +240,7 @@ def part_field(
         (rows, columns), slopes, pixel, 1.0, strip.focal_px, strip.speed_m_s / pixel,
         1.0, buffers.take(rows * parts * tiles * TILE_BINS + 1), shape, apron * TILE_BINS, furthest,
         part_slopes, np.zeros((2, rows // CELL_PX, count), np.bool_), [np.empty(0, np.int32)] * 2,
-        MARGIN_M + size + max(-least, most) * furthest,
+        MARGIN_M + size + max(-least, most) * furthest, camera_m_s=strip.speed_of(block),
     )  # fmt: skip
     _count(strip, block, field, seen, threads)
     reach = int(np.ceil(strip.half_m * bins_per_m / TILE_BINS))

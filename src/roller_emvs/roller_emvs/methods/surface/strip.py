@@ -305,9 +305,21 @@ class Strip:
 
     def centres(self, block: Block) -> F64:
         """Path of the camera's centre while a block's events came, in the strip, shape (n, 3)."""
+        return np.array(self._centres[self._span(block)])
+
+    def _span(self, block: Block) -> slice:
+        """Poses that the times of a block's events lie between."""
         first = np.searchsorted(self._times, block.first_ns, side="right") - 1
         last = np.searchsorted(self._times, block.last_ns)
-        return np.array(self._centres[max(int(first), 0) : int(last) + 1])
+        return slice(max(int(first), 0), int(last) + 1)
+
+    def speed_of(self, block: Block) -> float:
+        """Mean speed of the camera along the strip while a block's events came, but for stops."""
+        seen = self._span(block)
+        times, places = np.array(self._times[seen]), np.array(self._centres[seen])
+        way, took_ns = np.diff(places[:, 0]), np.diff(times)
+        moves = way >= self.settings.min_speed_m_s * took_ns * 1e-9
+        return float(way[moves].sum() / max(took_ns[moves].sum(), 1) * 1e9)
 
     def fan(self, block: Block, y_m: F64) -> F64:
         """Slopes dy/dz of a block's rays through y on the middle plane, for a straight path."""
@@ -351,4 +363,5 @@ def ray_field(strip: Strip, block: Block) -> RayField:
         1.0,
         rays.astype(np.float32),
         bounds,
+        camera_m_s=strip.speed_of(block),
     )

@@ -1,0 +1,138 @@
+"""How drift goes with speed: what the same walls differ by from pass to pass.
+
+Where on a wall events arise isn't known, which hides a part of the drift. It is the same at every
+speed, though: what walls of one kind are found higher or lower at another speed is drift. One term
+of a polarity goes with speed, the one that tells which way a wall rises. The change of contrast
+doesn't: domes, on which edges drift further, ask for it, and on other objects it does harm (2 µm
+at 0.1 m/s on the virtual cell, where the term of the slope alone gains 0.6 at 0.5 m/s).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from roller_core.transforms import F64
+from roller_emvs.lines.edge_drift import TERMS, EdgeDriftSettings
+
+from .drift_lines import GaugeLines
+from .drift_system import DriftSystem
+from .gauges import Gauge
+
+#: Fastest by slowest speed of the steps from which on they tell how drift goes with it.
+_APART = 1.3
+#: Share of what isn't known of where on a wall events arise that may differ from pass to pass.
+_DIFFERS = 0.1
+#: By how much the fit has to be better, Akaike's for one unknown more. On the virtual cell's gauges
+#: OFF gains 2.8 under the ring and 2.7 in the light `strong`, ON nothing.
+_GAINS = 2.0
+#: What the terms are of, for people.
+_NAMES = ("change of contrast", "slope", "all walls", "side")
+
+
+@dataclass(frozen=True)
+class SpeedDrift:
+    """How drift goes with speed."""
+
+    #: Speed that the coefficients are of, slowest and fastest of the passes over steps, m/s.
+    speeds_m_s: tuple[float, float, float]
+    #: Change of the coefficients of OFF and of ON events, m per m/s. Shape (2, terms).
+    by_speed_s: F64
+    #: What that makes of each line's height, and how uncertain that is, m. Shape (n,).
+    height_m: F64
+    unsure_m: F64
+
+
+def find_speed_drift(
+    system: DriftSystem, spreads: list[F64], gauges: list[Gauge], lines: GaugeLines,
+    terms: F64, leading: tuple[int, int],
+) -> SpeedDrift:  # fmt: skip
+    """How drift goes with speed, as far as the gauges ask for it.
+
+    Parameters
+    ----------
+    system : DriftSystem
+        The errors as sums of drift and of what is unknown of each gauge.
+    spreads : list of ndarray
+        What these may be: of the terms of OFF and of ON events, and of each gauge, m.
+    gauges : list of Gauge
+        The gauges.
+    lines : GaugeLines
+        Their lines.
+    terms : ndarray of float64, shape (n, terms)
+        Of the model.
+    leading : tuple of int
+        Terms of OFF and of ON events that may go with speed.
+    """
+    count = len(lines.error_m)
+    steps = [gauge for gauge in gauges if not gauge.sphere]
+    speeds = _speeds(steps or gauges)
+    at, slowest, fastest = speeds
+    nothing = SpeedDrift(speeds, np.zeros((2, TERMS)), np.zeros(count), np.zeros(count))
+    if not steps or not fastest > _APART * slowest:
+        return nothing
+    system, spreads = _same_walls(system, spreads, gauges)
+    # Per share of the speed, so that what a coefficient may be it may also change by.
+    faster = lines.speed_m_s / at - 1.0
+    found, cost = [], system.cost(spreads)
+    for polarity, term in enumerate(leading):
+        column = np.where(lines.polarity == polarity, terms[:, term] * faster, 0.0)
+        more = _with_columns(system, column), [*spreads, spreads[polarity][term : term + 1]]
+        left = more[0].cost(more[1])
+        if cost - left > _GAINS:
+            (system, spreads), cost = more, left
+            found.append((polarity, term))
+    if not found:
+        return nothing
+    first = system.design.shape[1] - len(found)
+    beta, _, normal = system.solve(spreads)
+    columns, by_speed_s = system.design[:, first:], np.zeros((2, TERMS))
+    for where, value in zip(found, beta[first:], strict=True):
+        by_speed_s[where] = value / at
+    covariance = np.linalg.inv(normal)[first:, first:]
+    unsure = np.sqrt(np.einsum("ij,jk,ik->i", columns, covariance, columns))
+    return SpeedDrift(speeds, by_speed_s, columns @ beta[first:], unsure)
+
+
+def speed_text(settings: EdgeDriftSettings) -> str:
+    """How drift goes with speed, for people."""
+    _, slowest, fastest = settings.speeds_m_s
+    if not fastest > _APART * slowest:
+        return f"drift by speed: one speed, {fastest:.2g} m/s: not told"
+    change = np.array(settings.by_speed_s).reshape(2, TERMS)
+    found = [
+        f"{('OFF', 'ON')[k]} by {_NAMES[t]} {1e6 * change[k, t]:+.0f} µm per m/s"
+        for k, t in np.argwhere(change)
+    ]
+    text = ", ".join(found) or "no dependence on speed found"
+    return f"drift by speed: {text}, {slowest:.2g} to {fastest:.2g} m/s"
+
+
+def _speeds(gauges: list[Gauge]) -> tuple[float, float, float]:
+    """Mean, slowest and fastest speed of passes, to 1 mm/s."""
+    speeds = [round(float(np.median(gauge.lines.speed_m_s)), 3) for gauge in gauges]
+    return round(float(np.mean(speeds)), 3), min(speeds), max(speeds)
+
+
+def _same_walls(
+    system: DriftSystem, spreads: list[F64], gauges: list[Gauge]
+) -> tuple[DriftSystem, list[F64]]:
+    """What is unknown of the walls of each kind as the same at every pass, but for a share."""
+    # The first unknown is the height of all walls, which passes don't share.
+    shared = next(own[1:] for own, g in zip(spreads[2:], gauges, strict=True) if not g.sphere)
+    columns = [
+        np.zeros((len(g.error_m), len(shared))) if g.sphere else g.unknown[:, 1:] for g in gauges
+    ]
+    own = [
+        spread if gauge.sphere else np.append(spread[:1], _DIFFERS * spread[1:])
+        for spread, gauge in zip(spreads[2:], gauges, strict=True)
+    ]
+    return _with_columns(system, np.concatenate(columns)), [*spreads[:2], *own, shared]
+
+
+def _with_columns(system: DriftSystem, columns: F64) -> DriftSystem:
+    """With further unknowns."""
+    design = np.column_stack([system.design, columns])
+    more = np.zeros(design.shape[1] - len(system.own_level), np.bool_)
+    return replace(system, design=design, own_level=np.append(system.own_level, more))
