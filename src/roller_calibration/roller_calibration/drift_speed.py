@@ -27,6 +27,8 @@ _DIFFERS = 0.1
 #: By how much the fit has to be better, Akaike's for one unknown more. On the virtual cell's gauges
 #: OFF gains 2.8 under the ring and 2.7 in the light `strong`, ON nothing.
 _GAINS = 2.0
+#: Fewest lines of a polarity on walls that rise, and that fall, from which on a pass tells.
+_LEAST_LINES = 30
 #: What the terms are of, for people.
 _NAMES = ("change of contrast", "slope", "all walls", "side")
 
@@ -46,7 +48,7 @@ class SpeedDrift:
 
 def find_speed_drift(
     system: DriftSystem, spreads: list[F64], gauges: list[Gauge], lines: GaugeLines,
-    terms: F64, leading: tuple[int, int],
+    terms: F64, leading: list[int | None],
 ) -> SpeedDrift:  # fmt: skip
     """How drift goes with speed, as far as the gauges ask for it.
 
@@ -62,21 +64,29 @@ def find_speed_drift(
         Their lines.
     terms : ndarray of float64, shape (n, terms)
         Of the model.
-    leading : tuple of int
-        Terms of OFF and of ON events that may go with speed.
+    leading : list of int or None
+        Term of OFF and of ON events that may go with speed; None: their drift isn't corrected.
     """
     count = len(lines.error_m)
-    steps = [gauge for gauge in gauges if not gauge.sphere]
-    speeds = _speeds(steps or gauges)
+    told = {
+        polarity: (term, _speeds(passes))
+        for polarity, term in enumerate(leading)
+        if term is not None and (passes := _telling(gauges, polarity))
+    }
+    # A polarity that tells of fewer speeds than the other has no term: it would be led beyond them.
+    every = _speeds([gauge for gauge in gauges if not gauge.sphere] or gauges)
+    speeds = max((own for _, own in told.values()), key=lambda v: v[2] / v[1], default=every)
     at, slowest, fastest = speeds
     nothing = SpeedDrift(speeds, np.zeros((2, TERMS)), np.zeros(count), np.zeros(count))
-    if not steps or not fastest > _APART * slowest:
+    if not told or not fastest > _APART * slowest:
         return nothing
     system, spreads = _same_walls(system, spreads, gauges)
     # Per share of the speed, so that what a coefficient may be it may also change by.
-    faster = lines.speed_m_s / at - 1.0
+    faster = np.clip(lines.speed_m_s, slowest, fastest) / at - 1.0
     found, cost = [], system.cost(spreads)
-    for polarity, term in enumerate(leading):
+    for polarity, (term, own) in told.items():
+        if own != speeds:
+            continue
         column = np.where(lines.polarity == polarity, terms[:, term] * faster, 0.0)
         more = _with_columns(system, column), [*spreads, spreads[polarity][term : term + 1]]
         left = more[0].cost(more[1])
@@ -107,6 +117,19 @@ def speed_text(settings: EdgeDriftSettings) -> str:
     ]
     text = ", ".join(found) or "no dependence on speed found"
     return f"drift by speed: {text}, {slowest:.2g} to {fastest:.2g} m/s"
+
+
+def _telling(gauges: list[Gauge], polarity: int) -> list[Gauge]:
+    """Passes over steps on which a polarity shows walls that rise and walls that fall.
+
+    Of one kind of wall alone the height of the whole pass, which isn't known, hides the drift.
+    """
+
+    def tells(gauge: Gauge) -> bool:
+        rise = gauge.rise[gauge.lines.polarity == polarity]
+        return min((rise > 0).sum(), (rise < 0).sum()) >= _LEAST_LINES
+
+    return [gauge for gauge in gauges if not gauge.sphere and tells(gauge)]
 
 
 def _speeds(gauges: list[Gauge]) -> tuple[float, float, float]:

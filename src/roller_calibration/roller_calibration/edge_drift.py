@@ -104,7 +104,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         terms[:, _EVEN] = 1.0
     system, spreads = _system(gauges, lines, terms, light)
     spreads = _useful(system, spreads, gauges, lines, light)
-    leading = _leading(spreads[0]), _leading(spreads[1])
+    leading = [_leading(own) for own in spreads[:2]]
     speed = find_speed_drift(system, spreads, gauges, lines, terms, leading)
     system = replace(system, error=system.error - speed.height_m)
     beta, rest, normal = system.solve(spreads)
@@ -221,9 +221,13 @@ def _even_alone(spreads: list[F64], lines: GaugeLines) -> list[F64]:
     return own
 
 
-def _leading(spread: F64) -> int:
-    """Term that tells which way a wall rises; where all drift alike, the one of that."""
-    return max((_SIDE, _SLOPE, _EVEN), key=lambda term: float(spread[term]))
+def _leading(spread: F64) -> int | None:
+    """Term that tells which way a wall rises; where all drift alike, the one of that.
+
+    None where nothing is corrected.
+    """
+    kept = [term for term in (_SIDE, _SLOPE, _EVEN) if spread[term] > _PRIOR_M * 2 * _NOTHING]
+    return kept[0] if kept else None
 
 
 def _sided(gauges: list[Gauge]) -> tuple[float, float]:
