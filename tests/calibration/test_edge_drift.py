@@ -7,100 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration import made_up_gauges
+from calibration.made_up_gauges import (
+    RADIUS_M,
+    SCAN,
+    SETTINGS,
+    STEP_M,
+    drift_m,
+    gauges,
+    lines_of,
+    made_up_sphere,
+    made_up_steps,
+)
 from roller_bringup.cli import main
 from roller_calibration import gauges as calibration
 from roller_calibration.edge_drift import fit_drift
-from roller_calibration.gauges import Gauge
 from roller_calibration.pass_lines import EdgeDriftError, PassLines
-from roller_calibration.recordings import Scan
 from roller_calibration.step_walls import find_walls, parts_by_kind, rising_walls, wall_levels
-from roller_core.camera import Camera
-from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
 from roller_emvs.lines.edge_drift import edge_drift
-from roller_emvs.lines.refine import LinePoints
-from roller_emvs.methods.surface import SurfaceSettings
 from simulated_scans import Scans
-
-STEP_M, RADIUS_M = 2e-4, 4e-3
-SCAN = Scan("scan", EventArray.empty(), Camera(64, 48, 100.0, 100.0, 31.5, 23.5), PoseTrack())
-SETTINGS = SurfaceSettings.create({})
-
-
-def drift_m(polarity: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """OFF edges drift, ON edges don't."""
-    return np.where(polarity == 0, 90e-6, 0.0) * np.tanh(slope / 0.15)
-
-
-#: How much denser events get along the crossing, as under light that travels.
-LEAN = 3.0
-
-
-def lines_of(rng: np.random.Generator, slope: np.ndarray) -> LinePoints:
-    n = len(slope)
-    none = np.zeros(n)
-    polarity = rng.integers(0, 2, n)
-    lean = LEAN * rng.choice([-1.0, 1.0], n)
-    sigma, width = np.full(n, 1e-5), rng.uniform(1e-5, 3e-5, n)
-    return LinePoints(none, none, none, polarity, slope, lean, none, none, sigma, width)
-
-
-def made_up_sphere(rng: np.random.Generator, drift: float = 1.0) -> PassLines:
-    """Lines all over a dome of 3 mm, and the cloud of points of it."""
-    n = 1500
-    rho, angle = 2.6e-3 * np.sqrt(rng.random(n)), rng.uniform(-np.pi, np.pi, n)
-    x, y = rho * np.cos(angle), rho * np.sin(angle)
-    z = np.sqrt(RADIUS_M**2 - rho**2)
-    lines = lines_of(rng, -x / z)
-    cloud = np.column_stack([x, y, z]) + [0.05, 0.0, 0.0]
-    height = z + drift * drift_m(lines.polarity, lines.slope) + rng.normal(0, 1e-5, n)
-    return PassLines(np.column_stack([x + 0.05, y, height]), lines, cloud, np.eye(3), travel=LEAN)
-
-
-def to_and_fro(rng: np.random.Generator, drift: float) -> list[PassLines]:
-    """The same sphere rolled over both ways; each pass has its own axes."""
-    passes = [made_up_sphere(rng, drift) for _ in range(2)]
-    # Back: x and y point the other way in base, the sphere lies where it was.
-    back = np.diag([-1.0, -1.0, 1.0])
-    moved = passes[1].place - [0.1, 0.0, 0.0]
-    passes[1] = replace(passes[1], place=moved, cloud=passes[0].cloud, axes=back)
-    return passes
-
-
-def made_up_steps(
-    rng: np.random.Generator,
-    step_m: float = STEP_M,
-    drift: float = 1.0,
-    base_m: float = -0.002,
-    higher_m: float = 0.0,
-) -> PassLines:
-    """Lines on walls that turn by a degree against the roll, five up and five down.
-
-    OFF lines lie at their foot, ON lines at their top.
-    """
-    change = np.array([1.0] * 5 + [-1.0] * 5)
-    wall = rng.integers(0, 10, 2000)
-    slope = change[wall] * rng.uniform(0.5, 1.1, 2000)
-    lines = lines_of(rng, slope)
-    y = rng.uniform(-6e-3, 6e-3, 2000)
-    up = np.where(lines.polarity == 0, -0.4, 0.4)
-    x = 0.03 + 1.1e-3 * wall + 1.5e-4 * up * change[wall] + np.radians(1.0) * y
-    x += rng.normal(0, 1e-5, 2000)
-    height = step_m * ((np.cumsum(change) - 0.5 * change)[wall] + up) + base_m + higher_m
-    height += drift * drift_m(lines.polarity, slope) + rng.normal(0, 1e-5, 2000)
-    place = np.column_stack([x, y, height])
-    return PassLines(place, lines, place, np.eye(3), travel=LEAN)
-
-
-def gauges(monkeypatch: pytest.MonkeyPatch, drift: float = 1.0) -> list[Gauge]:
-    rng = np.random.default_rng(0)
-    found = iter([to_and_fro(rng, drift), [made_up_steps(rng, drift=drift)]])
-    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [next(found)])
-    monkeypatch.setattr(calibration, "rolling_speed_m_s", lambda _: 0.1)
-    return [
-        *calibration.sphere_gauges(SCAN, SETTINGS, RADIUS_M),
-        *calibration.steps_gauges(SCAN, SETTINGS, STEP_M),
-    ]
 
 
 @pytest.mark.parametrize("drift", [0.0, 1.0])
@@ -108,7 +33,7 @@ def test_a_known_drift_is_found_again(monkeypatch: pytest.MonkeyPatch, drift: fl
     found = fit_drift(gauges(monkeypatch, drift))
     slope = np.array([-0.9, -0.6, 0.6, 0.9])
     for polarity in (0, 1):
-        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(4), np.zeros(4))
+        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(4), np.zeros(4), 0.1)
         expected = drift * drift_m(np.full(4, polarity), slope)
         assert np.all(np.abs(height - expected) < np.minimum(2 * sigma, 4e-5))
         assert sigma.max() < 8e-5
@@ -118,11 +43,11 @@ def test_a_known_drift_is_found_again(monkeypatch: pytest.MonkeyPatch, drift: fl
 
 def test_light_that_stands_still_has_no_drift(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where on a wall its events arise must not be taken for drift."""
-    monkeypatch.setitem(globals(), "LEAN", 0.3)
+    monkeypatch.setattr(made_up_gauges, "LEAN", 0.3)
     found = fit_drift(gauges(monkeypatch, 1.0))
     for polarity in (0, 1):
         slope = np.array([-0.8, 0.8])
-        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(2), np.zeros(2))
+        height, sigma = edge_drift(found.settings, polarity, slope, np.zeros(2), np.zeros(2), 0.1)
         assert np.abs(height).max() < 2e-6
         assert sigma.min() > 5e-6
     assert found.corrected == (False, False)
@@ -143,7 +68,7 @@ def test_steps_alone_tell_drift_and_on_the_nominal_surface_its_mean(
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: passes)
     found = fit_drift(calibration.steps_gauges(SCAN, SETTINGS, STEP_M))
     slope, none = np.array([-0.8, 0.8]), np.zeros(2)
-    both = np.array([edge_drift(found.settings, k, slope, none, none) for k in (0, 1)])
+    both = np.array([edge_drift(found.settings, k, slope, none, none, 0.1) for k in (0, 1)])
     expected = np.stack([drift_m(np.full(2, k), slope) for k in (0, 1)])
     if base_m == 0.0:
         expected += 8e-5
@@ -165,7 +90,7 @@ def test_drift_that_turns_slopes_over_is_told_by_the_side_that_walls_face(
     found = fit_drift([gauge])
     assert found.settings.coefficients_m[1] == pytest.approx(0.0, abs=1e-6)
     side = np.array([-1.0, 1.0])
-    height, _ = edge_drift(found.settings, 0, -0.8 * side, np.zeros(2), side)
+    height, _ = edge_drift(found.settings, 0, -0.8 * side, np.zeros(2), side, 0.1)
     assert np.abs(height - 3.0 * drift_m(np.zeros(2), 0.8 * side)).max() < 6e-5
 
 
@@ -182,7 +107,9 @@ def test_one_gauge_of_steps_tells_what_lifts_its_walls_alike_and_by_their_side(
     )
     ball = replace(SCAN, name="ball")
     found, _ = calibration.all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
-    height, _ = edge_drift(fit_drift(found).settings, 0, np.array([-0.8, 0.8]), *np.zeros((2, 2)))
+    height, _ = edge_drift(
+        fit_drift(found).settings, 0, np.array([-0.8, 0.8]), *np.zeros((2, 2)), 0.1
+    )
     assert height.mean() > 4e-5
 
 
@@ -240,7 +167,7 @@ def test_walls_are_told_by_their_levels_where_drift_makes_all_slope_alike(
     for polarity in (0, 1):
         # On walls nearer to each other than the gauge's the side doesn't show.
         for seen_side in (side, 0 * side):
-            height, _ = edge_drift(found.settings, polarity, slope, np.zeros(1), seen_side)
+            height, _ = edge_drift(found.settings, polarity, slope, np.zeros(1), seen_side, 0.1)
             assert height[0] == pytest.approx(1.5e-4, abs=4e-5)
 
 
@@ -315,7 +242,7 @@ def test_a_sphere_that_drifts_further_than_walls_does_not_lift_them(
     found, left_out = calibration.all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
     assert not left_out
     slope, none = np.array([-0.8, 0.8]), np.zeros(2)
-    height, _ = edge_drift(fit_drift(found).settings, 0, slope, none, none)
+    height, _ = edge_drift(fit_drift(found).settings, 0, slope, none, none, 0.1)
     assert np.abs(height.mean()) < 2e-5
     assert np.abs(height - drift_m(none, slope)).max() < 1.2e-4
     # Alone it would do harm: that is said.

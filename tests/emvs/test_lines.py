@@ -235,7 +235,7 @@ def drift(max_slope: float = 1.0) -> EdgeDriftSettings:
 def test_drift_has_an_odd_and_an_even_part_and_stays_beyond_what_was_calibrated() -> None:
     slope = np.array([-2.0, -1.0, -0.3, 0.3, 1.0, 2.0])
     for polarity in (0, 1):
-        height, sigma = edge_drift(drift(), polarity, slope, np.sign(slope), np.sign(slope))
+        height, sigma = edge_drift(drift(), polarity, slope, np.sign(slope), np.sign(slope), 0.3)
         even = drift().even_m[polarity] * np.abs(np.tanh(slope / 0.15))
         np.testing.assert_allclose(
             height + height[::-1], 2 * np.array([*even[[1, 1, 2]], *even[[3, 4, 4]]])
@@ -253,9 +253,9 @@ def test_an_edge_that_shows_no_side_is_uncertain_by_the_drift() -> None:
     )
     slope, none = np.full(3, 0.3), np.zeros(3)
     side = np.array([0.0, 0.5, 1.0])
-    _, plain = edge_drift(settings, 1, slope, none, side)
-    height, sigma = edge_drift(settings, 0, slope, none, side)
-    table = edge_drift(settings.changed({"side_m": [0.0, 0.0]}), 0, slope, none, side)[1]
+    _, plain = edge_drift(settings, 1, slope, none, side, 0.3)
+    height, sigma = edge_drift(settings, 0, slope, none, side, 0.3)
+    table = edge_drift(settings.changed({"side_m": [0.0, 0.0]}), 0, slope, none, side, 0.3)[1]
     np.testing.assert_allclose(height, 2e-4 * side)
     added = np.hypot(2e-4 * (1 - side), 0.4 * height)
     np.testing.assert_allclose(sigma, np.hypot(table, added))
@@ -279,7 +279,7 @@ def test_lines_wider_than_any_calibrated_may_drift_further() -> None:
 
 def test_points_are_as_unsure_as_the_lines_around_them() -> None:
     none, row = np.zeros(4), np.array([10.0, 12.0, 10.0, 12.0])
-    lines = LinePoints(row, np.array([15.0, 15.0, 45.0, 45.0]), *[none] * 8)
+    lines = LinePoints(row, np.array([15.0, 15.0, 45.0, 45.0]), *[none] * 9)
     own = np.full(3, 3.0, np.float32)
     surface = np.zeros(SHAPE, np.float32)
     at = np.array([11, 11, 35]), np.array([18.4, 47.0, 5.0])

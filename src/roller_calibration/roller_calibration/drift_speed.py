@@ -10,6 +10,7 @@ at 0.1 m/s on the virtual cell, where the term of the slope alone gains 0.6 at 0
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -83,26 +84,27 @@ def find_speed_drift(
     system, spreads = _same_walls(system, spreads, gauges)
     # Per share of the speed, so that what a coefficient may be it may also change by.
     faster = np.clip(lines.speed_m_s, slowest, fastest) / at - 1.0
-    found, cost = [], system.cost(spreads)
-    for polarity, (term, own) in told.items():
-        if own != speeds:
-            continue
-        column = np.where(lines.polarity == polarity, terms[:, term] * faster, 0.0)
-        more = _with_columns(system, column), [*spreads, spreads[polarity][term : term + 1]]
-        left = more[0].cost(more[1])
-        if cost - left > _GAINS:
-            (system, spreads), cost = more, left
-            found.append((polarity, term))
-    if not found:
+    places = [(k, term) for k, (term, own) in told.items() if own == speeds]
+    columns = [np.where(lines.polarity == k, terms[:, t] * faster, 0.0) for k, t in places]
+
+    def with_terms(chosen: tuple[int, ...]) -> tuple[DriftSystem, list[F64]]:
+        own = [spreads[k][t : t + 1] for k, t in (places[c] for c in chosen)]
+        return _with_columns(system, *(columns[c] for c in chosen)), [*spreads, *own]
+
+    # All together, as what lifts both polarities would else pass for the height of the steps.
+    every_choice = [c for n in range(len(places) + 1) for c in combinations(range(len(places)), n)]
+    chosen = min(every_choice, key=lambda c: DriftSystem.cost(*with_terms(c)) + _GAINS * len(c))
+    if not chosen:
         return nothing
-    first = system.design.shape[1] - len(found)
+    system, spreads = with_terms(chosen)
+    first = system.design.shape[1] - len(chosen)
     beta, _, normal = system.solve(spreads)
-    columns, by_speed_s = system.design[:, first:], np.zeros((2, TERMS))
-    for where, value in zip(found, beta[first:], strict=True):
-        by_speed_s[where] = value / at
+    own, by_speed_s = system.design[:, first:], np.zeros((2, TERMS))
+    for c, value in zip(chosen, beta[first:], strict=True):
+        by_speed_s[places[c]] = value / at
     covariance = np.linalg.inv(normal)[first:, first:]
-    unsure = np.sqrt(np.einsum("ij,jk,ik->i", columns, covariance, columns))
-    return SpeedDrift(speeds, by_speed_s, columns @ beta[first:], unsure)
+    unsure = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own))
+    return SpeedDrift(speeds, by_speed_s, own @ beta[first:], unsure)
 
 
 def speed_text(settings: EdgeDriftSettings) -> str:
@@ -154,8 +156,8 @@ def _same_walls(
     return _with_columns(system, np.concatenate(columns)), [*spreads[:2], *own, shared]
 
 
-def _with_columns(system: DriftSystem, columns: F64) -> DriftSystem:
+def _with_columns(system: DriftSystem, *columns: F64) -> DriftSystem:
     """With further unknowns."""
-    design = np.column_stack([system.design, columns])
+    design = np.column_stack([system.design, *columns])
     more = np.zeros(design.shape[1] - len(system.own_level), np.bool_)
     return replace(system, design=design, own_level=np.append(system.own_level, more))
