@@ -2,9 +2,9 @@
 
 Where on a wall events arise isn't known, which hides a part of the drift. It is the same at every
 speed, though: what walls of one kind are found higher or lower at another speed is drift. One term
-of a polarity goes with speed, the one that tells which way a wall rises. The change of contrast
-doesn't: domes, on which edges drift further, ask for it, and on other objects it does harm (2 µm
-at 0.1 m/s on the virtual cell, where the term of the slope alone gains 0.6 at 0.5 m/s).
+of a polarity goes with speed, the one that tells which way a wall rises. That of the change of
+contrast doesn't: domes, on which edges drift further, ask for it, and other objects err more with
+it (under the virtual cell's ring by 2 µm at 0.1 m/s; less by 0.6 µm at 0.5 m/s with either).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from .gauges import Gauge
 _APART = 1.3
 #: Share of what isn't known of where on a wall events arise that may differ from pass to pass.
 _DIFFERS = 0.1
-#: By how much the fit has to be better, Akaike's for one unknown more. On the virtual cell's gauges
-#: OFF gains 2.8 under the ring and 2.7 in the light `strong`, ON nothing.
+#: By how much the fit has to be better for a term, as Akaike asks of one unknown more. On the
+#: virtual cell's gauges OFF gains 2.8 under the ring, OFF 1.5 and ON 0.6 in the light `strong`.
 _GAINS = 2.0
 #: Fewest lines of a polarity on walls that rise, and that fall, from which on a pass tells.
 _LEAST_LINES = 30
@@ -68,43 +68,52 @@ def find_speed_drift(
     leading : list of int or None
         Term of OFF and of ON events that may go with speed; None: their drift isn't corrected.
     """
-    count = len(lines.error_m)
     told = {
         polarity: (term, _speeds(passes))
         for polarity, term in enumerate(leading)
         if term is not None and (passes := _telling(gauges, polarity))
     }
-    # A polarity that tells of fewer speeds than the other has no term: it would be led beyond them.
     every = _speeds([gauge for gauge in gauges if not gauge.sphere] or gauges)
     speeds = max((own for _, own in told.values()), key=lambda v: v[2] / v[1], default=every)
     at, slowest, fastest = speeds
-    nothing = SpeedDrift(speeds, np.zeros((2, TERMS)), np.zeros(count), np.zeros(count))
+    none, by_speed_s = np.zeros(len(lines.error_m)), np.zeros((2, TERMS))
+    nothing = SpeedDrift(speeds, by_speed_s, none, none)
     if not told or not fastest > _APART * slowest:
         return nothing
-    system, spreads = _same_walls(system, spreads, gauges)
-    # Per share of the speed, so that what a coefficient may be it may also change by.
+    # A polarity that tells of fewer speeds than the other has none: it would be led beyond them.
+    places = [(polarity, term) for polarity, (term, own) in told.items() if own == speeds]
+    # By share of the speed: what a coefficient may be it may also change by.
     faster = np.clip(lines.speed_m_s, slowest, fastest) / at - 1.0
-    places = [(k, term) for k, (term, own) in told.items() if own == speeds]
     columns = [np.where(lines.polarity == k, terms[:, t] * faster, 0.0) for k, t in places]
-
-    def with_terms(chosen: tuple[int, ...]) -> tuple[DriftSystem, list[F64]]:
-        own = [spreads[k][t : t + 1] for k, t in (places[c] for c in chosen)]
-        return _with_columns(system, *(columns[c] for c in chosen)), [*spreads, *own]
-
-    # All together, as what lifts both polarities would else pass for the height of the steps.
-    every_choice = [c for n in range(len(places) + 1) for c in combinations(range(len(places)), n)]
-    chosen = min(every_choice, key=lambda c: DriftSystem.cost(*with_terms(c)) + _GAINS * len(c))
+    most = [spreads[k][t : t + 1] for k, t in places]
+    system, spreads = _same_walls(system, spreads, gauges)
+    chosen = _asked_for(system, spreads, columns, most)
     if not chosen:
         return nothing
-    system, spreads = with_terms(chosen)
-    first = system.design.shape[1] - len(chosen)
-    beta, _, normal = system.solve(spreads)
-    own, by_speed_s = system.design[:, first:], np.zeros((2, TERMS))
-    for c, value in zip(chosen, beta[first:], strict=True):
+    system = _with_columns(system, *(columns[c] for c in chosen))
+    beta, _, normal = system.solve([*spreads, *(most[c] for c in chosen)])
+    last = slice(-len(chosen), None)
+    for c, value in zip(chosen, beta[last], strict=True):
         by_speed_s[places[c]] = value / at
-    covariance = np.linalg.inv(normal)[first:, first:]
+    own, covariance = system.design[:, last], np.linalg.inv(normal)[last, last]
     unsure = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own))
-    return SpeedDrift(speeds, by_speed_s, own @ beta[first:], unsure)
+    return SpeedDrift(speeds, by_speed_s, own @ beta[last], unsure)
+
+
+def _asked_for(
+    system: DriftSystem, spreads: list[F64], columns: list[F64], most: list[F64]
+) -> tuple[int, ...]:
+    """Which of some further unknowns explain the errors so much better that they are worth it.
+
+    All together, as what lifts both polarities would else pass for the height of the steps.
+    """
+
+    def worth(chosen: tuple[int, ...]) -> float:
+        more = _with_columns(system, *(columns[c] for c in chosen))
+        return more.cost([*spreads, *(most[c] for c in chosen)]) + _GAINS * len(chosen)
+
+    counts = range(len(columns) + 1)
+    return min((c for n in counts for c in combinations(range(len(columns)), n)), key=worth)
 
 
 def speed_text(settings: EdgeDriftSettings) -> str:
