@@ -17,9 +17,9 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     """Add the subcommand."""
     texts = (
         "drift of edges under the instrument's light, from a sphere and steps",
-        "How far edges of each polarity drift while they cross the image, by slope: from passes "
-        "over a sphere of known radius, best to and fro, and over steps of known height. Several "
-        "recordings, as of other speeds, count together.",
+        "How far edges of each polarity drift while they cross the image, by slope and speed: "
+        "from passes over a sphere of known radius, best to and fro, and over steps of known "
+        "height, each at two speeds or more. All recordings count together.",
     )
     parser = add_kind(kinds, "edge-drift", run, "surface, emvs", texts, skin=True)
     parser.add_argument(
