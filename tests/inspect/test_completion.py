@@ -6,7 +6,8 @@ import numpy as np
 
 from roller_core.transforms import F64
 from roller_inspect.height_map import _kernels, _multigrid
-from roller_inspect.height_map.completion import complete_surface
+from roller_inspect.height_map.cells import bin_points
+from roller_inspect.height_map.completion import at_middles, complete_surface
 from roller_inspect.height_map.gaps import hold_gaps
 from roller_inspect.height_map.height_map import F32
 from roller_inspect.height_map.scatter import scatter_of
@@ -184,6 +185,36 @@ def test_a_dome_goes_on_between_its_anchors_and_a_flat_top_stays_flat() -> None:
         error = np.abs(complete_surface(height, sigma, 1e-4) - surface)
         inside = np.maximum(np.abs(x), np.abs(y)) < 3e-3
         assert error[inside].mean() < limit
+
+
+def test_heights_at_middles_are_those_of_the_plain_twin() -> None:
+    random = np.random.default_rng(8)
+    for ny, nx in ((9, 12), (1, 5), (4, 1), (1, 1)):
+        surface, height = random.normal(0, 5e-5, (2, ny, nx)).astype(np.float32)
+        height[random.random((ny, nx)) < 0.3] = np.nan
+        place = random.uniform(-0.5, 0.5, (2, ny, nx)).astype(np.float32)
+        slopes = [
+            np.gradient(surface.astype(float), 1e-4, axis=axis) if surface.shape[axis] > 1 else 0.0
+            for axis in (1, 0)
+        ]
+        plain = height - 1e-4 * sum(
+            np.clip(slope, -1, 1) * at for slope, at in zip(slopes, place, strict=True)
+        )
+        assert (np.abs(np.concatenate([np.ravel(s) for s in slopes])) > 1).any() or ny * nx < 9
+        np.testing.assert_allclose(at_middles(surface, height, place, 1e-4), plain, rtol=1e-3)
+
+
+def test_points_beside_a_cells_middle_do_not_lift_it_on_a_slope() -> None:
+    random = np.random.default_rng(9)
+    # One point in a tenth of the cells, of 0.1 mm, on a slope of 0.6.
+    x, y = random.uniform(0, 100, (2, 1000))
+    cells = bin_points(x, y, 6e-5 * x, np.full(1000, 1e-5), (100, 100))
+    truth = 6e-5 * (np.arange(100) + 0.5)
+    beside, placed = (
+        np.abs(complete_surface(cells.height_m, cells.sigma_m, 1e-4, place) - truth)[10:-10, 10:-10]
+        for place in (None, cells.place)
+    )
+    assert placed.mean() < 0.3 * beside.mean()
 
 
 def test_on_coarse_grids_cells_that_claim_to_be_sure_do_not_throw_the_surface_off() -> None:

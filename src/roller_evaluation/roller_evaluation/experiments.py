@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -118,9 +119,8 @@ def experiment_cases(options: EvaluationOptions) -> list[Case]:
                 for name in o.objects:
                     add(ScanCase(name, speed, seed, o.cell), "depth", *OURS, light=light)
     if "map" in o.only:
-        for light in o.lights:
-            for name in o.objects:
-                add(ScanCase(name, SPEED, o.seed, o.cell), "map", "surface", light=light)
+        for light, name, seed in itertools.product(o.lights, o.objects, o.seeds):
+            add(ScanCase(name, SPEED, seed, o.cell), "map", "surface", light=light)
     for seed in o.seeds:
 
         def scan(name: str, speed: float = SPEED, seed: int = seed) -> ScanCase:

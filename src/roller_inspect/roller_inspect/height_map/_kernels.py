@@ -1,4 +1,4 @@
-"""Triangles on the grid."""
+"""Triangles on the grid, and heights at the middles of its cells."""
 
 from __future__ import annotations
 
@@ -32,3 +32,21 @@ def _paint(corners, heights, low, high):  # type: ignore[no-untyped-def]
             for column in range(first, last + 1):
                 low[row, column] = min(low[row, column], least)
                 high[row, column] = max(high[row, column], most)
+
+
+@numba.njit(cache=True, nogil=True)
+def _to_middles(h, height, place, most, out):  # type: ignore[no-untyped-def]
+    """Write `height` less what the surface h rises from a cell's middle to `place` into `out`.
+
+    h, height, out: float32 (ny, nx); place: float32 (2, ny, nx), along x and y, in cells. Beyond
+    `most`, a cell's rise, slopes count no more. NaN stays.
+    """
+    ny, nx = h.shape
+    for i in range(ny):
+        above, below = max(i - 1, 0), min(i + 1, ny - 1)
+        for j in range(nx):
+            left, right = max(j - 1, 0), min(j + 1, nx - 1)
+            along = (h[i, right] - h[i, left]) / max(right - left, 1)
+            across = (h[below, j] - h[above, j]) / max(below - above, 1)
+            along, across = min(max(along, -most), most), min(max(across, -most), most)
+            out[i, j] = height[i, j] - (along * place[0, i, j] + across * place[1, i, j])

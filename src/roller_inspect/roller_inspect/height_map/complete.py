@@ -7,7 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from .cells import Cells
-from .completion import complete_surface
+from .completion import at_middles, complete_surface
 from .gaps import hold_gaps
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, U8, UNMEASURED, Bools
 from .map_settings import HeightMapSettings
@@ -40,14 +40,15 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
         empty = np.full(known.shape, np.nan, np.float32)
         return empty, empty.copy(), np.full(known.shape, OUTSIDE, np.uint8)
     outside = _outside(known)
-    height = complete_surface(cells.height_m, cells.sigma_m, step)
-    hold_gaps(height, cells.height_m, outside)
+    height = complete_surface(cells.height_m, cells.sigma_m, step, cells.place)
+    measured = at_middles(height, cells.height_m, cells.place, step)
+    hold_gaps(height, measured, outside)
     with np.errstate(invalid="ignore"):
-        away = np.abs(cells.height_m - height)
+        away = np.abs(measured - height)
         good = known & (away < np.maximum(_OUTLIER_M, _OUTLIER_SIGMAS * cells.sigma_m))
     # Of the cells as measured: the completed surface has the noise smoothed away.
     nearest = ndimage.distance_transform_edt(~good, return_distances=False, return_indices=True)
-    scatter = scatter_of(cells.height_m[tuple(nearest)], good, step)
+    scatter = scatter_of(measured[tuple(nearest)], good, step)
     dense = np.isfinite(scatter)
     noisy = dense & ((scatter > _MOST_SCATTER_M) | (_local(cells, good) > _MOST_SIGMA_M))
     # Walls around a hollow scatter too; what is no larger than it, m, is no noise.

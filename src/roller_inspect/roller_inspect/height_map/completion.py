@@ -5,7 +5,8 @@ What is minimised over heights h with measured cells z::
     sum w Huber((h - z) / σ; 2) + sum ρ |D²h|² / B² + sum τ s² / sqrt(1 + s²),  s = slope / 0.1
 
 The second term bends the surface little, and less still where nothing was measured (ρ = 1): no
-event, no change of shading, the surface goes on as it was. The third lets steep walls end.
+event, no change of shading, the surface goes on as it was. The third lets steep walls end. A cell's
+height is that of its points' mean place: on a slope it is moved to the cell's middle.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from . import _multigrid
+from . import _kernels, _multigrid
 from .height_map import F32
 
 #: Cell that the weights are for, m; tuned on the virtual cell, and checked on another simulator.
@@ -31,6 +32,8 @@ _HUBER = np.float32(2.0)
 #: Grids from coarse to fine: how much coarser, rounds of reweighting, and the solver's steps. Dense
 #: cells are there after one step, sparse ones take all.
 _GRIDS = ((8, 4, 3), (4, 3, 2), (2, 2, 2), (1, 2, 2))
+#: Slope from which on heights are moved no further: it may be an error's.
+_STEEPEST = 1.0
 #: The solver's last step is the one before which a cell's squared error is this, in σ².
 _ENOUGH = 1e-3
 #: A cell pulls no harder than this times what bends one: it doesn't move, and steps go on.
@@ -39,7 +42,7 @@ _HARDEST = 1e4
 _LEVELS = 8
 
 
-def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
+def complete_surface(height_m: F32, sigma_m: F32, step_m: float, place: F32 | None = None) -> F32:
     """Heights of all cells from the measured ones.
 
     Parameters
@@ -48,6 +51,8 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
         Measured cells and their standard uncertainty, NaN elsewhere.
     step_m : float
         Edge of a cell, metres.
+    place : ndarray of float32, shape (2, ny, nx), optional
+        Of which place the heights are, see `Cells`; else of the cells' middles.
 
     Returns
     -------
@@ -78,9 +83,27 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float) -> F32:
             start = zc[tuple(nearest)]
         else:
             start = _finer(found, zc.shape)
-        found = _solve(zc, wc, sc, start, step_m * factor, rounds, steps)
+        at = place if factor == 1 else None
+        found = _solve(zc, wc, sc, start, step_m * factor, rounds, steps, at)
     assert found is not None
     return np.asarray(found + np.float32(level), np.float32)
+
+
+def at_middles(surface_m: F32, height_m: F32, place: F32, step_m: float) -> F32:
+    """Measured heights at the middles of their cells, along the surface.
+
+    Parameters
+    ----------
+    surface_m, height_m : ndarray of float32, shape (ny, nx)
+        The surface, and the heights measured at `place`, NaN where there is none; metres.
+    place : ndarray of float32, shape (2, ny, nx)
+        See `Cells`.
+    step_m : float
+        Edge of a cell, metres.
+    """
+    out = np.empty_like(height_m)
+    _kernels._to_middles(surface_m, height_m, place, np.float32(_STEEPEST * step_m), out)
+    return out
 
 
 def _coarser(values: F32) -> F32:
@@ -99,7 +122,14 @@ def _finer(values: F32, shape: tuple[int, ...]) -> F32:
 
 
 def _solve(
-    z: F32, weight: F32, sigma: F32, start: F32, step_m: float, rounds: int, steps: int
+    z: F32,
+    weight: F32,
+    sigma: F32,
+    start: F32,
+    step_m: float,
+    rounds: int,
+    steps: int,
+    place: F32 | None,
 ) -> F32:
     """Reweighted least squares on one grid."""
     known = weight > 0
@@ -122,8 +152,9 @@ def _solve(
     hardest = np.float32(_HARDEST * stiff)
     enough = np.float32(_ENOUGH * np.count_nonzero(known))
     for _ in range(rounds):
+        anchors = z if place is None else at_middles(h, z, place, step_m)
         _multigrid._weigh(
-            h, z, weight, sigma, _HUBER, hardest, tie, slope, pull, pulled, tie_x, tie_y
+            h, anchors, weight, sigma, _HUBER, hardest, tie, slope, pull, pulled, tie_x, tie_y
         )
         _multigrid._solve(h, pulled, levels, *scratch, enough, steps)
     return h

@@ -125,11 +125,7 @@ class HeightMapper:
         rows = int(low // _ROWS * _ROWS), int((high // _ROWS + 1) * _ROWS)
         shape = rows[1] - rows[0], count * n + 2 * m
         x, y, heights, sigmas = points
-        cells = bin_points(
-            np.floor(x / grid).astype(np.int64) + m,
-            np.floor(y / grid).astype(np.int64) - rows[0],
-            heights, sigmas, shape,
-        )  # fmt: skip
+        cells = bin_points(x / grid + m, y / grid - rows[0], heights, sigmas, shape)
         height, sigma, state = complete(cells, self.settings)
         place = centres(first * n - m, shape[1], grid), centres(rows[0], shape[0], grid)
         whole = HeightMap(*place, height, sigma, state, cells.points, self.frame)
