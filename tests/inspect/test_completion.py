@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+from scipy import ndimage
 
 from roller_core.transforms import F64
 from roller_inspect.height_map import _kernels, _multigrid
@@ -10,6 +11,7 @@ from roller_inspect.height_map.cells import bin_points
 from roller_inspect.height_map.completion import at_middles, complete_surface
 from roller_inspect.height_map.gaps import hold_gaps
 from roller_inspect.height_map.height_map import F32
+from roller_inspect.height_map.nearest import distance_to, nearest_known
 from roller_inspect.height_map.scatter import scatter_of
 
 from .analytic_surface import errors
@@ -185,6 +187,39 @@ def test_a_dome_goes_on_between_its_anchors_and_a_flat_top_stays_flat() -> None:
         error = np.abs(complete_surface(height, sigma, 1e-4) - surface)
         inside = np.maximum(np.abs(x), np.abs(y)) < 3e-3
         assert error[inside].mean() < limit
+
+
+def test_cells_are_those_of_the_plain_twin() -> None:
+    random = np.random.default_rng(10)
+    x, y = random.uniform(-1, 8, (2, 200))
+    height, sigma = random.normal(0, 1e-4, 200), random.uniform(0, 5e-5, 200)
+    found = bin_points(x, y, height, sigma, (6, 7))
+    for row, column in np.ndindex(6, 7):
+        own = (np.floor(x) == column) & (np.floor(y) == row)
+        assert found.points[row, column] == own.sum()
+        if not own.any():
+            assert np.isnan([found.height_m[row, column], found.sigma_m[row, column]]).all()
+            assert not found.place[:, row, column].any()
+            continue
+        weight = 1 / np.maximum(sigma[own], 1e-6) ** 2
+        mean = [np.average(v[own], weights=weight) for v in (height, x - column, y - row)]
+        place = found.place[:, row, column] + 0.5
+        np.testing.assert_allclose([found.height_m[row, column], *place], mean, rtol=1e-5)
+        alike = np.sqrt(1 / np.mean(weight))
+        several = np.sqrt(1 + (own.sum() - 1) / 3)
+        np.testing.assert_allclose(found.sigma_m[row, column], alike / several, rtol=1e-5)
+
+
+def test_the_nearest_known_cell_is_found_or_one_that_is_hardly_further() -> None:
+    random = np.random.default_rng(11)
+    for share in (0.001, 0.02, 0.3, 1.0):
+        known = random.random((60, 90)) < share
+        known[7, 5] = True
+        index = nearest_known(known)
+        assert known.ravel()[index].all()
+        exact = ndimage.distance_transform_edt(~known)
+        assert (distance_to(index) <= exact * 1.05 + 1e-5).all()
+        assert (distance_to(index) >= exact - 1e-5).all()
 
 
 def test_heights_at_middles_are_those_of_the_plain_twin() -> None:

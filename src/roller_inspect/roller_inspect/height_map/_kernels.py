@@ -1,8 +1,9 @@
-"""Triangles on the grid, and heights at the middles of its cells."""
+"""Points and triangles on the grid, and heights at the middles of its cells."""
 
 from __future__ import annotations
 
 import numba
+import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
@@ -50,3 +51,38 @@ def _to_middles(h, height, place, most, out):  # type: ignore[no-untyped-def]
             across = (h[below, j] - h[above, j]) / max(below - above, 1)
             along, across = min(max(along, -most), most), min(max(across, -most), most)
             out[i, j] = height[i, j] - (along * place[0, i, j] + across * place[1, i, j])
+
+
+@numba.njit(cache=True, nogil=True)
+def _bin(x, y, height, sigma, least, shared, sums, out, place, count):  # type: ignore[no-untyped-def]
+    """Write means of points by cell, weighted by 1 / sigma², and their uncertainty.
+
+    x, y, height, sigma: float64 (n,), places in cells; sums: float64 (ny, nx, 4), scratch; out:
+    float32 (2, ny, nx), mean and uncertainty, NaN without points; place: float32 (2, ny, nx), mean
+    of x and y from the cell's middle; count: uint16 (ny, nx). No sigma is below `least`; `shared`
+    points count as one.
+    """
+    ny, nx = count.shape
+    sums[:], count[:] = 0.0, 0
+    for k in range(len(x)):
+        column, row = int(np.floor(x[k])), int(np.floor(y[k]))
+        if column < 0 or row < 0 or column >= nx or row >= ny:
+            continue
+        weight = 1.0 / max(sigma[k], least) ** 2
+        own = sums[row, column]
+        own[0] += weight
+        own[1] += weight * height[k]
+        own[2] += weight * (x[k] - column - 0.5)
+        own[3] += weight * (y[k] - row - 0.5)
+        if count[row, column] < 65535:
+            count[row, column] += 1
+    for row in range(ny):
+        for column in range(nx):
+            n, own = float(count[row, column]), sums[row, column]
+            if n == 0:
+                out[:, row, column], place[:, row, column] = np.nan, 0.0
+                continue
+            out[0, row, column] = own[1] / own[0]
+            # Points of one cell see the same events: their mean is hardly better than one of them.
+            out[1, row, column] = np.sqrt(n / own[0] / (1.0 + (n - 1.0) / shared))
+            place[0, row, column], place[1, row, column] = own[2] / own[0], own[3] / own[0]

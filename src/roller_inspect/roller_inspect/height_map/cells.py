@@ -9,10 +9,13 @@ import numpy.typing as npt
 
 from roller_core.transforms import F64
 
+from . import _kernels
 from .height_map import F32
 
 #: Errors of neighbouring points come from the same rays: so many count as one.
 _SHARED = 3.0
+#: No point is surer than this, m.
+_LEAST_SIGMA_M = 1e-6
 
 
 @dataclass(frozen=True)
@@ -41,25 +44,8 @@ def bin_points(x: F64, y: F64, height_m: F64, sigma_m: F64, shape: tuple[int, in
     shape : (int, int)
         Cells along y and x.
     """
-    column, row = np.floor(x), np.floor(y)
-    inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
-    x, y, column, row = x[inside], y[inside], column[inside], row[inside]
-    index = (row * shape[1] + column).astype(np.int64)
-    size = shape[0] * shape[1]
-    weight = 1.0 / np.maximum(sigma_m[inside], 1e-6) ** 2
-    count = np.bincount(index, minlength=size)
-    total = np.bincount(index, weight, size)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.bincount(index, weight * height_m[inside], size) / total
-        place = np.array(
-            [np.bincount(index, weight * (at - 0.5), size) / total for at in (x - column, y - row)]
-        )
-        # Points of one cell see the same events: their mean is hardly better than one of them.
-        sigma = np.sqrt(count / total) * np.sqrt(1.0 / (1.0 + (count - 1) / _SHARED))
-    sigma[count == 0], place[:, count == 0] = np.nan, 0.0
-    return Cells(
-        mean.reshape(shape).astype(np.float32),
-        sigma.reshape(shape).astype(np.float32),
-        np.minimum(count, 65535).astype(np.uint16).reshape(shape),
-        place.reshape(2, *shape).astype(np.float32),
-    )
+    sums, out = np.empty((*shape, 4)), np.empty((2, *shape), np.float32)
+    place, count = np.empty((2, *shape), np.float32), np.empty(shape, np.uint16)
+    given = (np.ascontiguousarray(v, np.float64) for v in (x, y, height_m, sigma_m))
+    _kernels._bin(*given, _LEAST_SIGMA_M, _SHARED, sums, out, place, count)
+    return Cells(out[0], out[1], count, place)

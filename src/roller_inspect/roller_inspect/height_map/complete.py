@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from .cells import Cells
 from .completion import at_middles, complete_surface
 from .gaps import hold_gaps
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, U8, UNMEASURED, Bools
 from .map_settings import HeightMapSettings
+from .nearest import distance_to, nearest_known
 from .scatter import scatter_of
 
 #: A gap between steeper borders isn't gone over, nor one where the completed surface is this far
@@ -47,8 +47,8 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
         away = np.abs(measured - height)
         good = known & (away < np.maximum(_OUTLIER_M, _OUTLIER_SIGMAS * cells.sigma_m))
     # Of the cells as measured: the completed surface has the noise smoothed away.
-    nearest = ndimage.distance_transform_edt(~good, return_distances=False, return_indices=True)
-    scatter = scatter_of(measured[tuple(nearest)], good, step)
+    near = nearest_known(good) if good.any() else np.zeros(good.shape, np.intp)
+    scatter = scatter_of(measured.ravel()[near], good, step)
     dense = np.isfinite(scatter)
     noisy = dense & ((scatter > _MOST_SCATTER_M) | (_local(cells, good) > _MOST_SIGMA_M))
     # Walls around a hollow scatter too; what is no larger than it, m, is no noise.
@@ -58,15 +58,17 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
     if not good.any():
         state = np.where(outside, OUTSIDE, UNMEASURED).astype(np.uint8)
         return np.where(outside, np.nan, height), np.full(known.shape, np.nan, np.float32), state
-    distance, nearest = ndimage.distance_transform_edt(~good, return_indices=True)
-    at = tuple(nearest)
+    at = nearest_known(good)
+    distance = distance_to(at)
     gy, gx = np.gradient(height, step)
     level = np.asarray(gx * gx + gy * gy <= _STEEP**2)
     go_on = (distance * step <= settings.reach_m + 1e-9) & ~noisy
     # A gap of a cell or two can't hide a wall.
-    go_on &= (distance < 2.0) | ((np.abs(height - height[at]) <= _FAR_M) & level[at])
+    go_on &= (distance < 2.0) | (
+        (np.abs(height - height.ravel()[at]) <= _FAR_M) & level.ravel()[at]
+    )
     state = np.where(good, MEASURED, np.where(go_on, CONTINUED, UNMEASURED))
-    sigma = np.hypot(np.fmax(cells.sigma_m[at], scatter), _SLOPE * distance * step)
+    sigma = np.hypot(np.fmax(cells.sigma_m.ravel()[at], scatter), _SLOPE * distance * step)
     state[outside] = OUTSIDE
     height[outside], sigma[outside] = np.nan, np.nan
     return height, sigma.astype(np.float32), state.astype(np.uint8)

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from . import _kernels, _multigrid
 from .height_map import F32
+from .nearest import nearest_known
 
 #: Cell that the weights are for, m; tuned on the virtual cell, and checked on another simulator.
 _CELL_M = 1.27e-4
@@ -77,10 +77,7 @@ def complete_surface(height_m: F32, sigma_m: F32, step_m: float, place: F32 | No
         share = 1 / np.maximum(wc, np.float32(1e-12))
         zc, sc = heights * share, np.where(wc > 0, spreads * share, np.float32(1))
         if found is None:
-            nearest = ndimage.distance_transform_edt(
-                wc == 0, return_distances=False, return_indices=True
-            )
-            start = zc[tuple(nearest)]
+            start = zc.ravel()[nearest_known(wc > 0)]
         else:
             start = _finer(found, zc.shape)
         at = place if factor == 1 else None
