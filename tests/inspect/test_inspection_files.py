@@ -5,7 +5,9 @@ import json
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -22,6 +24,7 @@ from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
 from roller_inspect.report.document import Scan, inspection_document
 from roller_inspect.report.html import measure_words
+from roller_inspect.report.svg import Chart
 from roller_inspect.results.inspection_files import write_inspection
 
 from .analytic_surface import dent, flat, scan
@@ -221,6 +224,34 @@ def test_a_pdf_needs_nothing_more(
     written = (tmp_path / "page.pdf").read_bytes()
     assert written.startswith(b"%PDF-")
     assert installed or b"/Count 2" in written
+
+
+def test_charts_of_a_pdf_have_their_style_and_no_size_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    class Page:
+        def __init__(self, string: str) -> None:
+            seen.append(string)
+
+        def write_pdf(self, path: str) -> None:
+            Path(path).touch()
+
+    monkeypatch.setitem(sys.modules, "weasyprint", SimpleNamespace(HTML=Page))
+    chart = Chart((0, 1), (0, 1), "x, mm", "z, µm")
+    chart.line([0, 1], [0, 1])
+    write_pdf(tmp_path / "page.pdf", f"<figure>{chart}{chart}</figure>", [])
+    (html,) = seen
+    charts = [ElementTree.fromstring(text) for text in re.findall("(?s)<svg.*?</svg>", html)]
+    for svg in charts:
+        assert "height" not in svg.attrib
+        style = svg.findtext("style")
+        assert style is not None
+        classes = {kind for part in svg.iter() for kind in part.get("class", "").split()}
+        assert classes == {"line", "frame", "tick", "mid", "end"}
+        assert all(f".{kind} {{" in style for kind in classes)
+    assert len(charts) == 2
 
 
 def test_files_and_exports(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +37,18 @@ def write_pdf(
     except (ImportError, OSError):  # it needs libraries of the system, too
         _write_text(path, lines, picture)
         return
-    weasyprint.HTML(string=html).write_pdf(str(path))
+    weasyprint.HTML(string=_with_styled_charts(html)).write_pdf(str(path))
+
+
+def _with_styled_charts(html: str) -> str:
+    """The page with the charts' style in each of them: weasyprint knows no other for SVG.
+
+    They take the width that there is: of those with a size of their own only the width shrinks.
+    """
+    charts = resources.files("roller_inspect.report").joinpath("charts.css").read_text("utf-8")
+    # Nor does it draw a text's stroke below its fill.
+    style = f"<style>{charts}.tag {{ stroke: none; }}</style>"
+    return re.sub(r'<svg (viewBox="[^"]*")[^>]*>', rf'<svg \1 style="width: 100%">{style}', html)
 
 
 def _write_text(

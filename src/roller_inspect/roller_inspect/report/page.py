@@ -26,7 +26,8 @@ def page(document: Mapping[str, Any], pictured: Pictured | None) -> str:
         The map; None where there is none.
     """
     part = escape(str(document["part"]) or "without a number")
-    style = resources.files(__package__).joinpath("style.css").read_text(encoding="utf-8")
+    files = resources.files(__package__)
+    style = "".join(files.joinpath(f"{n}.css").read_text("utf-8") for n in ("style", "charts"))
     body = [
         _head(document, part),
         map_section(document, pictured) if pictured is not None else "",
