@@ -87,6 +87,17 @@ def test_recordings_are_found_and_results_are_not(tmp_path: Path) -> None:
     assert list(find_recordings([tmp_path])) == [bag, data, tmp_path / "single.raw"]
 
 
+def test_links_to_recordings_are_followed_once(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "elsewhere" / "bag")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "a").symlink_to(bag)
+    (folder / "b").symlink_to(tmp_path / "elsewhere")
+    (folder / "c").symlink_to(folder)
+    (folder / "gone").symlink_to(tmp_path / "nowhere")
+    assert list(find_recordings([folder])) == [folder / "a"]
+
+
 @pytest.mark.parametrize("option", ["--reference", "--camera"])
 def test_a_file_that_holds_something_else_now_makes_another_job(
     option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -64,15 +65,28 @@ class Row:
 def find_recordings(folders: Sequence[Path]) -> Iterator[Path]:
     """Recordings in folders: rosbag2 and dataset folders, and single files that lie in none.
 
-    What a replay or an inspection wrote there is no recording.
+    What a replay or an inspection wrote there is no recording. Links to folders are followed.
     """
     for folder in folders:
-        files = (*folder.rglob("metadata.yaml"), *folder.rglob("events.txt"))
-        bags = sorted({path.parent for path in files})
+        files = sorted(_files(folder))
+        bags = sorted({f.parent for f in files if f.name in ("metadata.yaml", "events.txt")})
         yield from (b for b in bags if not {b.name, "report.json"} <= entries_made(b.parent).keys())
-        for path in sorted(folder.rglob("*")):
+        for path in files:
             if path.suffix in _SUFFIXES and not any(path.is_relative_to(bag) for bag in bags):
                 yield path
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Files below a folder; of one that links lead to several times those of one place."""
+    seen = set()
+    for place, folders, names in os.walk(folder, followlinks=True):
+        folders.sort()
+        whole = os.path.realpath(place)
+        if whole in seen:  # or within itself
+            folders.clear()
+            continue
+        seen.add(whole)
+        yield from (Path(place, name) for name in names)
 
 
 def run_job(job: Job) -> Row:
