@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, UNMEASURED, HeightMap, centres
@@ -131,28 +132,22 @@ def coarser(height_map: HeightMap, deviation_m: F32, factor: int) -> tuple[Heigh
     )
     pad = ((before[0][0], after[0]), (before[1][0], after[1]))
 
-    def blocks(values: np.ndarray, fill: float) -> np.ndarray:
-        padded = np.pad(values, pad, constant_values=fill)
-        return np.asarray(padded.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1))
-
-    state = blocks(height_map.state, OUTSIDE)
-    weight = blocks(height_map.known.astype(np.float32), 0)
-    total = weight.sum(axis=-1)
+    def sums(values: np.ndarray) -> F32:
+        padded = np.pad(values.astype(np.float32), pad)
+        means = cv2.resize(padded, (nx, ny), interpolation=cv2.INTER_AREA)
+        return np.asarray(means * factor**2, np.float32)
 
     def mean(values: F32) -> F32:
-        each = blocks(values, np.nan)
-        used = weight * np.isfinite(each)
+        used = height_map.known & np.isfinite(values)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(
-                (np.nan_to_num(each) * used).sum(axis=-1) / used.sum(axis=-1), np.float32
-            )
+            return np.asarray(sums(np.where(used, values, 0)) / sums(used), np.float32)
 
-    half = factor**2 / 2
-    inside = (state != OUTSIDE).sum(axis=-1) >= half
+    half = factor**2 / 2 - 0.25  # counts are whole but for what a float leaves
+    inside = sums(height_map.state != OUTSIDE) >= half
     coarse = np.where(inside, UNMEASURED, OUTSIDE)
-    coarse[inside & (total >= half)] = CONTINUED
-    coarse[inside & ((state == MEASURED).sum(axis=-1) >= half)] = MEASURED
-    points = blocks(height_map.points, 0).sum(axis=-1, dtype=np.int64)
+    coarse[inside & (sums(height_map.known) >= half)] = CONTINUED
+    coarse[inside & (sums(height_map.state == MEASURED) >= half)] = MEASURED
+    points = np.rint(sums(height_map.points))
     x = centres(i // factor, nx, step * factor)
     y = centres(j // factor, ny, step * factor)
     return HeightMap(
