@@ -82,6 +82,12 @@ def test_beyond_the_calibrated_speeds_drift_is_held_and_less_sure(
     assert (drift(values, 0, 0.0)[1] < 1.0).all()
 
 
+def test_sides_count_where_they_do_at_some_speed() -> None:
+    for by_speed, sided in ((BY_SPEED, True), ([1e-4] * 3 + [0.0] * 5, False)):
+        own = EdgeDriftSettings.create({**NEW, "side_m": [0.0, 0.0], "by_speed_s": by_speed})
+        assert own.sided is sided
+
+
 def test_speeds_that_make_no_sense_are_refused() -> None:
     for change, text in (
         ({"by_speed_s": [0.0] * 4}, "4 by_speed_s: expected 8"),

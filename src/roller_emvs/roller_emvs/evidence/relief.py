@@ -145,7 +145,7 @@ def _measured(
     px_per_offset = max(field.aperture, 1e-12)
     fit, slope = surface_slope(field, depths, threads)
     of_drift, side = np.zeros((1, 1)), np.zeros(field.cells, np.float32)
-    if sides or any(drift.side_m):
+    if sides or drift.sided:
         side = wall_side(depths)
     if drift.calibrated:
         depths, of_drift = _without_drift(field, depths, slope, side, drift)
@@ -181,7 +181,7 @@ def _measured(
         left = of_drift[row // CELL_PX, column // CELL_PX]
         sigma = np.hypot(sigma, left).astype(np.float32)
     agreed = np.ones(len(sigma), np.float32)
-    if not any(drift.side_m):  # by its side both polarities of a wall drift alike
+    if not drift.sided:  # by its side both polarities of a wall drift alike
         agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)
     changes = tuple(found.change for found in depths)
     heights = offset.astype(np.float64)

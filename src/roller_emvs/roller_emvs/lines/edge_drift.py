@@ -102,6 +102,11 @@ class EdgeDriftSettings(Settings):
         """Whether there is a calibration."""
         return len(self.coefficients_m) > 1
 
+    @property
+    def sided(self) -> bool:
+        """Whether drift depends on the side that a wall faces, at some speed."""
+        return any(self.side_m) or any(self.by_speed_s[TERMS - 1 :: TERMS])
+
     def __str__(self) -> str:
         return "calibrated" if self.calibrated else NOT_CALIBRATED
 
