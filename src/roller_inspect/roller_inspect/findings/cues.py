@@ -26,7 +26,7 @@ from .smoothing import (
     smoothed,
     smoothed_sums,
     weighted,
-)  # fmt: skip
+)
 
 #: Standard deviations of the Gaussians, m.
 SCALES_M = (1e-4, 2e-4, 5e-4, 1e-3)
