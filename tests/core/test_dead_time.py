@@ -72,6 +72,21 @@ def test_gaps_that_get_frequent_bit_by_bit_are_of_the_object() -> None:
     assert dead.known
 
 
+def test_without_a_pile_of_gaps_at_its_end_a_dead_time_hid_nothing() -> None:
+    """As on a smooth dome under pixels of 0.6 ms: gaps begin at once, and go on as they began."""
+    rng = np.random.default_rng(7)
+    gaps = np.ceil((0.7 + rng.exponential(3.0, (60, WIDTH))) / 0.2).astype(np.int64) * (MS // 5)
+    t, x = np.cumsum(gaps, axis=0).ravel(), np.tile(np.arange(WIDTH), 60)
+    rows = np.repeat([0, 16, 32], len(t))
+    t, x = np.tile(t, 3), np.tile(x, 3)
+    order = np.argsort(t, kind="stable")
+    dead = DeadTime(WIDTH, HEIGHT)
+    assert not dead.measure(
+        EventArray.from_arrays(x[order], rows[order], t[order], np.zeros(len(t)))
+    )
+    assert dead.known
+
+
 def test_late_events_don_t_begin_to_stay_all_at_once() -> None:
     """They would look like an edge behind the edge."""
     dead = DeadTime(WIDTH, HEIGHT)

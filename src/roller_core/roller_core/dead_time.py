@@ -23,6 +23,10 @@ _ENOUGH, _MOST_OF_PIXEL = 1000, 8
 #: The dead time ends in the first bin with so many times what any shorter one has, and with this
 #: share of all: where brightness changes slowly gaps get more frequent bit by bit.
 _TIMES, _SHARE = 8.0, 0.01
+#: Gaps pile up where it ends: within the first time, ns, one bin has so many times what any has
+#: up to the second. Else pixels had hardly anything left to tell as they woke up: on a smooth dome
+#: what is left out costs more than it gains.
+_PILE_NS, _AFTER_NS, _PILE_TIMES = 300_000, 600_000, 2.5
 #: Dead time that is one, ns: what is shorter matters little, what is longer comes of the object;
 #: and the travel from which on it matters, m.
 _LEAST_NS, _MOST_NS, _LEAST_M = 700_000, 1_500_000, 2.5e-4
@@ -136,14 +140,19 @@ class DeadTime:
 
 
 def _dead_time_ns(gaps: I64) -> int:
-    """Where the gaps between a pixel's events begin, if that is late; else 0."""
+    """Where the gaps between a pixel's events begin and pile up, if that is late; else 0."""
     total = int(gaps.sum())
     if total < _ENOUGH:
         return 0
     shorter = np.concatenate([[0], np.maximum.accumulate(gaps)[:-1]])
     begins = np.flatnonzero(gaps >= np.maximum(_TIMES * shorter, _SHARE * total))
-    found = int(begins[0]) * _BIN_NS if len(begins) else 0
-    return found if _LEAST_NS <= found <= _MOST_NS else 0
+    if not len(begins):
+        return 0
+    first = int(begins[0])
+    found = first * _BIN_NS
+    pile, after = np.split(gaps[first : first + _AFTER_NS // _BIN_NS], [_PILE_NS // _BIN_NS])
+    piled = len(after) and pile.max() >= _PILE_TIMES * after.max()
+    return found if _LEAST_NS <= found <= _MOST_NS and piled else 0
 
 
 @njit(cache=True, nogil=True)
