@@ -196,7 +196,7 @@ def test_a_pass_beside_one_that_is_given_up_takes_nothing_of_it() -> None:
 
 
 def test_a_finding_is_provisional_until_the_scan_has_passed_it_and_keeps_its_number() -> None:
-    patches = scan(dent((0.0235, 0.0), 1.5e-3, 3e-4), length_m=0.06)
+    patches = scan(dent((0.0235, 0.0), 1.5e-3, 3e-4), length_m=0.09)
     inspector = SurfaceInspector(InspectionSettings.create({}), NominalReference("plane"))
     seen = []
     for patch in patches:

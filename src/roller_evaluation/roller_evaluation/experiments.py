@@ -89,6 +89,11 @@ class EvaluationOptions:
         return tuple(range(self.seed, self.seed + self.repeats))
 
     @property
+    def map_seeds(self) -> tuple[int, ...]:
+        """Of height maps twice as many: from scan to scan a linear one changes by micrometres."""
+        return tuple(range(self.seed, self.seed + 2 * self.repeats))
+
+    @property
     def calibration_set(self) -> tuple[str, ...]:
         """Of the paper's three objects those that are looked at."""
         return tuple(name for name in CALIBRATION_SET if name in self.objects)
@@ -119,7 +124,7 @@ def experiment_cases(options: EvaluationOptions) -> list[Case]:
                 for name in o.objects:
                     add(ScanCase(name, speed, seed, o.cell), "depth", *OURS, light=light)
     if "map" in o.only:
-        for light, name, seed in itertools.product(o.lights, o.objects, o.seeds):
+        for light, name, seed in itertools.product(o.lights, o.objects, o.map_seeds):
             add(ScanCase(name, SPEED, seed, o.cell), "map", "surface", light=light)
     for seed in o.seeds:
 

@@ -81,7 +81,7 @@ def map_table(
         "`surface`. Of the cells called measured and continued their share of all, and the same "
         "figures; the rest is said to be unmeasured. On this coating flat ground makes no events: "
         "between its borders all is guessed, and how triangles happen to fall there changes what a "
-        "linear map errs by (on the hexagon by 3 µm)."
+        "linear map errs by (on the hexagon by 3 µm); so these are means of twice as many passes."
     )
     return Table(f"Height maps on the plain coating, {speed:g} m/s, µm", head, cells, note)
 

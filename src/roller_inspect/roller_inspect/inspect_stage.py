@@ -284,7 +284,8 @@ def deviation_cloud(piece: Piece) -> Cloud:
     grid = piece.height_map
     row, column = np.nonzero(grid.known & np.isfinite(piece.deviation_m))
     height = grid.height_m[row, column]
-    places = grid.in_base(grid.x_m[column], grid.y_m[row], height)
-    values = (piece.deviation_m, grid.sigma_m, grid.state)
-    columns = np.column_stack([places, *(v[row, column] for v in values)])
-    return Cloud(columns.astype(np.float32), DEVIATION_FIELDS)
+    columns = np.empty((len(row), len(DEVIATION_FIELDS)), np.float32)
+    columns[:, :3] = grid.in_base(grid.x_m[column], grid.y_m[row], height)
+    columns[:, 3] = piece.deviation_m[row, column]
+    columns[:, 4], columns[:, 5] = grid.sigma_m[row, column], grid.state[row, column]
+    return Cloud(columns, DEVIATION_FIELDS)

@@ -24,8 +24,9 @@ from .height_map.mapper import HeightMapper
 from .pieces import Found, Piece, Whole, part_of, within
 from .references.reference import Alignment, Reference, ReferenceError
 
-#: So many new strips are mapped and searched at once.
-_STRIPS_AT_ONCE = 3
+#: So many new strips are mapped and searched at once, the first and later: what each is searched
+#: together with costs the less the more there are.
+_FIRST_STRIPS, _STRIPS_AT_ONCE = 3, 6
 #: What they are searched together with, m: findings are at most provisional on it; and so many
 #: strips more where one goes on.
 _CONTEXT_M, _MOST_OPEN = 8e-3, 4
@@ -78,6 +79,7 @@ class SurfaceInspector:
         self._mapper = HeightMapper(settings.height_map)
         self._on_piece = on_piece
         self._passed: list[int] = []
+        self._looked = False
         self._strips: dict[int, HeightMap] = {}
         #: Where findings are on them: they stay out of the reference's fit.
         self._masks: dict[int, Bools] = {}
@@ -100,8 +102,9 @@ class SurfaceInspector:
             the last ones come with `finish`.
         """
         self._passed += self._mapper.add(patch)
-        if len(self._passed) < _STRIPS_AT_ONCE:
+        if len(self._passed) < (_STRIPS_AT_ONCE if self._looked else _FIRST_STRIPS):
             return []
+        self._looked = True
         pieces = self._look(self._mapped())
         if (
             sum(strip.height_m.size for strip in self._strips.values())
@@ -113,7 +116,7 @@ class SurfaceInspector:
     def finish(self) -> Found:
         """The scan is over: everything, final."""
         self._passed += self._mapper.finish()
-        last = self._look(self._mapped()) if self._passed else []
+        last = self._look(self._mapped(), ended=True) if self._passed else []
         if self._strips:
             self._conclude(sorted(self._strips))
         trimmed = deviation = None
@@ -142,18 +145,24 @@ class SurfaceInspector:
         final: bool,
         known: Iterable[Finding] = (),
         masked: Bools | None = None,
+        figures: bool = True,
     ) -> Search | None:
         cells = [(*_cell(f, height_map), f.depth_m) for f in known]
         try:
-            return search(height_map, self.reference, self.settings.findings, cells, masked)
+            return search(
+                height_map, self.reference, self.settings.findings, cells, masked, figures
+            )
         except ReferenceError as error:
             # A window that is still too small may say so; what is concluded must not.
             if final:
                 self._faults.setdefault(str(error))
             return None
 
-    def _look(self, strips: list[int]) -> list[Piece]:
-        """Findings around new strips: provisional near them, final behind."""
+    def _look(self, strips: list[int], ended: bool = False) -> list[Piece]:
+        """Findings around new strips: provisional near them, final behind.
+
+        Of a scan that has ended they come with the whole: here is only where they are.
+        """
         around = round(_CONTEXT_M / self._mapper.length_m)
         low, high = min(strips) - around, max(strips) + around
         # What wasn't passed yet is seen whole.
@@ -165,12 +174,19 @@ class SurfaceInspector:
         # A crater is measured again, as what rises around it is told by it.
         passed = [f for f in self.findings if f.final and f.kind != "crater"]
         passed = _inside(passed, window)
-        found = self._search(window, final=False, known=passed)
+        found = self._search(window, final=False, known=passed, figures=not ended)
         if found is None:
             return []
         for k in near:
             self._masks[k] = part_of(found.mask, window, self._strips[k])
         new = [self._strips[k] for k in strips]
+        if not ended:
+            self._take(found, new, window)
+        deviation = found.comparison.deviation_m
+        return [Piece(strip, part_of(deviation, window, strip)) for strip in new]
+
+    def _take(self, found: Search, new: list[HeightMap], window: HeightMap) -> None:
+        """Findings of a search in a window whose newest strips are some."""
         margin = round(_PASSED_M / window.step_m)
         at = [(s.x_m[[0, -1]] - window.x_m[0]) / window.step_m for s in new]
         ends = (
@@ -186,8 +202,6 @@ class SurfaceInspector:
         final = _beside(fresh, [f for f in kept if f.final], window)
         fresh = [f for f in fresh if not any(_same(f, f0) for f0 in final)]
         self._set(tuple([*kept, *self._numbered(fresh, window)]))
-        deviation = found.comparison.deviation_m
-        return [Piece(strip, part_of(deviation, window, strip)) for strip in new]
 
     def _reach(self, finding: Finding) -> tuple[int, int]:
         """First and last strip that a finding touches."""

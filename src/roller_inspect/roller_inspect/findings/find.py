@@ -40,6 +40,7 @@ def search(
     settings: FindingSettings,
     known: Iterable[tuple[int, int, float]] = (),
     masked: Bools | None = None,
+    figures: bool = True,
 ) -> Search:
     """Compare a map with a reference and find where it differs.
 
@@ -49,6 +50,8 @@ def search(
         Row, column and depth of findings that need not be measured again.
     masked : ndarray of bool, shape (ny, nx), optional
         What an earlier search found: it stays out of the reference's fit.
+    figures : bool
+        Whether to measure what is found; else there are no findings, only where they may be.
 
     Raises
     ------
@@ -64,7 +67,7 @@ def search(
     craters: list[Component] = []
     known = list(known)
     # Hollows first: what rises around a crater is part of it.
-    for part in sorted(parts, key=lambda part: part.sign):
+    for part in sorted(parts if figures else (), key=lambda part: part.sign):
         if any(part.holds(row, column) and part.sign * depth > 0 for row, column, depth in known):
             continue
         if part.sign > 0 and any(part.share_in(crater) > _RIM_SHARE for crater in craters):

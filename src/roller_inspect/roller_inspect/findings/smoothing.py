@@ -19,7 +19,7 @@ def cell_weights(height_map: HeightMap, deviation_m: F32) -> F32:
     weight = by_state[height_map.state]
     measured = finite & (height_map.state == MEASURED)
     if measured.any():
-        usual = np.median(height_map.sigma_m[measured])
+        usual = np.median(height_map.sigma_m[measured][::4])
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.square(usual / height_map.sigma_m)
         weight *= np.fmax(np.fmin(ratio, np.float32(2.0)), np.float32(0.1))
@@ -48,8 +48,8 @@ def smoothed_sums(values: F32, weight: F32, scale_cells: float) -> tuple[F32, F3
         )
         for v in (weight, values)
     )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(share > 1e-6, total / share, np.float32(np.nan))
+    mean = np.full_like(total, np.nan)
+    np.divide(total, share, out=mean, where=share > 1e-6)
     return mean, share
 
 

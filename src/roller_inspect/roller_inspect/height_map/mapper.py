@@ -19,7 +19,7 @@ from .map_settings import HeightMapSettings
 #: Length of a strip, and what a strip is completed with on either side, m.
 STRIP_M, OVERLAP_M = 8e-3, 2e-3
 #: So many neighbours are completed together at most.
-_MOST_AT_ONCE = 4
+_MOST_AT_ONCE = 6
 #: The frame is found once the scan has gone so far, m, and has so many points.
 _START_M, _START_POINTS = 8e-3, 60
 #: Patches with less than this part of the largest one's points don't say where the scan goes.

@@ -43,14 +43,14 @@ class SelfReference:
         step = height_map.step_m
         k = max(1, round(_COARSE_M / step))
         ny, nx = (-(-n // k) for n in height_map.shape)
-        row, column = np.nonzero(used)
-        block = (row // k) * nx + column // k
-        count = np.bincount(block, minlength=ny * nx).astype(np.float64)
-        z = height_map.height_m[row, column].astype(np.float64)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = np.bincount(block, z, ny * nx) / count
-        mean = np.where(count > 0, mean, 0.0).reshape(ny, nx)
-        count = count.reshape(ny, nx)
+        pad = [(0, ny * k - used.shape[0]), (0, nx * k - used.shape[1])]
+        heights = np.where(used, height_map.height_m, np.float32(0))
+        share, mean = (
+            cv2.resize(np.pad(v, pad), (nx, ny), interpolation=cv2.INTER_AREA).astype(np.float64)
+            for v in (used.astype(np.float32), heights)
+        )
+        count = np.rint(share * k**2)
+        mean = np.divide(mean, share, out=np.zeros_like(mean), where=count > 0)
         reach = _REACH_M / (k * step)
         weight = (count > 0).astype(np.float64)
         background = np.zeros((ny, nx))
