@@ -52,7 +52,8 @@ _STEPS = (
           "delay {event_delay_s:.2e} s ± {deviation_s:.1e}"),
     _Step("flat plate", "flat", "calibrate flat plate", "plate at {plate_m:.4f} m"),
     _Step("edge drift", "edge_drift",
-          "calibrate edge-drift --sphere BAG --radius-mm R --steps BAG --step-mm H", ""),
+          "calibrate edge-drift --sphere SLOW --sphere FAST --radius-mm R --steps SLOW "
+          "--steps FAST --step-mm H", ""),
     _Step("sphere", "sphere", "calibrate sphere pass1 pass2 --radius-mm R",
           "method {method}", needed=False),
 )  # fmt: skip

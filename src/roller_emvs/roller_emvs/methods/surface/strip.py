@@ -21,6 +21,7 @@ from roller_emvs.evidence import CELL_PX, RayField
 from roller_emvs.rays import F32
 
 from . import _event_kernels as kernels
+from .camera_path import CameraPath
 from .event_store import EventStore, StripEvents
 from .surface_settings import SurfaceSettings
 
@@ -107,9 +108,7 @@ class Strip:
         border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
         self._border = np.column_stack([border, np.ones(len(border))]).astype(np.float64)
         self._placed = np.empty((3, 0), np.float32)
-        #: The camera's centre: times, ns, and places.
-        self._times = [start_ns]
-        self._centres: list[F64] = [np.zeros(3)]
+        self._path = CameraPath(start_ns)
         #: Least and most x of it, for what each row was seen from.
         self.seen_m = (0.0, 0.0)
         self._slopes = (np.inf, -np.inf)
@@ -177,8 +176,7 @@ class Strip:
 
     def advance(self, t_ns: int, pose: F64) -> None:
         """The camera came to a pose, given in the strip."""
-        self._times.append(t_ns)
-        self._centres.append(pose[:3, 3])
+        self._path.add(t_ns, pose[:3, 3])
         low, high = self.seen_m
         self.seen_m = (min(low, float(pose[0, 3])), max(high, float(pose[0, 3])))
         d = self._border @ pose[:3, :3].T
@@ -252,9 +250,7 @@ class Strip:
                 self.store.release(k)
         held = self.store.blocks
         if held:
-            needed = int(np.searchsorted(self._times, self.store.times(held[0])[0])) - 1
-            if needed > 0:
-                del self._times[:needed], self._centres[:needed]
+            self._path.forget_before(self.store.times(held[0])[0])
 
     def drop_oldest(self) -> int:
         """Forget the oldest block and the rows that its events reach; how many events it held."""
@@ -305,21 +301,12 @@ class Strip:
 
     def centres(self, block: Block) -> F64:
         """Path of the camera's centre while a block's events came, in the strip, shape (n, 3)."""
-        return np.array(self._centres[self._span(block)])
-
-    def _span(self, block: Block) -> slice:
-        """Poses that the times of a block's events lie between."""
-        first = np.searchsorted(self._times, block.first_ns, side="right") - 1
-        last = np.searchsorted(self._times, block.last_ns)
-        return slice(max(int(first), 0), int(last) + 1)
+        return self._path.centres(block.first_ns, block.last_ns)
 
     def speed_of(self, block: Block) -> float:
         """Mean speed of the camera along the strip while a block's events came, but for stops."""
-        seen = self._span(block)
-        times, places = np.array(self._times[seen]), np.array(self._centres[seen])
-        way, took_ns = np.diff(places[:, 0]), np.diff(times)
-        moves = way >= self.settings.min_speed_m_s * took_ns * 1e-9
-        return float(way[moves].sum() / max(took_ns[moves].sum(), 1) * 1e9)
+        least_m_s = self.settings.min_speed_m_s
+        return self._path.speed_m_s(block.first_ns, block.last_ns, least_m_s)
 
     def fan(self, block: Block, y_m: F64) -> F64:
         """Slopes dy/dz of a block's rays through y on the middle plane, for a straight path."""
@@ -328,10 +315,7 @@ class Strip:
 
     def across(self, y_m: F32, t_ns: npt.NDArray[np.int64]) -> F32:
         """Slopes dy/dz of rays that meet the middle plane at y, from where the camera was."""
-        since = (np.array(self._times) - self.start_ns) * 1e-9
-        y, z = np.array(self._centres)[:, 1:].T
-        seconds = (t_ns - self.start_ns) * 1e-9
-        y, z = np.interp(seconds, since, y), np.interp(seconds, since, z)
+        y, z = self._path.across_at(t_ns)
         return np.asarray((y_m - y) / (self.middle_m - z), np.float32)
 
 
