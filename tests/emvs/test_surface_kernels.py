@@ -7,7 +7,14 @@ from roller_core.transforms import F64, pose_matrix, rotation_vector_to_quaterni
 from roller_emvs.evidence import CELL_PX
 from roller_emvs.methods.surface import _event_kernels, _part_kernels
 from roller_emvs.methods.surface._event_kernels import PIECES
-from roller_emvs.methods.surface._part_kernels import BINS_PX, MOST, TILE_BINS, TILE_CELLS
+from roller_emvs.methods.surface._part_kernels import (
+    BIN_BITS,
+    BINS_PX,
+    MOST,
+    ROW_PX,
+    TILE_BINS,
+    TILE_CELLS,
+)
 from roller_emvs.methods.surface.event_store import EventStore
 from roller_emvs.methods.surface.part_field import whole_shifts
 
@@ -125,15 +132,34 @@ def test_the_store_holds_each_event_once_and_reuses_what_is_released() -> None:
 
 ROWS, PARTS, TILES, LEFT = 8, 8, 5, TILE_BINS
 SHAPE = (ROWS, PARTS, TILES * TILE_BINS)
+CELLS = ROWS // CELL_PX
 
 
-def some_counts(rng: np.random.Generator) -> np.ndarray:
-    """Histogram with one entry more, shape (rows · parts · bins + 1,)."""
-    counts = rng.poisson(0.3, SHAPE).astype(np.uint8)
-    return np.append(counts.ravel(), np.uint8(0))
+def some_votes(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Votes, where each row of cells begins, and the same as a histogram of `SHAPE`."""
+    histogram = rng.poisson(0.3, SHAPE)
+    # Bins that count no further.
+    histogram[2, 3, LEFT + 20], histogram[5, 1, LEFT + 40] = 2 * MOST, 5 * MOST
+    row, part, at = (np.repeat(v, histogram.ravel()) for v in np.indices(SHAPE).reshape(3, -1))
+    order = np.lexsort((rng.random(len(row)), row // CELL_PX))
+    votes = ((row % CELL_PX * PARTS + part) << BIN_BITS | at)[order].astype(np.uint32)
+    starts = np.searchsorted(row // CELL_PX, np.arange(CELLS + 1))
+    return votes, starts, histogram
 
 
-def test_events_are_counted_in_their_part_row_and_bin() -> None:
+def base_of(of_row: int, of_part: int, rows: int) -> np.ndarray:
+    """Where the image of a row and part begins, so many rows in one."""
+    row, part = np.divmod(np.arange(CELL_PX * PARTS), PARTS)
+    return np.asarray(row // rows * of_row + part * of_part)
+
+
+def by_rows(histogram: np.ndarray, rows: int) -> np.ndarray:
+    """Sums of so many rows, each bin up to so many times `MOST`."""
+    sums = histogram.reshape(ROWS // rows, rows, *SHAPE[1:]).sum(axis=1)
+    return np.asarray(np.minimum(sums, rows * MOST), np.float64)
+
+
+def test_events_vote_in_their_part_row_and_bin() -> None:
     rng = np.random.default_rng(3)
     n, pixel, shift, top, least, width = 5000, 4e-5, 0.001, -0.0002, -0.3, 0.07
     store = EventStore(0.004, 0)
@@ -144,15 +170,21 @@ def test_events_are_counted_in_their_part_row_and_bin() -> None:
     placed[:, :200] = [[0.000203], [3e-6], [0.01]]
     events = EventArray.from_arrays(*np.zeros((2, n), int), np.arange(n), np.ones(n, int))
     store.add(placed, events, 0.0, 0, [0])
-    counts = np.zeros(np.prod(SHAPE) + 1, np.uint8)
-    tiles = np.zeros(ROWS // CELL_PX * TILES + 1, np.int32)
-    places = []
+    tiles = np.zeros(CELLS * TILES + 1, np.int32)
+    votes, lines, done = np.empty(n, np.uint32), np.empty(n, np.int32), 0
     for page, count in store.chains(0, 1):
-        places.append(np.empty(count, np.int32))
-        _part_kernels._count(
+        own = slice(done, done + count)
+        _part_kernels._locate(
             store.records, store.link, page, count, shift, pixel, top, least, width, SHAPE,
-            float(LEFT), np.empty(_event_kernels.PAGE, np.int32), places[-1], counts, tiles,
+            float(LEFT), np.empty(_event_kernels.PAGE, np.int32), votes[own], lines[own], tiles,
         )  # fmt: skip
+        done += count
+    assert done == n
+    starts = np.cumsum([0, *tiles[:-1].reshape(CELLS, TILES).sum(axis=1)])
+    np.testing.assert_array_equal(starts, np.cumsum([0, *np.bincount(lines)[:CELLS]]))
+    ordered = np.empty(n, np.uint32)
+    _part_kernels._sort(votes, lines, starts.copy(), ordered)
+    np.testing.assert_array_equal(ordered, votes[np.argsort(lines, kind="stable")])
     x, y, slope = placed.astype(float)
     bins = np.floor((x + shift) / pixel * BINS_PX + LEFT).astype(int)
     rows = np.floor((y - top) / pixel + 0.5).astype(int)
@@ -161,17 +193,19 @@ def test_events_are_counted_in_their_part_row_and_bin() -> None:
     expected = np.zeros(SHAPE)
     np.add.at(expected, (rows[inside], parts[inside], bins[inside]), 1)
     assert expected.max() > 2 * MOST
-    found = counts[:-1].reshape(SHAPE)
-    # Rounding may put an event beside the edge of a bin.
-    assert np.abs(found - np.minimum(expected, MOST)).sum() <= 10
-    by_tile = np.zeros((ROWS // CELL_PX, TILES))
+    image = np.zeros((CELL_PX, *SHAPE[1:]), np.uint8)
+    base = base_of(PARTS * SHAPE[2], SHAPE[2], 1)
+    for i in range(CELLS):
+        _part_kernels._count(ordered, starts[i], starts[i + 1], base, MOST, image.reshape(-1))
+        own = np.minimum(expected[i * CELL_PX : (i + 1) * CELL_PX], MOST)
+        # Rounding may put an event beside the edge of a bin.
+        assert np.abs(image - own).sum() <= 10
+        _part_kernels._forget(ordered, starts[i], starts[i + 1], base, image.reshape(-1))
+        assert not image.any()
+    by_tile = np.zeros((CELLS, TILES))
     np.add.at(by_tile, (rows[inside] // CELL_PX, bins[inside] // TILE_BINS), 1)
     assert np.abs(tiles[:-1].reshape(by_tile.shape) - by_tile).sum() <= 10
     assert tiles.sum() == n
-    every = np.bincount(np.concatenate(places), minlength=len(counts))
-    np.testing.assert_array_equal(counts, np.minimum(every, MOST))
-    _part_kernels._forget(np.concatenate(places), counts)
-    assert not counts.any()
 
 
 def twin_sharpness(votes: np.ndarray) -> np.ndarray:
@@ -186,27 +220,30 @@ def twin_sharpness(votes: np.ndarray) -> np.ndarray:
 
 def test_sharpness_is_that_of_the_sum_of_shifted_parts() -> None:
     rng = np.random.default_rng(4)
-    counts = some_counts(rng)
+    votes, starts, histogram = some_votes(rng)
     shifts = rng.integers(-20, 21, (6, PARTS))
     cells = (ROWS // CELL_PX, (TILES - 2) * TILE_CELLS - 1)
     tiles = np.array([[[0, 5], [2, 3], [5, 4]], [[1, 4], [0, 5], [0, 5]]], np.int32)
     for groups, pairs in ((1, 2), (4, 1)):
         found = np.zeros((6, *cells), np.float32)
         buffers = [np.full(SHAPE[2] + TILE_BINS, 77, np.uint16) for _ in range(2)]
+        pair = (PARTS + 1) * SHAPE[2]
+        base = np.minimum(base_of(pair, SHAPE[2], ROW_PX), pairs * pair)
+        image = np.zeros(pairs * pair + SHAPE[2], np.uint8)
         for begin in range(2):
             _part_kernels._measure(
-                counts, SHAPE, LEFT, begin, cells[0], 2, groups,
-                np.zeros(pairs * (PARTS + 1) * SHAPE[2], np.uint8), shifts, tiles, *buffers,
-                np.full(SHAPE[2], 9.0, np.float32), found,
+                votes, starts, base, SHAPE, LEFT, begin, cells[0], 2, groups, pairs, image, shifts,
+                tiles, *buffers, np.full(SHAPE[2], 9.0, np.float32), found,
             )  # fmt: skip
-        histogram = counts[:-1].reshape(SHAPE).astype(float)
+        assert not image.any()
+        counted = by_rows(histogram, ROW_PX)
         for k in range(6):
             moved = np.stack(
-                [np.roll(histogram[:, j], shifts[k, j], axis=-1) for j in range(PARTS)], axis=1
+                [np.roll(counted[:, j], shifts[k, j], axis=-1) for j in range(PARTS)], axis=1
             )
             total = np.zeros((ROWS // CELL_PX, SHAPE[2]))
             for part in np.split(moved, groups, axis=1):
-                two = part.sum(axis=1).reshape(ROWS // CELL_PX, 2, 2, -1).sum(axis=2)
+                two = part.sum(axis=1).reshape(CELLS, CELL_PX // ROW_PX, -1)
                 total += twin_sharpness(two[:, :pairs]).sum(axis=1)
             own = total[:, LEFT : -LEFT or None].reshape(cells[0], -1, CELL_PX * BINS_PX).sum(-1)
             own = own[:, : cells[1]]
@@ -217,8 +254,7 @@ def test_sharpness_is_that_of_the_sum_of_shifted_parts() -> None:
 
 def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:
     rng = np.random.default_rng(5)
-    counts = some_counts(rng)
-    histogram = counts[:-1].reshape(SHAPE).astype(float)
+    votes, starts, histogram = some_votes(rng)
     slopes = np.linspace(-12, 15, PARTS)
     per_offset = (BINS_PX * slopes).astype(np.float32)
     cells = (ROWS // CELL_PX, (TILES - 2) * TILE_CELLS)
@@ -227,8 +263,9 @@ def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:
     sums = np.zeros((*cells, 3), np.float32)
     spread = np.float32(0.7)
     _part_kernels._gather_slopes(
-        counts, SHAPE, LEFT, offset, np.float32(1), per_offset, slopes.astype(np.float32), spread,
-        (*np.empty((2, SHAPE[2]), np.uint8), np.empty(SHAPE[2], np.uint16)), sums,
+        votes, starts, base_of(0, SHAPE[2], 1), SHAPE, LEFT, offset, np.float32(1), per_offset,
+        slopes.astype(np.float32), spread, np.zeros(PARTS * SHAPE[2], np.uint8),
+        (np.empty(SHAPE[2], np.uint8), np.empty(SHAPE[2], np.uint16)), sums,
     )  # fmt: skip
     pixels = np.repeat(np.repeat(offset, CELL_PX, 0), CELL_PX, 1)
     seen = rng.random((cells[0], cells[1] // TILE_CELLS)) < 0.7
@@ -238,8 +275,10 @@ def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:
         np.empty(SHAPE[2], np.uint8), np.empty(width, np.float32), *np.empty((3, width), np.int32)
     )  # fmt: skip
     _part_kernels._gather(
-        counts, SHAPE, LEFT, pixels, np.float32(1), seen, per_offset, buffers, support
-    )
+        votes, starts, base_of(PARTS * SHAPE[2], SHAPE[2], 1), SHAPE, LEFT, pixels, np.float32(1),
+        seen, per_offset, np.zeros(CELL_PX * PARTS * SHAPE[2], np.uint8), buffers, support,
+    )  # fmt: skip
+    of_rows, of_cells = by_rows(histogram, 1), by_rows(histogram, CELL_PX)
     expected, expected_sums = np.zeros(pixels.shape), np.zeros((*cells, 3))
     for y in range(pixels.shape[0]):
         for x in range(pixels.shape[1]):
@@ -248,11 +287,12 @@ def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:
                 continue
             for part, slope in enumerate(slopes):
                 at = LEFT + x * BINS_PX - int(np.rint(per_offset[part] * z))
-                count = histogram[y, part, at : at + BINS_PX].sum()
-                expected[y, x] += count
-                expected_sums[y // CELL_PX, x // CELL_PX] += (
-                    count, count * slope, count * (slope**2 + spread),
-                )  # fmt: skip
+                expected[y, x] += of_rows[y, part, at : at + BINS_PX].sum()
+                if y % CELL_PX == 0:
+                    count = of_cells[y // CELL_PX, part, at : at + BINS_PX].sum()
+                    expected_sums[y // CELL_PX, x // CELL_PX] += (
+                        count, count * slope, count * (slope**2 + spread),
+                    )  # fmt: skip
     reached = np.repeat(np.repeat(seen, CELL_PX, 0), CELL_PX * TILE_CELLS, 1)
     np.testing.assert_array_equal(support, np.where(reached, expected, 0))
     np.testing.assert_allclose(sums, expected_sums, rtol=1e-4, atol=1e-2)

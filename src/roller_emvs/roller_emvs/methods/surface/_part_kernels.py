@@ -1,7 +1,9 @@
-"""Loops over histograms of aperture parts; each has a numpy twin in the tests.
+"""Loops over images of aperture parts; each has a numpy twin in the tests.
 
-A histogram is `counts`, flat, of rows, parts and bins; the place on a plane of what lies in a bin
-is that bin further on by the part's shift. One entry beyond the end takes what goes nowhere.
+An event is a number, a vote: the row in its row of cells and its part above `BIN_BITS`, and its
+bin. Images are of a row of cells at a time, so that they stay in a core's cache: of its rows, or of
+sums of them, and of parts and bins. The place on a plane of what lies in a bin is that bin further
+on by the part's shift.
 """
 
 from __future__ import annotations
@@ -19,8 +21,12 @@ BINS_PX = 4
 CELL_BINS = CELL_PX * BINS_PX
 TILE_CELLS = 4
 TILE_BINS = TILE_CELLS * CELL_BINS
-#: A bin counts no further, so that eight of them fit a byte.
+#: A bin of a row counts no further, so that eight of them fit a byte; one of two rows and one of
+#: four so many times as far.
 MOST = 31
+#: Bits of a vote's bin.
+BIN_BITS = 20
+_BIN = (1 << BIN_BITS) - 1
 #: Bins before what is looked at that its slopes take in, and how many more are summed in all.
 SIDE, _BESIDE = 11, 32
 #: Bins that are summed in one go.
@@ -33,16 +39,17 @@ _SCALE = np.float32(1.0 / (4 * 20 * 20))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count(  # type: ignore[no-untyped-def]
-    records, link, page, total, shift, pixel, top, least, width, shape, left, tile, place, counts,
+def _locate(  # type: ignore[no-untyped-def]
+    records, link, page, total, shift, pixel, top, least, width, shape, left, tile, votes, lines,
     tiles,
 ):  # fmt: skip
-    """Count a chain of events, x `shift` further on, in their part, row and bin.
+    """Where a chain of events, x `shift` further on, votes.
 
     `left` is the bin of x = 0; rows begin half a pixel before `top`. Parts are `width` wide in
-    slope from `least` on; slopes beyond them go to the end parts. `place`, shape (total,), takes
-    where each event counts. `tiles`, flat, of rows of cells and tiles, counts events too, those
-    that go nowhere in its last entry. `tile`, shape (PAGE,), is a buffer.
+    slope from `least` on; slopes beyond them go to the end parts. `votes` and `lines`, shape
+    (total,), take each event's vote and row of cells, one beyond the last for what goes nowhere.
+    `tiles`, flat, of rows of cells and tiles, counts events too, those that go nowhere in its last
+    entry. `tile`, shape (PAGE,), is a buffer.
     """
     rows, parts, bins = shape
     per_bin = np.float32(BINS_PX / pixel)
@@ -54,53 +61,59 @@ def _count(  # type: ignore[no-untyped-def]
     last = np.float32(parts - 1)
     zero = np.float32(0)
     right, below = np.float32(bins), np.float32(rows)
-    nowhere, no_tile = np.int32(parts * rows * bins), np.int32(len(tiles) - 1)
-    many, wide, line = np.int32(parts), np.int32(bins), np.int32(bins // TILE_BINS)
+    nowhere, no_tile = np.int32(rows // CELL_PX), np.int32(len(tiles) - 1)
+    many, tiles_of_row = np.int32(parts), np.int32(bins // TILE_BINS)
     n = 0
     while page >= 0:
         size = np.uint64(min(PAGE, total - n))
         x, y, slope = records[page, 0], records[page, 1], records[page, 2]
-        own = place[n:]
+        own, line_of = votes[n:], lines[n:]
         for i in range(size):
             a = x[i] * per_bin + x0
             b = y[i] * per_row + y0
             part = np.int32(min(max(slope[i] * per_part + s0, zero), last))
             inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
             row, column = np.int32(b), np.int32(a)
-            at = (row * many + part) * wide + column
-            near = (row // np.int32(CELL_PX)) * line + column // np.int32(TILE_BINS)
-            own[i] = at if inside else nowhere
-            tile[i] = near if inside else no_tile
+            line = row // np.int32(CELL_PX)
+            key = (row - line * np.int32(CELL_PX)) * many + part
+            own[i] = np.uint32((key << np.int32(BIN_BITS)) | column)
+            line_of[i] = line if inside else nowhere
+            tile[i] = line * tiles_of_row + column // np.int32(TILE_BINS) if inside else no_tile
         for i in range(size):
-            found = np.uint64(own[i])
-            counts[found] += np.uint8(counts[found] < MOST)
             tiles[np.uint64(tile[i])] += np.int32(1)
         n += PAGE
         page = link[page]
 
 
 @njit(cache=True, nogil=True)
-def _forget(place, counts):  # type: ignore[no-untyped-def]
-    """Make the bins at some places zero."""
-    for i in range(np.uint64(len(place))):
-        counts[np.uint64(place[i])] = 0
+def _sort(votes, lines, place, out):  # type: ignore[no-untyped-def]
+    """Write votes at the place of their row of cells, which moves on."""
+    for i in range(np.uint64(len(votes))):
+        line = np.uint64(lines[i])
+        out[np.uint64(place[line])] = votes[i]
+        place[line] += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_rows(counts, shape, row, low, high, pairs):  # type: ignore[no-untyped-def]
-    """Sums of the pairs of rows of a row of cells, all parts, from the bin `low` to `high`.
+@njit(cache=True, nogil=True)
+def _count(votes, first, last, base, most, image):  # type: ignore[no-untyped-def]
+    """Count votes from one to another up to `most` in an image, flat.
 
-    `pairs` is flat, of as many pairs as it holds, parts and one more that stays zero, and bins.
+    `base`, shape (rows of a cell · parts,), is where what holds a row and part begins.
     """
-    _, parts, bins = shape
-    line = np.uint64(parts * bins)
-    size = np.uint64(high - low)
-    for pair in range(len(pairs) // ((parts + 1) * bins)):
-        for j in range(parts):
-            at = np.uint64(((row + pair * ROW_PX) * parts + j) * bins + low)
-            to = np.uint64((pair * (parts + 1) + j) * bins + low)
-            for i in range(size):
-                pairs[to + i] = np.uint8(counts[at + i] + counts[at + line + i])
+    for i in range(np.uint64(first), np.uint64(last)):
+        vote = votes[i]
+        key = np.uint64(vote >> np.uint32(BIN_BITS))
+        at = np.uint64(base[key]) + np.uint64(vote & np.uint32(_BIN))
+        image[at] += np.uint8(image[at] < most)
+
+
+@njit(cache=True, nogil=True)
+def _forget(votes, first, last, base, image):  # type: ignore[no-untyped-def]
+    """Make an image zero again: cheaper by its votes than as a whole."""
+    for i in range(np.uint64(first), np.uint64(last)):
+        vote = votes[i]
+        key = np.uint64(vote >> np.uint32(BIN_BITS))
+        image[np.uint64(base[key]) + np.uint64(vote & np.uint32(_BIN))] = 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -132,38 +145,34 @@ def _add_parts(pairs, shape, pair, first, last, start, shifts, size, total):  # 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _measure(  # type: ignore[no-untyped-def]
-    counts, shape, left, begin, end, step, groups, pairs, shifts, tiles, total, sums, line, measure
-):
+    votes, starts, base, shape, left, begin, end, step, groups, looks, pairs, shifts, tiles, total,
+    sums, line, measure
+):  # fmt: skip
     """Sharpness of the votes by plane and cell, of every `step`-th row of cells from `begin` on.
 
-    The parts are summed in so many `groups`, of which each adds its own sharpness. `pairs` is for
-    the sums of as many of a cell's pairs of rows, zero; see `_add_rows`. `shifts`, shape (planes,
-    parts), are of whole bins; `left` is the bin of the first cell. `tiles`, shape (rows of cells,
-    tiles, 2), holds the first and last plane on which each counts. `measure`, shape (planes, rows,
-    columns) of cells, is added to.
+    Rows of cells begin in `votes` at `starts`. The parts are summed in so many `groups`, of which
+    each adds its own sharpness. So many of a cell's pairs of rows are looked at; `pairs`, zero and
+    flat, is the image of pairs, parts and one more that stays zero, and bins, at the places of
+    `base`; the rows of others may count behind it. `shifts`, shape (planes, parts), are of whole
+    bins; `left` is the bin of the first cell. `tiles`, shape (rows of cells, tiles, 2), holds the
+    first and last plane on which each counts. `measure`, shape (planes, rows, columns) of cells, is
+    added to.
     """
     planes, _, cell_columns = measure.shape
     count = tiles.shape[1]
-    _, parts, bins = shape
+    _, parts, _ = shape
     own = parts // groups
-    looks = len(pairs) // ((parts + 1) * bins)
-    furthest = np.abs(shifts).max()
+    most = ROW_PX * MOST
     for row in range(begin, end, step):
         low = planes
         high = -1
-        left_tile = count
-        right_tile = 0
         for t in range(count):
             if max(tiles[row, t, 0], 0) <= min(tiles[row, t, 1], planes - 1):
                 low = min(low, max(tiles[row, t, 0], 0))
                 high = max(high, min(tiles[row, t, 1], planes - 1))
-                left_tile = min(left_tile, t)
-                right_tile = t + 1
         if high < 0:
             continue
-        near = max(left + left_tile * TILE_BINS - SIDE - furthest, 0)
-        far = min(left + right_tile * TILE_BINS - SIDE + _BESIDE + furthest, bins)
-        _add_rows(counts, shape, row * CELL_PX, near, far, pairs)
+        _count(votes, starts[row], starts[row + 1], base, most, pairs)
         for k in range(low, high + 1):
             t = 0
             while t < count:
@@ -190,6 +199,7 @@ def _measure(  # type: ignore[no-untyped-def]
                     for i in range(np.uint64(CELL_BINS)):
                         found += line[at + i]
                     measure[k, row, cell] += found * _SCALE
+        _forget(votes, starts[row], starts[row + 1], base, pairs)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -224,19 +234,31 @@ def _add_slopes(total, width, sums, line, before):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather_slopes(  # type: ignore[no-untyped-def]
-    counts, shape, left, offset, most, per_offset, middles, spread, buffers, sums
+    votes,
+    starts,
+    base,
+    shape,
+    left,
+    offset,
+    most,
+    per_offset,
+    middles,
+    spread,
+    image,
+    buffers,
+    sums,
 ):
     """Events of each cell where its surface is: their count, slopes and squares.
 
-    `offset` is the surface on cells, NaN where unknown, looked at up to `most`. `middles` are the
-    slopes of the parts, `per_offset` their bins by unit of offset, `spread` the variance of slopes
-    within a part. `buffers`, of bins uint8, uint8 and uint16, are for use.
+    `image`, zero and flat, is of parts and bins, all rows of a cell in one. `offset` is the surface
+    on cells, NaN where unknown, looked at up to `most`. `middles` are the slopes of the parts,
+    `per_offset` their bins by unit of offset, `spread` the variance of slopes within a part.
+    `buffers`, of bins uint8 and uint16, are for use.
     """
     _, parts, bins = shape
     height, width = offset.shape
-    one, line = np.uint64(1), np.uint64(parts * bins)
-    two, three = np.uint64(2) * line, np.uint64(3) * line
-    four, eight, every = buffers
+    one = np.uint64(1)
+    eight, every = buffers
     for i in range(height):
         # From the first cell that has a surface to the last.
         first = width
@@ -248,20 +270,16 @@ def _gather_slopes(  # type: ignore[no-untyped-def]
                 first = min(first, j)
                 last = j + 1
                 z = max(z, abs(offset[i, j]))
+        if last <= first or starts[i + 1] == starts[i]:
+            continue
+        _count(votes, starts[i], starts[i + 1], base, CELL_PX * MOST, image)
         for part in range(parts):
-            if last <= first:
-                break
             apart = np.int64(np.ceil(abs(per_offset[part]) * z)) + 1
             low = max(left + first * CELL_BINS - apart, 0)
             size = np.uint64(min(left + last * CELL_BINS + apart, bins) - low)
-            at = np.uint64((i * CELL_PX * parts + part) * bins + low)
-            for b in range(size):
-                four[b] = np.uint8(
-                    counts[at + b] + counts[at + line + b]
-                    + counts[at + two + b] + counts[at + three + b]
-                )  # fmt: skip
+            at = np.uint64(part * bins + low)
             for b in range(size - one):
-                eight[b] = np.uint8(four[b] + four[b + one])
+                eight[b] = np.uint8(image[at + b] + image[at + b + one])
             for b in range(size - np.uint64(3)):
                 every[b] = np.uint16(eight[b]) + np.uint16(eight[b + np.uint64(2)])
             s = middles[part]
@@ -279,51 +297,67 @@ def _gather_slopes(  # type: ignore[no-untyped-def]
                     sums[i, j, 0] += n
                     sums[i, j, 1] += n * s
                     sums[i, j, 2] += n * square
+        _forget(votes, starts[i], starts[i + 1], base, image)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(counts, shape, left, offset, most, seen, per_offset, buffers, support):  # type: ignore[no-untyped-def]
+def _gather(  # type: ignore[no-untyped-def]
+    votes, starts, base, shape, left, offset, most, seen, per_offset, image, buffers, support
+):
     """Events of each pixel where its surface is; of tiles of cells that are not `seen` none.
 
-    `offset` is the surface by pixel, NaN where unknown, looked at up to `most`. `buffers` are for
-    use: of bins uint8, and of a row's pixels float32 and thrice int32.
+    `image`, zero and flat, is of the rows of a cell, parts and bins. `offset` is the surface by
+    pixel, NaN where unknown, looked at up to `most`. `buffers` are for use: of bins uint8, and of a
+    row's pixels float32 and thrice int32.
     """
+    for i in range(seen.shape[0]):
+        if starts[i + 1] == starts[i]:
+            continue
+        _count(votes, starts[i], starts[i + 1], base, MOST, image)
+        for row in range(CELL_PX):
+            y = i * CELL_PX + row
+            _gather_row(
+                image, row, shape, left, offset[y], most, seen[i], per_offset, buffers, support[y]
+            )
+        _forget(votes, starts[i], starts[i + 1], base, image)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather_row(image, row, shape, left, offset, most, seen, per_offset, buffers, support):  # type: ignore[no-untyped-def]
+    """`_gather` of one row of an image."""
     _, parts, bins = shape
-    height, width = offset.shape
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     some, heights, places, total, bin_of = buffers
-    for y in range(height):
-        n = 0
-        z = np.float32(0)
-        for cell in range(width // CELL_PX):
-            if not seen[y // CELL_PX, cell // TILE_CELLS]:
-                continue
-            for x in range(cell * CELL_PX, (cell + 1) * CELL_PX):
-                if abs(offset[y, x]) <= most:
-                    heights[n] = offset[y, x]
-                    places[n] = x
-                    total[n] = 0
-                    z = max(z, abs(offset[y, x]))
-                    n += 1
-        if n == 0:
+    n = 0
+    z = np.float32(0)
+    for cell in range(len(offset) // CELL_PX):
+        if not seen[cell // TILE_CELLS]:
             continue
-        for part in range(parts):
-            per = per_offset[part]
-            apart = np.int64(np.ceil(abs(per) * z)) + 1
-            low = max(left + places[0] * BINS_PX - apart, 0)
-            size = np.uint64(min(left + (places[n - 1] + 1) * BINS_PX + apart, bins - 3) - low)
-            at = np.uint64((y * parts + part) * bins + low)
-            for b in range(size):
-                some[b] = np.uint8(
-                    counts[at + b] + counts[at + b + one]
-                    + counts[at + b + two] + counts[at + b + three]
-                )  # fmt: skip
-            begin = np.int32(left - low)
-            # By itself, as vector instructions find places but don't look things up.
-            for i in range(np.uint64(n)):
-                shift = np.int32(np.rint(per * heights[i]))
-                bin_of[i] = begin + places[i] * np.int32(BINS_PX) - shift
-            for i in range(np.uint64(n)):
-                total[i] += np.int32(some[np.uint32(bin_of[i])])
-        for i in range(n):
-            support[y, places[i]] = np.float32(total[i])
+        for x in range(cell * CELL_PX, (cell + 1) * CELL_PX):
+            if abs(offset[x]) <= most:
+                heights[n] = offset[x]
+                places[n] = x
+                total[n] = 0
+                z = max(z, abs(offset[x]))
+                n += 1
+    if n == 0:
+        return
+    for part in range(parts):
+        per = per_offset[part]
+        apart = np.int64(np.ceil(abs(per) * z)) + 1
+        low = max(left + places[0] * BINS_PX - apart, 0)
+        size = np.uint64(min(left + (places[n - 1] + 1) * BINS_PX + apart, bins - 3) - low)
+        at = np.uint64((row * parts + part) * bins + low)
+        for b in range(size):
+            some[b] = np.uint8(
+                image[at + b] + image[at + b + one] + image[at + b + two] + image[at + b + three]
+            )
+        begin = np.int32(left - low)
+        # By itself, as vector instructions find places but don't look things up.
+        for i in range(np.uint64(n)):
+            shift = np.int32(np.rint(per * heights[i]))
+            bin_of[i] = begin + places[i] * np.int32(BINS_PX) - shift
+        for i in range(np.uint64(n)):
+            total[i] += np.int32(some[np.uint32(bin_of[i])])
+    for i in range(n):
+        support[places[i]] = np.float32(total[i])

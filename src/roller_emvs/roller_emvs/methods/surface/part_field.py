@@ -1,9 +1,10 @@
-"""A block's events as histograms by part of the aperture: one vote an event.
+"""A block's events as images by part of the aperture: one vote an event.
 
 A ray's slope along the strip is that of its image column, so a part of the aperture is a group of
-columns. An event votes once, into its part's histogram at its place on the middle plane; a plane
-of votes is the sum of the parts, each moved by whole bins (slant stacking, a discrete Radon
-transform along rows). Nothing is sorted, and what meets a surface is read where it lies.
+columns. An event votes once, into its part's image at its place on the middle plane; a plane of
+votes is the sum of the parts, each moved by whole bins (slant stacking, a discrete Radon transform
+along rows). Votes are kept by row of cells, and images made of one row of cells at a time: of all
+rows they would be tens of megabytes, of which events touch a hundredth.
 
 Rows are those of the middle plane: as the camera goes straight along x, all rays of a row fan out
 alike and stay in one row over all planes; only where that row lies across the strip depends on the
@@ -39,12 +40,14 @@ from ._event_kernels import PAGE
 from ._part_kernels import BINS_PX, CELL_BINS, ROW_PX, TILE_BINS, TILE_CELLS
 from .strip import MARGIN_M, Block, Strip
 
+U32 = npt.NDArray[np.uint32]
+
 #: Parts of the image along the roll that a coarse depth is the sum of: a row crosses all of it,
 #: and over such an aperture relief that repeats has side lobes.
 COARSE_PARTS = 4
 #: Parallax within a part over the depth range: at its ends a ray is off by a quarter of it, px.
 _PART_PX = 2.4
-#: Parts and bins of a polarity at most, beyond which histograms would cost more than they save.
+#: Parts and bins of a polarity at most, beyond which images would cost more than they save.
 _MOST_PARTS, _MOST_BINS = 64, 64_000_000
 #: Rays of a row may part by so much across the strip at the ends of the depth range, px.
 _MOST_ACROSS_PX = 0.5
@@ -56,10 +59,12 @@ _AROUND_CELLS = 3
 
 @dataclass(frozen=True)
 class PartField(EvidenceField):
-    """Histograms of a block's events by part of the aperture, for each polarity."""
+    """Votes of a block's events by part of the aperture, for each polarity."""
 
-    #: By polarity; flat, of rows, parts and bins, with one entry more. Until `clear`.
-    counts: tuple[npt.NDArray[np.uint8], ...]
+    #: By polarity, by row of cells; see `_part_kernels`.
+    votes: tuple[U32, U32]
+    #: Where each row of cells begins in them, and the last ends. Shape (2, rows of cells + 1).
+    starts: I64
     #: Rows, parts, bins.
     bins: tuple[int, int, int]
     #: Bin of the grid's first column.
@@ -71,8 +76,6 @@ class PartField(EvidenceField):
     #: Tiles that enough events of a polarity can reach. Shape (2, rows of cells, tiles of the
     #: grid).
     reached: Mask
-    #: By polarity: where in `counts` its events count.
-    places: list[npt.NDArray[np.int32]]
     #: Events reach no further beside the block on any plane.
     reach_m: float
 
@@ -82,11 +85,10 @@ class PartField(EvidenceField):
         if box is None:
             return None
         (rows, columns), (_, parts, bins) = box, self.bins
-        line, shape = CELL_PX * parts * bins, shape_of(box)
-        counts = tuple(own[rows.start * line : rows.stop * line + 1] for own in self.counts)
+        shape, starts = shape_of(box), self.starts[:, rows.start : rows.stop + 1]
         tiles = slice(columns.start // TILE_CELLS, -(-columns.stop // TILE_CELLS))
         part = replace(
-            self, shape=shape, slopes=self.slopes[:, columns], counts=counts,
+            self, shape=shape, slopes=self.slopes[:, columns], starts=starts,
             bins=(shape[0], parts, bins), left_bin=self.left_bin + columns.start * CELL_BINS,
             reached=self.reached[:, rows, tiles], most_spread=self.aperture,
         )  # fmt: skip
@@ -102,26 +104,35 @@ class PartField(EvidenceField):
         reached = np.repeat(self.reached[polarity], TILE_CELLS, axis=1)[:, : self.cells[1]]
         surface = np.where(reached, offset, np.float32(np.nan))
         width = (self.part_slopes[-1] - self.part_slopes[0]) / (len(self.part_slopes) - 1)
-        buffers = (*np.empty((2, self.bins[2]), np.uint8), np.empty(self.bins[2], np.uint16))
+        _, parts, bins = self.bins
+        buffers = np.empty(bins, np.uint8), np.empty(bins, np.uint16)
         kernels._gather_slopes(
-            self.counts[polarity], self.bins, self.left_bin, surface, np.float32(self.most_offset),
-            self._per_offset, self.part_slopes.astype(np.float32), np.float32(width**2 / 12),
-            buffers, sums,
+            self.votes[polarity], self.starts[polarity], self._base(0, bins), self.bins,
+            self.left_bin, surface, np.float32(self.most_offset), self._per_offset,
+            self.part_slopes.astype(np.float32), np.float32(width**2 / 12),
+            np.zeros(parts * bins, np.uint8), buffers, sums,
         )  # fmt: skip
         return sums
 
     def support(self, offset: F32, polarity: int) -> F32:
         """See `EvidenceField`."""
         found, columns = np.zeros(self.shape, np.float32), self.shape[1]
+        _, parts, bins = self.bins
         buffers = (
-            np.empty(self.bins[2], np.uint8), np.empty(columns, np.float32),
+            np.empty(bins, np.uint8), np.empty(columns, np.float32),
             *np.empty((3, columns), np.int32),
         )  # fmt: skip
         kernels._gather(
-            self.counts[polarity], self.bins, self.left_bin, offset, np.float32(self.most_offset),
-            self.reached[polarity], self._per_offset, buffers, found,
+            self.votes[polarity], self.starts[polarity], self._base(parts * bins, bins), self.bins,
+            self.left_bin, offset, np.float32(self.most_offset), self.reached[polarity],
+            self._per_offset, np.zeros(CELL_PX * parts * bins, np.uint8), buffers, found,
         )  # fmt: skip
         return found
+
+    def _base(self, of_row: int, of_part: int, rows: int = 1) -> I64:
+        """Where the image of each row and part begins, so many `rows` in one."""
+        row, part = np.divmod(np.arange(CELL_PX * self.bins[1]), self.bins[1])
+        return np.asarray(row // rows * of_row + part * of_part, np.int64)
 
     def measure(
         self, polarity: int, at: F64, coarsely: bool, tiles: npt.NDArray[np.int32], threads: int
@@ -151,14 +162,19 @@ class PartField(EvidenceField):
         shifts = whole_shifts(self.part_slopes, at)
         groups, looks = (COARSE_PARTS, 1) if coarsely else (1, CELL_PX // ROW_PX)
         _, parts, bins = self.bins
+        pair = (parts + 1) * bins
+        base = self._base(pair, bins, ROW_PX)
+        # Rows that aren't looked at count behind the rest.
+        base = np.where(base < looks * pair, base, looks * pair)
 
         def run(begin: int) -> None:
-            pairs = np.zeros(looks * (parts + 1) * bins, np.uint8)
+            pairs = np.zeros(looks * pair + bins, np.uint8)
             total, sums = (np.zeros(bins + TILE_BINS, np.uint16) for _ in range(2))
             line = np.zeros(bins, np.float32)
             kernels._measure(
-                self.counts[polarity], self.bins, self.left_bin, begin, self.cells[0], threads,
-                groups, pairs, shifts, tiles, total, sums, line, found,
+                self.votes[polarity], self.starts[polarity], base, self.bins, self.left_bin,
+                begin, self.cells[0], threads, groups, looks, pairs, shifts, tiles, total, sums,
+                line, found,
             )  # fmt: skip
 
         share(threads, threads, run, inner=True)
@@ -176,7 +192,7 @@ def whole_shifts(middles: F64, at: F64) -> I64:
 
 
 def fits(strip: Strip, block: Block) -> bool:
-    """Whether the camera went straight enough, and the parallax is small enough, for histograms."""
+    """Whether the camera went straight enough, and parallax is small enough, for parts."""
     centres = strip.centres(block)
     off = np.abs(centres - centres.mean(axis=0)).max(axis=0)
     wide = max(
@@ -194,26 +210,11 @@ def fits(strip: Strip, block: Block) -> bool:
     )
 
 
-class PartBuffers:
-    """Histograms' memory, kept from block to block; all zero unless a block is at work."""
-
-    def __init__(self) -> None:
-        self._kept = [np.zeros(0, np.uint8), np.zeros(0, np.uint8)]
-
-    def take(self, size: int) -> tuple[npt.NDArray[np.uint8], ...]:
-        """So many zeros for either polarity."""
-        if len(self._kept[0]) < size:
-            self._kept = [np.zeros(size, np.uint8) for _ in range(2)]
-        return tuple(kept[:size] for kept in self._kept)
-
-
-def part_field(
-    strip: Strip, block: Block, buffers: PartBuffers, per_px: float, threads: int
-) -> PartField:
-    """Count a block's events, and those that reach it from beside, into histograms.
+def part_field(strip: Strip, block: Block, per_px: float, threads: int) -> PartField:
+    """Take the votes of a block's events, and of those that reach it from beside.
 
     The grid begins `MARGIN_M` before the block, in its first pixel's middle, and at its least y.
-    `per_px` are planes by pixel of parallax. `clear` gives the memory back.
+    `per_px` are planes by pixel of parallax.
     """
     pixel = strip.pixel_m
     size = CELL_PX * pixel
@@ -232,17 +233,17 @@ def part_field(
     bins_per_m = float(np.abs(part_slopes).max()) * BINS_PX
     apron = int(np.ceil(furthest * bins_per_m / TILE_BINS)) + 1
     count = -(-columns // (CELL_PX * TILE_CELLS))
-    # An odd number, so that rows don't fall onto the same lines of the caches.
+    # An odd number, so that parts don't fall onto the same lines of the caches.
     tiles = (count + 2 * apron) | 1
     shape = (rows, parts, tiles * TILE_BINS)
     seen = np.zeros((2, rows // CELL_PX * tiles + 1), np.int32)
     field = PartField(
         (rows, columns), slopes, pixel, 1.0, strip.focal_px, strip.speed_m_s / pixel,
-        1.0, buffers.take(rows * parts * tiles * TILE_BINS + 1), shape, apron * TILE_BINS, furthest,
-        part_slopes, np.zeros((2, rows // CELL_PX, count), np.bool_), [np.empty(0, np.int32)] * 2,
+        1.0, (np.empty(0, np.uint32),) * 2, np.zeros((2, rows // CELL_PX + 1), np.int64), shape,
+        apron * TILE_BINS, furthest, part_slopes, np.zeros((2, rows // CELL_PX, count), np.bool_),
         MARGIN_M + size + max(-least, most) * furthest, camera_m_s=strip.speed_of(block),
     )  # fmt: skip
-    _count(strip, block, field, seen, threads)
+    field = _take_votes(strip, block, field, seen, threads)
     reach = int(np.ceil(strip.half_m * bins_per_m / TILE_BINS))
     sums = np.cumsum(np.pad(seen[:, :-1].reshape(2, -1, tiles), ((0, 0), (0, 0), (1, 0))), axis=2)
     begin, end = apron - reach, apron + reach + 1
@@ -253,33 +254,36 @@ def part_field(
     return field
 
 
-def clear(field: PartField, threads: int) -> None:
-    """Make the memory of a field zero again: cheaper by its events than as a whole."""
-    share(threads, 2, lambda k: kernels._forget(field.places[k], field.counts[k]))
-
-
-def _count(
+def _take_votes(
     strip: Strip, block: Block, field: PartField, seen: npt.NDArray[np.int32], threads: int
-) -> None:
-    """Count the events that reach a block."""
+) -> PartField:
+    """A field with the votes of the events that reach a block; `seen` counts them by tile."""
     pixel, store = strip.pixel_m, strip.store
     width = float(field.part_slopes[1] - field.part_slopes[0]) * pixel
     least = float(field.part_slopes[0]) * pixel - 0.5 * width
     left = field.left_bin + (MARGIN_M / pixel + 0.5) * BINS_PX
+    rows = field.cells[0]
+    found: list[U32] = [np.empty(0, np.uint32)] * 2
+    starts = np.zeros((2, rows + 1), np.int64)
 
     def run(polarity: int) -> None:
         chains, n = list(strip.chains(block, polarity, field.reach_m)), 0
-        tile, place = (np.empty(size, np.int32) for size in (PAGE, sum(c for *_, c in chains)))
-        field.places[polarity] = place
+        total = sum(count for *_, count in chains)
+        votes = np.empty(total, np.uint32)
+        tile, lines = (np.empty(size, np.int32) for size in (PAGE, total))
         for start, page, count in chains:
-            kernels._count(
+            kernels._locate(
                 store.records, store.link, page, count, -start, pixel, block.low_y_m, least, width,
-                field.bins, left, tile, place[n : n + count], field.counts[polarity],
-                seen[polarity],
+                field.bins, left, tile, votes[n : n + count], lines[n : n + count], seen[polarity],
             )  # fmt: skip
             n += count
+        by_row = seen[polarity, :-1].reshape(rows, -1).sum(axis=1)
+        np.cumsum(by_row, out=starts[polarity, 1:])
+        found[polarity] = np.empty(total, np.uint32)
+        kernels._sort(votes, lines, starts[polarity].copy(), found[polarity])
 
     share(threads, 2, run)
+    return replace(field, votes=(found[0], found[1]), starts=starts)
 
 
 def find_part_depths(

@@ -320,7 +320,7 @@ class Strip:
 
 
 def ray_field(strip: Strip, block: Block) -> RayField:
-    """A block's events as rays, for motion that histograms don't fit; grid as `part_field`'s."""
+    """A block's events as rays, for motion that parts don't fit; grid as `part_field`'s."""
     pixel = strip.pixel_m
     size = CELL_PX * pixel
     rows = max(int(np.ceil((block.high_y_m - block.low_y_m) / size)), 2) * CELL_PX

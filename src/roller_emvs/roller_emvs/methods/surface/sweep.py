@@ -23,7 +23,7 @@ from roller_emvs.rays import F32
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
-from .part_field import COARSE_PARTS, PartBuffers, clear, find_part_depths, fits, part_field
+from .part_field import COARSE_PARTS, find_part_depths, fits, part_field
 from .pass_cutter import PassCutter
 from .strip import MARGIN_M, Block, Strip, ray_field
 from .surface_settings import SurfaceSettings
@@ -69,7 +69,6 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
         self.milliseconds: dict[str, float] = {}
-        self._buffers = PartBuffers()
         self._light: tuple[Strip | None, TravellingLight] = None, TravellingLight()
         #: Takes the lines of each block as they were fitted: places in base, shape (n, 3), metres,
         #: the strip's axes in base (along the motion, across, away from the camera), and the rest.
@@ -146,19 +145,16 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             return np.asarray(y + strip.fan(block, y) * offset, np.float64)
 
         with watch("arrange"):
-            field = part_field(strip, block, self._buffers, s.evidence.planes_per_px, s.threads)
-        try:
-            with watch("votes"):
-                depths = find_part_depths(field, strip.half_m, s.evidence, s.threads)
-            with watch("points"):
-                found = self._measured(field, depths)
-            with watch("lines"):
-                return self._refined(
-                    strip, block, field, depths, found,
-                    lambda polarity: strip.rays(block, polarity, field.reach_m), across,
-                )  # fmt: skip
-        finally:
-            clear(field, s.threads)
+            field = part_field(strip, block, s.evidence.planes_per_px, s.threads)
+        with watch("votes"):
+            depths = find_part_depths(field, strip.half_m, s.evidence, s.threads)
+        with watch("points"):
+            found = self._measured(field, depths)
+        with watch("lines"):
+            return self._refined(
+                strip, block, field, depths, found,
+                lambda polarity: strip.rays(block, polarity, field.reach_m), across,
+            )  # fmt: skip
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
         """The same for any path."""
