@@ -10,10 +10,11 @@ from emvs.scenes import Motion, rolling
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_emvs.evidence import CELL_PX, PartImages, Parts, find_depths, part_images
+from roller_emvs.evidence import _band_kernels as band_kernels
 from roller_emvs.evidence import _part_kernels as kernels
 from roller_emvs.evidence import _peak_kernels as peaks
+from roller_emvs.evidence._band_kernels import BINS
 from roller_emvs.evidence._kernels import ROW_PX
-from roller_emvs.evidence._part_kernels import BINS
 from roller_emvs.methods import window_field
 from roller_emvs.methods.focus import focus_depth
 from roller_emvs.methods.window_field import WindowView
@@ -22,26 +23,50 @@ from roller_emvs.stopwatch import Stopwatch
 
 SHAPE, MARGIN = (24, 64), 5
 SLOPES = np.array([-6.0, -3.7, -1.2, 1.1, 3.4, 5.9])
+SPANS = np.array([[0, 40], [0, 52], [3, 64], [8, 74], [17, 74], [26, 74]])
 RANGE_M = (0.043, 0.047)
 
 
 def some_images(rng: np.random.Generator, most: int = 9, share: float = 0.3) -> PartImages:
     """Random counts in the columns that each part saw."""
+    images = np.zeros((2, len(SLOPES), SHAPE[0], BINS * (SHAPE[1] + 2 * MARGIN)), np.int64)
+    for j, (first, last) in enumerate(SPANS):
+        counts = rng.integers(0, most, (2, SHAPE[0], BINS * (last - first)))
+        images[:, j, :, BINS * first : BINS * last] = counts * (rng.random(counts.shape) < share)
+    return field_of(images)
+
+
+def field_of(images: np.ndarray) -> PartImages:
+    """The events of images, shape (2, parts, rows, bins)."""
+    bands = SHAPE[0] // band_kernels.BAND_ROWS
+    number = np.argwhere(images).repeat(images[images > 0], axis=0)
+    polarity, part, row, at_bin = number[np.random.default_rng(0).permutation(len(number))].T
+    band, row = np.divmod(row, band_kernels.BAND_ROWS)
+    bucket = polarity * bands + band
+    key = (bucket << band_kernels.PART_BITS | part) << band_kernels.ROW_BITS | row
+    order = np.argsort(bucket, kind="stable")
+    events = (key << band_kernels.BIN_BITS | at_bin)[order].astype(np.uint32)
+    starts = np.searchsorted(bucket[order], np.arange(2 * bands + 1))
+    by_polarity = np.stack([starts[: bands + 1], starts[bands:]])
+    slopes = np.tile([[-8.0], [8.0]], (1, SHAPE[1] // CELL_PX))
     parts = Parts(SLOPES, 2.3, np.arange(len(SLOPES)))
-    size = part_images.images_shape(len(SLOPES), SHAPE, MARGIN)
-    images = np.zeros(size, np.uint8)
-    spans = np.array([[0, 40], [0, 52], [3, 64], [8, 75], [17, 75], [26, 74]])
-    for j, (first, last) in enumerate(spans):
-        counts = rng.integers(0, most, (2, SHAPE[0], BINS, last - first))
-        images[:, j, : SHAPE[0], :, first:last] = counts * (rng.random(counts.shape) < share)
-    columns = SHAPE[1] // CELL_PX
-    slopes = np.tile([[-8.0], [8.0]], (1, columns))
-    return PartImages(SHAPE, slopes, 0.03, 1.0, 1000.0, 0.0, 1.0, parts, MARGIN, spans, images)
+    return PartImages(
+        SHAPE, slopes, 0.03, 1.0, 1000.0, 0.0, 1.0, parts, MARGIN, SPANS, events, by_polarity
+    )
 
 
-def line_of(image: np.ndarray) -> np.ndarray:
-    """Bins of an image's rows in their order along x, shape (rows, bins)."""
-    return np.moveaxis(image[: SHAPE[0]].astype(np.int64), 1, 2).reshape(SHAPE[0], -1)
+def images_of(events: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Counts of sorted events by polarity, part, row and bin."""
+    images = np.zeros((2, len(SLOPES), SHAPE[0], BINS * (SHAPE[1] + 2 * MARGIN) + 1), np.int64)
+    for polarity, band in np.ndindex(starts.shape[0], starts.shape[1] - 1):
+        own = events[starts[polarity, band] : starts[polarity, band + 1]].astype(np.int64)
+        at_bin, key = own % 2**band_kernels.BIN_BITS, own >> band_kernels.BIN_BITS
+        row, part = (
+            key % band_kernels.BAND_ROWS,
+            (key >> band_kernels.ROW_BITS) % 2**band_kernels.PART_BITS,
+        )
+        np.add.at(images[polarity], (part, band * band_kernels.BAND_ROWS + row, at_bin), 1)
+    return images
 
 
 def moved(bins: np.ndarray, by: int, edge: int = 0) -> np.ndarray:
@@ -54,6 +79,7 @@ def moved(bins: np.ndarray, by: int, edge: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("most", [9, 120])
 def test_focus_measure_is_that_of_the_sum_of_shifted_images(most: int) -> None:
     field = some_images(np.random.default_rng(1), most)
+    images = images_of(field.events, field.starts)
     at = np.array([-2.2, -0.31, 0.0, 1.7])
     for polarity in (0, 1):
         found = field.focus_measure(at, polarity)
@@ -61,9 +87,9 @@ def test_focus_measure_is_that_of_the_sum_of_shifted_images(most: int) -> None:
             total = np.zeros((SHAPE[0] // ROW_PX, BINS * (SHAPE[1] + 6)), np.int64)
             for j, slope in enumerate(SLOPES):
                 by = int(np.rint(BINS * slope * offset - field.parts.phase[j]))
-                rows = line_of(field.images[polarity, j]).reshape(len(total), ROW_PX, -1).sum(1)
+                rows = images[polarity, j].reshape(len(total), ROW_PX, -1).sum(1)
                 # A bin of a pair of rows counts for so much at most.
-                total += moved(np.minimum(rows, kernels._MOST), by, 3)
+                total += moved(np.minimum(rows, kernels.MOST_VOTES), by, 3)
             near, beside = total[:, 2::2] + total[:, 3::2], total[:, 1:-3:2] + total[:, 4::2]
             votes = 0.75 * near[:, : SHAPE[1] + 4] + 0.25 * beside
             slopes = 0.4 * (votes[:, 4:] - votes[:, :-4]) + votes[:, 3:-1] - votes[:, 1:-3]
@@ -78,13 +104,14 @@ def test_tiles_that_hardly_an_event_reaches_are_left_out() -> None:
     whole = field.focus_measure(at, 0)
     tile = kernels.TILE_CELLS * CELL_PX
     # What lies below the tile's row stays; of what comes to it one event.
-    field.images[0, :, : 2 * CELL_PX] = 0
-    field.images[0, 3, 4, 0, MARGIN + tile // 2] = 1
-    found = field.focus_measure(at, 0)
+    images = images_of(field.events, field.starts)[..., :-1]
+    images[0, :, : 2 * CELL_PX] = 0
+    images[0, 3, 4, BINS * (MARGIN + tile // 2)] = 1
+    found = field_of(images).focus_measure(at, 0)
     assert not found[:, :2].any()
     np.testing.assert_array_equal(found[:, 2:], whole[:, 2:])
-    field.images[0, 3, 4, 0, MARGIN + tile // 2] = 40
-    assert field.focus_measure(at, 0)[:, :2, : kernels.TILE_CELLS].any()
+    images[0, 3, 4, BINS * (MARGIN + tile // 2)] = 40
+    assert field_of(images).focus_measure(at, 0)[:, :2, : kernels.TILE_CELLS].any()
 
 
 def test_statistics_are_those_of_the_bins_at_the_cells_own_shift() -> None:
@@ -92,12 +119,12 @@ def test_statistics_are_those_of_the_bins_at_the_cells_own_shift() -> None:
     field = some_images(rng)
     offset = rng.uniform(-2, 2, field.cells).astype(np.float32)
     offset[2, 3:6] = np.nan
-    found = field.slope_sums(offset, 1)
+    found, images = field.slope_sums(offset, 1), images_of(field.events, field.starts)
     expected = np.zeros_like(found)
     for i, c in np.argwhere(np.isfinite(offset)):
         for j, slope in enumerate(SLOPES):
             by = int(np.rint(slope * offset[i, c] - field.parts.phase[j] / BINS))
-            bins = moved(line_of(field.images[1, j]), BINS * by)
+            bins = moved(images[1, j], BINS * by)
             own = bins[
                 i * CELL_PX : (i + 1) * CELL_PX, BINS * CELL_PX * c : BINS * CELL_PX * (c + 1)
             ]
@@ -113,10 +140,10 @@ def test_support_is_that_of_the_bins_at_the_pixels_own_shift() -> None:
     depth = depth.astype(np.float32)
     depth[4:9, 10:30] = np.nan
     depth[11] = np.nan
-    expected = np.zeros(SHAPE)
+    expected, images = np.zeros(SHAPE), images_of(field.events, field.starts)
     for y, x in np.argwhere(np.isfinite(depth)):
         for j, slope in enumerate(SLOPES):
-            bins = line_of(field.images[0, j])[y]
+            bins = images[0, j, y]
             where = np.float32(BINS) * (np.float32(x) - np.float32(slope) * depth[y, x])
             first = int(np.floor(where + (field.parts.phase[j] + np.float32(BINS * MARGIN + 0.5))))
             if 0 <= first < BINS * (SHAPE[1] + 2 * MARGIN):
@@ -140,10 +167,10 @@ def test_events_are_counted_where_they_meet_the_middle_plane() -> None:
     to_middle = np.eye(3) + rng.normal(0, [0.02, 0.02, 1.0], (packets, 3, 3))
     to_middle[:, 2] = [0.0, 1e-4, 1.0]
     parts = Parts(SLOPES, 2.3, rng.integers(0, len(SLOPES), packets))
-    images = np.full(part_images.images_shape(6, SHAPE, MARGIN), 7, np.uint8)
     of_packets = (events, table, starts, to_middle, parts, SHAPE, MARGIN)
-    spans = part_images.count_events(*of_packets, images)
-    expected = np.zeros((2, 6, SHAPE[0], BINS * images.shape[-1]), np.int64)
+    placed, of_bands, spans = part_images.sort_events(*of_packets)
+    found = images_of(placed, of_bands)
+    expected = np.zeros_like(found)
     doubtful = 0
     for i in range(n):
         k = int(np.searchsorted(starts, i, side="right")) - 1
@@ -154,25 +181,28 @@ def test_events_are_counted_where_they_meet_the_middle_plane() -> None:
         if 0 <= x < SHAPE[1] + 2 * MARGIN and 0 <= y < SHAPE[0]:
             expected[events.p[i], j, int(y), int(where)] += 1
             assert spans[j, 0] <= int(where) // BINS < spans[j, 1]
-    found = np.stack([[line_of(image) for image in own] for own in images])
     assert np.abs(found - expected).sum() <= 2 * doubtful
     assert found.sum() > 0.8 * n
     for threads in (2, 5):
-        again = np.full_like(images, 9)
-        part_images.count_events(*of_packets, again, threads)
-        np.testing.assert_array_equal(again, images)
+        again = part_images.sort_events(*of_packets, threads)
+        np.testing.assert_array_equal(again[1], of_bands)
+        np.testing.assert_array_equal(again[0][: of_bands[1, -1]], placed[: of_bands[1, -1]])
 
 
-def test_counts_stop_where_they_are_full() -> None:
-    events = EventArray.from_arrays(np.full(900, 7), np.full(900, 5), np.arange(900), np.ones(900))
-    table = np.stack(np.meshgrid(np.arange(64.0), np.arange(24.0)), axis=-1).astype(np.float32)
-    parts = Parts(SLOPES[:1], 2.3, np.zeros(1, np.int64))
-    images = np.empty(part_images.images_shape(1, SHAPE, 0), np.uint8)
-    part_images.count_events(
-        events, table, np.array([0, 900]), np.eye(3)[None], parts, SHAPE, 0, images
-    )
-    assert images.max() == 255
-    assert images.sum() == 255
+@pytest.mark.parametrize("halved", [False, True])
+def test_counts_stop_where_they_are_full(halved: bool) -> None:
+    rng = np.random.default_rng(7)
+    n, bins = 20_000, 90
+    key, at_bin = rng.integers(0, 40, n), np.minimum(rng.geometric(0.05, n), bins - 1)
+    events = (key << band_kernels.BIN_BITS | at_bin).astype(np.uint32)
+    base = bins * np.arange(band_kernels.KEYS)
+    found = np.zeros(40 * bins, np.uint8)
+    band_kernels._count(events, 100, n - 100, base, halved, 45, np.uint8(20), found)
+    counts = np.zeros((40, bins), np.int64)
+    column = at_bin // 2 + at_bin % 2 * 45 if halved else at_bin
+    np.add.at(counts, (key[100:-100], column[100:-100]), 1)
+    assert counts.max() > 20
+    np.testing.assert_array_equal(found.reshape(counts.shape), np.minimum(counts, 20))
 
 
 def test_a_plane_lies_where_the_moves_of_its_parts_say() -> None:
@@ -264,13 +294,17 @@ def test_motion_fits_up_to_the_bounds() -> None:
     assert view_of(slanted(0.0), events=events[::3]).parts() is None
 
 
-def test_little_parallax_and_much_go_by_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_little_parallax_much_and_wide_images_go_by_rays(monkeypatch: pytest.MonkeyPatch) -> None:
     view = view_of(slanted(0.0), events=any_events())
     count = len(view.parts().slopes)  # type: ignore[union-attr]
     monkeypatch.setattr(window_field, "_FEWEST_PARTS", count + 1)
     assert view.parts() is None
     monkeypatch.setattr(window_field, "_FEWEST_PARTS", 1)
     monkeypatch.setattr(window_field, "_MOST_PARTS", count - 1)
+    assert view.parts() is None
+    monkeypatch.setattr(window_field, "_MOST_PARTS", count)
+    assert view.parts() is not None
+    monkeypatch.setattr(window_field, "_MOST_PX", CAMERA.width - 1)
     assert view.parts() is None
 
 
@@ -316,9 +350,8 @@ def test_threads_change_no_depth() -> None:
     assert parts is not None
     every = []
     for threads in (1, 2, 4):
-        with seen.part_images(parts, threads) as field:
-            ends = (-seen.half, seen.half)
-            every.append(part_images.find_depths_of_parts(field, *ends, DEPTH.focus, threads))
+        field, ends = seen.part_images(parts, threads), (-seen.half, seen.half)
+        every.append(part_images.find_depths_of_parts(field, *ends, DEPTH.focus, threads))
     for other in every[1:]:
         for a, b in zip(every[0], other, strict=True):
             np.testing.assert_array_equal(a.offset, b.offset)

@@ -7,7 +7,6 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
-from roller_emvs.evidence.part_images import borrowed
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 
 from .depth_settings import DepthSettings
@@ -17,8 +16,6 @@ _CAMERA = Camera(128, 48, 300.0, 300.0, 63.5, 23.5)
 _END_NS = 100_000_000
 _SPEED_M_NS = 3e-10
 _DEPTH_M = 0.045
-#: Images of the parts of a window of 640 × 480 px: of fresh pages they cost as much as a window.
-_IMAGES_BYTES = 64 << 20
 
 
 def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
@@ -48,9 +45,6 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
         whole = settings.changed({"window.rule": "all"})
         # A slanted travel goes by rays, and has every view vote for itself.
         engines = [DepthPipeline(whole, _CAMERA, _track(slant)) for slant in (0.0, 0.3)]
-        if whole.method == "focus":
-            with borrowed((_IMAGES_BYTES,)) as images:
-                images[:] = 0
     for engine in engines:
         engine.add_events(events)
         for _ in engine.results(flush=True):

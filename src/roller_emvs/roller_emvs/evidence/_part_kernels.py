@@ -1,6 +1,7 @@
 """Loops over images of aperture parts; each has a numpy twin in the tests.
 
-Images are flat: by polarity, part, row, phase and column, a bin Q·column + phase, `BINS` = Q.
+Images are of a band of rows at a time, so that they stay in a core's cache; see `_band_kernels`
+for the events that they are counts of.
 """
 
 from __future__ import annotations
@@ -8,114 +9,66 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ._band_kernels import BAND_ROWS, BINS, _count, _count_columns, _mark
 from ._kernels import CELL_PX, ROW_PX, _add_cells, _add_slopes
 
-#: Bins to a pixel along x.
-BINS = 2
 #: Columns beyond the grid from which votes are taken, for slopes at its border.
 EDGE_PX = 4
-#: Most counts of a bin of two rows that evidence is made of: four of them fit a byte.
-_MOST = 63
-#: Events that are placed before they are counted.
-CHUNK = 512
+#: Most counts of a bin: of votes, four of which fit a byte; of support; and of a cell's rows.
+MOST_VOTES, MOST_SUPPORT, MOST_OF_LINE = 63, 255, 65535
 #: Columns of cells that are looked at or left out together, and the events in their reach below
 #: which they are left out: a peak takes more (`sweep._SPOTS`).
 TILE_CELLS, _LEAST_EVENTS = 8, 16
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _scatter(  # type: ignore[no-untyped-def]
-    x, y, polarity, table, starts, packets, part, to_middle, phase, shape, margin, buffers, images
-):
-    """Count the events of some packets in their part's image, on the middle plane.
-
-    `table`, shape (height, width, 2), takes a pixel to an ideal one, NaN where its events don't
-    count; `to_middle`, shape (packets, 3, 3), takes those to the middle plane. `images`, shape
-    (2, parts, rows + 1, BINS, stride), begin `margin` columns before the grid of `shape` and end
-    as many after it. Counts stop at 255; the last row takes what goes nowhere.
-    """
-    flat = images.reshape(-1)
-    pixels = table.reshape(-1)
-    camera_width = np.uint64(table.shape[1])
-    _, parts, rows, bins, columns = images.shape
-    size = np.uint64(rows * bins * columns)
-    apart = np.uint64(parts) * size
-    below = np.float32(shape[0])
-    right = np.float32(shape[1] + 2 * margin)
-    stride = np.float32(columns)
-    per_row = np.float32(bins * columns)
-    lost = below * per_row
-    half = np.float32(0.5)
-    left = np.float32(0.5 + margin)
-    per_px = np.float32(bins)
-    per_bin = np.float32(1.0 / bins)
-    u, v, places = buffers
-    two = np.uint64(2)
-    for n in range(len(packets)):
-        k = packets[n]
-        m = to_middle[k]
-        own = np.uint64(part[k]) * size
-        shift = phase[part[k]]
-        for start in range(starts[k], starts[k + 1], len(places)):
-            begin = np.uint64(start)
-            count = np.uint64(min(len(places), starts[k + 1] - start))
-            for i in range(count):
-                at = two * (np.uint64(y[begin + i]) * camera_width + np.uint64(x[begin + i]))
-                u[i] = pixels[at]
-                v[i] = pixels[at + np.uint64(1)]
-            for i in range(count):
-                w = m[2, 0] * u[i] + m[2, 1] * v[i] + m[2, 2]
-                share = np.float32(1) / w
-                a = (m[0, 0] * u[i] + m[0, 1] * v[i] + m[0, 2]) * share + left
-                b = (m[1, 0] * u[i] + m[1, 1] * v[i] + m[1, 2]) * share + half
-                # Written so that NaN fails it.
-                inside = (w > 0) & (a >= 0) & (a < right) & (b >= 0) & (b < below)
-                # Whole numbers as float32, which vector instructions take; below 2**24 exact.
-                at_bin = np.floor(a * per_px + shift)
-                column = np.floor(at_bin * per_bin)
-                place = np.floor(b) * per_row + (at_bin - column * per_px) * stride + column
-                places[i] = np.int32(place if inside else lost)
-            for i in range(count):
-                at = own + np.uint64(places[i]) + apart * np.uint64(polarity[begin + i] > 0)
-                flat[at] += np.uint8(flat[at] < 255)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _measure_bands(  # type: ignore[no-untyped-def]
-    images, spans, sources, ranges, first, step, pad, reach, pairs, sums, votes, line, events,
+    events, starts, base, sources, ranges, first, step, reach, images, sums, votes, line, columns,
     measure,
 ):  # fmt: skip
     """Sharpness of a polarity's votes on all planes, by cell, of every `step`-th band of rows.
 
-    `images`, shape (parts, rows, BINS, stride). `spans` holds the columns that each part saw,
-    from and to. `sources` and `ranges` are those of `_moves`. `pairs`, shape (parts or up to
-    three more, BINS, rows of votes, pad + stride + pad), zero, `sums`, shape (BINS, columns),
-    `events`, shape (stride,), and `votes` are for use; the latter begin and end `EDGE_PX` columns
-    beyond the grid. Events come to a column of the grid from `reach` columns of the images, first
-    and beyond the last. `measure`, shape (planes, rows, columns) of cells, zero, receives the sum
-    of squared slopes along x, but for tiles that hardly an event reaches.
+    `starts`, shape (bands + 1,), is where a band's events begin; `base` places them, see `_count`.
+    `sources` and `ranges` are those of `_moves`. `images`, shape (parts or up to three more, rows
+    of votes, BINS, columns), `sums`, shape (BINS, columns), `columns`, shape (columns of images,),
+    and `votes` are for use; the latter begin and end `EDGE_PX` columns beyond the grid. Events come
+    to a column of the grid from `reach` columns of the images, first and beyond the last.
+    `measure`, shape (planes, rows, columns) of cells, zero, receives the sum of squared slopes
+    along x, but for tiles that hardly an event reaches.
     """
     rows, _ = votes.shape
     planes, cell_rows, cell_columns = measure.shape
     per_cell = CELL_PX // ROW_PX
     tiles = -(-cell_columns // TILE_CELLS)
-    for cell_row in range(first * rows // per_cell, cell_rows, step * rows // per_cell):
+    flat = images.reshape(-1)
+    for band in range(first, len(starts) - 1, step):
+        if starts[band + 1] - starts[band] < _LEAST_EVENTS:
+            continue
+        cell_row = band * rows // per_cell
         count = min(rows, (cell_rows - cell_row) * per_cell)
-        _add_rows(images, spans, cell_row * CELL_PX, count, pad, pairs, events)
+        _count_columns(events, starts[band], starts[band + 1], columns)
         tile = 0
+        counted = False
         while tile < tiles:
             # Tiles side by side that count are looked at in one go.
             begin = tile * TILE_CELLS
-            while tile < tiles and _reached(events, tile, reach):
+            while tile < tiles and _reached(columns, tile, reach):
                 tile += 1
             end = min(tile * TILE_CELLS, cell_columns)
             if begin >= end:
                 tile += 1
                 continue
+            if not counted:
+                counted = True
+                flat[:] = 0
+                _count(
+                    events, starts[band], starts[band + 1], base, True, images.shape[3],
+                    np.uint8(MOST_VOTES), flat,
+                )  # fmt: skip
             left, right = begin * CELL_PX, end * CELL_PX + 2 * EDGE_PX
             for k in range(planes):
                 for row in range(count):
-                    _add_parts(pairs, sources[k], ranges[k], row, left, right, sums)
+                    _add_parts(images, sources[k], ranges[k], row, left, right, sums)
                     _share_bins(sums, row, left, right, votes)
                 for r in range(count // per_cell):
                     _add_slopes(votes, r * per_cell, left + EDGE_PX, right - EDGE_PX, line)
@@ -123,47 +76,23 @@ def _measure_bands(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _reached(events, tile, reach):  # type: ignore[no-untyped-def]
-    """Whether events enough can come to a tile; `events` are of each column."""
+def _reached(columns, tile, reach):  # type: ignore[no-untyped-def]
+    """Whether events enough can come to a tile; `columns` are how many each column has."""
     low = max(tile * TILE_CELLS * CELL_PX + reach[0], 0)
-    high = min((tile + 1) * TILE_CELLS * CELL_PX + reach[1], len(events))
+    high = min((tile + 1) * TILE_CELLS * CELL_PX + reach[1], len(columns))
     total = np.int64(0)
     for c in range(low, high):
-        total += events[c]
+        total += columns[c]
     return total >= _LEAST_EVENTS
 
 
 @njit(cache=True, nogil=True)
-def _add_rows(images, spans, top, count, pad, pairs, events):  # type: ignore[no-untyped-def]
-    """Sums of `ROW_PX` rows from the row `top` on, and of all of a column."""
-    flat = images.reshape(-1)
-    out = pairs.reshape(-1)
-    parts, rows, bins, stride = images.shape
-    wide = pairs.shape[3]
-    events[:] = 0
-    for j in range(parts):
-        begin = spans[j, 0]
-        start = np.uint64(begin)
-        columns = np.uint64(max(spans[j, 1] - begin, 0))
-        for row in range(count):
-            for p in range(bins):
-                at = np.uint64(((j * rows + top + row * ROW_PX) * bins + p) * stride + begin)
-                below = at + np.uint64(bins * stride)
-                to = np.uint64(((j * bins + p) * pairs.shape[2] + row) * wide + pad + begin)
-                for c in range(columns):
-                    total = np.uint16(flat[at + c]) + np.uint16(flat[below + c])
-                    both = np.uint8(min(total, np.uint16(_MOST)))
-                    out[to + c] = both
-                    events[start + c] += np.uint16(both)
-
-
-@njit(cache=True, nogil=True)
-def _add_parts(pairs, sources, ranges, row, left, right, sums):  # type: ignore[no-untyped-def]
+def _add_parts(images, sources, ranges, row, left, right, sums):  # type: ignore[no-untyped-def]
     """Votes of a row on a plane, columns `left` to `right`: all parts' images, each moved."""
-    flat = pairs.reshape(-1)
+    flat = images.reshape(-1)
     out = sums.reshape(-1)
     bins, width = sums.shape
-    below = np.uint64(row * pairs.shape[3])
+    below = np.uint64(row * bins * images.shape[3])
     for p in range(bins):
         for i in range(np.uint64(right - left)):
             out[np.uint64(p * width + left) + i] = 0
@@ -200,58 +129,49 @@ def _share_bins(sums, row, left, right, votes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _cell_sums(images, spans, pad, line, cells):  # type: ignore[no-untyped-def]
-    """Counts of `CELL_PX` rows and columns, by part, row of cells and their first column.
-
-    `cells`, shape (parts, rows of cells, columns), begin `pad` columns before the images.
-    """
-    flat = images.reshape(-1)
-    out = cells.reshape(-1)
-    parts, rows, bins, stride = images.shape
-    _, height, wide = cells.shape
-    before = np.uint64(pad)
-    for j in range(parts):
-        begin = np.uint64(spans[j, 0])
-        count = np.uint64(max(spans[j, 1] - spans[j, 0], 0))
-        line[:] = 0
-        for i in range(height):
-            for row in range(CELL_PX * bins):
-                at = np.uint64(((j * rows + i * CELL_PX) * bins + row) * stride) + begin
-                for c in range(count):
-                    so_far = np.uint16(0) if row == 0 else line[before + begin + c]
-                    line[before + begin + c] = so_far + np.uint16(flat[at + c])
-            at = np.uint64((j * height + i) * wide)
-            for c in range(np.uint64(wide)):
-                out[at + c] = (
-                    line[c]
-                    + line[c + np.uint64(1)]
-                    + line[c + np.uint64(2)]
-                    + line[c + np.uint64(3)]
-                )
-
-
-@njit(cache=True, nogil=True)
-def _slope_sums(cells, offset, slopes, square, phase, left, sums):  # type: ignore[no-untyped-def]
+def _slope_sums(  # type: ignore[no-untyped-def]
+    events, starts, base, offset, slopes, square, phase, left, lines, sums
+):
     """Count events, and add up their slopes along x and squares, that meet the surface.
 
     `offset` is the surface on cells, NaN where unknown; `square` the mean square of a part's
-    slopes. `cells` begin `left` columns before the grid.
+    slopes. `lines`, shape (rows of cells of a band, parts, columns and three more), for use, begin
+    `left` columns before the grid; `base` places the events of a band in them.
     """
     height, width = offset.shape
-    parts, _, wide = cells.shape
+    _, parts, wide = lines.shape
+    flat = lines.reshape(-1)
+    last = wide - CELL_PX + 1
     for i in range(height):
+        band = i // (BAND_ROWS // CELL_PX)
+        own = i % (BAND_ROWS // CELL_PX)
+        if own == 0:
+            counted = starts[band] == starts[band + 1]
+            empty = counted
+        if empty:
+            continue
         for c in range(width):
             z = offset[i, c]
             if np.isnan(z):
                 continue
+            if not counted:
+                counted = True
+                flat[:] = 0
+                _count(
+                    events, starts[band], starts[band + 1], base, True, 0,
+                    np.uint16(MOST_OF_LINE), flat,
+                )  # fmt: skip
             count = np.float32(0)
             slope = np.float32(0)
             squares = np.float32(0)
             for j in range(parts):
                 moved = np.rint(slopes[j] * z - phase[j] / np.float32(BINS))
                 at = np.int64(c * CELL_PX + left) - np.int64(moved)
-                if 0 <= at < wide:
-                    n = np.float32(cells[j, i, at])
+                if 0 <= at < last:
+                    total = np.int64(0)
+                    for x in range(CELL_PX):
+                        total += lines[own, j, at + x]
+                    n = np.float32(total)
                     count += n
                     slope += n * slopes[j]
                     squares += n * square[j]
@@ -261,26 +181,30 @@ def _slope_sums(cells, offset, slopes, square, phase, left, sums):  # type: igno
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _support(images, spans, depth, slopes, phase, margin, buffers, support):  # type: ignore[no-untyped-def]
+def _support(  # type: ignore[no-untyped-def]
+    events, starts, base, spans, depth, slopes, phase, margin, buffers, images, support
+):
     """Count events at the pixels where they meet the surface `depth` (NaN: unknown).
 
-    `buffers` are for use: of a row's pixels float32, float32, int32 and uint16, of one pixel more
-    int32, and of a row's bins and one more uint16.
+    `spans` holds the columns that each part saw, from and to. `buffers` are for use: of a row's
+    pixels float32, float32, int32 and int32, of one pixel more int32, and of each part and row
+    bool. `images`, shape (parts, BAND_ROWS, bins), the last two of which stay empty, are for use;
+    `base` places the events of a band in them.
     """
-    parts, rows, bins, columns = images.shape
+    parts, rows, bins = images.shape
     height, width = depth.shape
     flat = images.reshape(-1)
     out = support.reshape(-1)
-    nowhere = np.float32(bins * columns)
-    reached = np.uint64(width + 2 * margin)
-    top = np.float32(bins * (width + 2 * margin))
-    left = np.float32(bins * margin + 0.5)
-    per_px = np.float32(bins)
-    per_bin = np.float32(1.0 / bins)
-    stride = np.float32(columns)
-    column, z, place, total, before, both = buffers
-    both[bins * columns] = 0
+    nowhere = np.float32(bins - 2)
+    top = np.float32(BINS * (width + 2 * margin))
+    left = np.float32(BINS * margin + 0.5)
+    per_px = np.float32(BINS)
+    column, z, place, total, before, seen = buffers
+    counted = -1
     for row in range(height):
+        band = row // rows
+        if starts[band] == starts[band + 1]:
+            continue
         known = 0
         low = np.float32(np.inf)
         high = np.float32(-np.inf)
@@ -297,30 +221,28 @@ def _support(images, spans, depth, slopes, phase, margin, buffers, support):  # 
         before[width] = known
         if not known:
             continue
+        if counted != band:
+            counted = band
+            flat[:] = 0
+            most = np.uint8(MOST_SUPPORT)
+            _count(events, starts[band], starts[band + 1], base, False, 0, most, flat)
+            _mark(events, starts[band], starts[band + 1], seen)
         for j in range(parts):
+            if not seen[j * rows + row % rows]:
+                continue
             slope = slopes[j]
             shift = phase[j] + left
             least = spans[j, 0] - margin + int(np.floor(min(slope * low, slope * high))) - 1
-            most = spans[j, 1] - margin + int(np.ceil(max(slope * low, slope * high))) + 1
+            most_right = spans[j, 1] - margin + int(np.ceil(max(slope * low, slope * high))) + 1
             first = np.uint64(before[min(max(least, 0), width)])
-            last = np.uint64(before[min(max(most, 0), width)])
-            if first >= last:
-                continue
-            # Of each bin and the next, once for all pixels.
-            for p in range(bins):
-                own = np.uint64(((j * rows + row) * bins + p) * columns)
-                after = own + np.uint64(columns if p < bins - 1 else 1 - p * columns)
-                to = np.uint64(p * columns)
-                for c in range(reached):
-                    both[to + c] = np.uint16(flat[own + c]) + np.uint16(flat[after + c])
+            last = np.uint64(before[min(max(most_right, 0), width)])
+            own = np.uint64((j * rows + row % rows) * bins)
             for i in range(first, last):
                 b = np.floor(per_px * (column[i] - slope * z[i]) + shift)
-                inside = (b >= 0) & (b < top)
-                # Whole numbers as float32, which vector instructions take; below 2**24 exact.
-                at = np.floor(b * per_bin)
-                place[i] = np.int32((b - at * per_px) * stride + at if inside else nowhere)
+                place[i] = np.int32(b if (b >= 0) & (b < top) else nowhere)
             for i in range(first, last):
-                total[i] += both[np.uint64(place[i])]
-        base = np.uint64(row * width)
+                at = own + np.uint64(place[i])
+                total[i] += np.int32(flat[at]) + np.int32(flat[at + np.uint64(1)])
+        to = np.uint64(row * width)
         for i in range(np.uint64(known)):
-            out[base + np.uint64(column[i])] = np.float32(total[i])
+            out[to + np.uint64(column[i])] = np.float32(total[i])

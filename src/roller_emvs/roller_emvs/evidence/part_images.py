@@ -13,8 +13,6 @@ parts rounded alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,19 +23,19 @@ from roller_core.transforms import F64
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
+from . import _band_kernels as band_kernels
 from . import _part_kernels as kernels
+from ._band_kernels import BAND_ROWS, BINS, KEYS, ROW_BITS
 from ._kernels import CELL_PX, ROW_PX
-from ._part_kernels import BINS, EDGE_PX
+from ._part_kernels import EDGE_PX
 from .evidence_settings import EvidenceSettings
 from .field import EvidenceField
 from .focus_measure import plane_offsets
 from .sweep import Depths, sharpest
 
-U8 = npt.NDArray[np.uint8]
+U32 = npt.NDArray[np.uint32]
 I64 = npt.NDArray[np.int64]
 
-#: Rows of a band, px: those of its parts stay in a core's cache.
-_BAND_ROWS = 8
 #: Beyond the two ends of a row, as vector instructions take some at a time.
 _SPARE = 32
 #: Of an irrational number: bins of parts begin in no steady order.
@@ -64,7 +62,7 @@ class Parts:
 
 @dataclass(frozen=True)
 class PartImages(EvidenceField):
-    """Counts of events on the middle plane by part of the aperture."""
+    """Events on the middle plane by part of the aperture; they become images band by band."""
 
     #: The parts.
     parts: Parts
@@ -73,8 +71,10 @@ class PartImages(EvidenceField):
     margin: int
     #: Columns of its image that each part saw, first and beyond the last. Shape (parts, 2).
     spans: I64
-    #: OFF and ON events; bins of half a pixel along x. Shape (2, parts, rows + 1, BINS, stride).
-    images: U8
+    #: Events by polarity, OFF first, and band of rows; see `_band_kernels`. Shape (n,).
+    events: U32
+    #: Where the bands of either polarity begin and end. Shape (2, bands + 1).
+    starts: I64
 
     def focus_measure(self, at: F64, polarity: int, threads: int = 1) -> F32:
         """Sharpness of the votes by plane and cell, not yet summed over neighbourhoods.
@@ -93,22 +93,21 @@ class PartImages(EvidenceField):
         ndarray of float32, shape (planes, rows, columns)
             Sums of squared slopes along x; 0 where hardly an event comes on any plane.
         """
-        images, width = self.images[polarity], self.shape[1] + 2 * EDGE_PX
-        count, _, _, stride = images.shape
+        width, columns = self.shape[1] + 2 * EDGE_PX, self._columns + 1
         pad, sources, ranges = self._moves(at)
         furthest = pad - _SPARE + EDGE_PX
         reach = self.margin - furthest, self.margin + furthest
         measure = np.zeros((len(at), *self.cells), np.float32)
-        rows = _BAND_ROWS // ROW_PX
+        rows, wide = BAND_ROWS // ROW_PX, columns + 2 * pad
+        base = self._base(rows * BINS * wide, BINS * wide, ROW_PX) + pad
 
         def run(first: int) -> None:
-            pairs = np.zeros((-(-count // 4) * 4, BINS, rows, stride + 2 * pad), np.uint8)
+            images = np.empty((4 * ranges.shape[1], rows, BINS, wide), np.uint8)
             sums = np.empty((BINS, width), np.uint16)
             votes, line = np.zeros((rows, width), np.float32), np.zeros(width, np.float32)
-            events = np.empty(stride, np.uint16)
             kernels._measure_bands(
-                images, self.spans, sources, ranges, first, threads, pad, reach, pairs, sums,
-                votes, line, events, measure,
+                self.events, self.starts[polarity], base, sources, ranges, first, threads, reach,
+                images, sums, votes, line, np.empty(columns, np.int64), measure,
             )  # fmt: skip
 
         share(threads, threads, run, inner=True)
@@ -135,30 +134,41 @@ class PartImages(EvidenceField):
         if not len(known):
             return sums
         pad = int(np.abs(slopes).max() * known.max()) + CELL_PX + 1
-        columns = self.shape[1] + 2 * (self.margin + pad)
-        cells = np.empty((len(slopes), self.cells[0], columns), np.uint16)
-        line = np.empty(columns + CELL_PX, np.uint16)
-        kernels._cell_sums(self.images[polarity], self.spans, pad, line, cells)
+        lines = np.empty(
+            (BAND_ROWS // CELL_PX, len(slopes), self._columns + 2 * pad + CELL_PX), np.uint16
+        )
+        base = self._base(lines.shape[2], lines.shape[1] * lines.shape[2], CELL_PX) + pad
         square = (slopes**2 + parts.width**2 / 12).astype(np.float32)
         kernels._slope_sums(
-            cells, offset, slopes.astype(np.float32), square, parts.phase, pad + self.margin, sums
-        )
+            self.events, self.starts[polarity], base, offset, slopes.astype(np.float32), square,
+            parts.phase, pad + self.margin, lines, sums,
+        )  # fmt: skip
         return sums
 
     def support(self, offset: F32, polarity: int) -> F32:
         """See `EvidenceField`."""
-        found, width = np.zeros(self.shape, np.float32), self.shape[1]
-        bins = self.images.shape[3] * self.images.shape[4]
+        found, width, parts = np.zeros(self.shape, np.float32), self.shape[1], self.parts
+        images = np.empty((len(parts.slopes), BAND_ROWS, BINS * self._columns + 4), np.uint8)
         buffers = (
-            *np.empty((2, width), np.float32), np.empty(width, np.int32),
-            np.empty(width, np.uint16), np.empty(width + 1, np.int32),
-            np.empty(bins + 1, np.uint16),
+            *np.empty((2, width), np.float32), *np.empty((2, width), np.int32),
+            np.empty(width + 1, np.int32), np.empty(KEYS, np.bool_),
         )  # fmt: skip
         kernels._support(
-            self.images[polarity], self.spans, offset, self.parts.slopes.astype(np.float32),
-            self.parts.phase, self.margin, buffers, found,
+            self.events, self.starts[polarity],
+            self._base(BAND_ROWS * images.shape[2], images.shape[2], 1), self.spans, offset,
+            parts.slopes.astype(np.float32), parts.phase, self.margin, buffers, images, found,
         )  # fmt: skip
         return found
+
+    @property
+    def _columns(self) -> int:
+        """Columns of images, with their margins."""
+        return self.shape[1] + 2 * self.margin
+
+    def _base(self, of_part: int, of_row: int, rows: int) -> I64:
+        """Where the image of a part and row of a band begins, so many `rows` in one."""
+        part, row = np.divmod(np.arange(KEYS), 1 << ROW_BITS)
+        return np.asarray(part * of_part + row // rows * of_row, np.int64)
 
     def _moves(self, at: F64) -> tuple[int, I64, I64]:
         """How images are moved for each plane, four parts at a time.
@@ -178,11 +188,12 @@ class PartImages(EvidenceField):
         # From a column of votes to one of the images.
         along = self.margin - EDGE_PX
         pad = int(np.abs(shifts).max()) // BINS + _SPARE
-        wide, rows = self.images.shape[4] + 2 * pad, _BAND_ROWS // ROW_PX
+        wide, rows = self._columns + 1 + 2 * pad, BAND_ROWS // ROW_PX
         moved = np.zeros((planes, BINS, groups * 4), np.int64)
         moved[:, :, :count] = np.arange(BINS)[:, None] - shifts[:, None, :]
         column, phase = np.divmod(moved, BINS)
-        sources = (np.arange(groups * 4) * BINS + phase) * rows * wide + pad + along + column
+        own = np.arange(groups * 4) * rows * BINS + phase
+        sources = own * wide + pad + along + column
         ends = np.zeros((planes, groups * 4, 2), np.int64)
         ends[:, :, 0] = width
         ends[:, :count] = self.spans + (shifts // BINS)[..., None] + [-along, 2 - along]
@@ -195,12 +206,7 @@ class PartImages(EvidenceField):
         return np.rint(BINS * np.outer(at, self.parts.slopes) - self.parts.phase).astype(np.int64)
 
 
-def images_shape(parts: int, shape: tuple[int, int], margin: int) -> tuple[int, ...]:
-    """Of the images of a number of parts on a grid of a shape; see `PartImages`."""
-    return 2, parts, shape[0] + 1, BINS, shape[1] + 2 * margin + 16
-
-
-def count_events(
+def sort_events(
     events: EventArray,
     table: F32,
     starts: I64,
@@ -208,10 +214,9 @@ def count_events(
     parts: Parts,
     shape: tuple[int, int],
     margin: int,
-    images: U8,
     threads: int = 1,
-) -> I64:
-    """Images of parts of the aperture: each event's vote.
+) -> tuple[U32, I64, I64]:
+    """Events on the middle plane, by polarity and band of rows.
 
     Parameters
     ----------
@@ -229,36 +234,43 @@ def count_events(
         Rows and columns of the grid.
     margin : int
         Columns before and after the grid.
-    images : ndarray of uint8, shape as of `images_shape`
-        Whatever they hold, the counts take its place.
     threads : int
-        Threads, each of which counts parts of its own.
+        Threads that share the packets; the result doesn't depend on them.
 
     Returns
     -------
-    ndarray of int64, shape (parts, 2)
-        Columns that each part saw; see `PartImages`.
+    events : ndarray of uint32, shape (n,)
+    starts : ndarray of int64, shape (2, bands + 1)
+    spans : ndarray of int64, shape (parts, 2)
+        See `PartImages`.
     """
-    count = len(parts.slopes)
-    order = np.argsort(parts.of_packet, kind="stable")
-    ends = np.searchsorted(parts.of_packet[order], np.arange(count + 1))
-    before = np.append(0, np.cumsum(np.diff(starts)[order]))[ends]
-    # Parts of each thread, about as many events for each.
-    cuts = np.searchsorted(before, before[-1] * np.arange(1, threads) / threads)
-    edges = [0, *cuts.tolist(), count]
+    packets, bands = len(starts) - 1, -(-shape[0] // BAND_ROWS)
+    edges = [packets * k // threads for k in range(threads + 1)]
+    counts = np.zeros((threads, 2 * bands + 1), np.int64)
+    placed, out = np.empty((2, len(events)), np.uint32)
     mapping, phase = to_middle.astype(np.float32), parts.phase
 
-    def run(k: int) -> None:
-        images[:, edges[k] : edges[k + 1]] = 0
-        own = order[ends[edges[k]] : ends[edges[k + 1]]]
-        buffers = *np.empty((2, kernels.CHUNK), np.float32), np.empty(kernels.CHUNK, np.int32)
-        kernels._scatter(
-            events.x, events.y, events.p, table, starts, own, parts.of_packet, mapping, phase,
-            shape, margin, buffers, images,
+    def place(k: int) -> None:
+        buffers = (
+            *np.empty((2, band_kernels.CHUNK), np.float32),
+            np.empty(band_kernels.CHUNK, np.int32),
+        )
+        band_kernels._place(
+            events.x, events.y, events.p, table, starts, (edges[k], edges[k + 1]),
+            parts.of_packet, mapping, phase, shape, margin, buffers, placed, counts[k],
         )  # fmt: skip
 
-    share(threads, threads, run)
-    return _spans(table, to_middle, parts, shape[1], margin)
+    share(threads, threads, place)
+    ends = np.append(0, np.cumsum(counts.sum(axis=0)))
+    # A bucket's events are those of the first packets, in their order, then those of the next.
+    places = ends[:-1] + np.cumsum(counts, axis=0) - counts
+
+    def sort(k: int) -> None:
+        band_kernels._sort(placed, starts[edges[k]], starts[edges[k + 1]], places[k], out)
+
+    share(threads, threads, sort)
+    found = np.stack([ends[: bands + 1], ends[bands : 2 * bands + 1]])
+    return out, found, _spans(table, to_middle, parts, shape[1], margin)
 
 
 def _spans(table: F32, to_middle: F64, parts: Parts, width: int, margin: int) -> I64:
@@ -289,18 +301,3 @@ def find_depths_of_parts(
 
     share(threads, 2, look)
     return [f for f in found if f is not None]
-
-
-_FREE: list[U8] = []
-
-
-@contextmanager
-def borrowed(shape: tuple[int, ...]) -> Iterator[U8]:
-    """Memory that windows use one after the other; it holds what they left there."""
-    size = int(np.prod(shape))
-    memory = _FREE.pop() if _FREE else np.empty(0, np.uint8)
-    memory = memory if len(memory) >= size else np.empty(size, np.uint8)
-    try:
-        yield memory[:size].reshape(shape)
-    finally:
-        _FREE.append(memory)

@@ -11,8 +11,6 @@ and few events, go by their rays.
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-
 import numpy as np
 
 from roller_core.camera import Camera
@@ -84,10 +82,9 @@ def _by_rays(seen: WindowView, s: DepthSettings, watch: Stopwatch) -> Relief:
 
 
 def _by_parts(seen: WindowView, parts: Parts, s: DepthSettings, watch: Stopwatch) -> Relief:
-    with ExitStack() as stack:
-        with watch("rays"):
-            field = stack.enter_context(seen.part_images(parts, s.threads))
-        with watch("votes"):
-            depths = find_depths_of_parts(field, -seen.half, seen.half, s.focus, s.threads)
-        with watch("points"):
-            return measured_pixels(field, depths, s.focus, s.edge_drift, s.threads)
+    with watch("rays"):
+        field = seen.part_images(parts, s.threads)
+    with watch("votes"):
+        depths = find_depths_of_parts(field, -seen.half, seen.half, s.focus, s.threads)
+    with watch("points"):
+        return measured_pixels(field, depths, s.focus, s.edge_drift, s.threads)

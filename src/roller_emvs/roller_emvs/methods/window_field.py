@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +10,7 @@ from numba import njit
 from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 from roller_emvs.evidence import CELL_PX, PartImages, Parts, RayField
-from roller_emvs.evidence.part_images import borrowed, count_events, images_shape
+from roller_emvs.evidence.part_images import sort_events
 from roller_emvs.rays import Packets, rays_in_view
 
 #: Events a pixel of the image from which on parts cost less than rays.
@@ -23,6 +21,8 @@ _MOST_ACROSS_PX, _MOST_BESIDE_PX = 0.5, 0.7
 _PART_PX = 1.2
 #: Parts of a window: fewer are no better than rays; more take memory.
 _FEWEST_PARTS, _MOST_PARTS = 6, 40
+#: Rows and columns of a grid up to which a number tells where on it an event lies.
+_MOST_PX = 3840
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class WindowView:
         It fits where events stay in their row and their part's image over the whole range.
         """
         c, p = self.camera, self.packets
-        if len(p.events) < _LEAST_EVENTS * c.width * c.height:
+        if len(p.events) < _LEAST_EVENTS * c.width * c.height or max(self.shape) > _MOST_PX:
             return None
         x, y, z = self.relative[:, :3, 3].T
         edge_x, edge_y = max(c.cx, c.width - c.cx), max(c.cy, c.height - c.cy)
@@ -148,26 +148,23 @@ class WindowView:
             return None
         return Parts(slopes, width, number)
 
-    @contextmanager
-    def part_images(self, parts: Parts, threads: int = 1) -> Iterator[PartImages]:
-        """Every event's vote in the image of its part, in memory that the next window uses again.
+    def part_images(self, parts: Parts, threads: int = 1) -> PartImages:
+        """Every event's vote in the image of its part.
 
         Parameters
         ----------
         parts : Parts
             Of this window.
         threads : int
-            Threads that share the parts.
+            Threads that share the events.
         """
         p = self.packets
         # What comes into the grid on a plane, the one beyond either end of the range included.
         margin = int(1.3 * np.abs(parts.slopes).max() * self.half) + 2
-        with borrowed(images_shape(len(parts.slopes), self.shape, margin)) as images:
-            spans = count_events(
-                p.events, p.table, p.starts, self._to_middle(), parts, self.shape, margin, images,
-                threads,
-            )  # fmt: skip
-            yield PartImages(*self._of_field, parts, margin, spans, images)
+        events, starts, spans = sort_events(
+            p.events, p.table, p.starts, self._to_middle(), parts, self.shape, margin, threads
+        )
+        return PartImages(*self._of_field, parts, margin, spans, events, starts)
 
     def _to_middle(self) -> F64:
         """Homographies from a packet's pixels to those on the middle plane, (packets, 3, 3)."""
