@@ -197,10 +197,9 @@ def test_counts_stop_where_they_are_full(halved: bool) -> None:
     events = (key << band_kernels.BIN_BITS | at_bin).astype(np.uint32)
     base = bins * np.arange(band_kernels.KEYS)
     found = np.zeros(40 * bins, np.uint8)
-    band_kernels._count(events, 100, n - 100, base, halved, 45, np.uint8(20), found)
+    band_kernels._count(events, 100, n - 100, base, halved, np.uint8(20), found)
     counts = np.zeros((40, bins), np.int64)
-    column = at_bin // 2 + at_bin % 2 * 45 if halved else at_bin
-    np.add.at(counts, (key[100:-100], column[100:-100]), 1)
+    np.add.at(counts, (key[100:-100], (at_bin // 2 if halved else at_bin)[100:-100]), 1)
     assert counts.max() > 20
     np.testing.assert_array_equal(found.reshape(counts.shape), np.minimum(counts, 20))
 

@@ -16,7 +16,7 @@ BAND_ROWS = 8
 #: Bits of an event's bin, of its row in the band and of its part; the bucket's are above them.
 BIN_BITS, ROW_BITS, PART_BITS = 13, 3, 6
 _BUCKET = BIN_BITS + ROW_BITS + PART_BITS
-_BIN = (1 << BIN_BITS) - 1
+BIN = (1 << BIN_BITS) - 1
 #: Parts and rows that an event can tell.
 KEYS = 1 << (ROW_BITS + PART_BITS)
 #: Events that are placed before they are counted.
@@ -89,19 +89,17 @@ def _sort(events, first, last, place, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _count(events, first, last, base, halved, apart, most, out):  # type: ignore[no-untyped-def]
+def _count(events, first, last, base, halved, most, out):  # type: ignore[no-untyped-def]
     """Count events from one to another up to `most`, in the image `out`, flat.
 
-    `base`, shape (KEYS,), is where the image of a part and row begins. A
-    bin is counted by itself or, `halved`, with its column, bins of odd number `apart` further on.
+    `base`, shape (KEYS,), is where the image of a part and row begins; bins follow, or `halved`
+    columns.
     """
-    bits, odd = np.uint32(halved), np.uint32(halved)
-    further = np.uint64(apart)
+    bits = np.uint32(halved)
     for i in range(np.uint64(first), np.uint64(last)):
         event = events[i]
-        at_bin = event & np.uint32(_BIN)
         key = np.uint64((event >> np.uint32(BIN_BITS)) & np.uint32(KEYS - 1))
-        at = np.uint64(base[key]) + np.uint64(at_bin >> bits) + further * np.uint64(at_bin & odd)
+        at = np.uint64(base[key]) + np.uint64((event & np.uint32(BIN)) >> bits)
         out[at] += out[at] < most
 
 
@@ -110,7 +108,7 @@ def _count_columns(events, first, last, columns):  # type: ignore[no-untyped-def
     """Events of each column of the images."""
     columns[:] = 0
     for i in range(np.uint64(first), np.uint64(last)):
-        columns[np.uint64((events[i] & np.uint32(_BIN)) >> np.uint32(1))] += 1
+        columns[np.uint64((events[i] & np.uint32(BIN)) >> np.uint32(1))] += 1
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,17 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ._band_kernels import BAND_ROWS, BINS, _count, _count_columns, _mark
+from ._band_kernels import (
+    BAND_ROWS,
+    BIN,
+    BIN_BITS,
+    BINS,
+    KEYS,
+    ROW_BITS,
+    _count,
+    _count_columns,
+    _mark,
+)  # fmt: skip
 from ._kernels import CELL_PX, ROW_PX, _add_cells, _add_slopes
 
 #: Columns beyond the grid from which votes are taken, for slopes at its border.
@@ -23,24 +33,23 @@ TILE_CELLS, _LEAST_EVENTS = 8, 16
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _measure_bands(  # type: ignore[no-untyped-def]
-    events, starts, base, sources, ranges, first, step, reach, images, sums, votes, line, columns,
+    events, starts, lines, shifts, reach, margin, first, step, images, sums, votes, line, columns,
     measure,
 ):  # fmt: skip
     """Sharpness of a polarity's votes on all planes, by cell, of every `step`-th band of rows.
 
-    `starts`, shape (bands + 1,), is where a band's events begin; `base` places them, see `_count`.
-    `sources` and `ranges` are those of `_moves`. `images`, shape (parts or up to three more, rows
-    of votes, BINS, columns), `sums`, shape (BINS, columns), `columns`, shape (columns of images,),
-    and `votes` are for use; the latter begin and end `EDGE_PX` columns beyond the grid. Events come
-    to a column of the grid from `reach` columns of the images, first and beyond the last.
-    `measure`, shape (planes, rows, columns) of cells, zero, receives the sum of squared slopes
-    along x, but for tiles that hardly an event reaches.
+    `starts`, shape (bands + 1,), is where a band's events begin, `margin` how many columns of
+    images lie before the grid. `lines` and `shifts`, shape (planes, BINS, parts or up to three
+    more), are those of `_moves`, columns at most `reach` from where they were. `images` and
+    `sums`, flat, `columns`, shape (columns of images,), `line` and `votes` are for use; the latter
+    two begin and end `EDGE_PX` columns beyond the grid. `measure`, shape (planes, rows, columns)
+    of cells, zero, receives the sum of squared slopes along x, but for tiles that hardly an event
+    reaches.
     """
     rows, _ = votes.shape
     planes, cell_rows, cell_columns = measure.shape
     per_cell = CELL_PX // ROW_PX
     tiles = -(-cell_columns // TILE_CELLS)
-    flat = images.reshape(-1)
     for band in range(first, len(starts) - 1, step):
         if starts[band + 1] - starts[band] < _LEAST_EVENTS:
             continue
@@ -48,38 +57,38 @@ def _measure_bands(  # type: ignore[no-untyped-def]
         count = min(rows, (cell_rows - cell_row) * per_cell)
         _count_columns(events, starts[band], starts[band + 1], columns)
         tile = 0
-        counted = False
         while tile < tiles:
             # Tiles side by side that count are looked at in one go.
             begin = tile * TILE_CELLS
-            while tile < tiles and _reached(columns, tile, reach):
+            while tile < tiles and _reached(columns, tile, margin, reach):
                 tile += 1
             end = min(tile * TILE_CELLS, cell_columns)
             if begin >= end:
                 tile += 1
                 continue
-            if not counted:
-                counted = True
-                flat[:] = 0
-                _count(
-                    events, starts[band], starts[band + 1], base, True, images.shape[3],
-                    np.uint8(MOST_VOTES), flat,
-                )  # fmt: skip
-            left, right = begin * CELL_PX, end * CELL_PX + 2 * EDGE_PX
+            # Columns of votes, and of the images that come to them.
+            left, width = begin * CELL_PX, (end - begin) * CELL_PX + 2 * EDGE_PX
+            wide = width + 2 * reach
+            origin = left + margin - EDGE_PX - reach
+            own = images[: lines.shape[2] * BINS * rows * wide + reach]
+            own[:] = 0
+            _count_votes(events, starts[band], starts[band + 1], origin, wide, rows, own)
             for k in range(planes):
+                _add_parts(own, lines[k], shifts[k], rows, wide, reach, sums)
                 for row in range(count):
-                    _add_parts(images, sources[k], ranges[k], row, left, right, sums)
-                    _share_bins(sums, row, left, right, votes)
+                    _share_bins(sums, row * wide, rows * wide, width, votes[row, left:])
                 for r in range(count // per_cell):
-                    _add_slopes(votes, r * per_cell, left + EDGE_PX, right - EDGE_PX, line)
+                    low, high = left + EDGE_PX, left + width - EDGE_PX
+                    _add_slopes(votes, r * per_cell, low, high, line)
                     _add_cells(line[EDGE_PX:], begin, end, measure[k, cell_row + r])
 
 
 @njit(cache=True, nogil=True)
-def _reached(columns, tile, reach):  # type: ignore[no-untyped-def]
+def _reached(columns, tile, margin, reach):  # type: ignore[no-untyped-def]
     """Whether events enough can come to a tile; `columns` are how many each column has."""
-    low = max(tile * TILE_CELLS * CELL_PX + reach[0], 0)
-    high = min((tile + 1) * TILE_CELLS * CELL_PX + reach[1], len(columns))
+    beyond = reach + EDGE_PX - 1
+    low = max(tile * TILE_CELLS * CELL_PX + margin - beyond, 0)
+    high = min((tile + 1) * TILE_CELLS * CELL_PX + margin + beyond, len(columns))
     total = np.int64(0)
     for c in range(low, high):
         total += columns[c]
@@ -87,45 +96,62 @@ def _reached(columns, tile, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _add_parts(images, sources, ranges, row, left, right, sums):  # type: ignore[no-untyped-def]
-    """Votes of a row on a plane, columns `left` to `right`: all parts' images, each moved."""
-    flat = images.reshape(-1)
-    out = sums.reshape(-1)
-    bins, width = sums.shape
-    below = np.uint64(row * bins * images.shape[3])
-    for p in range(bins):
-        for i in range(np.uint64(right - left)):
-            out[np.uint64(p * width + left) + i] = 0
-        for group in range(len(ranges)):
-            first = max(ranges[group, 0], left)
-            last = min(ranges[group, 1], right)
-            if first >= last:
-                continue
-            start = below + np.uint64(first)
-            a = np.uint64(sources[p, group, 0]) + start
-            b = np.uint64(sources[p, group, 1]) + start
-            c = np.uint64(sources[p, group, 2]) + start
-            d = np.uint64(sources[p, group, 3]) + start
-            at = np.uint64(p * width + first)
-            for i in range(np.uint64(last - first)):
-                four = np.uint8(flat[a + i] + flat[b + i] + flat[c + i] + flat[d + i])
-                out[at + i] += np.uint16(four)
+def _count_votes(events, first, last, origin, wide, rows, images):  # type: ignore[no-untyped-def]
+    """Count events from one to another in `wide` columns from `origin` on, `ROW_PX` rows in one.
+
+    `images` are flat: by part, phase, row and column.
+    """
+    most, per_row = np.uint8(MOST_VOTES), np.uint32(ROW_PX)
+    for i in range(np.uint64(first), np.uint64(last)):
+        event = events[i]
+        column = np.int32((event & np.uint32(BIN)) >> np.uint32(1)) - np.int32(origin)
+        if 0 <= column < wide:
+            key = (event >> np.uint32(BIN_BITS)) & np.uint32(KEYS - 1)
+            image = (key >> np.uint32(ROW_BITS)) * np.uint32(BINS) + (event & np.uint32(1))
+            row = (key & np.uint32(BAND_ROWS - 1)) // per_row
+            at = np.uint64(image * np.uint32(rows) + row) * np.uint64(wide) + np.uint64(column)
+            images[at] += images[at] < most
 
 
 @njit(cache=True, nogil=True)
-def _share_bins(sums, row, left, right, votes):  # type: ignore[no-untyped-def]
-    """From bins to pixels: a bin counts for the two pixels beside it, by how near they are."""
-    flat = sums.reshape(-1)
-    out = votes.reshape(-1)
-    to = np.uint64(row * votes.shape[1])
+def _add_parts(images, lines, shifts, rows, wide, reach, sums):  # type: ignore[no-untyped-def]
+    """Votes on a plane: all parts' images, each moved; all rows in one go, flat.
+
+    `sums` hold phase, row and column, `wide` columns to a row, the last 2 · `reach` of which mean
+    nothing.
+    """
+    bins, parts = lines.shape
+    size = np.uint64(rows * wide)
+    count = size - np.uint64(2 * reach)
+    for p in range(bins):
+        at = np.uint64(p) * size
+        for i in range(count):
+            sums[at + i] = 0
+        for n in range(0, parts, 4):
+            a = np.uint64(lines[p, n]) * size + np.uint64(reach + shifts[p, n])
+            b = np.uint64(lines[p, n + 1]) * size + np.uint64(reach + shifts[p, n + 1])
+            c = np.uint64(lines[p, n + 2]) * size + np.uint64(reach + shifts[p, n + 2])
+            d = np.uint64(lines[p, n + 3]) * size + np.uint64(reach + shifts[p, n + 3])
+            for i in range(count):
+                four = np.uint8(images[a + i] + images[b + i] + images[c + i] + images[d + i])
+                sums[at + i] += np.uint16(four)
+
+
+@njit(cache=True, nogil=True)
+def _share_bins(sums, first, apart, width, votes):  # type: ignore[no-untyped-def]
+    """From bins to pixels: a bin counts for the two pixels beside it, by how near they are.
+
+    A row of either phase begins at `first` of `sums` and `apart` further on.
+    """
     far = np.float32(0.25)
     near = np.float32(0.75)
-    second = np.uint64(sums.shape[1])
     one = np.uint64(1)
-    for c in range(np.uint64(left + 1), np.uint64(right - 1)):
-        beside = np.float32(flat[second + c - one]) + np.float32(flat[c + one])
-        own = np.float32(flat[c]) + np.float32(flat[second + c])
-        out[to + c] = near * own + far * beside
+    a = np.uint64(first)
+    b = np.uint64(first + apart)
+    for c in range(one, np.uint64(width - 1)):
+        beside = np.float32(sums[b + c - one]) + np.float32(sums[a + c + one])
+        own = np.float32(sums[a + c]) + np.float32(sums[b + c])
+        votes[c] = near * own + far * beside
 
 
 @njit(cache=True, nogil=True)
@@ -158,7 +184,7 @@ def _slope_sums(  # type: ignore[no-untyped-def]
                 counted = True
                 flat[:] = 0
                 _count(
-                    events, starts[band], starts[band + 1], base, True, 0,
+                    events, starts[band], starts[band + 1], base, True,
                     np.uint16(MOST_OF_LINE), flat,
                 )  # fmt: skip
             count = np.float32(0)
@@ -225,7 +251,7 @@ def _support(  # type: ignore[no-untyped-def]
             counted = band
             flat[:] = 0
             most = np.uint8(MOST_SUPPORT)
-            _count(events, starts[band], starts[band + 1], base, False, 0, most, flat)
+            _count(events, starts[band], starts[band + 1], base, False, most, flat)
             _mark(events, starts[band], starts[band + 1], seen)
         for j in range(parts):
             if not seen[j * rows + row % rows]:

@@ -36,8 +36,6 @@ from .sweep import Depths, sharpest
 U32 = npt.NDArray[np.uint32]
 I64 = npt.NDArray[np.int64]
 
-#: Beyond the two ends of a row, as vector instructions take some at a time.
-_SPARE = 32
 #: Of an irrational number: bins of parts begin in no steady order.
 _STAGGER = 0.381966
 
@@ -93,21 +91,18 @@ class PartImages(EvidenceField):
         ndarray of float32, shape (planes, rows, columns)
             Sums of squared slopes along x; 0 where hardly an event comes on any plane.
         """
-        width, columns = self.shape[1] + 2 * EDGE_PX, self._columns + 1
-        pad, sources, ranges = self._moves(at)
-        furthest = pad - _SPARE + EDGE_PX
-        reach = self.margin - furthest, self.margin + furthest
+        width, reach, lines, shifts = self.shape[1] + 2 * EDGE_PX, *self._moves(at)
         measure = np.zeros((len(at), *self.cells), np.float32)
-        rows, wide = BAND_ROWS // ROW_PX, columns + 2 * pad
-        base = self._base(rows * BINS * wide, BINS * wide, ROW_PX) + pad
+        rows, wide = BAND_ROWS // ROW_PX, width + 2 * reach
 
         def run(first: int) -> None:
-            images = np.empty((4 * ranges.shape[1], rows, BINS, wide), np.uint8)
-            sums = np.empty((BINS, width), np.uint16)
+            images = np.empty(lines.shape[2] * BINS * rows * wide + reach, np.uint8)
+            sums = np.empty(BINS * rows * wide, np.uint16)
+            columns = np.empty(self._columns + 1, np.int64)
             votes, line = np.zeros((rows, width), np.float32), np.zeros(width, np.float32)
             kernels._measure_bands(
-                self.events, self.starts[polarity], base, sources, ranges, first, threads, reach,
-                images, sums, votes, line, np.empty(columns, np.int64), measure,
+                self.events, self.starts[polarity], lines, shifts, reach, self.margin, first,
+                threads, images, sums, votes, line, columns, measure,
             )  # fmt: skip
 
         share(threads, threads, run, inner=True)
@@ -171,35 +166,24 @@ class PartImages(EvidenceField):
         return np.asarray(part * of_part + row // rows * of_row, np.int64)
 
     def _moves(self, at: F64) -> tuple[int, I64, I64]:
-        """How images are moved for each plane, four parts at a time.
+        """How images are moved for each plane.
 
         Returns
         -------
-        pad : int
-            Columns before and after a row.
-        sources : ndarray of int64, shape (planes, BINS, groups, 4)
-            Where what a part adds to the first column of a phase lies among the sums of rows.
-        ranges : ndarray of int64, shape (planes, groups, 2)
-            Columns that the parts add to, first and beyond the last.
+        reach : int
+            Columns by which they move at most, and one more.
+        lines : ndarray of int64, shape (planes, BINS, parts or up to three more)
+            The image, by part and phase, that adds to a phase of the votes.
+        shifts : ndarray of int64, the same shape
+            The column of it that adds to the first one.
         """
         shifts = self._shifts(at)
         planes, count = shifts.shape
-        groups, width = -(-count // 4), self.shape[1] + 2 * EDGE_PX
-        # From a column of votes to one of the images.
-        along = self.margin - EDGE_PX
-        pad = int(np.abs(shifts).max()) // BINS + _SPARE
-        wide, rows = self._columns + 1 + 2 * pad, BAND_ROWS // ROW_PX
-        moved = np.zeros((planes, BINS, groups * 4), np.int64)
+        moved = np.zeros((planes, BINS, -(-count // 4) * 4), np.int64)
         moved[:, :, :count] = np.arange(BINS)[:, None] - shifts[:, None, :]
         column, phase = np.divmod(moved, BINS)
-        own = np.arange(groups * 4) * rows * BINS + phase
-        sources = own * wide + pad + along + column
-        ends = np.zeros((planes, groups * 4, 2), np.int64)
-        ends[:, :, 0] = width
-        ends[:, :count] = self.spans + (shifts // BINS)[..., None] + [-along, 2 - along]
-        ends = ends.reshape(planes, groups, 4, 2).clip(0, width)
-        ranges = np.stack([ends[..., 0].min(axis=2), ends[..., 1].max(axis=2)], axis=-1)
-        return pad, sources.reshape(planes, BINS, groups, 4), ranges
+        reach = int(np.abs(shifts).max()) // BINS + 1
+        return reach, np.arange(moved.shape[2]) * BINS + phase, column
 
     def _shifts(self, at: F64) -> I64:
         """Bins by which each part's image is moved for each plane, shape (planes, parts)."""
