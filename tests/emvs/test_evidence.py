@@ -100,7 +100,9 @@ def test_a_column_seen_from_one_side_has_its_edges_depth() -> None:
 def test_shear_moves_columns_between_cells() -> None:
     rng = np.random.default_rng(8)
     measure = rng.random((3, 5, 12)).astype(np.float32)
+    measure[1, 2] = 0
     moved = rng.uniform(-3, 3, (3, 12))
+    moved[2, 5:7] = -20, 20
     out = np.empty_like(measure)
     peaks._shear(measure, moved, out)
     for k in range(3):

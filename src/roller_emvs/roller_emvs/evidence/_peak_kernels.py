@@ -12,15 +12,28 @@ from ._kernels import CELL_PX
 def _shear(measure, moved, out):  # type: ignore[no-untyped-def]
     """Focus measure `moved` columns further on, by plane, between columns; 0 beyond the grid."""
     planes, height, width = measure.shape
+    # A row with a column of 0 before it and two after it.
+    line = np.zeros(width + 3, np.float32)
+    column, share = np.empty(width, np.int32), np.empty(width, np.float32)
     for k in range(planes):
         for j in range(width):
             at = j + moved[k, j]
             a = int(np.floor(at))
-            share = np.float32(at - a)
-            for i in range(height):
-                left = measure[k, i, a] if 0 <= a < width else np.float32(0)
-                right = measure[k, i, a + 1] if 0 <= a + 1 < width else np.float32(0)
-                out[k, i, j] = left + share * (right - left)
+            share[j] = np.float32(at - a)
+            column[j] = a + 1 if -1 <= a <= width else width + 1
+        for i in range(height):
+            some = False
+            for j in range(width):
+                value = measure[k, i, j]
+                line[np.uint64(j) + np.uint64(1)] = value
+                some |= value != 0
+            if not some:
+                out[k, i] = 0
+                continue
+            for j in range(width):
+                at_left = np.uint64(column[j])
+                left = line[at_left]
+                out[k, i, j] = left + share[j] * (line[at_left + np.uint64(1)] - left)
 
 
 @njit(cache=True, nogil=True)

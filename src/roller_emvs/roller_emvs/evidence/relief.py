@@ -65,10 +65,12 @@ class Relief:
     #: Of the cells, see `wall_side`; 0 where nothing asks for it. Shape (rows, columns).
     side: F32
 
-    def put(self, field: EvidenceField, box: Box) -> Relief:
-        """The same as part of a larger grid, elsewhere without points."""
+    def put(self, field: EvidenceField, box: Box, surfaces: bool) -> Relief:
+        """The same as part of a larger grid, elsewhere without points; see `measured_pixels`."""
         rows, columns = box
         top, left = CELL_PX * rows.start, CELL_PX * columns.start
+        if not surfaces:
+            return replace(self, row=self.row + top, column=self.column + left)
         px = slice(top, CELL_PX * rows.stop), slice(left, CELL_PX * columns.stop)
 
         def whole(part: F32, shape: tuple[int, int], at: Box, fill: float) -> F32:
@@ -93,6 +95,7 @@ def measured_pixels(
     drift: EdgeDriftSettings,
     threads: int = 1,
     sides: bool = False,
+    surfaces: bool = True,
 ) -> Relief:
     """Pixels on which events of one polarity gather, and the surface there.
 
@@ -110,6 +113,8 @@ def measured_pixels(
         Threads that share the work.
     sides : bool
         Whether `side` is wanted though the drift doesn't depend on it.
+    surfaces : bool
+        Whether `surfaces`, `changes` and `side` are wanted of the whole grid, not of a part of it.
     """
     if not any(np.isfinite(found.offset).any() for found in depths):
         return _nothing(field)
@@ -119,7 +124,7 @@ def measured_pixels(
         return _measured(field, depths, settings, drift, threads, sides)
     part, box = cut
     found = _measured(part, [each.cut(box) for each in depths], settings, drift, threads, sides)
-    return found.put(field, box)
+    return found.put(field, box, surfaces)
 
 
 def _near(depths: list[Depths]) -> Mask:

@@ -78,7 +78,7 @@ def _by_rays(seen: WindowView, s: DepthSettings, watch: Stopwatch) -> Relief:
     with watch("votes"):
         depths = find_depths(field, -seen.half, seen.half, s.focus, threads=s.threads)
     with watch("points"):
-        return measured_pixels(field, depths, s.focus, s.edge_drift, s.threads)
+        return measured_pixels(field, depths, s.focus, s.edge_drift, s.threads, surfaces=False)
 
 
 def _by_parts(seen: WindowView, parts: Parts, s: DepthSettings, watch: Stopwatch) -> Relief:
@@ -87,4 +87,4 @@ def _by_parts(seen: WindowView, parts: Parts, s: DepthSettings, watch: Stopwatch
     with watch("votes"):
         depths = find_depths_of_parts(field, -seen.half, seen.half, s.focus, s.threads)
     with watch("points"):
-        return measured_pixels(field, depths, s.focus, s.edge_drift, s.threads)
+        return measured_pixels(field, depths, s.focus, s.edge_drift, s.threads, surfaces=False)
