@@ -1,5 +1,6 @@
 """Voxels, ICP, patches and the cloud's file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from emvs.scenes import CAMERA, MS, depth_map, rolling, track_of
 from roller_core import outputs
 from roller_core.errors import UnwritableOutputError
 from roller_core.outputs import Output
-from roller_core.transforms import pose_matrix
+from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
 from roller_emvs import registration
 from roller_emvs.depth_settings import StitcherSettings
 from roller_emvs.ply import PlyWriter, read_ply
@@ -26,15 +27,16 @@ def flat(z_m: float = 0.045) -> np.ndarray:
 def test_voxels_hold_weighted_means() -> None:
     voxels = VoxelMap(1e-3)
     points = np.array([[0.5e-3, 0.5e-3, 0.5e-3], [0.7e-3, 0.5e-3, 0.5e-3], [0.9, 0.0, 0.0]])
-    one, two = np.full(1, 1e-5, np.float32), np.full(2, 3e-5, np.float32)
+    one, two = np.full(1, 2e-5, np.float32), np.full(2, 1e-5, np.float32)
     voxels.add(points[:1], np.array([0.25], np.float32), one)
     voxels.add(points[1:], np.array([0.75, 1.0], np.float32), two)
     merged, confidence, sigma = voxels.points()
     assert len(merged) == 2
     near = merged[np.argmin(merged[:, 0])]
-    np.testing.assert_allclose(near, [0.65e-3, 0.5e-3, 0.5e-3], atol=1e-12)
-    np.testing.assert_allclose(np.sort(confidence), [(0.25**2 + 0.75**2), 1.0], rtol=1e-6)
-    np.testing.assert_allclose(np.sort(sigma), [2.5e-5, 3e-5], rtol=1e-6)
+    # The surer one counts four times.
+    np.testing.assert_allclose(near, [0.66e-3, 0.5e-3, 0.5e-3], atol=1e-12)
+    np.testing.assert_allclose(np.sort(confidence), [0.65, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(np.sort(sigma), [1e-5, 1.2e-5], rtol=1e-6)
 
 
 def test_voxels_far_from_the_base_keep_micrometres() -> None:
@@ -87,6 +89,35 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     patch = stitcher.add(depth_map(flat()))
     assert len(stitcher.voxels) == 1000
     assert len(patch) > 1000
+
+
+def test_what_two_views_say_of_a_place_counts_together() -> None:
+    """One surface, not two, by what each is sure of; whichever way the roller looks."""
+    stitcher = Stitcher(StitcherSettings.create({"icp": False, "voxel_m": 1e-3}), CAMERA)
+    sure, unsure = depth_map(flat(0.045)), depth_map(flat(0.0453))
+    for tilt in (0.0, 0.7):
+        turn = pose_matrix(np.zeros(3), rotation_vector_to_quaternion([0.0, tilt, 0.0]))
+        stitcher.add(replace(sure, sigma=np.full_like(sure.sigma, 5e-5), pose=turn @ sure.pose))
+        alone = len(stitcher.voxels)
+        stitcher.add(replace(unsure, sigma=np.full_like(sure.sigma, 1e-4), pose=turn @ sure.pose))
+        assert len(stitcher.voxels) < 1.2 * alone
+        patch = stitcher.finish()
+        depth = patch.points @ (turn @ sure.pose)[:3, 2]
+        depth -= (turn @ sure.pose)[:3, 2] @ (turn @ sure.pose)[:3, 3]
+        # Beyond the border of the one, the other is alone.
+        assert np.median(depth) == pytest.approx(0.04506, abs=5e-6)
+        assert np.mean(np.abs(depth - 0.04506) < 2e-5) > 0.8
+
+
+def test_a_view_that_turned_goes_on_with_what_it_sees() -> None:
+    stitcher = Stitcher(StitcherSettings.create({"icp": False, "voxel_m": 2e-4}), CAMERA)
+    first = depth_map(flat())
+    assert not len(stitcher.add(first))
+    seen = len(stitcher.voxels)
+    turn = pose_matrix(np.zeros(3), rotation_vector_to_quaternion([0.0, 0.5, 0.0]))
+    patch = stitcher.add(replace(first, pose=turn @ first.pose))
+    assert len(patch) == seen
+    assert len(stitcher.finish()) == pytest.approx(seen, rel=0.02)
 
 
 def test_height_counts_from_the_nominal_surface() -> None:

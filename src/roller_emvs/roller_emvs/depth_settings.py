@@ -84,7 +84,10 @@ class StitcherSettings(NominalSurface):
     """From depth maps to one cloud in `base`."""
 
     voxel_m: float = Field(
-        5e-5, gt=0.0, le=1.0, description="Edge of the voxels in which points are merged, m."
+        5e-5,
+        gt=0.0,
+        le=1.0,
+        description="Edge across the view of the voxels in which points are merged, m.",
     )
     icp: bool = Field(True, description="Refine each depth map's pose against the cloud by ICP.")
     outlier_radius_m: float = Field(

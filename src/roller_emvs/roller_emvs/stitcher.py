@@ -17,6 +17,10 @@ from .voxels import VoxelMap
 
 #: Voxels under work at most; beyond it the oldest are settled early.
 _MOST_VOXELS = 3_000_000
+#: Voxels are this high along the view, m: the skin shows one surface, and what two depth maps say
+#: of a place counts together, by what each is sure of. Beyond this turn of the view, rad, the cloud
+#: goes on with voxels along the new one.
+_LAYER_M, _MOST_TURN = 4e-3, 0.26
 #: Neighbours within `outlier_radius_m` that a point needs to stay.
 _NEIGHBOURS = 3
 
@@ -60,6 +64,7 @@ class Stitcher:
                 f"pose of the depth map at {depth_map.stamp_ns * 1e-9:.6f} s is not finite; "
                 "it is left out"
             )
+        before = self._turn_to(depth_map.pose)
         points, confidence, sigma = self._points(depth_map)
         if self.settings.icp and len(points) and len(self.voxels):
             margin = MAX_DISTANCE_M
@@ -75,11 +80,28 @@ class Stitcher:
         over = int(keep.sum()) - _MOST_VOXELS
         if over > 0:
             keep &= self.voxels.oldest(over)
-        return self._patch(*self.voxels.settle(keep))
+        points, confidence, sigma = self.voxels.settle(keep)
+        if before is not None:
+            points = np.concatenate([before[0], points])
+            confidence, sigma = (
+                np.concatenate(both) for both in ((before[1], confidence), (before[2], sigma))
+            )
+        return self._patch(points, confidence, sigma)
 
     def finish(self) -> Patch:
         """Hand out what is left; the scan is over."""
-        return self._patch(*self.voxels.settle(np.zeros(len(self.voxels), bool)))
+        return self._patch(*self._all())
+
+    def _all(self) -> tuple[F64, F32, F32]:
+        return self.voxels.settle(np.zeros(len(self.voxels), bool))
+
+    def _turn_to(self, pose: F64) -> tuple[F64, F32, F32] | None:
+        """See that voxels lie along a view; the points of those that lay along another."""
+        if len(self.voxels) and pose[:3, 2] @ self.voxels.axes[:, 2] > np.cos(_MOST_TURN):
+            return None
+        before = self._all()
+        self.voxels = VoxelMap(self.settings.voxel_m, pose[:3, :3], _LAYER_M)
+        return before
 
     def _points(self, depth_map: DepthMap) -> tuple[F64, F32, F32]:
         points, pixels = back_project(depth_map.depth, self.camera)

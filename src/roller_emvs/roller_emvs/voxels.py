@@ -1,4 +1,4 @@
-"""Merging points in voxels, weighted by confidence, with what has passed let go."""
+"""Merging points in voxels, weighted by what they are sure of, with what has passed let go."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ I64 = npt.NDArray[np.int64]
 _BITS = np.array([24, 24, 15])
 #: Cells in each direction from the first point that have a number of their own.
 REACH = 1 << (_BITS - 1)
-#: Cells in each direction beyond which a place is nonsense.
-_FURTHEST = 2.0**40
+#: No point is surer than this, m.
+_LEAST_SIGMA_M = 1e-6
+#: A place further from the base's origin is nonsense, m.
+_FURTHEST_M = 1e7
 
 
 class VoxelMap:
-    """Weighted means of points in cubic voxels.
+    """Means of points in voxels, by what each is sure of.
 
     It holds what is in view: voxels further from each other than numbers reach never meet.
 
@@ -28,14 +30,22 @@ class VoxelMap:
     ----------
     voxel_m : float
         Edge of a voxel, metres.
+    axes : ndarray of float64, shape (3, 3), optional
+        Directions of its edges, as columns; else those of the points.
+    layer_m : float, optional
+        Its edge along the last of them; else as the others.
     """
 
-    def __init__(self, voxel_m: float) -> None:
-        self.voxel_m = voxel_m
+    def __init__(
+        self, voxel_m: float, axes: F64 | None = None, layer_m: float | None = None
+    ) -> None:
+        self.axes = np.eye(3) if axes is None else axes
+        self._edges_m = np.array([voxel_m, voxel_m, layer_m or voxel_m])
         self._origin: F64 | None = None
         self._keys = np.empty(0, np.int64)
         # Columns: weight, weight·(x, y, z) from the origin, weight·confidence, weight·sigma, last
-        # touched. Sigma is no less for several views: what they err by, they err by together.
+        # touched. Points weigh 1 / sigma². Sigma is no less for several views: what they err by,
+        # they err by together.
         self._sums = np.empty((0, 7))
         self._round = 0
 
@@ -51,16 +61,18 @@ class VoxelMap:
             Points left out because they are not finite or absurdly far.
         """
         self._round += 1
-        good = all_of(np.isfinite(points)) & np.isfinite(confidence) & np.isfinite(sigma)
+        good = all_of(np.abs(points) < _FURTHEST_M)  # NaN isn't
+        good &= np.isfinite(confidence) & np.isfinite(sigma)
         if self._origin is None:
             if not good.any():
                 return len(points)
-            self._origin = np.asarray(points[good][0], np.float64)
-        local = points - self._origin
-        cells = np.floor(local / self.voxel_m)
-        good &= all_of(np.abs(cells) < _FURTHEST)
-        local, cells, sure = local[good], cells[good].astype(np.int64), confidence[good]
-        weight = np.maximum(sure.astype(np.float64), 1e-3)
+            # In the middle of a layer: the surface around it stays in one.
+            half = self.axes[:, 2] * (0.5 * self._edges_m[2])
+            self._origin = np.asarray(np.median(points[good], axis=0) - half, np.float64)
+        local = points[good] - self._origin
+        cells = np.floor(local @ self.axes / self._edges_m).astype(np.int64)
+        sure = confidence[good]
+        weight = 1.0 / np.square(np.maximum(sigma[good].astype(np.float64), _LEAST_SIGMA_M))
         keys = cell_key(cells)
         unique, inverse = np.unique(keys, return_inverse=True)
         sums = np.zeros((len(unique), 7))
