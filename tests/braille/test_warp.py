@@ -183,6 +183,10 @@ def test_part_of_a_coatings_image_is_cut_out_of_it_until_more_is_seen() -> None:
     assert (whole != before).any()
     np.testing.assert_array_equal(strip.image(0, 90, Kind.ON, 3, 40), whole[3:40])
     assert not (whole * off).any()
+    n = 0
+    see(track.start_ns + half_ns)
+    strip.image(30, 60, Kind.ON)  # what lies on either side of a part comes to the same
+    np.testing.assert_allclose(strip.image(0, 90, Kind.ON), whole, atol=1e-4)
 
 
 def test_hot_pixels_are_found_and_those_that_see_something_kept() -> None:

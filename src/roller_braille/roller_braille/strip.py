@@ -82,7 +82,8 @@ class Strip:
         self._spread = 0.0  # their median
         #: Whether the coating is printed; None until that is known.
         self.printed: bool | None = None
-        self._nets: dict[tuple[int, int, int, int], F32] = {}  # until more events come
+        # What `_net` gave so far, and the column that it begins at; until more events come.
+        self._blurred, self._blurred_from = np.zeros((self._rows, 0), np.float32), 0
         # How long the sensor had rolled when it had come so far.
         self._travel: list[float] = []
         self._clock: list[float] = []
@@ -152,7 +153,7 @@ class Strip:
                 [0.0, 0.0, 1.0],
             ]
         )
-        self._nets.clear()
+        self._blurred = self._blurred[:, :0]
         self.events += vote(events, table, knots, raster, self._counts, self._newest)
 
     def learn_coating(self, a: int, b: int, area_px: float, least: float) -> None:
@@ -169,7 +170,7 @@ class Strip:
         shown = a + np.flatnonzero(self.shown(np.arange(a, b, dtype=np.float64) * self.px_m))
         if len(shown):
             edge = int(np.ceil(_MARGIN_M / self.px_m))
-            left = np.abs(self._net(int(shown[0]), int(shown[-1]) + 1, 0, self._rows))[edge:-edge]
+            left = np.abs(self._net(int(shown[0]), int(shown[-1]) + 1)[edge:-edge])
             self._spreads.append(float(np.quantile(left, _LEVEL)) / _LEVEL_WITHIN)
             self._spread = float(np.median(self._spreads))
         if self._spreads and self.printed is None:
@@ -234,7 +235,7 @@ class Strip:
         # Moving what is kept costs; do it once in a while.
         keep = column - self._first
         if 512 < keep < self._counts.shape[2]:
-            self._nets.clear()
+            self._blurred = self._blurred[:, :0]
             self._counts[..., :-keep] = self._counts[..., keep:].copy()
             self._counts[..., -keep:] = 0.0
             self._newest[:-keep] = self._newest[keep:].copy()
@@ -257,21 +258,37 @@ class Strip:
             return np.zeros((0, b - a), np.float32)
         if not self.printed or kind is Kind.BOTH:
             return self._counted(a, b, kind, *rows)
-        net = self._net(a, b, *rows)
-        net = net if kind is Kind.ON else -net
-        return np.maximum(net - np.float32(_TAKEN_OFF * self._spread), np.float32(0.0))
+        net = self._net(a, b)[slice(*rows)]
+        taken = np.float32(_TAKEN_OFF * self._spread)
+        out = net - taken if kind is Kind.ON else -taken - net
+        return np.maximum(out, np.float32(0.0), out=out)
 
-    def _net(self, a: int, b: int, top: int, bottom: int) -> F32:
-        """ON events less OFF events of columns a to b (b excluded), blurred, as `image`."""
-        part = a, b, top, bottom
-        if part not in self._nets:  # dots of either kind are searched in the same part
-            n = int(np.ceil(3 * self._blur_px))
-            reach = int(np.ceil(4 * self._blur_px)) + 1  # of OpenCV's blur
-            low, high = max(top - reach, 0), min(bottom + reach, self._rows)
-            on, off = (self._counted(a - n, b + n, k, low, high) for k in (Kind.ON, Kind.OFF))
-            net = cv2.GaussianBlur(on - off, (0, 0), self._blur_px)
-            self._nets[part] = np.asarray(net[top - low : bottom - low, n:-n], np.float32)
-        return self._nets[part]
+    def _net(self, a: int, b: int) -> F32:
+        """ON events less OFF events of columns a to b (b excluded), blurred, as `image`.
+
+        Parts that are asked for overlap: each column is blurred once.
+        """
+        if not self._blurred.shape[1]:
+            self._blurred_from = a
+        begin = self._blurred_from
+        end = begin + self._blurred.shape[1]
+        before, after = self._blur(a, begin), self._blur(end, b)
+        if before.size or after.size:
+            self._blurred = np.concatenate([before, self._blurred, after], axis=1)
+            self._blurred_from = begin = min(a, begin)
+        return self._blurred[:, a - begin : b - begin]
+
+    def _blur(self, a: int, b: int) -> F32:
+        """What `_net` gives, worked out; nothing where b isn't beyond a."""
+        if b <= a:
+            return np.zeros((self._rows, 0), np.float32)
+        reach = int(np.ceil(4 * self._blur_px)) + 1  # of OpenCV's blur
+        on, off = (
+            self._counted(a - reach, b + reach, k, 0, self._rows) for k in (Kind.ON, Kind.OFF)
+        )
+        on -= off
+        blurred = cv2.GaussianBlur(on, (0, 0), self._blur_px)
+        return np.asarray(blurred[:, reach:-reach], np.float32)
 
     def _counted(self, a: int, b: int, kind: Kind, top: int, bottom: int) -> F32:
         """Events of a kind, as `image`."""
