@@ -118,11 +118,17 @@ class SurfaceMap:
 
 def _best(keys: I64, rows: F64) -> tuple[I64, F64]:
     """Of each key the row of most confidence, of equals the first that came; sorted by key."""
-    order = np.lexsort((rows[:, 6], -rows[:, 4], keys))
-    sorted_keys = keys[order]
-    first = np.ones(len(order), bool)
-    first[1:] = sorted_keys[1:] != sorted_keys[:-1]
-    return sorted_keys[first], rows[order[first]]
+    # One sort by whole numbers, and what is left in each group: a third of a sort by all three.
+    order = np.argsort(keys)
+    for least in (-rows[:, 4], rows[:, 6]):
+        first = np.ones(len(order), bool)
+        first[1:] = keys[order[1:]] != keys[order[:-1]]
+        if first.all():
+            break
+        own = least[order]
+        lowest = np.minimum.reduceat(own, np.flatnonzero(first))
+        order = order[own == lowest[np.cumsum(first) - 1]]
+    return keys[order], rows[order]
 
 
 class MapKeeper:
