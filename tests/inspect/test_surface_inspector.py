@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from roller_emvs.patch import Patch
+from roller_inspect import surface_inspector
 from roller_inspect.findings.cues import height_cue
 from roller_inspect.findings.dense_edges import usual_density
 from roller_inspect.findings.finder_settings import FindingSettings
@@ -193,6 +195,27 @@ def test_a_pass_beside_one_that_is_given_up_takes_nothing_of_it() -> None:
     for side in (found.height_map.y_m < 3.5e-3, found.height_map.y_m > 4.5e-3):
         inner = side & (np.abs(found.height_map.y_m - 0.004) < 7e-3)
         assert found.height_map.known[inner].mean() > 0.9
+
+
+@pytest.mark.parametrize("away_m", [0.0, 3.0])
+def test_what_is_searched_at_once_never_spans_the_scan(
+    away_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A dent that the scan begins on stays open; or it goes on metres away."""
+    searched, search = [], surface_inspector.search
+
+    def watched(height_map: HeightMap, *given: Any) -> Any:
+        searched.append(height_map.height_m.size)
+        return search(height_map, *given)
+
+    monkeypatch.setattr(surface_inspector, "search", watched)
+    part = dent((0.0, 0.0), 2e-3, -3e-4)
+    patches = scan(part, length_m=0.2, width_m=0.008)
+    patches += scan(flat, length_m=0.05, width_m=0.008, start=(0.2 + away_m, 0.0))
+    found = inspect(patches, height_map={"max_cells": 40_000})
+    (one,) = (f for f in found.findings if abs(f.depth_m) > 1e-4)
+    assert one.center_m[0] < 2e-3
+    assert max(searched) < 120_000
 
 
 def test_a_finding_is_provisional_until_the_scan_has_passed_it_and_keeps_its_number() -> None:

@@ -105,20 +105,21 @@ class SurfaceInspector:
         if len(self._passed) < (_STRIPS_AT_ONCE if self._looked else _FIRST_STRIPS):
             return []
         self._looked = True
-        pieces = self._look(self._mapped())
+        pieces = self._look_at(self._mapped())
         if (
             sum(strip.height_m.size for strip in self._strips.values())
             > self.settings.height_map.max_cells
         ):
-            self._conclude(self._cut())
+            for run in _runs(self._cut()):
+                self._conclude(run)
         return pieces
 
     def finish(self) -> Found:
         """The scan is over: everything, final."""
         self._passed += self._mapper.finish()
-        last = self._look(self._mapped(), ended=True) if self._passed else []
-        if self._strips:
-            self._conclude(sorted(self._strips))
+        last = self._look_at(self._mapped(), ended=True)
+        for run in _runs(self._strips):
+            self._conclude(run)
         trimmed = deviation = None
         coverage = Coverage()
         if (whole := self._whole.piece) is not None:
@@ -158,7 +159,11 @@ class SurfaceInspector:
                 self._faults.setdefault(str(error))
             return None
 
-    def _look(self, strips: list[int], ended: bool = False) -> list[Piece]:
+    def _look_at(self, strips: list[int], ended: bool = False) -> list[Piece]:
+        """`_look`, where they lie together."""
+        return [piece for run in _runs(strips) for piece in self._look(run, ended)]
+
+    def _look(self, strips: list[int], ended: bool) -> list[Piece]:
         """Findings around new strips: provisional near them, final behind.
 
         Of a scan that has ended they come with the whole: here is only where they are.
@@ -235,9 +240,13 @@ class SurfaceInspector:
         """Strips to conclude: all but what the newest findings may still need."""
         order = list(self._strips)
         # The scan may have come back to strips, and be in the middle of them.
-        keep = set(order[-4:]) | self._mapper.under_way
+        newest = set(order[-4:]) | self._mapper.under_way
+        low, high = min(newest) - _MOST_OPEN, max(newest) + _MOST_OPEN
+        keep = set(newest)
         for first, last in (self._reach(f) for f in self.findings if not f.final):
-            keep |= set(range(first, last + 1))
+            # What lies where the scan began stays open: nothing is to come there.
+            if last >= low and first <= high:
+                keep |= set(range(first, last + 1))
         done = [k for k in order if k not in keep]
         return done or order[:-1]
 
@@ -246,7 +255,8 @@ class SurfaceInspector:
         whole = join([self._strips[k] for k in strips])
         # What lies on the border is seen whole together with the strips beside it.
         beside = {k + d for k in strips for d in (-1, 1) if k + d in self._strips}
-        parts = self._before | {k: self._strips[k] for k in [*sorted(beside), *strips]}
+        before = {k: m for k, m in self._before.items() if {k - 1, k + 1} & set(strips)}
+        parts = before | {k: self._strips[k] for k in [*sorted(beside), *strips]}
         window = join(list(parts.values()))
         masked = np.zeros(window.shape, bool)
         for k in parts.keys() & self._masks.keys():
@@ -276,6 +286,17 @@ class SurfaceInspector:
         if self._on_piece is not None:
             self._on_piece(piece)
         self._whole.add(piece)
+
+
+def _runs(strips: Iterable[int]) -> list[list[int]]:
+    """Strips that lie together, in order: a map of all would span what lies between, too."""
+    runs: list[list[int]] = []
+    for k in sorted(strips):
+        if runs and k - runs[-1][-1] <= _MOST_OPEN:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    return runs
 
 
 def _inside(findings: Iterable[Finding], window: HeightMap, margin_m: float = 0.0) -> list[Finding]:
