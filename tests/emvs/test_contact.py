@@ -90,7 +90,8 @@ def test_events_that_could_not_wait_are_no_contact_lost(
 @pytest.mark.parametrize("on_purpose", [True, False])
 def test_events_that_are_missing_are_no_contact_lost(texture: EventArray, on_purpose: bool) -> None:
     """Packets are left out to keep up, or never came; the window after them is whole."""
-    engine = DepthPipeline(DepthSettings.create({"window.travel_m": 0.015985}), CAMERA, poses(1.0))
+    settings = DepthSettings.create({"window.travel_m": 0.015985, "window.overlap": 0.0})
+    engine = DepthPipeline(settings, CAMERA, poses(1.0))
     begin, end = np.searchsorted(texture.t_ns, [120 * MS, 159.8 * MS])
     engine.add_events(texture[:begin])
     if on_purpose:

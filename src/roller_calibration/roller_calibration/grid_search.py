@@ -38,7 +38,7 @@ def window_settings(settings: DepthSettings) -> DepthSettings:
     """Settings by which windows are cut for a calibration."""
     if settings.method != "focus":
         return settings
-    overlap = max(settings.window.overlap, _FOCUS_OVERLAP)
+    overlap = max(settings.window_overlap, _FOCUS_OVERLAP)
     return settings.changed({"window.overlap": overlap})
 
 

@@ -24,6 +24,11 @@ METHODS: tuple[Method, ...] = ("focus", "bma", "left_right", "emvs")
 REPLAY_METHODS: tuple[Method, ...] = (*METHODS, "surface")
 
 
+#: What lies at a window's border is seen through half of the aperture: so much of a window by
+#: travel comes again in the next one.
+TRAVEL_OVERLAP = 0.25
+
+
 class WindowSettings(Settings):
     """How the stream of events is cut into windows, of which each gives a depth map."""
 
@@ -37,7 +42,11 @@ class WindowSettings(Settings):
         0.020, ge=0.0005, le=0.1, description="Length in travel of the sensor, m."
     )
     overlap: float = Field(
-        0.0, ge=0.0, le=0.9, description="Share of a window that the next one repeats."
+        -1.0,
+        ge=-1.0,
+        le=0.9,
+        description="Share of a window that the next one repeats; below 0: a quarter of windows by "
+        "travel, nothing of those by time.",
     )
 
 
@@ -65,6 +74,13 @@ class DepthSettings(MethodSettings):
         if self.window.rule == "auto":
             return "travel" if self.method == "focus" else "time"
         return self.window.rule
+
+    @property
+    def window_overlap(self) -> float:
+        """The overlap in force."""
+        if self.window.overlap < 0:
+            return TRAVEL_OVERLAP if self.window_rule == "travel" else 0.0
+        return self.window.overlap
 
     @property
     def drift_text(self) -> str:

@@ -104,9 +104,9 @@ class DepthPipeline(DepthEngine[WindowCutter]):
     def windows(self, flush: bool = False) -> Iterator[Window | RefusedWindow]:
         """Windows that are complete, in order, without their depth; see `results`."""
         while (window := self._cutter.cut(flush)) is not None:
-            self._counts.events += (
-                window.events if isinstance(window, RefusedWindow) else len(window.events)
-            )
+            given = window.events
+            events = given if isinstance(given, int) else len(given)
+            self._counts.events += events - self._cutter.repeated
             yield window
         self._counts.left_out_windows = self._cutter.left_out
 

@@ -70,6 +70,9 @@ class WindowCutter(EventCutter):
         # What the end by travel was last looked for with, and what was found.
         self._travel_of = (0, 0)
         self._travel: tuple[int | None, int, float, str] = (None, 0, 0.0, "")
+        #: Of the last window's events, those that the one before had too.
+        self.repeated = 0
+        self._taken_to_ns = -(2**62)
         #: Windows without all of their events, because there was no keeping up.
         self.left_out = 0
 
@@ -145,7 +148,7 @@ class WindowCutter(EventCutter):
             return (last, last, "") if flush and last > start else None
         if s.window_rule == "time":
             end = start + self._length_ns()
-            following = start + round(self._length_ns() * (1 - s.window.overlap))
+            following = start + round(self._length_ns() * (1 - s.window_overlap))
             share = (last - start) / self._length_ns()
             reason = ""
         else:
@@ -184,8 +187,8 @@ class WindowCutter(EventCutter):
         end = self._reach(start, times, away, s.window.travel_m)
         if end is not None and end <= limit:
             following = end
-            if s.window.overlap:
-                step = s.window.travel_m * (1 - s.window.overlap)
+            if s.window_overlap:
+                step = s.window.travel_m * (1 - s.window_overlap)
                 following = self._reach(start, times, away, step) or end
             return end, following, 1.0, ""
         if self._track.end_ns >= limit:
@@ -216,6 +219,14 @@ class WindowCutter(EventCutter):
         """Take the window's events and forget all before the window that follows."""
         self._queue.drop_before(start)
         taken = self._queue.first(self._queue.count_before(end))
-        self._start_ns = following if following < 2**62 else None
-        self._queue.drop_before(following)
-        return Window(start, end, self._placed(taken, start, end))
+        if following < 2**62:
+            self._start_ns = following
+            self._queue.drop_before(following)
+        else:
+            self._start_ns = None
+            self._queue.drop_before(end)
+            self._drop_unplaced()
+        events = self._placed(taken, start, end)
+        self.repeated = int(np.searchsorted(events.t_ns, self._taken_to_ns))
+        self._taken_to_ns = end if self._start_ns is not None else -(2**62)
+        return Window(start, end, events)

@@ -59,8 +59,10 @@ _TOP_CELL_M = 1e-4
 def measure_depth(case: Case, scan: Scan) -> list[Row]:
     """Errors and times of a method's depth maps, or rows, while an object crosses the image."""
     settings = case.depth
-    events = events_for(settings, scan)
     surface = isinstance(settings, SurfaceSettings)
+    if not surface:  # each window by itself
+        settings = settings.changed({"window.overlap": 0.0})
+    events = events_for(settings, scan)
     tally: Any = SurfaceTally(scan.truth) if surface else TruthTally(scan.truth)
     spent: list[float] = []
     whole_ms = whole_cpu_ms = 0.0
