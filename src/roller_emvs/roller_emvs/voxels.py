@@ -66,9 +66,12 @@ class VoxelMap:
         if self._origin is None:
             if not good.any():
                 return len(points)
-            # In the middle of a layer: the surface around it stays in one.
-            half = self.axes[:, 2] * (0.5 * self._edges_m[2])
-            self._origin = np.asarray(np.median(points[good], axis=0) - half, np.float64)
+            # In the middle of a layer: the surface around it stays in one. On a grid, so that
+            # where voxels begin doesn't hang on single points.
+            edge_m = self._edges_m[0]
+            corner = np.rint(np.median(points[good], axis=0) @ self.axes / edge_m) * edge_m
+            corner[2] -= 0.5 * self._edges_m[2]
+            self._origin = np.asarray(self.axes @ corner, np.float64)
         local = points[good] - self._origin
         cells = np.floor(local @ self.axes / self._edges_m).astype(np.int64)
         sure = confidence[good]
