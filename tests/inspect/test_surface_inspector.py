@@ -218,6 +218,18 @@ def test_what_is_searched_at_once_never_spans_the_scan(
     assert max(searched) < 120_000
 
 
+def test_parts_with_a_gap_between_are_compared_as_one() -> None:
+    """A step over a gap of 50 mm shows, as long as the whole fits into memory."""
+    patches = scan(flat, length_m=0.06, width_m=0.008)
+    patches += scan(lambda x, y: flat(x, y) + 4e-4, length_m=0.03, width_m=0.008, start=(0.11, 0.0))
+    found = inspect(patches)
+    assert found.deviation_m is not None
+    x = np.broadcast_to(found.height_map.x_m, found.deviation_m.shape)
+    far = found.deviation_m[(x > 0.115) & np.isfinite(found.deviation_m)]
+    assert np.abs(found.deviation_m[(x < 0.055) & np.isfinite(found.deviation_m)]).mean() < 1e-4
+    assert np.abs(far).mean() > 5e-5
+
+
 def test_a_finding_is_provisional_until_the_scan_has_passed_it_and_keeps_its_number() -> None:
     patches = scan(dent((0.0235, 0.0), 1.5e-3, 3e-4), length_m=0.09)
     inspector = SurfaceInspector(InspectionSettings.create({}), NominalReference("plane"))

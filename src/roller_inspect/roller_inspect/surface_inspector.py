@@ -18,7 +18,7 @@ from .findings.finder_settings import FindingSettings
 from .findings.finding import Finding
 from .height_map.coverage import Coverage, coverage_of
 from .height_map.height_map import OUTSIDE, Bools, HeightMap
-from .height_map.join import join, window_of, without_run_in
+from .height_map.join import join, join_size, window_of, without_run_in
 from .height_map.map_settings import HeightMapSettings
 from .height_map.mapper import HeightMapper
 from .pieces import Found, Piece, Whole, part_of, within
@@ -110,7 +110,7 @@ class SurfaceInspector:
             sum(strip.height_m.size for strip in self._strips.values())
             > self.settings.height_map.max_cells
         ):
-            for run in _runs(self._cut()):
+            for run in self._together(self._cut()):
                 self._conclude(run)
         return pieces
 
@@ -118,7 +118,7 @@ class SurfaceInspector:
         """The scan is over: everything, final."""
         self._passed += self._mapper.finish()
         last = self._look_at(self._mapped(), ended=True)
-        for run in _runs(self._strips):
+        for run in self._together(self._strips):
             self._conclude(run)
         trimmed = deviation = None
         coverage = Coverage()
@@ -161,7 +161,7 @@ class SurfaceInspector:
 
     def _look_at(self, strips: list[int], ended: bool = False) -> list[Piece]:
         """`_look`, where they lie together."""
-        return [piece for run in _runs(strips) for piece in self._look(run, ended)]
+        return [piece for run in self._together(strips) for piece in self._look(run, ended)]
 
     def _look(self, strips: list[int], ended: bool) -> list[Piece]:
         """Findings around new strips: provisional near them, final behind.
@@ -250,6 +250,19 @@ class SurfaceInspector:
         done = [k for k in order if k not in keep]
         return done or order[:-1]
 
+    def _together(self, strips: Iterable[int]) -> list[list[int]]:
+        """Strips in order, to be compared as one; far from each other, where they lie together.
+
+        A map of all would span what lies between.
+        """
+        strips = sorted(strips)
+        if not strips:
+            return []
+        most = self.settings.height_map.max_cells
+        if join_size([self._strips[k] for k in strips]) <= most:
+            return [strips]
+        return _runs(strips)
+
     def _conclude(self, strips: list[int]) -> None:
         """Inspect strips as a whole and give them up."""
         whole = join([self._strips[k] for k in strips])
@@ -289,9 +302,9 @@ class SurfaceInspector:
 
 
 def _runs(strips: Iterable[int]) -> list[list[int]]:
-    """Strips that lie together, in order: a map of all would span what lies between, too."""
+    """Strips that lie together, of some in order."""
     runs: list[list[int]] = []
-    for k in sorted(strips):
+    for k in strips:
         if runs and k - runs[-1][-1] <= _MOST_OPEN:
             runs[-1].append(k)
         else:
