@@ -43,17 +43,17 @@ def _move(row, column, offset, sigma, blurred, peak, floor, moved, unsure):  # t
 
 
 @njit(cache=True, nogil=True)
-def _replace(  # type: ignore[no-untyped-def]
-    row, column, tilt, sigma, steps, reach, number, point_sigma, sure, least, taken, line, to_row,
+def _surer(  # type: ignore[no-untyped-def]
+    row, column, tilt, sigma, steps, reach, number, point_sigma, sure, least, line, to_row,
     to_column, beside, most,
 ):  # fmt: skip
-    """Lines that take the place of the points beside them, as they are surer.
+    """Places of lines that are surer than the points beside them.
 
-    A line lies on `steps` rows and takes the points within `reach` columns, of which one must be
-    there; of two that share a place the surer one counts. `number` is the point at each pixel, -1
-    for none, `sure` the points' confidence; `least`, of pixels, must be infinite, `taken` 0, which
-    says what points go. Returns how many places there are; of each: the line, its row and column,
-    the point of the least sigma, and the most confidence.
+    A line lies on `steps` rows; points within `reach` columns are beside it, and one must be there;
+    of two lines beside each other the surer one counts. `number` is the point at each pixel, -1 for
+    none, `sure` the points' confidence; `least`, of pixels, must be infinite. Returns how many
+    places there are; of each: the line, its row and column, the point of the least sigma, and the
+    most confidence.
     """
     height, width = number.shape
     for step in range(steps):
@@ -82,8 +82,6 @@ def _replace(  # type: ignore[no-untyped-def]
                     if surest < 0 or point_sigma[point] < point_sigma[surest]:
                         surest = point
             if surest >= 0 and sigma[k] < point_sigma[surest] and lowest >= sigma[k]:
-                for j in range(near - reach, near + reach + 1):
-                    taken[i, j] = 1
                 line[n] = k
                 to_row[n] = i
                 to_column[n] = at

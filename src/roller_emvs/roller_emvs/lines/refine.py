@@ -1,4 +1,4 @@
-"""Points that lie on lines take the lines' place, height and uncertainty."""
+"""Points follow the lines around them; lines that are surer become points themselves."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def refine(
     blind_m: float,
     threads: int,
 ) -> tuple[Relief, LinePoints]:
-    """Fit lines to the events, and put them in the place of the points that they are surer than.
+    """Fit lines to the events, move points by them, and add the lines that are surer than points.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def refine(
     Returns
     -------
     Relief
-        Its `column` may lie between pixels; no place that had a point is without one.
+        Its `column` may lie between pixels. All points of `found` come first, in their order.
     LinePoints
         All lines.
     """
@@ -152,7 +152,7 @@ def refine(
     found = _moved(found, every, offset, sigma, abs(field.offset_per_m))
     # Where light travels, the points around know of both polarities what a line knows of one.
     alone = sigma / max(1.0 - light.share, 1e-9)
-    merged = _merge(found, every, offset, alone, tilt)
+    merged = _with_lines(found, every, offset, alone, tilt)
     merged = _unsure(merged, unknown * abs(field.offset_per_m))
     shared = np.concatenate(unsure) * abs(field.offset_per_m)
     return _less_sure(merged, every, shared) if shared.any() else merged, every
@@ -236,36 +236,33 @@ def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: flo
     return replace(found, offset=moved, sigma=unsure)
 
 
-def _merge(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64) -> Relief:
-    """Lines in the place of the points of their rows that are less sure.
+def _with_lines(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64) -> Relief:
+    """Points, and lines that are surer than those beside them.
 
-    A line's height is the mean of both by what each is sure of.
+    A line's height is the mean of both by what each is sure of. The points beside it stay: they
+    have been moved by it, err hardly more, and without them edges would be thinner.
     """
     shape, room = found.surfaces[0].shape, ROW_STEP * len(offset)
-    point, taken = np.full(shape, -1, np.int32), np.zeros(shape, np.uint8)
+    point = np.full(shape, -1, np.int32)
     point[found.row, found.column] = np.arange(len(found.row), dtype=np.int32)
     line, row, other = (np.empty(room, np.int64) for _ in range(3))
     column, sure = np.empty(room), np.empty(room + 1, np.float32)
-    count = kernels._replace(
+    count = kernels._surer(
         lines.row.astype(np.int64), lines.column, tilt, sigma, ROW_STEP, _SAME_PX, point,
-        found.sigma, found.confidence, np.full(shape, np.inf), taken, line, row, column, other,
-        sure,
+        found.sigma, found.confidence, np.full(shape, np.inf), line, row, column, other, sure,
     )  # fmt: skip
     line, row, column, other = line[:count], row[:count], column[:count], other[:count]
-    stays = taken[found.row, found.column] == 0
     own, best = sigma[line], found.sigma[other].astype(np.float64)
     both = _ALIKE * own * best
     share = np.minimum((best**2 - both) / (own**2 + best**2 - 2 * both), 1.0)
     left = (share * own) ** 2 + ((1 - share) * best) ** 2 + 2 * share * (1 - share) * both
     height = share * offset[line] + (1 - share) * found.offset[other]
-    return Relief(
-        np.concatenate([found.row[stays], row]),
-        np.concatenate([found.column[stays], column]),
-        np.concatenate([found.offset[stays], height]),
-        np.concatenate([found.confidence[stays], sure[:count]]),
-        np.concatenate([found.sigma[stays], np.sqrt(left)]).astype(np.float32),
-        np.concatenate([found.agreed[stays], np.ones(count)]).astype(np.float32),
-        found.surfaces,
-        found.changes,
-        found.side,
+    return replace(
+        found,
+        row=np.concatenate([found.row, row]),
+        column=np.concatenate([found.column, column]),
+        offset=np.concatenate([found.offset, height]),
+        confidence=np.concatenate([found.confidence, sure[:count]]),
+        sigma=np.concatenate([found.sigma, np.sqrt(left)]).astype(np.float32),
+        agreed=np.concatenate([found.agreed, np.ones(count)]).astype(np.float32),
     )
