@@ -100,12 +100,12 @@ def test_speeds_that_make_no_sense_are_refused() -> None:
 
 
 def surface_m(values: dict[str, object]) -> F64:
-    """Points of `surface` on a tilted plane that is rolled over at 0.3 m/s."""
+    """Heights of `surface` on a tilted plane that is rolled over at 0.3 m/s."""
     settings = SurfaceSettings.create({"min_aperture_m": 0.013, "threads": 1, "edge_drift": values})
     sweep = SurfaceSweep(settings, CAMERA, track_of(rolling(0.3), 0.12))
     sweep.add_events(tilted_scan(0.12))
     found = [f for f in sweep.results(flush=True) if isinstance(f, SurfacePatch)]
-    return np.concatenate([patch.points for patch in found])
+    return np.concatenate([patch.points[:, 2] for patch in found])
 
 
 def depth_m(values: dict[str, object]) -> F64:

@@ -26,7 +26,7 @@ REPLAY_METHODS: tuple[Method, ...] = (*METHODS, "surface")
 
 #: What lies at a window's border is seen through half of the aperture: so much of a window by
 #: travel comes again in the next one.
-TRAVEL_OVERLAP = 0.25
+TRAVEL_OVERLAP = 0.4
 
 
 class WindowSettings(Settings):
@@ -39,14 +39,14 @@ class WindowSettings(Settings):
     )
     time_s: float = Field(0.02, ge=0.0005, le=10.0, description="Length in time, s.")
     travel_m: float = Field(
-        0.020, ge=0.0005, le=0.1, description="Length in travel of the sensor, m."
+        0.028, ge=0.0005, le=0.1, description="Length in travel of the sensor, m."
     )
     overlap: float = Field(
         -1.0,
         ge=-1.0,
         le=0.9,
-        description="Share of a window that the next one repeats; below 0: a quarter of windows by "
-        "travel, nothing of those by time.",
+        description="Share of a window that the next one repeats; below 0: two fifths of windows "
+        "by travel, nothing of those by time.",
     )
 
 

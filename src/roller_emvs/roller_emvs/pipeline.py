@@ -169,7 +169,9 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         """Depth, confidence and sigma in the middle view."""
         s, camera, packets, target = self.settings, self.camera, prepared.packets, prepared.target
         if s.method == "focus":
-            return focus.focus_depth(packets, camera, target, s, watch)
+            late = self._cutter.dead_time
+            blind_m = late.blind_m if late else 0.0
+            return focus.focus_depth(packets, camera, target, s, watch, blind_m)
         depth, sure = paper.window_depth(packets, camera, prepared.poses, target, s, watch)
         per_px = (1 / s.depth_min_m - 1 / s.depth_max_m) / prepared.parallax_px
         return depth, sure, np.float32(_PAPER_ERROR_PX * per_px) * depth**2

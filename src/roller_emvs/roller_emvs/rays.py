@@ -12,7 +12,7 @@ ray is four numbers and a plane one, whatever the motion: the two-step homograph
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +46,11 @@ class Packets:
     starts: I64
     #: Camera in base at each packet's median event. Shape (k, 4, 4).
     poses: F64
+
+    def sample(self, every: int) -> Packets:
+        """Every n-th event, at the pose of its packet."""
+        events = self.events[np.arange(0, len(self.events), every)]
+        return replace(self, events=events, starts=-(-self.starts // every))
 
 
 @dataclass(frozen=True)

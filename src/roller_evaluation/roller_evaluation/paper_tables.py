@@ -41,7 +41,7 @@ LIGHT_NOTE = (
     "(threshold 0.25, 4 kHz, 0.5 ms of refractory time). The ring is the one that the methods' "
     "constants were tuned in."
 )
-_WINDOWS = {"surface": "a block of rows", "focus": "20 mm of travel"}
+_WINDOWS = {"surface": "a block of rows", "focus": "24.5 mm of travel"}
 
 
 def tables(rows: Sequence[Row], options: EvaluationOptions) -> dict[str, Table]:

@@ -25,8 +25,8 @@ from roller_sim.truth import Truth
 
 from .cases import ScanCase
 
-#: Travel over an object whose windows are compared: just over two windows of 12 mm, four of 6 mm
-#: or one of 20 mm, so that no rule leaves half a window over.
+#: Travel over an object whose windows are compared: just over two windows of 12 mm, four of 6 mm,
+#: or most of one of 28 mm, so that no rule leaves half a window over.
 CROSSING_M = 0.0245
 
 

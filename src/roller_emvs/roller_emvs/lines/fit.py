@@ -35,7 +35,9 @@ _LEAST_SHARE, _NEARBY_PX = 0.4, 3
 #: Spread of the count of events that the place of a line is taken from, px.
 _BLUR_PX = 0.8, 2.0
 #: Events, a variance of the rays' slopes dx/dz and a largest correction, m, for a line to be one.
-_LEAST_EVENTS, _LEAST_VARIANCE, _MOST_M = 30.0, 0.012, 5e-4
+_LEAST_EVENTS, LEAST_VARIANCE, _MOST_M = 30.0, 0.012, 5e-4
+#: Least width of the band in which a line's events lie, one deviation, px: pixels are no smaller.
+_LEAST_BAND_PX = 0.05
 #: A line further than this from the median of its contour is none, m; the contour's half length
 #: and half width, px.
 _VOTE_M, _CONTOUR_PX = 1.2e-4, (6, 1.5)
@@ -134,9 +136,10 @@ def fit_lines(
         keep = (
             np.isfinite(at)
             & (events >= _LEAST_EVENTS)
-            & (spread * slope_scale**2 >= _LEAST_VARIANCE)
+            & (spread * slope_scale**2 >= LEAST_VARIANCE)
             & (steps <= _MOST_M)
         )
+    robust = np.maximum(robust, _LEAST_BAND_PX**2)
     variance = (robust / INDEPENDENT)[:, None] * np.stack([v_x, -v_xd, v_d], axis=1)
     # What lies beyond the window isn't seen, nor how wide such a band is.
     band = np.minimum(np.sqrt(robust), _WINDOW_PX[0] / 2)

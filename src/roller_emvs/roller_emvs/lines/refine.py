@@ -38,6 +38,9 @@ _WAKES = 0.15
 #: Drift of lines, where light travels and nothing is calibrated, and what of it a neighbourhood of
 #: both polarities errs by, m. Tuned on the virtual cell.
 _UNKNOWN_DRIFT_M, _POINT_DRIFT_M = 1.3e-4, 8e-5
+#: Where light travels, what drift a line has hangs on its own polarity and wall, of which a
+#: calibration knows little: to the points around it is less sure by this share.
+_ONE_SIDED = 0.5
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,8 @@ def refine(
     light: TravellingLight,
     blind_m: float,
     threads: int,
+    *,
+    as_points: bool = True,
 ) -> tuple[Relief, LinePoints]:
     """Fit lines to the events, move points by them, and add the lines that are surer than points.
 
@@ -98,6 +103,9 @@ def refine(
         Travel of the sensor while pixels are blind after an event, m; 0 where that doesn't matter.
     threads : int
         Threads that share the work.
+    as_points : bool
+        Whether lines that are surer than the points beside them become points, where light stands
+        still.
 
     Returns
     -------
@@ -149,13 +157,15 @@ def refine(
     if not len(every.row):
         return _unsure(found, unknown * abs(field.offset_per_m)), every
     offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
-    found = _moved(found, every, offset, sigma, abs(field.offset_per_m))
-    # Where light travels, the points around know of both polarities what a line knows of one.
-    alone = sigma / max(1.0 - light.share, 1e-9)
-    merged = _with_lines(found, every, offset, alone, tilt)
-    merged = _unsure(merged, unknown * abs(field.offset_per_m))
+    told = sigma * (1.0 + _ONE_SIDED * light.share)
+    found = _moved(found, every, offset, told, abs(field.offset_per_m))
+    if as_points:
+        # Where light travels, points around know of both polarities what a line knows of one.
+        alone = sigma / max(1.0 - light.share, 1e-9)
+        found = _with_lines(found, every, offset, alone, tilt)
+    found = _unsure(found, unknown * abs(field.offset_per_m))
     shared = np.concatenate(unsure) * abs(field.offset_per_m)
-    return _less_sure(merged, every, shared) if shared.any() else merged, every
+    return _less_sure(found, every, shared) if shared.any() else found, every
 
 
 def _unsure(found: Relief, by: float) -> Relief:

@@ -7,21 +7,42 @@ inverse depth, and the peak is found between planes; see `evidence`.
 Of a window with many events, whose motion shifts the image along its rows or columns, each event
 votes once, in the image of its part of the aperture (`evidence.part_images`). Any other motion,
 and few events, go by their rays.
+
+Where few edges lie apart, and events saw them over most of a crossing, lines are fitted to these
+and points follow them, as in `surface`.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from roller_core.camera import Camera
 from roller_core.transforms import F64
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.evidence import Parts, Relief, find_depths, measured_pixels
+from roller_emvs.evidence import (
+    Depths,
+    EvidenceField,
+    Parts,
+    Relief,
+    find_depths,
+    measured_pixels,
+)
 from roller_emvs.evidence.part_images import find_depths_of_parts
+from roller_emvs.lines.edge_drift import TravellingLight
+from roller_emvs.lines.fit import LEAST_VARIANCE
+from roller_emvs.lines.refine import refine
 from roller_emvs.rays import F32, Packets
 from roller_emvs.stopwatch import Stopwatch
 
 from .window_field import WindowView
+
+#: Share of cells with a depth of either polarity from which on, as under a printed texture, lines
+#: tell nothing that neighbourhoods don't.
+_MOST_KNOWN = 0.5
+#: Events of a window that are enough for its lines: every second, third or fourth is taken of more.
+_ENOUGH, _MOST_LEFT_OUT = 75_000, 4
 
 
 def focus_depth(
@@ -30,6 +51,7 @@ def focus_depth(
     view: F64,
     settings: DepthSettings,
     watch: Stopwatch,
+    blind_m: float = 0.0,
 ) -> tuple[F32, F32, F32]:
     """Depth, confidence and sigma of one window in a reference view.
 
@@ -45,6 +67,8 @@ def focus_depth(
         Depth range, patch, threads and `focus`.
     watch : Stopwatch
         Takes the time by stage.
+    blind_m : float
+        Travel of the sensor while pixels are blind after an event, m; 0 where that doesn't matter.
 
     Returns
     -------
@@ -58,9 +82,9 @@ def focus_depth(
         )
         parts = seen.parts()
     if parts is None:
-        found = _by_rays(seen, s, watch)
+        found = _by_rays(seen, s, watch, blind_m)
     else:
-        found = _by_parts(seen, parts, s, watch)
+        found = _by_parts(seen, parts, s, watch, blind_m)
     depth = np.full((camera.height, camera.width), np.nan, np.float32)
     confidence, sigma = np.full_like(depth, np.nan), np.full_like(depth, np.nan)
     row, column = (found.column, found.row) if seen.turned else (found.row, found.column)
@@ -72,19 +96,53 @@ def focus_depth(
     return depth, confidence, sigma
 
 
-def _by_rays(seen: WindowView, s: DepthSettings, watch: Stopwatch) -> Relief:
+def _by_rays(seen: WindowView, s: DepthSettings, watch: Stopwatch, blind_m: float) -> Relief:
     with watch("rays"):
         field = seen.ray_field()
     with watch("votes"):
         depths = find_depths(field, -seen.half, seen.half, s.focus, threads=s.threads)
-    with watch("points"):
-        return measured_pixels(field, depths, s.focus, s.edge_drift, s.threads, surfaces=False)
+    return _points(seen, field, depths, s, watch, blind_m)
 
 
-def _by_parts(seen: WindowView, parts: Parts, s: DepthSettings, watch: Stopwatch) -> Relief:
+def _by_parts(
+    seen: WindowView, parts: Parts, s: DepthSettings, watch: Stopwatch, blind_m: float
+) -> Relief:
     with watch("rays"):
         field = seen.part_images(parts, s.threads)
     with watch("votes"):
         depths = find_depths_of_parts(field, -seen.half, seen.half, s.focus, s.threads)
+    return _points(seen, field, depths, s, watch, blind_m)
+
+
+def _points(
+    seen: WindowView,
+    field: EvidenceField,
+    depths: list[Depths],
+    s: DepthSettings,
+    watch: Stopwatch,
+    blind_m: float,
+) -> Relief:
+    """Measured pixels, moved by the lines around."""
+    with_lines = _lines_tell(field, depths)
     with watch("points"):
-        return measured_pixels(field, depths, s.focus, s.edge_drift, s.threads, surfaces=False)
+        found = measured_pixels(
+            field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines
+        )
+    if not with_lines:
+        return found
+    with watch("lines"):
+        every = min(1 + len(seen.packets.events) // _ENOUGH, _MOST_LEFT_OUT)
+        rays = replace(seen, packets=seen.packets.sample(every)).ray_field().of
+        columns, light = (0, field.shape[1]), TravellingLight()
+        found, _ = refine(
+            field, found, rays, columns, s.edge_drift, light, blind_m, s.threads, as_points=False
+        )
+    return found
+
+
+def _lines_tell(field: EvidenceField, depths: list[Depths]) -> bool:
+    """Whether lines can be fitted, and know more than the depths of neighbourhoods."""
+    spread = field.aperture * abs(field.ray_slope_scale)
+    known = np.isfinite([found.offset for found in depths])
+    both = known.all(axis=0).mean()
+    return bool(spread**2 / 12 >= LEAST_VARIANCE and known.any() and both < _MOST_KNOWN)

@@ -166,14 +166,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         with watch("points"):
             found = self._measured(field, depths)
 
-        def rays(polarity: int) -> F32:
-            return field.rays[field.bounds[polarity] : field.bounds[polarity + 1]]
-
         def across(row: F64, _offset: F64) -> F64:
             return np.asarray(row * strip.pixel_m + block.low_y_m, np.float64)
 
         with watch("lines"):
-            return self._refined(strip, block, field, depths, found, rays, across)
+            return self._refined(strip, block, field, depths, found, field.of, across)
 
     def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
         s, wanted = self.settings, self.on_lines is not None

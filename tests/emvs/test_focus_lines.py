@@ -1,0 +1,93 @@
+"""Points of `focus` follow lines where edges lie apart and were seen over most of a crossing."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.methods import focus
+from roller_emvs.methods.focus import focus_depth
+from roller_emvs.rays import Packets, make_packets, rays_in_view
+from roller_emvs.stopwatch import Stopwatch
+
+from .scenes import CAMERA, MS, events_of, lines, rolling, tilted_scan, track_of
+
+TABLE = CAMERA.undistortion_table()
+#: Edges, 0.4 mm apart, of which every second lies higher by this, m.
+STEP_M, PITCH_M = 8e-5, 4e-4
+
+
+def steps(x: np.ndarray) -> np.ndarray:
+    """Depth of lines on a plate, every second one raised."""
+    return 0.045 - STEP_M * (np.unique(x, return_inverse=True)[1].reshape(x.shape) % 2)
+
+
+def packets_of(duration_s: float, of_steps: bool = False) -> Packets:
+    events = tilted_scan(0.12)
+    if of_steps:
+        events = events_of(lines(steps, PITCH_M), rolling(0.3), 0.12)
+    track = track_of(rolling(0.3), 0.12)
+    return make_packets(events[events.t_ns < duration_s * 1e9], TABLE, track, 64)
+
+
+def depth_of(packets: Packets, at_s: float) -> tuple[np.ndarray, dict[str, float]]:
+    watch = Stopwatch()
+    view = track_of(rolling(0.3), 0.12).matrices([round(at_s * 1e9)])[0]
+    depth = focus_depth(packets, CAMERA, view, DepthSettings.create({"threads": 1}), watch)[0]
+    return depth, watch.milliseconds
+
+
+@given(every=st.integers(1, 7), size=st.integers(1, 90), most=st.integers(1, 600))
+def test_a_sample_holds_every_so_manyth_event_at_its_own_pose(
+    every: int, size: int, most: int
+) -> None:
+    events, track = tilted_scan(0.12)[:most], track_of(rolling(0.3), 0.12)
+    packets = make_packets(events, TABLE, track, size)
+    some, view = packets.sample(every), np.eye(4)
+    assert some.starts[-1] == len(some.events) == -(-len(events) // every)
+    of_all, of_some = (rays_in_view(p, CAMERA, view).rays for p in (packets, some))
+    np.testing.assert_array_equal(of_some, of_all[::every])
+
+
+def test_lines_tell_heights_apart_that_a_neighbourhood_levels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    packets, errors = packets_of(0.09, of_steps=True), {}
+    x = np.unique(lines(steps, PITCH_M)[:, 0])
+    for most in (0.5, 0.0):
+        monkeypatch.setattr(focus, "_MOST_KNOWN", most)
+        depth, spent = depth_of(packets, 0.045)
+        assert ("lines" in spent) == (most > 0)
+        row, column = np.nonzero(np.isfinite(depth))
+        found = depth[row, column].astype(np.float64)
+        place = (column - CAMERA.cx) / CAMERA.fx * found + 0.3 * 0.045
+        away = np.abs(x - place[:, None])
+        error = np.abs(found - (0.045 - STEP_M * (away.argmin(axis=1) % 2)))
+        # Where the edges were seen over their whole crossing.
+        errors[most] = error[(away.min(axis=1) < 4e-5) & (np.abs(column - CAMERA.cx) < 50)]
+    assert len(errors[0.5]) == len(errors[0.0]) > 500
+    assert np.mean(errors[0.5]) < 0.7 * np.mean(errors[0.0])
+
+
+def test_a_short_way_gives_no_lines() -> None:
+    assert "lines" in depth_of(packets_of(0.09), 0.045)[1]
+    assert "lines" not in depth_of(packets_of(0.03), 0.015)[1]
+
+
+def test_under_a_texture_neighbourhoods_tell_all() -> None:
+    rng = np.random.default_rng(5)
+    spots = np.stack(
+        [rng.uniform(-0.02, 0.045, 9000), rng.uniform(-0.0036, 0.0036, 9000), np.full(9000, 0.045)],
+        axis=1,
+    )
+    events = events_of(spots, rolling(0.3), 0.09)
+    events = events[events.t_ns < 90 * MS]
+    both = np.sort(np.concatenate([events.t_ns, events.t_ns]))
+    twice = events[np.repeat(np.arange(len(events)), 2)]
+    polarity = np.arange(len(both)) % 2
+    twice = type(events).from_arrays(twice.x, twice.y, twice.t_ns, polarity)
+    packets = make_packets(twice, TABLE, track_of(rolling(0.3), 0.12), 64)
+    depth, spent = depth_of(packets, 0.045)
+    assert np.isfinite(depth).sum() > 1000
+    assert "lines" not in spent
