@@ -7,6 +7,8 @@ from numba import njit
 
 #: Spread of samples, in cells², below which a slope is not taken from them alone.
 _STIFFNESS = 0.05
+#: The moments that hang on offsets.
+OF_OFFSET = (3, 7, 8)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -54,6 +56,24 @@ def _add_moments(offset, x, y, weight, row, column, moments):  # type: ignore[no
             moments[6, r, c] += w * b * b
             moments[7, r, c] += w * a * z
             moments[8, r, c] += w * b * z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_offsets(offset, x, y, weight, row, column, moments):  # type: ignore[no-untyped-def]
+    """Those of `_add_moments` that hang on offsets."""
+    real = moments.dtype.type
+    height, width = offset.shape
+    for i in range(height):
+        for j in range(width):
+            w = weight[i, j]
+            if w == 0:
+                continue
+            z = real(offset[i, j])
+            r = row[i, j]
+            c = column[i, j]
+            moments[3, r, c] += w * z
+            moments[7, r, c] += w * real(x[i, j]) * z
+            moments[8, r, c] += w * real(y[i, j]) * z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -11,6 +11,7 @@ from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _fit_kernels as kernels
+from .field import I32
 from .sweep import Depths
 
 #: Neighbourhood whose depths are taken to scatter alike, cells.
@@ -22,6 +23,19 @@ _GIVEN_BACK = 1.5
 
 
 @dataclass(frozen=True)
+class Moments:
+    """Of the depths around each cell by polarity; first axis."""
+
+    #: Weights of the depths, and rows and columns of the cells that their evidence lies in. Shapes
+    #: (polarities, rows, columns) and (polarities, 2, rows, columns).
+    weight: F32
+    place: I32
+    #: See `_fit_kernels._add_moments`, summed over neighbourhoods. Shape (polarities, 9, rows,
+    #: columns).
+    sums: F32
+
+
+@dataclass(frozen=True)
 class Fit:
     """Surface on cells, float32, shape (rows, columns); NaN where nothing is near."""
 
@@ -30,9 +44,18 @@ class Fit:
     #: Deviation of the depths around from it, more where a few carry the weight. Depths of
     #: neighbouring cells share their evidence, so their number doesn't make it less.
     scatter: F32
+    #: What it was made from.
+    moments: Moments
 
 
-def fit_planes(depths: list[Depths], sigma: float, resolution: float, threads: int = 1) -> Fit:
+def fit_planes(
+    depths: list[Depths],
+    sigma: float,
+    resolution: float,
+    threads: int = 1,
+    scattered: bool = True,
+    like: Fit | None = None,
+) -> Fit:
     """Surface by planes through the depths around each cell.
 
     A depth belongs to where its evidence lies, which on a wall is not the cell that it was
@@ -50,45 +73,64 @@ def fit_planes(depths: list[Depths], sigma: float, resolution: float, threads: i
         Deviation of a depth that scatters no more than its evidence can resolve, in offset.
     threads : int
         Threads that share the work.
+    scattered : bool
+        Whether `scatter` is wanted.
+    like : Fit, optional
+        Of depths that differ from these in nothing but their offsets: it has what hangs on their
+        places alone.
     """
     shape, real = depths[0].offset.shape, np.float32
     count, (rows, columns) = len(depths), np.ogrid[: shape[0], : shape[1]]
     # From the grid's middle, so that float32 tells squares of places apart.
     middle = real(shape[1] // 2), real(shape[0] // 2)
     values = [(own.offset, own.x - middle[0], own.y - middle[1]) for own in depths]
-    summed, trust = np.zeros((count, 9, *shape), real), np.empty((count, *shape), real)
-    weight, place = np.empty((count, *shape), real), np.empty((count, 2, *shape), np.int32)
+    trust = np.empty((count, *shape), real)
+    if like is None:
+        weight, place = np.empty((count, *shape), real), np.empty((count, 2, *shape), np.int32)
+        summed = np.zeros((count, 9, *shape), real)
+    else:
+        weight, place, summed = like.moments.weight, like.moments.place, like.moments.sums.copy()
+        summed[:, kernels.OF_OFFSET] = 0
 
     def judge(k: int) -> None:
         """Moments around each cell of a polarity, and the inverse of its variance there."""
-        found, (row, column) = depths[k], place[k]
-        kernels._weigh(found.offset, found.x, found.y, found.focus_measure, row, column, weight[k])
-        kernels._add_moments(*values[k], weight[k], row, column, summed[k])
-        for moment in summed[k]:
+        found, (row, column), own = depths[k], place[k], summed[k]
+        if like is None:
+            kernels._weigh(
+                found.offset, found.x, found.y, found.focus_measure, row, column, weight[k]
+            )
+            kernels._add_moments(*values[k], weight[k], row, column, own)
+        else:
+            kernels._add_offsets(*values[k], weight[k], row, column, own)
+        for moment in own if like is None else (own[n] for n in kernels.OF_OFFSET):
             cv2.GaussianBlur(moment, (0, 0), sigma, dst=moment)
         planes, alike = np.empty((5, *shape), real), np.ones(shape, real)
         sums = np.zeros((4, *shape), real)
-        kernels._solve(summed[k], planes)
+        kernels._solve(own, planes)
         kernels._add_residuals(*values[k], weight[k], row, column, alike, planes, sums)
         variance = _blur(sums[3], _ALIKE) / np.maximum(_blur(sums[0], _ALIKE), real(1e-12))
         np.divide(real(resolution**2), variance + real(resolution**2), out=trust[k])
-        summed[k] *= trust[k]
 
     share(threads, count, judge)
     planes, sums = np.empty((5, *shape), real), np.zeros((4, *shape), real)
-    kernels._solve(summed.sum(axis=0), planes)
-    for own, w, (row, column), t in zip(values, weight, place, trust, strict=True):
-        kernels._add_residuals(*own, w, row, column, t, planes, sums)
+    total = summed[0] * trust[0]
+    for own, by in zip(summed[1:], trust[1:], strict=True):
+        total += own * by
+    kernels._solve(total, planes)
+    for each, w, (row, column), t in zip(values, weight, place, trust, strict=True):
+        kernels._add_residuals(*each, w, row, column, t, planes, sums)
     x, y, z, slope_x, slope_y = planes
     # Height at the cell's own centre plus slope: linear, so enlarging keeps it.
     along, down = (columns - middle[0]).astype(real), (rows - middle[1]).astype(real)
     at_cell = z + slope_x * (along - x) + slope_y * (down - y)
+    scatter = np.empty((0, 0), real)
     with np.errstate(divide="ignore", invalid="ignore"):
         at_cell += real(_GIVEN_BACK) * _blur(sums[2], sigma) / _blur(sums[0], sigma)
-        total, by_square, _, squares = (_blur(s, _ALIKE) for s in sums)
-        # Deviation times the unevenness of weights, their root mean square over their mean.
-        scatter = np.sqrt(squares / total * by_square) / total
-    return Fit(at_cell, scatter)
+        if scattered:
+            weights, by_square, _, squares = (_blur(s, _ALIKE) for s in sums)
+            # Deviation times the unevenness of weights, their root mean square over their mean.
+            scatter = np.sqrt(squares / weights * by_square) / weights
+    return Fit(at_cell, scatter, Moments(weight, place, summed))
 
 
 def _blur(values: F32, sigma: float) -> F32:

@@ -148,13 +148,13 @@ def _measured(
     sides: bool,
 ) -> Relief:
     px_per_offset = max(field.aperture, 1e-12)
-    fit, slope = surface_slope(field, depths, threads)
+    fit, slope = surface_slope(field, depths, threads, not drift.calibrated)
     of_drift, side = np.zeros((1, 1)), np.zeros(field.cells, np.float32)
     if sides or drift.sided:
         side = wall_side(depths)
     if drift.calibrated:
         depths, of_drift = _without_drift(field, depths, slope, side, drift)
-        fit, _ = surface_slope(field, depths, threads)
+        fit = _fit(field, depths, threads, like=fit)
     nowhere = np.float32(np.nan)
     cells = [np.where(np.isfinite(found.offset), fit.offset, nowhere) for found in depths]
     scatter_px = fit.scatter * np.float32(px_per_offset)
@@ -210,12 +210,25 @@ def _nothing(field: EvidenceField) -> Relief:
     )
 
 
-def surface_slope(field: EvidenceField, depths: list[Depths], threads: int = 1) -> tuple[Fit, F64]:
-    """The surface through depths on cells, and its slope dh/dx along the roll."""
-    resolution = _RESOLUTION_PX / max(field.aperture, 1e-12)
-    fit = fit_planes(depths, _SLOPE_SIGMA_PX / CELL_PX, resolution, threads)
+def surface_slope(
+    field: EvidenceField, depths: list[Depths], threads: int = 1, scattered: bool = True
+) -> tuple[Fit, F64]:
+    """The surface through depths on cells, and its slope dh/dx along the roll; see `fit_planes`."""
+    fit = _fit(field, depths, threads, scattered)
     slope = np.nan_to_num(-np.gradient(fit.offset, axis=1) / CELL_PX) * field.slope_per_px
     return fit, np.asarray(slope, np.float64)
+
+
+def _fit(
+    field: EvidenceField,
+    depths: list[Depths],
+    threads: int,
+    scattered: bool = True,
+    like: Fit | None = None,
+) -> Fit:
+    """The surface through depths on cells."""
+    resolution = _RESOLUTION_PX / max(field.aperture, 1e-12)
+    return fit_planes(depths, _SLOPE_SIGMA_PX / CELL_PX, resolution, threads, scattered, like)
 
 
 def wall_side(depths: list[Depths]) -> F32:
@@ -234,15 +247,20 @@ def _without_drift(
     field: EvidenceField, depths: list[Depths], slope: F64, side: F32, drift: EdgeDriftSettings
 ) -> tuple[list[Depths], F64]:
     """Depths less the drift on the slope of the surface through them, and what may be left."""
+    known = np.logical_or.reduce([np.isfinite(own.offset) for own in depths])
     found, sigmas = [], []
     for polarity, own in enumerate(depths):
-        height, sigma = edge_drift(drift, polarity, slope, own.change, side, field.speed_m_s)
+        of_cells = slope[known], own.change[known], side[known]
+        height, sigma = edge_drift(drift, polarity, *of_cells, field.speed_m_s)
         # Heights count towards the camera, offsets away from it.
-        offset = own.offset + (height * field.offset_per_m).astype(np.float32)
+        offset = own.offset.copy()
+        offset[known] += (height * field.offset_per_m).astype(np.float32)
         found.append(replace(own, offset=offset))
         sigmas.append(sigma * abs(field.offset_per_m))
     # The surface is between those of both polarities, which err apart.
-    return found, np.asarray(0.5 * np.hypot(*sigmas), np.float64)
+    left = np.zeros(field.cells)
+    left[known] = 0.5 * np.hypot(*sigmas)
+    return found, left
 
 
 def _around(support: F32) -> F32:

@@ -8,20 +8,21 @@ import numpy.typing as npt
 
 from roller_emvs.rays import F32
 
-from ._kernels import CELL_PX
+from . import _point_kernels as kernels
 from .field import EvidenceField
 from .sweep import Depths
 
-#: What a neighbourhood's peak errs by where its depths agree, pixels of parallax: where a share of
-#: the cells around has depths of both polarities, and where hardly one has, as at a scan's ends.
-_PEAK_PX, _SOME_SEEN, _ALONE_PX, _ALONE = 0.5, 0.6, 1.0, 0.2
+#: What a neighbourhood's peak errs by where its depths agree: shares of the cells around that have
+#: depths of both polarities, hardly one, as at a scan's ends, and some; and what it errs by with
+#: either, pixels of parallax.
+_PEAK = 0.2, 0.6, 1.0, 0.5
 #: Where on a slope a point lies is known to this, px: events are of an edge, and a neighbourhood
 #: spans several.
 _PLACE_PX = 1.0
 #: Where this share of the cells around has depths of both polarities, as under a printed texture,
 #: points err by so many times what those scatter, and by this, pixels of parallax. Elsewhere what
 #: is around is of the same few edges, and errs alike.
-_ALL_SEEN, _SCATTERS, _LEAST_PX = 0.98, 2.0, 0.1
+_AGREED = 0.98, 2.0, 0.1
 #: Neighbourhood in which cells are around one, cells.
 _AROUND_CELLS = 3.0
 
@@ -55,10 +56,11 @@ def point_sigma(
     seen : ndarray of float32, shape (rows, columns)
         Share of the cells around that have a depth; see `seen_around`.
     """
-    i, j = row // CELL_PX, column // CELL_PX
-    peak_px = np.interp(seen, (_ALONE, _SOME_SEEN), (_ALONE_PX, _PEAK_PX))[i, j]
-    of_peak = np.hypot(scatter_px, peak_px) / _parallax(field)[j]
-    return np.hypot(of_peak, _PLACE_PX * _slope(fitted)[i, j]).astype(np.float32)
+    sigma = np.empty(len(row), np.float32)
+    kernels._own_sigma(
+        fitted, seen, _parallax(field), row, column, scatter_px, _PEAK, _PLACE_PX, sigma
+    )
+    return sigma
 
 
 def agreed_share(
@@ -86,18 +88,13 @@ def agreed_share(
     -------
     ndarray of float32, shape (n,)
     """
-    i, j = row // CELL_PX, column // CELL_PX
-    agreed = np.hypot(_SCATTERS * scatter_px, _LEAST_PX) / _parallax(field)[j]
-    agreed = np.hypot(agreed, _PLACE_PX * _slope(fitted)[i, j])
-    share = np.minimum(agreed / np.maximum(sigma, np.float32(1e-12)), 1.0)
-    return np.where(seen[i, j] >= _ALL_SEEN, share, 1.0).astype(np.float32)
+    share = np.empty(len(row), np.float32)
+    kernels._agreed(
+        fitted, seen, _parallax(field), row, column, scatter_px, _AGREED, _PLACE_PX, sigma, share
+    )
+    return share
 
 
 def _parallax(field: EvidenceField) -> F32:
     return np.maximum(field.apertures, np.float32(1e-12))
 
-
-def _slope(fitted: F32) -> F32:
-    """Slope by pixel; 0 where it isn't known."""
-    down, along = map(np.asarray, np.gradient(fitted))
-    return np.asarray(np.nan_to_num(np.hypot(down, along)) / CELL_PX, np.float32)
