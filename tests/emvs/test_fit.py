@@ -55,6 +55,11 @@ def test_kernels_are_their_plain_twins() -> None:
         np.add.at(expected, place, w * term)
         np.testing.assert_allclose(moment, expected, rtol=1e-6, atol=1e-9)
 
+    again = moments.copy()
+    again[list(kernels.OF_OFFSET)] = 0
+    kernels._add_offsets(z, x, y, weight, row, column, again)
+    np.testing.assert_array_equal(again, moments)
+
     planes, trust = rng.normal(0, 1, (5, *SHAPE)), rng.uniform(0.5, 2, SHAPE)
     sums = np.zeros((4, *SHAPE))
     kernels._add_residuals(z, x, y, weight, row, column, trust, planes, sums)
@@ -110,6 +115,20 @@ def test_the_polarity_that_scatters_counts_less() -> None:
     # The order of the polarities and the number of threads don't matter.
     again = fit_planes([on, off], SIGMA, 0.1, threads=2)
     np.testing.assert_allclose(fit.offset, again.offset, atol=1e-6)
+
+
+def test_a_fit_takes_what_hangs_on_places_alone_from_one_before() -> None:
+    rng = np.random.default_rng(5)
+    x, y = scattered(rng)
+    offsets = [rng.normal(0, 1, SHAPE) for _ in range(2)]
+    for offset in offsets:
+        offset[rng.random(SHAPE) < 0.5] = np.nan
+    first = fit_planes([depths_of(o, x, y) for o in offsets], SIGMA, 0.1, scattered=False)
+    assert not first.scatter.size
+    moved = [depths_of(o + 0.3 * x, x, y) for o in offsets]
+    fit, again = fit_planes(moved, SIGMA, 0.1), fit_planes(moved, SIGMA, 0.1, like=first)
+    np.testing.assert_array_equal(again.offset, fit.offset)
+    np.testing.assert_array_equal(again.scatter, fit.scatter)
 
 
 @pytest.mark.parametrize("deviation", [0.2, 1.0])

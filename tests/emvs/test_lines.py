@@ -19,7 +19,7 @@ from roller_emvs.lines.edge_drift import (
     edge_drift,
 )
 from roller_emvs.lines.fit import ROW_STEP, Lines, fit_lines
-from roller_emvs.lines.refine import LinePoints, _less_sure
+from roller_emvs.lines.refine import LinePoints, _around, _less_sure, _moved
 
 PIXEL_M = 4.2e-5
 SHAPE = (40, 60)
@@ -321,20 +321,32 @@ def points_and_lines(seed: int) -> tuple[np.random.Generator, dict[str, np.ndarr
     }
 
 
+def plainly_between(sums: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Values of the lines' grid at pixels, linear between cells."""
+    height, width, _ = sums.shape
+    y, x = row / places.GRID_PX, (column - (places.GRID_PX - 1) / 2) / places.GRID_PX
+    y, x = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
+    down = np.maximum(1 - np.abs(y[:, None] - np.arange(height)), 0)
+    along = np.maximum(1 - np.abs(x[:, None] - np.arange(width)), 0)
+    return np.einsum("ni,nj,ijv->vn", down, along, sums)
+
+
 def test_points_move_as_the_lines_around_say() -> None:
     rng, p = points_and_lines(11)
     row, column = p["line_row"], np.clip(np.rint(p["line_column"]).astype(int), 0, SHAPE[1] - 1)
     weight, move = p["line_sigma"] ** -2, rng.normal(0, 0.5, len(row))
-    sums, expected = np.zeros((2, 3, *SHAPE), np.float32)
-    places._add_lines(row, column, weight, move, sums)
-    for own, value in zip(expected, (weight, weight * move, weight * move**2), strict=True):
-        np.add.at(own, (row, column), value)
+    values = np.stack([weight, weight * move, weight * move**2])
+    size = places.GRID_PX
+    sums = np.zeros((SHAPE[0] // size, SHAPE[1] // size, 3), np.float32)
+    expected = np.zeros_like(sums)
+    places._add_lines(row, column, values, sums)
+    np.add.at(expected, (row // size, column // size), values.T)
     np.testing.assert_allclose(sums, expected, rtol=1e-5)
     n, peak, floor = len(p["row"]), 20.0, 0.04
     moved, unsure = np.empty(n), np.empty(n, np.float32)
     at = p["row"], p["column"]
     places._move(*at, p["offset"], p["sigma"], sums, peak, floor, moved, unsure)
-    total, by, square = sums[0][at], sums[1][at], sums[2][at]
+    total, by, square = plainly_between(sums.astype(np.float64), *at)
     some = np.maximum(total, 1e-30)
     by, apart = by / some, np.maximum(square / some - (by / some) ** 2, 0)
     own = 1 / np.maximum(total * peak, 1e-30) + floor
@@ -343,7 +355,38 @@ def test_points_move_as_the_lines_around_say() -> None:
     sigma = np.sqrt(left + np.sqrt(gain) * apart + ((1 - gain) * by) ** 2)
     np.testing.assert_allclose(moved, p["offset"] + gain * by, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(unsure, sigma, rtol=1e-3, atol=1e-3)
-    assert 50 < (total > 0).sum() < n
+
+
+def test_what_is_around_a_place_is_a_gaussian_of_the_lines() -> None:
+    """On a coarser grid, and yet the neighbourhood is no wider."""
+    shape, spread = (80, 96), 4.0
+    rows, columns = np.meshgrid([30.0], np.arange(40.0, 56.0), indexing="ij")
+    some = np.zeros(rows.size)
+    lines = LinePoints(rows.ravel(), columns.ravel(), *[some] * 9)
+    around = _around(lines, np.ones((2, rows.size)), shape)
+    i, j = (v.ravel() for v in np.meshgrid(np.arange(20, 40), np.arange(35, 60), indexing="ij"))
+    found = plainly_between(around.astype(np.float64), i, j)[0] / places.GRID_PX**2
+    apart = (i[:, None] - rows.ravel()) ** 2 + (j[:, None] - columns.ravel()) ** 2
+    expected = np.exp(-0.5 * apart / spread**2).sum(axis=1) / (2 * np.pi * spread**2)
+    np.testing.assert_allclose(found, expected, rtol=0.03, atol=0.01 * expected.max())
+
+
+def test_a_line_beside_the_surface_leaves_the_points_around_as_they_are() -> None:
+    """Where its polarity has no surface it says nothing of how far points are off."""
+    surface = np.full(SHAPE, np.nan, np.float32)
+    surface[:, :20] = 0.0
+    row, zero = np.array([10.0, 10.0]), np.zeros(2)
+    lines = LinePoints(row, np.array([10.0, 24.0]), zero, np.zeros(2, np.int64), *[zero] * 7)
+    alone = LinePoints(**{name: values[:1] for name, values in lines.__dict__.items()})
+    own = np.full(2, 1.0, np.float32)
+    place = np.array([10, 10]), np.array([10, 19])
+    found = Relief(*place, np.zeros(2), own, own, own, (surface, surface), (), surface)
+    offset, sigma = np.array([0.5, 0.7]), np.array([0.1, 0.1])
+    moved = _moved(found, lines, offset, sigma, 1.0)
+    expected = _moved(found, alone, offset[:1], sigma[:1], 1.0)
+    assert (moved.offset > 0.3).all()
+    np.testing.assert_array_equal(moved.offset, expected.offset)
+    np.testing.assert_array_equal(moved.sigma, expected.sigma)
 
 
 def test_lines_that_are_surer_than_the_points_beside_them_become_points() -> None:

@@ -61,6 +61,28 @@ def test_where_both_polarities_are_seen_all_around_what_they_scatter_tells() -> 
     assert sigmas_px(one, 0.05, 0.6)[1] > 0.6
 
 
+def test_loops_over_points_are_their_plain_twins() -> None:
+    rng = np.random.default_rng(8)
+    row, column = rng.integers(0, CELLS[0] * 4, 500), rng.integers(0, CELLS[1] * 4, 500)
+    fitted, scatter = rng.normal(0, 0.1, CELLS), rng.uniform(0, 2, 500)
+    fitted[rng.random(CELLS) < 0.1] = np.nan
+    seen = rng.random(CELLS)
+    seen[rng.random(CELLS) < 0.5] = 1.0
+    place = (fitted.astype(np.float32), row, column, scatter.astype(np.float32))
+    sigma = point_sigma(FIELD, *place, seen.astype(np.float32))
+    share = agreed_share(FIELD, *place, seen.astype(np.float32), sigma)
+    i, j = row // CELL_PX, column // CELL_PX
+    slope = np.nan_to_num(np.hypot(*np.gradient(fitted)))[i, j] / CELL_PX
+    peak = np.interp(seen[i, j], [0.2, 0.6], [1.0, 0.5])
+    np.testing.assert_allclose(
+        sigma, np.hypot(np.hypot(scatter, peak) / PARALLAX, slope), rtol=1e-5
+    )
+    agreed = np.hypot(np.hypot(2 * scatter, 0.1) / PARALLAX, slope)
+    expected = np.where(seen[i, j] >= 0.98, np.minimum(agreed / sigma, 1), 1)
+    np.testing.assert_allclose(share, expected, rtol=1e-5)
+    assert (share < 1).any() and (share == 1).any()
+
+
 def test_few_cells_that_lie_alone_are_less_sure() -> None:
     """Of a scan's ends: of a cell with no other around a depth is hardly worth its parallax."""
     alone = np.zeros(CELLS, bool)

@@ -6,40 +6,73 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
-def _add_lines(row, column, weight, move, sums):  # type: ignore[no-untyped-def]
-    """Weights of lines at their pixels, and those times what they move points by, and its square.
+#: Rows and columns, px, to a cell of the grid on which lines are added up, as what is around a place
+#: changes little from pixel to pixel.
+GRID_PX = 2
+#: Variance that this and what lies between cells add to a neighbourhood, along rows and across,
+#: cells².
+WIDER = 0.25, 0.125
 
-    `sums`, shape (3, rows, columns), is added to.
+
+@njit(cache=True, nogil=True)
+def _add_lines(row, column, values, sums):  # type: ignore[no-untyped-def]
+    """Values of lines, shape (values, n), by cell of their pixels.
+
+    `sums`, shape (rows, columns, values), is added to.
     """
     for k in range(len(row)):
-        i = row[k]
-        j = column[k]
-        sums[0, i, j] += weight[k]
-        sums[1, i, j] += weight[k] * move[k]
-        sums[2, i, j] += weight[k] * move[k] * move[k]
+        for v in range(len(values)):
+            sums[row[k] // GRID_PX, column[k] // GRID_PX, v] += values[v, k]
+
+
+@njit(cache=True, nogil=True)
+def _place(sums, row, column):  # type: ignore[no-untyped-def]
+    """Cells around a pixel, rows and columns, and the shares of the second of each."""
+    height, width, _ = sums.shape
+    # Lines lie on the first of a cell's rows, and on any of its columns.
+    y = min(row / GRID_PX, height - 1.0)
+    x = min(max((column - 0.5 * (GRID_PX - 1)) / GRID_PX, 0.0), width - 1.0)
+    i, j = int(y), int(x)
+    return i, min(i + 1, height - 1), j, min(j + 1, width - 1), y - i, x - j
+
+
+@njit(cache=True, nogil=True)
+def _between(sums, at, value):  # type: ignore[no-untyped-def]
+    """A value between cells; see `_place`."""
+    i, below, j, right, down, along = at
+    up = sums[i, j, value] + along * (sums[i, right, value] - sums[i, j, value])
+    low = sums[below, j, value] + along * (sums[below, right, value] - sums[below, j, value])
+    return up + down * (low - up)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _move(row, column, offset, sigma, blurred, peak, floor, moved, unsure):  # type: ignore[no-untyped-def]
     """Points moved by what the lines around say, as far as those are surer; and how sure they are.
 
-    `blurred` are the sums of `_add_lines` over a neighbourhood, `peak` the share of a line in its
-    middle, `floor` the least variance.
+    `blurred`, over a neighbourhood, are the lines' weights, those times what they move points by,
+    and times its square; `peak` is the share of a line in its middle, `floor` the least variance.
     """
     for n in range(len(row)):
-        i = row[n]
-        j = column[n]
-        total = np.float64(blurred[0, i, j])
+        at = _place(blurred, row[n], column[n])
+        total = _between(blurred, at, 0)
         some = max(total, 1e-30)
-        by = blurred[1, i, j] / some
-        apart = max(blurred[2, i, j] / some - by * by, 0.0)
+        by = _between(blurred, at, 1) / some
+        apart = max(_between(blurred, at, 2) / some - by * by, 0.0)
         own = 1.0 / max(total * peak, 1e-30) + floor
         before = np.float64(sigma[n]) ** 2
         gain = before / (before + own)
         left = min(before, max((1.0 - gain) * before, own))
         moved[n] = offset[n] + gain * by
         unsure[n] = np.sqrt(left + np.sqrt(gain) * apart + ((1.0 - gain) * by) ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_variance(row, column, blurred, sigma):  # type: ignore[no-untyped-def]
+    """Points less sure by the mean variance around them: `blurred` are how many, and their sum."""
+    for n in range(len(row)):
+        at = _place(blurred, row[n], column[n])
+        square = _between(blurred, at, 1) / max(_between(blurred, at, 0), 1e-9)
+        sigma[n] = np.sqrt(np.float64(sigma[n]) ** 2 + square)
 
 
 @njit(cache=True, nogil=True)

@@ -212,14 +212,10 @@ def _crossing(lines: Lines, field: EvidenceField) -> tuple[F64, F64]:
 
 def _less_sure(found: Relief, lines: LinePoints, sigma: F64) -> Relief:
     """Points as unsure as the lines around are for what both can't know."""
-    sums = np.zeros((2, *found.surfaces[0].shape), np.float32)
-    row, column = lines.row.astype(np.int64), np.rint(lines.column).astype(np.int64)
-    for each, own in zip(sums, (np.ones(len(row)), sigma**2), strict=True):
-        np.add.at(each, (row, column.clip(0, sums.shape[2] - 1)), own)
-        cv2.GaussianBlur(each, (0, 0), _SHARED_PX, dst=each)
-    at = found.row, np.rint(found.column).astype(np.int64).clip(0, sums.shape[2] - 1)
-    square = sums[1][at] / np.maximum(sums[0][at], np.float32(1e-9))
-    return replace(found, sigma=np.sqrt(found.sigma**2 + square))
+    around = _around(lines, np.stack([np.ones(len(sigma)), sigma**2]), found.surfaces[0].shape)
+    unsure = found.sigma.copy()
+    kernels._add_variance(found.row, found.column, around, unsure)
+    return replace(found, sigma=unsure)
 
 
 def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: float) -> Relief:
@@ -229,21 +225,35 @@ def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: flo
     different things, as at the foot and the top of a wall, points are as unsure as those differ.
     """
     shape = found.surfaces[0].shape
-    sums = np.zeros((3, *shape), np.float32)
-    row, column = lines.row.astype(np.int64), np.rint(lines.column).astype(np.int64)
-    column = column.clip(0, shape[1] - 1)
+    row, column = _pixels(lines, shape)
     before = np.stack([surface[row, column] for surface in found.surfaces])
-    before = before[lines.polarity, np.arange(len(row))]
-    kernels._add_lines(row, column, 1.0 / sigma**2, offset - before, sums)
-    for each in sums:
-        cv2.GaussianBlur(each, (0, 0), _SHARED_PX, dst=each)
+    move = offset - before[lines.polarity, np.arange(len(row))]
+    # A line may lie just beyond the surface that it was fitted from: it moves nothing.
+    known = np.isfinite(move)
+    move, weight = np.where(known, move, 0.0), np.where(known, 1.0 / sigma**2, 0.0)
+    around = _around(lines, np.stack([weight, weight * move, weight * move**2]), shape)
     # A line in the middle of the neighbourhood counts in full, with what height changes over it.
-    peak, floor = ROW_STEP * np.sqrt(2 * np.pi) * _SHARED_PX, (_CHANGES_M * per_m) ** 2
+    peak, floor = np.sqrt(2 * np.pi) * _SHARED_PX / kernels.GRID_PX, (_CHANGES_M * per_m) ** 2
     moved, unsure = np.empty(len(found.row)), np.empty(len(found.row), np.float32)
     kernels._move(
-        found.row, found.column, found.offset, found.sigma, sums, peak, floor, moved, unsure
+        found.row, found.column, found.offset, found.sigma, around, peak, floor, moved, unsure
     )
     return replace(found, offset=moved, sigma=unsure)
+
+
+def _pixels(lines: LinePoints, shape: tuple[int, ...]) -> tuple[I64, I64]:
+    """Rows and columns of the pixels that lines lie in."""
+    column = np.rint(lines.column).astype(np.int64).clip(0, shape[1] - 1)
+    return lines.row.astype(np.int64), column
+
+
+def _around(lines: LinePoints, values: F64, shape: tuple[int, ...]) -> F32:
+    """Values of lines, shape (values, n), over a neighbourhood, on a grid of `GRID_PX`."""
+    rows, columns = (-(-size // kernels.GRID_PX) for size in shape)
+    sums = np.zeros((rows, columns, len(values)), np.float32)
+    kernels._add_lines(*_pixels(lines, shape), values, sums)
+    along, down = np.sqrt((_SHARED_PX / kernels.GRID_PX) ** 2 - np.array(kernels.WIDER))
+    return np.asarray(cv2.GaussianBlur(sums, (0, 0), sigmaX=along, sigmaY=down), np.float32)
 
 
 def _with_lines(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64) -> Relief:
