@@ -1,11 +1,12 @@
 """The kernels of the sweep in the surface's frame, and the store of its events, by slow forms."""
 
 import numpy as np
+import pytest
 
 from roller_core.events import EventArray
 from roller_core.transforms import F64, pose_matrix, rotation_vector_to_quaternion
 from roller_emvs.evidence import CELL_PX
-from roller_emvs.methods.surface import _event_kernels, _part_kernels
+from roller_emvs.methods.surface import _event_kernels, _part_kernels, _sharpness_kernels
 from roller_emvs.methods.surface._event_kernels import PIECES
 from roller_emvs.methods.surface._part_kernels import (
     BIN_BITS,
@@ -155,7 +156,7 @@ def base_of(of_row: int, of_part: int, rows: int) -> np.ndarray:
 
 def by_rows(histogram: np.ndarray, rows: int) -> np.ndarray:
     """Sums of so many rows, each bin up to so many times `MOST`."""
-    sums = histogram.reshape(ROWS // rows, rows, *SHAPE[1:]).sum(axis=1)
+    sums = histogram.reshape(ROWS // rows, rows, *histogram.shape[1:]).sum(axis=1)
     return np.asarray(np.minimum(sums, rows * MOST), np.float64)
 
 
@@ -196,11 +197,11 @@ def test_events_vote_in_their_part_row_and_bin() -> None:
     image = np.zeros((CELL_PX, *SHAPE[1:]), np.uint8)
     base = base_of(PARTS * SHAPE[2], SHAPE[2], 1)
     for i in range(CELLS):
-        _part_kernels._count(ordered, starts[i], starts[i + 1], base, MOST, image.reshape(-1))
+        _part_kernels._count(ordered, starts[i], starts[i + 1], base, 0, MOST, image.reshape(-1))
         own = np.minimum(expected[i * CELL_PX : (i + 1) * CELL_PX], MOST)
         # Rounding may put an event beside the edge of a bin.
         assert np.abs(image - own).sum() <= 10
-        _part_kernels._forget(ordered, starts[i], starts[i + 1], base, image.reshape(-1))
+        _part_kernels._forget(ordered, starts[i], starts[i + 1], base, 0, image.reshape(-1))
         assert not image.any()
     by_tile = np.zeros((CELLS, TILES))
     np.add.at(by_tile, (rows[inside] // CELL_PX, bins[inside] // TILE_BINS), 1)
@@ -208,48 +209,53 @@ def test_events_vote_in_their_part_row_and_bin() -> None:
     assert tiles.sum() == n
 
 
-def twin_sharpness(votes: np.ndarray) -> np.ndarray:
-    """Squared slopes of quarter-pixel bins' votes, each shared by two columns, mean over phases."""
-    triangle = np.array([1, 2, 3, 4, 3, 2, 1]) / BINS_PX
+def twin_sharpness(votes: np.ndarray, bins_px: int) -> np.ndarray:
+    """Squared slopes of bins' votes, each shared by two columns, mean over phases."""
+    one = np.ones(bins_px)
+    triangle = np.convolve(one, one) / bins_px
     shared = np.apply_along_axis(np.convolve, -1, votes, triangle, mode="same")
-    taps = np.zeros(17)
-    taps[[0, 4, 12, 16]] = 0.4, 1.0, -1.0, -0.4
+    taps = np.zeros(4 * bins_px + 1)
+    taps[[0, bins_px, 3 * bins_px, 4 * bins_px]] = 0.4, 1.0, -1.0, -0.4
     slope = np.apply_along_axis(np.convolve, -1, shared, taps, mode="same")
-    return np.asarray(slope**2 / BINS_PX)
+    return np.asarray(slope**2 / bins_px)
 
 
-def test_sharpness_is_that_of_the_sum_of_shifted_parts() -> None:
+@pytest.mark.parametrize(("groups", "pairs", "halve"), [(1, 2, 0), (4, 1, 0), (4, 1, 1)])
+def test_sharpness_is_that_of_the_sum_of_shifted_parts(
+    groups: int, pairs: int, halve: int
+) -> None:
     rng = np.random.default_rng(4)
     votes, starts, histogram = some_votes(rng)
-    shifts = rng.integers(-20, 21, (6, PARTS))
+    shifts = rng.integers(-20, 21, (6, PARTS)) >> halve
     cells = (ROWS // CELL_PX, (TILES - 2) * TILE_CELLS - 1)
     tiles = np.array([[[0, 5], [2, 3], [5, 4]], [[1, 4], [0, 5], [0, 5]]], np.int32)
-    for groups, pairs in ((1, 2), (4, 1)):
-        found = np.zeros((6, *cells), np.float32)
-        buffers = [np.full(SHAPE[2] + TILE_BINS, 77, np.uint16) for _ in range(2)]
-        pair = (PARTS + 1) * SHAPE[2]
-        base = np.minimum(base_of(pair, SHAPE[2], ROW_PX), pairs * pair)
-        image = np.zeros(pairs * pair + SHAPE[2], np.uint8)
-        for begin in range(2):
-            _part_kernels._measure(
-                votes, starts, base, SHAPE, LEFT, begin, cells[0], 2, groups, pairs, image, shifts,
-                tiles, *buffers, np.full(SHAPE[2], 9.0, np.float32), found,
-            )  # fmt: skip
-        assert not image.any()
-        counted = by_rows(histogram, ROW_PX)
-        for k in range(6):
-            moved = np.stack(
-                [np.roll(counted[:, j], shifts[k, j], axis=-1) for j in range(PARTS)], axis=1
-            )
-            total = np.zeros((ROWS // CELL_PX, SHAPE[2]))
-            for part in np.split(moved, groups, axis=1):
-                two = part.sum(axis=1).reshape(CELLS, CELL_PX // ROW_PX, -1)
-                total += twin_sharpness(two[:, :pairs]).sum(axis=1)
-            own = total[:, LEFT : -LEFT or None].reshape(cells[0], -1, CELL_PX * BINS_PX).sum(-1)
-            own = own[:, : cells[1]]
-            looked_at = (tiles[..., 0] <= k) & (k <= tiles[..., 1])
-            looked_at = np.repeat(looked_at, TILE_CELLS, axis=1)[:, : cells[1]]
-            np.testing.assert_allclose(found[k], np.where(looked_at, own, 0), rtol=1e-4, atol=1e-4)
+    bins, left, bins_px = SHAPE[2] >> halve, LEFT >> halve, BINS_PX >> halve
+    found = np.zeros((6, *cells), np.float32)
+    buffers = [np.full(bins + TILE_BINS, 77, np.uint16) for _ in range(2)]
+    pair = (PARTS + 1) * bins
+    base = np.minimum(base_of(pair, bins, ROW_PX), pairs * pair)
+    image = np.zeros(pairs * pair + bins, np.uint8)
+    for begin in range(2):
+        _sharpness_kernels._measure(
+            votes, starts, base, (*SHAPE[:2], bins), left, halve, begin, cells[0], 2, groups,
+            pairs, image, shifts, tiles, *buffers, np.full(bins, 9.0, np.float32), found,
+        )  # fmt: skip
+    assert not image.any()
+    merged = histogram.reshape(*histogram.shape[:2], bins, -1).sum(axis=-1)
+    counted = by_rows(merged, ROW_PX)
+    for k in range(6):
+        moved = np.stack(
+            [np.roll(counted[:, j], shifts[k, j], axis=-1) for j in range(PARTS)], axis=1
+        )
+        total = np.zeros((ROWS // CELL_PX, bins))
+        for part in np.split(moved, groups, axis=1):
+            two = part.sum(axis=1).reshape(CELLS, CELL_PX // ROW_PX, -1)
+            total += twin_sharpness(two[:, :pairs], bins_px).sum(axis=1)
+        own = total[:, left : -left or None].reshape(cells[0], -1, CELL_PX * bins_px).sum(-1)
+        own = own[:, : cells[1]]
+        looked_at = (tiles[..., 0] <= k) & (k <= tiles[..., 1])
+        looked_at = np.repeat(looked_at, TILE_CELLS, axis=1)[:, : cells[1]]
+        np.testing.assert_allclose(found[k], np.where(looked_at, own, 0), rtol=1e-4, atol=1e-4)
 
 
 def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:

@@ -27,15 +27,8 @@ MOST = 31
 #: Bits of a vote's bin.
 BIN_BITS = 20
 _BIN = (1 << BIN_BITS) - 1
-#: Bins before what is looked at that its slopes take in, and how many more are summed in all.
-SIDE, _BESIDE = 11, 32
-#: Bins that are summed in one go.
-_CHUNK = np.uint64(32)
 #: Rows to one row of votes.
 ROW_PX = 2
-#: The taps of the slope, 1 and 0.4, are 5 and 2 here, a vote in a column's middle counts 4, and
-#: there are four phases to a pixel.
-_SCALE = np.float32(1.0 / (4 * 20 * 20))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -95,141 +88,28 @@ def _sort(votes, lines, place, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _count(votes, first, last, base, most, image):  # type: ignore[no-untyped-def]
+def _count(votes, first, last, base, halve, most, image):  # type: ignore[no-untyped-def]
     """Count votes from one to another up to `most` in an image, flat.
 
-    `base`, shape (rows of a cell · parts,), is where what holds a row and part begins.
+    `base`, shape (rows of a cell · parts,), is where what holds a row and part begins; of its bins
+    `halve` times two are one.
     """
+    by = np.uint32(halve)
     for i in range(np.uint64(first), np.uint64(last)):
         vote = votes[i]
         key = np.uint64(vote >> np.uint32(BIN_BITS))
-        at = np.uint64(base[key]) + np.uint64(vote & np.uint32(_BIN))
+        at = np.uint64(base[key]) + np.uint64((vote & np.uint32(_BIN)) >> by)
         image[at] += np.uint8(image[at] < most)
 
 
 @njit(cache=True, nogil=True)
-def _forget(votes, first, last, base, image):  # type: ignore[no-untyped-def]
+def _forget(votes, first, last, base, halve, image):  # type: ignore[no-untyped-def]
     """Make an image zero again: cheaper by its votes than as a whole."""
+    by = np.uint32(halve)
     for i in range(np.uint64(first), np.uint64(last)):
         vote = votes[i]
         key = np.uint64(vote >> np.uint32(BIN_BITS))
-        image[np.uint64(base[key]) + np.uint64(vote & np.uint32(_BIN))] = 0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_parts(pairs, shape, pair, first, last, start, shifts, size, total):  # type: ignore[no-untyped-def]
-    """Votes of a pair of rows on a plane: the sum of parts first to last, each at its shift.
-
-    `start` is the bin on the plane of `total[0]`. The number of parts must be even, `size` so many
-    chunks. Loops of a fixed length become vector instructions, with nothing left over.
-    """
-    _, parts, bins = shape
-    chunks = np.uint64(size) // _CHUNK
-    for i in range(np.uint64(size)):
-        total[i] = 0
-    top = pair * (parts + 1)
-    nothing = np.uint64((top + parts) * bins + start)
-    for j in range(first, last, 4):
-        a = np.uint64((top + j) * bins + start - shifts[j])
-        b = np.uint64((top + j + 1) * bins + start - shifts[j + 1])
-        more = j + 2 < last
-        c = np.uint64((top + j + 2) * bins + start - shifts[j + 2]) if more else nothing
-        d = np.uint64((top + j + 3) * bins + start - shifts[j + 3]) if more else nothing
-        for k in range(chunks):
-            begin = k * _CHUNK
-            for i in range(_CHUNK):
-                at = begin + i
-                four = np.uint8(pairs[a + at] + pairs[b + at] + pairs[c + at] + pairs[d + at])
-                total[at] += np.uint16(four)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _measure(  # type: ignore[no-untyped-def]
-    votes, starts, base, shape, left, begin, end, step, groups, looks, pairs, shifts, tiles, total,
-    sums, line, measure
-):  # fmt: skip
-    """Sharpness of the votes by plane and cell, of every `step`-th row of cells from `begin` on.
-
-    Rows of cells begin in `votes` at `starts`. The parts are summed in so many `groups`, of which
-    each adds its own sharpness. So many of a cell's pairs of rows are looked at; `pairs`, zero and
-    flat, is the image of pairs, parts and one more that stays zero, and bins, at the places of
-    `base`; the rows of others may count behind it. `shifts`, shape (planes, parts), are of whole
-    bins; `left` is the bin of the first cell. `tiles`, shape (rows of cells, tiles, 2), holds the
-    first and last plane on which each counts. `measure`, shape (planes, rows, columns) of cells, is
-    added to.
-    """
-    planes, _, cell_columns = measure.shape
-    count = tiles.shape[1]
-    _, parts, _ = shape
-    own = parts // groups
-    most = ROW_PX * MOST
-    for row in range(begin, end, step):
-        low = planes
-        high = -1
-        for t in range(count):
-            if max(tiles[row, t, 0], 0) <= min(tiles[row, t, 1], planes - 1):
-                low = min(low, max(tiles[row, t, 0], 0))
-                high = max(high, min(tiles[row, t, 1], planes - 1))
-        if high < 0:
-            continue
-        _count(votes, starts[row], starts[row + 1], base, most, pairs)
-        for k in range(low, high + 1):
-            t = 0
-            while t < count:
-                first = t
-                while t < count and tiles[row, t, 0] <= k <= tiles[row, t, 1]:
-                    t += 1
-                if first == t:
-                    t += 1
-                    continue
-                begin_cell = first * TILE_CELLS
-                end_cell = min(t * TILE_CELLS, cell_columns)
-                width = (t - first) * TILE_BINS
-                start = left + begin_cell * CELL_BINS - SIDE
-                for g in range(groups):
-                    for pair in range(looks):
-                        _add_parts(
-                            pairs, shape, pair, g * own, (g + 1) * own, start, shifts[k],
-                            width + _BESIDE, total,
-                        )  # fmt: skip
-                        _add_slopes(total, width, sums, line, g + pair)
-                for cell in range(begin_cell, end_cell):
-                    at = np.uint64((cell - begin_cell) * CELL_BINS)
-                    found = np.float32(0)
-                    for i in range(np.uint64(CELL_BINS)):
-                        found += line[at + i]
-                    measure[k, row, cell] += found * _SCALE
-        _forget(votes, starts[row], starts[row + 1], base, pairs)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_slopes(total, width, sums, line, before):  # type: ignore[no-untyped-def]
-    """Squared slopes along x of votes shared by two columns, at every bin; see `_SCALE`.
-
-    Four bins and four again give each vote the triangle that its share of two columns is. `total`
-    begins `SIDE` bins before. `line` is added to if there is something `before`; `width` must be
-    so many chunks.
-    """
-    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
-    chunks = np.uint64(width + _BESIDE) // _CHUNK
-    for k in range(chunks):
-        begin = k * _CHUNK
-        for i in range(_CHUNK):
-            at = begin + i
-            sums[at] = total[at] + total[at + one] + total[at + two] + total[at + three]
-    for k in range(chunks):
-        begin = k * _CHUNK
-        for i in range(_CHUNK):
-            at = begin + i
-            total[at] = sums[at] + sums[at + one] + sums[at + two] + sums[at + three]
-    for k in range(np.uint64(width) // _CHUNK):
-        begin = k * _CHUNK
-        for i in range(_CHUNK):
-            at = begin + i
-            far = np.int32(total[at + np.uint64(16)]) - np.int32(total[at])
-            near = np.int32(total[at + np.uint64(12)]) - np.int32(total[at + np.uint64(4)])
-            slope = np.float32(np.int32(2) * far + np.int32(5) * near)
-            line[at] = (line[at] if before else np.float32(0)) + slope * slope
+        image[np.uint64(base[key]) + np.uint64((vote & np.uint32(_BIN)) >> by)] = 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -272,7 +152,7 @@ def _gather_slopes(  # type: ignore[no-untyped-def]
                 z = max(z, abs(offset[i, j]))
         if last <= first or starts[i + 1] == starts[i]:
             continue
-        _count(votes, starts[i], starts[i + 1], base, CELL_PX * MOST, image)
+        _count(votes, starts[i], starts[i + 1], base, 0, CELL_PX * MOST, image)
         for part in range(parts):
             apart = np.int64(np.ceil(abs(per_offset[part]) * z)) + 1
             low = max(left + first * CELL_BINS - apart, 0)
@@ -297,7 +177,7 @@ def _gather_slopes(  # type: ignore[no-untyped-def]
                     sums[i, j, 0] += n
                     sums[i, j, 1] += n * s
                     sums[i, j, 2] += n * square
-        _forget(votes, starts[i], starts[i + 1], base, image)
+        _forget(votes, starts[i], starts[i + 1], base, 0, image)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -313,13 +193,13 @@ def _gather(  # type: ignore[no-untyped-def]
     for i in range(seen.shape[0]):
         if starts[i + 1] == starts[i]:
             continue
-        _count(votes, starts[i], starts[i + 1], base, MOST, image)
+        _count(votes, starts[i], starts[i + 1], base, 0, MOST, image)
         for row in range(CELL_PX):
             y = i * CELL_PX + row
             _gather_row(
                 image, row, shape, left, offset[y], most, seen[i], per_offset, buffers, support[y]
             )
-        _forget(votes, starts[i], starts[i + 1], base, image)
+        _forget(votes, starts[i], starts[i + 1], base, 0, image)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -36,6 +36,7 @@ from roller_emvs.rays import F32, I64
 from roller_emvs.threads import share
 
 from . import _part_kernels as kernels
+from . import _sharpness_kernels as sharpness
 from ._event_kernels import PAGE
 from ._part_kernels import BINS_PX, CELL_BINS, ROW_PX, TILE_BINS, TILE_CELLS
 from .strip import MARGIN_M, Block, Strip
@@ -147,7 +148,7 @@ class PartField(EvidenceField):
             Offsets of the planes.
         coarsely : bool
             Add up the sharpness of `COARSE_PARTS` parts of the aperture, of every other pair of
-            rows: neighbourhoods are wide.
+            rows and of bins twice as wide: neighbourhoods are.
         tiles : ndarray of int32, shape (rows of cells, tiles, 2)
             First and last plane on which each tile counts; last < first: none.
         threads : int
@@ -159,9 +160,10 @@ class PartField(EvidenceField):
             Sums of squared slopes along x.
         """
         found = np.zeros((len(at), *self.cells), np.float32)
-        shifts = whole_shifts(self.part_slopes, at)
-        groups, looks = (COARSE_PARTS, 1) if coarsely else (1, CELL_PX // ROW_PX)
-        _, parts, bins = self.bins
+        groups, looks, halve = (COARSE_PARTS, 1, 1) if coarsely else (1, CELL_PX // ROW_PX, 0)
+        shifts = whole_shifts(self.part_slopes, at, BINS_PX >> halve)
+        rows, parts, bins = self.bins
+        bins, left = bins >> halve, self.left_bin >> halve
         pair = (parts + 1) * bins
         base = self._base(pair, bins, ROW_PX)
         # Rows that aren't looked at count behind the rest.
@@ -171,23 +173,23 @@ class PartField(EvidenceField):
             pairs = np.zeros(looks * pair + bins, np.uint8)
             total, sums = (np.zeros(bins + TILE_BINS, np.uint16) for _ in range(2))
             line = np.zeros(bins, np.float32)
-            kernels._measure(
-                self.votes[polarity], self.starts[polarity], base, self.bins, self.left_bin,
-                begin, self.cells[0], threads, groups, looks, pairs, shifts, tiles, total, sums,
-                line, found,
+            sharpness._measure(
+                self.votes[polarity], self.starts[polarity], base, (rows, parts, bins), left,
+                halve, begin, self.cells[0], threads, groups, looks, pairs, shifts, tiles, total,
+                sums, line, found,
             )  # fmt: skip
 
         share(threads, threads, run, inner=True)
         return found
 
 
-def whole_shifts(middles: F64, at: F64) -> I64:
+def whole_shifts(middles: F64, at: F64, bins_px: int = BINS_PX) -> I64:
     """Bins by which each part moves to each plane, int64, shape (planes, parts).
 
     What rounding leaves of a part is given to the next: rounded one by one, the parts would lie on
     another plane than asked for, by some micrometres.
     """
-    wanted = np.outer(at, middles) * BINS_PX
+    wanted = np.outer(at, middles) * bins_px
     return np.diff(np.rint(np.cumsum(wanted, axis=1)), axis=1, prepend=0).astype(np.int64)
 
 

@@ -1,0 +1,183 @@
+"""Loops over sums of aperture parts for how sharp they are; each has a numpy twin in the tests.
+
+A plane of votes is the sum of the parts' images, see `_part_kernels`, each moved by whole bins.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ._part_kernels import CELL_BINS, MOST, ROW_PX, TILE_BINS, TILE_CELLS, _count, _forget
+
+#: Bins before what is looked at that its slopes take in, of a quarter and of half a pixel, and how
+#: many more are summed in all.
+SIDE, HALF_SIDE, _BESIDE = 11, 5, 32
+#: Bins that are summed in one go.
+_CHUNK = np.uint64(32)
+#: The taps of the slope, 1 and 0.4, are 5 and 2 here. Of quarters a vote in a column's middle counts
+#: 4, and there are four phases to a pixel; of halves two and two.
+_SCALE, _HALF_SCALE = np.float32(1.0 / (4 * 20 * 20)), np.float32(1.0 / (2 * 10 * 10))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_parts(pairs, shape, pair, first, last, start, shifts, size, total):  # type: ignore[no-untyped-def]
+    """Votes of a pair of rows on a plane: the sum of parts first to last, each at its shift.
+
+    `start` is the bin on the plane of `total[0]`. The number of parts must be even, `size` so many
+    chunks. Loops of a fixed length become vector instructions, with nothing left over.
+    """
+    _, parts, bins = shape
+    chunks = np.uint64(size) // _CHUNK
+    for i in range(np.uint64(size)):
+        total[i] = 0
+    top = pair * (parts + 1)
+    nothing = np.uint64((top + parts) * bins + start)
+    for j in range(first, last, 4):
+        a = np.uint64((top + j) * bins + start - shifts[j])
+        b = np.uint64((top + j + 1) * bins + start - shifts[j + 1])
+        more = j + 2 < last
+        c = np.uint64((top + j + 2) * bins + start - shifts[j + 2]) if more else nothing
+        d = np.uint64((top + j + 3) * bins + start - shifts[j + 3]) if more else nothing
+        for k in range(chunks):
+            begin = k * _CHUNK
+            for i in range(_CHUNK):
+                at = begin + i
+                four = np.uint8(pairs[a + at] + pairs[b + at] + pairs[c + at] + pairs[d + at])
+                total[at] += np.uint16(four)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _measure(  # type: ignore[no-untyped-def]
+    votes, starts, base, shape, left, halve, begin, end, step, groups, looks, pairs, shifts, tiles,
+    total, sums, line, measure
+):  # fmt: skip
+    """Sharpness of the votes by plane and cell, of every `step`-th row of cells from `begin` on.
+
+    Rows of cells begin in `votes` at `starts`. The parts are summed in so many `groups`, of which
+    each adds its own sharpness. So many of a cell's pairs of rows are looked at; `pairs`, zero and
+    flat, is the image of pairs, parts and one more that stays zero, and bins, at the places of
+    `base`; the rows of others may count behind it. `shifts`, shape (planes, parts), are of whole
+    bins; `left` is the bin of the first cell. If `halve` is 1, bins are half a pixel in place of a
+    quarter. `tiles`, shape (rows of cells, tiles, 2), holds the
+    first and last plane on which each counts. `measure`, shape (planes, rows, columns) of cells, is
+    added to.
+    """
+    planes, _, cell_columns = measure.shape
+    count = tiles.shape[1]
+    _, parts, _ = shape
+    own = parts // groups
+    most = ROW_PX * MOST
+    cell_bins, tile_bins = CELL_BINS >> halve, TILE_BINS >> halve
+    side = HALF_SIDE if halve else SIDE
+    for row in range(begin, end, step):
+        low = planes
+        high = -1
+        for t in range(count):
+            if max(tiles[row, t, 0], 0) <= min(tiles[row, t, 1], planes - 1):
+                low = min(low, max(tiles[row, t, 0], 0))
+                high = max(high, min(tiles[row, t, 1], planes - 1))
+        if high < 0:
+            continue
+        _count(votes, starts[row], starts[row + 1], base, halve, most, pairs)
+        for k in range(low, high + 1):
+            t = 0
+            while t < count:
+                first = t
+                while t < count and tiles[row, t, 0] <= k <= tiles[row, t, 1]:
+                    t += 1
+                if first == t:
+                    t += 1
+                    continue
+                begin_cell = first * TILE_CELLS
+                end_cell = min(t * TILE_CELLS, cell_columns)
+                width = (t - first) * tile_bins
+                start = left + begin_cell * cell_bins - side
+                for g in range(groups):
+                    for pair in range(looks):
+                        _add_parts(
+                            pairs, shape, pair, g * own, (g + 1) * own, start, shifts[k],
+                            width + _BESIDE, total,
+                        )  # fmt: skip
+                        if halve:
+                            _add_half_slopes(total, width, sums, line, g + pair)
+                        else:
+                            _add_slopes(total, width, sums, line, g + pair)
+                of_cells = measure[k, row, begin_cell:end_cell]
+                if halve:
+                    _add_half_cells(line, _HALF_SCALE, of_cells)
+                else:
+                    _add_cells(line, _SCALE, of_cells)
+        _forget(votes, starts[row], starts[row + 1], base, halve, pairs)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_slopes(total, width, sums, line, before):  # type: ignore[no-untyped-def]
+    """Squared slopes along x of votes shared by two columns, at every bin; see `_SCALE`.
+
+    Four bins and four again give each vote the triangle that its share of two columns is. `total`
+    begins `SIDE` bins before. `line` is added to if there is something `before`; `width` must be
+    so many chunks. Differences are of 16 bits: half as many instructions as of 32.
+    """
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
+    chunks = np.uint64(width + _BESIDE) // _CHUNK
+    for k in range(chunks):
+        begin = k * _CHUNK
+        for i in range(_CHUNK):
+            at = begin + i
+            sums[at] = total[at] + total[at + one] + total[at + two] + total[at + three]
+    for k in range(chunks):
+        begin = k * _CHUNK
+        for i in range(_CHUNK):
+            at = begin + i
+            total[at] = sums[at] + sums[at + one] + sums[at + two] + sums[at + three]
+    for k in range(np.uint64(width) // _CHUNK):
+        begin = k * _CHUNK
+        for i in range(_CHUNK):
+            at = begin + i
+            far = np.int16(total[at + np.uint64(16)] - total[at])
+            near = np.int16(total[at + np.uint64(12)] - total[at + np.uint64(4)])
+            slope = np.float32(np.int32(2) * np.int32(far) + np.int32(5) * np.int32(near))
+            line[at] = (line[at] if before else np.float32(0)) + slope * slope
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_half_slopes(total, width, sums, line, before):  # type: ignore[no-untyped-def]
+    """`_add_slopes` of bins of half a pixel: two and two again are a vote's triangle."""
+    one, two = np.uint64(1), np.uint64(2)
+    for k in range(np.uint64(width + _BESIDE) // _CHUNK):
+        begin = k * _CHUNK
+        for i in range(_CHUNK):
+            at = begin + i
+            middle = total[at + one]
+            sums[at] = total[at] + middle + middle + total[at + two]
+    for k in range(np.uint64(width) // _CHUNK):
+        begin = k * _CHUNK
+        for i in range(_CHUNK):
+            at = begin + i
+            far = np.int16(sums[at + np.uint64(8)] - sums[at])
+            near = np.int16(sums[at + np.uint64(6)] - sums[at + two])
+            slope = np.float32(np.int32(2) * np.int32(far) + np.int32(5) * np.int32(near))
+            line[at] = (line[at] if before else np.float32(0)) + slope * slope
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})
+def _add_cells(line, scale, measure):  # type: ignore[no-untyped-def]
+    """Add the sum of each cell's bins of a quarter pixel."""
+    for cell in range(len(measure)):
+        at = np.uint64(cell * CELL_BINS)
+        found = np.float32(0)
+        for i in range(np.uint64(CELL_BINS)):
+            found += line[at + i]
+        measure[cell] += found * scale
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})
+def _add_half_cells(line, scale, measure):  # type: ignore[no-untyped-def]
+    """`_add_cells` of bins of half a pixel."""
+    for cell in range(len(measure)):
+        at = np.uint64(cell * (CELL_BINS // 2))
+        found = np.float32(0)
+        for i in range(np.uint64(CELL_BINS // 2)):
+            found += line[at + i]
+        measure[cell] += found * scale
