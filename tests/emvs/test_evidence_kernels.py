@@ -1,12 +1,14 @@
 """Kernels of the evidence against slow forms."""
 
+import cv2
 import numpy as np
 import pytest
 
 from roller_emvs.bands import sort_into_bands
-from roller_emvs.evidence import _kernels, _meet_kernels, _peak_kernels
+from roller_emvs.evidence import _kernels, _meet_kernels, _peak_kernels, _seen_kernels
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from roller_emvs.evidence.field import ground
+from roller_emvs.evidence.focus_measure import blur
 from roller_emvs.evidence.relief import enlarge
 
 HEIGHT, WIDTH = 32, 48
@@ -159,9 +161,10 @@ def test_centroids_are_weighted_means() -> None:
     rng = np.random.default_rng(4)
     values = rng.gamma(1.0, 1.0, (3, 9, 11)).astype(np.float32)
     plane = rng.integers(-1, 3, (9, 11))
+    peak = np.where(plane < 0, np.nan, plane + rng.uniform(-0.4, 0.4, (9, 11))).astype(np.float32)
     weights = np.array([0.2, 0.6, 0.2], np.float32)
     total, x, y = (np.empty((9, 11), np.float32) for _ in range(3))
-    _peak_kernels._centroids(values, plane, weights, total, x, y)
+    _peak_kernels._centroids(values, peak, weights, total, x, y)
     for i in range(9):
         for j in range(11):
             if plane[i, j] < 0:
@@ -175,6 +178,58 @@ def test_centroids_are_weighted_means() -> None:
             np.testing.assert_allclose(
                 [total[i, j], x[i, j], y[i, j]], [e, ex / e, ey / e], rtol=1e-4
             )
+
+
+def test_planes_are_blurred_where_they_hold_something() -> None:
+    rng = np.random.default_rng(9)
+    volume = np.zeros((4, 60, 20), np.float32)
+    for plane, rows in ((1, slice(3, 9)), (2, slice(55, 60)), (3, slice(0, 60))):
+        volume[plane, rows] = rng.gamma(1.0, 1.0, volume[plane, rows].shape)
+    volume[1, 5] = 0
+    spans = np.empty((4, 2), np.int64)
+    _peak_kernels._rows_held(volume, spans)
+    np.testing.assert_array_equal(spans, [[60, 0], [3, 9], [55, 60], [0, 60]])
+    expected = np.stack([cv2.GaussianBlur(plane, (0, 0), 4.0 / CELL_PX) for plane in volume])
+    np.testing.assert_array_equal(blur(volume, 4.0), expected)
+
+
+def test_what_saw_cells_is_in_plain_words() -> None:
+    rng = np.random.default_rng(10)
+    shape = (14, 17)
+    offset = rng.normal(0, 1, shape).astype(np.float32)
+    offset[rng.random(shape) < 0.6] = np.nan
+    offset[6:9] = np.nan
+    grown = np.empty(shape, np.float32)
+    _seen_kernels._grow(offset, np.empty(len(offset), np.bool_), grown)
+    known = np.isfinite(offset)
+    weight = cv2.blur(known.astype(np.float32), (3, 3))
+    mean = cv2.blur(np.where(known, offset, 0), (3, 3))
+    expected = np.where(weight > 1e-6, mean / np.maximum(weight, 1e-9), np.nan)
+    np.testing.assert_allclose(grown, np.where(known, offset, expected), rtol=1e-4, atol=1e-5)
+
+    count = rng.integers(0, 30, shape).astype(np.float32)
+    slopes = rng.normal(2, 3, (30, *shape)) * (np.arange(30)[:, None, None] < count)
+    sums = np.stack([count, slopes.sum(axis=0), (slopes**2).sum(axis=0)], axis=-1)
+    found = np.empty((3, *shape), np.float32)
+    _seen_kernels._statistics(sums.astype(np.float32), *found)
+    some = np.maximum(count, 1)
+    variance = (slopes**2).sum(axis=0) / some - (slopes.sum(axis=0) / some) ** 2
+    np.testing.assert_array_equal(found[0], count)
+    np.testing.assert_allclose(found[1], slopes.sum(axis=0) / some, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(found[2], np.sqrt(12 * np.maximum(variance, 0)), rtol=1e-2, atol=0.01)
+
+    low, high = np.full(17, -0.3), np.linspace(-0.2, 0.4, 17)
+    middle, spread = 0.5 * (low + high), high - low
+    change = np.empty(shape, np.float32)
+    _seen_kernels._change(
+        count, found[1], middle, spread, 0.04, (1.0, 2.0), 2000.0, (0.4, 0.65), change
+    )
+    gain = (found[1] * 0.04 - middle) / (spread**2 / 12)
+    gain /= 1 + (gain / 2) ** 2
+    crossed = count / (2000 * spread)
+    seeing = 1 - np.minimum(0.4 * crossed, 0.65)
+    expected = np.where(count > 1, np.sqrt(crossed / seeing) * gain / seeing, 0)
+    np.testing.assert_allclose(change, expected, rtol=1e-4, atol=1e-7)
 
 
 def surface_of_cells() -> np.ndarray:

@@ -37,6 +37,22 @@ def _shear(measure, moved, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def _rows_held(volume, spans):  # type: ignore[no-untyped-def]
+    """First row of each plane that isn't zero and the one after the last, shape (planes, 2)."""
+    planes, height, width = volume.shape
+    flat, size = volume.reshape(-1), np.uint64(width)
+    for k in range(planes):
+        spans[k, 0], spans[k, 1] = height, 0
+        for i in range(height):
+            at, some = np.uint64((k * height + i) * width), False
+            for j in range(size):
+                some |= flat[at + j] != 0
+            if some:
+                spans[k, 0] = min(spans[k, 0], i)
+                spans[k, 1] = i + 1
+
+
+@njit(cache=True, nogil=True)
 def _keep_best(scores, k, inner, first, last, total, top, best):  # type: ignore[no-untyped-def]
     """Take plane `k` of a row of cells into the sums, and where it is best; see `_find_peak`.
 
@@ -88,7 +104,10 @@ def _find_peak(scores, first, last, rival, weakest, least, peak, contrast, top):
         top[i] = -1
         total[:] = 0
         best[:] = 0
-        for k in range(n):
+        low, high = n, -1
+        for j in range(width):
+            low, high = min(low, first[i, j]), max(high, last[i, j])
+        for k in range(max(low, 0), min(high, n - 1) + 1):
             _keep_best(scores[k, i], k, 1 <= k <= n - 2, first[i], last[i], total, top[i], best)
         for j in range(width):
             k = best[j]
@@ -138,10 +157,10 @@ def _top_between(scores, at, peak, offset):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _centroids(measure, plane, weights, total, x, y):  # type: ignore[no-untyped-def]
+def _centroids(measure, peak, weights, total, x, y):  # type: ignore[no-untyped-def]
     """Weighted focus measure on each cell's own plane, and where around the cell it lies, in cells.
 
-    `plane` is -1 where there is none. `weights` are of one axis, shape (2·reach + 1,).
+    `peak` is between planes, NaN where there is none. `weights` are of one axis, shape (2·reach + 1,).
     """
     _, height, width = measure.shape
     reach = len(weights) // 2
@@ -150,9 +169,9 @@ def _centroids(measure, plane, weights, total, x, y):  # type: ignore[no-untyped
             total[i, j] = 0
             x[i, j] = j
             y[i, j] = i
-            k = plane[i, j]
-            if k < 0:
+            if np.isnan(peak[i, j]):
                 continue
+            k = int(np.rint(peak[i, j]))
             e = np.float32(0)
             ex = np.float32(0)
             ey = np.float32(0)

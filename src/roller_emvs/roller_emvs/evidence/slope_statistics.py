@@ -9,6 +9,7 @@ import numpy as np
 
 from roller_emvs.rays import F32
 
+from . import _seen_kernels as kernels
 from ._kernels import CELL_PX
 from .field import EvidenceField
 
@@ -44,12 +45,12 @@ def slope_statistics(field: EvidenceField, offset: F32, polarity: int) -> SlopeS
     polarity : int
         0 for OFF, 1 for ON events.
     """
-    sums = field.slope_sums(_grown(offset), polarity)
-    count, slope, square = cv2.split(cv2.GaussianBlur(sums, (0, 0), 1.0))
-    each = np.where(count > 0, 1.0 / np.maximum(count, 1e-9), 0.0).astype(np.float32)
-    mean = slope * each
-    variance = np.maximum(square * each - mean * mean, 0.0)
-    return SlopeStatistics(count, mean, np.sqrt(12.0 * variance))
+    grown = np.empty(offset.shape, np.float32)
+    kernels._grow(offset, np.empty(len(offset), np.bool_), grown)
+    sums = cv2.GaussianBlur(field.slope_sums(grown, polarity), (0, 0), 1.0)
+    count, mean, spread = np.empty((3, *offset.shape), np.float32)
+    kernels._statistics(sums, count, mean, spread)
+    return SlopeStatistics(count, mean, spread)
 
 
 def crossing_change(field: EvidenceField, seen: SlopeStatistics) -> F32:
@@ -61,20 +62,11 @@ def crossing_change(field: EvidenceField, seen: SlopeStatistics) -> F32:
     """
     low, high = field.slopes * field.ray_slope_scale
     middle, spread = 0.5 * (low + high), np.maximum(np.abs(high - low), 1e-9)
-    beside = np.where(seen.count > _ENOUGH, seen.mean * field.ray_slope_scale - middle, 0.0)
-    change = beside / (spread**2 / 12)
-    # An edge that is seen from one side alone doesn't say how fast its contrast changes.
-    change /= 1.0 + (change / _STEEP) ** 2
-    crossed = seen.count / (CELL_PX * field.focal_px * spread)
-    # A pixel that waits for its read-out is blind: the denser the events, the more are lost.
-    seeing = 1.0 - np.minimum(crossed * field.speed_px_s * _READOUT_S, _MOST_BLIND)
-    return np.asarray(np.sqrt(crossed / seeing) * change / seeing, np.float32)
-
-
-def _grown(offset: F32) -> F32:
-    """Offsets of cells, and next to them the mean of their neighbours."""
-    known = np.isfinite(offset)
-    weight = cv2.blur(known.astype(np.float32), (3, 3))
-    mean = cv2.blur(np.where(known, offset, 0).astype(np.float32), (3, 3))
-    grown = np.where(weight > 0, mean / np.maximum(weight, 1e-9), np.nan)
-    return np.where(known, offset, grown).astype(np.float32)
+    change = np.empty(seen.count.shape, np.float32)
+    # A pixel that waits for its read-out is blind: the denser the events, the more are lost. An
+    # edge that is seen from one side alone doesn't say how fast its contrast changes.
+    kernels._change(
+        seen.count, seen.mean, middle, spread, field.ray_slope_scale, (_ENOUGH, _STEEP),
+        CELL_PX * field.focal_px, (field.speed_px_s * _READOUT_S, _MOST_BLIND), change,
+    )  # fmt: skip
+    return change

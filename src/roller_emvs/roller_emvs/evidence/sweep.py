@@ -188,14 +188,15 @@ def sharpest(
     span = float(at[-2] - at[1])
     # Blurred is the most on any plane: no cell's score is above that.
     possible = blur(followed.max(axis=0)[None], settings.sigma_px)[0] >= _weakest(settings)
+    last = np.where(possible, last, np.int32(-1))
     cut = field.cut_around(possible, int(np.ceil(4 * settings.sigma_px / CELL_PX)))
     if cut is None:
         depths = _peaks(followed, at, first, last, field, settings)
         return _checked(field, depths, polarity, span, settings)
     part, box = cut
-    last = np.where(possible, last, -1).astype(np.int32)[box]
     own = np.ascontiguousarray(followed[:, box[0], box[1]])
-    depths = _peaks(own, at, np.ascontiguousarray(first[box]), last, part, settings)
+    first, last = (np.ascontiguousarray(v[box]) for v in (first, last))
+    depths = _peaks(own, at, first, last, part, settings)
     return _checked(part, depths, polarity, span, settings).put(field.cells, box)
 
 
@@ -257,13 +258,11 @@ def _peaks(
     in_effect = field.planes_in_effect(at)
     if in_effect is not None:
         peaks._top_between(scores, in_effect, peak, offset)
-    nearest = np.where(np.isnan(peak), np.float32(-1), np.rint(peak)).astype(np.int64)
     sigma = s.sigma_px / CELL_PX
     reach = int(np.ceil(2.5 * sigma))
     steps = np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (steps / sigma) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
-    peaks._centroids(measure, nearest, weights, total, x, y)
-    known = np.where(np.isnan(offset), np.float32(0), offset)
-    x += known * (field.middles / CELL_PX).astype(np.float32)
+    peaks._centroids(measure, peak, weights, total, x, y)
+    x += np.nan_to_num(offset) * (field.middles / CELL_PX).astype(np.float32)
     return Depths(offset, contrast, total, x, y, np.zeros_like(x))

@@ -19,11 +19,12 @@ def _starts(counts, wanted, starts, place):  # type: ignore[no-untyped-def]
 
     `place` is the same, -1 where there are none, as in the last entry of `counts`: nowhere.
     """
-    n = np.int32(0)
-    for k in range(len(wanted)):
-        count = counts[k] if wanted[k] else np.int32(0)
+    n, none = np.int32(0), np.int32(-1)
+    for k in range(np.uint64(len(wanted))):
+        # Products, as branches that are taken now and then take longer.
+        count = counts[k] * np.int32(wanted[k] != 0)
         starts[k] = n
-        place[k] = n if count else np.int32(-1)
+        place[k] = n | (none * np.int32(count == 0))
         n += count
     starts[-1] = n
     place[-1] = -1

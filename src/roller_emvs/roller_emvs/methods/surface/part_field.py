@@ -190,7 +190,9 @@ def whole_shifts(middles: F64, at: F64, bins_px: int = BINS_PX) -> I64:
     another plane than asked for, by some micrometres.
     """
     wanted = np.outer(at, middles) * bins_px
-    return np.diff(np.rint(np.cumsum(wanted, axis=1)), axis=1, prepend=0).astype(np.int64)
+    shifts = np.rint(np.cumsum(wanted, axis=1)).astype(np.int64)
+    shifts[:, 1:] -= shifts[:, :-1].copy()
+    return shifts
 
 
 def fits(strip: Strip, block: Block) -> bool:
