@@ -17,7 +17,7 @@ from roller_emvs.rays import F32, Packets, parallax_px, rays_in_view
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.threads import share
 
-from .detection import KERNEL_PX, Mask, adaptive_threshold, median_at
+from .detection import KERNEL_PX, Mask, adaptive_threshold, median_of
 from .fusion import ViewDepth, warp_view, weighted_mean
 from .paper_settings import PaperSettings
 from .shifted import shifted_planes
@@ -138,15 +138,14 @@ def view_depth(
     """
     votes, index, planes = voted.votes[k], voted.index[k], voted.planes
     mask = adaptive_threshold(votes, s.threshold_c, KERNEL_PX, s.full_scale_votes)
-    usable = usable_planes(planes, bounds_m)
     at = np.flatnonzero(mask)
-    mask.ravel()[at] = usable[index.ravel()[at]]
-    at, level = median_at(index, mask, s.median_px, len(planes))
+    at = at[usable_planes(planes, bounds_m)[index.reshape(-1)[at]]]
+    level = median_of(index, at, s.median_px, len(planes))
     found = np.interp(level, np.arange(len(planes)), planes)
     inside = (found >= bounds_m[0]) & (found <= bounds_m[1])
     at, found = at[inside], found[inside]
     scale = s.full_scale_votes or float(votes.max()) or 1.0
-    confidence = np.clip(votes.ravel()[at] / np.float32(scale), 0, 1)
+    confidence = np.clip(votes.reshape(-1)[at] / np.float32(scale), 0, 1)
     return ViewDepth(at, found.astype(np.float32), confidence, voted.poses[k], weight)
 
 

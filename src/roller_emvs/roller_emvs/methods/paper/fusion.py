@@ -13,6 +13,9 @@ from roller_core.transforms import F64, inverse_pose
 from roller_emvs.rays import F32, I64
 from roller_emvs.threads import share
 
+#: Pixels that are looked at together: most hold nothing in any view.
+_CHUNK = 32
+
 
 @dataclass(frozen=True)
 class ViewDepth:
@@ -114,22 +117,48 @@ def weighted_mean(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _mean(depths, confidences, weights, rows, depth, confidence):  # type: ignore[no-untyped-def]
     """Weighted means of some rows; NaN where the weight is zero."""
-    real = np.float32
+    width = depth.shape[1]
+    nothing = np.float32(np.nan)
     for y in range(rows[0], rows[1]):
-        for x in range(depth.shape[1]):
-            total = real(0)
-            far = real(0)
-            sure = real(0)
+        for begin in range(0, width, _CHUNK):
+            end = min(begin + _CHUNK, width)
+            some = False
             for k in range(len(depths)):
-                z = depths[k][y, x]
-                if np.isnan(z):
-                    continue
-                w = weights[k]
-                total = real(total + w)
-                far = real(far + w * z)
-                sure = real(sure + w * confidences[k][y, x])
-            depth[y, x] = far / total
-            confidence[y, x] = sure / total
+                some |= _any(depths[k].reshape(-1), y * width + begin, end - begin)
+            if some:
+                _mean_at(depths, confidences, weights, y, begin, end, depth, confidence)
+            else:
+                depth[y, begin:end] = nothing
+                confidence[y, begin:end] = nothing
+
+
+@njit(cache=True, nogil=True)
+def _any(values, start, count):  # type: ignore[no-untyped-def]
+    """Whether some of the values from a place on are known."""
+    at, some = np.uint64(start), False
+    for i in range(np.uint64(count)):
+        some |= values[at + i] == values[at + i]
+    return some
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mean_at(depths, confidences, weights, y, begin, end, depth, confidence):  # type: ignore[no-untyped-def]
+    """`_mean` of some columns of a row."""
+    real = np.float32
+    for x in range(begin, end):
+        total = real(0)
+        far = real(0)
+        sure = real(0)
+        for k in range(len(depths)):
+            z = depths[k][y, x]
+            if np.isnan(z):
+                continue
+            w = weights[k]
+            total = real(total + w)
+            far = real(far + w * z)
+            sure = real(sure + w * confidences[k][y, x])
+        depth[y, x] = far / total
+        confidence[y, x] = sure / total
 
 
 @njit(cache=True, nogil=True)
