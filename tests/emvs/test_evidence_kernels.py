@@ -232,6 +232,30 @@ def test_what_saw_cells_is_in_plain_words() -> None:
     np.testing.assert_allclose(change, expected, rtol=1e-4, atol=1e-7)
 
 
+def test_pixels_are_taken_that_are_sure_enough() -> None:
+    rng = np.random.default_rng(11)
+    cells = (HEIGHT // CELL_PX, WIDTH // CELL_PX)
+    which = rng.integers(0, 3, (HEIGHT, WIDTH)).astype(np.uint8)
+    fringe = rng.random(which.shape) < 0.2
+    surfaces = tuple(rng.normal(0, 1, (2, HEIGHT, WIDTH)).astype(np.float32))
+    sure = tuple(rng.random((2, *cells)).astype(np.float32))
+    scatter = rng.uniform(0, 2, cells).astype(np.float32)
+    scatter[3, 4:6] = np.nan
+    out = (*np.empty((2, which.size), np.int64), *np.empty((3, which.size), np.float32))
+    limits = (1.0, 1.5, 0.2)
+    count = _peak_kernels._take(which, fringe, surfaces, sure, scatter, limits, *out)
+    wide = enlarge(scatter)
+    wide = np.where(np.isfinite(wide), wide, 1.0)
+    of_image = np.maximum(which.astype(int) - 1, 0)
+    confidence = np.choose(of_image, [enlarge(own) for own in sure]) / (1 + wide**2)
+    keep = (which > 0) & ~fringe & (wide < 1.5) & (confidence >= 0.2)
+    at = np.nonzero(keep)
+    for found, expected in zip(
+        out, (*at, np.choose(of_image, surfaces)[at], confidence[at], wide[at]), strict=True
+    ):
+        np.testing.assert_allclose(found[:count], expected, rtol=1e-4, atol=1e-5)
+
+
 def surface_of_cells() -> np.ndarray:
     cells = np.tile((1e-5 * np.arange(WIDTH // CELL_PX)).astype(np.float32), (HEIGHT // CELL_PX, 1))
     cells[:, -2:] = np.nan

@@ -72,6 +72,20 @@ def test_kernels_are_their_plain_twins() -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
 
 
+def test_what_planes_and_residuals_give_is_in_plain_words() -> None:
+    rng = np.random.default_rng(6)
+    w, by_square, rest, squares = rng.uniform(0.5, 2, (4, *SHAPE))
+    planes, found = rng.normal(0, 1, (5, *SHAPE)), np.empty(SHAPE)
+    kernels._trust(w, squares, 0.3, found)
+    np.testing.assert_allclose(found, 0.3 / (squares / w + 0.3))
+    kernels._at_cells(planes, (5.0, 7.0), w, rest, 1.5, found)
+    x, y, z, along, down = planes
+    expected = z + along * (COLUMNS - 5 - x) + down * (ROWS - 7 - y) + 1.5 * rest / w
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+    kernels._scatter(w, by_square, squares, found)
+    np.testing.assert_allclose(found, np.sqrt(squares / w) * np.sqrt(by_square) / w)
+
+
 def test_a_plane_is_the_least_squares_one() -> None:
     rng = np.random.default_rng(1)
     a, b, c, w = rng.uniform(0, 9, 40), rng.uniform(0, 9, 40), rng.normal(0, 1, 40), rng.random(40)

@@ -127,3 +127,46 @@ def _add_residuals(offset, x, y, weight, row, column, trust, planes, sums):  # t
             sums[1, r, c] += w * w
             sums[2, r, c] += w * rest
             sums[3, r, c] += w * rest * rest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _trust(weight, square, least, trust):  # type: ignore[no-untyped-def]
+    """Inverse of the variance of depths about their planes, by that `least` one there can be."""
+    real = trust.dtype.type
+    smallest, unit = real(1e-12), real(least)
+    height, width = trust.shape
+    for i in range(height):
+        for j in range(width):
+            trust[i, j] = unit / (square[i, j] / max(weight[i, j], smallest) + unit)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _at_cells(planes, middle, weight, rest, share, offset):  # type: ignore[no-untyped-def]
+    """Height of planes at their own cells, and a share of what they leave over.
+
+    `weight` and `rest` are the first and third sum of `_add_residuals` over neighbourhoods;
+    `middle` is the column and the row that places count from.
+    """
+    real = offset.dtype.type
+    height, width = offset.shape
+    given = real(share)
+    for i in range(height):
+        down = real(i) - middle[1]
+        for j in range(width):
+            along = real(j) - middle[0]
+            z = planes[2, i, j] + planes[3, i, j] * (along - planes[0, i, j])
+            z += planes[4, i, j] * (down - planes[1, i, j])
+            offset[i, j] = z + given * rest[i, j] / weight[i, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scatter(weight, square_weight, squares, scatter):  # type: ignore[no-untyped-def]
+    """Deviation of depths times the unevenness of weights, their root mean square over their mean.
+
+    From the sums of `_add_residuals` over what is taken to scatter alike.
+    """
+    height, width = scatter.shape
+    for i in range(height):
+        for j in range(width):
+            w = weight[i, j]
+            scatter[i, j] = np.sqrt(squares[i, j] / w * square_weight[i, j]) / w

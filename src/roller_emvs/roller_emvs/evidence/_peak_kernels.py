@@ -235,19 +235,29 @@ def _between(cells, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _take(which, surfaces, confidences, scatter, row, column, offset, sure, spread):  # type: ignore[no-untyped-def]
+def _take(  # type: ignore[no-untyped-def]
+    which, fringe, surfaces, confidences, scatter, limits, row, column, offset, sure, spread
+):
     """Pixels that were chosen, with their image's surface and confidence, and the scatter there.
 
-    `surfaces` are by pixel, `confidences` and `scatter` by cell.
+    `surfaces` are by pixel, `confidences` and `scatter` by cell. `limits`: the scatter where it
+    isn't known, that from which on, and the confidence, less for the scatter, below which a pixel
+    is left out, as it is where it is of the `fringe`. Returns how many there are.
     """
+    usual, most, least = np.float32(limits[0]), np.float32(limits[1]), np.float32(limits[2])
     n = 0
     for y in range(which.shape[0]):
         for x in range(which.shape[1]):
-            if which[y, x]:
+            if which[y, x] and not fringe[y, x]:
                 k = which[y, x] - 1
-                row[n] = y
-                column[n] = x
-                offset[n] = surfaces[k][y, x]
-                sure[n] = _between(confidences[k], y, x)
-                spread[n] = _between(scatter, y, x)
-                n += 1
+                wide = _between(scatter, y, x)
+                wide = wide if np.isfinite(wide) else usual
+                confidence = _between(confidences[k], y, x) / (np.float32(1) + wide * wide)
+                if wide < most and confidence >= least:
+                    row[n] = y
+                    column[n] = x
+                    offset[n] = surfaces[k][y, x]
+                    sure[n] = confidence
+                    spread[n] = wide
+                    n += 1
+    return n

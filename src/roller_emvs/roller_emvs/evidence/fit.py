@@ -80,7 +80,7 @@ def fit_planes(
         places alone.
     """
     shape, real = depths[0].offset.shape, np.float32
-    count, (rows, columns) = len(depths), np.ogrid[: shape[0], : shape[1]]
+    count = len(depths)
     # From the grid's middle, so that float32 tells squares of places apart.
     middle = real(shape[1] // 2), real(shape[0] // 2)
     values = [(own.offset, own.x - middle[0], own.y - middle[1]) for own in depths]
@@ -108,28 +108,24 @@ def fit_planes(
         sums = np.zeros((4, *shape), real)
         kernels._solve(own, planes)
         kernels._add_residuals(*values[k], weight[k], row, column, alike, planes, sums)
-        variance = _blur(sums[3], _ALIKE) / np.maximum(_blur(sums[0], _ALIKE), real(1e-12))
-        np.divide(real(resolution**2), variance + real(resolution**2), out=trust[k])
+        alike = _blur(sums[0], _ALIKE)
+        kernels._trust(alike, _blur(sums[3], _ALIKE), resolution**2, trust[k])
 
     share(threads, count, judge)
     planes, sums = np.empty((5, *shape), real), np.zeros((4, *shape), real)
+    at_cell, scatter = np.empty(shape, real), np.empty(shape if scattered else (0, 0), real)
     total = summed[0] * trust[0]
     for own, by in zip(summed[1:], trust[1:], strict=True):
         total += own * by
     kernels._solve(total, planes)
     for each, w, (row, column), t in zip(values, weight, place, trust, strict=True):
         kernels._add_residuals(*each, w, row, column, t, planes, sums)
-    x, y, z, slope_x, slope_y = planes
     # Height at the cell's own centre plus slope: linear, so enlarging keeps it.
-    along, down = (columns - middle[0]).astype(real), (rows - middle[1]).astype(real)
-    at_cell = z + slope_x * (along - x) + slope_y * (down - y)
-    scatter = np.empty((0, 0), real)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at_cell += real(_GIVEN_BACK) * _blur(sums[2], sigma) / _blur(sums[0], sigma)
-        if scattered:
-            weights, by_square, _, squares = (_blur(s, _ALIKE) for s in sums)
-            # Deviation times the unevenness of weights, their root mean square over their mean.
-            scatter = np.sqrt(squares / weights * by_square) / weights
+    weights, rests = _blur(sums[0], sigma), _blur(sums[2], sigma)
+    kernels._at_cells(planes, middle, weights, rests, _GIVEN_BACK, at_cell)
+    if scattered:
+        weights, by_square, squares = (_blur(sums[k], _ALIKE) for k in (0, 1, 3))
+        kernels._scatter(weights, by_square, squares, scatter)
     return Fit(at_cell, scatter, Moments(weight, place, summed))
 
 

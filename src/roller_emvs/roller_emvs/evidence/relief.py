@@ -172,15 +172,13 @@ def _measured(
     row, column = (np.empty(count, np.int64) for _ in range(2))
     offset, sure, spread_px = (np.empty(count, np.float32) for _ in range(3))
     confidences = tuple(found.confidence for found in depths)
-    peaks._take(
-        which, tuple(surfaces), confidences, scatter_px, row, column, offset, sure, spread_px
-    )
-    spread_px = np.where(np.isfinite(spread_px), spread_px, np.float32(_RESOLUTION_PX))
-    sure /= 1.0 + spread_px**2
-    keep = (spread_px < _MOST_SCATTER_PX) & (sure >= settings.min_point_confidence)
-    keep &= ~_fringe(support)[row, column]
-    row, column, offset, sure = row[keep], column[keep], offset[keep], sure[keep]
-    seen, spread_px = seen_around(depths), spread_px[keep]
+    limits = (_RESOLUTION_PX, _MOST_SCATTER_PX, settings.min_point_confidence)
+    count = peaks._take(
+        which, _fringe(support), tuple(surfaces), confidences, scatter_px, limits, row, column,
+        offset, sure, spread_px,
+    )  # fmt: skip
+    row, column, offset = row[:count], column[:count], offset[:count]
+    sure, spread_px, seen = sure[:count], spread_px[:count], seen_around(depths)
     sigma = point_sigma(field, fit.offset, row, column, spread_px, seen)
     if drift.calibrated:
         left = of_drift[row // CELL_PX, column // CELL_PX]
