@@ -6,8 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.evidence import find_depths, measured_pixels
+from roller_emvs.evidence.evidence_settings import FocusEvidence
+from roller_emvs.lines.edge_drift import EdgeDriftSettings, TravellingLight
+from roller_emvs.lines.refine import refine
 from roller_emvs.methods import focus
 from roller_emvs.methods.focus import focus_depth
+from roller_emvs.methods.window_field import WindowView
 from roller_emvs.rays import Packets, make_packets, rays_in_view
 from roller_emvs.stopwatch import Stopwatch
 
@@ -91,3 +96,30 @@ def test_under_a_texture_neighbourhoods_tell_all() -> None:
     depth, spent = depth_of(packets, 0.045)
     assert np.isfinite(depth).sum() > 1000
     assert "lines" not in spent
+
+
+def test_lines_become_points_beside_those_that_were_there() -> None:
+    packets = packets_of(0.09, of_steps=True)
+    view = track_of(rolling(0.3), 0.12).matrices([45 * MS])[0]
+    seen = WindowView.of(packets, CAMERA, view, (0.0430, 0.0470), 0.0)
+    field, settings, still = seen.ray_field(), FocusEvidence.create({}), TravellingLight()
+    drift = EdgeDriftSettings.create({})
+    # Lines that say that the light stands still: as many as chance lets lean.
+    still.add(np.zeros(100), np.full(100, 0.02), np.full(100, 1e4))
+    depths = find_depths(field, -seen.half, seen.half, settings)
+    found = measured_pixels(field, depths, settings, drift)
+    moved, lines = refine(
+        field, found, field.of, (0, field.shape[1]), drift, still, 0.0, 1, as_points=False
+    )
+    both, _ = refine(field, found, field.of, (0, field.shape[1]), drift, still, 0.0, 1)
+    n = len(found.row)
+    assert len(moved.row) == n < len(both.row) <= n + 2 * len(lines.row)
+    for name in ("row", "column", "offset", "sigma"):
+        np.testing.assert_array_equal(getattr(both, name)[:n], getattr(moved, name))
+    # A line has a point beside it, and is surer than that.
+    sigma = np.full((*field.shape, 3), np.inf)
+    for shift in (-1, 0, 1):
+        sigma[moved.row, np.clip(moved.column + shift, 0, field.shape[1] - 1), shift] = moved.sigma
+    beside = sigma.min(axis=2)[both.row[n:], np.rint(both.column[n:]).astype(int)]
+    assert np.isfinite(beside).all()
+    assert (both.sigma[n:] < beside).all()
