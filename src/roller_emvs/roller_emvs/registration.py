@@ -15,6 +15,8 @@ import numpy.typing as npt
 
 from roller_core.transforms import F64, pose_matrix, rotation_vector_to_quaternion
 
+from . import _voxel_kernels as _kernels
+
 #: Points further apart than this don't correspond, m.
 MAX_DISTANCE_M = 3e-4
 _MIN_PAIRS = 100
@@ -53,7 +55,8 @@ class _Target:
     def __init__(self, points: F64) -> None:
         from scipy.spatial import cKDTree  # takes as long to load as a scan to stitch
 
-        self._tree: Any = cKDTree(points)
+        # Made in half the time, and asked for far fewer points than it holds.
+        self._tree: Any = cKDTree(points, leafsize=32, compact_nodes=False, balanced_tree=False)
         self._points = points
         self._normals = np.full_like(points, np.nan)
 
@@ -71,15 +74,10 @@ class _Target:
             _, near = self._tree.query(
                 self._points[new], _NORMAL_POINTS, distance_upper_bound=_NORMAL_M
             )
-            found = near < len(self._points)
-            local = self._points[np.where(found, near, 0)] - self._points[new, None]
-            local[~found] = 0.0
-            count = found.sum(axis=1)[:, None]
-            mean = local.sum(axis=1) / count
-            moments = np.einsum("nki,nkj->nij", local, local) / count[..., None]
-            moments -= mean[:, :, None] * mean[:, None, :]
+            moments, count = np.empty((len(new), 3, 3)), np.empty(len(new), np.int64)
+            _kernels._spread(self._points, new, near, moments, count)
             normals = np.linalg.eigh(moments)[1][:, :, 0]
-            normals[count[:, 0] < 3] = 0.0, 0.0, 1.0
+            normals[count < 3] = 0.0, 0.0, 1.0
             self._normals[new] = normals
         return self._points[which], self._normals[which]
 

@@ -7,13 +7,14 @@ import numpy.typing as npt
 
 from roller_core.camera import Camera
 from roller_core.pose_track import PoseValueError
-from roller_core.transforms import F64, inverse_pose
+from roller_core.transforms import F64
 
+from . import _voxel_kernels as _kernels
 from .depth_map import F32, DepthMap, back_project
 from .depth_settings import StitcherSettings
 from .patch import Patch
 from .registration import MAX_DISTANCE_M, Refinement, refine
-from .voxels import VoxelMap
+from .voxels import VoxelMap, intrinsics_of
 
 #: Voxels under work at most; beyond it the oldest are settled early.
 _MOST_VOXELS = 3_000_000
@@ -68,7 +69,8 @@ class Stitcher:
         points, confidence, sigma = self._points(depth_map)
         if self.settings.icp and len(points) and len(self.voxels):
             margin = MAX_DISTANCE_M
-            target = self.voxels.near(points.min(axis=0) - margin, points.max(axis=0) + margin)
+            low, high = ([end(c) for c in points.T] for end in (np.min, np.max))
+            target = self.voxels.near(np.array(low) - margin, np.array(high) + margin)
             found = refine(points, target)
             self.last_refinement = found
             self.icp_tried += 1
@@ -76,7 +78,7 @@ class Stitcher:
                 self.icp_accepted += 1
                 points = points @ found.correction[:3, :3].T + found.correction[:3, 3]
         self.voxels.add(points, confidence, sigma)
-        keep = self._in_view(self.voxels.places(), depth_map.pose)
+        keep = self.voxels.in_view(self.camera, depth_map.pose)
         over = int(keep.sum()) - _MOST_VOXELS
         if over > 0:
             keep &= self.voxels.oldest(over)
@@ -104,22 +106,20 @@ class Stitcher:
         return before
 
     def _points(self, depth_map: DepthMap) -> tuple[F64, F32, F32]:
-        points, pixels = back_project(depth_map.depth, self.camera)
-        confidence = depth_map.confidence.reshape(-1)[pixels]
-        sigma = depth_map.sigma.reshape(-1)[pixels]
-        keep = confidence >= 0.0  # NaN isn't
-        if self.settings.outlier_radius_m and len(points):
-            keep &= radius_filter(points, self.settings.outlier_radius_m, _NEIGHBOURS)
-        pose = depth_map.pose
-        return points[keep] @ pose[:3, :3].T + pose[:3, 3], confidence[keep], sigma[keep]
-
-    def _in_view(self, points: F64, pose: F64) -> npt.NDArray[np.bool_]:
-        camera, to_camera = self.camera, inverse_pose(pose)
-        local = points @ to_camera[:3, :3].T + to_camera[:3, 3]
-        z = np.maximum(local[:, 2], 1e-9)
-        u = camera.fx * local[:, 0] / z + camera.cx
-        v = camera.fy * local[:, 1] / z + camera.cy
-        return np.asarray((u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
+        depth, radius_m = depth_map.depth, self.settings.outlier_radius_m
+        if radius_m:
+            points, pixels = back_project(depth, self.camera)
+            depth = depth.copy()
+            if len(points):
+                alone = ~radius_filter(points, radius_m, _NEIGHBOURS)
+                depth.reshape(-1)[pixels[alone]] = np.nan
+        points = np.empty((depth.size, 3))
+        sure, sigma = np.empty(depth.size, np.float32), np.empty(depth.size, np.float32)
+        n = _kernels._place(
+            depth, depth_map.confidence, depth_map.sigma, intrinsics_of(self.camera),
+            depth_map.pose, points, sure, sigma,
+        )  # fmt: skip
+        return points[:n], sure[:n], sigma[:n]
 
     def _patch(self, points: F64, confidence: F32, sigma: F32) -> Patch:
         height = (points[:, 2] - self.settings.surface_z_m).astype(np.float32)

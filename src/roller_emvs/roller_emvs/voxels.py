@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from roller_core.transforms import F64
+from roller_core.camera import Camera
+from roller_core.transforms import F64, inverse_pose
+
+from . import _voxel_kernels as _kernels
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
@@ -61,45 +64,56 @@ class VoxelMap:
             Points left out because they are not finite or absurdly far.
         """
         self._round += 1
+        if self._origin is None and not self._begin(points, confidence, sigma):
+            return len(points)
+        keys = np.empty(len(points), np.int64)
+        count = _kernels._number(
+            points, confidence, sigma, _FURTHEST_M, self._origin, self.axes, self._edges_m, _BITS,
+            keys,
+        )  # fmt: skip
+        order = np.argsort(keys)[len(keys) - count :]
+        unique, sums = np.empty(count, np.int64), np.empty((count, 7))
+        found = _kernels._sum(
+            order, keys, points, confidence, sigma, self._origin, _LEAST_SIGMA_M, self._round,
+            unique, sums,
+        )  # fmt: skip
+        self._merge(unique[:found], sums[:found])
+        return len(points) - int(count)
+
+    def _begin(self, points: F64, confidence: F32, sigma: F32) -> bool:
+        """Settle where voxels begin by the first points; False where there is none."""
         good = all_of(np.abs(points) < _FURTHEST_M)  # NaN isn't
         good &= np.isfinite(confidence) & np.isfinite(sigma)
-        if self._origin is None:
-            if not good.any():
-                return len(points)
-            # In the middle of a layer: the surface around it stays in one. On a grid, so that
-            # where voxels begin doesn't hang on single points.
-            edge_m = self._edges_m[0]
-            corner = np.rint(np.median(points[good], axis=0) @ self.axes / edge_m) * edge_m
-            corner[2] -= 0.5 * self._edges_m[2]
-            self._origin = np.asarray(self.axes @ corner, np.float64)
-        local = points[good] - self._origin
-        cells = np.floor(local @ self.axes / self._edges_m).astype(np.int64)
-        sure = confidence[good]
-        weight = 1.0 / np.square(np.maximum(sigma[good].astype(np.float64), _LEAST_SIGMA_M))
-        keys = cell_key(cells)
-        unique, inverse = np.unique(keys, return_inverse=True)
-        sums = np.zeros((len(unique), 7))
-        sums[:, 0] = np.bincount(inverse, weight, len(unique))
-        for k, values in enumerate((*local.T, sure, sigma[good]), start=1):
-            sums[:, k] = np.bincount(inverse, values * weight, len(unique))
-        sums[:, 6] = self._round
-        self._merge(unique, sums)
-        return int(len(points) - good.sum())
+        if not good.any():
+            return False
+        # In the middle of a layer: the surface around it stays in one. On a grid, so that where
+        # voxels begin doesn't hang on single points.
+        edge_m = self._edges_m[0]
+        corner = np.rint(np.median(points[good], axis=0) @ self.axes / edge_m) * edge_m
+        corner[2] -= 0.5 * self._edges_m[2]
+        self._origin = np.asarray(self.axes @ corner, np.float64)
+        return True
 
     def points(self) -> tuple[F64, F32, F32]:
         """Merged points, shape (n, 3), metres, their confidences and sigmas, shape (n,)."""
         return self._means(self._sums)
 
-    def places(self) -> F64:
-        """Merged points alone, in the order of `points`."""
-        if self._origin is None:
-            return np.empty((0, 3))
-        return self._sums[:, 1:4] / self._sums[:, :1] + self._origin
-
     def near(self, low: F64, high: F64) -> F64:
         """Merged points within an axis-aligned box, shape (n, 3), metres."""
-        points = self.places()
-        return points[all_of((points >= low) & (points <= high))]
+        points = np.empty((len(self) + 1, 3))
+        if self._origin is None:
+            return points[:0]
+        return points[: _kernels._near(self._sums, self._origin, low, high, points)]
+
+    def in_view(self, camera: Camera, pose: F64) -> npt.NDArray[np.bool_]:
+        """Which merged points a camera at a pose in base sees, in the order of `points`."""
+        seen = np.empty(len(self), np.bool_)
+        if self._origin is not None:
+            shape = camera.height, camera.width
+            _kernels._see(
+                self._sums, self._origin, intrinsics_of(camera), shape, inverse_pose(pose), seen
+            )
+        return seen
 
     def settle(self, keep: npt.NDArray[np.bool_]) -> tuple[F64, F32, F32]:
         """Take out the voxels not to be kept and return their points, as `points` does.
@@ -109,9 +123,13 @@ class VoxelMap:
         keep : ndarray of bool, shape (n,)
             In the order of `points`.
         """
-        gone = self._sums[~keep]
-        self._keys, self._sums = self._keys[keep], self._sums[keep]
-        return self._means(gone)
+        gone = len(keep) - int(np.count_nonzero(keep))
+        points = np.empty((gone, 3))
+        sure, sigma = np.empty(gone, np.float32), np.empty(gone, np.float32)
+        if self._origin is not None:
+            n = _kernels._settle(self._keys, self._sums, keep, self._origin, points, sure, sigma)
+            self._keys, self._sums = self._keys[:n], self._sums[:n]
+        return points, sure, sigma
 
     def oldest(self, count: int) -> npt.NDArray[np.bool_]:
         """Mask of all but the `count` voxels that were touched longest ago."""
@@ -120,16 +138,10 @@ class VoxelMap:
         return keep
 
     def _merge(self, keys: I64, sums: F64) -> None:
-        place = np.searchsorted(self._keys, keys)
-        known = place < len(self._keys)
-        known[known] = self._keys[place[known]] == keys[known]
-        at = place[known]
-        self._sums[at, :6] += sums[known, :6]
-        self._sums[at, 6] = self._round
-        fresh = ~known
-        if fresh.any():
-            self._keys = np.insert(self._keys, place[fresh], keys[fresh])
-            self._sums = np.insert(self._sums, place[fresh], sums[fresh], axis=0)
+        size = len(self._keys) + len(keys)
+        out_keys, out_sums = np.empty(size, np.int64), np.empty((size, 7))
+        n = _kernels._join(self._keys, self._sums, keys, sums, out_keys, out_sums)
+        self._keys, self._sums = out_keys[:n], out_sums[:n]
 
     def _means(self, sums: F64) -> tuple[F64, F32, F32]:
         if not len(sums) or self._origin is None:
@@ -137,6 +149,11 @@ class VoxelMap:
         means = sums[:, 1:6] / sums[:, :1]
         sure, sigma = means[:, 3:].astype(np.float32).T
         return means[:, :3] + self._origin, sure, sigma
+
+
+def intrinsics_of(camera: Camera) -> tuple[float, float, float, float]:
+    """What kernels take of a camera."""
+    return camera.fx, camera.fy, camera.cx, camera.cy
 
 
 def all_of(said: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
