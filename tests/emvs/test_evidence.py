@@ -130,18 +130,24 @@ def test_what_is_taken_lies_between_cells() -> None:
     which = rng.integers(0, 3, (24, 32)).astype(np.uint8)
     surfaces = tuple(rng.random((2, 24, 32)).astype(np.float32))
     cells = rng.random((3, 6, 8)).astype(np.float32)
-    cells[:, 2, 3] = np.nan
+    cells[2, 2, 3] = np.nan
     count = np.count_nonzero(which)
     row, column = (np.empty(count, np.int64) for _ in range(2))
     offset, sure, spread = (np.empty(count, np.float32) for _ in range(3))
-    peaks._take(which, surfaces, tuple(cells[:2]), cells[2], row, column, offset, sure, spread)
+    images, no_fringe = tuple(cells[:2]), np.zeros(which.shape, np.bool_)
+    out = (row, column, offset, sure, spread)
+    taken = peaks._take(which, no_fringe, surfaces, images, cells[2], (9.0, 99.0, 0.0), *out)
+    assert taken == count
     np.testing.assert_array_equal((row, column), np.nonzero(which))
     second = which[row, column] == 2
+    wide = enlarge(cells[2])[row, column]
+    assert np.isnan(wide).any()
+    wide = np.where(np.isnan(wide), 9.0, wide)
+    np.testing.assert_allclose(spread, wide, atol=1e-6)
+    sure *= 1 + wide**2
     for found, images in ((offset, surfaces), (sure, [enlarge(c) for c in cells[:2]])):
         expected = np.where(second, images[1][row, column], images[0][row, column])
-        np.testing.assert_allclose(found, expected, atol=1e-6)
-    np.testing.assert_allclose(spread, enlarge(cells[2])[row, column], atol=1e-6)
-    assert np.isnan(spread).any()
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_planes_are_as_many_as_parallax_and_reach_beyond_the_ends() -> None:

@@ -109,11 +109,12 @@ def test_grounding_equals_a_search_for_each_event() -> None:
         inside = 5 <= row < 30 and 10 <= column < 50
         assert found == (row * SHAPE[1] + column if inside else surface.size)
     np.testing.assert_array_equal(counts, np.bincount(pixel, minlength=len(counts)))
-    wanted = np.ones(surface.size, np.uint8)
-    wanted[10 * SHAPE[1] + 30] = 0
+    wanted = np.ones(surface.shape, np.uint8)
+    wanted[10, 30], wanted[12] = 0, 0
     starts, place = np.empty((2, len(counts)), np.int32)
     total = kernels._starts(counts, wanted, starts, place)
-    counts[[10 * SHAPE[1] + 30, -1]] = 0
+    counts[:-1] *= wanted.ravel()
+    counts[-1] = 0
     assert total == counts.sum()
     np.testing.assert_array_equal(starts, np.cumsum(counts) - counts)
     np.testing.assert_array_equal(place, np.where(counts > 0, starts, -1))

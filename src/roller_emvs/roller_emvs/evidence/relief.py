@@ -213,7 +213,8 @@ def surface_slope(
 ) -> tuple[Fit, F64]:
     """The surface through depths on cells, and its slope dh/dx along the roll; see `fit_planes`."""
     fit = _fit(field, depths, threads, scattered)
-    slope = np.nan_to_num(-np.gradient(fit.offset, axis=1) / CELL_PX) * field.slope_per_px
+    along = np.gradient(fit.offset, axis=1)
+    slope = np.where(np.isnan(along), np.float32(0), -along / CELL_PX) * field.slope_per_px
     return fit, np.asarray(slope, np.float64)
 
 

@@ -154,7 +154,8 @@ def planes_near(near: F32, at: F64, settings: EvidenceSettings) -> tuple[I32, I3
     Where the offset is NaN both lie before all planes.
     """
     reach = int(np.ceil(_SEARCH_PX * settings.planes_per_px))
-    number = np.nan_to_num((near - at[0]) / (at[1] - at[0]), nan=-1e6).round().astype(np.int32)
+    between = (near - at[0]) / (at[1] - at[0])
+    number = np.rint(np.where(np.isnan(between), -1e6, between)).astype(np.int32)
     return number - reach, number + reach, reach
 
 
@@ -264,5 +265,6 @@ def _peaks(
     weights = np.exp(-0.5 * (steps / sigma) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
     peaks._centroids(measure, peak, weights, total, x, y)
-    x += np.nan_to_num(offset) * (field.middles / CELL_PX).astype(np.float32)
+    known = np.where(np.isnan(offset), np.float32(0), offset)
+    x += known * (field.middles / CELL_PX).astype(np.float32)
     return Depths(offset, contrast, total, x, y, np.zeros_like(x))

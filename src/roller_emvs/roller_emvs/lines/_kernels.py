@@ -17,15 +17,27 @@ _SLACK = 0.05
 def _starts(counts, wanted, starts, place):  # type: ignore[no-untyped-def]
     """Where the events of each pixel begin if those of `wanted` pixels are put in order; how many.
 
+    `wanted`, shape (rows, columns), is of the image, all others are flat.
+
     `place` is the same, -1 where there are none, as in the last entry of `counts`: nowhere.
     """
     n, none = np.int32(0), np.int32(-1)
-    for k in range(np.uint64(len(wanted))):
-        # Products, as branches that are taken now and then take longer.
-        count = counts[k] * np.int32(wanted[k] != 0)
-        starts[k] = n
-        place[k] = n | (none * np.int32(count == 0))
-        n += count
+    height, width = wanted.shape
+    flat, size = wanted.reshape(-1), np.uint64(width)
+    for i in range(height):
+        begin, some = np.uint64(i * width), False
+        for j in range(size):
+            some |= flat[begin + j] != 0
+        if some:
+            for j in range(size):
+                count = counts[begin + j] if flat[begin + j] else np.int32(0)
+                starts[begin + j] = n
+                place[begin + j] = n if count else none
+                n += count
+        else:
+            for j in range(size):
+                starts[begin + j] = n
+                place[begin + j] = none
     starts[-1] = n
     place[-1] = -1
     return n

@@ -151,11 +151,14 @@ def edge_drift(
     rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)
     # A line that shows neither slope nor side may be on a wall all the same.
     unseen = np.abs(beta[..., [1, 3]] * (1.0 - np.abs(terms[..., [1, 3]]))).max(axis=-1)
-    sigma = np.hypot(np.where(slope >= 0, rising, falling), np.hypot(unseen, _DOUBT * height))
+    # By squares: `hypot` goes one by one.
+    square = np.where(slope >= 0, rising, falling) ** 2 + unseen**2 + (_DOUBT * height) ** 2
+    sigma = np.sqrt(square)
     over = np.maximum(np.abs(slope) - settings.max_slope, 0.0)
-    sigma = np.hypot(sigma, _BEYOND * over * np.maximum(np.abs(height), sigma))
+    sigma = np.sqrt(square + (_BEYOND * over * np.maximum(np.abs(height), sigma)) ** 2)
     if beyond is not None:
-        sigma = np.hypot(sigma, _BEYOND * beyond * np.maximum(np.abs(height), sigma))
+        further = _BEYOND * beyond * np.maximum(np.abs(height), sigma)
+        sigma = np.sqrt(sigma**2 + further**2)
     return height, sigma
 
 

@@ -156,7 +156,7 @@ def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int)
     reach = [2 * int(np.ceil(half)) + 3 for half in _WINDOW_PX]
     cv2.dilate(wanted, np.ones((reach[1], reach[0]), np.uint8), dst=wanted)
     starts, place = np.empty((2, len(counts)), np.int32)
-    ordered = np.empty((kernels._starts(counts, wanted.ravel(), starts, place), 4), np.float32)
+    ordered = np.empty((kernels._starts(counts, wanted, starts, place), 4), np.float32)
     kernels._by_pixel(rays, pixel, place, ordered)
     return ordered, starts
 

@@ -159,10 +159,9 @@ def refine(
     offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
     told = sigma * (1.0 + _ONE_SIDED * light.share)
     found = _moved(found, every, offset, told, abs(field.offset_per_m))
-    if as_points:
-        # Where light travels, points around know of both polarities what a line knows of one.
-        alone = sigma / max(1.0 - light.share, 1e-9)
-        found = _with_lines(found, every, offset, alone, tilt)
+    # Where light travels, the points around know of both polarities what a line knows of one.
+    if as_points and light.share < 1.0:
+        found = _with_lines(found, every, offset, sigma / (1.0 - light.share), tilt)
     found = _unsure(found, unknown * abs(field.offset_per_m))
     shared = np.concatenate(unsure) * abs(field.offset_per_m)
     return _less_sure(found, every, shared) if shared.any() else found, every

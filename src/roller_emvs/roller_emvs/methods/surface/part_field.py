@@ -14,6 +14,7 @@ plane. `fits` says how straight is straight enough.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -132,7 +133,7 @@ class PartField(EvidenceField):
 
     def _base(self, of_row: int, of_part: int, rows: int = 1) -> I64:
         """Where the image of each row and part begins, so many `rows` in one."""
-        row, part = np.divmod(np.arange(CELL_PX * self.bins[1]), self.bins[1])
+        row, part = _rows_and_parts(self.bins[1])
         return np.asarray(row // rows * of_row + part * of_part, np.int64)
 
     def measure(
@@ -181,6 +182,13 @@ class PartField(EvidenceField):
 
         share(threads, threads, run, inner=True)
         return found
+
+
+@lru_cache(maxsize=16)
+def _rows_and_parts(parts: int) -> tuple[I64, I64]:
+    """Row in its cell and part of the votes' keys."""
+    row, part = np.divmod(np.arange(CELL_PX * parts), parts)
+    return row, part
 
 
 def whole_shifts(middles: F64, at: F64, bins_px: int = BINS_PX) -> I64:
@@ -249,7 +257,8 @@ def part_field(strip: Strip, block: Block, per_px: float, threads: int) -> PartF
     )  # fmt: skip
     field = _take_votes(strip, block, field, seen, threads)
     reach = int(np.ceil(strip.half_m * bins_per_m / TILE_BINS))
-    sums = np.cumsum(np.pad(seen[:, :-1].reshape(2, -1, tiles), ((0, 0), (0, 0), (1, 0))), axis=2)
+    sums = np.zeros((2, rows // CELL_PX, tiles + 1), np.int32)
+    np.cumsum(seen[:, :-1].reshape(2, -1, tiles), axis=2, out=sums[..., 1:])
     begin, end = apron - reach, apron + reach + 1
     np.greater_equal(
         sums[..., end : end + count] - sums[..., begin : begin + count], _LEAST_EVENTS,
