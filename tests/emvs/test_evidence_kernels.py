@@ -216,7 +216,8 @@ def test_what_saw_cells_is_in_plain_words() -> None:
     variance = (slopes**2).sum(axis=0) / some - (slopes.sum(axis=0) / some) ** 2
     np.testing.assert_array_equal(found[0], count)
     np.testing.assert_allclose(found[1], slopes.sum(axis=0) / some, rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(found[2], np.sqrt(12 * np.maximum(variance, 0)), rtol=1e-2, atol=0.01)
+    spread = np.sqrt(12 * np.maximum(variance, 0))
+    np.testing.assert_allclose(found[2], spread, rtol=1e-2, atol=0.01)
 
     low, high = np.full(17, -0.3), np.linspace(-0.2, 0.4, 17)
     middle, spread = 0.5 * (low + high), high - low

@@ -221,9 +221,7 @@ def twin_sharpness(votes: np.ndarray, bins_px: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("groups", "pairs", "halve"), [(1, 2, 0), (4, 1, 0), (4, 1, 1)])
-def test_sharpness_is_that_of_the_sum_of_shifted_parts(
-    groups: int, pairs: int, halve: int
-) -> None:
+def test_sharpness_is_that_of_the_sum_of_shifted_parts(groups: int, pairs: int, halve: int) -> None:
     rng = np.random.default_rng(4)
     votes, starts, histogram = some_votes(rng)
     shifts = rng.integers(-20, 21, (6, PARTS)) >> halve

@@ -160,7 +160,8 @@ def _top_between(scores, at, peak, offset):  # type: ignore[no-untyped-def]
 def _centroids(measure, peak, weights, total, x, y):  # type: ignore[no-untyped-def]
     """Weighted focus measure on each cell's own plane, and where around the cell it lies, in cells.
 
-    `peak` is between planes, NaN where there is none. `weights` are of one axis, shape (2·reach + 1,).
+    `peak` is between planes, NaN where there is none. `weights` are of one axis, shape
+    (2·reach + 1,).
     """
     _, height, width = measure.shape
     reach = len(weights) // 2

@@ -97,4 +97,3 @@ def agreed_share(
 
 def _parallax(field: EvidenceField) -> F32:
     return np.maximum(field.apertures, np.float32(1e-12))
-

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-
-#: Rows and columns, px, to a cell of the grid on which lines are added up, as what is around a place
+#: Rows and columns, px, to a cell of the grid on which lines are added up: what is around a place
 #: changes little from pixel to pixel.
 GRID_PX = 2
 #: Variance that this and what lies between cells add to a neighbourhood, along rows and across,

@@ -33,12 +33,30 @@ def _sweep_bands_views(  # type: ignore[no-untyped-def]
             rays, part, limits, inverse, halves, top, height, pad, hats, chunk, lines, keys
         )
         for j in range(views):
-            for r in range(min(rows, height - top)):
-                for x in range(width):
-                    rank = keys[j, r, x] & ranks
-                    index[j, top + r, x] = planes - rank if rank else 0
-                    keys[j, r, x] -= rank
-                    votes[j, top + r, x] = sums[j, r, x]
+            own = min(rows, height - top) * width
+            of_keys, of_image = j * rows * width, (j * height + top) * width
+            _take_ranks(keys, of_keys, np.uint64(own), planes, ranks, index, of_image)
+            _copy(sums, of_keys, np.uint64(own), votes, of_image)
+
+
+@njit(cache=True, nogil=True)
+def _take_ranks(keys, start, count, planes, ranks, index, to):  # type: ignore[no-untyped-def]
+    """Planes by the ranks in keys, which are taken out."""
+    flat, out = keys.reshape(-1), index.reshape(-1)
+    at, own = np.uint64(start), np.uint64(to)
+    bits, behind = np.int32(ranks), np.int32(planes)
+    for i in range(count):
+        rank = flat[at + i] & bits
+        out[own + i] = np.uint16((behind - rank) * np.int32(rank > 0))
+        flat[at + i] -= rank
+
+
+@njit(cache=True, nogil=True)
+def _copy(values, start, count, out, to):  # type: ignore[no-untyped-def]
+    flat, copied = values.reshape(-1), out.reshape(-1)
+    at, own = np.uint64(start), np.uint64(to)
+    for i in range(count):
+        copied[own + i] = flat[at + i]
 
 
 @njit(cache=True, nogil=True)

@@ -60,9 +60,10 @@ def window_depth(
     bounds_m = (s.depth_min_m, s.depth_max_m)
     warped: list[tuple[F32, F32] | None] = [None] * len(poses)
     weights = [weight for _, weight in s.views()]
+    usable = usable_planes(voted.planes, bounds_m)
 
     def look(k: int) -> None:
-        view = view_depth(voted, k, bounds_m, weights[k], s.paper)
+        view = view_depth(voted, k, usable, bounds_m, weights[k], s.paper)
         warped[k] = warp_view(view, target, camera)
 
     with watch("detection"):
@@ -119,7 +120,12 @@ def choose_planes(
 
 
 def view_depth(
-    voted: ViewVotes, k: int, bounds_m: tuple[float, float], weight: float, s: PaperSettings
+    voted: ViewVotes,
+    k: int,
+    usable: Mask,
+    bounds_m: tuple[float, float],
+    weight: float,
+    s: PaperSettings,
 ) -> ViewDepth:
     """Depth from the maxima of reference view `k`: threshold and median.
 
@@ -129,6 +135,8 @@ def view_depth(
         Of all views; the planes may reach beyond the bounds.
     k : int
         The view.
+    usable : ndarray of bool, shape (n,)
+        See `usable_planes`.
     bounds_m : tuple of float
         Nearest and farthest depth; what lies beyond is refused, metres.
     weight : float
@@ -139,7 +147,7 @@ def view_depth(
     votes, index, planes = voted.votes[k], voted.index[k], voted.planes
     mask = adaptive_threshold(votes, s.threshold_c, KERNEL_PX, s.full_scale_votes)
     at = np.flatnonzero(mask)
-    at = at[usable_planes(planes, bounds_m)[index.reshape(-1)[at]]]
+    at = at[usable[index.reshape(-1)[at]]]
     level = median_of(index, at, s.median_px, len(planes))
     found = np.interp(level, np.arange(len(planes)), planes)
     inside = (found >= bounds_m[0]) & (found <= bounds_m[1])

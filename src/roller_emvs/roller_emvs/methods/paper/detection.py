@@ -106,7 +106,7 @@ def _add_by_taps(values, places, taps, count, out, to):  # type: ignore[no-untyp
 @njit(cache=True, nogil=True)
 def _add_row(votes, y, low, scale, taps, places, levels, sums):  # type: ignore[no-untyped-def]
     """Votes of a row in whole levels, as OpenCV's, and their sums along it, in the rows at hand."""
-    height, width = votes.shape
+    width = votes.shape[1]
     begin, reach = (y % len(levels)) * width, len(taps) - 1
     flat, own, to = votes.reshape(-1), levels.reshape(-1), sums.reshape(-1)
     at, first = np.uint64(y * width), np.uint64(begin)

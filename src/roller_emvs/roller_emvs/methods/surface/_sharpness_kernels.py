@@ -15,8 +15,8 @@ from ._part_kernels import CELL_BINS, MOST, ROW_PX, TILE_BINS, TILE_CELLS, _coun
 SIDE, HALF_SIDE, _BESIDE = 11, 5, 32
 #: Bins that are summed in one go.
 _CHUNK = np.uint64(32)
-#: The taps of the slope, 1 and 0.4, are 5 and 2 here. Of quarters a vote in a column's middle counts
-#: 4, and there are four phases to a pixel; of halves two and two.
+#: The taps of the slope, 1 and 0.4, are 5 and 2 here. Of quarters a vote in a column's middle
+#: counts 4, and there are four phases to a pixel; of halves two and two.
 _SCALE, _HALF_SCALE = np.float32(1.0 / (4 * 20 * 20)), np.float32(1.0 / (2 * 10 * 10))
 
 

@@ -23,7 +23,8 @@ from roller_emvs.rays import F32
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
-from .part_field import COARSE_PARTS, find_part_depths, fits, part_field
+from .part_depths import find_part_depths
+from .part_field import COARSE_PARTS, fits, part_field
 from .pass_cutter import PassCutter
 from .strip import MARGIN_M, Block, Strip, ray_field
 from .surface_settings import SurfaceSettings
