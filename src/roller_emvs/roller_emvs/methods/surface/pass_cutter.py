@@ -15,7 +15,7 @@ from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
 from roller_core.passes import Heading, Progress, stands
 from roller_core.pose_track import PoseError, PoseTrack
-from roller_core.transforms import F64
+from roller_core.transforms import F64, pose_matrix
 from roller_emvs.windows import RefusedWindow
 
 from .strip import Block, MotionError, Strip
@@ -109,15 +109,17 @@ class PassCutter(EventCutter):
             t0, t1 = int(times[k]), int(times[k + 1])
             if not flush and self._queue.newest_ns < t1:
                 break
-            yield from self._step(t0, t1)
+            yield from self._step(k)
             self._at_ns = t1
         if flush:
             yield from self._end_pass()
             self._drop_unplaced()
             self._at_ns = None
 
-    def _step(self, t0: int, t1: int) -> Iterator[Output]:
-        """What happened between two neighbouring poses."""
+    def _step(self, k: int) -> Iterator[Output]:
+        """What happened between pose `k` of the track and the next."""
+        own = slice(k, k + 2)
+        t0, t1 = self._track.times_ns[own].tolist()
         events = self._queue.take(self._queue.count_before(t1))
         if self._in_gap(t0, t1):
             # Rows seen by a part of their events would be worse than the rest.
@@ -135,7 +137,7 @@ class PassCutter(EventCutter):
         if self.dead_time:
             self.dead_time.measure(events)
         events = self._without_ramps(events, t0, t1)
-        pose0, pose1 = self._track.matrices([t0, t1])
+        pose0, pose1 = pose_matrix(self._track.positions[own], self._track.quaternions[own])
         if self._strip is not None:
             local0, local1 = self._strip.to_strip(pose0), self._strip.to_strip(pose1)
             if self._leaves(local1) or t1 - self._strip.start_ns > _LONGEST_NS:
