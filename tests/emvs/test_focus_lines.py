@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from roller_core.events import EventArray
+from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.evidence import find_depths, measured_pixels
 from roller_emvs.evidence.evidence_settings import FocusEvidence
@@ -13,6 +15,7 @@ from roller_emvs.lines.refine import refine
 from roller_emvs.methods import focus
 from roller_emvs.methods.focus import focus_depth
 from roller_emvs.methods.window_field import WindowView
+from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.rays import Packets, make_packets, rays_in_view
 from roller_emvs.stopwatch import Stopwatch
 
@@ -80,22 +83,40 @@ def test_a_short_way_gives_no_lines() -> None:
     assert "lines" not in depth_of(packets_of(0.03), 0.015)[1]
 
 
-def test_under_a_texture_neighbourhoods_tell_all() -> None:
-    rng = np.random.default_rng(5)
-    spots = np.stack(
-        [rng.uniform(-0.02, 0.045, 9000), rng.uniform(-0.0036, 0.0036, 9000), np.full(9000, 0.045)],
-        axis=1,
-    )
-    events = events_of(spots, rolling(0.3), 0.09)
-    events = events[events.t_ns < 90 * MS]
-    both = np.sort(np.concatenate([events.t_ns, events.t_ns]))
-    twice = events[np.repeat(np.arange(len(events)), 2)]
-    polarity = np.arange(len(both)) % 2
-    twice = type(events).from_arrays(twice.x, twice.y, twice.t_ns, polarity)
-    packets = make_packets(twice, TABLE, track_of(rolling(0.3), 0.12), 64)
-    depth, spent = depth_of(packets, 0.045)
-    assert np.isfinite(depth).sum() > 1000
-    assert "lines" not in spent
+def textured_scan(duration_s: float) -> EventArray:
+    """Spots everywhere on a plate, each seen in both polarities."""
+    rng, way_m = np.random.default_rng(5), 0.3 * duration_s
+    count = round(1.5e5 * (way_m + 0.02))
+    x, y = rng.uniform(-0.01, way_m + 0.01, count), rng.uniform(-0.0036, 0.0036, count)
+    seen = events_of(np.stack([x, y, np.full(count, 0.045)], axis=1), rolling(0.3), duration_s)
+    twice = seen[np.repeat(np.arange(len(seen)), 2)]
+    return EventArray.from_arrays(twice.x, twice.y, twice.t_ns, np.arange(len(twice)) % 2)
+
+
+def test_under_a_texture_windows_are_shorter_and_no_lines_fitted() -> None:
+    settings = DepthSettings.create({"threads": 1})
+    pipeline = DepthPipeline(settings, CAMERA, track_of(rolling(0.3), 0.22))
+    pipeline.add_events(textured_scan(0.22))
+    maps = [found for found in pipeline.results(flush=True) if isinstance(found, DepthMap)]
+    spans = [0.3 * (found.end_ns - found.start_ns) * 1e-9 for found in maps]
+    assert len(maps) >= 3
+    np.testing.assert_allclose(spans[:-1], [0.028] + [0.02] * (len(maps) - 2), rtol=1e-3)
+    assert not any("lines" in found.milliseconds for found in maps)
+    assert min(found.points for found in maps) > 1000
+    steps_m = 0.3e-9 * np.diff([found.start_ns for found in maps])
+    np.testing.assert_allclose(steps_m[1:], 0.015, rtol=1e-3)
+
+
+@given(travel=st.floats(0.001, 0.1), overlap=st.one_of(st.just(-1.0), st.floats(0.0, 0.9)))
+def test_windows_under_a_texture_are_shorter_and_repeat_what_is_asked_for(
+    travel: float, overlap: float
+) -> None:
+    own = DepthSettings.create({"window": {"travel_m": travel, "overlap": overlap}})
+    (plain, plain_step), (length, step) = own.travel_and_step_m(False), own.travel_and_step_m(True)
+    assert plain == travel
+    assert length == pytest.approx(5 / 7 * travel)
+    assert plain_step == pytest.approx(plain * (1 - (0.4 if overlap < 0 else overlap)))
+    assert step == pytest.approx(length * (1 - (0.25 if overlap < 0 else overlap)))
 
 
 def test_lines_become_points_beside_those_that_were_there() -> None:

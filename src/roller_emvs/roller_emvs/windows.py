@@ -70,6 +70,8 @@ class WindowCutter(EventCutter):
         super().__init__(settings.max_waiting_events, track)
         self._settings = settings
         self._start_ns: int | None = None
+        #: Whether the last window was of a printed texture: the next ones are shorter.
+        self.textured = False
         # What the end by travel was last looked for with, and what was found.
         self._travel_of = (0, 0)
         self._travel: tuple[int | None, int, float, str] = (None, 0, 0.0, "")
@@ -175,6 +177,7 @@ class WindowCutter(EventCutter):
     def _travel_end(self, start: int, last: int) -> tuple[int | None, int, float, str]:
         """End, following start, share reached and refusal of a window by travel."""
         s = self._settings
+        travel_m, step_m = s.travel_and_step_m(self.textured)
         limit = start + round(s.max_still_s * 1e9)
         try:
             origin = self._track.at(start).position
@@ -187,25 +190,22 @@ class WindowCutter(EventCutter):
         first = int(np.searchsorted(times, start, side="right"))
         times = times[first:]
         away = np.linalg.norm(self._track.positions[first:] - origin, axis=1)
-        end = self._reach(start, times, away, s.window.travel_m)
+        end = self._reach(start, times, away, travel_m)
         if end is not None and end <= limit:
-            following = end
-            if s.window_overlap:
-                step = s.window.travel_m * (1 - s.window_overlap)
-                following = self._reach(start, times, away, step) or end
-            return end, following, 1.0, ""
+            following = self._reach(start, times, away, step_m) if step_m < travel_m else end
+            return end, following or end, 1.0, ""
         if self._track.end_ns >= limit:
             return (
                 limit,
                 limit,
                 0.0,
                 (
-                    f"the sensor moved less than {s.window.travel_m * 1e3:g} mm "
+                    f"the sensor moved less than {travel_m * 1e3:g} mm "
                     f"in {s.max_still_s:g} s: no parallax, no depth"
                 ),
             )
         within = away[times <= last]
-        return None, limit, float(within.max() / s.window.travel_m) if len(within) else 0.0, ""
+        return None, limit, float(within.max() / travel_m) if len(within) else 0.0, ""
 
     @staticmethod
     def _reach(start: int, times: np.ndarray, away: np.ndarray, travel: float) -> int | None:

@@ -15,6 +15,7 @@ and points follow them, as in `surface`.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +46,17 @@ _MOST_KNOWN = 0.5
 _ENOUGH, _MOST_LEFT_OUT = 75_000, 4
 
 
+class FocusDepth(NamedTuple):
+    """Depth of a window in its reference view."""
+
+    #: float32, shape (height, width): metres, 0-1 and metres; NaN where there is no depth.
+    depth: F32
+    confidence: F32
+    sigma: F32
+    #: Whether edges lie so close that neighbourhoods tell all, as under a printed texture.
+    textured: bool
+
+
 def focus_depth(
     packets: Packets,
     camera: Camera,
@@ -52,8 +64,8 @@ def focus_depth(
     settings: DepthSettings,
     watch: Stopwatch,
     blind_m: float = 0.0,
-) -> tuple[F32, F32, F32]:
-    """Depth, confidence and sigma of one window in a reference view.
+) -> FocusDepth:
+    """Depth of one window in a reference view.
 
     Parameters
     ----------
@@ -69,11 +81,6 @@ def focus_depth(
         Takes the time by stage.
     blind_m : float
         Travel of the sensor while pixels are blind after an event, m; 0 where that doesn't matter.
-
-    Returns
-    -------
-    depth, confidence, sigma : ndarray of float32, shape (height, width)
-        Metres, 0–1 and metres; NaN where there is no depth.
     """
     s = settings
     with watch("rays"):
@@ -82,9 +89,9 @@ def focus_depth(
         )
         parts = seen.parts()
     if parts is None:
-        found = _by_rays(seen, s, watch, blind_m)
+        found, textured = _by_rays(seen, s, watch, blind_m)
     else:
-        found = _by_parts(seen, parts, s, watch, blind_m)
+        found, textured = _by_parts(seen, parts, s, watch, blind_m)
     depth = np.full((camera.height, camera.width), np.nan, np.float32)
     confidence, sigma = np.full_like(depth, np.nan), np.full_like(depth, np.nan)
     row, column = (found.column, found.row) if seen.turned else (found.row, found.column)
@@ -93,10 +100,12 @@ def focus_depth(
     depth[row, column] = 1.0 / (seen.middle + found.offset[keep])
     confidence[row, column] = found.confidence[keep]
     sigma[row, column] = (found.sigma * found.agreed)[keep] * depth[row, column] ** 2
-    return depth, confidence, sigma
+    return FocusDepth(depth, confidence, sigma, textured)
 
 
-def _by_rays(seen: WindowView, s: DepthSettings, watch: Stopwatch, blind_m: float) -> Relief:
+def _by_rays(
+    seen: WindowView, s: DepthSettings, watch: Stopwatch, blind_m: float
+) -> tuple[Relief, bool]:
     with watch("rays"):
         field = seen.ray_field()
     with watch("votes"):
@@ -106,7 +115,7 @@ def _by_rays(seen: WindowView, s: DepthSettings, watch: Stopwatch, blind_m: floa
 
 def _by_parts(
     seen: WindowView, parts: Parts, s: DepthSettings, watch: Stopwatch, blind_m: float
-) -> Relief:
+) -> tuple[Relief, bool]:
     with watch("rays"):
         field = seen.part_images(parts, s.threads)
     with watch("votes"):
@@ -121,15 +130,18 @@ def _points(
     s: DepthSettings,
     watch: Stopwatch,
     blind_m: float,
-) -> Relief:
-    """Measured pixels, moved by the lines around."""
-    with_lines = _lines_tell(field, depths)
+) -> tuple[Relief, bool]:
+    """Measured pixels, moved by the lines around, and whether they are of a texture."""
+    known = np.isfinite([found.offset for found in depths])
+    textured = bool(known.all(axis=0).mean() >= _MOST_KNOWN)
+    spread = field.aperture * abs(field.ray_slope_scale)
+    with_lines = bool(known.any()) and not textured and spread**2 / 12 >= LEAST_VARIANCE
     with watch("points"):
         found = measured_pixels(
             field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines
         )
     if not with_lines:
-        return found
+        return found, textured
     with watch("lines"):
         every = min(1 + len(seen.packets.events) // _ENOUGH, _MOST_LEFT_OUT)
         rays = replace(seen, packets=seen.packets.sample(every)).ray_field().of
@@ -137,12 +149,4 @@ def _points(
         found, _ = refine(
             field, found, rays, columns, s.edge_drift, light, blind_m, s.threads, as_points=False
         )
-    return found
-
-
-def _lines_tell(field: EvidenceField, depths: list[Depths]) -> bool:
-    """Whether lines can be fitted, and know more than the depths of neighbourhoods."""
-    spread = field.aperture * abs(field.ray_slope_scale)
-    known = np.isfinite([found.offset for found in depths])
-    both = known.all(axis=0).mean()
-    return bool(spread**2 / 12 >= LEAST_VARIANCE and known.any() and both < _MOST_KNOWN)
+    return found, textured
