@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from roller_emvs.evidence import _peak_kernels
 from roller_emvs.evidence.islands import without_islands
 from roller_emvs.evidence.sweep import Depths
 
@@ -40,3 +41,13 @@ def test_what_may_be_relief_stays() -> None:
     ):
         found = without_islands(FIELD, given)
         np.testing.assert_array_equal(found.offset, given.offset)
+
+
+def test_heights_are_whole_numbers_within_sixteen_bits() -> None:
+    offset = np.array([[0.0, 0.0126, -0.0124, np.nan], [9.0, -9.0, np.nan, 1.0]], np.float32)
+    heights = np.empty(offset.shape, np.int16)
+    assert _peak_kernels._heights(offset, 1000.0, -32768, heights)
+    known = np.isfinite(offset)
+    expected = np.clip(np.rint(np.where(known, offset, 0) * 1000), -32000, 32000)
+    np.testing.assert_array_equal(heights, np.where(known, expected, -32768))
+    assert not _peak_kernels._heights(np.full_like(offset, np.nan), 1.0, -32768, heights)

@@ -262,3 +262,18 @@ def _take(  # type: ignore[no-untyped-def]
                     spread[n] = wide
                     n += 1
     return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _heights(offset, per_offset, unknown, heights):  # type: ignore[no-untyped-def]
+    """Offsets as whole numbers up to ±32000, `unknown` where there is none; if there is one."""
+    most, scale = np.float32(32000), np.float32(per_offset)
+    some = False
+    for i in range(offset.shape[0]):
+        for j in range(offset.shape[1]):
+            z = offset[i, j]
+            known = z == z
+            height = np.rint(min(max(z * scale, -most), most)) if known else np.float32(unknown)
+            heights[i, j] = np.int16(height)
+            some |= known
+    return some

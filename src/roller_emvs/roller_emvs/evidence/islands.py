@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .field import EvidenceField
 from .sweep import Depths
@@ -16,6 +17,8 @@ from .sweep import Depths
 _STEEP, _CELLS, _WEAK, _AROUND = 5.0, 24, 0.5, (7, 7)
 #: A step of that is so many units of the heights that OpenCV takes.
 _UNITS = 40
+#: Height of a cell without a depth.
+_NOWHERE = -32768
 
 
 def without_islands(field: EvidenceField, depths: Depths) -> Depths:
@@ -31,16 +34,17 @@ def without_islands(field: EvidenceField, depths: Depths) -> Depths:
     depths : Depths
         Of one polarity.
     """
-    known, one = np.isfinite(depths.offset), np.float32(1)
     per_jump = abs(_STEEP * CELL_PX / field.slope_per_px)
-    units = np.clip(depths.offset * (_UNITS / per_jump), -32000, 32000)
-    heights = np.where(known, np.rint(units), -32768).astype(np.int16)
-    cv2.filterSpeckles(heights, -32768, _CELLS, _UNITS)
-    large = heights > -32768
-    small = known & ~large
+    heights = np.empty(depths.offset.shape, np.int16)
+    if not peaks._heights(depths.offset, _UNITS / per_jump, _NOWHERE, heights):
+        return depths
+    known = heights != _NOWHERE
+    cv2.filterSpeckles(heights, _NOWHERE, _CELLS, _UNITS)
+    large = heights != _NOWHERE
+    small = known != large
     if not small.any():
         return depths
-    sure = depths.confidence
+    sure, one = depths.confidence, np.float32(1)
     sums = [cv2.boxFilter(v, -1, _AROUND, normalize=False) for v in (large * sure, large * one)]
     count, label = cv2.connectedComponents(small.astype(np.uint8))
     there = np.nonzero(small)

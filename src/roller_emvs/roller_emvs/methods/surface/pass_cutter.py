@@ -106,7 +106,7 @@ class PassCutter(EventCutter):
             k = int(np.searchsorted(times, self._at_ns))
             if k + 1 > last:
                 break
-            t0, t1 = int(times[k]), int(times[k + 1])
+            t1 = int(times[k + 1])
             if not flush and self._queue.newest_ns < t1:
                 break
             yield from self._step(k)
