@@ -23,7 +23,8 @@ from roller_core.errors import SettingsError
 from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.methods.paper.detection import adaptive_threshold, margins, masked_median
+from roller_emvs.methods.paper.median import masked_median
+from roller_emvs.methods.paper.threshold import adaptive_threshold, margins
 from roller_emvs.pipeline import DepthPipeline
 
 NOISE_M = 3e-5

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emvs.scenes import CAMERA
-from roller_emvs.methods.paper.detection import adaptive_threshold, masked_median
 from roller_emvs.methods.paper.fusion import ViewDepth, fuse_views, warp_view, weighted_mean
+from roller_emvs.methods.paper.median import masked_median
+from roller_emvs.methods.paper.threshold import adaptive_threshold
 
 
 def test_threshold_is_opencvs_without_saturation() -> None:

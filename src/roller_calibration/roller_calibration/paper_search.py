@@ -17,7 +17,8 @@ from roller_core.camera import Camera
 from roller_core.transforms import F64, inverse_pose
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.paper.bma import ViewVotes, usable_planes, view_votes
-from roller_emvs.methods.paper.detection import KERNEL_PX, margins, masked_median
+from roller_emvs.methods.paper.median import masked_median
+from roller_emvs.methods.paper.threshold import KERNEL_PX, margins
 from roller_emvs.threads import share
 
 from . import _search_kernels as kernels

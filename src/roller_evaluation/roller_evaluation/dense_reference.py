@@ -12,8 +12,9 @@ from numba import njit
 
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.methods.paper.detection import KERNEL_PX, adaptive_threshold, median_at
 from roller_emvs.methods.paper.fusion import ViewDepth, fuse_views
+from roller_emvs.methods.paper.median import median_at
+from roller_emvs.methods.paper.threshold import KERNEL_PX, adaptive_threshold
 from roller_emvs.methods.paper.votes import dense_volume
 from roller_emvs.rays import make_packets, rays_in_view
 

@@ -17,10 +17,11 @@ from roller_emvs.rays import F32, Packets, parallax_px, rays_in_view
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.threads import share
 
-from .detection import KERNEL_PX, Mask, adaptive_threshold, median_of
 from .fusion import ViewDepth, warp_view, weighted_mean
+from .median import median_of
 from .paper_settings import PaperSettings
 from .shifted import shifted_planes
+from .threshold import KERNEL_PX, Mask, adaptive_threshold
 from .votes import U16, sweep_maximum, sweep_views
 
 

@@ -13,6 +13,8 @@ from ._part_kernels import CELL_BINS, MOST, ROW_PX, TILE_BINS, TILE_CELLS, _coun
 #: Bins before what is looked at that its slopes take in, of a quarter and of half a pixel, and how
 #: many more are summed in all.
 SIDE, HALF_SIDE, _BESIDE = 11, 5, 32
+#: Votes of all parts in a bin at most: sixteen times as many, as slopes are of, fit 16 bits.
+_MOST_TOTAL = 32767 // 16
 #: Bins that are summed in one go.
 _CHUNK = np.uint64(32)
 #: The taps of the slope, 1 and 0.4, are 5 and 2 here. Of quarters a vote in a column's middle
@@ -67,7 +69,7 @@ def _measure(  # type: ignore[no-untyped-def]
     count = tiles.shape[1]
     _, parts, _ = shape
     own = parts // groups
-    most = ROW_PX * MOST
+    most = min(ROW_PX * MOST, _MOST_TOTAL // parts)
     cell_bins, tile_bins = CELL_BINS >> halve, TILE_BINS >> halve
     side = HALF_SIDE if halve else SIDE
     for row in range(begin, end, step):
