@@ -171,10 +171,9 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         if s.method == "focus":
             late = self._cutter.dead_time
             blind_m = late.blind_m if late else 0.0
-            *images, self._cutter.textured = focus.focus_depth(
-                packets, camera, target, s, watch, blind_m
-            )
-            return tuple(images)
+            found = focus.focus_depth(packets, camera, target, s, watch, blind_m)
+            self._cutter.textured = found.textured
+            return found.depth, found.confidence, found.sigma
         depth, sure = paper.window_depth(packets, camera, prepared.poses, target, s, watch)
         per_px = (1 / s.depth_min_m - 1 / s.depth_max_m) / prepared.parallax_px
         return depth, sure, np.float32(_PAPER_ERROR_PX * per_px) * depth**2
