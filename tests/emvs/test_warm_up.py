@@ -5,6 +5,7 @@ import pytest
 from roller_emvs.depth_settings import METHODS, DepthSettings
 from roller_emvs.evidence import _meet_kernels, _peak_kernels
 from roller_emvs.evidence import _part_kernels as _image_kernels
+from roller_emvs.lines import _place_kernels
 from roller_emvs.methods.paper import _view_kernels, _vote_kernels
 from roller_emvs.methods.surface import SurfaceSettings, _part_kernels
 from roller_emvs.warm_up import warm_up
@@ -17,6 +18,7 @@ def test_every_method_warms_up(method: str) -> None:
         assert _peak_kernels._choose.signatures
         assert _image_kernels._support.signatures
         assert _meet_kernels._ground.signatures
+        assert _place_kernels._move.signatures
     else:
         assert _vote_kernels._sweep_bands.signatures
     if method in ("bma", "left_right"):

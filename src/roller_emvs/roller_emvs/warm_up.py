@@ -32,11 +32,11 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
     # Lines across the roll, 3 mm apart, at a depth in the middle of the usual range.
     pixels = rng.integers(0, _CAMERA.width, n)
     place = _SPEED_M_NS * times + (pixels - _CAMERA.cx) / _CAMERA.fx * _DEPTH_M
-    line = np.rint(place / 3e-3) * 3e-3
-    pixels = np.rint((line - _SPEED_M_NS * times) * _CAMERA.fx / _DEPTH_M + _CAMERA.cx)
+    line = np.rint(place / 3e-3)
+    pixels = np.rint((line * 3e-3 - _SPEED_M_NS * times) * _CAMERA.fx / _DEPTH_M + _CAMERA.cx)
     pixels = pixels.clip(0, _CAMERA.width - 1)
-    rows, polarity = rng.integers(0, _CAMERA.height, n), rng.integers(0, 2, n)
-    events = EventArray.from_arrays(pixels, rows, times, polarity)
+    # Each of one polarity: where both were all around, no lines would be fitted.
+    events = EventArray.from_arrays(pixels, rng.integers(0, _CAMERA.height, n), times, line % 2)
     engines: list[DepthPipeline | SurfaceSweep]
     if isinstance(settings, SurfaceSettings):
         small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.004})
