@@ -63,19 +63,19 @@ def test_lines_tell_heights_apart_that_a_neighbourhood_levels(
 ) -> None:
     packets, errors = packets_of(0.09, of_steps=True), {}
     x = np.unique(lines(steps, PITCH_M)[:, 0])
-    for most in (0.5, 0.0):
-        monkeypatch.setattr(focus, "_MOST_KNOWN", most)
+    for with_lines in (True, False):
+        monkeypatch.setattr(focus, "is_textured", lambda _, lines=with_lines: not lines)
         depth, spent = depth_of(packets, 0.045)
-        assert ("lines" in spent) == (most > 0)
+        assert ("lines" in spent) == with_lines
         row, column = np.nonzero(np.isfinite(depth))
         found = depth[row, column].astype(np.float64)
         place = (column - CAMERA.cx) / CAMERA.fx * found + 0.3 * 0.045
         away = np.abs(x - place[:, None])
         error = np.abs(found - (0.045 - STEP_M * (away.argmin(axis=1) % 2)))
         # Where the edges were seen over their whole crossing.
-        errors[most] = error[(away.min(axis=1) < 4e-5) & (np.abs(column - CAMERA.cx) < 50)]
-    assert len(errors[0.5]) == len(errors[0.0]) > 500
-    assert np.mean(errors[0.5]) < 0.7 * np.mean(errors[0.0])
+        errors[with_lines] = error[(away.min(axis=1) < 4e-5) & (np.abs(column - CAMERA.cx) < 50)]
+    assert len(errors[True]) == len(errors[False]) > 500
+    assert np.mean(errors[True]) < 0.7 * np.mean(errors[False])
 
 
 def test_a_short_way_gives_no_lines() -> None:
@@ -130,9 +130,9 @@ def test_lines_become_points_beside_those_that_were_there() -> None:
     depths = find_depths(field, -seen.half, seen.half, settings)
     found = measured_pixels(field, depths, settings, drift)
     moved, lines = refine(
-        field, found, field.of, (0, field.shape[1]), drift, still, 0.0, 1, as_points=False
+        field, found, field.some, (0, field.shape[1]), drift, still, 0.0, 1, as_points=False
     )
-    both, _ = refine(field, found, field.of, (0, field.shape[1]), drift, still, 0.0, 1)
+    both, _ = refine(field, found, field.some, (0, field.shape[1]), drift, still, 0.0, 1)
     n = len(found.row)
     assert len(moved.row) == n < len(both.row) <= n + 2 * len(lines.row)
     for name in ("row", "column", "offset", "sigma"):

@@ -109,15 +109,19 @@ def test_the_store_holds_each_event_once_and_reuses_what_is_released() -> None:
             np.testing.assert_array_equal(found.slope[order], slope[held])
             late = t[held] - found.t_ns[order]
             assert np.all((late >= 0) & (late < 1000))
-            rays, n = np.empty((len(found), 4), np.float32), 0
-            for page, count in store.chains(k, polarity):
-                _event_kernels._rays(
-                    store.records, store.link, page, count, -0.001, -0.3, 4e-5, rays[n:]
-                )
-                n += count
             straight = np.zeros(len(found))
             expected = np.stack([found.x_m, found.y_m + 0.3, found.slope, straight], axis=1) / 4e-5
-            np.testing.assert_allclose(rays, expected, rtol=1e-6, atol=1e-3)
+            for every in (1, 2):
+                rays, some = np.full((len(found), 4), np.nan, np.float32), [np.empty((0, 4))]
+                n = begin = 0
+                for page, count in store.chains(k, polarity):
+                    _event_kernels._rays(
+                        store.records, store.link, page, count, -0.001, -0.3, 4e-5, every, rays[n:]
+                    )
+                    some.append(expected[begin : begin + count : every])
+                    n, begin = n + -(-count // every), begin + count
+                wanted = np.concatenate(some)
+                np.testing.assert_allclose(rays[:n], wanted, rtol=1e-6, atol=1e-3)
             inner = sum(count for _, count in store.chains(k, polarity, 0.0016, 0.0024))
             assert inner == np.sum((piece >= 3) & (piece <= 4))
     pages = len(store.link)

@@ -6,7 +6,7 @@ from .evidence_settings import EvidenceSettings
 from .field import EvidenceField, RayField
 from .focus_measure import plane_offsets
 from .part_images import PartImages, Parts
-from .relief import Relief, measured_pixels
+from .relief import Relief, is_textured, measured_pixels
 from .sweep import Depths, find_depths, planes_near, sharpest
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "Relief",
     "coarse_planes",
     "find_depths",
+    "is_textured",
     "measured_pixels",
     "offset_of_parts",
     "plane_offsets",

@@ -138,9 +138,10 @@ class RayField(EvidenceField):
     #: Column and row of the grid's first pixel in what the rays are in.
     corner: tuple[float, float] = (0.0, 0.0)
 
-    def of(self, polarity: int) -> F32:
-        """Rays of OFF (0) or ON (1) events, float32, shape (n, 4)."""
-        return self.rays[self.bounds[polarity] : self.bounds[polarity + 1]]
+    def some(self, polarity: int, every: int = 1) -> F32:
+        """Rays of every n-th OFF (0) or ON (1) event, float32, shape (n, 4)."""
+        own = self.rays[self.bounds[polarity] : self.bounds[polarity + 1] : every]
+        return np.ascontiguousarray(own)
 
     def cut_around(self, cells: Mask, reach: int) -> tuple[RayField, Box] | None:
         """See `EvidenceField`."""

@@ -38,6 +38,8 @@ _SIDE_CELLS, _SIDE_CHANGE = 1.5, 0.3
 _MOST_SCATTER_PX = 1.5
 #: Warped events that a pixel needs to become a point.
 _MIN_VOTES = np.float32(2.0)
+#: Share of cells with a depth of either polarity from which on a grid counts as textured.
+_TEXTURED = 0.5
 #: Cells around depths up to which they tell on the surface.
 _REACH = 8
 
@@ -86,6 +88,12 @@ class Relief:
             changes=tuple(whole(v, field.cells, box, 0.0) for v in self.changes),
             side=whole(self.side, field.cells, box, 0.0),
         )
+
+
+def is_textured(depths: list[Depths]) -> bool:
+    """Whether edges lie so close, as under a printed texture, that neighbourhoods tell all."""
+    known = np.isfinite([found.offset for found in depths])
+    return bool(known.all(axis=0).mean() >= _TEXTURED)
 
 
 def measured_pixels(

@@ -28,6 +28,7 @@ from roller_emvs.evidence import (
     Parts,
     Relief,
     find_depths,
+    is_textured,
     measured_pixels,
 )
 from roller_emvs.evidence.part_images import find_depths_of_parts
@@ -39,9 +40,6 @@ from roller_emvs.stopwatch import Stopwatch
 
 from .window_field import WindowView
 
-#: Share of cells with a depth of either polarity from which on, as under a printed texture, lines
-#: tell nothing that neighbourhoods don't.
-_MOST_KNOWN = 0.5
 #: Events of a window that are enough for its lines: every second, third or fourth is taken of more.
 _ENOUGH, _MOST_LEFT_OUT = 75_000, 4
 
@@ -132,10 +130,10 @@ def _points(
     blind_m: float,
 ) -> tuple[Relief, bool]:
     """Measured pixels, moved by the lines around, and whether they are of a texture."""
-    known = np.isfinite([found.offset for found in depths])
-    textured = bool(known.all(axis=0).mean() >= _MOST_KNOWN)
+    textured = is_textured(depths)
     spread = field.aperture * abs(field.ray_slope_scale)
-    with_lines = bool(known.any()) and not textured and spread**2 / 12 >= LEAST_VARIANCE
+    # Lines tell nothing of a texture that neighbourhoods don't.
+    with_lines = not textured and spread**2 / 12 >= LEAST_VARIANCE
     with watch("points"):
         found = measured_pixels(
             field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines
@@ -144,7 +142,7 @@ def _points(
         return found, textured
     with watch("lines"):
         every = min(1 + len(seen.packets.events) // _ENOUGH, _MOST_LEFT_OUT)
-        rays = replace(seen, packets=seen.packets.sample(every)).ray_field().of
+        rays = replace(seen, packets=seen.packets.sample(every)).ray_field().some
         columns, light = (0, field.shape[1]), TravellingLight()
         found, _ = refine(
             field, found, rays, columns, s.edge_drift, light, blind_m, s.threads, as_points=False

@@ -283,20 +283,21 @@ class Strip:
             for page, count in self.store.chains(j, polarity, *ends):
                 yield start, page, count
 
-    def rays(self, block: Block, polarity: int, reach_m: float) -> F32:
-        """Events that reach a block's rows as rays of a straight path, in pixels of its grid.
+    def rays(self, block: Block, polarity: int, reach_m: float, every: int = 1) -> F32:
+        """Every n-th event that reaches a block's rows as a ray of a straight path.
 
-        float32, shape (n, 4): place on the middle plane, slopes along and across.
+        float32, shape (n, 4), in pixels of its grid: place on the middle plane, slopes along and
+        across.
         """
         chains = list(self.chains(block, polarity, reach_m))
-        out = np.empty((sum(count for _, _, count in chains), 4), np.float32)
+        out = np.empty((sum(-(-count // every) for _, _, count in chains), 4), np.float32)
         n = 0
         for start, page, count in chains:
             kernels._rays(
                 self.store.records, self.store.link, page, count, start - MARGIN_M, block.low_y_m,
-                self.pixel_m, out[n:],
+                self.pixel_m, every, out[n:],
             )  # fmt: skip
-            n += count
+            n += -(-count // every)
         return out
 
     def centres(self, block: Block) -> F64:

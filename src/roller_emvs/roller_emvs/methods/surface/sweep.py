@@ -14,7 +14,14 @@ from roller_core.errors import RollerError
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 from roller_emvs.engine import DepthEngine
-from roller_emvs.evidence import Depths, EvidenceField, Relief, find_depths, measured_pixels
+from roller_emvs.evidence import (
+    Depths,
+    EvidenceField,
+    Relief,
+    find_depths,
+    is_textured,
+    measured_pixels,
+)
 from roller_emvs.lines.edge_drift import TravellingLight
 from roller_emvs.lines.neighbourhoods import depth_points
 from roller_emvs.lines.refine import LinePoints, refine
@@ -28,6 +35,9 @@ from .part_field import COARSE_PARTS, fits, part_field
 from .pass_cutter import PassCutter
 from .strip import MARGIN_M, Block, Strip, ray_field
 from .surface_settings import SurfaceSettings
+
+#: Under a printed texture every second event is enough for lines.
+_TEXTURED_EVERY = 2
 
 
 @dataclass(frozen=True)
@@ -154,7 +164,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         with watch("lines"):
             return self._refined(
                 strip, block, field, depths, found,
-                lambda polarity: strip.rays(block, polarity, field.reach_m), across,
+                lambda polarity, every: strip.rays(block, polarity, field.reach_m, every), across,
             )  # fmt: skip
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
@@ -171,7 +181,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             return np.asarray(row * strip.pixel_m + block.low_y_m, np.float64)
 
         with watch("lines"):
-            return self._refined(strip, block, field, depths, found, field.of, across)
+            return self._refined(strip, block, field, depths, found, field.some, across)
 
     def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
         s, wanted = self.settings, self.on_lines is not None
@@ -184,7 +194,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         field: EvidenceField,
         depths: list[Depths],
         found: Relief,
-        rays: Callable[[int], F32],
+        rays: Callable[[int, int], F32],
         across: Callable[[F64, F64], F64],
     ) -> tuple[Relief, F64]:
         """Points with lines in the place of those that they are surer than, and where they lie."""
@@ -193,7 +203,13 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         light = self._light_of(strip)
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
-        found, lines = refine(field, found, rays, columns, s.edge_drift, light, blind_m, s.threads)
+        # A texture has events and points enough.
+        textured = is_textured(depths)
+        every = _TEXTURED_EVERY if textured else 1
+        found, lines = refine(
+            field, found, lambda polarity: rays(polarity, every), columns, s.edge_drift, light,
+            blind_m, s.threads, as_points=not textured,
+        )  # fmt: skip
         for take, own in (
             (self.on_lines, lambda: lines),
             (self.on_depths, lambda: depth_points(field, depths, columns)),
