@@ -22,10 +22,10 @@ from roller_core.outputs import ScanFault
 from roller_core.stage import ERROR, Stage
 
 from . import diagnostics, messages, qos, topics
-from .draining import subscribe_draining
 from .feeding import NEW_SOURCE, backlog_for, bulk_of, feed
 from .node import RollerNode
 from .parameters import declare_settings
+from .polling import Poller
 from .sources import OneSource, publisher_of, publishers, same_process
 from .tf import PoseSources
 from .worker import Worker
@@ -65,6 +65,8 @@ class StageNode(RollerNode):
         self._camera_infos: dict[bytes, CameraInfo] = {}
         self._meter = diagnostics.Meter()
         self._working = threading.Lock()  # the stage: the worker's, or a service's
+        # Whom to follow: the poller's, or that of the thread that spins.
+        self._sources = threading.RLock()
         self._outputs = {name: topics.publisher(self, name) for name in kind.outputs}
         stage.warm_up()
         take_memory()
@@ -74,13 +76,17 @@ class StageNode(RollerNode):
         self._worker: Worker[tuple[str, Any]] = Worker(
             self._handle, self._flush, settings.idle_flush_s, backlog_for(settings, kind)
         )
+        self._poller = Poller(self)
         for name in kind.inputs:
             self._listen(name)
         for name, act in stage.services().items():
             self._offer(name, act)
+        self._poller.start()
 
     def destroy_node(self) -> None:
         """Stop the worker first: it publishes. Say what waited for it."""
+        if hasattr(self, "_poller"):
+            self._poller.stop()
         if hasattr(self, "_worker"):  # else the node gave up before it had one
             self._worker.stop()
             if waited := self._unfinished():
@@ -99,9 +105,9 @@ class StageNode(RollerNode):
     def _listen(self, name: str) -> None:
         topic, submit = topics.BY_NAME[name], self._worker.submit
         if name == outputs.TF:
-            self.create_subscription(TFMessage, name, self._take_tf, qos.EVERY_TF)
+            self._poller.subscribe(TFMessage, name, self._take_tf, qos.EVERY_TF)
         elif name == outputs.EVENTS:
-            subscribe_draining(self, EventPacket, name, self._take_packet, topic.qos)
+            self._poller.subscribe(EventPacket, name, self._take_packet, topic.qos)
         elif name == outputs.CAMERA_INFO:
             # Latched, as it should be, and as drivers have it that send it over and over.
             for quality in (qos.EVERY_LATCHED, qos.REPEATED):
@@ -130,7 +136,9 @@ class StageNode(RollerNode):
         return [self.resolve_topic_name(name) for name in self.stage.inputs if name in ours]
 
     def _take_tf(self, message: TFMessage, info: Mapping[str, Any]) -> None:
-        if self._poses.takes(message, info):
+        with self._sources:
+            taken = self._poses.takes(message, info)
+        if taken:
             self._worker.submit((outputs.TF, message), False)
 
     def _offer(self, name: str, act: Callable[[], str]) -> None:
@@ -148,22 +156,24 @@ class StageNode(RollerNode):
         self.create_service(Trigger, f"~/{name}", serve)
 
     def _take_packet(self, message: EventPacket, info: Mapping[str, Any]) -> None:
-        before = self._events.followed
-        if not self._events.accepts(info):
-            return
-        if before != self._events.followed:
-            if before is not None:
-                self._worker.submit((outputs.EVENTS, NEW_SOURCE))
-            self._camera_of_events()
+        with self._sources:
+            before = self._events.followed
+            if not self._events.accepts(info):
+                return
+            if before != self._events.followed:
+                if before is not None:
+                    self._worker.submit((outputs.EVENTS, NEW_SOURCE))
+                self._camera_of_events()
         self._worker.submit((outputs.EVENTS, message), bulk=bulk_of(message))
 
     def _take_camera(self, message: CameraInfo, info: Mapping[str, Any]) -> None:
-        if (sender := publisher_of(info)) is not None:
-            self._camera_infos[sender] = message
-        if self._cameras.accepts(info):
-            self._worker.submit((outputs.CAMERA_INFO, message))
-        else:
-            self._camera_of_events()
+        with self._sources:
+            if (sender := publisher_of(info)) is not None:
+                self._camera_infos[sender] = message
+            if self._cameras.accepts(info):
+                self._worker.submit((outputs.CAMERA_INFO, message))
+            else:
+                self._camera_of_events()
 
     def _camera_of_events(self) -> None:
         """Follow the camera_info of the process whose events are followed."""
@@ -233,7 +243,12 @@ class StageNode(RollerNode):
         self._diagnostics.fault(str(error))
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
+        with self._sources:
+            return self._status_of_sources()
+
+    def _status_of_sources(self) -> tuple[bytes, str, Mapping[str, object]]:
         stage, worker = self.stage, self._worker
+        self._poller.warn_of_unsuited()
         if isinstance(stage, EventStage):
             self._check_cameras()
         self._keep_to_results()

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from event_camera_msgs.msg import EventPacket
-from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
@@ -27,25 +26,12 @@ from rclpy.qos import (
 from sensor_msgs.msg import Image, PointCloud2
 
 from roller_recording.raw_message import RawMessage
+from roller_ros.polling import PERIOD_S, Polled
 from roller_ros.sources import publisher_of
 from roller_ros.topics import Topic
 
-_PERIOD_S = 0.005
 #: Most that is taken of a topic at once: what comes faster than it can be taken must not pile up.
 _MOST_BYTES = 50_000_000
-
-
-class _Polled(CallbackGroup):
-    """Keeps what is in it out of the executor."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        pass
 
 
 class PolledSubscriptions:
@@ -74,7 +60,7 @@ class PolledSubscriptions:
         self._node = node
         self._take = take
         self._on_overflow = on_overflow
-        self._group = _Polled()
+        self._group = Polled()
         self._held: list[RawMessage] = []
         self._stop = threading.Event()
         asked = [(t, _patient(t)) for t in topics]
@@ -118,7 +104,7 @@ class PolledSubscriptions:
         )
 
     def _run(self) -> None:
-        while not self._stop.wait(_PERIOD_S):
+        while not self._stop.wait(PERIOD_S):
             self._poll()
         self._poll(last=True)
 

@@ -1,0 +1,130 @@
+"""Taking messages of fast topics out of the middleware, many at a time.
+
+A node's executor wakes for each message, and asks each entity of the node anew whether it is ready,
+in Python: half a millisecond, in which the thread that does the work lacks the interpreter's lock.
+The middleware queues messages anyway, so here a thread looks every few milliseconds.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+
+from .worker import ENDED
+
+#: Time between two looks, s.
+PERIOD_S = 0.01
+#: Most messages of a topic before others get their turn.
+_MOST = 200
+
+Take = Callable[[Any, Mapping[str, Any]], None]
+
+
+class Polled(CallbackGroup):
+    """Keeps what is in it out of the executor."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing to do."""
+
+
+class Poller:
+    """Takes what came on some topics, in a thread of its own; of a topic in order of arrival.
+
+    Parameters
+    ----------
+    node : Node
+        Whose subscriptions they are.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._group = Polled()
+        self._taken: list[tuple[Any, Take]] = []
+        self._seen: set[bytes] = set()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def subscribe(self, message_type: Any, topic: str, take: Take, quality: QoSProfile) -> None:
+        """Subscribe to a topic; before `start`.
+
+        Parameters
+        ----------
+        message_type, topic, quality
+            As of `Node.create_subscription`.
+        take : callable
+            Takes each message with rclpy's `MessageInfo`.
+        """
+        # With callbacks of its events the executor would wake for each message after all.
+        subscription = self._node.create_subscription(
+            message_type, topic, lambda _: None, quality, callback_group=self._group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )  # fmt: skip
+        self._taken.append((subscription, take))
+
+    def start(self) -> None:
+        """Begin to take messages."""
+        if self._taken:
+            self._thread = threading.Thread(target=self._run, daemon=True)
+            self._thread.start()
+
+    def warn_of_unsuited(self) -> None:
+        """Say once of each publisher that nothing comes of it, as what it offers doesn't suit."""
+        for subscription, _ in self._taken:
+            name, wanted = subscription.topic_name, subscription.qos_profile
+            for publisher in self._node.get_publishers_info_by_topic(name):
+                gid = bytes(publisher.endpoint_gid)
+                if gid in self._seen:
+                    continue
+                self._seen.add(gid)
+                verdict, why = qos_check_compatible(publisher.qos_profile, wanted)
+                if verdict == QoSCompatibility.ERROR:
+                    who = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+                    self._node.get_logger().warning(
+                        f"nothing comes of {who} on {name}: its quality of service doesn't suit "
+                        f"({why})"
+                    )
+
+    def stop(self) -> None:
+        """Take no more."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                time.sleep(PERIOD_S)  # a third of what waiting for the end of it takes
+                for subscription, take in self._taken:
+                    _take_waiting(subscription, take)
+        except (_rclpy.RCLError, _rclpy.InvalidHandle):
+            pass  # the graph is gone
+        except BaseException as error:
+            # A fault of ours, as one of a callback: it ends the node.
+            if not self._stop.is_set():
+                ENDED.set_result(error)
+
+
+def _take_waiting(subscription: Any, take: Take) -> None:
+    handle, kind = subscription.handle, subscription.msg_type
+    with handle:
+        for _ in range(_MOST):
+            taken = handle.take_message(kind, False)
+            if taken is None:
+                break
+            take(*taken)
