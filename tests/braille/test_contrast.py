@@ -5,9 +5,16 @@ import pytest
 
 from braille.synthetic import CAMERA, DEPTH_M, SETTINGS, Plate, over, read, scan
 from roller_braille.batches import Batch, BatchCutter
-from roller_braille.contrast import MappedBatch, Sample, TravelScale, _grid, contrasts
+from roller_braille.contrast import (
+    MappedBatch,
+    Sample,
+    TravelScale,
+    _grid,
+    contrasts,
+    warp_sample,
+)
 from roller_braille.reader_settings import BrailleSettings
-from roller_braille.warp import F64, Knots, Warp
+from roller_braille.warp import F32, F64, OUTSIDE, Knots, Warp
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 
@@ -61,6 +68,34 @@ def test_the_kernel_counts_as_its_twin() -> None:
     np.testing.assert_allclose(
         contrasts(sample, scales, 2e-4), contrasts_numpy(sample, scales, 2e-4), rtol=1e-12
     )
+
+
+def warp_sample_numpy(events: EventArray, table: F32, knots: Knots) -> Sample:
+    """The same as `warp_sample`, without a compiled kernel."""
+    pixel = table[events.y, events.x].astype(np.float64)
+    inside = pixel[:, 0] > OUTSIDE / 10
+    pixel, t = pixel[inside], events.t_ns[inside]
+    times, along = knots.times_ns, knots.along
+    k = np.clip(np.searchsorted(times, t, "right") - 1, 0, len(times) - 2)
+    f = (t - times[k]) / (times[k + 1] - times[k])
+    h = np.einsum("nij,nj->ni", knots.maps[k], np.column_stack([pixel, np.ones(len(pixel))]))
+    place = along[k] + f * (along[k + 1] - along[k])
+    return Sample(place, h[:, 0] / h[:, 2] - along[k], h[:, 1] / h[:, 2])
+
+
+def test_chosen_events_are_warped_as_by_the_twin() -> None:
+    rng = np.random.default_rng(4)
+    n, times = 400, np.array([0, 300, 301, 1000])
+    x, y, t = rng.integers(0, 8, n), rng.integers(0, 6, n), np.sort(rng.integers(-5, 1005, n))
+    events = EventArray.from_arrays(x, y, t, rng.integers(0, 2, n))
+    table = rng.uniform(0, 8, (6, 8, 2)).astype(np.float32)
+    table[2, 3], table[4, 5] = OUTSIDE, np.nan
+    maps = np.eye(3) + rng.uniform(-0.01, 0.01, (4, 3, 3))
+    knots = Knots(times, maps, np.sort(rng.uniform(0, 1e-3, 4)))
+    given, expected = (warp(events, table, knots) for warp in (warp_sample, warp_sample_numpy))
+    assert 0 < len(expected.along) < n
+    for name in ("along", "offset", "down"):
+        np.testing.assert_allclose(getattr(given, name), getattr(expected, name), rtol=1e-12)
 
 
 @pytest.mark.parametrize("factor", [0.9, 0.97, 1.0, 1.1])

@@ -87,6 +87,31 @@ def _vote(x, y, t, p, table, knots_ns, maps, strip, newest):  # type: ignore[no-
     return used
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _sample(x, y, t, table, least, knots_ns, maps, travel, along, offset, down):  # type: ignore[no-untyped-def]
+    """Warp events by the map of the knot before each; how many, without those of pixels left out.
+
+    Fields as in `_vote`; least: pixels with a u no greater are left out; travel: float64 (k,),
+    places of the camera; along, offset, down: float64 (n,), written to, see `contrast.Sample`.
+    """
+    n = k = 0
+    last = len(knots_ns) - 2
+    for i in range(len(x)):
+        u, v = np.float64(table[y[i], x[i], 0]), np.float64(table[y[i], x[i], 1])
+        if not u > least:
+            continue
+        while k < last and t[i] >= knots_ns[k + 1]:
+            k += 1
+        f = (t[i] - knots_ns[k]) / (knots_ns[k + 1] - knots_ns[k])
+        m = maps[k]
+        w = m[2, 0] * u + m[2, 1] * v + m[2, 2]
+        along[n] = travel[k] + f * (travel[k + 1] - travel[k])
+        offset[n] = (m[0, 0] * u + m[0, 1] * v + m[0, 2]) / w - travel[k]
+        down[n] = (m[1, 0] * u + m[1, 1] * v + m[1, 2]) / w
+        n += 1
+    return n
+
+
 @numba.njit(cache=True, nogil=True)
 def _contrasts(along, offset, down, scales, px, first, image, out):  # type: ignore[no-untyped-def]
     """Contrast of the image of warped events at each of some scales of their offset.

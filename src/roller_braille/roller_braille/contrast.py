@@ -68,16 +68,13 @@ def warp_sample(events: EventArray, table: F32, knots: Knots) -> Sample:
     knots : Knots
         Maps, in the poses' scale.
     """
-    t = events.t_ns
-    pixel = table[events.y, events.x].astype(np.float64)
-    inside = pixel[:, 0] > OUTSIDE / 10
-    pixel, t = pixel[inside], t[inside]
-    k = np.clip(np.searchsorted(knots.times_ns, t, "right") - 1, 0, len(knots.times_ns) - 2)
-    f = (t - knots.times_ns[k]) / (knots.times_ns[k + 1] - knots.times_ns[k])
+    fields = np.empty((3, len(events)))
     # Within half a millisecond the maps differ by the camera's travel alone, next to nothing else.
-    h = np.einsum("nij,nj->ni", knots.maps[k], np.column_stack([pixel, np.ones(len(pixel))]))
-    along = knots.along[k] + f * (knots.along[k + 1] - knots.along[k])
-    return Sample(along, h[:, 0] / h[:, 2] - knots.along[k], h[:, 1] / h[:, 2])
+    n = kernels._sample(
+        events.x, events.y, events.t_ns, table, OUTSIDE / 10, knots.times_ns, knots.maps,
+        knots.along, *fields,
+    )  # fmt: skip
+    return Sample(*fields[:, :n])
 
 
 def contrasts(sample: Sample, scales: F64, px_m: float) -> F64:

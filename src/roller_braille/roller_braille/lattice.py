@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,13 +66,17 @@ class Lattice:
     def places(self, along: npt.ArrayLike, down: npt.ArrayLike) -> F64:
         """Travel and place down the image, shape (n, 2), of places in the line's own axes."""
         x, y = np.asarray(along, np.float64), np.asarray(down, np.float64)
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        return np.stack([self.along + c * x - s * y, self.down + s * x + c * y], axis=-1)
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        travel = self.along + c * x - s * y
+        out = np.empty((*np.shape(travel), 2))
+        out[..., 0] = travel
+        out[..., 1] = self.down + s * x + c * y
+        return out
 
     def own(self, dots: Dots) -> tuple[F64, F64]:
         """Places of dots along the line and across it, metres, from the first node of cell 0."""
         x, y = dots.along - self.along, dots.down - self.down
-        c, s = np.cos(self.angle), np.sin(self.angle)
+        c, s = math.cos(self.angle), math.sin(self.angle)
         return c * x + s * y, c * y - s * x
 
     @property
@@ -126,7 +131,10 @@ class Lattice:
         column = (inside > self.dot_along / 2).astype(np.float64)
         row = np.clip(np.round(down / self.dot_down), 0, 2)
         off = np.hypot(inside - column * self.dot_along, down - row * self.dot_down)
-        return np.stack([n, column, row], axis=-1).astype(np.int64), off
+        index = np.empty((len(n), 3), np.int64)
+        for k, part in enumerate((n, column, row)):
+            index[:, k] = part
+        return index, off
 
     def fitted(self, dots: Dots, spacing: Spacing) -> Lattice:
         """The lattice moved, turned and stretched a little to lie best under dots.
@@ -143,17 +151,14 @@ class Lattice:
             return self
         n, column, row = index[on].T.astype(np.float64)
         along, down = (part[on] for part in self.own(dots))
-        zero, one = np.zeros_like(n), np.ones_like(n)
         cell, dot = spacing.cell_pitch_m, spacing.dot_pitch_m
         # Unknowns: offset, relative change of cell and dot pitch; then offset, turn, dot pitch.
-        design = np.concatenate(
-            [
-                np.stack([one, n * cell, column * dot, zero, -down, zero], -1),
-                np.stack([zero, zero, zero, one, along, row * dot], -1),
-            ]
-        )
+        design = np.zeros((2, len(n), 6))
+        design[0, :, 0] = design[1, :, 3] = 1.0
+        design[0, :, 1], design[0, :, 2], design[0, :, 4] = n * cell, column * dot, -down
+        design[1, :, 4], design[1, :, 5] = along, row * dot
         target = np.concatenate([along - n * cell - column * dot, down - row * dot])
-        a = design / _DOT_SIGMA_M
+        a = design.reshape(-1, 6) / _DOT_SIGMA_M
         left = a.T @ a + np.diag(_PRIOR**-2.0)
         x = np.linalg.solve(left, a.T @ (target / _DOT_SIGMA_M))
         place = self.places(x[0], x[3])

@@ -163,6 +163,11 @@ def warm_up() -> None:
     strip, newest = np.zeros((2, 1, 1), np.float32), np.zeros(1, np.int64)
     vote(EventArray.empty(), np.zeros((1, 1, 2), np.float32), knots, np.eye(3), strip, newest)
     no = np.zeros(0)
+    none = EventArray.empty()
+    table = np.zeros((1, 1, 2), np.float32)
+    kernels._sample(
+        none.x, none.y, none.t_ns, table, 0.0, knots.times_ns, knots.maps, no, no, no, no
+    )
     kernels._contrasts(no, no, no, no, 1.0, np.zeros(2), np.zeros((1, 1)), no)
     count_events(EventArray.empty(), np.zeros((1, 1), np.float32))
 

@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from .errors import RollerError
 
+_DTYPES = tuple(np.dtype(kind) for kind in (np.uint16, np.uint16, np.int64, np.uint8))
+
 
 class EventArrayError(RollerError):
     """Arrays that don't make up one list of events."""
@@ -29,18 +31,20 @@ class EventArray:
     p: npt.NDArray[np.uint8]
 
     def __post_init__(self) -> None:
+        x, y, t_ns, p = self.x, self.y, self.t_ns, self.p
+        # One look, as there are thousands of them a second.
+        same = x.shape == y.shape == t_ns.shape == p.shape and x.ndim == 1
+        if not (same and (x.dtype, y.dtype, t_ns.dtype, p.dtype) == _DTYPES):
+            self._refuse()
+
+    def _refuse(self) -> None:
         n = len(self.x)
-        for name, dtype in (
-            ("x", np.uint16),
-            ("y", np.uint16),
-            ("t_ns", np.int64),
-            ("p", np.uint8),
-        ):
+        for name, dtype in zip(("x", "y", "t_ns", "p"), _DTYPES, strict=True):
             array = getattr(self, name)
             if array.dtype != dtype or array.ndim != 1 or len(array) != n:
                 raise EventArrayError(
                     f"event field '{name}' is {array.dtype} of shape {array.shape}; "
-                    f"expected {np.dtype(dtype)} of shape ({n},)"
+                    f"expected {dtype} of shape ({n},)"
                 )
 
     @classmethod
