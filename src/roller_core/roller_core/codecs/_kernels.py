@@ -41,12 +41,13 @@ def _count_libcaer_cmp(words):  # type: ignore[no-untyped-def]
 def _decode_libcaer_cmp(words, time_base_ns, width, height, x, y, t, p):  # type: ignore[no-untyped-def]
     """Events inside the image; how many. Fields have room for one more than there are events.
 
-    What kind of word comes next can't be foretold, and a branch that goes wrong costs more than a
-    word: each is taken as all kinds, and what is written without an event is written over.
+    Whether a column or an event comes next can't be foretold, and a branch that goes wrong costs
+    more than a word: each is taken as both, and what is written without an event is written over.
     """
     n = np.uint64(0)
     high = np.int64(0)
     low = np.int64(0)
+    now = np.int64(time_base_ns)
     column = np.int64(0)
     base_y = np.int64(0)
     polarity = np.uint8(0)
@@ -55,19 +56,13 @@ def _decode_libcaer_cmp(words, time_base_ns, width, height, x, y, t, p):  # type
         code = w >> 12
         value = w & 0xFFF
         row = w & 0x7FF
-        high = value if code == 0 else high
-        low = value if code == 1 else low
-        column = row if code == 2 else column
-        now = time_base_ns + ((high << 12) | low) * 1000
-        if code < 4:
+        if code >> 1 == 1:
+            column = row if code == 2 else column
             x[n] = column
             y[n] = row
             p[n] = value >> 11
             t[n] = now
             n += np.uint64((code == 3) & (column < width) & (row < height))
-        elif code == 4:
-            base_y = row
-            polarity = np.uint8(value >> 11)
         elif code == 5:
             for bit in range(8):
                 x[n] = column
@@ -77,6 +72,13 @@ def _decode_libcaer_cmp(words, time_base_ns, width, height, x, y, t, p):  # type
                 event = ((w >> bit) & 1) != 0
                 n += np.uint64(event & (column < width) & (base_y + bit < height))
             base_y += 8
+        elif code == 4:
+            base_y = row
+            polarity = np.uint8(value >> 11)
+        elif code < 2:
+            high = value if code == 0 else high
+            low = value if code == 1 else low
+            now = time_base_ns + ((high << 12) | low) * 1000
     return n
 
 
