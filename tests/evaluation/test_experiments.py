@@ -215,7 +215,7 @@ def test_the_page_of_results_is_made_from_rows(tmp_path: Path) -> None:
         assert words in text
     assert "| sphere | 94.6 ± 8.1 | 150.3 ± 70.7 (50%) |" in text
     assert "| sphere | 94.6 ± 8.1 | 150.5 ± 70.7 (50%) |" in text
-    assert "| focus | 0.3 | 2.0 ± 0.0 | 20 mm of travel | 200 | 300 | 100.3 | 50% |" in text
+    assert "| focus | 0.3 | 2.0 ± 0.0 | 24.5 mm of travel | 200 | 300 | 100.3 | 50% |" in text
     assert "| default | 12% | 12% |" in text
     assert "| focus, dome | 100.3 (50%) | 100.3; 1.0 | 100.5 (50%) | 100.5; 1.0 |" in text
     assert "| sphere, dome | 40.0 (88%) | 40.0 (88%) | 25%: 40.0 (88%) | –: – |" in text

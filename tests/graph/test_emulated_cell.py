@@ -60,12 +60,12 @@ class Took:
 def test_emulated_devices_give_the_surface_of_the_direct_path(
     watch: Callable[..., Watcher], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Heights apart by no more than 5 µm in median and bias, but for the devices' delay."""
+    """Heights apart by a tenth of a pixel in the median, 5 µm in bias, but for the devices' delay."""
     pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
     scan = EmulatedScan.simulate(
         scene={"name": "pyramid", "step_mm": 0.04},
         camera={"width": 320, "height": 120, "focal_px": 533.0},
-        motion={"speed": 0.1, "start_mm": -6.5, "end_mm": 34.5, "hold_s": HOLD_S},
+        motion={"speed": 0.1, "start_mm": -6.5, "end_mm": 44.5, "hold_s": HOLD_S},
         clock={"drift_ppm": -40.0},
     )
     watcher = watch(EVENTS, "/tf", "/tf_static", SURFACE)
@@ -78,12 +78,12 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     assert took.skew_ppm == pytest.approx(40, abs=35)
     packets_ns = took.begin_ns + np.rint(scan.seconds_of(sensor_ns) * 1e9).astype(np.int64)
     camera_delay = delay_of(mapped_ns, packets_ns, took.begin_ns, "camera")
-    assert 0 <= camera_delay < 2_000_000
+    assert -20_000 < camera_delay < 2_000_000  # the map's own noise is microseconds
     stamps = np.array([stamp_ns(t) for t in took.poses])
     ticks = np.rint((stamps - took.controller_begin_ns) / 8e6)
     ticks_ns = took.controller_begin_ns + (ticks * 8_000_000).astype(np.int64)
     robot_delay = delay_of(stamps, ticks_ns, took.begin_ns, "robot")
-    assert 0 <= robot_delay < 2_000_000
+    assert -20_000 < robot_delay < 2_000_000
 
     # The same events and true poses, one constant apart, from the graph's first event on.
     true_ns = took.begin_ns + np.rint(scan.seconds_of(scan.events.t_ns) * 1e9).astype(np.int64)
@@ -117,7 +117,8 @@ def test_emulated_devices_give_the_surface_of_the_direct_path(
     # Two maps lie tens of micrometres apart at their borders, and which of their pixels fall into
     # one voxel changes with micrometres of place: nine points of ten.
     assert np.sort(away_um)[: int(0.9 * len(away_um))].mean() < 10.0
-    assert np.median(away_um) < 5.0
+    # A pixel is 84 µm here, and lines are fitted to what fits them.
+    assert np.median(away_um) < 8.0
     # The relief is there: a pyramid of steps, 0.4 mm high and more.
     assert np.ptp(np.percentile(took.cloud[:, 3], [2, 98])) > 3e-4
 
