@@ -60,7 +60,7 @@ class Took:
 def test_emulated_devices_give_the_surface_of_the_direct_path(
     watch: Callable[..., Watcher], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Heights apart by a tenth of a pixel in the median, 5 µm in bias, but for the devices' delay."""
+    """Heights apart by a tenth of a pixel in the median, but for the devices' delay."""
     pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
     scan = EmulatedScan.simulate(
         scene={"name": "pyramid", "step_mm": 0.04},
