@@ -18,8 +18,8 @@ from roller_core.pose_track import PoseError, PoseTrack
 
 from .depth_settings import DepthSettings
 
-#: Share of a window that the last one must have.
-_LEAST_SHARE = 0.4
+#: Share of a window that the last one must have, by rule: travel that short gives a depth still.
+_LEAST_SHARE = {"travel": 0.4, "time": 0.5}
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class WindowCutter(EventCutter):
             return None
         if end <= track_end and end <= last:
             return end, following, reason
-        short = "" if share >= _LEAST_SHARE else f"the last {share:.0%} of a window is too short"
+        short = "" if share >= _LEAST_SHARE[s.window_rule] else f"the last {share:.0%} of a window is too short"
         return last, 2**63 - 1, short
 
     def _travel_end(self, start: int, last: int) -> tuple[int | None, int, float, str]:

@@ -39,7 +39,7 @@ _MOST_SCATTER_PX = 1.5
 #: Warped events that a pixel needs to become a point.
 _MIN_VOTES = np.float32(2.0)
 #: Share of cells with a depth of either polarity from which on a grid counts as textured.
-_TEXTURED = 0.5
+_TEXTURED = 0.9
 #: Cells around depths up to which they tell on the surface.
 _REACH = 8
 
