@@ -171,7 +171,8 @@ class WindowCutter(EventCutter):
             return None
         if end <= track_end and end <= last:
             return end, following, reason
-        short = "" if share >= _LEAST_SHARE[s.window_rule] else f"the last {share:.0%} of a window is too short"
+        enough = share >= _LEAST_SHARE[s.window_rule]
+        short = "" if enough else f"the last {share:.0%} of a window is too short"
         return last, 2**63 - 1, short
 
     def _travel_end(self, start: int, last: int) -> tuple[int | None, int, float, str]:
