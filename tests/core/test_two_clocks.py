@@ -161,3 +161,23 @@ def test_many_times_are_mapped_as_few_are():
     times = 10**15 + np.random.default_rng(1).integers(-(10**9), 10**10, 5000)
     few = [clock.to_ros_ns(part) for part in np.array_split(times, 50)]
     np.testing.assert_array_equal(clock.to_ros_ns(times), np.concatenate(few))
+
+
+def test_times_given_never_go_back_where_the_first_messages_were_held_up() -> None:
+    """The map follows at once in its first second; what it stamped too late stays so."""
+    clock, given = SensorClock(), []
+    for k in range(100):
+        device_ns = k * 8_000_000
+        held_ns = 190_000_000 if k < 10 else 0
+        clock.observe(device_ns, 1_000_000_000 + device_ns + held_ns)
+        given.append(clock.stamp(device_ns))
+    assert given[9] == 1_000_000_000 + 9 * 8_000_000 + 190_000_000
+    assert given[10] is None
+    kept = [stamp for stamp in given if stamp is not None]
+    assert (np.diff(kept) > 0).all()
+    assert kept[-1] == 1_000_000_000 + 99 * 8_000_000
+    assert given.count(None) == 23  # 190 ms of poses
+    # A clock that was set again begins anew, earlier or not.
+    clock.observe(99 * 8_000_000 - 3_000_000_000, 500_000_000)
+    assert clock.steps == 1
+    assert clock.stamp(99 * 8_000_000 - 3_000_000_000) == 500_000_000

@@ -73,6 +73,7 @@ class SensorClock:
         self._scatter_ns = 0.0
         self._observed = False
         self._line = (0, 0.0, 0.0)
+        self._given_ns: int | None = None
         #: Times that the clock has jumped.
         self.steps = 0
 
@@ -140,6 +141,18 @@ class SensorClock:
         map_times(d.reshape(-1), *line, out.reshape(-1))
         return out
 
+    def stamp(self, device_ns: int) -> int | None:
+        """ROS time of the newest message, ns; None where one before was given a later time.
+
+        In its first second the map follows at once: what had been held up before was stamped too
+        late. After a jump of the clock times begin anew.
+        """
+        stamp_ns = int(self.to_ros_ns(device_ns))
+        if self._given_ns is not None and stamp_ns <= self._given_ns:
+            return None
+        self._given_ns = stamp_ns
+        return stamp_ns
+
     def _step(self, device_ns: int, arrival_ns: int) -> None:
         self.steps += 1
         self._restart(device_ns, arrival_ns)
@@ -153,6 +166,7 @@ class SensorClock:
         self._start_ns = self._anchor_ns = device_ns
         self._offset_ns = self._skew = self._residual_ns = self._scatter_ns = 0.0
         self._line = (device_ns, 0.0, 0.0)
+        self._given_ns = None
         self._observed = True
 
     def _offset_at(self, device_ns: int) -> float:

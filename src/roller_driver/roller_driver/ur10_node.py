@@ -74,8 +74,10 @@ class Ur10Node(RollerNode):
 
     def _take(self, sample: RobotSample) -> None:
         self._clock_map.observe(sample.controller_ns, sample.arrival_ns)
-        stamp_ns = int(self._clock_map.to_ros_ns(sample.controller_ns))
-        self._publish(sample, stamp_ns)
+        # A pose older than the one before would make a scan's recording useless.
+        stamp_ns = self._clock_map.stamp(sample.controller_ns)
+        if stamp_ns is not None:
+            self._publish(sample, stamp_ns)
 
     def _publish(self, sample: RobotSample, stamp_ns: int) -> None:
         p = self._p
