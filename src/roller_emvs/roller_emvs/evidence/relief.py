@@ -38,7 +38,7 @@ _SIDE_CELLS, _SIDE_CHANGE = 1.5, 0.3
 _MOST_SCATTER_PX = 1.5
 #: Warped events that a pixel needs to become a point.
 _MIN_VOTES = np.float32(2.0)
-#: Share of cells with a depth of either polarity from which on a grid counts as textured.
+#: Share of cells with depths of both polarities from which on a grid counts as textured.
 _TEXTURED = 0.9
 #: Cells around depths up to which they tell on the surface.
 _REACH = 8

@@ -79,6 +79,11 @@ def focus_depth(
         Takes the time by stage.
     blind_m : float
         Travel of the sensor while pixels are blind after an event, m; 0 where that doesn't matter.
+
+    Returns
+    -------
+    FocusDepth
+        Depth, confidence and sigma of the reference view.
     """
     s = settings
     with watch("rays"):
