@@ -41,6 +41,13 @@ def test_the_skin_with_the_fewest_events_of_the_good_ones_is_named() -> None:
     assert recommended(rows[-1:]) is None
 
 
+def test_a_skin_that_measures_next_to_nothing_is_not_named() -> None:
+    faint = row(0.03, 0.1, 0.3, measured=0.01, mae_um=5.0, mev_per_s=0.2)
+    too_fast = row(0.12, 0.1, 0.3, measured=0.7, mae_um=6.0, mev_per_s=87.0)
+    assert recommended([faint, too_fast]) is None
+    assert "None of these coatings measures 30%" in verdict(None)
+
+
 def test_every_coating_is_measured_once() -> None:
     cases = coating_cases(CoatingOptions())
     assert len({case.key for case in cases}) == len(cases)
@@ -56,4 +63,6 @@ def test_more_contrast_measures_more(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert faint["measured"] < 0.15 < strong["measured"]
     assert 3 * faint["mev_per_s"] < strong["mev_per_s"]
     assert strong["mae_um"] < 60
+    found = json.loads((output / "coating.json").read_text())["recommended"]
+    assert found["contrast"] == strong["contrast"]
     assert (output / "coating.png").stat().st_size > 20_000

@@ -26,6 +26,8 @@ METHOD = "surface"
 _LEAST_AREA, _MOST_ERROR = 0.9, 1.25
 #: Most events a second at any speed, 10⁶: two cores take them as they come at 50 ns each.
 _MOST_EVENTS = 40.0
+#: Share of the cells that a skin must measure to be named at all.
+_ENOUGH = 0.3
 _GRAIN_MM = LightSettings.create({}).speckle_mm
 _THRESHOLD = SensorSettings.create({}).threshold
 CAVEAT = "Virtual cell, not fitted to a real roller."
@@ -61,7 +63,7 @@ class CoatingOptions:
     @classmethod
     def short(cls, **changes: Any) -> CoatingOptions:
         """Two contrasts and one speed, seen by few rows."""
-        small = cls(contrasts=(0.03, 0.12), grains_mm=(_GRAIN_MM,), thresholds=(), speeds=(0.3,))
+        small = cls(contrasts=(0.03, 0.08), grains_mm=(_GRAIN_MM,), thresholds=(), speeds=(0.3,))
         scene = {**small.cell["scene"], "step_mm": 0.04, "defects": 3}
         cell = {"camera": {"height": 48}, "scene": scene}
         return replace(small, **{"cell": cell, **changes})
@@ -111,8 +113,8 @@ def run_coating(
 def recommended(rows: Sequence[Row]) -> Row | None:
     """The skin to print: contrast and grain with their means over the speeds; None without any.
 
-    Of those whose events can be computed as they come, that measure nearly as much and err little
-    more than the best of them, the one with the fewest events.
+    Of those whose events can be computed as they come and that measure enough of the surface,
+    nearly as much as the best of them, and err little more, the one with the fewest events.
     """
     base = where(rows, threshold=_THRESHOLD)
     skins = []
@@ -123,6 +125,7 @@ def recommended(rows: Sequence[Row]) -> Row | None:
         if len(values(own, "mae_um")) == len(own) and max(rates) <= _MOST_EVENTS:
             skins.append({"contrast": contrast, "grain_mm": grain}
                          | {column: mean(own, column) for column in columns})  # fmt: skip
+    skins = [s for s in skins if s["measured"] >= _ENOUGH]
     if not skins:
         return None
     most = max(s["measured"] for s in skins)
@@ -135,7 +138,10 @@ def recommended(rows: Sequence[Row]) -> Row | None:
 def verdict(found: Row | None) -> str:
     """The skin to print, in words."""
     if found is None:
-        return f"No coating gives points with less than {_MOST_EVENTS:g} million events a second."
+        return (
+            f"None of these coatings measures {_ENOUGH:.0%} of the cells of 0.1 mm with at most "
+            f"{_MOST_EVENTS:g} million events a second. {CAVEAT}"
+        )
     return (
         f"Skin to print: a random texture of {found['contrast']:.0%} RMS contrast and "
         f"{found['grain_mm']:g} mm grain (distance at which its correlation falls to 1/e). Over "
