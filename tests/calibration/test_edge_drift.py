@@ -212,6 +212,16 @@ def test_a_wall_that_seems_level_goes_by_its_height_and_not_by_chance() -> None:
     assert rising.tolist() == [True] * 4 + [False] * 4
 
 
+def test_a_wall_that_is_no_step_from_its_neighbours_goes_by_the_nearer_climb() -> None:
+    """Drift brings the last wall up and the first one down together, by half a step."""
+    levels = [199, 434, 685, 935, 797, 629, 370, 131]  # µm; steps of 250
+    slopes = [0.06, -0.05, -0.02, 0.0, 0.01, 0.02, -0.02, -0.01]
+    wall = np.repeat(np.arange(8), 40)
+    slope, height = np.repeat(slopes, 40), np.repeat(levels, 40) * 1e-6
+    rising = rising_walls(wall, np.zeros(len(wall), np.int64), height, slope, 8, 2.5e-4)
+    assert rising.tolist() == [True] * 4 + [False] * 4
+
+
 def test_lines_further_off_than_a_wall_is_long_are_none_of_it() -> None:
     """Not the wall's other edge, if nearer to it than to the next wall."""
     walls = np.repeat(np.arange(6) * 1.7e-3, 40)

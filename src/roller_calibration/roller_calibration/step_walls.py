@@ -50,7 +50,8 @@ def rising_walls(
 
     Of a run of walls that slope alike, the heights of one polarity go up or down by a step from
     wall to wall, whatever its drift: drift may be so large that it turns the slopes over, or makes
-    all alike. A wall of which no other shows the same goes by its slope.
+    all alike. A wall that is no step from either neighbour goes by the climb that is nearest to
+    one, and one of which no other shows the same by its slope.
     """
     slopes = np.array([np.median(slope[wall == k]) for k in range(count)])
     alike = slopes > 0
@@ -61,7 +62,7 @@ def rising_walls(
     rising = alike.copy()
     for run in np.unique(runs):
         walls, climbs = np.flatnonzero(runs == run), []
-        votes = np.zeros((2, count))
+        votes, nearest = np.zeros((2, count)), np.full(count, np.inf)
         for p in (0, 1):
             own = [(k, height[(wall == k) & (polarity == p)]) for k in walls]
             levels = [(k, np.median(h)) for k, h in own if len(h) >= _LEAST_ON_WALL]
@@ -70,11 +71,15 @@ def rising_walls(
                 share = abs(climbs[-1]) / (step_m * (high - low))
                 if abs(share - 1) < _CLIMB:
                     votes[int(climbs[-1] > 0), [low, high]] += 1
+                for k in (low, high):
+                    if abs(share - 1) < nearest[k]:
+                        nearest[k] = abs(share - 1)
+                        rising[k] = climbs[-1] > 0
         if votes[0].any() and votes[1].any():
             told = votes[0] != votes[1]
             rising[told] = (votes[1] > votes[0])[told]
-        elif climbs:
-            rising[walls] = np.median(climbs) > 0
+        else:
+            rising[walls] = np.median(climbs) > 0 if climbs else alike[walls]
     return rising
 
 
