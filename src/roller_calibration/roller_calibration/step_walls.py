@@ -71,10 +71,10 @@ def rising_walls(
                 share = abs(climbs[-1]) / (step_m * (high - low))
                 if abs(share - 1) < _CLIMB:
                     votes[int(climbs[-1] > 0), [low, high]] += 1
-                for k in (low, high):
-                    if abs(share - 1) < nearest[k]:
-                        nearest[k] = abs(share - 1)
-                        rising[k] = climbs[-1] > 0
+                for own_wall in (low, high):
+                    if abs(share - 1) < nearest[own_wall]:
+                        nearest[own_wall] = abs(share - 1)
+                        rising[own_wall] = climbs[-1] > 0
         if votes[0].any() and votes[1].any():
             told = votes[0] != votes[1]
             rising[told] = (votes[1] > votes[0])[told]
