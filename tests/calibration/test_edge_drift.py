@@ -222,6 +222,22 @@ def test_a_wall_that_is_no_step_from_its_neighbours_goes_by_the_nearer_climb() -
     assert rising.tolist() == [True] * 4 + [False] * 4
 
 
+def test_drift_that_nothing_tells_is_uncertainty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither slope nor change shows which way a wall rises: no place on it is that far off."""
+    steps = made_up_steps(np.random.default_rng(9), base_m=0.0)
+    level = np.random.default_rng(10).normal(0.0, 0.02, len(steps.lines.slope))
+    lines = replace(steps.lines, slope=level, lean=0.1 * steps.lines.lean)
+    monkeypatch.setattr(
+        calibration, "pass_lines", lambda *_: [[replace(steps, lines=lines, travel=0.3)]]
+    )
+    found = fit_drift(calibration.steps_gauges(SCAN, SETTINGS, STEP_M))
+    assert found.corrected == (False, False)
+    assert 7e-5 < found.after_m[0] < 1.1e-4  # 90 µm up on walls that rise, and down on others
+    none = np.zeros(1)
+    assert edge_drift(found.settings, 0, none, none, none, 0.1)[1][0] > 7e-5
+    assert edge_drift(found.settings, 1, none, none, none, 0.1)[1][0] < 3e-5
+
+
 def test_lines_further_off_than_a_wall_is_long_are_none_of_it() -> None:
     """Not the wall's other edge, if nearer to it than to the next wall."""
     walls = np.repeat(np.arange(6) * 1.7e-3, 40)

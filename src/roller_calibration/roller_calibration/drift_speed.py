@@ -169,4 +169,5 @@ def _with_columns(system: DriftSystem, *columns: F64) -> DriftSystem:
     """With further unknowns."""
     design = np.column_stack([system.design, *columns])
     more = np.zeros(design.shape[1] - len(system.own_level), np.bool_)
-    return replace(system, design=design, own_level=np.append(system.own_level, more))
+    own_level, on_wall = (np.append(own, more) for own in (system.own_level, system.on_wall))
+    return replace(system, design=design, own_level=own_level, on_wall=on_wall)

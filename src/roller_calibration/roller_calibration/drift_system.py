@@ -27,6 +27,8 @@ class DriftSystem:
     noise: F64
     #: Unknowns that are a gauge's own drift. Shape (m,).
     own_level: npt.NDArray[np.bool_]
+    #: Unknowns that are where on a step's wall edges arise. Shape (m,).
+    on_wall: npt.NDArray[np.bool_]
 
     def solve(self, spreads: list[F64]) -> tuple[F64, F64, F64]:
         """Coefficients, what they leave over, and the normal matrix.

@@ -30,6 +30,9 @@ _LEVEL_M = 1e-3
 _HELPS, _NOTHING = 0.85, 1e-3
 #: Share of the lines on slopes whose own slope has the right sign, from which on slopes count.
 _HOLDS = 0.75
+#: Spreads of where on a wall edges arise up to which that explains what walls of a kind are off by.
+#: Virtual ring and dome: up to 1.8; light whose drift nothing tells: 2.2 to 3.1.
+_PLACED = 2.0
 #: Terms: of slopes, what lifts all edges alike, of the side that walls face.
 _SLOPE, _EVEN, _SIDE = 1, 2, 3
 #: How surely the change of contrast tells which way walls rise where light stands still, and from
@@ -108,7 +111,10 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
     speed = find_speed_drift(system, spreads, gauges, lines, terms, leading)
     system = replace(system, error=system.error - speed.height_m)
     beta, rest, normal = system.solve(spreads)
-    rest += np.where(system.own_level, system.design, 0.0) @ beta
+    # Where on a wall edges arise explains so much; what goes beyond is drift that nothing tells.
+    placed = np.abs(beta) <= _PLACED * np.concatenate(spreads)
+    untold = system.own_level | (system.on_wall & ~placed)
+    rest += np.where(untold, system.design, 0.0) @ beta
     most = float(np.quantile(np.abs(lines.slope[lines.on_slope]), 0.98))
     # What neither gauge fixes of the coefficients is uncertain too.
     own = system.design[:, : 2 * TERMS]
@@ -129,7 +135,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             "widths_m": [float(f"{v:.3g}") for v in band_widths(lines)],
         }
     )
-    of_gauges = np.where(system.own_level, 0.0, system.design)[:, 2 * TERMS :] @ beta[2 * TERMS :]
+    of_gauges = np.where(untold, 0.0, system.design)[:, 2 * TERMS :] @ beta[2 * TERMS :]
     off, on = (lines.on_slope & (lines.polarity == k) for k in (0, 1))
     plain, left = np.abs(lines.error_m - of_gauges), np.abs(rest)
     corrected = tuple(bool(np.abs(own).max() >= LEAST_RESIDUAL_M) for own in found)
@@ -147,7 +153,7 @@ def _system(
     """Errors as sums of drift, by polarity, and of what is unknown of gauges; spreads of these."""
     columns = [np.where((lines.polarity == k)[:, None], terms, 0.0) for k in (0, 1)]
     spreads = [np.full(TERMS, light.travels * _PRIOR_M) for _ in range(2)]
-    own_level = [False] * 2 * TERMS
+    own_level, on_wall = ([False] * 2 * TERMS for _ in range(2))
     ends = np.cumsum([len(gauge.error_m) for gauge in gauges])
     for gauge, end in zip(gauges, ends, strict=True):
         here = slice(end - len(gauge.error_m), end)
@@ -163,11 +169,13 @@ def _system(
         spreads.append(spread)
         known = gauge.unknown.shape[1]
         own_level += [False] * known + [True] * (len(spread) - known)
+        # The first unknown of steps is the height of all.
+        on_wall += [not gauge.sphere and k > 0 for k in range(len(spread))]
     # A gauge counts as a whole as much as the other: neighbouring lines share what they err by.
     share = np.concatenate([np.full(len(g.error_m), LEAST_LINES / len(g.error_m)) for g in gauges])
     system = DriftSystem(
         np.concatenate(columns, axis=1), lines.error_m, share,
-        np.hypot(lines.sigma_m, HUBER_M), np.array(own_level),
+        np.hypot(lines.sigma_m, HUBER_M), np.array(own_level), np.array(on_wall),
     )  # fmt: skip
     return system, spreads
 
