@@ -103,6 +103,11 @@ class EdgeDriftSettings(Settings):
         return len(self.coefficients_m) > 1
 
     @property
+    def corrects(self) -> bool:
+        """Whether it takes anything out, as where light travels with the camera."""
+        return any(map(any, (self.coefficients_m, self.even_m, self.side_m, self.by_speed_s)))
+
+    @property
     def sided(self) -> bool:
         """Whether drift depends on the side that a wall faces, at some speed."""
         return any(self.side_m) or any(self.by_speed_s[TERMS - 1 :: TERMS])
