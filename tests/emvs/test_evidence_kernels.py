@@ -7,8 +7,8 @@ import pytest
 from roller_emvs.bands import sort_into_bands
 from roller_emvs.evidence import _kernels, _meet_kernels, _peak_kernels, _seen_kernels
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
+from roller_emvs.evidence.blur import blurred
 from roller_emvs.evidence.field import ground
-from roller_emvs.evidence.focus_measure import blur
 from roller_emvs.evidence.relief import enlarge
 
 HEIGHT, WIDTH = 32, 48
@@ -180,17 +180,29 @@ def test_centroids_are_weighted_means() -> None:
             )
 
 
-def test_planes_are_blurred_where_they_hold_something() -> None:
+def test_planes_are_blurred_where_they_hold_something_and_are_wanted() -> None:
     rng = np.random.default_rng(9)
-    volume = np.zeros((4, 60, 20), np.float32)
-    for plane, rows in ((1, slice(3, 9)), (2, slice(55, 60)), (3, slice(0, 60))):
-        volume[plane, rows] = rng.gamma(1.0, 1.0, volume[plane, rows].shape)
-    volume[1, 5] = 0
-    spans = np.empty((4, 2), np.int64)
-    _peak_kernels._rows_held(volume, spans)
-    np.testing.assert_array_equal(spans, [[60, 0], [3, 9], [55, 60], [0, 60]])
-    expected = np.stack([cv2.GaussianBlur(plane, (0, 0), 4.0 / CELL_PX) for plane in volume])
-    np.testing.assert_array_equal(blur(volume, 4.0), expected)
+    for size in ((60, 20), (7, 5), (1, 3), (40, 61)):
+        volume = np.zeros((4, *size), np.float32)
+        for plane, rows in ((1, slice(3, 9)), (2, slice(-5, None)), (3, slice(0, None))):
+            volume[plane, rows] = rng.gamma(1.0, 1.0, volume[plane, rows].shape)
+        volume[1, 5:6] = 0
+        expected = np.stack([cv2.GaussianBlur(plane, (0, 0), 1.25) for plane in volume])
+        np.testing.assert_allclose(blurred(volume, 1.25), expected, rtol=1e-5, atol=1e-6)
+        wanted = rng.integers(-2, 6, (size[0], 2)).astype(np.int32)
+        k = np.arange(4)[:, None]
+        asked = (wanted[:, 0] <= k) & (k <= wanted[:, 1])
+        found = blurred(volume, 1.25, wanted)
+        np.testing.assert_allclose(found[asked], expected[asked], rtol=1e-5, atol=1e-6)
+
+
+def test_rows_are_searched_on_the_planes_of_their_cells() -> None:
+    first = np.array([[3, 1, 2], [5, 6, 7], [-9, 4, 0]], np.int32)
+    last = np.array([[4, 9, -1], [-1, -1, -1], [-3, 5, 2]], np.int32)
+    spans = np.empty((3, 2), np.int32)
+    _peak_kernels._rows_searched(first, last, spans)
+    np.testing.assert_array_equal(spans[[0, 2]], [[1, 9], [0, 5]])
+    assert spans[1, 0] > spans[1, 1]
 
 
 def test_what_saw_cells_is_in_plain_words() -> None:

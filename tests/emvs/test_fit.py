@@ -49,14 +49,14 @@ def test_kernels_are_their_plain_twins() -> None:
         np.clip(np.rint(a).astype(int), 0, SHAPE[1] - 1),
     )
     for moment, term in zip(
-        moments, (1 + 0 * a, a, b, c, a * a, a * b, b * b, a * c, b * c), strict=True
+        moments, (1 + 0 * a, a, b, a * a, a * b, b * b, c, a * c, b * c), strict=True
     ):
         expected = np.zeros(SHAPE)
         np.add.at(expected, place, w * term)
         np.testing.assert_allclose(moment, expected, rtol=1e-6, atol=1e-9)
 
     again = moments.copy()
-    again[list(kernels.OF_OFFSET)] = 0
+    again[kernels.OF_OFFSET] = 0
     kernels._add_offsets(z, x, y, weight, row, column, again)
     np.testing.assert_array_equal(again, moments)
 
@@ -66,7 +66,7 @@ def test_kernels_are_their_plain_twins() -> None:
     mx, my, mz, sx, sy = (p[place] for p in planes)
     rest = c - mz - sx * (a - mx) - sy * (b - my)
     w = w * trust[place]
-    for found, term in zip(sums, (w, w * w, w * rest, w * rest * rest), strict=True):
+    for found, term in zip(sums, (w * rest, w, w * rest * rest, w * w), strict=True):
         expected = np.zeros(SHAPE)
         np.add.at(expected, place, term)
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
@@ -82,14 +82,14 @@ def test_what_planes_and_residuals_give_is_in_plain_words() -> None:
     x, y, z, along, down = planes
     expected = z + along * (COLUMNS - 5 - x) + down * (ROWS - 7 - y) + 1.5 * rest / w
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
-    kernels._scatter(w, by_square, squares, found)
+    kernels._scatter(w, squares, by_square, found)
     np.testing.assert_allclose(found, np.sqrt(squares / w) * np.sqrt(by_square) / w)
 
 
 def test_a_plane_is_the_least_squares_one() -> None:
     rng = np.random.default_rng(1)
     a, b, c, w = rng.uniform(0, 9, 40), rng.uniform(0, 9, 40), rng.normal(0, 1, 40), rng.random(40)
-    terms = (1 + 0 * a, a, b, c, a * a, a * b, b * b, a * c, b * c)
+    terms = (1 + 0 * a, a, b, a * a, a * b, b * b, c, a * c, b * c)
     moments = np.array([(w * t).sum() for t in terms]).reshape(9, 1, 1)
     planes = np.empty((5, 1, 1))
     kernels._solve(moments, planes)

@@ -8,7 +8,7 @@ from numba import njit
 #: Spread of samples, in cells², below which a slope is not taken from them alone.
 _STIFFNESS = 0.05
 #: The moments that hang on offsets.
-OF_OFFSET = (3, 7, 8)
+OF_OFFSET = slice(6, 9)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -34,7 +34,7 @@ def _weigh(offset, x, y, measure, row, column, weight):  # type: ignore[no-untyp
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_moments(offset, x, y, weight, row, column, moments):  # type: ignore[no-untyped-def]
-    """Weighted sums of 1, x, y, z, x², xy, y², xz and yz by cell; `offset` is z."""
+    """Weighted sums of 1, x, y, x², xy, y², z, xz and yz by cell; `offset` is z."""
     real = moments.dtype.type
     height, width = offset.shape
     for i in range(height):
@@ -50,10 +50,10 @@ def _add_moments(offset, x, y, weight, row, column, moments):  # type: ignore[no
             moments[0, r, c] += w
             moments[1, r, c] += w * a
             moments[2, r, c] += w * b
-            moments[3, r, c] += w * z
-            moments[4, r, c] += w * a * a
-            moments[5, r, c] += w * a * b
-            moments[6, r, c] += w * b * b
+            moments[6, r, c] += w * z
+            moments[3, r, c] += w * a * a
+            moments[4, r, c] += w * a * b
+            moments[5, r, c] += w * b * b
             moments[7, r, c] += w * a * z
             moments[8, r, c] += w * b * z
 
@@ -71,7 +71,7 @@ def _add_offsets(offset, x, y, weight, row, column, moments):  # type: ignore[no
             z = real(offset[i, j])
             r = row[i, j]
             c = column[i, j]
-            moments[3, r, c] += w * z
+            moments[6, r, c] += w * z
             moments[7, r, c] += w * real(x[i, j]) * z
             moments[8, r, c] += w * real(y[i, j]) * z
 
@@ -91,10 +91,10 @@ def _solve(moments, planes):  # type: ignore[no-untyped-def]
             each = real(1) / w if w > real(1e-9) else real(np.nan)
             x = moments[1, i, j] * each
             y = moments[2, i, j] * each
-            z = moments[3, i, j] * each
-            xx = moments[4, i, j] * each - x * x + stiffness
-            xy = moments[5, i, j] * each - x * y
-            yy = moments[6, i, j] * each - y * y + stiffness
+            z = moments[6, i, j] * each
+            xx = moments[3, i, j] * each - x * x + stiffness
+            xy = moments[4, i, j] * each - x * y
+            yy = moments[5, i, j] * each - y * y + stiffness
             xz = moments[7, i, j] * each - x * z
             yz = moments[8, i, j] * each - y * z
             of_det = real(1) / (xx * yy - xy * xy)
@@ -107,7 +107,7 @@ def _solve(moments, planes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_residuals(offset, x, y, weight, row, column, trust, planes, sums):  # type: ignore[no-untyped-def]
-    """Sums of w, w², w·r and w·r² by cell; r is a depth less the plane where it lies."""
+    """Sums of w·r, w, w·r² and w² by cell; r is a depth less the plane where it lies."""
     real = sums.dtype.type
     height, width = offset.shape
     for i in range(height):
@@ -123,10 +123,10 @@ def _add_residuals(offset, x, y, weight, row, column, trust, planes, sums):  # t
                 - planes[3, r, c] * (real(x[i, j]) - planes[0, r, c])
                 - planes[4, r, c] * (real(y[i, j]) - planes[1, r, c])
             )
-            sums[0, r, c] += w
-            sums[1, r, c] += w * w
-            sums[2, r, c] += w * rest
-            sums[3, r, c] += w * rest * rest
+            sums[1, r, c] += w
+            sums[3, r, c] += w * w
+            sums[0, r, c] += w * rest
+            sums[2, r, c] += w * rest * rest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -144,7 +144,7 @@ def _trust(weight, square, least, trust):  # type: ignore[no-untyped-def]
 def _at_cells(planes, middle, weight, rest, share, offset):  # type: ignore[no-untyped-def]
     """Height of planes at their own cells, and a share of what they leave over.
 
-    `weight` and `rest` are the first and third sum of `_add_residuals` over neighbourhoods;
+    `weight` and `rest` are of the sums of `_add_residuals` over neighbourhoods;
     `middle` is the column and the row that places count from.
     """
     real = offset.dtype.type
@@ -160,7 +160,7 @@ def _at_cells(planes, middle, weight, rest, share, offset):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _scatter(weight, square_weight, squares, scatter):  # type: ignore[no-untyped-def]
+def _scatter(weight, squares, square_weight, scatter):  # type: ignore[no-untyped-def]
     """Deviation of depths times the unevenness of weights, their root mean square over their mean.
 
     From the sums of `_add_residuals` over what is taken to scatter alike.

@@ -37,19 +37,18 @@ def _shear(measure, moved, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _rows_held(volume, spans):  # type: ignore[no-untyped-def]
-    """First row of each plane that isn't zero and the one after the last, shape (planes, 2)."""
-    planes, height, width = volume.shape
-    flat, size = volume.reshape(-1), np.uint64(width)
-    for k in range(planes):
-        spans[k, 0], spans[k, 1] = height, 0
-        for i in range(height):
-            at, some = np.uint64((k * height + i) * width), False
-            for j in range(size):
-                some |= flat[at + j] != 0
-            if some:
-                spans[k, 0] = min(spans[k, 0], i)
-                spans[k, 1] = i + 1
+def _rows_searched(first, last, spans):  # type: ignore[no-untyped-def]
+    """First and last plane that any cell of a row is searched on; see `_find_peak`.
+
+    A cell whose last is negative isn't searched. `spans`, shape (rows, 2), takes them.
+    """
+    height, width = first.shape
+    for i in range(height):
+        low, high = np.int32(2**30), np.int32(-(2**30))
+        for j in range(width):
+            low = min(low, first[i, j] if last[i, j] >= 0 else np.int32(2**30))
+            high = max(high, last[i, j])
+        spans[i, 0], spans[i, 1] = low, high
 
 
 @njit(cache=True, nogil=True)
@@ -106,7 +105,8 @@ def _find_peak(scores, first, last, rival, weakest, least, peak, contrast, top):
         best[:] = 0
         low, high = n, -1
         for j in range(width):
-            low, high = min(low, first[i, j]), max(high, last[i, j])
+            low = min(low, first[i, j] if last[i, j] >= 0 else n)
+            high = max(high, last[i, j])
         for k in range(max(low, 0), min(high, n - 1) + 1):
             _keep_best(scores[k, i], k, 1 <= k <= n - 2, first[i], last[i], total, top[i], best)
         for j in range(width):
@@ -166,30 +166,30 @@ def _centroids(measure, peak, weights, total, x, y):  # type: ignore[no-untyped-
     _, height, width = measure.shape
     reach = len(weights) // 2
     for i in range(height):
+        top, bottom = max(i - reach, 0), min(i + reach, height - 1)
         for j in range(width):
             total[i, j] = 0
             x[i, j] = j
             y[i, j] = i
             if np.isnan(peak[i, j]):
                 continue
-            k = int(np.rint(peak[i, j]))
-            e = np.float32(0)
-            ex = np.float32(0)
-            ey = np.float32(0)
-            for di in range(-reach, reach + 1):
-                if i + di < 0 or i + di >= height:
-                    continue
-                for dj in range(-reach, reach + 1):
-                    if j + dj < 0 or j + dj >= width:
-                        continue
-                    w = weights[di + reach] * weights[dj + reach] * measure[k, i + di, j + dj]
-                    e += w
-                    ex += w * dj
-                    ey += w * di
+            plane = measure[int(np.rint(peak[i, j]))]
+            left, right = max(j - reach, 0), min(j + reach, width - 1)
+            e = ex = ey = np.float32(0)
+            for a in range(top, bottom + 1):
+                along = beside = np.float32(0)
+                for b in range(left, right + 1):
+                    w = weights[b - j + reach] * plane[a, b]
+                    along += w
+                    beside += w * np.float32(b - j)
+                w = weights[a - i + reach]
+                e += w * along
+                ex += w * beside
+                ey += w * along * np.float32(a - i)
             total[i, j] = e
             if e > 0:
-                x[i, j] = j + ex / e
-                y[i, j] = i + ey / e
+                x[i, j] = np.float32(j) + ex / e
+                y[i, j] = np.float32(i) + ey / e
 
 
 @njit(cache=True, nogil=True)

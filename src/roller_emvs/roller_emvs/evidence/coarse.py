@@ -10,10 +10,11 @@ from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _peak_kernels as peaks
+from ._kernels import CELL_PX
+from .blur import blurred
 from .field import EvidenceField, RayField
 from .focus_measure import (
     Sorted,
-    blur,
     by_part,
     everywhere,
     focus_measure_by_plane,
@@ -89,7 +90,7 @@ def offset_of_parts(measure: F32, at: F64) -> F32:
     """
     cells = measure.shape[1:]
     peak, contrast, top = (np.empty(cells, np.float32) for _ in range(3))
-    scores = blur(measure, _SIGMA_PX)
+    scores = blurred(measure, _SIGMA_PX / CELL_PX)
     first, last = np.zeros(cells, np.int32), np.full(cells, len(at) - 1, np.int32)
     peaks._find_peak(scores, first, last, 2.0, 0.0, _MIN_CONFIDENCE, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _fit_kernels as kernels
+from .blur import blurred
 from .field import I32
 from .sweep import Depths
 
@@ -100,16 +100,16 @@ def fit_planes(
                 found.offset, found.x, found.y, found.focus_measure, row, column, weight[k]
             )
             kernels._add_moments(*values[k], weight[k], row, column, own)
+            own[:] = blurred(own, sigma)
         else:
             kernels._add_offsets(*values[k], weight[k], row, column, own)
-        for moment in own if like is None else (own[n] for n in kernels.OF_OFFSET):
-            cv2.GaussianBlur(moment, (0, 0), sigma, dst=moment)
+            own[kernels.OF_OFFSET] = blurred(own[kernels.OF_OFFSET], sigma)
         planes, alike = np.empty((5, *shape), real), np.ones(shape, real)
         sums = np.zeros((4, *shape), real)
         kernels._solve(own, planes)
         kernels._add_residuals(*values[k], weight[k], row, column, alike, planes, sums)
-        alike = _blur(sums[0], _ALIKE)
-        kernels._trust(alike, _blur(sums[3], _ALIKE), resolution**2, trust[k])
+        weights, squares = blurred(sums[1:3], _ALIKE)
+        kernels._trust(weights, squares, resolution**2, trust[k])
 
     share(threads, count, judge)
     planes, sums = np.empty((5, *shape), real), np.zeros((4, *shape), real)
@@ -121,13 +121,8 @@ def fit_planes(
     for each, w, (row, column), t in zip(values, weight, place, trust, strict=True):
         kernels._add_residuals(*each, w, row, column, t, planes, sums)
     # Height at the cell's own centre plus slope: linear, so enlarging keeps it.
-    weights, rests = _blur(sums[0], sigma), _blur(sums[2], sigma)
+    rests, weights = blurred(sums[:2], sigma)
     kernels._at_cells(planes, middle, weights, rests, _GIVEN_BACK, at_cell)
     if scattered:
-        weights, by_square, squares = (_blur(sums[k], _ALIKE) for k in (0, 1, 3))
-        kernels._scatter(weights, by_square, squares, scatter)
+        kernels._scatter(*blurred(sums[1:], _ALIKE), scatter)
     return Fit(at_cell, scatter, Moments(weight, place, summed))
-
-
-def _blur(values: F32, sigma: float) -> F32:
-    return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma), np.float32)

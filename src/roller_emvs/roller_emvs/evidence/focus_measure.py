@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -15,7 +14,6 @@ from roller_emvs.threads import share
 
 from . import _kernels as kernels
 from . import _meet_kernels as meet
-from . import _peak_kernels as peaks
 from ._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from .field import RayField
 
@@ -26,8 +24,6 @@ I32 = npt.NDArray[np.int32]
 _MOST_PLANES = 500
 #: Rows of a band, px: its votes fit a core's nearest cache.
 BAND_ROWS = 16
-#: Planes are blurred as a whole where more than this share of their rows counts.
-_MOST_ROWS = 0.8
 
 
 def plane_offsets(low: float, high: float, parallax_px: float, per_px: float) -> F64:
@@ -146,22 +142,3 @@ def all_tiles(field: RayField, planes: int) -> I64:
     tiles = np.zeros((bands, count, 2), np.int64)
     tiles[..., 1] = planes - 1
     return tiles
-
-
-def blur(volume: F32, sigma_px: float) -> F32:
-    """Sum each plane over a neighbourhood."""
-    out, spans = np.empty_like(volume), np.empty((len(volume), 2), np.int64)
-    peaks._rows_held(volume, spans)
-    sigma, rows = sigma_px / CELL_PX, volume.shape[1]
-    # What is within a neighbourhood of rows that hold something, and as much around.
-    reach = int(np.ceil(4 * sigma)) + 1
-    for plane, blurred, (first, last) in zip(volume, out, spans.tolist(), strict=True):
-        top, bottom = max(first - 2 * reach, 0), min(last + 2 * reach, rows)
-        if first >= last:
-            blurred[:] = 0
-        elif bottom - top > _MOST_ROWS * rows:
-            cv2.GaussianBlur(plane, (0, 0), sigma, dst=blurred)
-        else:
-            blurred[:top], blurred[bottom:] = 0, 0
-            cv2.GaussianBlur(plane[top:bottom], (0, 0), sigma, dst=blurred[top:bottom])
-    return out

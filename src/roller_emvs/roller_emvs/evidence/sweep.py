@@ -20,12 +20,12 @@ from roller_emvs.threads import share
 
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
+from .blur import blurred
 from .coarse import coarse_offset, coarse_planes
 from .evidence_settings import EvidenceSettings
 from .field import Box, EvidenceField, RayField, sample_median
 from .focus_measure import (
     I32,
-    blur,
     by_plane,
     everywhere,
     focus_measure_by_plane,
@@ -188,9 +188,10 @@ def sharpest(
     followed = _follow(measure, field, at)
     span = float(at[-2] - at[1])
     # Blurred is the most on any plane: no cell's score is above that.
-    possible = blur(followed.max(axis=0)[None], settings.sigma_px)[0] >= _weakest(settings)
+    sigma = settings.sigma_px / CELL_PX
+    possible = blurred(followed.max(axis=0)[None], sigma)[0] >= _weakest(settings)
     last = np.where(possible, last, np.int32(-1))
-    cut = field.cut_around(possible, int(np.ceil(4 * settings.sigma_px / CELL_PX)))
+    cut = field.cut_around(possible, int(np.ceil(4 * sigma)))
     if cut is None:
         depths = _peaks(followed, at, first, last, field, settings)
         return _checked(field, depths, polarity, span, settings)
@@ -248,7 +249,11 @@ def _peaks(
     measure: F32, at: F64, first: I32, last: I32, field: EvidenceField, s: EvidenceSettings
 ) -> Depths:
     """Sharpest plane of each cell and where its evidence lies."""
-    scores = blur(measure, s.sigma_px)
+    sigma = s.sigma_px / CELL_PX
+    wanted = np.empty((len(first), 2), np.int32)
+    peaks._rows_searched(first, last, wanted)
+    # A peak's parabola takes in the planes beside it.
+    scores = blurred(measure, sigma, wanted + np.array([-1, 1], np.int32))
     peak, contrast, top, total, x, y = (np.empty(field.cells, np.float32) for _ in range(6))
     limits = (_MOST_RIVAL, _weakest(s), s.min_confidence)
     peaks._find_peak(scores, first, last, *limits, peak, contrast, top)
@@ -259,7 +264,6 @@ def _peaks(
     in_effect = field.planes_in_effect(at)
     if in_effect is not None:
         peaks._top_between(scores, in_effect, peak, offset)
-    sigma = s.sigma_px / CELL_PX
     reach = int(np.ceil(2.5 * sigma))
     steps = np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (steps / sigma) ** 2)

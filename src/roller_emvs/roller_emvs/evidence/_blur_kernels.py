@@ -1,0 +1,134 @@
+"""Loops that sum planes of a grid over neighbourhoods; each has a numpy twin in the tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def _reflect(i, size):  # type: ignore[no-untyped-def]
+    """A place within a grid; what lies beyond is that as far within, the outer one left out."""
+    if size == 1:
+        return 0
+    while i < 0 or i >= size:
+        i = -i if i < 0 else 2 * size - 2 - i
+    return i
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _add_pairs(a, b, c, d, e, f, weights, sums):  # type: ignore[no-untyped-def]
+    """Add three weighted pairs: storing sums after each would take longer than adding."""
+    u, v, w = weights
+    for j in range(len(sums)):
+        sums[j] += u * (a[j] + b[j]) + v * (c[j] + d[j]) + w * (e[j] + f[j])
+
+
+@njit(cache=True, nogil=True)
+def _weigh(values, first, last, step, weights, sums):  # type: ignore[no-untyped-def]
+    """Weighted sums of what lies around places from one to another, flat, `step` apart.
+
+    Of many rows at once: what is left over of a loop is done one by one.
+    """
+    reach, out = len(weights) // 2, sums[first:last]
+    own, middle = weights[reach], values[first:last]
+    for j in range(len(out)):
+        out[j] = own * middle[j]
+    for d in range(1, reach + 1, 3):
+        # Beyond the last one a weight of 0, of what is there.
+        near, far = min(d + 1, reach) * step, min(d + 2, reach) * step
+        at, zero = d * step, np.float32(0)
+        v = weights[reach + d + 1] if d + 1 <= reach else zero
+        w = weights[reach + d + 2] if d + 2 <= reach else zero
+        _add_pairs(
+            values[first - at : last - at], values[first + at : last + at],
+            values[first - near : last - near], values[first + near : last + near],
+            values[first - far : last - far], values[first + far : last + far],
+            (weights[reach + d], v, w), out,
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _widen(flat, begin, size, reach, sources, line, to):  # type: ignore[no-untyped-def]
+    """A row into a line, and what it is reflected to into the ends; whether any of it isn't 0."""
+    some = False
+    for j in range(size):
+        some |= flat[begin + j] != 0
+    if some:
+        for j in range(size):
+            line[to + reach + j] = flat[begin + j]
+        for d in range(reach):
+            line[to + d] = flat[begin + sources[d]]
+            line[to + reach + size + d] = flat[begin + sources[reach + d]]
+    return some
+
+
+@njit(cache=True, nogil=True)
+def _runs(marked, runs):  # type: ignore[no-untyped-def]
+    """First of each run of marked places and the one after its last; how many there are."""
+    n, before = 0, False
+    for i in range(len(marked)):
+        if marked[i] and not before:
+            runs[n, 0] = i
+            n += 1
+        if marked[i]:
+            runs[n - 1, 1] = i + 1
+        before = marked[i]
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _blur(volume, weights, wanted, marked, runs, buffers, out):  # type: ignore[no-untyped-def]
+    """Sum each plane over a neighbourhood, by symmetric weights of either axis.
+
+    The border is reflected. `wanted`, shape (rows, 2), holds the first and last plane on which a
+    row is wanted; of others `out` isn't written. For use: `marked`, of the rows, `runs`, shape
+    (rows, 2), and `buffers`, flat, of as many rows and columns and the weights' reach on all sides.
+    """
+    planes, height, width = volume.shape
+    reach = len(weights) // 2
+    low, high = wanted[:, 0].min(), wanted[:, 1].max()
+    stride = width + 2 * reach
+    lines, along, both = buffers
+    flat = volume.reshape(-1)
+    sources = np.empty(2 * reach, np.uint64)
+    for d in range(reach):
+        sources[d] = _reflect(d - reach, width)
+        sources[reach + d] = _reflect(width + d, width)
+    for k in range(max(low, 0), min(high, planes - 1) + 1):
+        for i in range(height):
+            begin, at = np.uint64((k * height + i) * width), np.uint64((reach + i) * stride)
+            marked[i] = _widen(flat, begin, np.uint64(width), np.uint64(reach), sources, lines, at)
+        first = 0
+        while first < height and not marked[first]:
+            first += 1
+        if first < height:
+            along[:] = 0
+        for n in range(_runs(marked, runs)):
+            begin, end = (reach + runs[n, 0]) * stride, (reach + runs[n, 1]) * stride
+            _weigh(lines, begin + reach, end - reach, 1, weights, along)
+        for d in range(-reach, reach):
+            beyond = d if d < 0 else height + d
+            a, b = (reach + beyond) * stride, (reach + _reflect(beyond, height)) * stride
+            along[a : a + stride] = along[b : b + stride]
+        # Rows that are wanted, and that what was found reaches.
+        last = -reach - 1
+        for i in range(height):
+            last = i if marked[i] else last
+            runs[i, 0] = last
+        last = height + reach
+        for i in range(height - 1, -1, -1):
+            last = i if marked[i] else last
+            marked[i] = wanted[i, 0] <= k <= wanted[i, 1]
+            if marked[i] and i - runs[i, 0] > reach and last - i > reach:
+                marked[i] = False
+                out[k, i, :] = 0
+        for n in range(_runs(marked, runs)):
+            begin, end = (reach + runs[n, 0]) * stride, (reach + runs[n, 1]) * stride
+            _weigh(along, begin + reach, end - reach, stride, weights, both)
+        for i in range(height):
+            if marked[i]:
+                at = (reach + i) * stride + reach
+                own, row = both[at : at + width], out[k, i]
+                for j in range(width):
+                    row[j] = own[j]
