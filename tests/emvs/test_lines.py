@@ -233,6 +233,69 @@ def drift(max_slope: float = 1.0) -> EdgeDriftSettings:
     )
 
 
+@pytest.mark.parametrize("polarity", [0, 1])
+def test_drift_is_in_plain_words(polarity: int) -> None:
+    """Terms by coefficient; and the table of what is left over, what doesn't show, and doubts."""
+    rng, n = np.random.default_rng(4), 200
+    bins, by_speed = 4 * SLOPE_BINS, rng.normal(0, 1e-4, 8)
+    settings = drift().changed(
+        {
+            "residual_m": rng.uniform(1e-5, 9e-5, bins).tolist(),
+            "by_speed_s": by_speed.tolist(),
+            "speeds_m_s": [0.3, 0.1, 0.5],
+        }
+    )
+    slope, change, side = rng.normal(0, 1, n), rng.normal(0, 1, n), rng.uniform(-1, 1, n)
+    speed, most = rng.uniform(0.05, 0.7, n), settings.max_slope
+    slope[:3], speed[:3] = 0.0, 0.3
+    held, v = np.clip(slope, -most, most), np.clip(speed, 0.1, 0.5)
+    k = 2 * polarity
+    beta = [
+        *settings.coefficients_m[k : k + 2],
+        settings.even_m[polarity],
+        settings.side_m[polarity],
+    ]
+    beta = np.array(beta) + (v - 0.3)[:, None] * by_speed.reshape(2, 4)[polarity]
+    terms = drift_terms(held, change, side)
+    height = (terms * beta).sum(axis=1)
+    middles = (np.arange(SLOPE_BINS) + 0.5) * most / SLOPE_BINS
+    table = np.reshape(settings.residual_m, (2, 2, SLOPE_BINS))[polarity]
+    rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)
+    unseen = np.abs(beta[:, [1, 3]] * (1 - np.abs(terms[:, [1, 3]]))).max(axis=1)
+    sigma = np.sqrt(np.where(slope >= 0, rising, falling) ** 2 + unseen**2 + (0.4 * height) ** 2)
+    for over in (np.maximum(np.abs(slope) - most, 0), np.abs(np.log(speed / v))):
+        sigma = np.hypot(sigma, over * np.maximum(np.abs(height), sigma))
+    found = edge_drift(settings, polarity, slope, change, side, speed)
+    np.testing.assert_allclose(found, [height, sigma], rtol=1e-9, atol=1e-15)
+
+
+def test_what_lines_are_judged_by_is_in_plain_words() -> None:
+    rng, n = np.random.default_rng(8), 300
+    surface = rng.normal(0, 1, SHAPE).astype(np.float32)
+    surface[rng.random(SHAPE) < 0.3] = np.nan
+    changes, sides = rng.normal(0, 1, (2, SHAPE[0] // 4, SHAPE[1] // 4)).astype(np.float32)
+    row, x = rng.integers(0, SHAPE[0], n), rng.uniform(-1, SHAPE[1], n)
+    offset, variance = rng.normal(0, 1, n), rng.uniform(0, 1, n)
+    slope, change, side, sigma = np.empty((4, n))
+    places._judge(
+        row, x, offset, variance, surface, changes, sides, (-0.7, 0.5), (0.3, 0.6, 0.2, 0.1),
+        slope, change, side, sigma,
+    )  # fmt: skip
+    column = np.clip(np.rint(x).astype(int), 0, SHAPE[1] - 1)
+    left, here, right = (
+        surface[row, np.clip(column + by, 0, SHAPE[1] - 1)].astype(float) for by in (-4, 0, 4)
+    )
+    both, one_sided = (right - left) / 8, np.where(np.isnan(left), right - here, here - left) / 4
+    along = np.nan_to_num(np.where(np.isnan(left) | np.isnan(right), one_sided, both))
+    np.testing.assert_allclose(slope, 0.7 * along, rtol=1e-5, atol=1e-6)
+    lacks, steep = np.nan_to_num(here - offset), np.maximum(np.abs(slope), 0.6)
+    square = 0.25 * variance + (0.5 * 0.3 * lacks) ** 2 + (0.2 * steep) ** 2 + 0.1**2
+    np.testing.assert_allclose(sigma, np.sqrt(square))
+    np.testing.assert_array_equal(
+        [change, side], [v[row // 4, column // 4] for v in (changes, sides)]
+    )
+
+
 def test_drift_has_an_odd_and_an_even_part_and_stays_beyond_what_was_calibrated() -> None:
     slope = np.array([-2.0, -1.0, -0.3, 0.3, 1.0, 2.0])
     for polarity in (0, 1):

@@ -79,26 +79,27 @@ def _runs(marked, runs):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _blur(volume, weights, wanted, marked, runs, buffers, out):  # type: ignore[no-untyped-def]
-    """Sum each plane over a neighbourhood, by symmetric weights of either axis.
+    """Sum each plane over a neighbourhood, by symmetric weights along columns and rows.
 
     The border is reflected. `wanted`, shape (rows, 2), holds the first and last plane on which a
     row is wanted; of others `out` isn't written. For use: `marked`, of the rows, `runs`, shape
     (rows, 2), and `buffers`, flat, of as many rows and columns and the weights' reach on all sides.
     """
     planes, height, width = volume.shape
-    reach = len(weights) // 2
+    down, across = weights
+    reach, beside = len(down) // 2, len(across) // 2
     low, high = wanted[:, 0].min(), wanted[:, 1].max()
-    stride = width + 2 * reach
+    stride = width + 2 * beside
     lines, along, both = buffers
     flat = volume.reshape(-1)
-    sources = np.empty(2 * reach, np.uint64)
-    for d in range(reach):
-        sources[d] = _reflect(d - reach, width)
-        sources[reach + d] = _reflect(width + d, width)
+    sources = np.empty(2 * beside, np.uint64)
+    for d in range(beside):
+        sources[d] = _reflect(d - beside, width)
+        sources[beside + d] = _reflect(width + d, width)
     for k in range(max(low, 0), min(high, planes - 1) + 1):
         for i in range(height):
             begin, at = np.uint64((k * height + i) * width), np.uint64((reach + i) * stride)
-            marked[i] = _widen(flat, begin, np.uint64(width), np.uint64(reach), sources, lines, at)
+            marked[i] = _widen(flat, begin, np.uint64(width), np.uint64(beside), sources, lines, at)
         first = 0
         while first < height and not marked[first]:
             first += 1
@@ -106,7 +107,7 @@ def _blur(volume, weights, wanted, marked, runs, buffers, out):  # type: ignore[
             along[:] = 0
         for n in range(_runs(marked, runs)):
             begin, end = (reach + runs[n, 0]) * stride, (reach + runs[n, 1]) * stride
-            _weigh(lines, begin + reach, end - reach, 1, weights, along)
+            _weigh(lines, begin + beside, end - beside, 1, across, along)
         for d in range(-reach, reach):
             beyond = d if d < 0 else height + d
             a, b = (reach + beyond) * stride, (reach + _reflect(beyond, height)) * stride
@@ -125,10 +126,10 @@ def _blur(volume, weights, wanted, marked, runs, buffers, out):  # type: ignore[
                 out[k, i, :] = 0
         for n in range(_runs(marked, runs)):
             begin, end = (reach + runs[n, 0]) * stride, (reach + runs[n, 1]) * stride
-            _weigh(along, begin + reach, end - reach, stride, weights, both)
+            _weigh(along, begin + beside, end - beside, stride, down, both)
         for i in range(height):
             if marked[i]:
-                at = (reach + i) * stride + reach
+                at = (reach + i) * stride + beside
                 own, row = both[at : at + width], out[k, i]
                 for j in range(width):
                     row[j] = own[j]

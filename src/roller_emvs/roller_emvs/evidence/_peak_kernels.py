@@ -166,30 +166,30 @@ def _centroids(measure, peak, weights, total, x, y):  # type: ignore[no-untyped-
     _, height, width = measure.shape
     reach = len(weights) // 2
     for i in range(height):
-        top, bottom = max(i - reach, 0), min(i + reach, height - 1)
         for j in range(width):
             total[i, j] = 0
             x[i, j] = j
             y[i, j] = i
             if np.isnan(peak[i, j]):
                 continue
-            plane = measure[int(np.rint(peak[i, j]))]
-            left, right = max(j - reach, 0), min(j + reach, width - 1)
-            e = ex = ey = np.float32(0)
-            for a in range(top, bottom + 1):
-                along = beside = np.float32(0)
-                for b in range(left, right + 1):
-                    w = weights[b - j + reach] * plane[a, b]
-                    along += w
-                    beside += w * np.float32(b - j)
-                w = weights[a - i + reach]
-                e += w * along
-                ex += w * beside
-                ey += w * along * np.float32(a - i)
+            k = int(np.rint(peak[i, j]))
+            e = np.float32(0)
+            ex = np.float32(0)
+            ey = np.float32(0)
+            for di in range(-reach, reach + 1):
+                if i + di < 0 or i + di >= height:
+                    continue
+                for dj in range(-reach, reach + 1):
+                    if j + dj < 0 or j + dj >= width:
+                        continue
+                    w = weights[di + reach] * weights[dj + reach] * measure[k, i + di, j + dj]
+                    e += w
+                    ex += w * dj
+                    ey += w * di
             total[i, j] = e
             if e > 0:
-                x[i, j] = np.float32(j) + ex / e
-                y[i, j] = np.float32(i) + ey / e
+                x[i, j] = j + ex / e
+                y[i, j] = i + ey / e
 
 
 @njit(cache=True, nogil=True)

@@ -15,6 +15,7 @@ from roller_emvs.threads import share
 
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
+from .blur import blurred
 from .evidence_settings import EvidenceSettings
 from .field import Box, EvidenceField, Mask
 from .fit import Fit, fit_planes
@@ -255,7 +256,7 @@ def wall_side(depths: list[Depths]) -> F32:
     """
     known = [np.isfinite(own.offset).astype(np.float32) for own in depths]
     change = [np.where(k > 0, own.change, 0) for k, own in zip(known, depths, strict=True)]
-    sums = [cv2.GaussianBlur(sum(v), (0, 0), _SIDE_CELLS) for v in (change, known)]
+    sums = blurred(np.stack([sum(change), sum(known)]), _SIDE_CELLS)
     return np.tanh(sums[0] / np.maximum(_SIDE_CHANGE * sums[1], np.float32(1e-9)))
 
 

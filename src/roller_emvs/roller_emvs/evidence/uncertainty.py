@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from roller_emvs.rays import F32
 
 from . import _point_kernels as kernels
+from .blur import blurred
 from .field import EvidenceField
 from .sweep import Depths
 
@@ -31,8 +31,8 @@ I64 = npt.NDArray[np.int64]
 
 def seen_around(depths: list[Depths]) -> F32:
     """Share of the cells around each that have a depth, mean of the polarities."""
-    known = np.mean([np.isfinite(own.offset) for own in depths], axis=0, dtype=np.float32)
-    return np.asarray(cv2.GaussianBlur(known, (0, 0), _AROUND_CELLS), np.float32)
+    known = np.mean([[np.isfinite(own.offset)] for own in depths], axis=0, dtype=np.float32)
+    return np.asarray(blurred(np.asarray(known), _AROUND_CELLS)[0])
 
 
 def point_sigma(

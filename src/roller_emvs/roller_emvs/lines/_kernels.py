@@ -93,9 +93,9 @@ def _ridges(density, floor, share, reach, step, row, column):  # type: ignore[no
 def _window(rays, starts, width, place, half, sample, every, some):  # type: ignore[no-untyped-def]
     """Events around a place (row, column and offset): x and y from there on, and slopes.
 
-    `every`, shape (3, room), receives all, `some` about `sample` of them, evenly; returns their
-    numbers. Those further than `half` across are put out of reach, as is what fills the last
-    vector.
+    `every`, shape (3, room), receives all, `some` about `sample` of them, evenly, if they are more
+    than twice as many; returns their numbers, 0 of `some` if it has none. Those further than `half`
+    across are put out of reach, as is what fills the last vector.
     """
     rows = (len(starts) - 1) // width
     r, c, z = np.int64(place[0]), np.int64(place[1]), np.float32(place[2])
@@ -118,10 +118,11 @@ def _window(rays, starts, width, place, half, sample, every, some):  # type: ign
             every[0, n + k] = x if abs(y) <= across else _AWAY
             every[1, n + k] = y
             every[2, n + k] = rays[e, 2]
-        for k in range(np.uint64(0), size, stride):
-            for value in range(3):
-                some[value, few] = every[value, n + k]
-            few += np.uint64(1)
+        if stride > np.uint64(1):
+            for k in range(np.uint64(0), size, stride):
+                for value in range(3):
+                    some[value, few] = every[value, n + k]
+                few += np.uint64(1)
         n += size
     for k in range(_VECTOR):
         every[0, n + k] = some[0, few + k] = _AWAY
@@ -199,7 +200,7 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
         middle = 0.0
         for it in range(rounds + 1):
             last = it == rounds
-            events, n = (every, count) if last else (some, few)
+            events, n = (some, few) if few and not last else (every, count)
             sums = _sums(events, n, line, middle, half[0], tukey, it == 0)
             s0, sa, sy = np.float64(sums[0]), np.float64(sums[1]), np.float64(sums[2])
             saa, say, syy = np.float64(sums[3]), np.float64(sums[4]), np.float64(sums[5])

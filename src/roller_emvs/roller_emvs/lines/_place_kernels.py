@@ -5,12 +5,48 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_emvs.evidence import CELL_PX
+
 #: Rows and columns, px, to a cell of the grid on which lines are added up: what is around a place
 #: changes little from pixel to pixel.
 GRID_PX = 2
 #: Variance that this and what lies between cells add to a neighbourhood, along rows and across,
 #: cells².
 WIDER = 0.25, 0.125
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _judge(  # type: ignore[no-untyped-def]
+    row, x, offset, variance, surface, changes, sides, scales, limits, slope, change, side, sigma
+):
+    """Slope of the surface at lines, change and side of the cells there, and their uncertainty.
+
+    `surface` is the offset by pixel, `variance` that of the lines' offsets. `scales`: from a change
+    of offset by pixel to the slope, and from an offset to metres. `limits`: share of what line and
+    surface differ by that stays in doubt, the least slope, what the place is unsure of, m, and the
+    least uncertainty, m.
+    """
+    width = surface.shape[1]
+    per_px, to_m = scales
+    doubt, least, place, floor = limits
+    step = np.float32(1.0 / CELL_PX)
+    for n in range(len(row)):
+        i, j = row[n], min(max(np.int64(np.rint(x[n])), 0), width - 1)
+        left, here = surface[i, max(j - CELL_PX, 0)], surface[i, j]
+        right = surface[i, min(j + CELL_PX, width - 1)]
+        if left != left:
+            along = (right - here) * step
+        elif right != right:
+            along = (here - left) * step
+        else:
+            along = (right - left) * np.float32(0.5) * step
+        slope[n] = -np.float64(along) * per_px if along == along else 0.0
+        lacks = np.float64(here) - offset[n] if here == here else 0.0
+        of_place = max(abs(slope[n]), least) * place
+        square = variance[n] * to_m**2 + (lacks * to_m * doubt) ** 2 + of_place**2
+        sigma[n] = np.sqrt(square + floor**2)
+        change[n] = changes[i // CELL_PX, j // CELL_PX]
+        side[n] = sides[i // CELL_PX, j // CELL_PX]
 
 
 @njit(cache=True, nogil=True)

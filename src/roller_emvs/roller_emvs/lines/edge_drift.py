@@ -16,6 +16,8 @@ from pydantic import Field, model_validator
 from roller_core.settings import Settings
 from roller_core.transforms import F64
 
+from . import _drift_kernels as kernels
+
 #: What a report says where no drift is known, and none is taken out.
 NOT_CALIBRATED = "not calibrated"
 #: Terms of the model: two that `coefficients_m` is of, one of `even_m` and one of `side_m`.
@@ -147,33 +149,23 @@ def edge_drift(
     Beyond the calibrated slopes and speeds the drift stays what it is there, and is uncertain by as
     much. `speed_m_s` is the camera's, one or of each edge.
     """
-    held = np.clip(slope, -settings.max_slope, settings.max_slope)
     beta, beyond = _coefficients(settings, polarity, speed_m_s)
-    terms = drift_terms(held, change, side)
-    height = (terms * beta).sum(axis=-1) if beta.ndim > 1 else terms @ beta
     table = np.asarray(settings.residual_m).reshape(2, 2, SLOPE_BINS)[polarity]
-    middles = (np.arange(SLOPE_BINS) + 0.5) * settings.max_slope / SLOPE_BINS
-    rising, falling = (np.interp(np.abs(slope), middles, row) for row in table)
-    # A line that shows neither slope nor side may be on a wall all the same.
-    unseen = np.abs(beta[..., [1, 3]] * (1.0 - np.abs(terms[..., [1, 3]]))).max(axis=-1)
-    # By squares: `hypot` goes one by one.
-    square = np.where(slope >= 0, rising, falling) ** 2 + unseen**2 + (_DOUBT * height) ** 2
-    sigma = np.sqrt(square)
-    over = np.maximum(np.abs(slope) - settings.max_slope, 0.0)
-    sigma = np.sqrt(square + (_BEYOND * over * np.maximum(np.abs(height), sigma)) ** 2)
-    if beyond is not None:
-        further = _BEYOND * beyond * np.maximum(np.abs(height), sigma)
-        sigma = np.sqrt(sigma**2 + further**2)
+    height, sigma = np.empty((2, len(slope)))
+    kernels._drift(
+        slope, change, side, beta, beyond, table, settings.max_slope, (_TURN, _DOUBT, _BEYOND),
+        height, sigma,
+    )  # fmt: skip
     return height, sigma
 
 
 def _coefficients(
     settings: EdgeDriftSettings, polarity: int, speed_m_s: F64 | float
-) -> tuple[F64, F64 | None]:
-    """Coefficients at a speed, shape (4,), or (n, 4) where they change with it.
+) -> tuple[F64, F64]:
+    """Coefficients at a speed, shape (1, 4), or (n, 4) where they change with it.
 
-    And how far that is beyond the calibrated speeds, by their logarithm; None where these aren't
-    known.
+    And how far that is beyond the calibrated speeds, by their logarithm, shape (1,) or (n,); 0
+    where these aren't known.
     """
     beta = np.array(
         [
@@ -184,13 +176,12 @@ def _coefficients(
     )
     at, slowest, fastest = settings.speeds_m_s
     if not at:
-        return beta, None
-    held = np.clip(speed_m_s, slowest, fastest)
+        return beta[None], np.zeros(1)
+    speed = np.atleast_1d(np.asarray(speed_m_s, np.float64))
+    held = np.clip(speed, slowest, fastest)
     by_speed = np.array(settings.by_speed_s).reshape(2, TERMS)[polarity]
-    if by_speed.any():
-        beta = beta + np.multiply.outer(held - at, by_speed)
-    known = np.maximum(speed_m_s, 1e-6)
-    return beta, np.asarray(np.abs(np.log(known / held)))
+    beta = beta + np.multiply.outer(held - at, by_speed) if by_speed.any() else beta[None]
+    return beta, np.abs(np.log(np.maximum(speed, 1e-6) / held))
 
 
 def drift_of_wider(

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.transforms import F64
+from roller_emvs.evidence.blur import blurred
 from roller_emvs.evidence.field import ground
 from roller_emvs.rays import F32
 
@@ -32,8 +33,10 @@ _SAMPLE = 300
 ROW_STEP = 2
 #: A line's pixel holds this share of the events of the fullest one nearby.
 _LEAST_SHARE, _NEARBY_PX = 0.4, 3
-#: Spread of the count of events that the place of a line is taken from, px.
-_BLUR_PX = 0.8, 2.0
+#: Spread of the count of events that the place of a line is taken from, rows and columns, px.
+_BLUR_PX = 2.0, 0.8
+#: Columns beside those wanted whose events count into them, px.
+_BESIDE_PX = 4
 #: Events, a variance of the rays' slopes dx/dz and a largest correction, m, for a line to be one.
 _LEAST_EVENTS, LEAST_VARIANCE, _MOST_M = 30.0, 0.012, 5e-4
 #: Least width of the band in which a line's events lie, one deviation, px: pixels are no smaller.
@@ -109,23 +112,12 @@ def fit_lines(
     """
     height, width = surface.shape
     pixel, counts = ground(rays, surface)
-    density = cv2.GaussianBlur(
-        counts[:-1].reshape(height, width).astype(np.float32),
-        (0, 0), sigmaX=_BLUR_PX[0], sigmaY=_BLUR_PX[1],
-    )  # fmt: skip
-    density[:, : columns[0]] = 0
-    density[:, columns[1] :] = 0
-    # A window of even density must hold the events that a line needs.
-    floor = _LEAST_EVENTS / (4 * _WINDOW_PX[1] * _TUKEY_PX)
-    room = height * (columns[1] - columns[0]) // 4 + 1
-    row, column = (np.empty(room, np.int64) for _ in range(2))
-    count = kernels._ridges(density, floor, _LEAST_SHARE, _NEARBY_PX, ROW_STEP, row, column)
-    if not count:
+    row, column = _crests(counts[:-1].reshape(height, width), columns)
+    if not len(row):
         return NO_LINES
-    row, column = row[:count], column[:count]
     at = surface[row, column].astype(np.float64)
     ordered, starts = _near(rays, pixel, counts, row, column, width)
-    out = np.empty((count, 10))
+    out = np.empty((len(row), 10))
     kernels._fit_lines(
         ordered, starts, width, row, column, at, np.array(_WINDOW_PX), _TUKEY_PX, _ROUNDS,
         _SAMPLE, out,
@@ -147,6 +139,23 @@ def fit_lines(
     lines = Lines(row, column + p, tilt, at - d, variance, events, lean, spread, band)[keep]
     agreeing = _agreeing(lines, _VOTE_M * abs(offset_per_m))
     return _averaged(lines[agreeing], d[keep][agreeing])
+
+
+def _crests(counts: I32, columns: tuple[int, int]) -> tuple[I64, I64]:
+    """Rows and columns of the pixels, between two columns, where events gather along the row."""
+    (height, width), (first, last) = counts.shape, columns
+    begin, end = max(first - _BESIDE_PX, 0), min(last + _BESIDE_PX, width)
+    wanted = np.empty((height, 2), np.int32)
+    wanted[:] = 1, 0
+    wanted[::ROW_STEP] = 0, 0
+    density = blurred(counts[None, :, begin:end].astype(np.float32), _BLUR_PX, wanted)[0]
+    density[:, : first - begin] = 0
+    density[:, last - begin :] = 0
+    # A window of even density must hold the events that a line needs.
+    floor = _LEAST_EVENTS / (4 * _WINDOW_PX[1] * _TUKEY_PX)
+    row, column = np.empty((2, height * (last - first) // 4 + 1), np.int64)
+    count = kernels._ridges(density, floor, _LEAST_SHARE, _NEARBY_PX, ROW_STEP, row, column)
+    return row[:count], column[:count] + begin
 
 
 def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int) -> tuple[F32, I32]:

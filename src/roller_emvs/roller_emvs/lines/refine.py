@@ -129,7 +129,7 @@ def refine(
     for k, (points, lines) in enumerate(parts):
         if settings.calibrated:
             height, drift = edge_drift(
-                settings, k, points.slope, points.change, points.side, points.speed_m_s
+                settings, k, points.slope, points.change, points.side, field.speed_m_s
             )
             most = np.abs(height) + drift
             wide = drift_of_wider(settings, k, points.slope, points.width_m, most)
@@ -176,29 +176,19 @@ def _judge(
     lines: Lines, polarity: int, found: Relief, field: EvidenceField
 ) -> tuple[LinePoints, Lines]:
     """What a line's drift depends on, and its uncertainty without drift."""
-    surface = found.surfaces[polarity]
-    column = np.clip(np.rint(lines.x).astype(np.int64), 0, surface.shape[1] - 1)
-    per_m = field.offset_per_m
-    left = surface[lines.row, np.maximum(column - CELL_PX, 0)]
-    right = surface[lines.row, np.minimum(column + CELL_PX, surface.shape[1] - 1)]
-    here = surface[lines.row, column].astype(np.float64)
-    one_sided = np.where(np.isnan(left), right - here, here - left) / CELL_PX
-    slope = np.where(np.isnan(left) | np.isnan(right), one_sided, (right - left) / (2 * CELL_PX))
-    slope = np.nan_to_num(-slope) * field.slope_per_px
-    doubt = np.nan_to_num(here - lines.offset) / per_m * _DOUBT
-    place_m = np.maximum(np.abs(slope), _LEAST_SLOPE) * _PLACE_M
-    variance = lines.variance[:, 2] / per_m**2 + doubt**2 + place_m**2
-    sigma = np.sqrt(variance + _FLOOR_M**2)
-    kind = np.full(len(lines), polarity)
-    lean, spread = _crossing(lines, field)
-    cell = lines.row // CELL_PX, column // CELL_PX
-    change, side = (v[cell].astype(np.float64) for v in (found.changes[polarity], found.side))
-    row = lines.row.astype(np.float64)
-    width = lines.band * abs(field.ray_slope_scale / per_m)
-    speed = np.full(len(lines), field.speed_m_s)
+    n, per_m, surface = len(lines), field.offset_per_m, found.surfaces[polarity]
+    slope, change, side, sigma = np.empty((4, n))
+    mean, spread = _crossing(lines, field)
+    kernels._judge(
+        lines.row, lines.x, lines.offset, lines.variance[:, 2], surface, found.changes[polarity],
+        found.side, (field.slope_per_px, 1.0 / per_m), (_DOUBT, _LEAST_SLOPE, _PLACE_M, _FLOOR_M),
+        slope, change, side, sigma,
+    )  # fmt: skip
     points = LinePoints(
-        row, lines.x, lines.offset, kind, slope, lean / spread, change, side, sigma, width, speed
-    )
+        lines.row.astype(np.float64), lines.x, lines.offset, np.full(n, polarity), slope,
+        mean / spread, change, side, sigma, lines.band * abs(field.ray_slope_scale / per_m),
+        np.full(n, field.speed_m_s),
+    )  # fmt: skip
     return points, lines
 
 

@@ -96,50 +96,57 @@ def _keep(  # type: ignore[no-untyped-def]
     shape (pages, 3, PAGE), receives x from the block's start on, y and slope, `times` microseconds
     from `t_base` on. `pages` holds the first and last page of each slot and of each polarity's
     pieces, -1 for none, `counts` their events; `spans` least and largest x and y of a slot, `ends`
-    its first and last time.
+    its first and last time. Places are counted without sign: what may count from the end is looked
+    at twice.
     """
     per_length = np.float32(1) / np.float32(length)
     size = np.float32(length)
     per_piece = np.float32(PIECES) / size
     start = np.float32(start)
+    one, two, three, page_size = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(PAGE)
+    to, to_time, chains = records.reshape(-1), times.reshape(-1), np.uint64(2 * PIECES)
+    last_page, held, span = pages.reshape(-1), counts.reshape(-1), spans.reshape(-1)
+    xs, ys, slopes = placed[0], placed[1], placed[2]
     kept = 0
-    for i in range(len(t)):
-        x = placed[0, i] - start
+    for i in range(np.uint64(len(t))):
+        x = xs[i] - start
         # Written so that NaN fails it.
         if not x >= 0:
             continue
         k = np.int64(x * per_length)
         if k >= len(slots) or slots[k] < 0:
             continue
-        slot = slots[k]
+        slot = np.uint64(slots[k])
         x -= np.float32(k) * size
-        y = placed[1, i]
-        piece = np.int64(x * per_piece)
-        p = np.int64(polarity[i] > 0) * PIECES + (piece if piece < PIECES else PIECES - 1)
-        n = counts[slot, p] % PAGE
-        page = pages[slot, p, 1]
+        y = ys[i]
+        piece = min(np.uint64(x * per_piece), np.uint64(PIECES - 1))
+        chain = slot * chains + np.uint64(polarity[i] > 0) * np.uint64(PIECES) + piece
+        n = np.uint64(held[chain]) % page_size
         if n == 0:
             free_count -= 1
             new = free[free_count]
             link[new] = -1
+            page = last_page[two * chain + one]
             if page < 0:
-                pages[slot, p, 0] = new
+                last_page[two * chain] = new
             else:
                 link[page] = new
-            pages[slot, p, 1] = new
-            page = new
-        if spans[slot, 0] > spans[slot, 1]:
+            last_page[two * chain + one] = new
+        held[chain] += 1
+        page = np.uint64(last_page[two * chain + one])
+        at = page * three * page_size + n
+        to[at] = x
+        to[at + page_size] = y
+        to[at + two * page_size] = slopes[i]
+        to_time[page * page_size + n] = np.uint32(np.uint64(t[i] - t_base) // np.uint64(1000))
+        own = np.uint64(4) * slot
+        if span[own] > span[own + one]:
             ends[slot, 0] = t[i]
         ends[slot, 1] = t[i]
-        counts[slot, p] += 1
-        records[page, 0, n] = x
-        records[page, 1, n] = y
-        records[page, 2, n] = placed[2, i]
-        times[page, n] = np.uint32((t[i] - t_base) // 1000)
-        spans[slot, 0] = min(spans[slot, 0], x)
-        spans[slot, 1] = max(spans[slot, 1], x)
-        spans[slot, 2] = min(spans[slot, 2], y)
-        spans[slot, 3] = max(spans[slot, 3], y)
+        span[own] = min(span[own], x)
+        span[own + one] = max(span[own + one], x)
+        span[own + two] = min(span[own + two], y)
+        span[own + three] = max(span[own + three], y)
         kept += 1
     return kept, free_count
 
