@@ -163,7 +163,7 @@ def test_the_speed_of_a_block_is_that_of_its_own_time_without_stops() -> None:
 
     def speed(first_ms: int, last_ms: int) -> float:
         span = first_ms * 1_000_000, last_ms * 1_000_000
-        return strip.speed_of(Block(0, (0,), 0.0, 0.008, 0.0, 0.01, *span, 1))
+        return strip.speed_of(Block(0, 1, (0,), 0.0, 0.008, 0.0, 0.01, *span, 1))
 
     assert speed(50, 150) == pytest.approx(0.1)
     assert speed(750, 850) == pytest.approx(0.3)

@@ -318,6 +318,41 @@ def test_what_holds_no_depth_is_cut_off(scan: EventArray, monkeypatch: pytest.Mo
     np.testing.assert_allclose(found, whole, atol=1e-7)
 
 
+def test_lengths_with_few_events_are_one_block_and_wait_for_each_other() -> None:
+    counts = {0: 5, 1: 5, 2: 9000, 3: 10, 4: 10, 5: 10, 6: 10}
+    length, pose = 0.008, np.eye(4)
+    strip = Strip(
+        settings(block_m=length), CAMERA, np.zeros((2, 2, 2), np.float32), 0, pose, pose[:3, 0]
+    )
+
+    class Store:
+        blocks = tuple(counts)
+        span = staticmethod(lambda k: (0.0, length, 0.0, 0.01))
+        times = staticmethod(lambda k: (k, k + 1))
+        count = staticmethod(lambda k: counts.get(k, 0))
+
+    strip.store = Store()  # type: ignore[assignment]
+
+    def lengths(flush: bool = False) -> list[tuple[int, int, int]]:
+        return [(block.number, block.end, block.events) for block in strip.ready(flush)]
+
+    strip._behind_m = 2.5 * length
+    assert lengths() == [(-1, 2, 10)]
+    # The next is full of events, and the one after waits for what it may be joined with.
+    strip._behind_m = 4.5 * length
+    assert lengths() == [(2, 3, 9000)]
+    assert lengths() == []
+    strip._behind_m = 5.5 * length
+    assert lengths() == []
+    strip._behind_m = 6.5 * length
+    assert lengths() == [(3, 6, 30)]
+    found = strip.ready(flush=True)
+    assert [(block.number, block.end, block.events) for block in found] == [(6, 8, 10)]
+    assert found[0].sources == (5, 6)
+    assert (found[0].start_m, found[0].end_m) == (6 * length, 8 * length)
+    assert (found[0].first_ns, found[0].last_ns) == (6, 7)
+
+
 def test_settings_are_checked() -> None:
     with pytest.raises(SettingsError, match="depth_min_m"):
         settings(depth_min_m=0.05)

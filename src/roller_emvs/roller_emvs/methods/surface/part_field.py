@@ -201,7 +201,7 @@ def fits(strip: Strip, block: Block) -> bool:
     least, most = strip.slopes
     parts = (most - least) * 2 * strip.half_m / strip.pixel_m / _PART_PX
     rows = (block.high_y_m - block.low_y_m) / strip.pixel_m
-    length = block.end_m - block.start_m + 2 * (MARGIN_M + strip.half_m * max(-least, most))
+    length = strip.settings.block_m + 2 * (MARGIN_M + strip.half_m * max(-least, most))
     return bool(
         across * strip.half_m <= _MOST_ACROSS_PX * strip.pixel_m
         and parts <= _MOST_PARTS

@@ -27,6 +27,9 @@ from .surface_settings import SurfaceSettings
 
 #: Rows beyond a block's ends that its evidence reaches into, m.
 MARGIN_M = 0.001
+#: Lengths, side by side, that are one block if they hold together less than so many events: between
+#: what lies on a bare plate the work on a block hardly hangs on its events, nor on its length.
+_MOST_JOINED, _FEW_EVENTS = 3, 8000
 
 
 class MotionError(RollerError):
@@ -37,9 +40,10 @@ class MotionError(RollerError):
 class Block:
     """Rows start_m ≤ x < end_m of a strip that no event reaches any more."""
 
-    #: Of the block, counted along the strip.
+    #: Its lengths, counted along the strip: the first one, and the one after the last.
     number: int
-    #: Blocks whose events reach its rows, itself among them.
+    end: int
+    #: Lengths whose events reach its rows, its own among them.
     sources: tuple[int, ...]
     #: Rows, metres along the strip.
     start_m: float
@@ -215,38 +219,57 @@ class Strip:
         if not held:
             return []
         found = []
-        first = held[0] - beside if self._done is None else self._done + 1
-        for k in range(first, held[-1] + beside + 1):
+        begin = end = held[0] - beside if self._done is None else self._done + 1
+        for k in range(begin, held[-1] + beside + 1):
             if not flush and (k + 1) * length + MARGIN_M > self._behind_m:
                 break
-            self._done = k
-            sources = tuple(j for j in held if abs(j - k) <= beside and self._reaches(j, k))
-            if sources:
-                found.append(self._block(k, sources))
+            if k > begin and not self._joins(begin, k):
+                found += self._blocks(begin, k)
+                begin = k
+            end = k + 1
+        # What few events are in waits for what it may be joined with.
+        if flush or self._full(begin, end):
+            found += self._blocks(begin, end)
         return found
 
-    def _reaches(self, j: int, k: int) -> bool:
-        """Whether events of a block can reach the rows of another."""
-        low, high, _, _ = self.store.span(j)
-        start = (k - j) * self.settings.block_m
-        return (
-            start - self._reach_m <= high and low <= start + self.settings.block_m + self._reach_m
-        )
+    def _joins(self, begin: int, k: int) -> bool:
+        """Whether a length becomes one block with those before it."""
+        return not self._full(begin, k) and not self._full(k, k + 1)
 
-    def _block(self, k: int, sources: tuple[int, ...]) -> Block:
-        own = (k,) if k in sources else sources
-        times = [self.store.times(j) for j in own]
+    def _full(self, begin: int, end: int) -> bool:
+        """Whether lengths are a block for themselves."""
+        events = sum(self.store.count(k) for k in range(begin, end))
+        return end - begin == _MOST_JOINED or events >= _FEW_EVENTS
+
+    def _blocks(self, begin: int, end: int) -> list[Block]:
+        """The block of some lengths, if events reach it; they are done."""
+        self._done = end - 1
+        reach = range(begin - self._beside, end + self._beside)
+        held = [j for j in self.store.blocks if j in reach and self._reaches(j, begin, end)]
+        return [self._block(begin, end, tuple(held))] if held else []
+
+    def _reaches(self, j: int, begin: int, end: int) -> bool:
+        """Whether events of a length can reach the rows of others."""
+        low, high, _, _ = self.store.span(j)
+        start, length = (begin - j) * self.settings.block_m, (end - begin) * self.settings.block_m
+        return start - self._reach_m <= high and low <= start + length + self._reach_m
+
+    def _block(self, begin: int, end: int, sources: tuple[int, ...]) -> Block:
+        inside = range(begin, end)
+        times = [self.store.times(j) for j in sources if j in inside]
+        times = times or [self.store.times(j) for j in sources]
         spans = [self.store.span(j) for j in sources]
         return Block(
-            k, sources, k * self.settings.block_m, (k + 1) * self.settings.block_m,
+            begin, end, sources, begin * self.settings.block_m, end * self.settings.block_m,
             min(s[2] for s in spans), max(s[3] for s in spans),
-            min(t[0] for t in times), max(t[1] for t in times), self.store.count(k),
+            min(t[0] for t in times), max(t[1] for t in times),
+            sum(self.store.count(k) for k in inside),
         )  # fmt: skip
 
     def release(self, block: Block) -> None:
         """A block was measured: events that reach none of those that follow are forgotten."""
         for k in self.store.blocks:
-            if k <= block.number - self._beside:
+            if k < block.end - self._beside:
                 self.store.release(k)
         held = self.store.blocks
         if held:
@@ -279,7 +302,7 @@ class Strip:
         length = self.settings.block_m
         for j in block.sources:
             start = (block.number - j) * length
-            ends = start - reach_m, start + length + reach_m
+            ends = start - reach_m, (block.end - j) * length + reach_m
             for page, count in self.store.chains(j, polarity, *ends):
                 yield start, page, count
 

@@ -13,7 +13,11 @@ class SurfaceSettings(MethodSettings, NominalSurface):
     """From events to points of the surface, without depth maps."""
 
     block_m: float = Field(
-        0.008, ge=0.001, le=1.0, description="Length along the roll of what is computed at once, m."
+        0.008,
+        ge=0.001,
+        le=1.0,
+        description="Length along the roll of what is computed at once, m; up to three times "
+        "as much where there are few events.",
     )
     min_aperture_m: float = Field(
         0.008,

@@ -199,7 +199,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
     ) -> tuple[Relief, F64]:
         """Points with lines in the place of those that they are surer than, and where they lie."""
         s, pixel = self.settings, strip.pixel_m
-        columns = round(MARGIN_M / pixel), round((MARGIN_M + s.block_m) / pixel)
+        length = block.end_m - block.start_m
+        columns = round(MARGIN_M / pixel), round((MARGIN_M + length) / pixel)
         light = self._light_of(strip)
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
