@@ -1,5 +1,7 @@
 """The kernels of the sweep in the surface's frame, and the store of its events, by slow forms."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -112,17 +114,18 @@ def test_the_store_holds_each_event_once_and_reuses_what_is_released() -> None:
             straight = np.zeros(len(found))
             expected = np.stack([found.x_m, found.y_m + 0.3, found.slope, straight], axis=1) / 4e-5
             for every in (1, 2):
-                rays, some = np.full((len(found), 4), np.nan, np.float32), [np.empty((0, 4))]
-                n = begin = 0
-                for page, count in store.chains(k, polarity):
-                    _event_kernels._rays(
-                        store.records, store.link, page, count, -0.001, -0.3, 4e-5, every, rays[n:]
-                    )
-                    some.append(expected[begin : begin + count : every])
-                    n, begin = n + -(-count // every), begin + count
-                wanted = np.concatenate(some)
-                np.testing.assert_allclose(rays[:n], wanted, rtol=1e-6, atol=1e-3)
-            inner = sum(count for _, count in store.chains(k, polarity, 0.0016, 0.0024))
+                pages, counts = store.chains(k, polarity)
+                begins = np.cumsum([0, *counts])
+                wanted = np.concatenate(
+                    [expected[a:b:every] for a, b in pairwise(begins)] or [expected]
+                )
+                rays = np.full((len(wanted), 4), np.nan, np.float32)
+                _event_kernels._rays(
+                    store.records, store.link, pages, counts, np.full(len(pages), -0.001), -0.3,
+                    4e-5, every, rays,
+                )  # fmt: skip
+                np.testing.assert_allclose(rays, wanted, rtol=1e-6, atol=1e-3)
+            inner = store.chains(k, polarity, 0.0016, 0.0024)[1].sum()
             assert inner == np.sum((piece >= 3) & (piece <= 4))
     pages = len(store.link)
     kept = store.events(1, 1)
@@ -176,15 +179,13 @@ def test_events_vote_in_their_part_row_and_bin() -> None:
     events = EventArray.from_arrays(*np.zeros((2, n), int), np.arange(n), np.ones(n, int))
     store.add(placed, events, 0.0, 0, [0])
     tiles = np.zeros(CELLS * TILES + 1, np.int32)
-    votes, lines, done = np.empty(n, np.uint32), np.empty(n, np.int32), 0
-    for page, count in store.chains(0, 1):
-        own = slice(done, done + count)
-        _part_kernels._locate(
-            store.records, store.link, page, count, shift, pixel, top, least, width, SHAPE,
-            float(LEFT), np.empty(_event_kernels.PAGE, np.int32), votes[own], lines[own], tiles,
-        )  # fmt: skip
-        done += count
-    assert done == n
+    votes, lines = np.empty(n, np.uint32), np.empty(n, np.int32)
+    pages, counts = store.chains(0, 1)
+    assert counts.sum() == n
+    _part_kernels._locate(
+        store.records, store.link, pages, counts, np.full(len(pages), -shift), pixel, top, least,
+        width, SHAPE, float(LEFT), np.empty(_event_kernels.PAGE, np.int32), votes, lines, tiles,
+    )  # fmt: skip
     starts = np.cumsum([0, *tiles[:-1].reshape(CELLS, TILES).sum(axis=1)])
     np.testing.assert_array_equal(starts, np.cumsum([0, *np.bincount(lines)[:CELLS]]))
     ordered = np.empty(n, np.uint32)

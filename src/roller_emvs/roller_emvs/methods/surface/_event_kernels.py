@@ -166,25 +166,28 @@ def _collect(records, times, link, page, count, shift, x, y, slope, t):  # type:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rays(records, link, page, count, left, top, pixel, every, out):  # type: ignore[no-untyped-def]
-    """Every n-th event of a chain of pages as a ray in pixels from (`left`, `top`) on.
+def _rays(records, link, pages, counts, left, top, pixel, every, out):  # type: ignore[no-untyped-def]
+    """Every n-th event of chains of pages as rays in pixels from (`left`, `top`) on.
 
-    Straight across; `PAGE` is a multiple of `every`.
+    `left` is by chain. Straight across; `PAGE` is a multiple of `every`.
     """
-    per, left, top = np.float32(1.0 / pixel), np.float32(left), np.float32(top)
-    n = 0
-    while page >= 0:
-        x, y, slope = records[page, 0], records[page, 1], records[page, 2]
-        own = out[n // every :]
-        step = np.uint64(every)
-        for k in range(np.uint64(-(-min(PAGE, count - n) // every))):
-            i = k * step
-            own[k, 0] = (x[i] - left) * per
-            own[k, 1] = (y[i] - top) * per
-            own[k, 2] = slope[i] * per
-            own[k, 3] = np.float32(0)
-        n += PAGE
-        page = link[page]
+    per, top, step = np.float32(1.0 / pixel), np.float32(top), np.uint64(every)
+    done = 0
+    for chain in range(len(pages)):
+        page, count, begin = pages[chain], counts[chain], np.float32(left[chain])
+        n = 0
+        while page >= 0:
+            x, y, slope = records[page, 0], records[page, 1], records[page, 2]
+            own = out[done + n // every :]
+            for k in range(np.uint64(-(-min(PAGE, count - n) // every))):
+                i = k * step
+                own[k, 0] = (x[i] - begin) * per
+                own[k, 1] = (y[i] - top) * per
+                own[k, 2] = slope[i] * per
+                own[k, 3] = np.float32(0)
+            n += PAGE
+            page = link[page]
+        done += -(-count // every)
 
 
 @njit(cache=True, nogil=True)

@@ -33,21 +33,20 @@ ROW_PX = 2
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _locate(  # type: ignore[no-untyped-def]
-    records, link, page, total, shift, pixel, top, least, width, shape, left, tile, votes, lines,
+    records, link, pages, counts, starts, pixel, top, least, width, shape, left, tile, votes, lines,
     tiles,
 ):  # fmt: skip
-    """Where a chain of events, x `shift` further on, votes.
+    """Where chains of events vote, of which x begins each at its own place of `starts`.
 
     `left` is the bin of x = 0; rows begin half a pixel before `top`. Parts are `width` wide in
     slope from `least` on; slopes beyond them go to the end parts. `votes` and `lines`, shape
-    (total,), take each event's vote and row of cells, one beyond the last for what goes nowhere.
+    (events,), take each event's vote and row of cells, one beyond the last for what goes nowhere.
     `tiles`, flat, of rows of cells and tiles, counts events too, those that go nowhere in its last
     entry. `tile`, shape (PAGE,), is a buffer.
     """
     rows, parts, bins = shape
     per_bin = np.float32(BINS_PX / pixel)
     per_row = np.float32(1.0 / pixel)
-    x0 = np.float32(shift * per_bin + left)
     y0 = np.float32(0.5 - top * per_row)
     per_part = np.float32(1.0 / width)
     s0 = np.float32(-least / width)
@@ -56,26 +55,29 @@ def _locate(  # type: ignore[no-untyped-def]
     right, below = np.float32(bins), np.float32(rows)
     nowhere, no_tile = np.int32(rows // CELL_PX), np.int32(len(tiles) - 1)
     many, tiles_of_row = np.int32(parts), np.int32(bins // TILE_BINS)
-    n = 0
-    while page >= 0:
-        size = np.uint64(min(PAGE, total - n))
-        x, y, slope = records[page, 0], records[page, 1], records[page, 2]
-        own, line_of = votes[n:], lines[n:]
-        for i in range(size):
-            a = x[i] * per_bin + x0
-            b = y[i] * per_row + y0
-            part = np.int32(min(max(slope[i] * per_part + s0, zero), last))
-            inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
-            row, column = np.int32(b), np.int32(a)
-            line = row // np.int32(CELL_PX)
-            key = (row - line * np.int32(CELL_PX)) * many + part
-            own[i] = np.uint32((key << np.int32(BIN_BITS)) | column)
-            line_of[i] = line if inside else nowhere
-            tile[i] = line * tiles_of_row + column // np.int32(TILE_BINS) if inside else no_tile
-        for i in range(size):
-            tiles[np.uint64(tile[i])] += np.int32(1)
-        n += PAGE
-        page = link[page]
+    done = 0
+    for chain in range(len(pages)):
+        page, x0, n = pages[chain], np.float32(left - starts[chain] * per_bin), 0
+        while page >= 0:
+            size = np.uint64(min(PAGE, counts[chain] - n))
+            x, y, slope = records[page, 0], records[page, 1], records[page, 2]
+            own, line_of = votes[done + n :], lines[done + n :]
+            for i in range(size):
+                a = x[i] * per_bin + x0
+                b = y[i] * per_row + y0
+                part = np.int32(min(max(slope[i] * per_part + s0, zero), last))
+                inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
+                row, column = np.int32(b), np.int32(a)
+                line = row // np.int32(CELL_PX)
+                key = (row - line * np.int32(CELL_PX)) * many + part
+                own[i] = np.uint32((key << np.int32(BIN_BITS)) | column)
+                line_of[i] = line if inside else nowhere
+                tile[i] = line * tiles_of_row + column // np.int32(TILE_BINS) if inside else no_tile
+            for i in range(size):
+                tiles[np.uint64(tile[i])] += np.int32(1)
+            n += PAGE
+            page = link[page]
+        done += counts[chain]
 
 
 @njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ arrays, while the block is held: until a few blocks after it was done (see `Stri
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from ._event_kernels import PAGE, PIECES
 
 I32 = npt.NDArray[np.int32]
 
+_PLACES = np.arange(PIECES)
 #: Pages at first: memory that the system gives when they are used.
 _FIRST_PAGES = 1024
 
@@ -141,25 +142,25 @@ class EventStore:
 
     def chains(
         self, k: int, polarity: int, low_m: float = -np.inf, high_m: float = np.inf
-    ) -> Iterator[tuple[int, int]]:
+    ) -> tuple[I32, I64]:
         """First page and number of the events of each piece of a block, of one polarity.
 
         Pieces that lie below `low_m` or beyond `high_m`, from the block's start on, are left out.
         """
         slot, size = self._slots.get(k), self._length_m / PIECES
-        for piece in range(PIECES):
-            if slot is None or (piece + 1) * size < low_m or piece * size > high_m:
-                continue
-            count = int(self._counts[slot, polarity * PIECES + piece])
-            if count:
-                yield int(self._pages[slot, polarity * PIECES + piece, 0]), count
+        if slot is None:
+            return np.empty(0, np.int32), np.empty(0, np.int64)
+        own = slice(polarity * PIECES, (polarity + 1) * PIECES)
+        pages, counts = self._pages[slot, own, 0], self._counts[slot, own]
+        wanted = (counts > 0) & (_PLACES * size <= high_m) & ((_PLACES + 1) * size >= low_m)
+        return pages[wanted], counts[wanted]
 
     def events(self, k: int, polarity: int, shift_m: float = 0.0) -> StripEvents:
         """Events of a block and polarity as arrays, x `shift_m` further on."""
         total, n = self.count(k, polarity), 0
         x, y, slope = (np.empty(total, np.float32) for _ in range(3))
         t = np.empty(total, np.int64)
-        for page, count in self.chains(k, polarity):
+        for page, count in zip(*(v.tolist() for v in self.chains(k, polarity)), strict=True):
             kernels._collect(
                 self.records, self._times, self.link, page, count, np.float32(shift_m), x[n:],
                 y[n:], slope[n:], t[n:],

@@ -267,16 +267,14 @@ def _take_votes(
     starts = np.zeros((2, rows + 1), np.int64)
 
     def run(polarity: int) -> None:
-        chains, n = list(strip.chains(block, polarity, field.reach_m)), 0
-        total = sum(count for *_, count in chains)
+        begin, pages, counts = strip.chains(block, polarity, field.reach_m)
+        total = int(counts.sum())
         votes = np.empty(total, np.uint32)
         tile, lines = (np.empty(size, np.int32) for size in (PAGE, total))
-        for start, page, count in chains:
-            kernels._locate(
-                store.records, store.link, page, count, -start, pixel, block.low_y_m, least, width,
-                field.bins, left, tile, votes[n : n + count], lines[n : n + count], seen[polarity],
-            )  # fmt: skip
-            n += count
+        kernels._locate(
+            store.records, store.link, pages, counts, begin, pixel, block.low_y_m, least, width,
+            field.bins, left, tile, votes, lines, seen[polarity],
+        )  # fmt: skip
         by_row = seen[polarity, :-1].reshape(rows, -1).sum(axis=1)
         np.cumsum(by_row, out=starts[polarity, 1:])
         found[polarity] = np.empty(total, np.uint32)

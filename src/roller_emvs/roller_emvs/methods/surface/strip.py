@@ -7,7 +7,6 @@ however far the robot's base is. Its slope across follows from where the camera 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +29,10 @@ MARGIN_M = 0.001
 #: Lengths, side by side, that are one block if they hold together less than so many events: between
 #: what lies on a bare plate the work on a block hardly hangs on its events, nor on its length.
 _MOST_JOINED, _FEW_EVENTS = 3, 8000
+
+
+#: How much x begins before a block, first page and number of events, of each chain of pages.
+Chains = tuple[F64, npt.NDArray[np.int32], npt.NDArray[np.int64]]
 
 
 class MotionError(RollerError):
@@ -292,19 +295,16 @@ class Strip:
             )
         )
 
-    def chains(
-        self, block: Block, polarity: int, reach_m: float
-    ) -> Iterator[tuple[float, int, int]]:
-        """Pages of the store with the events within some distance of a block.
-
-        How much their x begins before the block, first page and number of events.
-        """
-        length = self.settings.block_m
+    def chains(self, block: Block, polarity: int, reach_m: float) -> Chains:
+        """Pages of the store with the events within some distance of a block."""
+        length, found = self.settings.block_m, []
         for j in block.sources:
             start = (block.number - j) * length
             ends = start - reach_m, (block.end - j) * length + reach_m
-            for page, count in self.store.chains(j, polarity, *ends):
-                yield start, page, count
+            pages, counts = self.store.chains(j, polarity, *ends)
+            found.append((np.full(len(pages), start), pages, counts))
+        starts, pages, counts = (np.concatenate(v) for v in zip(*found, strict=True))
+        return starts, pages, counts
 
     def rays(self, block: Block, polarity: int, reach_m: float, every: int = 1) -> F32:
         """Every n-th event that reaches a block's rows as a ray of a straight path.
@@ -312,15 +312,12 @@ class Strip:
         float32, shape (n, 4), in pixels of its grid: place on the middle plane, slopes along and
         across.
         """
-        chains = list(self.chains(block, polarity, reach_m))
-        out = np.empty((sum(-(-count // every) for _, _, count in chains), 4), np.float32)
-        n = 0
-        for start, page, count in chains:
-            kernels._rays(
-                self.store.records, self.store.link, page, count, start - MARGIN_M, block.low_y_m,
-                self.pixel_m, every, out[n:],
-            )  # fmt: skip
-            n += -(-count // every)
+        starts, pages, counts = self.chains(block, polarity, reach_m)
+        out = np.empty((int((-(-counts // every)).sum()), 4), np.float32)
+        kernels._rays(
+            self.store.records, self.store.link, pages, counts, starts - MARGIN_M,
+            block.low_y_m, self.pixel_m, every, out,
+        )  # fmt: skip
         return out
 
     def centres(self, block: Block) -> F64:
