@@ -214,6 +214,27 @@ def test_events_vote_in_their_part_row_and_bin() -> None:
     assert tiles.sum() == n
 
 
+def test_tiles_are_searched_on_the_planes_of_the_cells_around() -> None:
+    rng = np.random.default_rng(6)
+    shape, around, planes = (9, 4 * TILE_CELLS - 1), 2, 20
+    first = rng.integers(-3, 15, shape).astype(np.int32)
+    last = np.where(rng.random(shape) < 0.8, -1, first + 5).astype(np.int32)
+    reached = rng.random((shape[0], 4)) < 0.7
+    tiles = np.empty((*reached.shape, 2), np.int32)
+    _sharpness_kernels._tiles_around(first, last, reached, around, planes, tiles)
+    for i, t in np.ndindex(reached.shape):
+        near = (
+            slice(max(i - around, 0), i + around + 1),
+            slice(max(t * TILE_CELLS - around, 0), (t + 1) * TILE_CELLS + around),
+        )
+        some = last[near] >= 0
+        if reached[i, t] and some.any():
+            expected = [first[near][some].min(), last[near][some].max()]
+        else:
+            expected = [planes, -1]
+        np.testing.assert_array_equal(tiles[i, t], expected)
+
+
 def twin_sharpness(votes: np.ndarray, bins_px: int) -> np.ndarray:
     """Squared slopes of bins' votes, each shared by two columns, mean over phases."""
     one = np.ones(bins_px)

@@ -7,6 +7,7 @@ arrays, while the block is held: until a few blocks after it was done (see `Stri
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -21,7 +22,6 @@ from ._event_kernels import PAGE, PIECES
 
 I32 = npt.NDArray[np.int32]
 
-_PLACES = np.arange(PIECES)
 #: Pages at first: memory that the system gives when they are used.
 _FIRST_PAGES = 1024
 
@@ -145,15 +145,16 @@ class EventStore:
     ) -> tuple[I32, I64]:
         """First page and number of the events of each piece of a block, of one polarity.
 
-        Pieces that lie below `low_m` or beyond `high_m`, from the block's start on, are left out.
+        Pieces that lie below `low_m` or beyond `high_m`, from the block's start on, are left out;
+        the first page of an empty one is -1.
         """
-        slot, size = self._slots.get(k), self._length_m / PIECES
+        slot, per_piece = self._slots.get(k), PIECES / self._length_m
         if slot is None:
             return np.empty(0, np.int32), np.empty(0, np.int64)
-        own = slice(polarity * PIECES, (polarity + 1) * PIECES)
-        pages, counts = self._pages[slot, own, 0], self._counts[slot, own]
-        wanted = (counts > 0) & (_PLACES * size <= high_m) & ((_PLACES + 1) * size >= low_m)
-        return pages[wanted], counts[wanted]
+        begin = max(math.ceil(max(low_m * per_piece, 0.0)) - 1, 0)
+        end = math.floor(min(high_m * per_piece, PIECES - 1)) + 1
+        own = slice(polarity * PIECES + begin, polarity * PIECES + max(begin, end))
+        return self._pages[slot, own, 0], self._counts[slot, own]
 
     def events(self, k: int, polarity: int, shift_m: float = 0.0) -> StripEvents:
         """Events of a block and polarity as arrays, x `shift_m` further on."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from roller_emvs.evidence import (
     Depths,
@@ -18,7 +16,7 @@ from roller_emvs.evidence import (
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
-from ._part_kernels import TILE_CELLS
+from . import _sharpness_kernels as kernels
 from .part_field import COARSE_PARTS, PartField
 
 #: Cells by which what is searched around a cell is searched too, as evidence is summed over them.
@@ -41,18 +39,19 @@ def find_part_depths(
     found: list[Depths | None] = [None, None]
 
     def look_coarsely(k: int) -> None:
-        tiles = np.where(field.reached[k][..., None], [0, len(coarse) - 1], [len(coarse), -1])
-        parts[k] = field.measure(k, coarse, True, tiles.astype(np.int32), inner)
+        tiles = np.zeros((*field.reached[k].shape, 2), np.int32)
+        tiles[..., 1] = np.where(field.reached[k], np.int32(len(coarse) - 1), np.int32(-1))
+        parts[k] = field.measure(k, coarse, True, tiles, inner)
 
     if not field.reached.any():
         return [Depths.none(field.cells)] * 2
     share(threads, 2, look_coarsely)
     near = offset_of_parts(sum(p for p in parts if p is not None), coarse)  # type: ignore[arg-type]
     first, last, _ = planes_near(near, at, s)
-    searched = _searched(first, last, len(at))
 
     def look(k: int) -> None:
-        tiles = np.where(field.reached[k][..., None], searched, [len(at), -1]).astype(np.int32)
+        tiles = np.empty((*field.reached[k].shape, 2), np.int32)
+        kernels._tiles_around(first, last, field.reached[k], _AROUND_CELLS, len(at), tiles)
         if (tiles[..., 1] < 0).all():
             found[k] = Depths.none(field.cells)
             return
@@ -60,18 +59,3 @@ def find_part_depths(
 
     share(threads, 2, look)
     return [f for f in found if f is not None]
-
-
-def _searched(
-    first: npt.NDArray[np.int32], last: npt.NDArray[np.int32], planes: int
-) -> npt.NDArray[np.int32]:
-    """First and last plane of each tile that its cells and those around are searched on."""
-    size = 2 * _AROUND_CELLS + 1
-    around = np.ones((size, size), np.uint8)
-    known = last >= 0
-    low = np.where(known, first, planes).astype(np.float32)
-    high = np.where(known, last, -1).astype(np.float32)
-    low, high = cv2.erode(low, around), cv2.dilate(high, around)
-    starts = np.arange(0, first.shape[1], TILE_CELLS)
-    tiles = [np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)]
-    return np.stack(tiles, axis=-1).astype(np.int32)

@@ -96,7 +96,7 @@ class PartField(EvidenceField):
         _, parts, bins = self.bins
         buffers = np.empty(bins, np.uint8), np.empty(bins, np.uint16)
         kernels._gather_slopes(
-            self.votes[polarity], self.starts[polarity], self._base(0, bins), self.bins,
+            self.votes[polarity], self.starts[polarity], _base(parts, 0, bins), self.bins,
             self.left_bin, surface, np.float32(self.most_offset), self._per_offset,
             self.part_slopes.astype(np.float32), np.float32(width**2 / 12),
             np.zeros(parts * bins, np.uint8), buffers, sums,
@@ -112,16 +112,11 @@ class PartField(EvidenceField):
             *np.empty((3, columns), np.int32),
         )  # fmt: skip
         kernels._gather(
-            self.votes[polarity], self.starts[polarity], self._base(parts * bins, bins), self.bins,
-            self.left_bin, offset, np.float32(self.most_offset), self.reached[polarity],
+            self.votes[polarity], self.starts[polarity], _base(parts, parts * bins, bins),
+            self.bins, self.left_bin, offset, np.float32(self.most_offset), self.reached[polarity],
             self._per_offset, np.zeros(CELL_PX * parts * bins, np.uint8), buffers, found,
         )  # fmt: skip
         return found
-
-    def _base(self, of_row: int, of_part: int, rows: int = 1) -> I64:
-        """Where the image of each row and part begins, so many `rows` in one."""
-        row, part = _rows_and_parts(self.bins[1])
-        return np.asarray(row // rows * of_row + part * of_part, np.int64)
 
     def measure(
         self, polarity: int, at: F64, coarsely: bool, tiles: npt.NDArray[np.int32], threads: int
@@ -153,7 +148,7 @@ class PartField(EvidenceField):
         rows, parts, bins = self.bins
         bins, left = bins >> halve, self.left_bin >> halve
         pair = (parts + 1) * bins
-        base = self._base(pair, bins, ROW_PX)
+        base = _base(parts, pair, bins, ROW_PX)
         # Rows that aren't looked at count behind the rest.
         base = np.where(base < looks * pair, base, looks * pair)
 
@@ -171,11 +166,11 @@ class PartField(EvidenceField):
         return found
 
 
-@lru_cache(maxsize=16)
-def _rows_and_parts(parts: int) -> tuple[I64, I64]:
-    """Row in its cell and part of the votes' keys."""
+@lru_cache(maxsize=32)
+def _base(parts: int, of_row: int, of_part: int, rows: int = 1) -> I64:
+    """Where the image of each row of a cell and part begins, so many `rows` in one."""
     row, part = np.divmod(np.arange(CELL_PX * parts), parts)
-    return row, part
+    return np.asarray(row // rows * of_row + part * of_part, np.int64)
 
 
 def whole_shifts(middles: F64, at: F64, bins_px: int = BINS_PX) -> I64:

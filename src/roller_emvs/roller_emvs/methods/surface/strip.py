@@ -297,14 +297,16 @@ class Strip:
 
     def chains(self, block: Block, polarity: int, reach_m: float) -> Chains:
         """Pages of the store with the events within some distance of a block."""
-        length, found = self.settings.block_m, []
+        length = self.settings.block_m
+        starts, pages, counts = [], [], []
         for j in block.sources:
             start = (block.number - j) * length
             ends = start - reach_m, (block.end - j) * length + reach_m
-            pages, counts = self.store.chains(j, polarity, *ends)
-            found.append((np.full(len(pages), start), pages, counts))
-        starts, pages, counts = (np.concatenate(v) for v in zip(*found, strict=True))
-        return starts, pages, counts
+            of_pieces = self.store.chains(j, polarity, *ends)
+            starts += [start] * len(of_pieces[0])
+            pages.append(of_pieces[0])
+            counts.append(of_pieces[1])
+        return np.array(starts), np.concatenate(pages), np.concatenate(counts)
 
     def rays(self, block: Block, polarity: int, reach_m: float, every: int = 1) -> F32:
         """Every n-th event that reaches a block's rows as a ray of a straight path.
