@@ -97,9 +97,20 @@ def _blur(volume, weights, wanted, marked, runs, buffers, out):  # type: ignore[
         sources[d] = _reflect(d - beside, width)
         sources[beside + d] = _reflect(width + d, width)
     for k in range(max(low, 0), min(high, planes - 1) + 1):
+        # Rows that are wanted, or near one that is: what others hold isn't asked for.
+        last = -reach - 1
         for i in range(height):
-            begin, at = np.uint64((k * height + i) * width), np.uint64((reach + i) * stride)
-            marked[i] = _widen(flat, begin, np.uint64(width), np.uint64(beside), sources, lines, at)
+            last = i if wanted[i, 0] <= k <= wanted[i, 1] else last
+            runs[i, 0] = last
+        last = height + reach
+        for i in range(height - 1, -1, -1):
+            last = i if runs[i, 0] == i else last
+            marked[i] = i - runs[i, 0] <= reach or last - i <= reach
+            if marked[i]:
+                begin, at = np.uint64((k * height + i) * width), np.uint64((reach + i) * stride)
+                marked[i] = _widen(
+                    flat, begin, np.uint64(width), np.uint64(beside), sources, lines, at
+                )
         first = 0
         while first < height and not marked[first]:
             first += 1

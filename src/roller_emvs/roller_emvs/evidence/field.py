@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -58,20 +59,20 @@ class EvidenceField(ABC):
         """Rows and columns of cells."""
         return self.shape[0] // CELL_PX, self.shape[1] // CELL_PX
 
-    @property
+    @cached_property
     def aperture(self) -> float:
         """Most spread of slopes of any column: pixels of parallax by unit of offset."""
         if self.most_spread is not None:
             return self.most_spread
         return float(max((self.slopes[1] - self.slopes[0]).max(), 0.0))
 
-    @property
+    @cached_property
     def middles(self) -> F64:
         """Middle of the slopes that each column of cells was seen with; 0 where it never was."""
         low, high = self.slopes
         return np.where(high > low, 0.5 * (low + high), 0.0)
 
-    @property
+    @cached_property
     def apertures(self) -> F32:
         """Spread of slopes of each column of cells, float32."""
         return np.maximum(self.slopes[1] - self.slopes[0], 0.0).astype(np.float32)
@@ -179,11 +180,11 @@ def box_around(cells: Mask, reach: int, step: int) -> Box | None:
         return None
     box = []
     for axis, by in ((0, 1), (1, step)):
-        known = np.flatnonzero(cells.any(axis=1 - axis))
-        first = max(int(known[0]) - reach, 0) // by * by
-        last = -(-(int(known[-1]) + 1 + reach) // by) * by
-        box.append(slice(first, min(last, cells.shape[axis])))
-    size = np.prod([part.stop - part.start for part in box])
+        known, count = np.asarray(cells.any(axis=1 - axis)), cells.shape[axis]
+        first = max(int(known.argmax()) - reach, 0) // by * by
+        last = -(-(count - int(known[::-1].argmax()) + reach) // by) * by
+        box.append(slice(first, min(last, count)))
+    size = (box[0].stop - box[0].start) * (box[1].stop - box[1].start)
     return (box[0], box[1]) if size < _MOST_CUT * cells.size else None
 
 

@@ -73,7 +73,8 @@ class EventStore:
     @property
     def blocks(self) -> list[int]:
         """Numbers of the blocks that hold events, in order."""
-        return sorted(k for k, slot in self._slots.items() if self._counts[slot].any())
+        counts = self._counts.sum(axis=1)
+        return sorted(k for k, slot in self._slots.items() if counts[slot])
 
     def add(
         self, placed: F32, events: EventArray, start_m: float, low: int, blocks: Iterable[int]
