@@ -167,6 +167,18 @@ def by_rows(histogram: np.ndarray, rows: int) -> np.ndarray:
     return np.asarray(np.minimum(sums, rows * MOST), np.float64)
 
 
+def test_blocks_that_no_event_came_to_are_forgotten_too() -> None:
+    store, placed = EventStore(0.004, 0), np.array([[0.001], [0.0], [0.0]], np.float32)
+    events = EventArray.from_arrays([0], [0], [5], [1])
+    store.add(placed, events, 0.0, 0, range(4))
+    store.release_before(0)
+    assert store.blocks == [0]
+    store.release_before(3)
+    assert store.blocks == []
+    assert store.held == 0
+    assert list(store._slots) == [3]
+
+
 def test_events_vote_in_their_part_row_and_bin() -> None:
     rng = np.random.default_rng(3)
     n, pixel, shift, top, least, width = 5000, 4e-5, 0.001, -0.0002, -0.3, 0.07

@@ -170,6 +170,11 @@ class EventStore:
             n += count
         return StripEvents(x, y, slope, t * 1000 + self._start_ns)
 
+    def release_before(self, k: int) -> None:
+        """Forget all blocks before one, those that no event came to after all among them."""
+        for before in [j for j in self._slots if j < k]:
+            self.release(before)
+
     def release(self, k: int) -> int:
         """Forget a block; how many events it held."""
         slot = self._slots.pop(k, None)

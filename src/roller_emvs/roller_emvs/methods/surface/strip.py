@@ -271,9 +271,7 @@ class Strip:
 
     def release(self, block: Block) -> None:
         """A block was measured: events that reach none of those that follow are forgotten."""
-        for k in self.store.blocks:
-            if k < block.end - self._beside:
-                self.store.release(k)
+        self.store.release_before(block.end - self._beside)
         held = self.store.blocks
         if held:
             self._path.forget_before(self.store.times(held[0])[0])
