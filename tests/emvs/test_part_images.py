@@ -307,6 +307,19 @@ def test_little_parallax_much_and_wide_images_go_by_rays(monkeypatch: pytest.Mon
     assert view.parts() is None
 
 
+def test_many_parts_are_for_windows_with_events_in_most_rows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    events = any_events()
+    count = len(view_of(slanted(0.0), events=events).parts().slopes)  # type: ignore[union-attr]
+    monkeypatch.setattr(window_field, "_MANY_PARTS", count - 1)
+    assert view_of(slanted(0.0), events=events).parts() is not None
+    half = replace(events, y=events.y // np.uint16(2))
+    assert view_of(slanted(0.0), events=half).parts() is None
+    monkeypatch.setattr(window_field, "_MANY_PARTS", count)
+    assert view_of(slanted(0.0), events=half).parts() is not None
+
+
 UPRIGHT = Camera(40, 320, 800.0, 800.0, 19.5, 159.5)
 
 
