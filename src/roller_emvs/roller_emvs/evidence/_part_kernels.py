@@ -118,23 +118,39 @@ def _add_parts(images, lines, shifts, rows, wide, reach, sums):  # type: ignore[
     """Votes on a plane: all parts' images, each moved; all rows in one go, flat.
 
     `sums` hold phase, row and column, `wide` columns to a row, the last 2 · `reach` of which mean
-    nothing.
+    nothing. Eight parts at once, and where four are left over, those first.
     """
     bins, parts = lines.shape
     size = np.uint64(rows * wide)
     count = size - np.uint64(2 * reach)
     for p in range(bins):
-        at = np.uint64(p) * size
-        for i in range(count):
-            sums[at + i] = 0
-        for n in range(0, parts, 4):
-            a = np.uint64(lines[p, n]) * size + np.uint64(reach + shifts[p, n])
-            b = np.uint64(lines[p, n + 1]) * size + np.uint64(reach + shifts[p, n + 1])
-            c = np.uint64(lines[p, n + 2]) * size + np.uint64(reach + shifts[p, n + 2])
-            d = np.uint64(lines[p, n + 3]) * size + np.uint64(reach + shifts[p, n + 3])
+        to = np.uint64(p) * size
+        if parts & 4:
+            a, b, c, d = _begins(lines[p], shifts[p], 0, size, reach)
+            for i in range(count):
+                sums[to + i] = np.uint8(
+                    images[a + i] + images[b + i] + images[c + i] + images[d + i]
+                )
+        else:
+            for i in range(count):
+                sums[to + i] = 0
+        for n in range(parts & 4, parts, 8):
+            a, b, c, d = _begins(lines[p], shifts[p], n, size, reach)
+            e, f, g, h = _begins(lines[p], shifts[p], n + 4, size, reach)
             for i in range(count):
                 four = np.uint8(images[a + i] + images[b + i] + images[c + i] + images[d + i])
-                sums[at + i] += np.uint16(four)
+                more = np.uint8(images[e + i] + images[f + i] + images[g + i] + images[h + i])
+                sums[to + i] += np.uint16(four) + np.uint16(more)
+
+
+@njit(cache=True, nogil=True)
+def _begins(lines, shifts, n, size, reach):  # type: ignore[no-untyped-def]
+    """Where four parts' images begin, each moved."""
+    a = np.uint64(lines[n]) * size + np.uint64(reach + shifts[n])
+    b = np.uint64(lines[n + 1]) * size + np.uint64(reach + shifts[n + 1])
+    c = np.uint64(lines[n + 2]) * size + np.uint64(reach + shifts[n + 2])
+    d = np.uint64(lines[n + 3]) * size + np.uint64(reach + shifts[n + 3])
+    return a, b, c, d
 
 
 @njit(cache=True, nogil=True)
@@ -213,19 +229,17 @@ def _support(  # type: ignore[no-untyped-def]
     """Count events at the pixels where they meet the surface `depth` (NaN: unknown).
 
     `spans` holds the columns that each part saw, from and to. `buffers` are for use: of a row's
-    pixels float32, float32, int32 and int32, of one pixel more int32, and of each part and row
-    bool. `images`, shape (parts, BAND_ROWS, bins), the last two of which stay empty, are for use;
-    `base` places the events of a band in them.
+    pixels float32 and float32, int32 for each of four parts, and int32, of one pixel more int32,
+    and of each part and row bool. `images`, shape (parts, BAND_ROWS, bins), the last two of which
+    stay empty, are for use; `base` places the events of a band in them.
     """
     parts, rows, bins = images.shape
     height, width = depth.shape
     flat = images.reshape(-1)
     out = support.reshape(-1)
-    nowhere = np.float32(bins - 2)
     top = np.float32(BINS * (width + 2 * margin))
     left = np.float32(BINS * margin + 0.5)
-    per_px = np.float32(BINS)
-    column, z, place, total, before, seen = buffers
+    column, z, places, total, before, seen = buffers
     counted = -1
     for row in range(height):
         band = row // rows
@@ -253,22 +267,53 @@ def _support(  # type: ignore[no-untyped-def]
             most = np.uint8(MOST_SUPPORT)
             _count(events, starts[band], starts[band + 1], base, False, most, flat)
             _mark(events, starts[band], starts[band + 1], seen)
-        for j in range(parts):
-            if not seen[j * rows + row % rows]:
+        for n in range(0, parts, 4):
+            # Four at once: a pixel's sum is then loaded and stored a quarter as often.
+            least, beyond = width, 0
+            for j in range(n, min(n + 4, parts)):
+                if seen[j * rows + row % rows]:
+                    a, b = slopes[j] * low, slopes[j] * high
+                    least = min(least, spans[j, 0] + int(np.floor(min(a, b))))
+                    beyond = max(beyond, spans[j, 1] + int(np.ceil(max(a, b))))
+            first = np.uint64(before[min(max(least - margin - 1, 0), width)])
+            last = np.uint64(before[min(max(beyond - margin + 1, 0), width)])
+            if first >= last:
                 continue
-            slope = slopes[j]
-            shift = phase[j] + left
-            least = spans[j, 0] - margin + int(np.floor(min(slope * low, slope * high))) - 1
-            most_right = spans[j, 1] - margin + int(np.ceil(max(slope * low, slope * high))) + 1
-            first = np.uint64(before[min(max(least, 0), width)])
-            last = np.uint64(before[min(max(most_right, 0), width)])
-            own = np.uint64((j * rows + row % rows) * bins)
-            for i in range(first, last):
-                b = np.floor(per_px * (column[i] - slope * z[i]) + shift)
-                place[i] = np.int32(b if (b >= 0) & (b < top) else nowhere)
-            for i in range(first, last):
-                at = own + np.uint64(place[i])
-                total[i] += np.int32(flat[at]) + np.int32(flat[at + np.uint64(1)])
+            for j in range(4):
+                own = min(n + j, parts - 1)
+                begin = np.int32((own * rows + row % rows) * bins)
+                right = top if n + j < parts else np.float32(0)
+                _meet_bins(
+                    column, z, first, last, slopes[own], phase[own] + left, right,
+                    np.float32(bins - 2), begin, places[j],
+                )  # fmt: skip
+            _add_bins(flat, places, first, last, total)
         to = np.uint64(row * width)
         for i in range(np.uint64(known)):
             out[to + np.uint64(column[i])] = np.float32(total[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _meet_bins(column, z, first, last, slope, shift, right, nowhere, begin, place):  # type: ignore[no-untyped-def]
+    """First of the two bins of a part's image that meet each pixel's surface, from `begin` on."""
+    per_px = np.float32(BINS)
+    for i in range(first, last):
+        b = np.floor(per_px * (column[i] - slope * z[i]) + shift)
+        place[i] = np.int32(b if (b >= 0) & (b < right) else nowhere) + begin
+
+
+@njit(cache=True, nogil=True)
+def _add_bins(images, places, first, last, total):  # type: ignore[no-untyped-def]
+    """Add two bins each of four images, flat."""
+    one = np.uint64(1)
+    p, q, r, s = places[0], places[1], places[2], places[3]
+    for i in range(first, last):
+        a = np.uint64(p[i])
+        b = np.uint64(q[i])
+        c = np.uint64(r[i])
+        d = np.uint64(s[i])
+        two = np.int32(images[a]) + np.int32(images[a + one])
+        two += np.int32(images[b]) + np.int32(images[b + one])
+        more = np.int32(images[c]) + np.int32(images[c + one])
+        more += np.int32(images[d]) + np.int32(images[d + one])
+        total[i] += two + more

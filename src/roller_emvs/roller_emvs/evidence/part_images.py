@@ -145,8 +145,8 @@ class PartImages(EvidenceField):
         found, width, parts = np.zeros(self.shape, np.float32), self.shape[1], self.parts
         images = np.empty((len(parts.slopes), BAND_ROWS, BINS * self._columns + 4), np.uint8)
         buffers = (
-            *np.empty((2, width), np.float32), *np.empty((2, width), np.int32),
-            np.empty(width + 1, np.int32), np.empty(KEYS, np.bool_),
+            *np.empty((2, width), np.float32), np.empty((4, width), np.int32),
+            np.empty(width, np.int32), np.empty(width + 1, np.int32), np.empty(KEYS, np.bool_),
         )  # fmt: skip
         kernels._support(
             self.events, self.starts[polarity],
