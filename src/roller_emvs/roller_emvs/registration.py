@@ -20,8 +20,9 @@ from . import _voxel_kernels as _kernels
 #: Points further apart than this don't correspond, m.
 MAX_DISTANCE_M = 3e-4
 _MIN_PAIRS = 100
-#: Points of a depth map that are used at most.
-_MOST_POINTS = 4000
+#: Points of a depth map that are used at most, and pairs of them by which it is seen beforehand
+#: whether the geometry fixes the pose.
+_MOST_POINTS, _MOST_LOOKED_AT = 4000, 500
 #: Points that a normal is taken from, at most, and their distance, m.
 _NORMAL_POINTS, _NORMAL_M = 30, 4 * MAX_DISTANCE_M
 #: Steps at most, and the change of the share of points with a pair, and of their distance, m, that
@@ -113,8 +114,10 @@ def refine(points: F64, target: F64) -> Refinement:
     before = cloud.pairs(judging)
     if len(before.own) < _MIN_PAIRS:
         return _refused("too few points overlap")
-    # As a rule it doesn't: relief that fixes all of a pose is rare, and looking for one costs most.
-    if _conditioning(judging[before.own], cloud.planes(before.nearest)[1]) < _MIN_CONDITIONING:
+    # As a rule it doesn't: relief that fixes all of a pose is rare, and normals cost most.
+    look = slice(None, None, -(-len(before.own) // _MOST_LOOKED_AT))
+    normals = cloud.planes(before.nearest[look])[1]
+    if _conditioning(judging[before.own[look]], normals) < _MIN_CONDITIONING:
         return _refused(_LOOSE)
     moved, pairs = _icp(finding, cloud)
     if len(pairs.own) < _MIN_PAIRS or not np.isfinite(moved).all():

@@ -21,7 +21,7 @@ from .ply import PlyWriter
 from .voxels import I64, REACH, all_of, cell_key, cells_of_keys
 
 #: Points that wait before they are merged, so that many small patches cost little.
-_MOST_WAITING = 100_000
+_MOST_WAITING = 250_000
 #: Edge of its voxels at first; each keeps the point it is surest of.
 _VOXEL_M = 1e-4
 #: The map is given at most this often, s of the scan.
