@@ -104,7 +104,9 @@ class ContactWatch(EventCutter):
         first = -self._seen % _OF
         self._seen += len(events)
         part = events[first::_OF]
-        super().add(EventArray.from_arrays(part.x, part.y, part.t_ns, part.p))
+        # Copies, as views would keep all events.
+        copies = part.x.copy(), part.y.copy(), part.t_ns.copy(), part.p.copy()
+        super().add(EventArray(*copies))
         if self._from_ns is not None and self._queue.newest_ns - self._from_ns > _FORGOTTEN_NS:
             self._skip(self._queue.newest_ns - _LONGEST_NS)  # nobody asks: the sensor stands
 
