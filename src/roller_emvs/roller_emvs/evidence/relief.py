@@ -26,7 +26,7 @@ from .uncertainty import agreed_share, point_sigma, seen_around
 #: Neighbourhood from which the surface's slope is taken, px: where drift is taken out, OFF and ON
 #: edges err apart by what is left of it, which more of them average; where there is none, walls are
 #: levelled less by the narrower one. Tuned on the virtual cell; three objects of another simulator,
-#: light that stands still, err 28 µm with 4 px, 31 with 5. Hard cases keep their promises from 4 on.
+#: light that stands still, err 28 µm with 4 px, 31 with 5. With less, hard cases break promises.
 _SLOPE_SIGMA_PX, _STILL_SIGMA_PX = 5.0, 4.0
 #: Neighbourhood whose mean a pixel's support must exceed, cells.
 _AROUND = 9
