@@ -33,7 +33,8 @@ from roller_emvs.windows import RefusedWindow
 from .part_depths import find_part_depths
 from .part_field import COARSE_PARTS, fits, part_field
 from .pass_cutter import PassCutter
-from .strip import MARGIN_M, Block, Strip, ray_field
+from .strip import MARGIN_M, Block, Strip
+from .strip_rays import ray_field
 from .surface_settings import SurfaceSettings
 
 #: Under a printed texture every second event is enough for lines.
