@@ -196,7 +196,8 @@ def test_events_vote_in_their_part_row_and_bin() -> None:
     assert counts.sum() == n
     _part_kernels._locate(
         store.records, store.link, pages, counts, np.full(len(pages), -shift), pixel, top, least,
-        width, SHAPE, float(LEFT), np.empty(_event_kernels.PAGE, np.int32), votes, lines, tiles,
+        width, (-0.35, np.inf), SHAPE, float(LEFT), np.empty(_event_kernels.PAGE, np.int32), votes,
+        lines, tiles,
     )  # fmt: skip
     starts = np.cumsum([0, *tiles[:-1].reshape(CELLS, TILES).sum(axis=1)])
     np.testing.assert_array_equal(starts, np.cumsum([0, *np.bincount(lines)[:CELLS]]))
@@ -207,7 +208,7 @@ def test_events_vote_in_their_part_row_and_bin() -> None:
     bins = np.floor((x + shift) / pixel * BINS_PX + LEFT).astype(int)
     rows = np.floor((y - top) / pixel + 0.5).astype(int)
     parts = np.clip(np.floor((slope - least) / width), 0, PARTS - 1).astype(int)
-    inside = (bins < SHAPE[2]) & (rows >= 0) & (rows < ROWS)
+    inside = (bins < SHAPE[2]) & (rows >= 0) & (rows < ROWS) & (slope >= -0.35)
     expected = np.zeros(SHAPE)
     np.add.at(expected, (rows[inside], parts[inside], bins[inside]), 1)
     assert expected.max() > 2 * MOST

@@ -55,7 +55,7 @@ def smoothing_field(default: int) -> Any:
         ge=0,
         le=100,
         description="Later poses that a pose of the robot waits for: its time stamp is that of the "
-        "line through theirs and up to 64 earlier ones where their rate is steady. 0 takes stamps "
+        "line through theirs and up to 256 earlier ones where their rate is steady. 0 takes stamps "
         "as they come.",
     )
 

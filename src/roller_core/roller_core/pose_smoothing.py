@@ -22,7 +22,7 @@ T = TypeVar("T")
 Mask = npt.NDArray[np.bool_]
 
 #: Earlier poses that a line is drawn through, tried in turn.
-_HISTORY = (64, 32, 16)
+_HISTORY = (256, 64, 16)
 #: Stamps that lie further from the line than so many of their deviations count for nothing, nor do
 #: those off by this share of the period. Where more than one of five is so, the rate isn't steady.
 _FAR, _UNEVEN, _MOST_UNEVEN = 4.0, 0.25, 0.2
@@ -43,7 +43,7 @@ class StampSmoother(Generic[T]):
     Parameters
     ----------
     neighbours : int
-        Later items that each waits for; their stamps count, and those of up to 64 earlier ones.
+        Later items that each waits for; their stamps count, and those of up to 256 earlier ones.
         0 changes nothing.
     """
 

@@ -33,13 +33,14 @@ ROW_PX = 2
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _locate(  # type: ignore[no-untyped-def]
-    records, link, pages, counts, starts, pixel, top, least, width, shape, left, tile, votes, lines,
-    tiles,
+    records, link, pages, counts, starts, pixel, top, least, width, ends, shape, left, tile, votes,
+    lines, tiles,
 ):  # fmt: skip
     """Where chains of events vote, of which x begins each at its own place of `starts`.
 
     `left` is the bin of x = 0; rows begin half a pixel before `top`. Parts are `width` wide in
-    slope from `least` on; slopes beyond them go to the end parts. `votes` and `lines`, shape
+    slope from `least` on; slopes beyond them go to the end parts, those beyond `ends` nowhere.
+    `votes` and `lines`, shape
     (events,), take each event's vote and row of cells, one beyond the last for what goes nowhere.
     `tiles`, flat, of rows of cells and tiles, counts events too, those that go nowhere in its last
     entry. `tile`, shape (PAGE,), is a buffer.
@@ -53,6 +54,7 @@ def _locate(  # type: ignore[no-untyped-def]
     last = np.float32(parts - 1)
     zero = np.float32(0)
     right, below = np.float32(bins), np.float32(rows)
+    first, final = np.float32(ends[0]), np.float32(ends[1])
     nowhere, no_tile = np.int32(rows // CELL_PX), np.int32(len(tiles) - 1)
     many, tiles_of_row = np.int32(parts), np.int32(bins // TILE_BINS)
     done = 0
@@ -65,8 +67,10 @@ def _locate(  # type: ignore[no-untyped-def]
             for i in range(size):
                 a = x[i] * per_bin + x0
                 b = y[i] * per_row + y0
-                part = np.int32(min(max(slope[i] * per_part + s0, zero), last))
+                s = slope[i]
+                part = np.int32(min(max(s * per_part + s0, zero), last))
                 inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
+                inside &= (s >= first) & (s <= final)
                 row, column = np.int32(b), np.int32(a)
                 line = row // np.int32(CELL_PX)
                 key = (row - line * np.int32(CELL_PX)) * many + part

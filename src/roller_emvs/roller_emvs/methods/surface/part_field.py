@@ -268,7 +268,7 @@ def _take_votes(
         tile, lines = (np.empty(size, np.int32) for size in (PAGE, total))
         kernels._locate(
             store.records, store.link, pages, counts, begin, pixel, block.low_y_m, least, width,
-            field.bins, left, tile, votes, lines, seen[polarity],
+            strip.ends, field.bins, left, tile, votes, lines, seen[polarity],
         )  # fmt: skip
         by_row = seen[polarity, :-1].reshape(rows, -1).sum(axis=1)
         np.cumsum(by_row, out=starts[polarity, 1:])

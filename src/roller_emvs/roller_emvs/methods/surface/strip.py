@@ -119,6 +119,8 @@ class Strip:
         #: Least and most x of it, for what each row was seen from.
         self.seen_m = (0.0, 0.0)
         self._slopes = (np.inf, -np.inf)
+        #: Least and most slope along x of the rays that count, as `patch_ends` finds them.
+        self.ends = (-np.inf, np.inf)
         self._travel_m, self._travel_ns = 0.0, 0
         #: Rows before it are out of view.
         self._behind_m = -np.inf
@@ -137,8 +139,8 @@ class Strip:
 
     @property
     def slopes(self) -> tuple[float, float]:
-        """Least and most slope along x of the rays so far."""
-        return self._slopes
+        """Least and most slope along x of the rays so far that count."""
+        return max(self._slopes[0], self.ends[0]), min(self._slopes[1], self.ends[1])
 
     def to_strip(self, pose: F64) -> F64:
         """A pose in base as one in the strip, shape (4, 4)."""
@@ -199,7 +201,7 @@ class Strip:
     def slopes_seen(self, x: npt.NDArray[np.floating]) -> tuple[F64, F64]:
         """Least and most slope from which points at x were in view so far."""
         low, high = self.seen_m
-        least, most = self._slopes
+        least, most = self.slopes
         return (
             np.maximum((x - high) / self.middle_m, least),
             np.minimum((x - low) / self.middle_m, most),
@@ -286,12 +288,11 @@ class Strip:
         """Events that reach the rows of a block, of one polarity; x from the block's start on."""
         length = self.settings.block_m
         parts = [self.store.events(j, polarity, (j - block.number) * length) for j in block.sources]
-        return StripEvents(
-            *(
-                np.concatenate([getattr(part, name) for part in parts])
-                for name in ("x_m", "y_m", "slope", "t_ns")
-            )
-        )
+        names = ("x_m", "y_m", "slope", "t_ns")
+        every = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        least, most = self.ends
+        within = (every["slope"] >= least) & (every["slope"] <= most)
+        return StripEvents(*(every[name][within] for name in names))
 
     def chains(self, block: Block, polarity: int, reach_m: float) -> Chains:
         """Pages of the store with the events within some distance of a block."""
@@ -318,7 +319,9 @@ class Strip:
             self.store.records, self.store.link, pages, counts, starts - MARGIN_M,
             block.low_y_m, self.pixel_m, every, out,
         )  # fmt: skip
-        return out
+        least, most = (end / self.pixel_m for end in self.ends)
+        within = (out[:, 2] >= least) & (out[:, 2] <= most)
+        return out if within.all() else out[within]
 
     def centres(self, block: Block) -> F64:
         """Path of the camera's centre while a block's events came, in the strip, shape (n, 3)."""

@@ -33,6 +33,7 @@ from roller_emvs.windows import RefusedWindow
 from .part_depths import find_part_depths
 from .part_field import COARSE_PARTS, fits, part_field
 from .pass_cutter import PassCutter
+from .patch_ends import PatchEnds
 from .strip import MARGIN_M, Block, Strip
 from .strip_rays import ray_field
 from .surface_settings import SurfaceSettings
@@ -81,7 +82,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
         self.milliseconds: dict[str, float] = {}
-        self._light: tuple[Strip | None, TravellingLight] = None, TravellingLight()
+        self._pass: tuple[Strip, TravellingLight, PatchEnds] | None = None
         #: Takes the lines of each block as they were fitted: places in base, shape (n, 3), metres,
         #: the strip's axes in base (along the motion, across, away from the camera), and the rest.
         self.on_lines: Callable[[F64, F64, LinePoints], None] | None = None
@@ -125,7 +126,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 f"rows seen over {aperture_m * 1e3:.1f} mm of travel, "
                 f"less than {s.min_aperture_m * 1e3:g} mm: too little parallax",
             )
-        found, y = (self._by_parts if fits(strip, block) else self._by_rays)(strip, block, watch)
+        measured = None
+        while measured is None:  # anew once it is seen where the skin leaves the surface
+            by = self._by_parts if fits(strip, block) else self._by_rays
+            measured = by(strip, block, watch)
+        found, y = measured
         with watch("points"):
             x = found.column * strip.pixel_m + block.start_m - MARGIN_M
             local = np.stack([x, y, found.offset + strip.middle_m], axis=-1)
@@ -148,7 +153,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             watch.cpu_ms,
         )
 
-    def _by_parts(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
+    def _by_parts(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64] | None:
         """Measured pixels, and where they lie across the strip, for a straight path."""
         s = self.settings
 
@@ -168,7 +173,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 lambda polarity, every: strip.rays(block, polarity, field.reach_m, every), across,
             )  # fmt: skip
 
-    def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64]:
+    def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64] | None:
         """The same for any path."""
         s, half = self.settings, strip.half_m
         with watch("arrange"):
@@ -197,12 +202,12 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         found: Relief,
         rays: Callable[[int, int], F32],
         across: Callable[[F64, F64], F64],
-    ) -> tuple[Relief, F64]:
-        """Points with lines in the place of those that they are surer than, and where they lie."""
+    ) -> tuple[Relief, F64] | None:
+        """Points that follow lines, and where they lie; None if rays beyond the patch counted."""
         s, pixel = self.settings, strip.pixel_m
         length = block.end_m - block.start_m
         columns = round(MARGIN_M / pixel), round((MARGIN_M + length) / pixel)
-        light = self._light_of(strip)
+        light, ends = self._pass_of(strip)
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
         # A texture has events and points enough.
@@ -212,6 +217,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             field, found, lambda polarity: rays(polarity, every), columns, s.edge_drift, light,
             blind_m, s.threads, as_points=not textured,
         )  # fmt: skip
+        if textured and not ends.known:
+            events = rays(0, every), rays(1, every)
+            if ends.look(events, found.surfaces, lines, field.ray_slope_scale):
+                strip.ends = ends.ends
+                return None
         for take, own in (
             (self.on_lines, lambda: lines),
             (self.on_depths, lambda: depth_points(field, depths, columns)),
@@ -223,11 +233,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 take(strip.to_base(np.stack([x, y, z], axis=1)), strip.rotation, points)
         return found, across(found.row, found.offset)
 
-    def _light_of(self, strip: Strip) -> TravellingLight:
-        """What the strip's pass says of its light."""
-        if self._light[0] is not strip:
-            self._light = strip, TravellingLight()
-        return self._light[1]
+    def _pass_of(self, strip: Strip) -> tuple[TravellingLight, PatchEnds]:
+        """What the strip's pass says of its light, and of where the skin lies on the surface."""
+        if self._pass is None or self._pass[0] is not strip:
+            self._pass = strip, TravellingLight(), PatchEnds(strip.slopes, strip.focal_px)
+        return self._pass[1:]
 
     def _seen(self, strip: Strip, x: np.ndarray) -> np.ndarray:
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""
