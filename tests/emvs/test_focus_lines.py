@@ -122,7 +122,7 @@ def test_windows_under_a_texture_are_shorter_and_repeat_what_is_asked_for(
 def test_lines_become_points_beside_those_that_were_there() -> None:
     packets = packets_of(0.09, of_steps=True)
     view = track_of(rolling(0.3), 0.12).matrices([45 * MS])[0]
-    seen = WindowView.of(packets, CAMERA, view, (0.0430, 0.0470), 0.0)
+    seen = WindowView.of(packets, CAMERA, view, (0.0430, 0.0470))
     field, settings, still = seen.ray_field(), FocusEvidence.create({}), TravellingLight()
     drift = EdgeDriftSettings.create({})
     # Lines that say that the light stands still: as many as chance lets lean.

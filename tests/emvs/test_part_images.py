@@ -240,7 +240,7 @@ def view_of(
     motion: Motion, camera: Camera = CAMERA, events: EventArray | None = None
 ) -> WindowView:
     """A window of a plate with lines."""
-    return WindowView.of(*packets_of(motion, camera, events), RANGE_M, 0.0)
+    return WindowView.of(*packets_of(motion, camera, events), RANGE_M)
 
 
 def packets_of(
@@ -341,7 +341,7 @@ def test_depth_is_that_of_rays(kind: str, monkeypatch: pytest.MonkeyPatch) -> No
         track = poses(along_columns)
         camera, packets = UPRIGHT, make_packets(events, table, track, 64)
         view = track.at(int(events.t_ns.mean())).matrix
-    seen = WindowView.of(packets, camera, view, RANGE_M, 0.0)
+    seen = WindowView.of(packets, camera, view, RANGE_M)
     assert seen.turned == (kind == "along columns")
     found = {}
     for least in (0.0, np.inf):

@@ -3,8 +3,21 @@
 import numpy as np
 import pytest
 
-from roller_emvs.lines.refine import LinePoints
-from roller_emvs.methods.surface.patch_ends import _MOST_PX, PatchEnds, _add_beside, _near
+from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
+from roller_core.transforms import matrix_to_quaternion
+from roller_emvs.depth_map import DepthMap
+from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.lines.patch_ends import _MOST_PX, PatchEnds, _add_beside, _near
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.pipeline import DepthPipeline
+from roller_inspect.results.truth_tally import SurfaceTally
+from roller_sim.presets import COATINGS
+from simulated_scans import Scans, SimulatedScan
+
+MS = 1_000_000
+#: What is within this of the plate's face is of it, m.
+LEVEL_M = 5e-6
 
 PIXEL_M, FOCAL_PX, SLOPE = 4.2e-5, 1000.0, 0.3
 SHAPE = (40, 80)
@@ -12,19 +25,12 @@ COLUMNS = np.arange(8.0, 76.0, 6.0)
 LINES = [(row, x) for row in range(0, SHAPE[0], 2) for x in COLUMNS]
 
 
-def lines_of(polarity: int) -> dict[str, np.ndarray]:
-    row, x = np.array(LINES).T
-    n = len(row)
-    values = {name: np.zeros(n) for name in LinePoints.__dataclass_fields__}
-    return values | {"row": row, "column": x, "polarity": np.full(n, polarity)}
-
-
 def block(
     lifted_px: tuple[float, float],
     tilted_m: float = 0.0,
     seed: int = 1,
     seen: tuple[float, float] = (-SLOPE, SLOPE),
-) -> tuple[tuple[np.ndarray, np.ndarray], LinePoints]:
+) -> list[np.ndarray]:
     """OFF and ON events of a texture, whose skin is off the surface in so many end columns.
 
     They lie up to half a pixel outwards there, and all of them by a depth more than the lines say.
@@ -40,20 +46,24 @@ def block(
         x = rng.choice(COLUMNS, n) + out + slope / PIXEL_M * tilted_m + rng.normal(0, 0.4, n)
         y = rng.uniform(-0.5, SHAPE[0] - 0.5, n)
         rays.append(np.column_stack([x, y, slope / PIXEL_M, np.zeros(n)]).astype(np.float32))
-    both = [lines_of(polarity) for polarity in range(2)]
-    lines = LinePoints(**{k: np.concatenate([part[k] for part in both]) for k in both[0]})
-    return (rays[0], rays[1]), lines
+    return rays
 
 
-SURFACES = (np.zeros(SHAPE, np.float32), np.zeros(SHAPE, np.float32))
+def look(ends: PatchEnds, rays: list[np.ndarray]) -> bool:
+    """Show both polarities' events, and the lines that the texture really has."""
+    surface, (row, column) = np.zeros(SHAPE, np.float32), np.array(LINES).T
+    for own in rays:
+        at = own[:, 2].astype(np.float64) * PIXEL_M
+        ends.look(own, at, surface, row.astype(np.int64), column, np.zeros(len(row)))
+    return ends.find()
 
 
 @pytest.mark.parametrize("lifted", [(16.0, 16.0), (30.0, 12.0), (0.0, 24.0)])
 def test_columns_that_are_off_the_surface_are_found(lifted: tuple[float, float]) -> None:
     ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
     # A depth that the lines lack by a little isn't taken for it.
-    rays, lines = block(lifted, tilted_m=8e-6)
-    assert ends.look(rays, SURFACES, lines, PIXEL_M)
+    rays = block(lifted, tilted_m=8e-6)
+    assert look(ends, rays)
     assert ends.known
     for off_px, end in zip(lifted, ends.ends, strict=True):
         if off_px:
@@ -65,55 +75,57 @@ def test_columns_that_are_off_the_surface_are_found(lifted: tuple[float, float])
 def test_where_the_skin_is_on_the_surface_all_columns_count() -> None:
     for seed in range(5):
         ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
-        rays, lines = block((0.0, 0.0), tilted_m=8e-6, seed=seed)
-        assert not ends.look(rays, SURFACES, lines, PIXEL_M)
+        rays = block((0.0, 0.0), tilted_m=8e-6, seed=seed)
+        assert not look(ends, rays)
         assert ends.known
         assert ends.ends == (-np.inf, np.inf)
 
 
 def test_an_end_is_known_once_it_was_seen() -> None:
     ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
-    rays, lines = block((16.0, 16.0), seen=(-SLOPE, 0.5 * SLOPE))
-    assert ends.look(rays, SURFACES, lines, PIXEL_M)
+    rays = block((16.0, 16.0), seen=(-SLOPE, 0.5 * SLOPE))
+    assert look(ends, rays)
     assert not ends.known
     assert np.isfinite(ends.ends[0])
     assert np.isinf(ends.ends[1])
-    rays, lines = block((16.0, 16.0), seen=(-0.5 * SLOPE, SLOPE))
+    rays = block((16.0, 16.0), seen=(-0.5 * SLOPE, SLOPE))
     low = ends.ends[0]
-    assert ends.look(rays, SURFACES, lines, PIXEL_M)
+    assert look(ends, rays)
     assert ends.known
     assert ends.ends[0] == low
     assert np.isfinite(ends.ends[1])
 
 
-def test_too_much_of_the_image_is_no_end() -> None:
+@pytest.mark.parametrize("lifted_px", [150.0, 250.0, 400.0])
+def test_more_than_a_fifth_of_the_image_is_no_end(lifted_px: float) -> None:
     ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
-    rays, lines = block((150.0, 0.0))
-    ends.look(rays, SURFACES, lines, PIXEL_M)
-    assert np.isinf(ends.ends).all()
+    look(ends, block((lifted_px, 0.0)))
+    low, high = np.clip(ends.ends, -SLOPE, SLOPE)
+    assert low + SLOPE <= 0.2 * 2 * SLOPE
+    assert SLOPE - high <= 0.2 * 2 * SLOPE
 
 
 def test_few_events_say_nothing() -> None:
     ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
-    rays, lines = block((16.0, 16.0))
-    assert not ends.look((rays[0][::40], rays[1][::40]), SURFACES, lines, PIXEL_M)
+    rays = block((16.0, 16.0))
+    assert not look(ends, [own[::40] for own in rays])
     assert not ends.known
 
 
 def test_distances_beside_lines_are_those_of_a_plain_sum() -> None:
     rng = np.random.default_rng(3)
-    n, low, per_bin, bins = 5000, -0.3 / PIXEL_M, 20 * PIXEL_M / 0.6, 20
+    n, low, per_bin, bins = 5000, -0.3, 20 / 0.6, 20
     row, column = np.array(LINES).T
     offset = rng.uniform(-1e-4, 1e-4, len(row))
-    near = _near(row, column, SHAPE)
+    near = _near(row.astype(np.int64), column, SHAPE)
     pixel = rng.integers(0, SHAPE[0] * SHAPE[1] + 1, n).astype(np.int32)
-    slope = rng.uniform(-0.32, 0.32, n) / PIXEL_M
+    slope, seen_at = rng.uniform(-0.32, 0.32, (2, n))
     x = pixel % SHAPE[1] + rng.uniform(-1.5, 1.5, n)
-    rays = np.column_stack([x, np.zeros(n), slope, np.zeros(n)]).astype(np.float32)
+    rays = np.column_stack([x, np.zeros(n), slope / PIXEL_M, np.zeros(n)]).astype(np.float32)
     sums, counts = np.zeros(bins), np.zeros(bins, np.int64)
-    _add_beside(rays, pixel, near, column, offset, _MOST_PX, low, per_bin, sums, counts)
+    _add_beside(rays, seen_at, pixel, near, column, offset, _MOST_PX, low, per_bin, sums, counts)
     expected, number = np.zeros(bins), np.zeros(bins, int)
-    for ray, at in zip(rays.astype(np.float64), pixel, strict=True):
+    for ray, s, at in zip(rays.astype(np.float64), seen_at, pixel, strict=True):
         if at == SHAPE[0] * SHAPE[1]:
             continue
         own = [k for k in range(len(row)) if at // SHAPE[1] - row[k] in (0, 1)]
@@ -121,10 +133,72 @@ def test_distances_beside_lines_are_those_of_a_plain_sum() -> None:
         if not own:
             continue
         apart = ray[0] + ray[2] * offset[own[0]] - column[own[0]]
-        bin_ = int(np.floor((ray[2] - low) * per_bin))
+        bin_ = int(np.floor((s - low) * per_bin))
         if abs(apart) <= _MOST_PX and 0 <= bin_ < bins:
             expected[bin_] += apart
             number[bin_] += 1
     np.testing.assert_allclose(counts, number, atol=1)
     np.testing.assert_allclose(sums, expected, atol=2)
     assert counts.sum() > 500
+
+
+def true_track(scan: SimulatedScan) -> PoseTrack:
+    """Where the camera really was: poses' noise hides some micrometres."""
+    times = np.arange(int(scan.events.t_ns[0]) - 50 * MS, int(scan.events.t_ns[-1]), 2 * MS)
+    rotation = scan.track.matrices(scan.events.t_ns[len(scan.events) // 2])[0, :3, :3]
+    track = PoseTrack()
+    for t_ns, place in zip(times, scan.truth.camera_positions(times), strict=True):
+        track.append(int(t_ns), place, matrix_to_quaternion(rotation))
+    return track
+
+
+def steady(scan: SimulatedScan) -> EventArray:
+    """Events while the camera goes at constant speed."""
+    start, (first, last) = scan.truth.start_ros_ns, scan.truth.path.even_s
+    t_ns = scan.events.t_ns
+    return scan.events[(t_ns > start + first * 1e9) & (t_ns < start + last * 1e9)]
+
+
+def left_out_px(ends: PatchEnds, scan: SimulatedScan) -> list[float]:
+    """Columns at either end of the image that don't count."""
+    return [0.5 * scan.camera.width - abs(end) * scan.camera.fx for end in ends.ends]
+
+
+def test_a_textured_plate_lies_where_it_is(scans: Scans, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The virtual roller's skin leaves the plate some 16 columns before the image ends."""
+    scene = {"margin_mm": 2.0, "step_mm": 0.03, "defects": 3, "defect_kinds": ["dent"]}
+    light = {"kind": "dome", "speckle": 0.08}
+    scan = scans.scan("defects", scene=scene, camera={"height": 96}, light=light)
+    track, biases_um = true_track(scan), []
+    for looks in (True, False):
+        if not looks:
+            monkeypatch.setattr(PatchEnds, "find", lambda self: False)
+        sweep, tally = SurfaceSweep(SurfaceSettings.create({}), scan.camera, track), None
+        sweep.add_events(steady(scan))
+        tally = SurfaceTally(scan.truth)
+        for found in sweep.results(flush=True):
+            if isinstance(found, SurfacePatch):
+                tally.add_points(found.points, found.stamp_ns)
+        x, y, z = tally.points.T
+        height = scan.truth.height_at(x, y)
+        face = height > height.max() - LEVEL_M
+        assert face.sum() > 5000
+        biases_um.append(1e6 * float(np.median((z - height)[face])))
+        assert sweep._pass
+        if looks:
+            for columns in left_out_px(sweep._pass[2], scan):
+                assert 10 < columns < 40
+    with_ends, without = biases_um
+    assert 0 < with_ends < 0.7 * without < 8
+
+
+def test_windows_find_the_ends_too(scans: Scans) -> None:
+    scene = {"margin_mm": 6.0, "step_mm": 0.03}
+    scan = scans.scan("stairs", scene=scene, **COATINGS["textured"])
+    pipeline = DepthPipeline(DepthSettings.create({}), scan.camera, true_track(scan))
+    pipeline.add_events(steady(scan))
+    maps = [found for found in pipeline.results(flush=True) if isinstance(found, DepthMap)]
+    assert len(maps) >= 2
+    assert pipeline._ends
+    for columns in left_out_px(pipeline._ends, scan):
+        assert 4 < columns < 30

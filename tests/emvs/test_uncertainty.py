@@ -134,7 +134,7 @@ def test_sigma_holds_under_a_printed_texture_and_is_no_wider_than_it_must_be(
         assert part.sum() > 5_000
         assert (error <= 2 * sigma)[part].mean() > 0.93
     # On level ground; without looking around it is three to four times what two thirds err by.
-    assert np.median(sigma[flat]) < 2 * np.quantile(error[flat], 0.68)
+    assert np.median(sigma[flat]) < 2.2 * np.quantile(error[flat], 0.68)
 
 
 def test_what_both_polarities_share_doesnt_show_in_how_they_agree(scans: Scans) -> None:

@@ -24,7 +24,8 @@ class MethodSettings(TimingSettings):
         ge=0.0,
         le=10.0,
         description="Events further than this from the camera's axis along the roll are left out, "
-        "as the skin doesn't stick to the surface there; 0 takes the whole image, m.",
+        "as the skin doesn't stick to the surface there; 0 takes the whole image, but for ends "
+        "that a printed texture shows to be off the surface, m.",
     )
     max_still_s: float = Field(
         2.0,

@@ -23,6 +23,7 @@ from roller_emvs.methods.paper import bma as paper
 from .depth_map import DepthMap
 from .depth_settings import DepthSettings
 from .engine import DepthEngine
+from .lines.patch_ends import PatchEnds
 from .methods import focus
 from .rays import F32, MIN_PARALLAX_PX, Packets, make_packets, parallax_px
 from .stopwatch import Stopwatch
@@ -82,11 +83,15 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
         self._table = camera.undistortion_table()
+        self._ray_slope = (self._table[..., 0] - camera.cx) / camera.fx
+        self._ends: PatchEnds | None = None
+        self._cut = False
         if settings.patch_half_length_m:
-            middle = 0.5 * (settings.depth_min_m + settings.depth_max_m)
-            ray_slope = (self._table[..., 0] - camera.cx) / camera.fx
-            self._table = self._table.copy()
-            self._table[np.abs(ray_slope) * middle > settings.patch_half_length_m] = np.nan
+            edge = settings.patch_half_length_m * 2 / (settings.depth_min_m + settings.depth_max_m)
+            self._leave_out_beyond((-edge, edge))
+        elif settings.method == "focus":
+            known = self._ray_slope[np.isfinite(self._ray_slope)]
+            self._ends = PatchEnds((float(known.min()), float(known.max())), camera.fx)
 
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
         """Depth maps of all windows that are complete, in order.
@@ -171,12 +176,21 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         if s.method == "focus":
             late = self._cutter.dead_time
             blind_m = late.blind_m if late else 0.0
-            found = focus.focus_depth(packets, camera, target, s, watch, blind_m)
+            before = self._ends.ends if self._ends else None
+            found = focus.focus_depth(packets, camera, target, s, watch, blind_m, self._ends)
             self._cutter.textured = found.textured
+            # From the next window on: this one once more would make the others wait.
+            if self._ends and self._ends.ends != before:
+                self._leave_out_beyond(self._ends.ends)
             return found.depth, found.confidence, found.sigma
         depth, sure = paper.window_depth(packets, camera, prepared.poses, target, s, watch)
         per_px = (1 / s.depth_min_m - 1 / s.depth_max_m) / prepared.parallax_px
         return depth, sure, np.float32(_PAPER_ERROR_PX * per_px) * depth**2
+
+    def _leave_out_beyond(self, ends: tuple[float, float]) -> None:
+        """Pixels whose rays' slopes aren't between two don't count."""
+        self._table, self._cut = self._table.copy(), True
+        self._table[(self._ray_slope < ends[0]) | (self._ray_slope > ends[1])] = np.nan
 
     def _usable(self, events: EventArray) -> tuple[F32, tuple[str, ...]]:
         """Ideal pixels of those that see something where the skin sticks; NaN for all others."""
@@ -190,7 +204,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             notes = (f"{count:.0f} events of {len(pixels)} hot pixels",)
             table = table.copy()
             table.reshape(-1, 2)[pixels] = np.nan
-        elsewhere = hot is not None or self.settings.patch_half_length_m
+        elsewhere = hot is not None or self._cut
         # As a rule one of the first is.
         if elsewhere and not any(
             np.isfinite(table[events.y[k : k + 1000], events.x[k : k + 1000], 0]).any()

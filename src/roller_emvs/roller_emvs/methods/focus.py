@@ -33,7 +33,8 @@ from roller_emvs.evidence import (
 )
 from roller_emvs.evidence.part_images import find_depths_of_parts
 from roller_emvs.lines.edge_drift import TravellingLight
-from roller_emvs.lines.fit import LEAST_VARIANCE
+from roller_emvs.lines.fit import LEAST_VARIANCE, fit_lines
+from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.refine import refine
 from roller_emvs.rays import F32, Packets
 from roller_emvs.stopwatch import Stopwatch
@@ -42,6 +43,8 @@ from .window_field import WindowView
 
 #: Events of a window that are enough for its lines: every second, third or fourth is taken of more.
 _ENOUGH, _MOST_LEFT_OUT = 75_000, 4
+#: Events of a window from which the ends of the contact patch are looked for.
+_FOR_ENDS = 400_000
 
 
 class FocusDepth(NamedTuple):
@@ -62,6 +65,7 @@ def focus_depth(
     settings: DepthSettings,
     watch: Stopwatch,
     blind_m: float = 0.0,
+    ends: PatchEnds | None = None,
 ) -> FocusDepth:
     """Depth of one window in a reference view.
 
@@ -79,6 +83,8 @@ def focus_depth(
         Takes the time by stage.
     blind_m : float
         Travel of the sensor while pixels are blind after an event, m; 0 where that doesn't matter.
+    ends : PatchEnds, optional
+        What is known of the ends of the contact patch; takes what this window tells of them.
 
     Returns
     -------
@@ -87,14 +93,15 @@ def focus_depth(
     """
     s = settings
     with watch("rays"):
-        seen = WindowView.of(
-            packets, camera, view, (s.depth_min_m, s.depth_max_m), s.patch_half_length_m
-        )
+        depths_m, half_m = (s.depth_min_m, s.depth_max_m), s.patch_half_length_m or np.inf
+        edge = half_m / (0.5 * sum(depths_m))
+        within = ends.ends if ends else (-edge, edge)
+        seen = WindowView.of(packets, camera, view, depths_m, within)
         parts = seen.parts()
     if parts is None:
-        found, textured = _by_rays(seen, s, watch, blind_m)
+        found, textured = _by_rays(seen, s, watch, blind_m, ends)
     else:
-        found, textured = _by_parts(seen, parts, s, watch, blind_m)
+        found, textured = _by_parts(seen, parts, s, watch, blind_m, ends)
     depth = np.full((camera.height, camera.width), np.nan, np.float32)
     confidence, sigma = np.full_like(depth, np.nan), np.full_like(depth, np.nan)
     row, column = (found.column, found.row) if seen.turned else (found.row, found.column)
@@ -107,23 +114,28 @@ def focus_depth(
 
 
 def _by_rays(
-    seen: WindowView, s: DepthSettings, watch: Stopwatch, blind_m: float
+    seen: WindowView, s: DepthSettings, watch: Stopwatch, blind_m: float, ends: PatchEnds | None
 ) -> tuple[Relief, bool]:
     with watch("rays"):
         field = seen.ray_field()
     with watch("votes"):
         depths = find_depths(field, -seen.half, seen.half, s.focus, threads=s.threads)
-    return _points(seen, field, depths, s, watch, blind_m)
+    return _points(seen, field, depths, s, watch, blind_m, ends)
 
 
 def _by_parts(
-    seen: WindowView, parts: Parts, s: DepthSettings, watch: Stopwatch, blind_m: float
+    seen: WindowView,
+    parts: Parts,
+    s: DepthSettings,
+    watch: Stopwatch,
+    blind_m: float,
+    ends: PatchEnds | None,
 ) -> tuple[Relief, bool]:
     with watch("rays"):
         field = seen.part_images(parts, s.threads)
     with watch("votes"):
         depths = find_depths_of_parts(field, -seen.half, seen.half, s.focus, s.threads)
-    return _points(seen, field, depths, s, watch, blind_m)
+    return _points(seen, field, depths, s, watch, blind_m, ends)
 
 
 def _points(
@@ -133,16 +145,20 @@ def _points(
     s: DepthSettings,
     watch: Stopwatch,
     blind_m: float,
+    ends: PatchEnds | None,
 ) -> tuple[Relief, bool]:
     """Measured pixels, moved by the lines around, and whether they are of a texture."""
     textured = is_textured(depths)
     spread = field.aperture * abs(field.ray_slope_scale)
     # Lines tell nothing of a texture that neighbourhoods don't.
     with_lines = not textured and spread**2 / 12 >= LEAST_VARIANCE
+    look = textured and ends is not None and not ends.known and not seen.turned
     with watch("points"):
         found = measured_pixels(
-            field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines
+            field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines or look
         )
+        if look and ends is not None:
+            _look_for(ends, seen, found)
     if not with_lines:
         return found, textured
     with watch("lines"):
@@ -153,3 +169,18 @@ def _points(
             field, found, rays, columns, s.edge_drift, light, blind_m, s.threads, as_points=False
         )
     return found, textured
+
+
+def _look_for(ends: PatchEnds, seen: WindowView, found: Relief) -> None:
+    """See what a textured window tells of the ends of the contact patch."""
+    packets = seen.packets.sample(max(len(seen.packets.events) // _FOR_ENDS, 1))
+    field, events = replace(seen, packets=packets).ray_field(), packets.events
+    slope = (
+        packets.table[events.y, events.x, 0].astype(np.float64) - seen.camera.cx
+    ) / seen.camera.fx
+    for polarity, surface in enumerate(found.surfaces):
+        rays = field.rays[field.bounds[polarity] : field.bounds[polarity + 1]]
+        columns, scales = (0, field.shape[1]), (field.offset_per_m, field.ray_slope_scale)
+        lines = fit_lines(rays, surface, columns, *scales)
+        ends.look(rays, slope[events.p == polarity], surface, lines.row, lines.x, lines.offset)
+    ends.find()

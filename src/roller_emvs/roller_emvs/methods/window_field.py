@@ -59,9 +59,9 @@ class WindowView:
         camera: Camera,
         view: F64,
         depths_m: tuple[float, float],
-        patch_half_length_m: float,
+        ends: tuple[float, float] = (-np.inf, np.inf),
     ) -> WindowView:
-        """A window's view for a range of depths, nearest and farthest."""
+        """A window's view for a range of depths, nearest and farthest, of rays between slopes."""
         c, (near, far) = camera, (1.0 / depths_m[0], 1.0 / depths_m[1])
         middle = 0.5 * (near + far)
         relative = inverse_pose(view) @ packets.poses
@@ -69,10 +69,7 @@ class WindowView:
         turned = bool(travel[1] > travel[0])
         focal, axis, columns = (c.fy, c.cy, c.height) if turned else (c.fx, c.cx, c.width)
         # A column's point was in view from where the camera saw it at a pixel.
-        left, right = 0.0, columns - 1.0
-        if patch_half_length_m:
-            reach = patch_half_length_m * middle * focal
-            left, right = max(axis - reach, left), min(axis + reach, right)
+        left, right = max(axis + ends[0] * focal, 0.0), min(axis + ends[1] * focal, columns - 1.0)
         x = (np.arange(-(-columns // CELL_PX)) + 0.5) * CELL_PX - 0.5
         along = focal * relative[:, 1 if turned else 0, 3]
         slopes = np.stack(

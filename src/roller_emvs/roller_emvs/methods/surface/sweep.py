@@ -24,6 +24,7 @@ from roller_emvs.evidence import (
 )
 from roller_emvs.lines.edge_drift import TravellingLight
 from roller_emvs.lines.neighbourhoods import depth_points
+from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.refine import LinePoints, refine
 from roller_emvs.patch import Patch
 from roller_emvs.rays import F32
@@ -33,7 +34,6 @@ from roller_emvs.windows import RefusedWindow
 from .part_depths import find_part_depths
 from .part_field import COARSE_PARTS, fits, part_field
 from .pass_cutter import PassCutter
-from .patch_ends import PatchEnds
 from .strip import MARGIN_M, Block, Strip
 from .strip_rays import ray_field
 from .surface_settings import SurfaceSettings
@@ -218,8 +218,14 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             blind_m, s.threads, as_points=not textured,
         )  # fmt: skip
         if textured and not ends.known:
-            events = rays(0, every), rays(1, every)
-            if ends.look(events, found.surfaces, lines, field.ray_slope_scale):
+            for polarity, surface in enumerate(found.surfaces):
+                events, own = rays(polarity, every), lines.polarity == polarity
+                seen_at = events[:, 2].astype(np.float64) * field.ray_slope_scale
+                ends.look(
+                    events, seen_at, surface,
+                    lines.row[own].astype(np.int64), lines.column[own], lines.offset[own],
+                )  # fmt: skip
+            if ends.find():
                 strip.ends = ends.ends
                 return None
         for take, own in (

@@ -14,9 +14,9 @@ from numba import njit
 from roller_core import numba_start  # noqa: F401 (before a kernel runs)
 from roller_core.transforms import F64
 from roller_emvs.evidence.field import ground
-from roller_emvs.lines.fit import ROW_STEP
-from roller_emvs.lines.refine import LinePoints
 from roller_emvs.rays import F32
+
+from .fit import I64, ROW_STEP
 
 #: Columns of the image that are looked at as one, px.
 _COLUMNS_PX = 4.0
@@ -26,8 +26,9 @@ _MOST_PX, _BESIDE = 1.5, 1
 _ENOUGH, _ENOUGH_AT_END = 400, 8000
 #: Part of the aperture that is an end, and the part at most that may be off the surface.
 _END, _MOST_OFF = 0.1, 0.2
-#: Part of the aperture that says how events lie where the skin is on the surface.
-_INNER = 0.6
+#: Parts of the aperture that say how events lie where the skin is on the surface: at first, and
+#: but for the ends that this told.
+_INNER = 0.6, 0.9
 #: Columns whose events lie further than this beside the lines are off it, and the outermost ones
 #: further than this if any are, px.
 _APART_PX, _SURELY_PX = 0.06, 0.1
@@ -39,7 +40,7 @@ class PatchEnds:
     Parameters
     ----------
     slopes : tuple of float
-        Least and most slope dx/dz of the rays.
+        Least and most slope dx/dz of the camera's rays.
     focal_px : float
         Focal length, px.
     """
@@ -58,32 +59,31 @@ class PatchEnds:
         return all(self._known)
 
     def look(
-        self, rays: tuple[F32, F32], surfaces: tuple[F32, ...], lines: LinePoints, scale: float
-    ) -> bool:
-        """Take events and lines of a block; whether the ends are nearer than they were.
+        self, rays: F32, seen_at: F64, surface: F32, row: I64, column: F64, offset: F64
+    ) -> None:
+        """Take events and lines of one polarity; `find` then says what they tell.
 
         Parameters
         ----------
-        rays : tuple of ndarray of float32, shape (n, 4)
-            OFF and ON events; see `fit_lines`.
-        surfaces : tuple of ndarray of float32, shape (height, width)
-            Offset by pixel where each has a depth, NaN elsewhere.
-        lines : LinePoints
-            Fitted to them.
-        scale : float
-            From the rays' slopes to dx/dz.
+        rays : ndarray of float32, shape (n, 4)
+            Events; see `fit_lines`.
+        seen_at : ndarray of float64, shape (n,)
+            Slope dx/dz at which the camera saw each, in its own frame.
+        surface : ndarray of float32, shape (height, width)
+            Offset by pixel, NaN where it is unknown.
+        row, column, offset : ndarray, shape (lines,)
+            Where the lines through them lie.
         """
-        for polarity, own in enumerate(rays):
-            which = lines.polarity == polarity
-            if not which.any():
-                continue
-            near = _near(lines.row[which], lines.column[which], surfaces[polarity].shape)
-            pixel, _ = ground(own, surfaces[polarity])
-            _add_beside(
-                own, pixel, near, lines.column[which], lines.offset[which], _MOST_PX,
-                self._low / scale, len(self._sums) * scale / (self._high - self._low),
-                self._sums, self._counts,
-            )  # fmt: skip
+        if not len(row):
+            return
+        pixel, _ = ground(rays, surface)
+        _add_beside(
+            rays, seen_at, pixel, _near(row, column, surface.shape), column, offset, _MOST_PX,
+            self._low, len(self._sums) / (self._high - self._low), self._sums, self._counts,
+        )  # fmt: skip
+
+    def find(self) -> bool:
+        """Look for the ends; whether they are nearer than they were."""
         before = self.ends
         self._find()
         return self.ends != before
@@ -92,26 +92,35 @@ class PatchEnds:
         """The ends, as far as enough events tell."""
         count = len(self._sums)
         enough = self._counts >= _ENOUGH
-        middle = 2 * np.abs((np.arange(count) + 0.5) / count - 0.5)
-        inner = enough & (middle < _INNER)
-        if inner.sum() < 3:
-            return
-        place = np.arange(count, dtype=np.float64)
         apart = self._sums / np.maximum(self._counts, 1)
-        # Lines follow the ends a little: what grows evenly along the aperture is a depth.
-        apart = apart - np.polyval(np.polyfit(place[inner], apart[inner], 1), place)
-        if np.sqrt(np.mean(apart[inner] ** 2)) > _SURELY_PX:
-            return  # what is not even in the middle tells nothing of the ends
+        middle = 2 * np.abs((np.arange(count) + 0.5) / count - 0.5)
+        off = 0, 0
+        for inner in _INNER:
+            beside = enough & (middle < inner)
+            beside[: off[0]] = beside[count - off[1] :] = False
+            if beside.sum() < 3:
+                return
+            # Lines follow the ends a little: what grows evenly along the aperture is a depth.
+            rest = apart - _line(apart, beside)
+            if np.sqrt(np.mean(rest[beside] ** 2)) > _SURELY_PX:
+                return  # what is not even in the middle tells nothing of the ends
+            off = _off(rest, enough), _off(rest[::-1], enough[::-1])
         width = (self._high - self._low) / count
         size = max(round(_END * count), 1)
         low, high = self.ends
         if not self._known[0] and self._counts[:size].sum() >= _ENOUGH_AT_END:
-            off, self._known[0] = _off(apart, enough), True
-            low = self._low + off * width if off else low
+            self._known[0] = True
+            low = self._low + off[0] * width if off[0] else low
         if not self._known[1] and self._counts[-size:].sum() >= _ENOUGH_AT_END:
-            off, self._known[1] = _off(apart[::-1], enough[::-1]), True
-            high = self._high - off * width if off else high
+            self._known[1] = True
+            high = self._high - off[1] * width if off[1] else high
         self.ends = (low, high)
+
+
+def _line(apart: F64, which: np.ndarray) -> F64:
+    """The straight line through some of the values over their numbers."""
+    place = np.arange(len(apart), dtype=np.float64)
+    return np.asarray(np.polyval(np.polyfit(place[which], apart[which], 1), place))
 
 
 def _off(apart: F64, enough: np.ndarray) -> int:
@@ -126,7 +135,7 @@ def _off(apart: F64, enough: np.ndarray) -> int:
     return off if off <= _MOST_OFF * len(apart) else 0
 
 
-def _near(row: F64, column: F64, shape: tuple[int, ...]) -> np.ndarray:
+def _near(row: I64, column: F64, shape: tuple[int, ...]) -> np.ndarray:
     """The line that each pixel is next to, -1 for none; int32, flat, one entry more: nowhere."""
     near = np.full((shape[0] + ROW_STEP, shape[1]), -1, np.int32)
     x = np.rint(column).astype(np.int64)
@@ -134,20 +143,21 @@ def _near(row: F64, column: F64, shape: tuple[int, ...]) -> np.ndarray:
     for step in range(-_BESIDE, _BESIDE + 1):
         inside = (x + step >= 0) & (x + step < shape[1])
         for down in range(ROW_STEP):
-            near[row[inside].astype(np.int64) + down, x[inside] + step] = number[inside]
+            near[row[inside] + down, x[inside] + step] = number[inside]
     return np.append(near[: shape[0]].reshape(-1), np.int32(-1))
 
 
 @njit(cache=True, nogil=True)
-def _add_beside(rays, pixel, near, column, offset, most, low, per_bin, sums, counts):  # type: ignore[no-untyped-def]
-    """Add how far events lie beside the lines they are next to, by slope of their rays."""
+def _add_beside(  # type: ignore[no-untyped-def]
+    rays, seen_at, pixel, near, column, offset, most, low, per_bin, sums, counts
+):
+    """Add how far events lie beside the lines they are next to, by where the camera saw them."""
     for i in range(len(rays)):
         k = near[pixel[i]]
         if k < 0:
             continue
-        slope = rays[i, 2]
-        apart = rays[i, 0] + slope * offset[k] - column[k]
-        bin_ = int(np.floor((slope - low) * per_bin))
+        apart = rays[i, 0] + rays[i, 2] * offset[k] - column[k]
+        bin_ = int(np.floor((seen_at[i] - low) * per_bin))
         if abs(apart) <= most and 0 <= bin_ < len(sums):
             sums[bin_] += apart
             counts[bin_] += 1
