@@ -146,6 +146,7 @@ def _make_rays(  # type: ignore[no-untyped-def]
     real = rays.dtype.type
     fx, fy, cx, cy = intrinsics
     one, zero, outside, nearest = real(1), real(0), real(OUTSIDE), real(1e-6)
+    never = real(np.inf)
     flat = table.reshape(-1)
     width = np.uint64(table.shape[1])
     a, b = pixels[0], pixels[1]
@@ -153,7 +154,7 @@ def _make_rays(  # type: ignore[no-untyped-def]
         m = h[k]
         right, down, forward = centres[k, 0] * fx, centres[k, 1] * fy, centres[k, 2]
         # A plane behind a packet's camera can't be what that camera saw.
-        limit = one / forward if forward > zero else real(np.inf)
+        limit = one / forward if forward > zero else never
         for start in range(starts[k], starts[k + 1], len(a)):
             begin = np.uint64(start)
             count = np.uint64(min(len(a), starts[k + 1] - start))
@@ -172,4 +173,4 @@ def _make_rays(  # type: ignore[no-untyped-def]
                 rays[begin + i, 1] = q if seen else outside
                 rays[begin + i, 2] = right - (p - cx) * forward if seen else zero
                 rays[begin + i, 3] = down - (q - cy) * forward if seen else zero
-                limits[begin + i] = limit if seen else zero
+                limits[begin + i] = limit if seen else never
