@@ -5,126 +5,130 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ._vote_kernels import _columns, _vote
+from ._packed_kernels import RANK_BITS, TILE_BITS, _make_keys, _vote_packed, _whole
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sweep_bands_views(  # type: ignore[no-untyped-def]
-    rays, limits, starts, first, step, inverse, halves, pad, hats, chunk, lines, best, votes,
-    index,
+    rays, limits, starts, first, step, inverse, halves, pad, reached, hats, chunk, keys, runs, best,
+    votes, index,
 ):  # fmt: skip
     """Maxima of every `step`-th band from `first` on in views shifted by halves of a pixel.
 
-    `hats` must be zero and is left so. `lines` and `best` are pairs of arrays, of floating point
-    numbers and of their bits, in the same place; see `_sweep_band_views`.
+    `hats` must be zero and is left so. `reached` is that of `_count_reached`; see
+    `_sweep_band_views` for the rest.
     """
     planes = len(inverse)
     views, height, width = votes.shape
-    sums, keys = best
-    rows = keys.shape[1]
-    ranks = _rank_bits(planes)
+    rows = best.shape[1]
     for b in range(first, len(starts) - 1, step):
-        if starts[b] == starts[b + 1]:
-            continue
-        keys[:] = 0
         top = b * rows
-        part = (starts[b], starts[b + 1])
+        count = np.uint64(min(rows, height - top) * width)
+        if starts[b] == starts[b + 1]:
+            for j in range(views):
+                votes[j, top : top + rows] = 0
+                index[j, top : top + rows] = 0
+            continue
+        best[:] = 0
+        part, whole = (starts[b], starts[b + 1]), _whole(reached[b].max())
         _sweep_band_views(
-            rays, part, limits, inverse, halves, top, height, pad, hats, chunk, lines, keys
-        )
+            rays, part, limits, inverse, halves, top, height, pad, whole, reached[b], hats, chunk,
+            keys, runs, best,
+        )  # fmt: skip
+        per_vote = np.float32(1.0 / (2 * whole))
         for j in range(views):
-            own = min(rows, height - top) * width
-            of_keys, of_image = j * rows * width, (j * height + top) * width
-            _take_ranks(keys, of_keys, np.uint64(own), planes, ranks, index, of_image)
-            _copy(sums, of_keys, np.uint64(own), votes, of_image)
+            of_best, of_image = j * rows * width, (j * height + top) * width
+            _take_keys(best, of_best, count, planes, per_vote, votes, index, of_image)
 
 
 @njit(cache=True, nogil=True)
-def _take_ranks(keys, start, count, planes, ranks, index, to):  # type: ignore[no-untyped-def]
-    """Planes by the ranks in keys, which are taken out."""
-    flat, out = keys.reshape(-1), index.reshape(-1)
+def _take_keys(best, start, count, planes, per_vote, votes, index, to):  # type: ignore[no-untyped-def]
+    """Votes and planes by keys."""
+    keys, seen, out = best.reshape(-1), votes.reshape(-1), index.reshape(-1)
     at, own = np.uint64(start), np.uint64(to)
-    bits, behind = np.int32(ranks), np.int32(planes)
+    ranks, behind = np.int32((1 << RANK_BITS) - 1), np.int32(planes)
     for i in range(count):
-        rank = flat[at + i] & bits
-        out[own + i] = np.uint16((behind - rank) * np.int32(rank > 0))
-        flat[at + i] -= rank
+        key = keys[at + i]
+        total = np.int32(key >> np.int32(RANK_BITS))
+        seen[own + i] = np.float32(total) * per_vote
+        out[own + i] = np.uint16((behind - (key & ranks)) * np.int32(total > 0))
 
 
 @njit(cache=True, nogil=True)
-def _copy(values, start, count, out, to):  # type: ignore[no-untyped-def]
-    flat, copied = values.reshape(-1), out.reshape(-1)
-    at, own = np.uint64(start), np.uint64(to)
-    for i in range(count):
-        copied[own + i] = flat[at + i]
-
-
-@njit(cache=True, nogil=True)
-def _rank_bits(planes):  # type: ignore[no-untyped-def]
-    """All bits that ranks 1 to `planes` have."""
-    bits = 1
-    while bits < planes:
-        bits = 2 * bits + 1
-    return bits
+def _find_runs(above, below, wide, runs):  # type: ignore[no-untyped-def]
+    """Columns, from one on to another, of tiles that rays reach in one of two rows; how many."""
+    n, before = 0, False
+    for t in range(len(above)):
+        here = above[t] + below[t] > 0
+        if here and not before:
+            runs[n, 0] = max(t << TILE_BITS, 1)
+            n += 1
+        if here:
+            runs[n - 1, 1] = min((t + 1) << TILE_BITS, wide - 1)
+        before = here
+    return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sweep_band_views(  # type: ignore[no-untyped-def]
-    rays, part, limits, inverse, halves, top, height, pad, votes, chunk, lines, best
-):
+    rays, part, limits, inverse, halves, top, height, pad, whole, reached, votes, chunk, keys, runs,
+    best,
+):  # fmt: skip
     """Running maxima of a band's rows in views shifted by halves of a pixel.
 
-    Votes are hats on a grid of half pixels, shape (2, rows, 2, columns): of two planes, its whole
-    and its half positions, `pad` pixels wider than the image on either side. A hat of one pixel
-    is the sum of the hat of half a pixel in its middle and half of those beside it, so the views'
-    votes are exactly bilinear. `lines`, shape (2, 2, columns), are such sums of a row of two
-    planes at whole and at half positions.
-
-    The bits of floating point numbers that aren't negative are in order like the numbers. The
-    last of them give way to the plane's rank, the nearest's being the highest, and one maximum of
-    such keys keeps the votes and the plane at once.
+    Votes are packed hats on a grid of half pixels, shape (2, rows, 2, columns): of two planes, its
+    whole and its half positions, `pad` pixels wider than the image on either side. `keys`, shape
+    (2, 2, columns), are a row's of two planes at whole and at half positions: votes, and below them
+    the plane's rank, the nearest's being the highest, so that one maximum keeps both. `runs` is for
+    use.
     """
     planes = len(inverse)
     views, own, width = best.shape
     rows, wide = votes.shape[1], votes.shape[3]
-    low, high = _columns(rays, part, inverse, wide)
-    if low >= high:
-        return
-    span = np.uint64(high - low)
-    keep = ~best.dtype.type(_rank_bits(planes))
-    flat, most = votes.reshape(-1), best.reshape(-1)
-    sums, keys = lines[0].reshape(-1), lines[1].reshape(-1)
-    # Beyond the columns that are written there are no votes.
-    keys[:] = 0
+    own = min(own, height - top)
+    line, flat, most = keys.reshape(-1), votes.reshape(-1), best.reshape(-1)
+    above = 2 * wide
     for k in range(0, planes, 2):
         # The second of an odd number of planes is the first once more.
         last = min(k + 1, planes - 1)
-        for n in range(last - k + 1):
-            _vote(rays, part, limits, inverse[k + n], top, height, True, votes[n], chunk)
-        second = 2 * (last - k)
+        both = last - k + 1
+        for n in range(both):
+            _vote_packed(rays, part, limits, inverse[k + n], top, height, whole, votes[n], chunk)
         for r in range(own):
-            for n in range(last - k + 1):
-                row = (n * rows + r + 1) * 2 * wide
-                rank = best.dtype.type(planes - k - n)
-                for odd in range(2):
-                    if _any_odd(halves, k + n, odd):
-                        middle, line = row + odd * wide + low, (2 * n + odd) * wide + low
-                        beside = row + (1 - odd) * wide + low - 1 + odd
-                        _add_hats(flat, middle, beside, span, sums, line)
-                        _put_rank(keys, line, span, keep, rank)
-                _clear(flat, row + low, span)
-                _clear(flat, row + wide + low, span)
-            for j in range(views):
-                a = (halves[j, k] >> 1) + pad
-                b = (halves[j, last] >> 1) + pad
-                # The view's columns that see some of the votes; beyond them there are none.
-                begin = max(low - max(a, b), 0)
-                end = min(high - min(a, b), width)
-                if begin < end:
-                    a += (halves[j, k] & 1) * wide + begin
-                    b += (second + (halves[j, last] & 1)) * wide + begin
-                    at = (j * own + r) * width + begin
-                    _keep_largest(keys, a, b, np.uint64(end - begin), most, at)
+            count = _find_runs(reached[r], reached[r + 1], wide, runs)
+            for run in range(count):
+                low, high = runs[run, 0], runs[run, 1]
+                span = np.uint64(high - low)
+                for n in range(both):
+                    row = (n * rows + r + 1) * 2 * wide
+                    for odd in range(2):
+                        if _any_odd(halves, k + n, odd):
+                            middle, to = row + odd * wide + low, (2 * n + odd) * wide + low
+                            beside = row + (1 - odd) * wide + low - 1 + odd
+                            # Beside a run there are no votes.
+                            line[to - 1] = line[to + high - low] = 0
+                            _make_keys(flat, middle, beside, above, span, planes - k - n, line, to)
+                    _clear(flat, row - above + low, span)
+                    _clear(flat, row - wide + low, span)
+                second = 2 * (last - k)
+                for j in range(views):
+                    a = (halves[j, k] >> 1) + pad
+                    b = (halves[j, last] >> 1) + pad
+                    at_a, at_b = (halves[j, k] & 1) * wide, (second + (halves[j, last] & 1)) * wide
+                    to = (j * best.shape[1] + r) * width
+                    if abs(a - b) <= 1:
+                        _keep_larger(line, at_a, at_b, a, b, low, high, width, most, to)
+                    else:
+                        _keep_larger(line, at_a, at_a, a, a, low, high, width, most, to)
+                        _keep_larger(line, at_b, at_b, b, b, low, high, width, most, to)
+        # The last row's votes for the row below the band.
+        count = _find_runs(reached[own], reached[own], wide, runs)
+        for run in range(count):
+            span = np.uint64(runs[run, 1] - runs[run, 0])
+            for n in range(both):
+                row = (n * rows + own) * 2 * wide + runs[run, 0]
+                _clear(flat, row, span)
+                _clear(flat, row + wide, span)
 
 
 @njit(cache=True, nogil=True)
@@ -136,25 +140,6 @@ def _any_odd(halves, k, odd):  # type: ignore[no-untyped-def]
     return seen
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_hats(votes, middle, beside, count, sums, line):  # type: ignore[no-untyped-def]
-    """Votes in the middle of positions, and half of those to either side."""
-    half = votes.dtype.type(0.5)
-    a = np.uint64(middle)
-    b = np.uint64(beside)
-    c = np.uint64(beside + 1)
-    to = np.uint64(line)
-    for i in range(count):
-        sums[to + i] = votes[a + i] + half * (votes[b + i] + votes[c + i])
-
-
-@njit(cache=True, nogil=True)
-def _put_rank(keys, line, count, keep, rank):  # type: ignore[no-untyped-def]
-    at = np.uint64(line)
-    for i in range(count):
-        keys[at + i] = (keys[at + i] & keep) | rank
-
-
 @njit(cache=True, nogil=True)
 def _clear(votes, start, count):  # type: ignore[no-untyped-def]
     at = np.uint64(start)
@@ -163,9 +148,15 @@ def _clear(votes, start, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _keep_largest(keys, a, b, count, best, at):  # type: ignore[no-untyped-def]
-    first = np.uint64(a)
-    second = np.uint64(b)
-    own = np.uint64(at)
-    for i in range(count):
+def _keep_larger(keys, at_a, at_b, a, b, low, high, width, best, to):  # type: ignore[no-untyped-def]
+    """Take columns of two planes, moved by `a` and `b`, no more than one apart, into a row's best.
+
+    Columns that see none of them stay as they are.
+    """
+    begin, end = max(low - max(a, b), 0), min(high - min(a, b), width)
+    if begin >= end:
+        return
+    first, second = np.uint64(at_a + a + begin), np.uint64(at_b + b + begin)
+    own = np.uint64(to + begin)
+    for i in range(np.uint64(end - begin)):
         best[own + i] = max(best[own + i], keys[first + i], keys[second + i])

@@ -9,10 +9,10 @@ from numba import njit
 _CHUNK = 256
 
 
-def chunk() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Buffers of `_vote`: two places and two shares for each ray at hand."""
-    places = (np.empty(_CHUNK, np.int32), np.empty(_CHUNK, np.int32))
-    return *places, np.empty(_CHUNK, np.float32), np.empty(_CHUNK, np.float32)
+def chunk() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Buffers of `_vote`: a place and two shares for each ray at hand."""
+    across, down = np.empty((2, _CHUNK), np.float32)
+    return np.empty(_CHUNK, np.int32), across, down
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -95,61 +95,34 @@ def _place(rays, start, count, w, edges, stride, places, across, down):  # type:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _place_halves(  # type: ignore[no-untyped-def]
-    rays, start, count, w, edges, stride, places, besides, across, down
-):
-    """As `_place`, on a grid of half pixels: a row's whole positions, then its half ones."""
-    right, above, below, origin, nowhere = edges
-    x0, y0, dx, dy = rays
-    half = stride * x0.dtype.type(0.5)
-    for i in range(count):
-        x = x0[start + i] + dx[start + i] * w
-        y = y0[start + i] + dy[start + i] * w
-        inside = (x >= 0) & (x < right) & (y >= above) & (y < below)
-        h = x + x
-        left = np.floor(h)
-        row = np.floor(y)
-        across[i] = h - left
-        down[i] = y - row
-        whole = np.floor(x)
-        odd = left - whole - whole
-        at = (row - origin) * stride + whole
-        # The position beside a whole one is the half one, and the next whole one beside that.
-        places[i] = np.int32(at + odd * half if inside else nowhere)
-        besides[i] = np.int32(at + half + odd * (x0.dtype.type(1) - half) if inside else nowhere)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add(places, besides, next_to, count, across, down, under, votes):  # type: ignore[no-untyped-def]
-    """Bilinear votes at `places`, `next_to` further on from `besides`, and a row below."""
-    one = votes.dtype.type(1)
+def _add(places, count, across, down, under, votes):  # type: ignore[no-untyped-def]
+    """Bilinear votes at `places`, beside them and a row below."""
+    one, next_to = votes.dtype.type(1), np.uint64(1)
     for i in range(count):
         fx = across[i]
         fy = down[i]
         gx = one - fx
         gy = one - fy
         at = np.uint64(places[i])
-        beside = np.uint64(besides[i]) + next_to
         votes[at] += gx * gy
-        votes[beside] += fx * gy
+        votes[at + next_to] += fx * gy
         votes[at + under] += gx * fy
-        votes[beside + under] += fx * fy
+        votes[at + under + next_to] += fx * fy
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _vote(rays, part, limits, w, top, height, halves, votes, chunk):  # type: ignore[no-untyped-def]
+def _vote(rays, part, limits, w, top, height, votes, chunk):  # type: ignore[no-untyped-def]
     """Bilinear votes of the rays `part` on the plane of inverse depth `w`.
 
     Places first, in a loop that the compiler turns into vector instructions, then votes.
-    `votes`, shape (rows, columns) or with `halves` (rows, 2, columns), holds the rows from
-    `top` - 1 on, one below the band and two for what goes nowhere. `limits` is empty where none
-    counts. Loops count without sign from where they begin: slices made for them, and what may
-    count from the end, take longer than the votes.
+    `votes`, shape (rows, columns), holds the rows from `top` - 1 on, one below the band and two for
+    what goes nowhere. `limits` is empty where none counts. Loops count without sign from where they
+    begin: slices made for them, and what may count from the end, take longer than the votes.
     """
     real = votes.dtype.type
     rows = len(votes) - 2
-    wide = votes.shape[-1]
-    stride = real(2 * wide if halves else wide)
+    wide = votes.shape[1]
+    stride = real(wide)
     nowhere = real(rows) * stride
     edges = (
         real(wide - 1), real(max(top - 1, 0)), real(min(height, top + rows - 1) - 1),
@@ -158,23 +131,16 @@ def _vote(rays, part, limits, w, top, height, halves, votes, chunk):  # type: ig
     under = np.uint64(stride)
     flat = votes.reshape(-1)
     own = (rays[0], rays[1], rays[2], rays[3])
-    at, beside, fx, fy = chunk
+    at, fx, fy = chunk
     for first in range(part[0], part[1], len(at)):
         start = np.uint64(first)
         count = np.uint64(min(part[1] - first, len(at)))
-        if halves:
-            _place_halves(own, start, count, w, edges, stride, at, beside, fx, fy)
-        else:
-            _place(own, start, count, w, edges, stride, at, fx, fy)
+        _place(own, start, count, w, edges, stride, at, fx, fy)
         if len(limits):
             for i in range(count):
                 if w >= limits[start + i]:
                     at[i] = np.int32(nowhere)
-                    beside[i] = np.int32(nowhere)
-        if halves:
-            _add(at, beside, np.uint64(0), count, fx, fy, under, flat)
-        else:
-            _add(at, at, np.uint64(1), count, fx, fy, under, flat)
+        _add(at, count, fx, fy, under, flat)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -191,7 +157,7 @@ def _sweep_band(  # type: ignore[no-untyped-def]
     votes, most, which = plane.reshape(-1), best.reshape(-1), number.reshape(-1)
     for k in range(len(inverse)):
         plane[:, low:high] = 0
-        _vote(rays, part, limits, inverse[k], top, height, False, plane, chunk)
+        _vote(rays, part, limits, inverse[k], top, height, plane, chunk)
         if low < high:
             count = np.uint64(high - low)
             for r in range(rows):

@@ -95,8 +95,9 @@ def view_votes(
     shifted = shifted_planes(camera, inverse_pose(target) @ poses, bounds_m, s.paper)
     if shifted is not None:
         rays = rays_in_view(packets, camera, target @ shifted.middle)
-        votes, index = sweep_views(rays, camera, shifted.planes, shifted.half_shifts, s.threads)
-        return ViewVotes(votes, index, shifted.planes, target @ shifted.views)
+        views = sweep_views(rays, camera, shifted.planes, shifted.half_shifts, s.threads)
+        if views is not None:
+            return ViewVotes(*views, shifted.planes, target @ shifted.views)
     planes = choose_planes(packets, camera, target, bounds_m, s.paper)
     found = [
         sweep_maximum(rays_in_view(packets, camera, pose), camera, planes, s.threads)

@@ -16,14 +16,16 @@ from roller_emvs.bands import I64, Bands, sort_into_bands
 from roller_emvs.rays import F32, RayBundle
 from roller_emvs.threads import share
 
+from . import _packed_kernels as packed
 from . import _view_kernels as view_kernels
 from . import _vote_kernels as kernels
 
 U16 = npt.NDArray[np.uint16]
 
-#: Rows of a band: with its planes' votes and running maxima it fits a core's cache, those of
-#: several views in bands of half as many.
-BAND_ROWS, _VIEWS_BAND_ROWS = 16, 8
+#: Rows of a band: with its planes' votes and running maxima it fits a core's cache.
+BAND_ROWS = 16
+#: Parts of a vote below which shares of it are told too coarsely.
+_LEAST_WHOLE = 2
 #: Rows that a bilinear vote reaches, with a margin for rounding.
 _REACH = (0.01, 1.01)
 
@@ -93,43 +95,52 @@ def sweep_maximum(
 
 def sweep_views(
     rays: RayBundle, camera: Camera, planes: F64, half_shifts: I64, threads: int = 1
-) -> tuple[F32, U16]:
+) -> tuple[F32, U16] | None:
     """Maxima in several views from the votes of one, for views shifted along the image's rows.
 
     Views with parallel axes and centres on a line along u share their planes: what one sees at
-    pixel x on plane k, the other sees at x + shift. Votes are exactly those of each view's own
-    sweep where the shifts are whole or half pixels.
+    pixel x on plane k, the other sees at x + shift. Votes are those of each view's own sweep where
+    the shifts are whole or half pixels, but that the four shares of a vote are rounded, to 1/255
+    where no more than 60 rays reach a tile of 32 columns in a row; see `_packed_kernels`.
 
     Parameters
     ----------
     rays, camera, planes, threads
-        As for `sweep_maximum`.
+        As for `sweep_maximum`; at most 32767 planes.
     half_shifts : ndarray of int64, shape (views, planes)
         Pixel x of a view is pixel x + half_shifts / 2 of the view that the rays are in.
 
     Returns
     -------
     votes, index : ndarray, shape (views, height, width)
-        As of `sweep_maximum`, but that votes which differ by less than a share of n / 2^22 for n
-        planes count as equal.
+        As of `sweep_maximum`. None where so many rays reach a tile that shares can't be told.
     """
     shape = (camera.height, camera.width)
     inverse = 1.0 / np.asarray(planes)
     pad = int(np.abs(half_shifts).max()) // 2 + 2
-    rows = _VIEWS_BAND_ROWS
+    rows, wide = BAND_ROWS, shape[1] + 2 * pad
     bands, limits = _bands(rays, inverse, shape, rows, pad, threads)
-    count = len(half_shifts)
-    votes = np.zeros((count, *shape), np.float32)
-    index = np.zeros((count, *shape), np.uint16)
+    tiles = (wide >> packed.TILE_BITS) + 1
+    reached = np.zeros((len(bands.starts) - 1, rows + 1, tiles), np.int32)
+    ends = np.float32(inverse.min()), np.float32(inverse.max())
+
+    def look(first: int) -> None:
+        chunk = packed.chunk()
+        packed._count_reached(bands.rays, bands.starts, first, threads, ends, chunk, reached)
+
+    share(threads, threads, look)
+    if packed._whole(int(reached.max())) < _LEAST_WHOLE:
+        return None
+    views = len(half_shifts)
+    votes = np.empty((views, *shape), np.float32)
+    index = np.empty((views, *shape), np.uint16)
 
     def run(first: int) -> None:
-        hats = np.zeros((2, rows + 4, 2, shape[1] + 2 * pad), np.float32)
-        lines = np.empty((2, 2, shape[1] + 2 * pad), np.float32)
-        best = np.empty((count, rows, shape[1]), np.float32)
         view_kernels._sweep_bands_views(
             bands.rays, limits, bands.starts, first, threads, inverse.astype(np.float32),
-            half_shifts, pad, hats, kernels.chunk(), (lines, lines.view(np.int32)),
-            (best, best.view(np.int32)), votes, index,
+            half_shifts, pad, reached, np.zeros((2, rows + 2, 2, wide), np.int32), packed.chunk(),
+            np.empty((2, 2, wide), np.int32), np.empty((tiles, 2), np.int64),
+            np.empty((views, rows, shape[1]), np.int32), votes, index,
         )  # fmt: skip
 
     share(threads, threads, run)
