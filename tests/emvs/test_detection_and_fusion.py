@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emvs.scenes import CAMERA
-from roller_emvs.methods.paper.fusion import ViewDepth, fuse_views, warp_view, weighted_mean
+from roller_emvs.methods.paper.fusion import ViewDepth, fuse_views, weighted_mean
 from roller_emvs.methods.paper.median import masked_median
 from roller_emvs.methods.paper.threshold import adaptive_threshold
 
@@ -87,7 +87,7 @@ def plane_view(z_m: float, x_m: float, weight: float, columns: slice = slice(Non
 
 def test_warping_a_plane_shifts_it() -> None:
     """1 mm sideways at 45 mm is F·B/Z = 17.8 px: 18 columns of one side stay empty."""
-    depth, confidence = warp_view(plane_view(0.045, 0.001, 1.0), np.eye(4), CAMERA)
+    depth, confidence = fuse_views([plane_view(0.045, 0.001, 1.0)], np.eye(4), CAMERA)
     seen = np.isfinite(depth)
     assert not seen[:, :18].any()
     assert seen[:, 18:].all()
@@ -97,7 +97,7 @@ def test_warping_a_plane_shifts_it() -> None:
 
 def test_a_view_at_the_target_stays_as_it_is() -> None:
     view = plane_view(0.045, 0.001, 1.0, columns=slice(3, 7))
-    depth, confidence = warp_view(view, view.pose, CAMERA)
+    depth, confidence = fuse_views([view], view.pose, CAMERA)
     assert np.isfinite(depth).any(axis=0).nonzero()[0].tolist() == [3, 4, 5, 6]
     for image, values in ((depth, view.depth), (confidence, 0.5)):
         np.testing.assert_array_equal(image[:, 3:7].reshape(-1), values)
@@ -110,7 +110,7 @@ def test_the_nearer_point_hides_the_farther() -> None:
     target = np.eye(4)
     # Moved so that both land on one pixel.
     target[0, 3] = 1.0 / (CAMERA.fx * (1 / 0.043 - 1 / 0.047)) * 0.6
-    depth, _ = warp_view(view, target, CAMERA)
+    depth, _ = fuse_views([view], target, CAMERA)
     assert np.nanmin(depth) == pytest.approx(0.043)
 
 
@@ -129,19 +129,32 @@ def test_weights_are_renormalised_where_a_view_is_missing() -> None:
     assert np.isnan(confidence[:, 100:]).all()
 
 
-@pytest.mark.parametrize(("views", "threads"), [(1, 1), (3, 2), (5, 3)])
-def test_the_mean_is_that_of_what_is_there(views: int, threads: int) -> None:
+@pytest.mark.parametrize("views", [1, 3, 5])
+def test_the_mean_is_that_of_what_is_there(views: int) -> None:
     rng = np.random.default_rng(views)
-    depth, sure = rng.uniform(0.5, 1.5, (2, views, 7, 11)).astype(np.float32)
+    depth, sure = rng.uniform(0.5, 1.5, (2, views, CAMERA.height, CAMERA.width)).astype(np.float32)
     depth[rng.random(depth.shape) < 0.4] = np.nan
     weights = rng.uniform(0.1, 1.0, views)
     weights[-1] = 0.0 if views > 1 else 1.0
-    warped = list(zip(depth, sure, strict=True))
-    found = weighted_mean(warped, weights.tolist(), threads)
+    seen = []
+    for k, weight in enumerate(weights):
+        pixels = np.flatnonzero(np.isfinite(depth[k]))
+        own = depth[k].reshape(-1)[pixels], sure[k].reshape(-1)[pixels]
+        seen.append(ViewDepth(pixels, *own, np.eye(4), weight))
+    found = weighted_mean(seen, CAMERA)
     w = np.where(np.isfinite(depth), weights[:, None, None], 0.0)
     with np.errstate(invalid="ignore"):
         for mine, values in zip(found, (np.nan_to_num(depth), sure), strict=True):
             np.testing.assert_allclose(mine, (w * values).sum(axis=0) / w.sum(axis=0), rtol=1e-5)
+
+
+def test_of_points_that_meet_in_a_pixel_the_nearest_counts() -> None:
+    far = np.array([0.046, 0.044, 0.045], np.float32)
+    sure = np.array([0.1, 0.2, 0.3], np.float32)
+    view = ViewDepth(np.array([7, 7, 7]), far, sure, np.eye(4), 1.0)
+    depth, confidence = weighted_mean([view], CAMERA)
+    assert depth.reshape(-1)[7] == far[1]
+    assert confidence.reshape(-1)[7] == sure[1]
 
 
 def test_weights_need_not_sum_to_one() -> None:

@@ -52,7 +52,7 @@ def _medians(sums, rows, columns, radii, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _warp(rows, columns, depth, relative, intrinsics, left, top, number, out):  # type: ignore[no-untyped-def]
-    """Depths as another view sees them, as `warp_view`: to the nearest pixel, the nearer wins.
+    """Depths as another view sees them, as `fuse_views`: to the nearest pixel, the nearer wins.
 
     `number` (box height, box width) is each pixel's place in `out`, or -1.
     """

@@ -59,7 +59,7 @@ def window_depth(
     with watch("votes"):
         voted = view_votes(packets, camera, poses, target, s)
     bounds_m = (s.depth_min_m, s.depth_max_m)
-    warped: list[tuple[F32, F32] | None] = [None] * len(poses)
+    warped: list[ViewDepth | None] = [None] * len(poses)
     weights = [weight for _, weight in s.views()]
     usable = usable_planes(voted.planes, bounds_m)
 
@@ -70,8 +70,7 @@ def window_depth(
     with watch("detection"):
         share(s.threads, len(poses), look)
     with watch("fusion"):
-        found = [w for w in warped if w is not None]
-        return weighted_mean(found, weights, s.threads)
+        return weighted_mean([w for w in warped if w is not None], camera)
 
 
 @dataclass(frozen=True)
