@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from emvs.scenes import CAMERA, MS
 from roller_core.camera import Camera
 from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
+from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.transforms import inverse_pose, rotation_vector_to_quaternion
 from roller_emvs import rays as r
 from roller_emvs.methods.paper.votes import dense_volume, sweep_maximum, sweep_views
@@ -82,7 +82,23 @@ def test_packets_take_all_events_and_the_median_pose() -> None:
     packets = r.make_packets(events, CAMERA.undistortion_table(), track, 256)
     np.testing.assert_array_equal(packets.starts, [0, 256, 300])
     expected = track.matrices([events.t_ns[127], events.t_ns[256 + 21]])
-    np.testing.assert_array_equal(packets.poses, expected)
+    np.testing.assert_allclose(packets.poses, expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("poses", [1, 2, 6])
+def test_poses_of_packets_are_those_of_the_track(poses: int) -> None:
+    rng = np.random.default_rng(poses)
+    track = PoseTrack()
+    for k in range(poses):
+        # The third turns no further, and a quaternion's sign says nothing.
+        turn = rotation_vector_to_quaternion(rng.normal(0, 0.5, 3)) if k != 2 else -quaternion
+        quaternion = turn
+        track.append(10**18 + k * 8 * MS, rng.normal(0, 1, 3), quaternion)
+    times = np.r_[track.times_ns, rng.integers(track.start_ns, track.end_ns + 1, 50)]
+    found, expected = r.matrices_at(track, times), track.matrices(times)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+    with pytest.raises(PoseError):
+        r.matrices_at(track, [track.end_ns + 1])
 
 
 def test_a_point_meets_itself_on_its_plane() -> None:

@@ -25,7 +25,7 @@ from .depth_settings import DepthSettings
 from .engine import DepthEngine
 from .lines.patch_ends import PatchEnds
 from .methods import focus
-from .rays import F32, MIN_PARALLAX_PX, Packets, make_packets, parallax_px
+from .rays import F32, MIN_PARALLAX_PX, Packets, make_packets, matrices_at, parallax_px
 from .stopwatch import Stopwatch
 from .windows import RefusedWindow, Window, WindowCutter
 
@@ -137,7 +137,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         with watch("packets"):
             packets = make_packets(events, table, self.track, s.packet_events)
             times = [window.start_ns + round(f * span) for f, _ in s.views()]
-            poses = self.track.matrices([*times, middle_ns])
+            poses = matrices_at(self.track, [*times, middle_ns])
         parallax = parallax_px(packets, camera, poses[-1], s.depth_min_m, s.depth_max_m)
         if parallax < MIN_PARALLAX_PX:
             raise ParallaxError(
