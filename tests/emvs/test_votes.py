@@ -10,6 +10,7 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.transforms import inverse_pose, rotation_vector_to_quaternion
+from roller_emvs import _pose_kernels
 from roller_emvs import rays as r
 from roller_emvs.methods.paper.votes import dense_volume, sweep_maximum, sweep_views
 
@@ -99,6 +100,18 @@ def test_poses_of_packets_are_those_of_the_track(poses: int) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
     with pytest.raises(PoseError):
         r.matrices_at(track, [track.end_ns + 1])
+
+
+def test_packets_are_seen_from_a_view_by_their_relative_poses() -> None:
+    rng = np.random.default_rng(8)
+    track = random_track(rng)
+    poses, view = track.matrices(rng.integers(0, 40 * MS, 20)), track.at(VIEW_NS).matrix
+    relative, k = inverse_pose(view) @ poses, CAMERA.K
+    h, centres = np.empty((20, 3, 3), np.float32), np.empty((20, 3), np.float32)
+    _pose_kernels._seen(inverse_pose(view), poses, k, np.linalg.inv(k), h, centres)
+    expected = k @ relative[:, :3, :3] @ np.linalg.inv(k)
+    np.testing.assert_allclose(h, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(centres, relative[:, :3, 3], rtol=1e-6, atol=1e-12)
 
 
 def test_a_point_meets_itself_on_its_plane() -> None:

@@ -1,4 +1,4 @@
-"""Loops over times for the poses then; `PoseTrack.matrices` is their twin."""
+"""Loops over poses; `PoseTrack.matrices` is a twin, the other is in the tests."""
 
 from __future__ import annotations
 
@@ -41,3 +41,29 @@ def _matrices(times, positions, quaternions, t_ns, out):  # type: ignore[no-unty
             m[i, 3] = positions[k, i] + fraction * (positions[after, i] - positions[k, i])
             m[3, i] = 0.0
         m[3, 3] = 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _seen(inverse_view, poses, k, k_inverse, h, centres):  # type: ignore[no-untyped-def]
+    """Homographies at infinity K·R·K^-1 of poses in a view, and their centres, rounded."""
+    r, kr = np.empty((3, 3)), np.empty((3, 3))
+    for n in range(len(poses)):
+        for i in range(3):
+            for j in range(4):
+                total = 0.0
+                for m in range(4):
+                    total += inverse_view[i, m] * poses[n, m, j]
+                if j < 3:
+                    r[i, j] = total
+                else:
+                    centres[n, i] = total
+        for i in range(3):
+            for j in range(3):
+                kr[i, j] = k[i, 0] * r[0, j] + k[i, 1] * r[1, j] + k[i, 2] * r[2, j]
+        for i in range(3):
+            for j in range(3):
+                h[n, i, j] = (
+                    kr[i, 0] * k_inverse[0, j]
+                    + kr[i, 1] * k_inverse[1, j]
+                    + kr[i, 2] * k_inverse[2, j]
+                )

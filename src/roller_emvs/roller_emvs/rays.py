@@ -23,7 +23,7 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64, inverse_pose
 
-from ._pose_kernels import _matrices
+from ._pose_kernels import _matrices, _seen
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
@@ -133,11 +133,9 @@ def rays_in_view(packets: Packets, camera: Camera, view: F64) -> RayBundle:
     view : ndarray of float64, shape (4, 4)
         Reference camera in base.
     """
-    relative = inverse_pose(view) @ packets.poses
-    # Homography at infinity K·R·K^-1 of each packet.
-    h = (camera.K @ relative[:, :3, :3] @ np.linalg.inv(camera.K)).astype(np.float32)
-    centres = relative[:, :3, 3].astype(np.float32)
-    events = packets.events
+    events, count = packets.events, len(packets.poses)
+    h, centres = np.empty((count, 3, 3), np.float32), np.empty((count, 3), np.float32)
+    _seen(inverse_pose(view), packets.poses, camera.K, np.linalg.inv(camera.K), h, centres)
     rays, limits = np.empty((len(events), 4), np.float32), np.empty(len(events), np.float32)
     intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
     pixels = np.empty((2, _CHUNK), np.float32)
