@@ -30,6 +30,21 @@ def scattered(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return x.astype(np.float32), y.astype(np.float32)
 
 
+def test_cells_with_a_depth_and_those_of_its_evidence_are_marked() -> None:
+    rng = np.random.default_rng(4)
+    x, y = COLUMNS + rng.normal(0, 2, SHAPE), ROWS + rng.normal(0, 2, SHAPE)
+    z = np.where(rng.random(SHAPE) < 0.05, 1.0, np.nan)
+    found, expected = np.zeros((2, *SHAPE), np.bool_)
+    kernels._mark(z, x, y, found)
+    for i, j in np.argwhere(z == 1.0):
+        expected[i, j] = True
+        row, column = (
+            np.clip(round(v[i, j]), 0, n - 1) for v, n in zip((y, x), SHAPE, strict=True)
+        )
+        expected[row, column] = True
+    np.testing.assert_array_equal(found, expected)
+
+
 def test_kernels_are_their_plain_twins() -> None:
     rng = np.random.default_rng(0)
     x, y = scattered(rng)

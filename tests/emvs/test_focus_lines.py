@@ -12,7 +12,7 @@ from roller_emvs.evidence import find_depths, measured_pixels
 from roller_emvs.evidence.evidence_settings import FocusEvidence
 from roller_emvs.lines.edge_drift import EdgeDriftSettings, TravellingLight
 from roller_emvs.lines.refine import refine
-from roller_emvs.methods import focus
+from roller_emvs.methods import _focus_kernels, focus
 from roller_emvs.methods.focus import focus_depth
 from roller_emvs.methods.window_field import WindowView
 from roller_emvs.pipeline import DepthPipeline
@@ -144,3 +144,19 @@ def test_lines_become_points_beside_those_that_were_there() -> None:
     beside = sigma.min(axis=2)[both.row[n:], np.rint(both.column[n:]).astype(int)]
     assert np.isfinite(beside).all()
     assert (both.sigma[n:] < beside).all()
+
+
+def test_points_within_the_image_and_the_range_are_put_into_images() -> None:
+    rng = np.random.default_rng(3)
+    pixels = rng.permutation(24 * 32)[:200]
+    row, column = pixels // 32, pixels % 32
+    offset = rng.uniform(-1.2, 1.2, 200)
+    sure, own, agreed = rng.uniform(0.1, 1.0, (3, 200)).astype(np.float32)
+    found = np.full((3, 20, 30), np.float32(np.nan))
+    points = (row, column, offset, sure, own, agreed)
+    _focus_kernels._write(*points, 22.0, 1.0, *found)
+    expected = np.full_like(found, np.nan)
+    keep = (row < 20) & (column < 30) & (np.abs(offset) <= 1.0)
+    z = (1 / (22.0 + offset[keep])).astype(np.float32)
+    expected[:, row[keep], column[keep]] = z, sure[keep], (own * agreed)[keep] * z**2
+    np.testing.assert_array_equal(found, expected)

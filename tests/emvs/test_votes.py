@@ -91,9 +91,10 @@ def test_poses_of_packets_are_those_of_the_track(poses: int) -> None:
     rng = np.random.default_rng(poses)
     track = PoseTrack()
     for k in range(poses):
-        # The third turns no further, and a quaternion's sign says nothing.
-        turn = rotation_vector_to_quaternion(rng.normal(0, 0.5, 3)) if k != 2 else -quaternion
-        quaternion = turn
+        if k != 2:
+            quaternion = rotation_vector_to_quaternion(rng.normal(0, 0.5, 3))
+        else:  # turns no further, and the sign says nothing
+            quaternion = -track.quaternions[-1]
         track.append(10**18 + k * 8 * MS, rng.normal(0, 1, 3), quaternion)
     times = np.r_[track.times_ns, rng.integers(track.start_ns, track.end_ns + 1, 50)]
     found, expected = r.matrices_at(track, times), track.matrices(times)

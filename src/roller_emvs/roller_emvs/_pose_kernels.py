@@ -34,9 +34,21 @@ def _matrices(times, positions, quaternions, t_ns, out):  # type: ignore[no-unty
         length = np.sqrt(square)
         x, y, z, w = q[0] / length, q[1] / length, q[2] / length, q[3] / length
         m = out[n]
-        m[0, 0], m[0, 1], m[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
-        m[1, 0], m[1, 1], m[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
-        m[2, 0], m[2, 1], m[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+        m[0, 0], m[0, 1], m[0, 2] = (
+            1 - 2 * (y * y + z * z),
+            2 * (x * y - z * w),
+            2 * (x * z + y * w),
+        )
+        m[1, 0], m[1, 1], m[1, 2] = (
+            2 * (x * y + z * w),
+            1 - 2 * (x * x + z * z),
+            2 * (y * z - x * w),
+        )
+        m[2, 0], m[2, 1], m[2, 2] = (
+            2 * (x * z - y * w),
+            2 * (y * z + x * w),
+            1 - 2 * (x * x + y * y),
+        )
         for i in range(3):
             m[i, 3] = positions[k, i] + fraction * (positions[after, i] - positions[k, i])
             m[3, i] = 0.0

@@ -11,6 +11,18 @@ _STIFFNESS = 0.05
 OF_OFFSET = slice(6, 9)
 
 
+@njit(cache=True, nogil=True)
+def _mark(offset, x, y, cells):  # type: ignore[no-untyped-def]
+    """Mark cells that have a depth, and those that its evidence lies in."""
+    height, width = offset.shape
+    for i in range(height):
+        for j in range(width):
+            if offset[i, j] == offset[i, j]:
+                cells[i, j] = True
+                row = min(max(int(np.rint(y[i, j])), 0), height - 1)
+                cells[row, min(max(int(np.rint(x[i, j])), 0), width - 1)] = True
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _weigh(offset, x, y, measure, row, column, weight):  # type: ignore[no-untyped-def]
     """Weight of each depth, and the cell that its evidence lies in; weight 0 where there is none.

@@ -13,6 +13,7 @@ from roller_emvs.lines.edge_drift import EdgeDriftSettings, edge_drift
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
+from . import _fit_kernels as kernels
 from . import _peak_kernels as peaks
 from ._kernels import CELL_PX
 from .blur import blurred
@@ -141,13 +142,9 @@ def measured_pixels(
 
 def _near(depths: list[Depths]) -> Mask:
     """Cells that have a depth, or hold the evidence of one."""
-    height, width = depths[0].offset.shape
-    cells = np.zeros((height, width), np.bool_)
+    cells = np.zeros(depths[0].offset.shape, np.bool_)
     for found in depths:
-        known = np.isfinite(found.offset)
-        cells |= known
-        row, column = (np.rint(v[known]).astype(np.int64) for v in (found.y, found.x))
-        cells[row.clip(0, height - 1), column.clip(0, width - 1)] = True
+        kernels._mark(found.offset, found.x, found.y, cells)
     return cells
 
 

@@ -39,6 +39,7 @@ from roller_emvs.lines.refine import refine
 from roller_emvs.rays import F32, Packets
 from roller_emvs.stopwatch import Stopwatch
 
+from . import _focus_kernels as kernels
 from .window_field import WindowView
 
 #: Events of a window that are enough for its lines: every second, third or fourth is taken of more.
@@ -102,14 +103,13 @@ def focus_depth(
         found, textured = _by_rays(seen, s, watch, blind_m, ends)
     else:
         found, textured = _by_parts(seen, parts, s, watch, blind_m, ends)
-    depth = np.full((camera.height, camera.width), np.nan, np.float32)
-    confidence, sigma = np.full_like(depth, np.nan), np.full_like(depth, np.nan)
+    shape, nothing = (camera.height, camera.width), np.float32(np.nan)
+    depth, confidence, sigma = (np.full(shape, nothing) for _ in range(3))
     row, column = (found.column, found.row) if seen.turned else (found.row, found.column)
-    keep = (row < camera.height) & (column < camera.width) & (np.abs(found.offset) <= seen.half)
-    row, column = row[keep], column[keep]
-    depth[row, column] = 1.0 / (seen.middle + found.offset[keep])
-    confidence[row, column] = found.confidence[keep]
-    sigma[row, column] = (found.sigma * found.agreed)[keep] * depth[row, column] ** 2
+    kernels._write(
+        row, column, found.offset, found.confidence, found.sigma, found.agreed, seen.middle,
+        seen.half, depth, confidence, sigma,
+    )  # fmt: skip
     return FocusDepth(depth, confidence, sigma, textured)
 
 

@@ -51,9 +51,7 @@ def warp_view(view: ViewDepth, target: F64, camera: Camera) -> ViewDepth:
     relative = inverse_pose(target) @ view.pose
     own = (view.pixels, view.depth, view.confidence)
     n = _warp(*own, intrinsics, relative, shape, pixels, depth, confidence)
-    return replace(
-        view, pixels=pixels[:n], depth=depth[:n], confidence=confidence[:n], pose=target
-    )
+    return replace(view, pixels=pixels[:n], depth=depth[:n], confidence=confidence[:n], pose=target)
 
 
 def fuse_views(views: Sequence[ViewDepth], target: F64, camera: Camera) -> tuple[F32, F32]:

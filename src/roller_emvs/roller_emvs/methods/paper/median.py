@@ -129,7 +129,7 @@ def _grouped_median(histogram, count, lane):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _masked_median(rows, values, starts, pixels, radius, lanes, histogram, first, last, median):  # type: ignore[no-untyped-def]
-    """Medians around pixels: of some rows at once, whose windows have most of their items in common.
+    """Medians around pixels, of some rows at once: their windows have most items in common.
 
     `histogram`, uint64, holds the counts of each row side by side, see `_lanes`.
     """
