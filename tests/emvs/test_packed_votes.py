@@ -1,10 +1,14 @@
 """Votes of whole numbers against slow numpy twins."""
 
+import cv2
 import numpy as np
 import pytest
 
+from roller_core.camera import Camera
 from roller_emvs.methods.paper import _packed_kernels as packed
 from roller_emvs.methods.paper import _view_kernels as views
+from roller_emvs.methods.paper.votes import sweep_views
+from roller_emvs.rays import RayBundle
 
 ROWS, WIDE, HEIGHT, W = 8, 96, 40, np.float32(20.0)
 
@@ -93,7 +97,35 @@ def test_keys_hold_the_votes_of_a_row_and_a_rank() -> None:
     np.testing.assert_array_equal(keys[1:], ((hats[0][1] + hats[1][0]) << packed.RANK_BITS) | rank)
 
 
-def test_runs_are_of_tiles_that_either_row_reaches() -> None:
-    above, below, runs = np.array([1, 0, 0, 0, 2]), np.array([0, 0, 3, 1, 0]), np.empty((5, 2), int)
-    assert views._find_runs(above, below, 150, runs) == 2
-    np.testing.assert_array_equal(runs[:2], [[1, 32], [64, 149]])
+def test_runs_are_of_marked_tiles_side_by_side() -> None:
+    marked, counts = np.array([[1, 0, 3, 1, 2], [0, 0, 0, 0, 0]]), np.empty(2, np.int64)
+    runs = np.empty((2, 5, 2), np.int64)
+    views._find_runs(marked, 150, runs, counts)
+    assert counts.tolist() == [2, 0]
+    np.testing.assert_array_equal(runs[0, :2], [[1, 32], [64, 149]])
+
+
+@pytest.mark.parametrize("least", [1.0, 2.0, 4.0])
+def test_around_what_has_votes_nothing_is_left_out(least: float) -> None:
+    """Pixels with more votes, and those near them, are as they are where all is looked at."""
+    rng = np.random.default_rng(11)
+    planes, camera = np.linspace(0.043, 0.047, 7), Camera(320, 96, 200, 200, 160, 48)
+    # Noise, and edges that some planes see sharp.
+    noise = rng.uniform([0, 0], [320, 96], (300, 2))
+    edge = np.column_stack([np.repeat([90.0, 200.5], 200), rng.uniform(20, 60, 400)])
+    places = np.concatenate([noise, edge])
+    rays = np.column_stack([places, rng.normal(0, 0.3, len(places)), 0 * places[:, 0]])
+    rays[:, 0] -= rays[:, 2] / 0.045
+    bundle = RayBundle(rays.astype(np.float32), np.full(len(rays), np.inf, np.float32))
+    halves = np.stack([np.arange(-30, -30 + 7), np.zeros(7, int), np.arange(30, 30 - 7, -1)])
+    every = sweep_views(bundle, camera, planes, halves)
+    some = sweep_views(bundle, camera, planes, halves, 2, (least, 2))
+    assert every is not None
+    assert some is not None
+    for view in range(3):
+        above = (every[0][view] > least).astype(np.uint8)
+        assert above.any()
+        near = cv2.dilate(above, np.ones((5, 5), np.uint8)) > 0
+        for a, b in zip(every, some, strict=True):
+            np.testing.assert_array_equal(a[view][near], b[view][near])
+    assert (some[0] > 0).sum() < (every[0] > 0).sum()

@@ -57,7 +57,9 @@ def window_depth(
     """
     s = settings
     with watch("votes"):
-        voted = view_votes(packets, camera, poses, target, s)
+        # What has fewer votes stands out of nothing.
+        least = s.paper.threshold_c / 255 * s.paper.full_scale_votes
+        voted = view_votes(packets, camera, poses, target, s, least)
     bounds_m = (s.depth_min_m, s.depth_max_m)
     warped: list[ViewDepth | None] = [None] * len(poses)
     weights = [weight for _, weight in s.views()]
@@ -87,14 +89,23 @@ class ViewVotes:
 
 
 def view_votes(
-    packets: Packets, camera: Camera, poses: F64, target: F64, s: DepthSettings
+    packets: Packets,
+    camera: Camera,
+    poses: F64,
+    target: F64,
+    s: DepthSettings,
+    least_votes: float = 0.0,
 ) -> ViewVotes:
-    """Votes of a window in its reference views; arguments as for `window_depth`."""
+    """Votes of a window in its reference views; arguments as for `window_depth`.
+
+    Pixels around which none has more than `least_votes` may hold none.
+    """
     bounds_m = (s.depth_min_m, s.depth_max_m)
     shifted = shifted_planes(camera, inverse_pose(target) @ poses, bounds_m, s.paper)
     if shifted is not None:
         rays = rays_in_view(packets, camera, target @ shifted.middle)
-        views = sweep_views(rays, camera, shifted.planes, shifted.half_shifts, s.threads)
+        least = least_votes, KERNEL_PX // 2
+        views = sweep_views(rays, camera, shifted.planes, shifted.half_shifts, s.threads, least)
         if views is not None:
             return ViewVotes(*views, shifted.planes, target @ shifted.views)
     planes = choose_planes(packets, camera, target, bounds_m, s.paper)

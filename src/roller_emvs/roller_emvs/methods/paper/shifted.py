@@ -75,11 +75,10 @@ def shifted_planes(
     along = np.abs(x - centre - place * baseline)
     if along.max() > _MOST_ALONG * baseline:
         return None
-    for was in relative:
-        put = np.eye(4)
-        put[0, 3] = was[0, 3]
-        if view_distance_px(camera, inverse_pose(put) @ was, bounds_m) > _MOST_ACROSS_PX:
-            return None
+    put = np.tile(np.eye(4), (len(x), 1, 1))
+    put[:, 0, 3] = x
+    if view_distance_px(camera, inverse_pose(put) @ relative, bounds_m) > _MOST_ACROSS_PX:
+        return None
     views = np.tile(np.eye(4), (len(x) + 1, 1, 1))
     views[:, 0, 3] = centre + np.append(place, 0) * baseline
     planes = 2 * camera.fx * baseline / halves
@@ -93,8 +92,8 @@ def view_distance_px(camera: Camera, relative: F64, bounds_m: tuple[float, float
     ----------
     camera : Camera
         Intrinsics.
-    relative : ndarray of float64, shape (4, 4)
-        One camera in the other.
+    relative : ndarray of float64, shape (n, 4, 4)
+        One camera in the other, of any number of pairs.
     bounds_m : tuple of float
         Nearest and farthest depth, metres.
 
@@ -106,8 +105,8 @@ def view_distance_px(camera: Camera, relative: F64, bounds_m: tuple[float, float
     u, v = np.meshgrid([0.0, camera.width - 1.0], [0.0, camera.height - 1.0])
     corners = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, u * 0 + 1], -1)
     points = np.concatenate([corners.reshape(-1, 3) * z for z in bounds_m])
-    seen = (points - relative[:3, 3]) @ relative[:3, :3]
-    if (seen[:, 2] <= 0).any():
+    seen = (points - relative[:, None, :3, 3]) @ relative[:, :3, :3]
+    if (seen[..., 2] <= 0).any():
         return float("inf")
-    apart = points[:, :2] / points[:, 2:] - seen[:, :2] / seen[:, 2:]
-    return float(np.linalg.norm(apart * [camera.fx, camera.fy], axis=1).max())
+    apart = points[:, :2] / points[:, 2:] - seen[..., :2] / seen[..., 2:]
+    return float(np.linalg.norm(apart * [camera.fx, camera.fy], axis=-1).max())

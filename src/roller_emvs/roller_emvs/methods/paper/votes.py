@@ -7,6 +7,7 @@ touches stays in the cache, and bands that no ray reaches are skipped.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -94,7 +95,12 @@ def sweep_maximum(
 
 
 def sweep_views(
-    rays: RayBundle, camera: Camera, planes: F64, half_shifts: I64, threads: int = 1
+    rays: RayBundle,
+    camera: Camera,
+    planes: F64,
+    half_shifts: I64,
+    threads: int = 1,
+    least: tuple[float, int] = (0.0, 0),
 ) -> tuple[F32, U16] | None:
     """Maxima in several views from the votes of one, for views shifted along the image's rows.
 
@@ -109,6 +115,9 @@ def sweep_views(
         As for `sweep_maximum`; at most 32767 planes.
     half_shifts : ndarray of int64, shape (views, planes)
         Pixel x of a view is pixel x + half_shifts / 2 of the view that the rays are in.
+    least : tuple of float and int
+        Votes, and pixels: what lies farther than these from any pixel with more votes may hold none
+        or fewer.
 
     Returns
     -------
@@ -131,6 +140,7 @@ def sweep_views(
     share(threads, threads, look)
     if packed._whole(int(reached.max())) < _LEAST_WHOLE:
         return None
+    active = _active(reached, half_shifts, least)
     views = len(half_shifts)
     votes = np.empty((views, *shape), np.float32)
     index = np.empty((views, *shape), np.uint16)
@@ -138,13 +148,32 @@ def sweep_views(
     def run(first: int) -> None:
         view_kernels._sweep_bands_views(
             bands.rays, limits, bands.starts, first, threads, inverse.astype(np.float32),
-            half_shifts, pad, reached, np.zeros((2, rows + 2, 2, wide), np.int32), packed.chunk(),
-            np.empty((2, 2, wide), np.int32), np.empty((tiles, 2), np.int64),
+            half_shifts, pad, reached, active, np.zeros((2, rows + 2, 2, wide), np.int32),
+            packed.chunk(), np.empty((2, 2, wide), np.int32), view_kernels.runs(rows, tiles),
             np.empty((views, rows, shape[1]), np.int32), votes, index,
         )  # fmt: skip
 
     share(threads, threads, run)
     return votes, index
+
+
+def _active(
+    reached: npt.NDArray[np.int32], half_shifts: I64, least: tuple[float, int]
+) -> npt.NDArray[np.uint8]:
+    """Tiles of each band's rows that are looked at, by the rays that reach them; see `sweep_views`.
+
+    A pixel has no more votes than rays reach its tile in its row and the row above. On another
+    plane it lies in another place of the view that is voted in.
+    """
+    counts = reached[:, :-1] + reached[:, 1:]
+    most, near = least
+    if most <= 0:
+        return (counts > 0).view(np.uint8)
+    across = near + int(np.ptp(half_shifts, axis=1).max()) // 2 + 1
+    beside = -(-across >> packed.TILE_BITS)
+    around = np.ones((2 * near + 1, 2 * beside + 1), np.uint8)
+    some = (counts > most).view(np.uint8).reshape(-1, counts.shape[2])
+    return np.asarray(cv2.dilate(some, around).reshape(counts.shape) * (counts > 0), np.uint8)
 
 
 def _bands(
