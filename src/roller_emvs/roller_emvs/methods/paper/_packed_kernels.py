@@ -1,4 +1,4 @@
-"""Votes of whole numbers, two rows in one; the tests hold them to a numpy twin.
+"""Loops over votes of whole numbers, two rows in one; each has a numpy twin in the tests.
 
 A bilinear vote is of two rows and two columns. Shares are rounded to parts of a vote, so that one
 addition serves both rows: the upper one's sum is in the lower 16 bits, that of the row below in the
