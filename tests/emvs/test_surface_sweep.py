@@ -202,6 +202,26 @@ def test_a_stop_in_a_pass_adds_nothing(scan: EventArray) -> None:
     assert np.median(np.abs(points[:, 2] - tilted(points[:, 0]))) < 70e-6
 
 
+def test_a_pass_is_over_when_the_sensor_stands_though_noise_goes_on(scan: EventArray) -> None:
+    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([0.3 * min(t, DURATION_S), 0, 0]), UPRIGHT
+
+    hot = np.arange(round(DURATION_S * 1e3), 6000) * MS
+    noise = EventArray.from_arrays(hot * 0 + 160, hot * 0 + 60, hot, hot * 0)
+    track = track_of(motion, 6.1)
+    engine = SurfaceSweep(settings(), CAMERA, track)
+    engine.add_events(EventArray.concatenate([scan, noise]))
+    found = list(engine.results())
+    assert engine.at_rest
+    # Nothing is refused for the standstill; what the sweep holds is of the newest moments.
+    whole, refused, _ = sweep(scan, track_of(motion, DURATION_S))
+    patches = [f for f in found if isinstance(f, SurfacePatch)]
+    assert len(found) - len(patches) == len(refused)
+    assert len(points_of(patches)) == pytest.approx(len(points_of(whole)), rel=0.02)
+    assert engine.counts.still_events > 3000
+    assert engine.held_events < 2100
+
+
 def test_a_backlog_is_dropped_and_counted(scan: EventArray) -> None:
     engine = SurfaceSweep(settings(max_waiting_mb=0.16), CAMERA, PoseTrack())
     for k in range(0, len(scan), 2000):

@@ -241,3 +241,48 @@ def test_a_short_tail_is_refused() -> None:
     assert isinstance(windows[0], Window)
     assert isinstance(windows[-1], RefusedWindow)
     assert "too short" in windows[-1].reason
+
+
+def until_rest(t: float) -> tuple[np.ndarray, np.ndarray]:
+    """0.3 m/s for 50 ms, then at rest, shaken by 20 µm."""
+    x = 0.3 * min(t, 0.05) + 2e-5 * np.sin(400 * t)
+    return np.array([x, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def test_the_last_window_comes_when_the_sensor_rests_though_noise_goes_on() -> None:
+    poses, track, events = track_of(until_rest, 5.0), PoseTrack(), ticking(5000)
+    cutter, found = WindowCutter(setting(), track), []
+    for k in range(len(poses)):
+        now_ns = int(poses.times_ns[k])
+        track.append(now_ns, poses.positions[k], poses.quaternions[k])
+        a, b = np.searchsorted(events.t_ns, [now_ns - 8 * MS, now_ns])
+        cutter.add(events[a:b])
+        for window in cut_all(cutter, flush=False):
+            found.append((window, now_ns, cutter.at_rest))
+    ((window, came_ns, at_rest),) = found
+    assert isinstance(window, Window)
+    assert at_rest
+    assert window.end_ns == pytest.approx(50 * MS, abs=8 * MS)
+    assert came_ns - window.end_ns < 250 * MS
+    assert cut_all(cutter) == []
+    assert len(window.events) + cutter.still_events == len(events[events.t_ns < now_ns])
+    # A replay has all poses at once, and cuts no other way.
+    whole = WindowCutter(setting(), poses)
+    whole.add(events)
+    first = whole.cut()
+    assert first is not None
+    assert (first.start_ns, first.end_ns) == (window.start_ns, window.end_ns)
+
+
+def test_a_rest_after_too_short_a_way_ends_no_window() -> None:
+    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
+        x = 0.3 * (min(t, 0.02) + max(t - 0.5, 0.0))
+        return np.array([x, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+
+    track = track_of(motion, 1.0)
+    cutter = WindowCutter(setting(), track)
+    cutter.add(ticking(1000))
+    window = cutter.cut()
+    assert isinstance(window, Window)
+    assert not cutter.at_rest
+    assert np.linalg.norm(track.at(window.end_ns).position) == pytest.approx(0.028, abs=1e-7)

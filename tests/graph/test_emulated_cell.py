@@ -187,9 +187,10 @@ def take_scan(
         watcher.spin_until(
             lambda: watcher.value(DEPTH, "events") == len(scan.events), 60, "all events"
         )
-        watcher.spin_until(lambda: watcher.value(DEPTH, "windows") == 2, 60, "both windows")
+        # The last ends where the robot comes to rest: noise goes on for seconds.
+        watcher.spin_until(lambda: watcher.value(DEPTH, "windows") == 3, 60, "all windows")
         watcher.spin_until(
-            lambda: watcher.value(STITCHED, "depth_maps") == 2
+            lambda: watcher.value(STITCHED, "depth_maps") == 3
             and watcher.value(STITCHED, "voxels_in_view") == 0
             and sum(m.width for m in seen[SURFACE]) == watcher.value(STITCHED, "points"),
             30,

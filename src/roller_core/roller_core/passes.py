@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .pose_track import PoseTrack
+from .pose_track import I64, PoseTrack
 from .transforms import F64, quaternion_to_matrix
 
 #: A sensor that turns or strays further than this from where a pass began has left its line.
@@ -23,12 +23,41 @@ _MOSTLY = 2.0
 #: Steps shorter than this are joined: over them the noise of poses would look like motion.
 _STEP_NS = 5_000_000
 #: A slower sensor stands, m/s; a standstill this long, s, and rolling back this far, m, end a pass.
-_MIN_SPEED_M_S, _STANDSTILL_S, _TURN_BACK_M = 0.005, 1.0, 0.002
+_MIN_SPEED_M_S, STANDSTILL_S, _TURN_BACK_M = 0.005, 1.0, 0.002
+#: A sensor that goes no further than this, m, for so long, s, is at rest: the poses of a robot that
+#: holds its place scatter by hundredths of a millimetre, and where it turns back it is gone sooner.
+REST_M, REST_S = 1e-4, 0.2
 
 
 def stands(motion_m: float, duration_ns: int, min_speed_m_s: float) -> bool:
     """Whether a sensor that moved so far in so long is slower than a speed."""
     return motion_m < min_speed_m_s * duration_ns * 1e-9
+
+
+def rest_begin(times_ns: I64, positions: F64) -> int | None:
+    """Where a sensor first came to rest.
+
+    Parameters
+    ----------
+    times_ns : ndarray of int64, shape (n,)
+        Times of poses, growing, ns.
+    positions : ndarray of float64, shape (n, 3)
+        Places of the sensor, metres.
+
+    Returns
+    -------
+    int or None
+        Number of the pose from which on it stayed within `REST_M` for `REST_S`; None while no poses
+        show that. Later poses don't change it.
+    """
+    last = np.searchsorted(times_ns, times_ns + round(REST_S * 1e9))
+    last = last[last < len(times_ns)]
+    away = positions[last] - positions[: len(last)]
+    for k in np.flatnonzero(np.einsum("ij,ij->i", away, away) < REST_M**2).tolist():
+        between = positions[k : last[k] + 1] - positions[k]
+        if np.einsum("ij,ij->i", between, between).max() < REST_M**2:
+            return k
+    return None
 
 
 class Progress:
@@ -169,7 +198,7 @@ class RollTracker:
         if self._span is not None:
             self._span.open = False
             self._span = None
-        stood = b - self._moved_ns >= _STANDSTILL_S * 1e9
+        stood = b - self._moved_ns >= STANDSTILL_S * 1e9
         if stood or self._progress.turned_back(travel):
             self._end_pass()
 

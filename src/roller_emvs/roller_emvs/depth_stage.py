@@ -75,8 +75,14 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
                 self._took(found.milliseconds.get("total", 0.0), found.end_ns)
                 self._newest_ns = found.stamp_ns
                 yield Result(found, self._depth_outputs(found, camera))
-        if flush and self._newest_ns is not None:
-            # The stitcher need not wait to know that this was the last.
+                if pipeline.at_rest:
+                    yield from self._last(camera)
+        if flush:
+            yield from self._last(camera)
+
+    def _last(self, camera: Camera) -> Iterator[Result]:
+        """The camera once more: the stitcher need not wait to know that no more come for now."""
+        if self._newest_ns is not None:
             again = Output(outputs.DEPTH_INFO, self._newest_ns, self.settings.sensor_frame, camera)
             self._newest_ns = None
             yield Result(None, (again,))

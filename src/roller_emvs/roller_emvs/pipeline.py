@@ -93,6 +93,11 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             known = self._ray_slope[np.isfinite(self._ray_slope)]
             self._ends = PatchEnds((float(known.min()), float(known.max())), camera.fx)
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether the last window ended where the sensor came to rest: the scan may be over."""
+        return self._cutter.at_rest
+
     def results(self, flush: bool = False) -> Iterator[DepthMap | RefusedWindow]:
         """Depth maps of all windows that are complete, in order.
 

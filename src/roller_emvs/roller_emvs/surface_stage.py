@@ -62,7 +62,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
                 if len(found):
                     self.map.add(found, found.stamp_ns)
                     yield from self.map.results(flush=False)
-        yield from self.map.results(flush)
+        yield from self.map.results(flush or pipeline.at_rest)
 
     def _begin(self) -> None:
         super()._begin()

@@ -14,7 +14,9 @@ from roller_core.errors import RollerError
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
 from roller_core.outputs import CONTACT, Output, Result, ScanFault
+from roller_core.passes import REST_M, rest_begin
 from roller_core.pose_track import PoseError, PoseTrack
+from roller_core.transforms import F64
 
 from .depth_settings import DepthSettings
 
@@ -75,6 +77,10 @@ class WindowCutter(EventCutter):
         # What the end by travel was last looked for with, and what was found.
         self._travel_of = (0, 0)
         self._travel: tuple[int | None, int, float, str] = (None, 0, 0.0, "")
+        self._rest_ns: int | None = None  # where that end is, if the sensor came to rest there
+        #: Whether the last window ended where the sensor came to rest; and the place.
+        self.at_rest = False
+        self._rested_at: F64 | None = None
         #: Of the last window's events, those that the one before had too.
         self.repeated = 0
         self._taken_to_ns = -(2**62)
@@ -103,6 +109,7 @@ class WindowCutter(EventCutter):
             if found is None:
                 return None
             end, following, reason = found
+            self.at_rest = end == self._rest_ns
             window = self._take(start, end, following)
             if self._in_gap(start, end):
                 self.left_out += 1
@@ -114,10 +121,20 @@ class WindowCutter(EventCutter):
                 self._track.check(start, end)
             except PoseError as error:
                 reason, fault = str(error), error
+            if reason and fault is None and self._still_there(end):
+                self.still_events += len(window.events)
+                continue  # a robot that stands after its scan is no fault
+            self._rested_at = self._track.at(end).position if self.at_rest else None
             if reason:
                 return RefusedWindow(start, end, len(window.events), reason, fault)
             return window
         return None
+
+    def _still_there(self, t_ns: int) -> bool:
+        """Whether the sensor is where it came to rest when the last window ended."""
+        if self._rested_at is None:
+            return False
+        return bool(np.linalg.norm(self._track.at(t_ns).position - self._rested_at) < REST_M)
 
     def _find_start(self, flush: bool) -> bool:
         """Settle where the next window starts; False while it can't be known."""
@@ -178,6 +195,7 @@ class WindowCutter(EventCutter):
     def _travel_end(self, start: int, last: int) -> tuple[int | None, int, float, str]:
         """End, following start, share reached and refusal of a window by travel."""
         s = self._settings
+        self._rest_ns = None
         travel_m, step_m = s.travel_and_step_m(self.textured)
         limit = start + round(s.max_still_s * 1e9)
         try:
@@ -192,6 +210,11 @@ class WindowCutter(EventCutter):
         times = times[first:]
         away = np.linalg.norm(self._track.positions[first:] - origin, axis=1)
         end = self._reach(start, times, away, travel_m)
+        # A scan may end here. Noise goes on, so that no lack of events tells that it did.
+        rest = self._rest_after(times, away, _LEAST_SHARE["travel"] * travel_m)
+        if rest is not None and rest <= limit and (end is None or rest < end):
+            self._rest_ns = rest
+            return rest, rest, 1.0, ""
         if end is not None and end <= limit:
             following = self._reach(start, times, away, step_m) if step_m < travel_m else end
             return end, following or end, 1.0, ""
@@ -207,6 +230,14 @@ class WindowCutter(EventCutter):
             )
         within = away[times <= last]
         return None, limit, float(within.max() / travel_m) if len(within) else 0.0, ""
+
+    def _rest_after(self, times: np.ndarray, away: np.ndarray, travel: float) -> int | None:
+        """Time at which the sensor came to rest after it was a distance from the start."""
+        far = np.flatnonzero(away >= travel)
+        if not len(far):
+            return None
+        k = rest_begin(times[far[0] :], self._track.positions[-len(times) + far[0] :])
+        return int(times[far[0] + k]) if k is not None else None
 
     @staticmethod
     def _reach(start: int, times: np.ndarray, away: np.ndarray, travel: float) -> int | None:

@@ -13,7 +13,7 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
-from roller_core.passes import Heading, Progress, stands
+from roller_core.passes import REST_M, STANDSTILL_S, Heading, Progress, stands
 from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.transforms import F64, pose_matrix
 from roller_emvs.windows import RefusedWindow
@@ -64,6 +64,10 @@ class PassCutter(EventCutter):
         self._waiting: list[Step] = []
         self._anchor: tuple[int, F64] | None = None
         self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
+        # Since when, and where, the sensor has been at rest.
+        self._rest: tuple[int, F64] | None = None
+        #: Whether the last pass ended where the sensor came to rest.
+        self.at_rest = False
         self._dropped = 0
         #: Passes that ended early, where events were left out to keep up.
         self.broken_passes = 0
@@ -140,8 +144,11 @@ class PassCutter(EventCutter):
         pose0, pose1 = pose_matrix(self._track.positions[own], self._track.quaternions[own])
         if self._strip is not None:
             local0, local1 = self._strip.to_strip(pose0), self._strip.to_strip(pose1)
-            if self._leaves(local1) or t1 - self._strip.start_ns > _LONGEST_NS:
+            # A scan may end here. Noise goes on, so that no lack of events tells that it did.
+            rests = self._rests(t1, pose1[:3, 3])
+            if rests or self._leaves(local1) or t1 - self._strip.start_ns > _LONGEST_NS:
                 yield from self._end_pass()
+                self.at_rest = rests
             else:
                 self._waiting.append((events, t0, t1, local0, local1))
                 yield from self._advance(self._strip)
@@ -161,10 +168,11 @@ class PassCutter(EventCutter):
             try:
                 strip = Strip(self._settings, self._camera, self._rays, since, start, motion)
             except MotionError as error:
+                self.at_rest = False
                 yield from self._give_up(since, t1, str(error))
                 return
             early, self._early, self._anchor = self._early, [], None
-            self._strip = strip
+            self._strip, self._rest, self.at_rest = strip, None, False
             self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
             for part, a, b, first, second in early:
                 second = strip.to_strip(second)
@@ -197,8 +205,16 @@ class PassCutter(EventCutter):
     def _give_up(self, start_ns: int, end_ns: int, reason: str) -> Iterator[RefusedWindow]:
         count = sum(len(e[0]) for e in self._early)
         self._early, self._anchor = [], None
-        if count:
+        if self.at_rest:  # a robot that stands after its scan is no fault
+            self.still_events += count
+        elif count:
             yield RefusedWindow(start_ns, end_ns, count, reason)
+
+    def _rests(self, t_ns: int, place: F64) -> bool:
+        """Whether the sensor has been at rest for long enough to end a pass."""
+        if self._rest is None or np.linalg.norm(place - self._rest[1]) >= REST_M:
+            self._rest = t_ns, place
+        return t_ns - self._rest[0] >= STANDSTILL_S * 1e9
 
     def _leaves(self, pose: F64) -> bool:
         """Whether the sensor turned back or away from the pass."""

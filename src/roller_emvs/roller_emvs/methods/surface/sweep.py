@@ -89,6 +89,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         #: Takes the depths of neighbourhoods in the same form.
         self.on_depths: Callable[[F64, F64, LinePoints], None] | None = None
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether the last pass ended where the sensor came to rest: the scan may be over."""
+        return self._cutter.at_rest
+
     def results(self, flush: bool = False) -> Iterator[SurfacePatch | RefusedWindow]:
         """Rows that are done, in order along each pass, each once.
 
