@@ -1,9 +1,10 @@
-"""When the robot is at rest, by poses alone."""
+"""When the robot is at rest, by poses alone, and when a scan's last events have come."""
 
 import numpy as np
 import pytest
 
 from roller_core.passes import REST_M, REST_S, rest_begin
+from roller_core.sensor_pose import SensorFrames
 
 MS = 1_000_000
 
@@ -33,3 +34,14 @@ def test_turning_back_and_creeping_are_no_rest() -> None:
     assert rest_begin(*along(1.1 * REST_M / REST_S * t)) is None
     assert rest_begin(*along(0.5 * REST_M / REST_S * t)) == 0
     assert rest_begin(np.zeros(0, np.int64), np.zeros((0, 3))) is None
+
+
+def test_frames_tell_since_when_the_robot_is_at_rest() -> None:
+    frames, turn = SensorFrames(), (0.0, 0.0, 0.0, 1.0)
+    assert frames.rest_ns is None
+    for k in range(40):
+        x = 0.002 * min(k, 20) + (1e-5 if k % 2 else 0.0)
+        frames.add("base", "tool0_controller", k * 8 * MS, (x, 0.0, 0.0), turn)
+    assert frames.rest_ns == (20 * 8 * MS, 39 * 8 * MS)
+    frames.restart()
+    assert frames.rest_ns is None

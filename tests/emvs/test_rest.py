@@ -7,6 +7,7 @@ import pytest
 
 from emvs.scenes import CAMERA, MS, tilted_scan
 from roller_core import outputs
+from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
 from roller_core.outputs import Result
 from roller_core.sensor_pose import Transform
@@ -58,3 +59,21 @@ def test_the_last_depth_map_and_word_of_it_come_though_noise_goes_on(scan: Event
     assert not any(r.notice for r in found)
     # What follows while the robot stands says no more.
     assert list(noisy.results(flush=True)) == []
+
+
+def test_a_scan_is_settled_when_events_of_after_it_have_come(
+    scan: EventArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage, newest = stage_at(), 0
+    monkeypatch.setattr(EventStream, "newest_ns", property(lambda _: newest))
+    assert not stage.settled
+    for _ in rolled(stage, scan, DURATION_S + 0.1):
+        pass
+    rest_ns = round(DURATION_S * 1e9)
+    newest = rest_ns
+    assert not stage.settled
+    newest = rest_ns + 60 * MS
+    assert stage.settled
+    for _ in rolled(moving := stage_at(), scan, DURATION_S):
+        pass
+    assert not moving.settled

@@ -22,11 +22,13 @@ class Made:
 
     def __init__(self, idle_s: float, limit: int = 100, **bulk: object) -> None:
         self.did: list[object] = []
+        self.settled = False
         self.gate = threading.Event()
         self.gate.set()
         self.worker: Worker[object] = Worker(
-            self._handle, lambda: self.did.append("idle"), idle_s, Backlog(limit, **bulk)
-        )
+            self._handle, lambda: self.did.append("idle"), idle_s, Backlog(limit, **bulk),
+            lambda: self.settled,
+        )  # fmt: skip
 
     def _handle(self, item: object) -> None:
         self.gate.wait(LONG_S)
@@ -73,6 +75,23 @@ def test_what_does_not_keep_awake_neither_delays_nor_repeats_idleness(make):
     made.worker.submit("pose", False)
     time.sleep(0.4)
     assert made.did.count("idle") == 1
+
+
+def test_where_nothing_more_is_to_come_it_is_idle_sooner(make):
+    made = make(4 * LONG_S)
+    made.worker.submit(1)
+    time.sleep(0.3)
+    assert made.did == [1]
+    made = make(1.0)
+    made.settled = True
+    # Far less than what it would wait else has passed in short waits, however slow the machine is.
+    made.worker._idle_s = LONG_S
+    made.worker._handle(2)
+    assert not made.worker._long_enough(LONG_S / 4 - 0.1)
+    assert made.worker._long_enough(LONG_S / 4)
+    made.settled = False
+    assert not made.worker._long_enough(LONG_S - 0.1)
+    assert made.worker._long_enough(LONG_S)
 
 
 def test_a_machine_that_stood_still_was_not_idle(make, monkeypatch):

@@ -28,6 +28,9 @@ PACKET_BYTES = 500
 _USUAL_EVENTS = 5000
 #: Stamps this far from now, s, are of a recording: how late its results are means nothing.
 _RECORDED_S = 60.0
+#: Poses and events from so long after the robot came to rest say that its scan is over, ns: the
+#: clocks of both agree by far less.
+_SETTLED_NS = 50_000_000
 
 
 class Pipeline(Protocol):
@@ -197,6 +200,15 @@ class EventStage(Stage[E], Generic[E, P]):
     def waits_for_poses(self) -> bool:
         """See `Stage`."""
         return self.pipeline is not None and self.pipeline.held_events > 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether the robot is at rest, and events of after that have come."""
+        rest, newest = self.frames.rest_ns, self.stream.newest_ns if self.stream else None
+        if rest is None or newest is None:
+            return False
+        since, until = rest
+        return min(until, newest) >= since + _SETTLED_NS
 
     @property
     def lost(self) -> bool:

@@ -74,6 +74,11 @@ class EventStream:
         self._gaps = SeqGaps()
         self._last_ns: int | None = None
 
+    @property
+    def newest_ns(self) -> int | None:
+        """Time of the newest event, ROS time; None before the first."""
+        return self._last_ns
+
     def new_source(self, width: int, height: int) -> None:
         """Another source follows, of an image size in px; the counts go on."""
         self.width, self.height = width, height

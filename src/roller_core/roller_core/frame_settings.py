@@ -70,7 +70,9 @@ class FollowedFrames(FrameSettings, PoseGapSettings):
 
     pose_smoothing: int = smoothing_field(DEFAULT_SMOOTHING)
     idle_flush_s: float = idle_flush_field(
-        0.4, "events for this long what is left is processed as it is"
+        0.4,
+        "events for this long, or a quarter of it while the robot is at rest, what is left is "
+        "processed as it is",
     )
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from .frame_settings import DEFAULT_SMOOTHING
 from .outputs import stamp_ns
+from .passes import REST_M
 from .pose_smoothing import StampSmoother
 from .pose_track import PoseJumpError, PoseOrderError, PoseTrack, PoseValueError, unit_pose
 from .transforms import (
@@ -108,6 +109,7 @@ class SensorFrames:
         self.track = PoseTrack(max_gap_s)
         self.counts = PoseCounts()
         self._newest: tuple[int, F64] | None = None
+        self._rest: tuple[int, F64] | None = None
         self._jump_told_ns = -(2**62)
         self._static: dict[str, dict[str, F64]] = {}
         self._hand_eye: F64 | None = np.eye(4) if moving == sensor else None
@@ -132,6 +134,13 @@ class SensorFrames:
     def span_ns(self) -> tuple[int, int] | None:
         """Times between which there were poses; None while there was none."""
         return self._span_ns
+
+    @property
+    def rest_ns(self) -> tuple[int, int] | None:
+        """Since when, and until which pose, the moving frame stays where it is; None before one."""
+        if self._rest is None or self._newest is None:
+            return None
+        return self._rest[0], self._newest[0]
 
     def missing(self) -> str:
         """What is missing for a pose of the sensor; empty: nothing."""
@@ -238,7 +247,7 @@ class SensorFrames:
         self.track.clear()
         if self._given is not None:
             self.track.assign(self._given)
-        self._newest = None
+        self._newest = self._rest = None
 
     def _jumps(self, t_ns: int, position: F64) -> bool:
         """Whether a pose is too far from the one before it.
@@ -276,6 +285,8 @@ class SensorFrames:
             counts.gaps += gap_s > self.track.max_gap_s
             counts.longest_gap_s = max(counts.longest_gap_s, gap_s)
         self._newest = (t_ns, position)
+        if self._rest is None or math.dist(position, self._rest[1]) >= REST_M:
+            self._rest = self._newest
 
     def _take(self, poses: list[tuple[int, tuple[F64, F64]]]) -> None:
         if self._hand_eye is None:

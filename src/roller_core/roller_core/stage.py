@@ -141,6 +141,11 @@ class Stage(ABC, Generic[S]):
         return False
 
     @property
+    def settled(self) -> bool:
+        """Whether nothing more is to come for what waits, so that it need not wait for long."""
+        return False
+
+    @property
     def lost(self) -> bool:
         """Whether data were lost."""
         return False

@@ -74,8 +74,9 @@ class StageNode(RollerNode):
             self, kind.part, self._status, hardware_id=settings.sensor_frame
         )
         self._worker: Worker[tuple[str, Any]] = Worker(
-            self._handle, self._flush, settings.idle_flush_s, backlog_for(settings, kind)
-        )
+            self._handle, self._flush, settings.idle_flush_s, backlog_for(settings, kind),
+            self._settled,
+        )  # fmt: skip
         self._poller = Poller(self)
         for name in kind.inputs:
             self._listen(name)
@@ -210,6 +211,10 @@ class StageNode(RollerNode):
             self._unprocessed += 1
             if self._worker.waiting <= 1 or self._unprocessed >= _MOST_UNPROCESSED:
                 self._publish()
+
+    def _settled(self) -> bool:
+        with self._working:
+            return self.stage.settled
 
     def _flush(self) -> None:
         with self._working:

@@ -15,6 +15,8 @@ T = TypeVar("T")
 
 #: Longest time that the thread waits at once, s.
 _WAIT_S = 0.1
+#: Share of the idle time after which it is enough where nothing more is to come.
+_SETTLED = 0.25
 #: Done when this process has to end: with the error of the program that ended a worker, or None.
 ENDED: Future[BaseException | None] = Future()
 
@@ -33,6 +35,8 @@ class Worker(Generic[T]):
         the machine stood still doesn't count: what came meanwhile is still on its way.
     backlog : Backlog
         What waits, and how much of it may.
+    settled : callable
+        Asked when nothing came for a quarter of `idle_s`: True, and it has been long enough.
     """
 
     def __init__(
@@ -41,10 +45,12 @@ class Worker(Generic[T]):
         on_idle: Callable[[], None],
         idle_s: float,
         backlog: Backlog[T],
+        settled: Callable[[], bool] = lambda: False,
     ) -> None:
         self._handle = handle
         self._on_idle = on_idle
         self._idle_s = idle_s
+        self._settled = settled
         self.backlog = backlog
         self._ready = threading.Condition()
         self._stop = False
@@ -120,8 +126,12 @@ class Worker(Generic[T]):
                 idle_s, idle_done, came = 0.0, False, self._came
             else:
                 idle_s += min(time.monotonic() - begun, _WAIT_S)
-            if not idle_done and idle_s > self._idle_s and not self.backlog:
+            if not idle_done and not self.backlog and self._long_enough(idle_s):
                 self._busy = True
                 self._on_idle()
                 idle_done = True
             self._busy = False
+
+    def _long_enough(self, idle_s: float) -> bool:
+        sooner = idle_s >= self._idle_s * _SETTLED and self._settled()
+        return sooner or idle_s >= self._idle_s
