@@ -59,7 +59,7 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
     # Every point once: in the clouds, in the recording and in the file.
     assert figures["points"] == written["totals"]["surface_points"]
     assert figures["points"] == len(read_ply(tmp_path / "surface.ply")["x"])
-    assert "/roller/depth/image" not in seen.received
+    assert "/roller/depth/camera_info" not in seen.received
     # A plain coating shows the edges alone: the part, finished when nothing more comes, says so.
     check_keys(INSPECTED, seen.statuses[INSPECTED][1])
     assert seen.statuses[INSPECTED][1]["verdict"] == "unmeasured"

@@ -64,6 +64,9 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
     assert int(depth["lost_packets"]) == 0
     assert int(depth["dropped_events"]) == 0
     assert seen.received["/roller/braille/cells"] == 4
+    # Of depth maps the observer takes the cameras, not their megabytes; the last comes again.
+    assert seen.received["/roller/depth/camera_info"] == int(depth["windows"]) + 1
+    assert "/roller/depth/image" not in seen.received
     for status in ("virtual_cell: scan", "braille: text"):
         check_keys(status, seen.statuses[status][1])
     # Four letters give hardly enough to see the factor by; if it is found, it is right.

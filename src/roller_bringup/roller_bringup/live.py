@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from sensor_msgs.msg import Image
 
 from roller_core.errors import RollerError
 from roller_ros import qos, topics
@@ -35,7 +36,7 @@ class Observation:
 
     #: Last diagnostics by status name: message and values.
     statuses: dict[str, tuple[str, dict[str, str]]] = field(default_factory=dict)
-    #: Messages by output topic.
+    #: Messages by output topic, without images.
     received: dict[str, int] = field(default_factory=dict)
     #: When the last of them came, by the monotonic clock, s.
     last_output: float = 0.0
@@ -63,7 +64,9 @@ class Observer:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         for topic in topics.OUTPUTS:
-            if topic.type is not DiagnosticArray:
+            # Of a depth map its camera tells: three megabytes more would be copied for nothing, on
+            # cores that are busy with what they are to tell of.
+            if topic.type not in (DiagnosticArray, Image):
                 count = self._counter(topic.path)
                 self._node.create_subscription(topic.type, topic.path, count, topic.qos, raw=True)
         self._node.create_subscription(
