@@ -153,7 +153,8 @@ def test_any_node_may_fail_before_it_has_anything(
     for each in (module, stage_node):
         monkeypatch.setattr(each, "declare_settings", refuse, raising=False)
     monkeypatch.setattr("sys.argv", ["node"])
-    monkeypatch.setattr("roller_inspect.inspect_node.give_way", lambda _: None)
+    for name in ("roller_inspect.inspect_node", "roller_braille.braille_node"):
+        monkeypatch.setattr(f"{name}.give_way", lambda _: None)
     with pytest.raises(SystemExit) as end:
         module.main()
     assert (end.value.code, capsys.readouterr().err) == (1, "error: no such parameter\n")
