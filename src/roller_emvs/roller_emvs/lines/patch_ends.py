@@ -23,7 +23,7 @@ _COLUMNS_PX = 4.0
 #: An event within this of a line is of it, and pixels to either side of one that are its own, px.
 _MOST_PX, _BESIDE = 1.5, 1
 #: Events from which on columns tell where they lie, and those of one end from which on it is known.
-_ENOUGH, _ENOUGH_AT_END = 400, 8000
+_ENOUGH, _ENOUGH_AT_END = 300, 5000
 #: Part of the aperture that is an end, and the part at most that may be off the surface.
 _END, _MOST_OFF = 0.1, 0.2
 #: Parts of the aperture that say how events lie where the skin is on the surface: at first, and
