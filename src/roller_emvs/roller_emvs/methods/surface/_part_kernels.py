@@ -40,10 +40,9 @@ def _locate(  # type: ignore[no-untyped-def]
 
     `left` is the bin of x = 0; rows begin half a pixel before `top`. Parts are `width` wide in
     slope from `least` on; slopes beyond them go to the end parts, those beyond `ends` nowhere.
-    `votes` and `lines`, shape
-    (events,), take each event's vote and row of cells, one beyond the last for what goes nowhere.
-    `tiles`, flat, of rows of cells and tiles, counts events too, those that go nowhere in its last
-    entry. `tile`, shape (PAGE,), is a buffer.
+    `votes` and `lines`, shape (events,), take each event's vote and row of cells, one beyond the
+    last for what goes nowhere. `tiles`, flat, of rows of cells and tiles, counts events too, those
+    that go nowhere in its last entry. `tile`, shape (PAGE,), is a buffer.
     """
     rows, parts, bins = shape
     per_bin = np.float32(BINS_PX / pixel)
