@@ -181,3 +181,19 @@ def test_times_given_never_go_back_where_the_first_messages_were_held_up() -> No
     clock.observe(99 * 8_000_000 - 3_000_000_000, 500_000_000)
     assert clock.steps == 1
     assert clock.stamp(99 * 8_000_000 - 3_000_000_000) == 500_000_000
+
+
+def test_stamps_never_go_back_by_what_messages_were_held_up() -> None:
+    """All messages of the first second and a half come 0.3 s late, then none does."""
+    clock, given = SensorClock(), []
+    for k in range(500):
+        device_ns = k * 8_000_000
+        clock.observe(
+            device_ns, device_ns + (300_000_000 if device_ns < 1_500_000_000 else 200_000)
+        )
+        given.append(clock.stamp(device_ns))
+    assert clock.steps == 1
+    told = [t for t in given if t is not None]
+    assert (np.diff(told) > 0).all()
+    # Those of the time that was told already are left out, and no others.
+    assert len(given) - len(told) == pytest.approx(300 / 8, abs=2)

@@ -45,6 +45,8 @@ _MAX_LATE_BLOCKS = 10
 _STEP_NS = 5_000_000_000
 #: A device's clock that goes back by more than this was set again.
 _BACK_NS = 500_000_000
+#: Stamps that would go back by less than this are those of messages that are no longer held up.
+_HELD_UP_NS = 2_000_000_000
 #: Times from which on a kernel maps them.
 _MANY = 1000
 
@@ -103,11 +105,11 @@ class SensorClock:
         delay = arrival_ns - device_ns - self._base
         late = delay - self._offset_at(device_ns)
         settled = device_ns - self._start_ns > _SETTLING_NS
-        if (
-            device_ns < self._anchor_ns - _BACK_NS
-            or late > _STEP_NS
-            or late < (-_EARLY_NS if settled else -_STEP_NS)
-        ):
+        if device_ns < self._anchor_ns - _BACK_NS:
+            self._given_ns = None  # it was set again: times begin anew
+            self._step(device_ns, arrival_ns)
+            return
+        if late > _STEP_NS or late < (-_EARLY_NS if settled else -_STEP_NS):
             self._step(device_ns, arrival_ns)
             return
         block = (device_ns - self._start_ns) // _BLOCK_NS
@@ -126,7 +128,7 @@ class SensorClock:
 
     def begin_anew(self) -> None:
         """Forget the map: the device itself was started again, which is no jump of its clock."""
-        self._observed = False
+        self._observed, self._given_ns = False, None
 
     def to_ros_ns(self, device_ns: npt.ArrayLike) -> I64:
         """ROS time of device times, int64 ns, with the map as it stands."""
@@ -144,11 +146,13 @@ class SensorClock:
     def stamp(self, device_ns: int) -> int | None:
         """ROS time of the newest message, ns; None where one before was given a later time.
 
-        In its first second the map follows at once: what had been held up before was stamped too
-        late. After a jump of the clock times begin anew.
+        In its first second the map follows at once, and where messages come early it begins anew:
+        what had been held up before was stamped too late. Where a clock was set, the device's or
+        by more than messages are held up, times begin anew.
         """
         stamp_ns = int(self.to_ros_ns(device_ns))
-        if self._given_ns is not None and stamp_ns <= self._given_ns:
+        given_ns = self._given_ns
+        if given_ns is not None and given_ns - _HELD_UP_NS < stamp_ns <= given_ns:
             return None
         self._given_ns = stamp_ns
         return stamp_ns
@@ -166,7 +170,6 @@ class SensorClock:
         self._start_ns = self._anchor_ns = device_ns
         self._offset_ns = self._skew = self._residual_ns = self._scatter_ns = 0.0
         self._line = (device_ns, 0.0, 0.0)
-        self._given_ns = None
         self._observed = True
 
     def _offset_at(self, device_ns: int) -> float:
