@@ -55,7 +55,11 @@ def test_virtual_cell_to_surface(domain: int, tmp_path: Path) -> None:
         assert figures[name] == 0, name
     # The first and the last events lie outside the robot's poses.
     assert figures["events_without_pose"] < 1e-3 * figures["events"]
-    assert figures["blocks"] >= len(report.windows) == seen.received[POINTS]
+    assert figures["blocks"] >= report.totals["depth_windows"] == seen.received[POINTS]
+    # Every block gave its account, every event is in one.
+    assert len(report.windows) == figures["blocks"] + figures["refused_blocks"]
+    assert sum(w["cpu_ms"] for w in report.windows) > 0
+    assert sum(w["points"] for w in report.windows) == figures["points"]
     # Every point once: in the clouds, in the recording and in the file.
     assert figures["points"] == written["totals"]["surface_points"]
     assert figures["points"] == len(read_ply(tmp_path / "surface.ply")["x"])

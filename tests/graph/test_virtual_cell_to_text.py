@@ -53,6 +53,14 @@ def test_virtual_cell_to_text(watch: Callable[..., Watcher], tmp_path: Path) -> 
     written = json.loads((tmp_path / "report.json").read_text())
     assert written["totals"]["braille_text"] == ["dfhj"]
     assert written["truth"]["text"] == "dfhj"
+    # The account of each window came with it.
+    windows = [w for w in written["windows"] if w["points"]]
+    assert len(windows) == written["totals"]["depth_windows"]
+    for window in windows:
+        assert window["events"] > 0
+        assert window["end_s"] > window["start_s"]
+        assert window["cpu_ms"] > 0
+        assert window["milliseconds"]["total"] > 0
     braille = written["truth"]["objects"]["braille"]
     assert braille["points"] > 2000
     assert braille["mae_um"] < 300
@@ -96,6 +104,8 @@ def test_publishers_offer_what_the_contract_says(
         "/roller/depth/confidence": qos.DEPTH,
         "/roller/depth/sigma": qos.DEPTH,
         "/roller/depth/camera_info": qos.DEPTH,
+        "/roller/depth/account": qos.DEPTH,
+        "/roller/surface/account": qos.DEPTH,
         "/roller/surface/points": qos.SURFACE,
         "/roller/surface/map": qos.LATCHED,
         "/roller/braille/cells": qos.BRAILLE,

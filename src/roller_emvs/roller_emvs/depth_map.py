@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from roller_core.camera import Camera
 from roller_core.transforms import F64
+from roller_core.window_account import WindowAccount
 
 F32 = npt.NDArray[np.float32]
 
@@ -47,6 +48,14 @@ class DepthMap:
     def points(self) -> int:
         """Number of measured pixels."""
         return int(np.count_nonzero(np.isfinite(self.depth)))
+
+    @property
+    def account(self) -> WindowAccount:
+        """Counts and times beside the depth."""
+        return WindowAccount(
+            self.start_ns, self.end_ns, self.events, self.points,
+            self.milliseconds, self.cpu_ms, self.notes,
+        )  # fmt: skip
 
 
 def back_project(depth: F32, camera: Camera) -> tuple[F64, npt.NDArray[np.int64]]:

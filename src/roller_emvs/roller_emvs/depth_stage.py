@@ -41,6 +41,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
         outputs.DEPTH_CONFIDENCE,
         outputs.DEPTH_SIGMA,
         outputs.DEPTH_IMAGE,
+        outputs.DEPTH_ACCOUNT,
         outputs.CONTACT,
     )
 
@@ -70,7 +71,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
         camera = pinhole(pipeline.camera)
         for found in pipeline.results(flush):
             if isinstance(found, RefusedWindow):
-                yield found.result("window", "depth")
+                yield found.result("window", "depth", self._account(found))
             else:
                 self._took(found.milliseconds.get("total", 0.0), found.end_ns)
                 self._newest_ns = found.stamp_ns
@@ -90,7 +91,12 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
     def _depth_outputs(self, found: DepthMap, camera: Camera) -> tuple[Output, ...]:
         t, frame = found.stamp_ns, self.settings.sensor_frame
         data = (camera, found.confidence, found.sigma, found.depth)
-        return tuple(Output(n, t, frame, d) for n, d in zip(self.outputs[:4], data, strict=True))
+        given = (Output(n, t, frame, d) for n, d in zip(self.outputs[:4], data, strict=True))
+        return *given, self._account(found)
+
+    def _account(self, found: DepthMap | RefusedWindow) -> Output:
+        frame = self.settings.sensor_frame
+        return Output(outputs.DEPTH_ACCOUNT, found.stamp_ns, frame, found.account)
 
     def _pipeline_counts(
         self, pipeline: DepthPipeline, totals: Mapping[str, int]

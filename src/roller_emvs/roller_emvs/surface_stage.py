@@ -8,7 +8,7 @@ from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.event_stage import EventStage
 from roller_core.frame_settings import StreamSettings
-from roller_core.outputs import Result
+from roller_core.outputs import Output, Result
 from roller_core.pose_track import PoseTrack
 
 from .engine import contact_figures
@@ -33,7 +33,12 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
 
     node, part = "surface", "points"
     model = SurfaceParameters
-    outputs = (outputs.SURFACE_POINTS, outputs.SURFACE_MAP, outputs.CONTACT)
+    outputs = (
+        outputs.SURFACE_POINTS,
+        outputs.SURFACE_ACCOUNT,
+        outputs.SURFACE_MAP,
+        outputs.CONTACT,
+    )
 
     def __init__(self, settings: SurfaceParameters) -> None:
         super().__init__(settings)
@@ -53,12 +58,15 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
 
     def _pipeline_results(self, pipeline: SurfaceSweep, flush: bool) -> Iterator[Result]:
         for found in pipeline.results(flush):
+            account = Output(
+                outputs.SURFACE_ACCOUNT, found.stamp_ns, self.settings.base_frame, found.account
+            )
             if isinstance(found, RefusedWindow):
-                yield found.result("block", "points")
+                yield found.result("block", "points", account)
             else:
                 self._took(found.milliseconds.get("total", 0.0), found.end_ns)
                 cloud = patch_output(found, found.stamp_ns, self.settings.base_frame)
-                yield Result(found, (cloud,) if len(found) else ())
+                yield Result(found, (cloud, account) if len(found) else (account,))
                 if len(found):
                     self.map.add(found, found.stamp_ns)
                     yield from self.map.results(flush=False)

@@ -17,6 +17,7 @@ from roller_core.outputs import CONTACT, Output, Result, ScanFault
 from roller_core.passes import REST_M, rest_begin
 from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.transforms import F64
+from roller_core.window_account import WindowAccount
 
 from .depth_settings import DepthSettings
 
@@ -48,13 +49,24 @@ class RefusedWindow:
     fault: RollerError | None = None
     contact: bool = False
 
-    def result(self, piece: str, gives: str) -> Result:
+    @property
+    def stamp_ns(self) -> int:
+        """Middle of the window."""
+        return (self.start_ns + self.end_ns) // 2
+
+    @property
+    def account(self) -> WindowAccount:
+        """What was in the window, and why it gives nothing."""
+        return WindowAccount(self.start_ns, self.end_ns, self.events, 0, lost=(self.reason,))
+
+    def result(self, piece: str, gives: str, account: Output) -> Result:
         """What a stage gives for it: a notice, and to inspection why the scan isn't good there."""
         at_s = self.start_ns * 1e-9
         notice = f"{piece} at {at_s:.3f} s gives no {gives}: {self.reason}"
         told = ScanFault(self.reason, "contact" if self.contact else "data")
         fault = Output(CONTACT, self.end_ns, "", told)
-        return Result(self, (fault,) if self.contact or self.fault is not None else (), notice)
+        bad = self.contact or self.fault is not None
+        return Result(self, (account, fault) if bad else (account,), notice)
 
 
 class WindowCutter(EventCutter):

@@ -196,7 +196,7 @@ class _Run:
         if result.fault is not None:
             self._report.add_fault(result.fault)
         if isinstance(found, RefusedWindow | DepthMap | SurfacePatch):
-            self._report.add_window(found)
+            self._report.add_window(found.stamp_ns, found.account)
         if isinstance(found, RefusedWindow) and found.fault is not None:
             self._report.add_fault(found.fault)
         self._writer.write(result)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header, String
@@ -17,6 +17,7 @@ from std_msgs.msg import Header, String
 from roller_core.camera import Camera
 from roller_core.outputs import Cloud, Output, ScanFault
 from roller_core.pose_track import Pose
+from roller_core.window_account import WindowAccount
 
 
 @singledispatch
@@ -130,4 +131,16 @@ def transform(pose: Pose, t_ns: int, parent: str, child: str) -> TransformStampe
 def contact_message(data: ScanFault, output: Output) -> DiagnosticArray:
     """Message of a stretch in which something was wrong."""
     status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=data.part, message=data.text)
+    return DiagnosticArray(header=header(output.t_ns, output.frame_id), status=[status])
+
+
+@message_of.register
+def account_message(data: WindowAccount, output: Output) -> DiagnosticArray:
+    """Message of a window's account; a warning where something was lost."""
+    status = DiagnosticStatus(
+        level=DiagnosticStatus.WARN if data.lost else DiagnosticStatus.OK,
+        name="window",
+        message="; ".join(data.lost),
+        values=[KeyValue(key=name, value=value) for name, value in data.pairs()],
+    )
     return DiagnosticArray(header=header(output.t_ns, output.frame_id), status=[status])

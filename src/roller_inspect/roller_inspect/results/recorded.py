@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from roller_braille.translation import ALL_DOTS, LineCell
 from roller_core.bags import typestore
 from roller_core.errors import RollerError
 from roller_core.outputs import stamp_ns
+from roller_core.window_account import WindowAccount, account_of
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.patch import SURFACE_PROPERTIES
@@ -27,6 +29,8 @@ _SURFACE = "/roller/surface/points"
 _EVENTS = "/event_camera/events"
 #: What is found from events, as soon as it is.
 _FOUND = frozenset({"/roller/depth/image", _SURFACE, "/roller/braille/cells"})
+#: What each window came to, by method.
+_ACCOUNTS = {True: "/roller/surface/account", False: "/roller/depth/account"}
 _CONFIDENCE, _SIGMA = "/roller/depth/confidence", "/roller/depth/sigma"
 
 
@@ -58,6 +62,8 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     kind = SurfaceTally if surface else TruthTally
     tally: Any = kind.beside(truth_folder) if truth_folder else None
     store, lines, cells, points = typestore(), "", [], 0
+    given: dict[int, int] = {}  # points by stamp
+    accounts: list[tuple[int, WindowAccount]] = []
     last_events_ns = last_found_ns = 0
     beside: dict[str, dict[int, npt.NDArray[np.float32]]] = {_CONFIDENCE: {}, _SIGMA: {}}
     with (
@@ -80,28 +86,36 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
                 depth = _pixels(message)
                 sure, sigma = (kept.pop(stamp, depth) for kept in beside.values())
                 found = DepthMap(stamp, depth, sure, sigma, np.eye(4), stamp, stamp, 0)
-                report.add_window(found)
+                given[stamp] = found.points
                 if tally is not None:
                     tally.add(found)
+            elif topic == _ACCOUNTS[surface]:
+                accounts.append((stamp_ns(message), account_of(message)))
             elif topic == _SURFACE:
                 patch = _patch(message)
                 ply.write(patch.points, *patch.properties())
                 points += len(patch)
                 if surface:
-                    report.add_window(patch)
+                    given[patch.stamp_ns] = len(patch)
                     if tally is not None:
                         tally.add(patch)
             elif topic == "/roller/braille/text":
                 lines = message.data
             elif topic == "/roller/braille/cells":
                 cells.append(_cell(message))
-    if not report.windows:
+    if not given:
         missing = "no points of the surface" if surface else "no depth map"
         raise RecordedResultsError(f"bag {bag}: the graph published {missing}")
+    for stamp, account in accounts:
+        report.add_window(stamp, account)
+    for stamp in given.keys() - {stamp for stamp, _ in accounts}:
+        # Recorded when nodes gave no account, or it was lost.
+        report.add_bare_window(stamp, given[stamp])
+    report.windows.sort(key=itemgetter("stamp_ns"))
     text = [line for line in lines.split("\n") if line]
     write_braille(output, cells, _lines(cells), "grade1")
     report.totals |= {
-        "depth_windows": len(report.windows),
+        "depth_windows": len(given),
         "surface_points": points,
         "braille_cells": len(cells),
         "braille_text": text,

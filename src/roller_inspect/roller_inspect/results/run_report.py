@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 
 from roller_core.errors import RollerError
-from roller_emvs.depth_map import DepthMap
+from roller_core.window_account import WindowAccount
 from roller_emvs.lines.edge_drift import NOT_CALIBRATED
-from roller_emvs.methods.surface import SurfacePatch
-from roller_emvs.windows import RefusedWindow
 
 from .plain_json import to_text
 
@@ -40,25 +38,26 @@ class Report:
     _faults: Counter[str] = field(default_factory=Counter)
     _first_fault: dict[str, str] = field(default_factory=dict)
 
-    def add_window(self, found: DepthMap | SurfacePatch | RefusedWindow) -> None:
+    def add_window(self, stamp_ns: int, account: WindowAccount) -> None:
         """Note a depth map, rows of the surface, or a window that was refused."""
-        entry: dict[str, Any] = {
-            "start_s": found.start_ns * 1e-9,
-            "end_s": found.end_ns * 1e-9,
-        }
-        if isinstance(found, RefusedWindow):
-            stamp_ns = (found.start_ns + found.end_ns) // 2
-            entry |= {"events": found.events, "points": 0, "milliseconds": {}, "cpu_ms": 0.0}
-            entry["lost"] = [found.reason]
-        else:
-            stamp_ns = found.stamp_ns
-            if isinstance(found, SurfacePatch):
-                points, lost = len(found), []
-            else:
-                points, lost = found.points, list(found.notes)
-            entry |= {"events": found.events, "points": points}
-            entry |= {"milliseconds": found.milliseconds, "cpu_ms": found.cpu_ms, "lost": lost}
-        self.windows.append({"stamp_s": stamp_ns * 1e-9, "stamp_ns": stamp_ns, **entry})
+        self.windows.append(
+            {
+                "stamp_s": stamp_ns * 1e-9,
+                "stamp_ns": stamp_ns,
+                "start_s": account.start_ns * 1e-9,
+                "end_s": account.end_ns * 1e-9,
+                "events": account.events,
+                "points": account.points,
+                "milliseconds": account.milliseconds,
+                "cpu_ms": account.cpu_ms,
+                "lost": list(account.lost),
+            }
+        )
+
+    def add_bare_window(self, stamp_ns: int, points: int) -> None:
+        """Note a window of which no more is known than how many points it gave."""
+        bare = {"points": points, "milliseconds": {}, "lost": []}
+        self.windows.append({"stamp_s": stamp_ns * 1e-9, "stamp_ns": stamp_ns, **bare})
 
     def add_fault(self, fault: RollerError) -> None:
         """Note a fault; of each kind the first line is kept and the rest counted."""

@@ -13,6 +13,7 @@ from roller_core.dead_time import DeadTime
 from roller_core.errors import RollerError
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
+from roller_core.window_account import WindowAccount
 from roller_emvs.engine import DepthEngine
 from roller_emvs.evidence import (
     Depths,
@@ -62,6 +63,13 @@ class SurfacePatch(Patch):
     def stamp_ns(self) -> int:
         """Middle of the time in which the rows were in view."""
         return (self.start_ns + self.end_ns) // 2
+
+    @property
+    def account(self) -> WindowAccount:
+        """Counts and times beside the points."""
+        return WindowAccount(
+            self.start_ns, self.end_ns, self.events, len(self), self.milliseconds, self.cpu_ms
+        )
 
 
 class SurfaceSweep(DepthEngine[PassCutter]):
