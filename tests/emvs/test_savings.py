@@ -11,6 +11,7 @@ from roller_core.hot_pixels import find_hot_pixels, hot_pixels
 from roller_core.transforms import quaternion_to_matrix, rotation_vector_to_quaternion
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.methods.paper import votes
 from roller_emvs.methods.paper.shifted import shifted_planes
 from roller_emvs.pipeline import DepthPipeline
 
@@ -53,6 +54,25 @@ def test_fewer_planes_and_shared_votes_give_the_same_depth(scan: EventArray, met
         apart.append(np.abs(a.depth - b.depth)[both])
     assert np.median(np.concatenate(apart)) < PIXEL_M / 4
     assert np.quantile(np.concatenate(apart), 0.95) < PIXEL_M
+
+
+def test_windows_of_too_many_rays_for_shared_votes_give_the_same_depth(
+    scan: EventArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each view has its own sweep there, on planes of its own that lie as far apart.
+
+    To half their distance at the median, which is a pixel of parallax.
+    """
+    shared = maps(scan)
+    monkeypatch.setattr(votes, "_LEAST_WHOLE", 1000)
+    own = maps(scan)
+    assert len(shared) == len(own) >= 3
+    for a, b in zip(shared, own, strict=True):
+        assert (a.depth != b.depth).any()
+        assert not np.array_equal(a.depth, b.depth, equal_nan=True)
+        both = np.isfinite(a.depth) & np.isfinite(b.depth)
+        assert both.sum() > 0.8 * np.isfinite(a.depth).sum()
+        assert np.median(np.abs(a.depth - b.depth)[both]) < PIXEL_M / 2
 
 
 @pytest.mark.parametrize("method", ["bma", "focus"])
