@@ -6,7 +6,7 @@ import pytest
 from emvs.scenes import CAMERA, MS, events_of, rolling
 from roller_core.camera import Camera
 from roller_core.events import EventArray
-from roller_core.outputs import CONTACT
+from roller_core.outputs import CONTACT, DEPTH_ACCOUNT, Output
 from roller_core.pose_track import PoseTrack
 from roller_emvs.contact import _SHARES, ContactWatch, _keep_quiet, _sharpness
 from roller_emvs.depth_settings import DepthSettings
@@ -136,7 +136,10 @@ def test_what_slips_gives_no_depth_and_says_so(texture: EventArray) -> None:
             assert one.reason.startswith("slipping: the image moves at ")
             assert one.end_ns > 100 * MS
             assert one.start_ns < 180 * MS
-            (output,) = one.result("window", "depth").outputs
+            own = Output(DEPTH_ACCOUNT, one.stamp_ns, "", one.account)
+            account, output = one.result("window", "depth", own).outputs
+            assert account is own
+            assert account.data.lost == (one.reason,)
             assert (output.topic, output.data.text) == (CONTACT, one.reason)
         good = [r for r in found if not isinstance(r, RefusedWindow)]
         assert good
