@@ -11,7 +11,7 @@ from roller_emvs.evidence import field as evidence_field
 from roller_emvs.evidence.field import Box, Mask
 from roller_emvs.evidence.focus_measure import all_tiles, plane_offsets
 from roller_emvs.evidence.relief import enlarge, measured_pixels
-from roller_emvs.lines.edge_drift import EdgeDriftSettings
+from roller_emvs.lines.edge_drift import SLOPE_BINS, EdgeDriftSettings
 
 SHAPE = (64, 96)
 HALF_APERTURE = 10.0
@@ -224,6 +224,24 @@ def test_cutting_off_what_holds_no_depth_changes_none(monkeypatch: pytest.Monkey
     np.testing.assert_allclose(points.sigma, expected.sigma, rtol=1e-3)
     for own, whole in zip(points.surfaces, expected.surfaces, strict=True):
         np.testing.assert_allclose(own, whole, atol=1e-4)
+
+
+@pytest.mark.parametrize("seen", ["both", "off", "on"])
+def test_what_one_polarity_shows_is_as_unsure_as_its_drift(seen: str) -> None:
+    """Where both show it, their drifts' uncertainties of 0.06 and 0.02 m are those of a mean."""
+    values = [0.06] * 2 * SLOPE_BINS + [0.02] * 2 * SLOPE_BINS
+    drift = EdgeDriftSettings.create(
+        {"coefficients_m": [0.0] * 4, "residual_m": values, "max_slope": 1.0}
+    )
+    x, y, slope, polarity = lines_at(0.1, np.random.default_rng(5))
+    polarity = {"both": polarity, "off": 0 * polarity, "on": 0 * polarity + 1}[seen]
+    field = field_of(x, y, slope, polarity)
+    depths = find_depths(field, -1.0, 1.0, SETTINGS)
+    plain = measured_pixels(field, depths, SETTINGS, EdgeDriftSettings.create({}))
+    found = measured_pixels(field, depths, SETTINGS, drift)
+    of_drift = np.sqrt(np.median(found.sigma) ** 2 - np.median(plain.sigma) ** 2)
+    expected = {"both": 0.5 * np.hypot(0.06, 0.02), "off": 0.06, "on": 0.02}[seen]
+    assert of_drift == pytest.approx(expected, rel=0.1)
 
 
 def test_the_fringe_of_an_edge_gives_no_points() -> None:

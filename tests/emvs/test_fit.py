@@ -146,6 +146,19 @@ def test_the_polarity_that_scatters_counts_less() -> None:
     np.testing.assert_allclose(fit.offset, again.offset, atol=1e-6)
 
 
+def test_shares_say_by_how_much_each_polarity_counts() -> None:
+    """One that is seen alone counts in full, and of two that scatter alike each half."""
+    none, level = np.full(SHAPE, np.nan), np.zeros(SHAPE)
+    left = np.where(COLUMNS < 16, level, none)
+    both = [depths_of(offset, COLUMNS, ROWS) for offset in (left, level)]
+    shares = fit_planes(both, SIGMA, 0.1).shares
+    np.testing.assert_allclose(shares.sum(axis=0), 1.0, rtol=1e-5)
+    np.testing.assert_allclose(shares[0, :, :10], 0.5, rtol=1e-5)
+    np.testing.assert_allclose(shares[0, :, 22:], 0.0, atol=1e-6)
+    alone = fit_planes([depths_of(left, COLUMNS, ROWS)], SIGMA, 0.1).shares[0]
+    np.testing.assert_allclose(alone[:, :16], 1.0, rtol=1e-5)
+
+
 def test_a_fit_takes_what_hangs_on_places_alone_from_one_before() -> None:
     rng = np.random.default_rng(5)
     x, y = scattered(rng)

@@ -44,6 +44,8 @@ class Fit:
     #: Deviation of the depths around from it, more where a few carry the weight. Depths of
     #: neighbouring cells share their evidence, so their number doesn't make it less.
     scatter: F32
+    #: By how much each polarity counts. Shape (polarities, rows, columns).
+    shares: F32
     #: What it was made from.
     moments: Moments
 
@@ -117,6 +119,7 @@ def fit_planes(
     total = summed[0] * trust[0]
     for own, by in zip(summed[1:], trust[1:], strict=True):
         total += own * by
+    shares = summed[:, 0] * trust / np.maximum(total[0], real(1e-9))
     kernels._solve(total, planes)
     for each, w, (row, column), t in zip(values, weight, place, trust, strict=True):
         kernels._add_residuals(*each, w, row, column, t, planes, sums)
@@ -125,4 +128,4 @@ def fit_planes(
     kernels._at_cells(planes, middle, weights, rests, _GIVEN_BACK, at_cell)
     if scattered:
         kernels._scatter(*blurred(sums[1:], _ALIKE), scatter)
-    return Fit(at_cell, scatter, Moments(weight, place, summed))
+    return Fit(at_cell, scatter, shares, Moments(weight, place, summed))

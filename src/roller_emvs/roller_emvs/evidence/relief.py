@@ -159,11 +159,11 @@ def _measured(
     px_per_offset = max(field.aperture, 1e-12)
     sigma_px = _SLOPE_SIGMA_PX if drift.corrects else _STILL_SIGMA_PX
     fit, slope = surface_slope(field, depths, threads, not drift.calibrated, sigma_px)
-    of_drift, side = np.zeros((1, 1)), np.zeros(field.cells, np.float32)
+    side = np.zeros(field.cells, np.float32)
     if sides or drift.sided:
         side = wall_side(depths)
     if drift.calibrated:
-        depths, of_drift = _without_drift(field, depths, slope, side, drift)
+        depths, unsure = _without_drift(field, depths, slope, side, drift)
         fit = _fit(field, depths, sigma_px, threads, like=fit)
     nowhere = np.float32(np.nan)
     cells = [np.where(np.isfinite(found.offset), fit.offset, nowhere) for found in depths]
@@ -191,8 +191,10 @@ def _measured(
     sure, spread_px, seen = sure[:count], spread_px[:count], seen_around(depths)
     sigma = point_sigma(field, fit.offset, row, column, spread_px, seen)
     if drift.calibrated:
-        left = of_drift[row // CELL_PX, column // CELL_PX]
-        sigma = np.hypot(sigma, left).astype(np.float32)
+        # The surface is between those of both polarities, which err apart; where one alone is
+        # seen, it errs as that does.
+        left = (fit.shares * unsure)[:, row // CELL_PX, column // CELL_PX]
+        sigma = np.hypot(sigma, np.hypot(*left)).astype(np.float32)
     agreed = np.ones(len(sigma), np.float32)
     if not drift.sided:  # by its side both polarities of a wall drift alike
         agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)
@@ -259,10 +261,13 @@ def wall_side(depths: list[Depths]) -> F32:
 
 def _without_drift(
     field: EvidenceField, depths: list[Depths], slope: F64, side: F32, drift: EdgeDriftSettings
-) -> tuple[list[Depths], F64]:
-    """Depths less the drift on the slope of the surface through them, and what may be left."""
+) -> tuple[list[Depths], F32]:
+    """Depths less the drift on the slope of the surface through them, and what may be left.
+
+    The latter of each polarity, shape (2, rows, columns).
+    """
     known = np.logical_or.reduce([np.isfinite(own.offset) for own in depths])
-    found, sigmas = [], []
+    found, unsure = [], np.zeros((2, *field.cells), np.float32)
     for polarity, own in enumerate(depths):
         of_cells = slope[known], own.change[known], side[known]
         height, sigma = edge_drift(drift, polarity, *of_cells, field.speed_m_s)
@@ -270,11 +275,8 @@ def _without_drift(
         offset = own.offset.copy()
         offset[known] += (height * field.offset_per_m).astype(np.float32)
         found.append(replace(own, offset=offset))
-        sigmas.append(sigma * abs(field.offset_per_m))
-    # The surface is between those of both polarities, which err apart.
-    left = np.zeros(field.cells)
-    left[known] = 0.5 * np.hypot(*sigmas)
-    return found, left
+        unsure[polarity][known] = sigma * abs(field.offset_per_m)
+    return found, unsure
 
 
 def _around(support: F32) -> F32:
