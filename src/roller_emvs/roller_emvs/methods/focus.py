@@ -25,7 +25,7 @@ from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.evidence import (
     Depths,
     EvidenceField,
-    Parts,
+    RayField,
     Relief,
     find_depths,
     is_textured,
@@ -98,11 +98,8 @@ def focus_depth(
         edge = half_m / (0.5 * sum(depths_m))
         within = ends.ends if ends else (-edge, edge)
         seen = WindowView.of(packets, camera, view, depths_m, within)
-        parts = seen.parts()
-    if parts is None:
-        found, textured = _by_rays(seen, s, watch, blind_m, ends)
-    else:
-        found, textured = _by_parts(seen, parts, s, watch, blind_m, ends)
+    field, depths = _evidence(seen, s, watch)
+    found, textured = _points(seen, field, depths, s, watch, blind_m, ends)
     shape, nothing = (camera.height, camera.width), np.float32(np.nan)
     depth, confidence, sigma = (np.full(shape, nothing) for _ in range(3))
     row, column = (found.column, found.row) if seen.turned else (found.row, found.column)
@@ -113,29 +110,17 @@ def focus_depth(
     return FocusDepth(depth, confidence, sigma, textured)
 
 
-def _by_rays(
-    seen: WindowView, s: DepthSettings, watch: Stopwatch, blind_m: float, ends: PatchEnds | None
-) -> tuple[Relief, bool]:
+def _evidence(
+    seen: WindowView, s: DepthSettings, watch: Stopwatch
+) -> tuple[EvidenceField, list[Depths]]:
+    """Events of a window, and depths on cells: by parts of the aperture where those are alike."""
     with watch("rays"):
-        field = seen.ray_field()
+        parts = seen.parts()
+        field = seen.ray_field() if parts is None else seen.part_images(parts, s.threads)
     with watch("votes"):
-        depths = find_depths(field, -seen.half, seen.half, s.focus, threads=s.threads)
-    return _points(seen, field, depths, s, watch, blind_m, ends)
-
-
-def _by_parts(
-    seen: WindowView,
-    parts: Parts,
-    s: DepthSettings,
-    watch: Stopwatch,
-    blind_m: float,
-    ends: PatchEnds | None,
-) -> tuple[Relief, bool]:
-    with watch("rays"):
-        field = seen.part_images(parts, s.threads)
-    with watch("votes"):
-        depths = find_depths_of_parts(field, -seen.half, seen.half, s.focus, s.threads)
-    return _points(seen, field, depths, s, watch, blind_m, ends)
+        if isinstance(field, RayField):
+            return field, find_depths(field, -seen.half, seen.half, s.focus, threads=s.threads)
+        return field, find_depths_of_parts(field, -seen.half, seen.half, s.focus, s.threads)
 
 
 def _points(
