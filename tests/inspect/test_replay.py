@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from emvs.scenes import CAMERA, tilted
 from recording.bags import (
@@ -13,11 +14,14 @@ from recording.bags import (
     read_messages,
     scan,
     write_bag,
+    write_messages,
     write_tum,
 )
 from recording.event_files import write_aedat4
 from roller_bringup.cli import main
 from roller_emvs.ply import read_ply
+from roller_inspect.results.recorded import gather
+from roller_inspect.results.run_report import Report
 
 PARAMS = """
 emvs:
@@ -66,6 +70,38 @@ def reference(bag: Path, params: Path, tmp_path_factory: pytest.TempPathFactory)
     output = tmp_path_factory.mktemp("reference")
     assert replay(bag, output, params) == 0
     return output, depth_maps(output)
+
+
+@pytest.mark.parametrize("with_accounts", [True, False])
+def test_a_recorded_graph_gives_the_same_windows(
+    reference: Reference, tmp_path: Path, with_accounts: bool
+) -> None:
+    """What each came to is in its account; bags of nodes that gave none hold the points alone."""
+    result, bag = reference[0] / "result", tmp_path / "bag"
+    with Reader(result) as reader:
+        messages = [
+            (t_ns, c.topic, c.msgtype, bytes(data))
+            for c, t_ns, data in reader.messages()
+            if with_accounts or not c.topic.endswith("/account")
+        ]
+    write_messages(Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP), iter(messages))
+    gather(bag, tmp_path, None, Report("a bag", "focus", {}))
+    found, expected = (
+        json.loads((folder / "report.json").read_text()) for folder in (tmp_path, reference[0])
+    )
+    measured = [w for w in expected["windows"] if w["points"]]
+    assert found["totals"]["depth_windows"] == len(measured)
+    if with_accounts:
+        assert [w["stamp_ns"] for w in found["windows"]] == sorted(
+            w["stamp_ns"] for w in expected["windows"]
+        )
+        for window in found["windows"]:
+            assert window in expected["windows"]
+    else:
+        assert [(w["stamp_ns"], w["points"]) for w in found["windows"]] == sorted(
+            (w["stamp_ns"], w["points"]) for w in measured
+        )
+        assert not any("cpu_ms" in w or "events" in w for w in found["windows"])
 
 
 def test_outputs_are_complete(reference: Reference) -> None:
