@@ -347,7 +347,9 @@ def test_points_are_as_unsure_as_the_lines_around_them() -> None:
     own = np.full(3, 3.0, np.float32)
     surface = np.zeros(SHAPE, np.float32)
     at = np.array([11, 11, 35]), np.array([18.4, 47.0, 5.0])
-    found = Relief(*at, np.zeros(3), own, own, own, (surface, surface), (surface, surface), surface)
+    found = Relief(
+        *at, np.zeros(3), own, own, own, 0 * own, (surface, surface), (surface, surface), surface
+    )
     less = _less_sure(found, lines, np.array([4.0, 4.0, 0.0, 0.0]))
     np.testing.assert_allclose(less.sigma, [5.0, 3.0, 3.0], rtol=1e-3)
     np.testing.assert_array_equal(less.offset, found.offset)
@@ -444,7 +446,7 @@ def test_a_line_beside_the_surface_leaves_the_points_around_as_they_are() -> Non
     alone = LinePoints(**{name: values[:1] for name, values in lines.__dict__.items()})
     own = np.full(2, 1.0, np.float32)
     place = np.array([10, 10]), np.array([10, 19])
-    found = Relief(*place, np.zeros(2), own, own, own, (surface, surface), (), surface)
+    found = Relief(*place, np.zeros(2), own, own, own, 0 * own, (surface, surface), (), surface)
     offset, sigma = np.array([0.5, 0.7]), np.array([0.1, 0.1])
     moved = _moved(found, lines, offset, sigma, 1.0)
     expected = _moved(found, alone, offset[:1], sigma[:1], 1.0)

@@ -14,13 +14,14 @@ I64 = npt.NDArray[np.int64]
 #: Fewest walls of steps.
 LEAST_WALLS = 2
 #: Bins in which walls are found, m; the root of a wall's count stands out by this share of the
-#: fullest one's; no two are nearer than this, in bins, and lines within half of it are its own.
+#: fullest one's; no two are nearer than this, in bins.
 _BIN_M, _WALL_SHARE, _WALL_BINS = 5e-5, 0.3, 6
 #: Peaks nearer than this share of a long gap between them are of one wall, if both rise or both
 #: fall, and which quantile of the gaps is a long one.
 _SAME_WALL, _LONG_GAP = 0.5, 0.8
-#: Length of a wall along the roll, by the steps' height, at most.
-_LONGEST_WALL = 2.0
+#: Length of a wall along the roll, by the steps' height: of one hardly less steep than 1, and at
+#: most.
+_WALL, _LONGEST_WALL = 1.25, 2.0
 #: Empty bins after the last line, so that a wall there is a peak.
 _AFTER = np.zeros(_WALL_BINS)
 #: Uncertainty of lines that count in full when walls are found, m; or that of the surest
@@ -163,13 +164,15 @@ def find_walls(x: F64, y: F64, slope: F64, sigma_m: F64, step_m: float) -> tuple
     # Walls are where lines gather, more on some than on others.
     smooth = np.sqrt(smooth)
     least = _WALL_SHARE * np.sort(smooth)[-3 * LEAST_WALLS :].mean()
-    # A wall's foot and its top are one wall: it is hardly less steep than 1.
-    width = max(_WALL_BINS, round(1.25 * step_m / _BIN_M))
+    # A wall's foot and its top are one wall.
+    width = max(_WALL_BINS, round(_WALL * step_m / _BIN_M))
     peaks, _ = find_peaks(smooth, prominence=least, distance=width)
     wall = np.full(len(x), -1, np.int64)
     if not len(peaks):
         return wall, 0, across
-    near = np.abs(across[:, None] - (peaks + 0.5) * _BIN_M) < 0.5 * width * _BIN_M
+    # The peak may be of its foot alone, or of its top: the other is a wall's length from there.
+    away = np.abs(across[:, None] - (peaks + 0.5) * _BIN_M)
+    near = (away < max(0.5 * width * _BIN_M, _WALL * step_m)) & (away == away.min(axis=1)[:, None])
     rising = np.array([np.median(slope[own]) > 0 if own.any() else False for own in near.T])
     # Equal steps are as long as each other: what is much nearer is the same wall's other edge, if
     # the wall is as steep as any.

@@ -64,6 +64,8 @@ class Relief:
     #: those around agree; see `agreed_share`. Shape (n,).
     sigma: F32
     agreed: F32
+    #: What `sigma` lacks where one polarity alone is seen, whose drift the lines around share.
+    one_sided: F32
     #: The surface by pixel where OFF and where ON events have a depth, NaN elsewhere. Shape
     #: (height, width).
     surfaces: tuple[F32, ...]
@@ -71,6 +73,11 @@ class Relief:
     changes: tuple[F32, ...]
     #: Of the cells, see `wall_side`; 0 where nothing asks for it. Shape (rows, columns).
     side: F32
+
+    def whole(self) -> Relief:
+        """The same with `one_sided` in `sigma`, once lines have moved the points."""
+        sigma = np.hypot(self.sigma, self.one_sided)
+        return replace(self, sigma=sigma, one_sided=np.zeros_like(self.one_sided))
 
     def put(self, field: EvidenceField, box: Box, surfaces: bool) -> Relief:
         """The same as part of a larger grid, elsewhere without points; see `measured_pixels`."""
@@ -190,17 +197,22 @@ def _measured(
     row, column, offset = row[:count], column[:count], offset[:count]
     sure, spread_px, seen = sure[:count], spread_px[:count], seen_around(depths)
     sigma = point_sigma(field, fit.offset, row, column, spread_px, seen)
+    one_sided = np.zeros(len(sigma), np.float32)
     if drift.calibrated:
         # The surface is between those of both polarities, which err apart; where one alone is
         # seen, it errs as that does.
-        left = (fit.shares * unsure)[:, row // CELL_PX, column // CELL_PX]
-        sigma = np.hypot(sigma, np.hypot(*left)).astype(np.float32)
+        i, j = row // CELL_PX, column // CELL_PX
+        left, whole = (np.hypot(*part[:, i, j]) for part in (0.5 * unsure, fit.shares * unsure))
+        sigma = np.hypot(sigma, left).astype(np.float32)
+        one_sided = np.sqrt(np.maximum(whole**2 - left**2, 0)).astype(np.float32)
     agreed = np.ones(len(sigma), np.float32)
     if not drift.sided:  # by its side both polarities of a wall drift alike
         agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)
     changes = tuple(found.change for found in depths)
     heights = offset.astype(np.float64)
-    return Relief(row, column, heights, sure, sigma, agreed, tuple(surfaces), changes, side)
+    return Relief(
+        row, column, heights, sure, sigma, agreed, one_sided, tuple(surfaces), changes, side
+    )
 
 
 def _nothing(field: EvidenceField) -> Relief:
@@ -211,6 +223,7 @@ def _nothing(field: EvidenceField) -> Relief:
         place,
         place,
         none.astype(np.float64),
+        none,
         none,
         none,
         none,

@@ -155,14 +155,14 @@ def refine(
     unknown = 0.0 if settings.calibrated or not blind_m else 1.0 - light.share
     unknown *= _UNKNOWN_DRIFT_M
     if not len(every.row):
-        return _unsure(found, unknown * abs(field.offset_per_m)), every
+        return _unsure(found.whole(), unknown * abs(field.offset_per_m)), every
     offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
     told = sigma * (1.0 + _ONE_SIDED * light.share)
     found = _moved(found, every, offset, told, abs(field.offset_per_m))
     # Where light travels, the points around know of both polarities what a line knows of one.
     if as_points and light.share < 1.0:
         found = _with_lines(found, every, offset, sigma / (1.0 - light.share), tilt)
-    found = _unsure(found, unknown * abs(field.offset_per_m))
+    found = _unsure(found.whole(), unknown * abs(field.offset_per_m))
     shared = np.concatenate(unsure) * abs(field.offset_per_m)
     return _less_sure(found, every, shared) if shared.any() else found, every
 
@@ -274,4 +274,5 @@ def _with_lines(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt:
         confidence=np.concatenate([found.confidence, sure[:count]]),
         sigma=np.concatenate([found.sigma, np.sqrt(left)]).astype(np.float32),
         agreed=np.concatenate([found.agreed, np.ones(count)]).astype(np.float32),
+        one_sided=np.concatenate([found.one_sided, found.one_sided[other]]),
     )

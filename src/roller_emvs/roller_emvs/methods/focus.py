@@ -145,7 +145,7 @@ def _points(
         if look and ends is not None:
             _look_for(ends, seen, found)
     if not with_lines:
-        return found, textured
+        return found.whole(), textured
     with watch("lines"):
         every = min(1 + len(seen.packets.events) // _ENOUGH, _MOST_LEFT_OUT)
         rays = replace(seen, packets=seen.packets.sample(every)).ray_field().some
