@@ -283,7 +283,7 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
 ) -> None:
     rng = np.random.default_rng(1)
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_steps(rng, 3e-4)]])
-    with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.3.. mm, not 0\.2 mm"):
+    with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.(29|30). mm, not 0\.2 mm"):
         calibration.steps_gauges(SCAN, SETTINGS, STEP_M)
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_sphere(rng)]])
     with pytest.raises(EdgeDriftError, match=r"not 8 mm|no sphere"):

@@ -208,27 +208,28 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
     steep, polarity = np.abs(found.lines.slope) > WALL_SLOPE, found.lines.polarity
     # A wall that one line alone shows, or that drift levels, seems to have no slope. And one
     # polarity may gather between walls: as many must go up as go down.
-    first: Gauge | None = None
+    best: tuple[bool, int] = (False, 0)
+    gauge: Gauge | None = None
     reason: EdgeDriftError | None = None
     for which in (steep, np.ones_like(steep), polarity == 0, polarity == 1):
         try:
-            gauge, balanced = _on_walls(name, found, which, step_m, surface_z_m)
+            own, change = _on_walls(name, found, which, step_m, surface_z_m)
         except EdgeDriftError as error:
             reason = reason or error
             continue
-        if balanced:
-            return gauge
-        first = first or gauge
-    if first is None:
+        worth = bool(change.sum() == 0), len(change)
+        if gauge is None or worth > best:
+            best, gauge = worth, own
+    if gauge is None:
         assert reason is not None
         raise reason
-    return first
+    return gauge
 
 
 def _on_walls(
     name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float, surface_z_m: float
-) -> tuple[Gauge, bool]:
-    """Errors of some of the lines, and whether as many walls rise as fall."""
+) -> tuple[Gauge, F64]:
+    """Errors of some of the lines; and of each wall 1 where it rises, -1 where it falls."""
     if steep.sum() < LEAST_LINES:
         raise EdgeDriftError(
             f"{name}: {int(steep.sum())} {found.kind} on slopes along the roll, fewer than "
@@ -297,7 +298,7 @@ def _on_walls(
         name, error[near], unknown[near].astype(float), spread, _take(lines, near),
         change[at][near], False, text, found.travel,
     )  # fmt: skip
-    return gauge, bool(change.sum() == 0)
+    return gauge, change
 
 
 def _mad(values: F64) -> float:

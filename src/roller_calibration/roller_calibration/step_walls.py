@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from operator import itemgetter
 
 import numpy as np
 import numpy.typing as npt
@@ -36,8 +37,10 @@ _LEAST_ON_WALL = 20
 _APART_M, _FOOT = 1e-4, 0.4
 #: Share of that distance at which a polarity that shows alone lies.
 _ALONE = 0.6
-#: Share by which the step between two walls that both rise, or both fall, may be off.
-_CLIMB = 0.3
+#: Of the heights of a polarity on walls, in steps: what they scatter by, by how much those of walls
+#: that rise, or fall, may lie apart from the others, and squares of the scatter that one counts at
+#: most.
+_SCATTER, _KIND, _MOST_OFF = 0.2, 0.6, 9.0
 #: Slope below which a wall seems level, and which way it slopes is chance.
 _LEVEL = 0.1
 #: So many steps from a wall that goes up to the next that goes down one between wasn't seen.
@@ -49,39 +52,51 @@ def rising_walls(
 ) -> npt.NDArray[np.bool_]:
     """Which walls go up along the roll, shape (count,).
 
-    Of a run of walls that slope alike, the heights of one polarity go up or down by a step from
-    wall to wall, whatever its drift: drift may be so large that it turns the slopes over, or makes
-    all alike. A wall that is no step from either neighbour goes by the climb that is nearest to
-    one, and one of which no other shows the same by its slope.
+    Walls are a step high, up or down: of all ways to go the one that fits the walls' heights best,
+    where each polarity may lie higher or lower on walls that rise, and on those that fall, by where
+    on a wall it arises and by its drift. This may be so large that it turns slopes over, or makes
+    all alike; they only say where to begin, and decide where heights don't tell.
     """
     slopes = np.array([np.median(slope[wall == k]) for k in range(count)])
-    alike = slopes > 0
-    for k in range(1, count):
-        if abs(slopes[k]) < _LEVEL:
-            alike[k] = alike[k - 1]
-    runs = np.cumsum(np.concatenate([[False], alike[1:] != alike[:-1]]))
-    rising = alike.copy()
-    for run in np.unique(runs):
-        walls, climbs = np.flatnonzero(runs == run), []
-        votes, nearest = np.zeros((2, count)), np.full(count, np.inf)
-        for p in (0, 1):
-            own = [(k, height[(wall == k) & (polarity == p)]) for k in walls]
-            levels = [(k, np.median(h)) for k, h in own if len(h) >= _LEAST_ON_WALL]
-            for (low, at_low), (high, at_high) in itertools.pairwise(levels):
-                climbs.append(at_high - at_low)
-                share = abs(climbs[-1]) / (step_m * (high - low))
-                if abs(share - 1) < _CLIMB:
-                    votes[int(climbs[-1] > 0), [low, high]] += 1
-                for own_wall in (low, high):
-                    if abs(share - 1) < nearest[own_wall]:
-                        nearest[own_wall] = abs(share - 1)
-                        rising[own_wall] = climbs[-1] > 0
-        if votes[0].any() and votes[1].any():
-            told = votes[0] != votes[1]
-            rising[told] = (votes[1] > votes[0])[told]
-        else:
-            rising[walls] = np.median(climbs) > 0 if climbs else alike[walls]
-    return rising
+    found = [
+        (k, p, float(np.median(height[own])) / step_m)
+        for k in range(count)
+        for p in (0, 1)
+        if (own := (wall == k) & (polarity == p)).sum() >= _LEAST_ON_WALL
+    ]
+    if not found:
+        return slopes > 0
+    at, kinds, heights = (np.array(part) for part in zip(*found, strict=True))
+    shown = np.clip(slopes / _LEVEL, -1.0, 1.0)
+
+    def misfit(rising: npt.NDArray[np.bool_]) -> float:
+        change = np.where(rising, 1.0, -1.0)
+        rest = heights - (np.cumsum(change) - 0.5 * change)[at]
+        kind = 2 * kinds + ~rising[at]
+        design = np.column_stack([np.ones(len(at)), *(kind == k for k in range(4))])
+        prior = np.diag([1e-6, *[(_SCATTER / _KIND) ** 2] * 4])
+        offsets = np.linalg.solve(design.T @ design + prior, design.T @ rest)
+        off = (rest - design @ offsets) / _SCATTER
+        told = np.sum((offsets[1:] / _KIND) ** 2) - change @ shown
+        return float(np.sum(np.minimum(off**2, _MOST_OFF)) + told)
+
+    best, least = slopes > 0, np.inf
+    for begin in (slopes > 0, np.ones(count, np.bool_)):
+        rising, cost = begin, misfit(begin)
+        while True:
+            # The direction of one run of walls changes at a time.
+            ways = []
+            for first, last in itertools.combinations(range(count + 1), 2):
+                way = rising.copy()
+                way[first:last] ^= True
+                ways.append((misfit(way), way))
+            lower, way = min(ways, key=itemgetter(0))
+            if lower >= cost:
+                break
+            rising, cost = way, lower
+        if cost < least:
+            best, least = rising, cost
+    return best
 
 
 def parts_by_kind(across: F64, wall: I64, kind: I64, rising: npt.NDArray[np.bool_]) -> F64:
