@@ -27,6 +27,8 @@ class GaugeLines:
     width_m: F64
     speed_m_s: F64
     error_m: F64
+    #: Slope of their gauge along the roll; of steps 1 or -1.
+    rise: F64
     #: Whether they lie on slopes of their gauge, and whether that is a sphere.
     on_slope: Bools
     of_sphere: Bools
@@ -45,4 +47,4 @@ class GaugeLines:
         )
         of_sphere = np.repeat([g.sphere for g in gauges], [len(g.error_m) for g in gauges])
         on_slope = np.abs(rise) > WALL_SLOPE
-        return cls(error_m=error_m, on_slope=on_slope, of_sphere=of_sphere, **values)
+        return cls(error_m=error_m, rise=rise, on_slope=on_slope, of_sphere=of_sphere, **values)

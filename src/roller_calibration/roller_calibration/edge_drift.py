@@ -11,6 +11,7 @@ from roller_emvs.lines.edge_drift import (
     TERMS,
     EdgeDriftSettings,
     drift_terms,
+    facing,
     share_of_travel,
 )
 
@@ -30,6 +31,8 @@ _LEVEL_M = 1e-3
 _HELPS, _NOTHING = 0.85, 1e-3
 #: Share of the lines on slopes whose own slope has the right sign, from which on slopes count.
 _HOLDS = 0.75
+#: Share of the lines whose slope drift turns over that are no steeper than what it turns over.
+_TURNED = 0.95
 #: Spreads of where on a wall edges arise up to which that explains what walls of a kind are off by.
 #: Virtual ring and dome: up to 1.8; light whose drift nothing tells: 2.2 to 3.1.
 _PLACED = 2.0
@@ -107,6 +110,11 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         terms[:, _EVEN] = 1.0
     system, spreads = _system(gauges, lines, terms, light)
     spreads = _useful(system, spreads, gauges, lines, light)
+    sure_slope = 0.0
+    if any(_leading(own) == _SIDE for own in spreads[:2]):
+        sure_slope = _sure_slope(lines)
+        terms[:, _SIDE] = facing(lines.side, lines.slope, sure_slope)
+        system, _ = _system(gauges, lines, terms, light)
     leading = [_leading(own) for own in spreads[:2]]
     speed = find_speed_drift(system, spreads, gauges, lines, terms, leading)
     system = replace(system, error=system.error - speed.height_m)
@@ -128,6 +136,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             "coefficients_m": [round(float(v), 7) + 0.0 for v in found[:, :2].ravel()],
             "even_m": [round(float(v), 7) + 0.0 for v in found[:, _EVEN]],
             "side_m": [round(float(v), 7) + 0.0 for v in found[:, _SIDE]],
+            "sure_slope": sure_slope,
             "by_speed_s": [round(float(v), 7) + 0.0 for v in speed.by_speed_s.ravel()],
             "speeds_m_s": speed.speeds_m_s,
             "residual_m": [float(f"{v:.3g}") for v in table.ravel()],
@@ -213,6 +222,18 @@ def _useful(
         if system.cost(less) - system.cost(useful) < min(least, _GAINS_ALIKE * max(steps, 1)):
             useful = less
     return useful
+
+
+def _sure_slope(lines: GaugeLines) -> float:
+    """Slope from which on drift turns none over, with the sign of the side that rising walls face.
+
+    0 where the gauges don't tell the side.
+    """
+    slope, rise, side = (v[lines.on_slope] for v in (lines.slope, lines.rise, lines.side))
+    turned = np.abs(slope[slope * rise < 0])
+    steepest = np.quantile(turned, _TURNED) if len(turned) >= LEAST_LINES // 2 else 0.0
+    faces = np.sign(np.mean(side * np.sign(rise)))
+    return round(float(faces * max(steepest, WALL_SLOPE)), 3)
 
 
 def _without(spread: F64, term: int) -> F64:

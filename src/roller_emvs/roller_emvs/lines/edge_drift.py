@@ -53,6 +53,14 @@ class EdgeDriftSettings(Settings):
         description="Of height by the side that a wall faces, as the change of contrast around "
         "tells it: of OFF and of ON events, m.",
     )
+    sure_slope: float = Field(
+        0.0,
+        ge=-10.0,
+        le=10.0,
+        description="Slope from which on, in full from twice that, its sign tells the side that a "
+        "wall faces; below 0 where a wall that rises faces the side -1. 0: the change of contrast "
+        "alone tells it.",
+    )
     by_speed_s: tuple[float, ...] = Field(
         (0.0,) * 2 * TERMS,
         description="By how much the coefficients change with speed: of OFF and then of ON events "
@@ -118,6 +126,29 @@ class EdgeDriftSettings(Settings):
         return "calibrated" if self.calibrated else NOT_CALIBRATED
 
 
+def facing(
+    side: npt.NDArray[np.floating], slope: F64, sure_slope: float
+) -> npt.NDArray[np.floating]:
+    """The side that walls face, by the change of contrast, and by the slope of those it tells.
+
+    Drift may turn the slope of a low wall over, but not that of a steep one; and the change of
+    contrast tells nothing where each pixel has few events of a wall.
+
+    Parameters
+    ----------
+    side : ndarray
+        -1 to 1, see `wall_side`.
+    slope : ndarray of float64
+        Of the surface along the roll, dh/dx; same shape.
+    sure_slope : float
+        See `EdgeDriftSettings`.
+    """
+    if not sure_slope:
+        return side
+    by_slope = np.clip(np.abs(slope / sure_slope) - 1.0, 0.0, 1.0)
+    return side + by_slope * (np.sign(slope / sure_slope) - side)
+
+
 def drift_terms(
     slope: F64, change: npt.NDArray[np.floating], side: npt.NDArray[np.floating]
 ) -> F64:
@@ -130,7 +161,7 @@ def drift_terms(
     change : ndarray
         Of contrast during the crossing, see `crossing_change`; same shape.
     side : ndarray
-        -1 to 1, see `wall_side`; same shape.
+        -1 to 1, see `facing`; same shape.
     """
     turned = np.tanh(slope / _TURN)
     return np.stack([change, turned, np.abs(turned), side], axis=-1)
@@ -147,8 +178,9 @@ def edge_drift(
     """Height by which edges are found too high, and its uncertainty, metres; see `drift_terms`.
 
     Beyond the calibrated slopes and speeds the drift stays what it is there, and is uncertain by as
-    much. `speed_m_s` is the camera's, one or of each edge.
+    much. `speed_m_s` is the camera's, one or of each edge; `side` is as of `wall_side`.
     """
+    side = facing(side, slope, settings.sure_slope)
     beta, beyond = _coefficients(settings, polarity, speed_m_s)
     table = np.asarray(settings.residual_m).reshape(2, 2, SLOPE_BINS)[polarity]
     height, sigma = np.empty((2, len(slope)))
