@@ -143,9 +143,13 @@ SHAPE = (ROWS, PARTS, TILES * TILE_BINS)
 CELLS = ROWS // CELL_PX
 
 
-def some_votes(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def some_votes(
+    rng: np.random.Generator, crowded: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Votes, where each row of cells begins, and the same as a histogram of `SHAPE`."""
     histogram = rng.poisson(0.3, SHAPE)
+    if crowded:  # sums of all parts exceed a byte
+        histogram[:, :, LEFT + 30] = 2 * MOST
     # Bins that count no further.
     histogram[2, 3, LEFT + 20], histogram[5, 1, LEFT + 40] = 2 * MOST, 5 * MOST
     row, part, at = (np.repeat(v, histogram.ravel()) for v in np.indices(SHAPE).reshape(3, -1))
@@ -259,23 +263,27 @@ def twin_sharpness(votes: np.ndarray, bins_px: int) -> np.ndarray:
     return np.asarray(slope**2 / bins_px)
 
 
+@pytest.mark.parametrize("crowded", [True, False])
 @pytest.mark.parametrize(("groups", "pairs", "halve"), [(1, 2, 0), (4, 1, 0), (4, 1, 1)])
-def test_sharpness_is_that_of_the_sum_of_shifted_parts(groups: int, pairs: int, halve: int) -> None:
+def test_sharpness_is_that_of_the_sum_of_shifted_parts(
+    groups: int, pairs: int, halve: int, crowded: bool
+) -> None:
     rng = np.random.default_rng(4)
-    votes, starts, histogram = some_votes(rng)
+    votes, starts, histogram = some_votes(rng, crowded)
     shifts = rng.integers(-20, 21, (6, PARTS)) >> halve
     cells = (ROWS // CELL_PX, (TILES - 2) * TILE_CELLS - 1)
     tiles = np.array([[[0, 5], [2, 3], [5, 4]], [[1, 4], [0, 5], [0, 5]]], np.int32)
     bins, left, bins_px = SHAPE[2] >> halve, LEFT >> halve, BINS_PX >> halve
     found = np.zeros((6, *cells), np.float32)
-    buffers = [np.full(bins + TILE_BINS, 77, np.uint16) for _ in range(2)]
+    kinds = (np.uint8, np.uint16, np.uint16)
+    buffers = tuple(np.full(bins + TILE_BINS, 77, kind) for kind in kinds)
     pair = (PARTS + 1) * bins
     base = np.minimum(base_of(pair, bins, ROW_PX), pairs * pair)
     image = np.zeros(pairs * pair + bins, np.uint8)
     for begin in range(2):
         _sharpness_kernels._measure(
             votes, starts, base, (*SHAPE[:2], bins), left, halve, begin, cells[0], 2, groups,
-            pairs, image, shifts, tiles, *buffers, np.full(bins, 9.0, np.float32), found,
+            pairs, image, shifts, tiles, buffers, np.full(bins, 9.0, np.float32), found,
         )  # fmt: skip
     assert not image.any()
     merged = histogram.reshape(*histogram.shape[:2], bins, -1).sum(axis=-1)
@@ -293,6 +301,30 @@ def test_sharpness_is_that_of_the_sum_of_shifted_parts(groups: int, pairs: int, 
         looked_at = (tiles[..., 0] <= k) & (k <= tiles[..., 1])
         looked_at = np.repeat(looked_at, TILE_CELLS, axis=1)[:, : cells[1]]
         np.testing.assert_allclose(found[k], np.where(looked_at, own, 0), rtol=1e-4, atol=1e-4)
+
+
+def test_whether_sums_of_parts_fit_a_byte_however_they_are_moved() -> None:
+    image = np.zeros((2, PARTS + 1, 64), np.uint8)
+    image[:, :PARTS] = np.random.default_rng(8).integers(0, 9, (2, PARTS, 64))
+    shape, most = (ROWS, PARTS, 64), int(image[1, :PARTS].max(axis=1).sum())
+    rest = most - int(image[1, 3].max())
+    for value, fits in ((255 - rest, True), (256 - rest, False)):
+        image[1, 3, 7] = value
+        assert _sharpness_kernels._fit_byte(image.reshape(-1), shape, 2, 1) == fits
+        assert _sharpness_kernels._fit_byte(image.reshape(-1), shape, 1, 1)
+        assert _sharpness_kernels._fit_byte(image.reshape(-1), shape, 2, PARTS // 2)
+
+
+@pytest.mark.parametrize("every", [1, 50])
+def test_an_image_is_made_zero_again(every: int) -> None:
+    votes, starts, _ = some_votes(np.random.default_rng(9))
+    votes = votes[starts[0] : starts[1] : every]
+    image = np.zeros(CELL_PX * PARTS * SHAPE[2], np.uint8)
+    base = base_of(PARTS * SHAPE[2], SHAPE[2], 1)
+    _part_kernels._count(votes, 0, len(votes), base, 0, MOST, image)
+    assert image.any()
+    _part_kernels._forget(votes, 0, len(votes), base, 0, image)
+    assert not image.any()
 
 
 def test_what_meets_a_surface_is_gathered_from_the_parts() -> None:

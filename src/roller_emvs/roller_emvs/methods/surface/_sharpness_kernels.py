@@ -50,9 +50,50 @@ def _add_parts(pairs, shape, pair, first, last, start, shifts, size, total):  # 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _add_bytes(pairs, shape, pair, first, last, start, shifts, size, total):  # type: ignore[no-untyped-def]
+    """`_add_parts` where no sum exceeds a byte, see `_fit_byte`."""
+    _, parts, bins = shape
+    chunks = np.uint64(size) // _CHUNK
+    top = pair * (parts + 1)
+    nothing = np.uint64((top + parts) * bins + start)
+    for j in range(first, last, 4):
+        a = np.uint64((top + j) * bins + start - shifts[j])
+        b = np.uint64((top + j + 1) * bins + start - shifts[j + 1])
+        more = j + 2 < last
+        c = np.uint64((top + j + 2) * bins + start - shifts[j + 2]) if more else nothing
+        d = np.uint64((top + j + 3) * bins + start - shifts[j + 3]) if more else nothing
+        for k in range(chunks):
+            begin = k * _CHUNK
+            for i in range(_CHUNK):
+                at = begin + i
+                four = np.uint8(pairs[a + at] + pairs[b + at] + pairs[c + at] + pairs[d + at])
+                total[at] = (total[at] if j > first else np.uint8(0)) + four
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit_byte(pairs, shape, looks, groups):  # type: ignore[no-untyped-def]
+    """Whether the sums of a group's parts fit a byte, wherever these are moved."""
+    _, parts, bins = shape
+    own = parts // groups
+    for first in range(0, parts, own):
+        for pair in range(looks):
+            total = np.int64(0)
+            for j in range(first, first + own):
+                at = np.uint64((pair * (parts + 1) + j) * bins)
+                most = np.uint8(0)
+                for i in range(np.uint64(bins)):
+                    votes = pairs[at + i]
+                    most = votes if votes > most else most
+                total += np.int64(most)
+            if total > 255:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _measure(  # type: ignore[no-untyped-def]
     votes, starts, base, shape, left, halve, begin, end, step, groups, looks, pairs, shifts, tiles,
-    total, sums, line, measure
+    buffers, line, measure
 ):  # fmt: skip
     """Sharpness of the votes by plane and cell, of every `step`-th row of cells from `begin` on.
 
@@ -62,8 +103,8 @@ def _measure(  # type: ignore[no-untyped-def]
     `base`; the rows of others may count behind it. `shifts`, shape (planes, parts), are of whole
     bins; `left` is the bin of the first cell. If `halve` is 1, bins are half a pixel in place of a
     quarter. `tiles`, shape (rows of cells, tiles, 2), holds the
-    first and last plane on which each counts. `measure`, shape (planes, rows, columns) of cells, is
-    added to.
+    first and last plane on which each counts. `buffers`, of bins uint8 and twice uint16, and `line`
+    are for use. `measure`, shape (planes, rows, columns) of cells, is added to.
     """
     planes, _, cell_columns = measure.shape
     count = tiles.shape[1]
@@ -72,6 +113,7 @@ def _measure(  # type: ignore[no-untyped-def]
     most = min(ROW_PX * MOST, _MOST_TOTAL // parts)
     cell_bins, tile_bins = CELL_BINS >> halve, TILE_BINS >> halve
     side = HALF_SIDE if halve else SIDE
+    eight, total, sums = buffers
     for row in range(begin, end, step):
         low = planes
         high = -1
@@ -82,6 +124,7 @@ def _measure(  # type: ignore[no-untyped-def]
         if high < 0:
             continue
         _count(votes, starts[row], starts[row + 1], base, halve, most, pairs)
+        few = _fit_byte(pairs, shape, looks, groups)
         for k in range(low, high + 1):
             t = 0
             while t < count:
@@ -97,14 +140,22 @@ def _measure(  # type: ignore[no-untyped-def]
                 start = left + begin_cell * cell_bins - side
                 for g in range(groups):
                     for pair in range(looks):
-                        _add_parts(
-                            pairs, shape, pair, g * own, (g + 1) * own, start, shifts[k],
-                            width + _BESIDE, total,
-                        )  # fmt: skip
-                        if halve:
-                            _add_half_slopes(total, width, sums, line, g + pair)
+                        if few:
+                            _add_bytes(
+                                pairs, shape, pair, g * own, (g + 1) * own, start, shifts[k],
+                                width + _BESIDE, eight,
+                            )  # fmt: skip
+                            _sum_bins(eight, width + _BESIDE, halve, sums)
                         else:
-                            _add_slopes(total, width, sums, line, g + pair)
+                            _add_parts(
+                                pairs, shape, pair, g * own, (g + 1) * own, start, shifts[k],
+                                width + _BESIDE, total,
+                            )  # fmt: skip
+                            _sum_bins(total, width + _BESIDE, halve, sums)
+                        if halve:
+                            _add_half_slopes(sums, width, line, g + pair)
+                        else:
+                            _add_slopes(sums, width, total, line, g + pair)
                 of_cells = measure[k, row, begin_cell:end_cell]
                 if halve:
                     _add_half_cells(line, _HALF_SCALE, of_cells)
@@ -114,21 +165,37 @@ def _measure(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_slopes(total, width, sums, line, before):  # type: ignore[no-untyped-def]
+def _sum_bins(votes, size, halve, sums):  # type: ignore[no-untyped-def]
+    """Sums of four bins from each on; of bins of half a pixel, of two and two again."""
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
+    chunks = np.uint64(size) // _CHUNK
+    if halve:
+        for k in range(chunks):
+            begin = k * _CHUNK
+            for i in range(_CHUNK):
+                at = begin + i
+                middle = np.uint16(votes[at + one])
+                sums[at] = np.uint16(votes[at]) + middle + middle + np.uint16(votes[at + two])
+    else:
+        for k in range(chunks):
+            begin = k * _CHUNK
+            for i in range(_CHUNK):
+                at = begin + i
+                left = np.uint16(votes[at]) + np.uint16(votes[at + one])
+                sums[at] = left + np.uint16(votes[at + two]) + np.uint16(votes[at + three])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_slopes(sums, width, total, line, before):  # type: ignore[no-untyped-def]
     """Squared slopes along x of votes shared by two columns, at every bin; see `_SCALE`.
 
-    Four bins and four again give each vote the triangle that its share of two columns is. `total`
-    begins `SIDE` bins before. `line` is added to if there is something `before`; `width` must be
-    so many chunks. Differences are of 16 bits: half as many instructions as of 32.
+    Four bins, which `sums` are of, and four again, which `total` takes, give each vote the triangle
+    that its share of two columns is. `sums` begin `SIDE` bins before. `line` is added to if there
+    is something `before`; `width` must be so many chunks. Differences are of 16 bits: half as many
+    instructions as of 32. What they are summed to is told to be of 32: else it would be of 64.
     """
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
-    chunks = np.uint64(width + _BESIDE) // _CHUNK
-    for k in range(chunks):
-        begin = k * _CHUNK
-        for i in range(_CHUNK):
-            at = begin + i
-            sums[at] = total[at] + total[at + one] + total[at + two] + total[at + three]
-    for k in range(chunks):
+    for k in range(np.uint64(width + _BESIDE) // _CHUNK):
         begin = k * _CHUNK
         for i in range(_CHUNK):
             at = begin + i
@@ -139,27 +206,23 @@ def _add_slopes(total, width, sums, line, before):  # type: ignore[no-untyped-de
             at = begin + i
             far = np.int16(total[at + np.uint64(16)] - total[at])
             near = np.int16(total[at + np.uint64(12)] - total[at + np.uint64(4)])
-            slope = np.float32(np.int32(2) * np.int32(far) + np.int32(5) * np.int32(near))
+            both = np.int32(np.int32(2) * np.int32(far) + np.int32(5) * np.int32(near))
+            slope = np.float32(both)
             line[at] = (line[at] if before else np.float32(0)) + slope * slope
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_half_slopes(total, width, sums, line, before):  # type: ignore[no-untyped-def]
+def _add_half_slopes(sums, width, line, before):  # type: ignore[no-untyped-def]
     """`_add_slopes` of bins of half a pixel: two and two again are a vote's triangle."""
-    one, two = np.uint64(1), np.uint64(2)
-    for k in range(np.uint64(width + _BESIDE) // _CHUNK):
-        begin = k * _CHUNK
-        for i in range(_CHUNK):
-            at = begin + i
-            middle = total[at + one]
-            sums[at] = total[at] + middle + middle + total[at + two]
+    two = np.uint64(2)
     for k in range(np.uint64(width) // _CHUNK):
         begin = k * _CHUNK
         for i in range(_CHUNK):
             at = begin + i
             far = np.int16(sums[at + np.uint64(8)] - sums[at])
             near = np.int16(sums[at + np.uint64(6)] - sums[at + two])
-            slope = np.float32(np.int32(2) * np.int32(far) + np.int32(5) * np.int32(near))
+            both = np.int32(np.int32(2) * np.int32(far) + np.int32(5) * np.int32(near))
+            slope = np.float32(both)
             line[at] = (line[at] if before else np.float32(0)) + slope * slope
 
 

@@ -154,12 +154,13 @@ class PartField(EvidenceField):
 
         def run(begin: int) -> None:
             pairs = np.zeros(looks * pair + bins, np.uint8)
-            total, sums = (np.zeros(bins + TILE_BINS, np.uint16) for _ in range(2))
+            eight = np.zeros(bins + TILE_BINS, np.uint8)
+            total, sums = np.zeros((2, bins + TILE_BINS), np.uint16)
             line = np.zeros(bins, np.float32)
             sharpness._measure(
                 self.votes[polarity], self.starts[polarity], base, (rows, parts, bins), left,
-                halve, begin, self.cells[0], threads, groups, looks, pairs, shifts, tiles, total,
-                sums, line, found,
+                halve, begin, self.cells[0], threads, groups, looks, pairs, shifts, tiles,
+                (eight, total, sums), line, found,
             )  # fmt: skip
 
         share(threads, threads, run, inner=True)
