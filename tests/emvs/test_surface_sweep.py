@@ -1,5 +1,7 @@
 """The sweep in the surface's frame on analytic scenes: right heights, or none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,6 +27,7 @@ from roller_core.transforms import rotation_vector_to_quaternion
 from roller_emvs.evidence.field import Box, Mask
 from roller_emvs.lines import refine
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface.narrow import narrowed
 from roller_emvs.methods.surface.part_field import PartField, fits
 from roller_emvs.methods.surface.strip import Block, Strip
 from roller_emvs.windows import RefusedWindow
@@ -336,6 +339,42 @@ def test_what_holds_no_depth_is_cut_off(scan: EventArray, monkeypatch: pytest.Mo
     whole = points_of(sweep(part, track)[0])
     assert len(whole) > 200
     np.testing.assert_allclose(found, whole, atol=1e-7)
+
+
+def test_what_no_event_reaches_is_left_out(
+    scan: EventArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    track, calls = track_of(rolling(0.3), DURATION_S), []
+
+    def watched(block: Block, field: PartField, pixel_m: float) -> tuple[Block, PartField]:
+        found = narrowed(block, field, pixel_m)
+        calls.append((block, field, *found))
+        return found
+
+    noise = np.random.default_rng(1).random(len(scan)) < 2e-5
+    part = scan[(scan.y < 0.3 * CAMERA.height) | noise]
+    whole = points_of(sweep(part, track)[0])
+    monkeypatch.setattr("roller_emvs.methods.surface.sweep.narrowed", watched)
+    found = points_of(sweep(part, track)[0])
+    np.testing.assert_array_equal(found, whole)
+    cut = [call for call in calls if call[3] is not call[1]]
+    assert cut
+    for block, field, narrow, kept in cut:
+        assert kept.cells[0] * kept.cells[1] < field.cells[0] * field.cells[1]
+        assert kept.reached.sum() == field.reached.sum()
+        assert block.start_m <= narrow.start_m < narrow.end_m <= block.end_m
+        assert narrow.low_y_m >= block.low_y_m
+    # As if it had been looked at.
+    monkeypatch.setattr(
+        "roller_emvs.methods.surface.sweep.narrowed", lambda block, field, _: (block, field)
+    )
+    np.testing.assert_allclose(points_of(sweep(part, track)[0]), whole, atol=1e-7)
+    # Where there is nothing, something small is left of it.
+    block, field = calls[0][:2]
+    empty = replace(field, reached=np.zeros_like(field.reached))
+    narrow, kept = narrowed(block, empty, field.ray_slope_scale)
+    assert max(kept.cells) < 40
+    assert narrow.start_m < narrow.end_m
 
 
 def test_lengths_with_few_events_are_one_block_and_wait_for_each_other() -> None:

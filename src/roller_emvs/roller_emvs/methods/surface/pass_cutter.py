@@ -7,6 +7,7 @@ one are complete, so they depend on the data alone and not on when these arrived
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from roller_core.events import EventArray
 from roller_core.passes import REST_M, STANDSTILL_S, Heading, Progress, stands
 from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.transforms import F64, pose_matrix
+from roller_emvs.rays import F32
 from roller_emvs.windows import RefusedWindow
 
 from .strip import Block, MotionError, Strip
@@ -55,9 +57,7 @@ class PassCutter(EventCutter):
         super().__init__(settings.max_waiting_events, track)
         self._settings = settings
         self._camera = camera
-        table = camera.undistortion_table().astype(np.float64)
-        centre, focal = (camera.cx, camera.cy), (camera.fx, camera.fy)
-        self._rays = ((table - centre) / focal).astype(np.float32)
+        self._rays = _rays_of(camera)
         self._at_ns: int | None = None
         self._strip: Strip | None = None
         self._early: list[Step] = []
@@ -250,3 +250,11 @@ class PassCutter(EventCutter):
             yield from self._advance(strip, flush=True)
             for block in strip.ready(flush=True):
                 yield strip, block
+
+
+@lru_cache(maxsize=4)
+def _rays_of(camera: Camera) -> F32:
+    """Direction of every pixel, at unit depth; shape (height, width, 2). Not to be written to."""
+    table = camera.undistortion_table().astype(np.float64)
+    centre, focal = (camera.cx, camera.cy), (camera.fx, camera.fy)
+    return np.asarray((table - centre) / focal, np.float32)

@@ -297,10 +297,13 @@ class Strip:
     def chains(self, block: Block, polarity: int, reach_m: float) -> Chains:
         """Pages of the store with the events within some distance of a block."""
         length = self.settings.block_m
+        # Of a whole block 0, to the bit: what is about its rows may begin later, and end earlier.
+        later = block.start_m - block.number * length
+        earlier = block.end_m - block.end * length
         starts, pages, counts = [], [], []
         for j in block.sources:
-            start = (block.number - j) * length
-            ends = start - reach_m, (block.end - j) * length + reach_m
+            start = (block.number - j) * length + later
+            ends = start - reach_m, (block.end - j) * length + earlier + reach_m
             of_pieces = self.store.chains(j, polarity, *ends)
             starts += [start] * len(of_pieces[0])
             pages.append(of_pieces[0])

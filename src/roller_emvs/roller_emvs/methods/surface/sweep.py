@@ -32,6 +32,7 @@ from roller_emvs.rays import F32
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
+from .narrow import narrowed
 from .part_depths import find_part_depths
 from .part_field import COARSE_PARTS, fits, part_field
 from .pass_cutter import PassCutter
@@ -41,6 +42,9 @@ from .surface_settings import SurfaceSettings
 
 #: Under a printed texture every second event is enough for lines.
 _TEXTURED_EVERY = 2
+
+#: Measured pixels, and where they lie on the strip along and across, metres.
+Measured = tuple[Relief, F64, F64]
 
 
 @dataclass(frozen=True)
@@ -143,9 +147,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         while measured is None:  # anew once it is seen where the skin leaves the surface
             by = self._by_parts if fits(strip, block) else self._by_rays
             measured = by(strip, block, watch)
-        found, y = measured
+        found, x, y = measured
         with watch("points"):
-            x = found.column * strip.pixel_m + block.start_m - MARGIN_M
             local = np.stack([x, y, found.offset + strip.middle_m], axis=-1)
             keep = (x >= block.start_m) & (x < block.end_m)
             keep &= (np.abs(found.offset) <= strip.half_m) & self._seen(strip, x)
@@ -166,16 +169,17 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             watch.cpu_ms,
         )
 
-    def _by_parts(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64] | None:
-        """Measured pixels, and where they lie across the strip, for a straight path."""
+    def _by_parts(self, strip: Strip, block: Block, watch: Stopwatch) -> Measured | None:
+        """Measured pixels, and where they lie on the strip, for a straight path."""
         s = self.settings
+        with watch("arrange"):
+            whole = part_field(strip, block, s.evidence.planes_per_px, s.threads)
+            block, field = narrowed(block, whole, strip.pixel_m)
 
         def across(row: F64, offset: F64) -> F64:
             y = row * strip.pixel_m + block.low_y_m
             return np.asarray(y + strip.fan(block, y) * offset, np.float64)
 
-        with watch("arrange"):
-            field = part_field(strip, block, s.evidence.planes_per_px, s.threads)
         with watch("votes"):
             depths = find_part_depths(field, strip.half_m, s.evidence, s.threads)
         with watch("points"):
@@ -186,7 +190,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 lambda polarity, every: strip.rays(block, polarity, field.reach_m, every), across,
             )  # fmt: skip
 
-    def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> tuple[Relief, F64] | None:
+    def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> Measured | None:
         """The same for any path."""
         s, half = self.settings, strip.half_m
         with watch("arrange"):
@@ -215,7 +219,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         found: Relief,
         rays: Callable[[int, int], F32],
         across: Callable[[F64, F64], F64],
-    ) -> tuple[Relief, F64] | None:
+    ) -> Measured | None:
         """Points that follow lines, and where they lie; None if rays beyond the patch counted."""
         s, pixel = self.settings, strip.pixel_m
         length = block.end_m - block.start_m
@@ -223,8 +227,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         light, ends = self._pass_of(strip)
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
-        # A texture has events and points enough.
-        textured = is_textured(depths)
+        # A texture has events and points enough. A part of a grid is cut where there is none.
+        textured = field.most_spread is None and is_textured(depths)
         every = _TEXTURED_EVERY if textured else 1
         found, lines = refine(
             field, found, lambda polarity: rays(polarity, every), columns, s.edge_drift, light,
@@ -250,7 +254,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 x = points.column * pixel + block.start_m - MARGIN_M
                 y, z = across(points.row, points.offset), points.offset + strip.middle_m
                 take(strip.to_base(np.stack([x, y, z], axis=1)), strip.rotation, points)
-        return found, across(found.row, found.offset)
+        x = found.column * pixel + block.start_m - MARGIN_M
+        return found, x, across(found.row, found.offset)
 
     def _pass_of(self, strip: Strip) -> tuple[TravellingLight, PatchEnds]:
         """What the strip's pass says of its light, and of where the skin lies on the surface."""
