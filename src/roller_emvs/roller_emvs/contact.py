@@ -286,7 +286,8 @@ def _sharpness(bins, signs, shares, places, image, out):  # type: ignore[no-unty
 
     bins (4, n): place at infinity and its shift at full speed, in bins; signs (n,): of the events;
     image (rows + 1, columns): of the bins, the last row for what lies outside; out (shares,).
-    Whole numbers, which vector instructions add up in any order: no more than 20,000 events.
+    Whole numbers, which vector instructions add up in any order: no more than 20,000 events. Sums
+    and products are told to be of 32 bits, else they would be of 64.
     """
     rows, columns = image.shape[0] - 1, image.shape[1]
     flat = image.reshape(-1)
@@ -301,7 +302,7 @@ def _sharpness(bins, signs, shares, places, image, out):  # type: ignore[no-unty
             v = y0[i] + share * dy[i]
             # Written so that NaN fails it.
             seen = (u >= zero) & (u < right) & (v >= zero) & (v < below)
-            inside += np.int32(seen)
+            inside = np.int32(inside + np.int32(seen))
             places[i] = np.int32(np.floor(v) * right + np.floor(u) if seen else below * right)
         flat[:] = 0
         for i in range(np.uint64(len(signs))):
@@ -310,6 +311,6 @@ def _sharpness(bins, signs, shares, places, image, out):  # type: ignore[no-unty
         for r in range(rows):
             start = np.uint64(r * columns)
             for c in range(start, start + np.uint64(columns - 1)):
-                step = np.int32(flat[c + np.uint64(1)]) - np.int32(flat[c])
-                total += step * step
+                step = np.int32(np.int32(flat[c + np.uint64(1)]) - np.int32(flat[c]))
+                total = np.int32(total + np.int32(step * step))
         out[k] = total - 2.0 * inside
