@@ -1,7 +1,7 @@
 """Where warped events are sharpest: the evidence that `focus` and `surface` share."""
 
 from ._kernels import CELL_PX
-from .coarse import coarse_planes, offset_of_parts
+from .coarse import coarse_planes, measure_of_spots, offset_of_parts
 from .evidence_settings import EvidenceSettings
 from .field import EvidenceField, RayField
 from .focus_measure import plane_offsets
@@ -21,6 +21,7 @@ __all__ = [
     "coarse_planes",
     "find_depths",
     "is_textured",
+    "measure_of_spots",
     "measured_pixels",
     "offset_of_parts",
     "plane_offsets",

@@ -78,7 +78,7 @@ def coarse_offset(field: RayField, bands: list[Bands], at: F64, parts: int, thre
     return offset_of_parts(total, at)
 
 
-def offset_of_parts(measure: F32, at: F64) -> F32:
+def offset_of_parts(measure: F32, at: F64, weakest: float = 0.0) -> F32:
     """Offset on cells from the sum of the parts' focus measure; NaN where none is found.
 
     Parameters
@@ -87,10 +87,17 @@ def offset_of_parts(measure: F32, at: F64) -> F32:
         The sum.
     at : ndarray of float64, shape (planes,)
         Offsets of the planes.
+    weakest : float
+        Measure, summed over a neighbourhood, from which on there is one; see `measure_of_spots`.
     """
     cells = measure.shape[1:]
     peak, contrast, top = (np.empty(cells, np.float32) for _ in range(3))
     scores = blurred(measure, _SIGMA_PX / CELL_PX)
     first, last = np.zeros(cells, np.int32), np.full(cells, len(at) - 1, np.int32)
-    peaks._find_peak(scores, first, last, 2.0, 0.0, _MIN_CONFIDENCE, peak, contrast, top)
+    peaks._find_peak(scores, first, last, 2.0, weakest, _MIN_CONFIDENCE, peak, contrast, top)
     return (at[0] + peak * (at[1] - at[0])).astype(np.float32)
+
+
+def measure_of_spots(spots: float, votes: float) -> float:
+    """What so many spots of so many votes come to, summed over a neighbourhood of this module."""
+    return spots * votes**2 / (2 * np.pi * (_SIGMA_PX / CELL_PX) ** 2)

@@ -33,7 +33,7 @@ from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
 from .narrow import narrowed
-from .part_depths import find_part_depths
+from .part_depths import find_coarsely, find_part_depths
 from .part_field import COARSE_PARTS, fits, part_field
 from .pass_cutter import PassCutter
 from .strip import MARGIN_M, Block, Strip
@@ -174,14 +174,15 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         s = self.settings
         with watch("arrange"):
             whole = part_field(strip, block, s.evidence.planes_per_px, s.threads)
-            block, field = narrowed(block, whole, strip.pixel_m)
 
         def across(row: F64, offset: F64) -> F64:
             y = row * strip.pixel_m + block.low_y_m
             return np.asarray(y + strip.fan(block, y) * offset, np.float64)
 
         with watch("votes"):
-            depths = find_part_depths(field, strip.half_m, s.evidence, s.threads)
+            near = find_coarsely(whole, strip.half_m, s.evidence, s.threads)
+            block, field, near = narrowed(block, whole, near, strip.pixel_m)
+            depths = find_part_depths(field, near, strip.half_m, s.evidence, s.threads)
         with watch("points"):
             found = self._measured(field, depths)
         with watch("lines"):
