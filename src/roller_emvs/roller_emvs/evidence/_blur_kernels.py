@@ -17,35 +17,44 @@ def _reflect(i, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def _add_pairs(a, b, c, d, e, f, weights, sums):  # type: ignore[no-untyped-def]
-    """Add three weighted pairs: storing sums after each would take longer than adding."""
-    u, v, w = weights
+def _add_pairs(own, weight, pairs, weights, sums):  # type: ignore[no-untyped-def]
+    """Add five weighted pairs to `own`, weighted too: sums are loaded and stored but once."""
+    a, b, c, d, e, f, g, h, i, k = pairs
+    u, v, w, x, y = weights
     for j in range(len(sums)):
-        sums[j] += u * (a[j] + b[j]) + v * (c[j] + d[j]) + w * (e[j] + f[j])
+        near = weight * own[j] + u * (a[j] + b[j]) + v * (c[j] + d[j])
+        sums[j] = near + w * (e[j] + f[j]) + x * (g[j] + h[j]) + y * (i[j] + k[j])
 
 
 @njit(cache=True, nogil=True)
 def _weigh(values, first, last, step, weights, sums):  # type: ignore[no-untyped-def]
     """Weighted sums of what lies around places from one to another, flat, `step` apart.
 
-    Of many rows at once: what is left over of a loop is done one by one.
+    Of many rows at once: what is left over of a loop is done one by one. `weights` are three at
+    least.
     """
     reach, out = len(weights) // 2, sums[first:last]
-    own, middle = weights[reach], values[first:last]
-    for j in range(len(out)):
-        out[j] = own * middle[j]
-    for d in range(1, reach + 1, 3):
+    own, weight = values[first:last], weights[reach]
+    one, zero = np.float32(1), np.float32(0)
+    for d in range(1, reach + 1, 5):
         # Beyond the last one a weight of 0, of what is there.
-        near, far = min(d + 1, reach) * step, min(d + 2, reach) * step
-        at, zero = d * step, np.float32(0)
+        p, q = d * step, min(d + 1, reach) * step
+        r, s, t = min(d + 2, reach) * step, min(d + 3, reach) * step, min(d + 4, reach) * step
         v = weights[reach + d + 1] if d + 1 <= reach else zero
         w = weights[reach + d + 2] if d + 2 <= reach else zero
+        x = weights[reach + d + 3] if d + 3 <= reach else zero
+        y = weights[reach + d + 4] if d + 4 <= reach else zero
         _add_pairs(
-            values[first - at : last - at], values[first + at : last + at],
-            values[first - near : last - near], values[first + near : last + near],
-            values[first - far : last - far], values[first + far : last + far],
-            (weights[reach + d], v, w), out,
+            own, weight, (
+                values[first - p : last - p], values[first + p : last + p],
+                values[first - q : last - q], values[first + q : last + q],
+                values[first - r : last - r], values[first + r : last + r],
+                values[first - s : last - s], values[first + s : last + s],
+                values[first - t : last - t], values[first + t : last + t],
+            ),
+            (weights[reach + d], v, w, x, y), out,
         )  # fmt: skip
+        own, weight = out, one
 
 
 @njit(cache=True, nogil=True)
@@ -53,10 +62,10 @@ def _widen(flat, begin, size, reach, sources, line, to):  # type: ignore[no-unty
     """A row into a line, and what it is reflected to into the ends; whether any of it isn't 0."""
     some = False
     for j in range(size):
-        some |= flat[begin + j] != 0
+        value = flat[begin + j]
+        line[to + reach + j] = value
+        some |= value != 0
     if some:
-        for j in range(size):
-            line[to + reach + j] = flat[begin + j]
         for d in range(reach):
             line[to + d] = flat[begin + sources[d]]
             line[to + reach + size + d] = flat[begin + sources[reach + d]]
