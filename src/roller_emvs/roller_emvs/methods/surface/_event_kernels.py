@@ -88,16 +88,15 @@ def _place(x, y, t, rays, t0, t1, first, second, z, steepest, out):  # type: ign
 @njit(cache=True, nogil=True, error_model="numpy")
 def _keep(  # type: ignore[no-untyped-def]
     placed, t, polarity, t_base, start, length, slots, records, times, link, free, free_count,
-    pages, counts, spans, ends,
+    pages, counts, ends,
 ):  # fmt: skip
     """Append events to the pages of their block, polarity and piece; how many, and free pages left.
 
     `placed` is as of `_place`, `start` the place of the block of `slots[0]` in its x. `records`,
     shape (pages, 3, PAGE), receives x from the block's start on, y and slope, `times` microseconds
     from `t_base` on. `pages` holds the first and last page of each slot and of each polarity's
-    pieces, -1 for none, `counts` their events; `spans` least and largest x and y of a slot, `ends`
-    its first and last time. Places are counted without sign: what may count from the end is looked
-    at twice.
+    pieces, -1 for none, `counts` their events; `ends` a slot's first and last time. Places are
+    counted without sign: what may count from the end is looked at twice.
     """
     per_length = np.float32(1) / np.float32(length)
     size = np.float32(length)
@@ -105,7 +104,7 @@ def _keep(  # type: ignore[no-untyped-def]
     start = np.float32(start)
     one, two, three, page_size = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(PAGE)
     to, to_time, chains = records.reshape(-1), times.reshape(-1), np.uint64(2 * PIECES)
-    last_page, held, span = pages.reshape(-1), counts.reshape(-1), spans.reshape(-1)
+    last_page, held = pages.reshape(-1), counts.reshape(-1)
     xs, ys, slopes = placed[0], placed[1], placed[2]
     kept = 0
     for i in range(np.uint64(len(t))):
@@ -139,16 +138,33 @@ def _keep(  # type: ignore[no-untyped-def]
         to[at + page_size] = y
         to[at + two * page_size] = slopes[i]
         to_time[page * page_size + n] = np.uint32(np.uint64(t[i] - t_base) // np.uint64(1000))
-        own = np.uint64(4) * slot
-        if span[own] > span[own + one]:
+        if t[i] < ends[slot, 0]:
             ends[slot, 0] = t[i]
         ends[slot, 1] = t[i]
-        span[own] = min(span[own], x)
-        span[own + one] = max(span[own + one], x)
-        span[own + two] = min(span[own + two], y)
-        span[own + three] = max(span[own + three], y)
         kept += 1
     return kept, free_count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "nsz"})
+def _span(records, link, pages, counts):  # type: ignore[no-untyped-def]
+    """Least and largest x and y of chains of pages: by vector instructions, as none is NaN.
+
+    `pages` holds the first page of each chain, `counts` its events.
+    """
+    inf = np.float32(np.inf)
+    low_x, high_x, low_y, high_y = inf, -inf, inf, -inf
+    for chain in range(len(pages)):
+        page, left = pages[chain], counts[chain]
+        while page >= 0:
+            xs, ys = records[page, 0], records[page, 1]
+            for i in range(min(PAGE, left)):
+                low_x = xs[i] if xs[i] < low_x else low_x
+                high_x = xs[i] if xs[i] > high_x else high_x
+                low_y = ys[i] if ys[i] < low_y else low_y
+                high_y = ys[i] if ys[i] > high_y else high_y
+            left -= PAGE
+            page = link[page]
+    return low_x, high_x, low_y, high_y
 
 
 @njit(cache=True, nogil=True)

@@ -66,8 +66,9 @@ class EventStore:
         self._free_count = 0
         self._pages = np.empty((0, 2 * PIECES, 2), np.int32)
         self._counts = np.empty((0, 2 * PIECES), np.int64)
-        self._spans = np.empty((0, 4), np.float32)
         self._ends = np.empty((0, 2), np.int64)
+        # Of each block, as of so many events.
+        self._spans: dict[int, tuple[int, tuple[float, float, float, float]]] = {}
         self.held = 0
 
     @property
@@ -91,7 +92,7 @@ class EventStore:
         kept, self._free_count = kernels._keep(
             placed, events.t_ns, events.p, self._start_ns, -start_m, self._length_m, slots,
             self.records, self._times, self.link, self._free, self._free_count, self._pages,
-            self._counts, self._spans, self._ends,
+            self._counts, self._ends,
         )  # fmt: skip
         self.held += kept
 
@@ -103,12 +104,11 @@ class EventStore:
                 room = n + max(n, 16)
                 self._spare = list(range(n, room))
                 self._pages, self._counts = _grown(self._pages, room), _grown(self._counts, room)
-                self._spans, self._ends = _grown(self._spans, room), _grown(self._ends, room)
+                self._ends = _grown(self._ends, room)
             slot = self._slots[k] = self._spare.pop()
             self._pages[slot] = -1
             self._counts[slot] = 0
-            self._spans[slot] = np.inf, -np.inf, np.inf, -np.inf
-            self._ends[slot] = 0
+            self._ends[slot] = np.iinfo(np.int64).max, 0
         return self._slots[k]
 
     def _reserve(self, pages: int) -> None:
@@ -133,8 +133,13 @@ class EventStore:
 
     def span(self, k: int) -> tuple[float, float, float, float]:
         """Least and largest x and y of a block's events, metres, x from its start on."""
-        low_x, high_x, low_y, high_y = self._spans[self._slots[k]].tolist()
-        return low_x, high_x, low_y, high_y
+        slot, count = self._slots[k], self.count(k)
+        if k not in self._spans or self._spans[k][0] != count:
+            low_x, high_x, low_y, high_y = kernels._span(
+                self.records, self.link, self._pages[slot, :, 0], self._counts[slot]
+            )
+            self._spans[k] = count, (low_x, high_x, low_y, high_y)
+        return self._spans[k][1]
 
     def times(self, k: int) -> tuple[int, int]:
         """Times of a block's first and last event."""
@@ -178,6 +183,7 @@ class EventStore:
     def release(self, k: int) -> int:
         """Forget a block; how many events it held."""
         slot = self._slots.pop(k, None)
+        self._spans.pop(k, None)
         if slot is None:
             return 0
         for page in self._pages[slot, :, 0].tolist():
