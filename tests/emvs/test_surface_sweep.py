@@ -355,7 +355,7 @@ def test_what_holds_no_evidence_is_left_out_of_a_block(
     noise = np.random.default_rng(1).random(len(scan)) < 2e-5
     part = scan[(scan.y < 0.3 * CAMERA.height) | noise]
     monkeypatch.setattr(name, watched)
-    found = points_of(sweep(part, track)[0])
+    found = points_of(sweep(part, track, block_m=0.03)[0])
     cut = [call for call in calls if call[4] is not call[1]]
     assert cut
     for block, field, near, narrow, kept, offset in cut:
@@ -367,7 +367,7 @@ def test_what_holds_no_evidence_is_left_out_of_a_block(
         assert kept.aperture == field.aperture
     # As if it had been looked at.
     monkeypatch.setattr(name, lambda block, field, near, _: (block, field, near))
-    whole = points_of(sweep(part, track)[0])
+    whole = points_of(sweep(part, track, block_m=0.03)[0])
     assert len(whole) > 200
     np.testing.assert_allclose(found, whole, atol=1e-7)
     # Of what holds nothing something small is left.
