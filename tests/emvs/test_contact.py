@@ -8,7 +8,7 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.outputs import CONTACT, DEPTH_ACCOUNT, Output
 from roller_core.pose_track import PoseTrack
-from roller_emvs.contact import _SHARES, ContactWatch, _keep_quiet, _sharpness
+from roller_emvs.contact import _SHARES, ContactState, ContactWatch, _keep_quiet, _sharpness
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
@@ -53,6 +53,25 @@ def test_the_images_share_of_the_speed_is_found(texture: EventArray, share: floa
     assert fault == ("" if share == 1.0 else watch.state.fault)
     assert watch.state.area_m2 == pytest.approx(320 * 120 * (DEPTH / 800) ** 2, rel=0.2)
     assert watch.state.fill > 0.9
+
+
+def test_a_piece_that_has_begun_is_looked_at_once(
+    texture: EventArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch, look, spans = watched(texture, poses(1.4)), ContactWatch._look, []
+
+    def counted(self: ContactWatch, events: EventArray, start: int, end: int) -> ContactState:
+        spans.append((start, end))
+        return look(self, events, start, end)
+
+    monkeypatch.setattr(ContactWatch, "_look", counted)
+    first = watch.fault(0, 30 * MS)
+    assert first.startswith("slipping")
+    assert len(spans) == 1
+    assert watch.fault(1, 30 * MS) == first
+    assert len(spans) == 1
+    assert watch.fault(2, 36 * MS) == first
+    assert len(spans) == 2
 
 
 def test_a_slip_that_looks_like_a_depth_in_the_range_is_none(texture: EventArray) -> None:
