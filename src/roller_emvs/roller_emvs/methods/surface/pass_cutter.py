@@ -131,7 +131,9 @@ class PassCutter(EventCutter):
             yield from self._end_pass()
             return
         try:
-            self._track.check(t0, t1)
+            # One after the other, poses miss nothing but what a gap between them is of.
+            if t1 - t0 > self._track.max_gap_s * 1e9:
+                self._track.check(t0, t1)
         except PoseError as error:
             yield from self._end_pass()
             self.events_without_pose += len(events)

@@ -322,6 +322,8 @@ class Strip:
             self.store.records, self.store.link, pages, counts, starts - MARGIN_M,
             block.low_y_m, self.pixel_m, every, out,
         )  # fmt: skip
+        if np.isinf(self.ends).all():
+            return out
         least, most = (end / self.pixel_m for end in self.ends)
         within = (out[:, 2] >= least) & (out[:, 2] <= most)
         return out if within.all() else out[within]

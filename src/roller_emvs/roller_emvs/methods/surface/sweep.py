@@ -223,6 +223,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
     ) -> Measured | None:
         """Points that follow lines, and where they lie; None if rays beyond the patch counted."""
         s, pixel = self.settings, strip.pixel_m
+        if not any(np.isfinite(own.offset).any() for own in depths):
+            return found, np.empty(0), np.empty(0)
         length = block.end_m - block.start_m
         columns = round(MARGIN_M / pixel), round((MARGIN_M + length) / pixel)
         light, ends = self._pass_of(strip)
