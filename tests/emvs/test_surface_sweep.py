@@ -412,6 +412,27 @@ def test_lengths_with_few_events_are_one_block_and_wait_for_each_other() -> None
     assert (found[0].first_ns, found[0].last_ns) == (6, 7)
 
 
+@pytest.mark.parametrize(("speed", "joined"), [(0.2, [1, 1, 1, 1]), (0.5, [2, 1, 1])])
+def test_a_fast_sensor_joins_lengths_with_more_events(speed: float, joined: list[int]) -> None:
+    counts = {0: 30_000, 1: 90_000, 2: 200_000, 3: 300_000}
+    length, pose = 0.008, np.eye(4)
+    strip = Strip(
+        settings(block_m=length), CAMERA, np.zeros((480, 2, 2), np.float32), 0, pose, pose[:3, 0]
+    )
+
+    class Store:
+        blocks = tuple(counts)
+        span = staticmethod(lambda k: (0.0, length, 0.0, 0.01))
+        times = staticmethod(lambda k: (k, k))
+        count = staticmethod(lambda k: counts.get(k, 0))
+
+    strip.store = Store()  # type: ignore[assignment]
+    strip._done = -1
+    strip._travel_m, strip._travel_ns = speed, 1_000_000_000
+    strip._behind_m = 4.5 * length
+    assert [block.end - block.number for block in strip.ready()] == joined
+
+
 def test_settings_are_checked() -> None:
     with pytest.raises(SettingsError, match="depth_min_m"):
         settings(depth_min_m=0.05)

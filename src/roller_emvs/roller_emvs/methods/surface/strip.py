@@ -26,9 +26,14 @@ from .surface_settings import SurfaceSettings
 
 #: Rows beyond a block's ends that its evidence reaches into, m.
 MARGIN_M = 0.001
-#: Lengths, side by side, that are one block if they hold together less than so many events: between
-#: what lies on a bare plate the work on a block hardly hangs on its events, nor on its length.
-_MOST_JOINED, _FEW_EVENTS = 3, 8000
+#: Lengths, side by side, that are one block if they hold together less than so many events, and the
+#: next one less than so many: between what lies on a bare plate the work on a block hardly hangs on
+#: its events, nor on its length. Where the sensor is fast more by row of the image, but fewer than
+#: of a texture: what it does in a second counts there, and it has soon passed what a block waits
+#: for.
+_MOST_JOINED, _FEW_EVENTS, _FEW_FOR_FAST = 3, (8000, 8000), (210, 520)
+#: Time for a length from which on the sensor isn't fast, s.
+_LONG_S = 0.03
 
 
 #: How much x begins before a block, first page and number of events, of each chain of pages.
@@ -239,12 +244,20 @@ class Strip:
 
     def _joins(self, begin: int, k: int) -> bool:
         """Whether a length becomes one block with those before it."""
-        return not self._full(begin, k) and not self._full(k, k + 1)
+        return not self._full(begin, k) and self.store.count(k) < self._few_events[1]
+
+    @property
+    def _few_events(self) -> tuple[int, int]:
+        """Events below which lengths are joined, and of the length that is joined to them."""
+        if self.speed_m_s * _LONG_S <= self.settings.block_m:
+            return _FEW_EVENTS
+        few, most = (len(self._pixel_rays) * events for events in _FEW_FOR_FAST)
+        return max(few, _FEW_EVENTS[0]), max(most, _FEW_EVENTS[1])
 
     def _full(self, begin: int, end: int) -> bool:
         """Whether lengths are a block for themselves."""
         events = sum(self.store.count(k) for k in range(begin, end))
-        return end - begin == _MOST_JOINED or events >= _FEW_EVENTS
+        return end - begin == _MOST_JOINED or events >= self._few_events[0]
 
     def _blocks(self, begin: int, end: int) -> list[Block]:
         """The block of some lengths, if events reach it; they are done."""
