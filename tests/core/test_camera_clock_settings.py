@@ -112,6 +112,19 @@ def test_exact_clock_is_the_identity() -> None:
     assert int(clock.to_ros_ns(10**18 + 7)) == 10**18 + 7
 
 
+def test_many_times_are_mapped_as_one_by_one() -> None:
+    """Sensors give one time to many events: stretches of it are worked out once."""
+    rng = np.random.default_rng(4)
+    clock = SensorClock()
+    for k in range(3000):
+        clock.observe(k * 1_000_000, 10**18 + k * 1_000_050 + round(rng.exponential(200_000)))
+    assert clock.skew != 0
+    stretches = rng.choice([1, 2, 64, 65, 300], 100)
+    times = np.repeat(2_900_000_000 + np.cumsum(rng.integers(1000, 200_000, 100)), stretches)
+    want = [int(clock.to_ros_ns(int(t))) for t in times]
+    np.testing.assert_array_equal(clock.to_ros_ns(times), want)
+
+
 class _Group(Settings):
     sigma_px: float = Field(5.0, ge=1.0, description="Neighbourhood, px.")
     votes: int = Field(2, description="Votes.")

@@ -51,6 +51,51 @@ def test_round_trip(encoding: str, events: EventArray, base_ms: int) -> None:
     assert_same(PacketDecoder(encoding, 640, 480).decode(payload, base_ns).events, events)
 
 
+def slow_libcaer_cmp(words: list[int], base_ns: int, width: int, height: int) -> list[list[int]]:
+    """Fields of the events of a payload, word by word."""
+    high = low = column = base_y = polarity = 0
+    out = []
+    for w in words:
+        code, value = w >> 12, w & 0xFFF
+        high, low = (value if code == k else v for k, v in enumerate((high, low)))
+        t = base_ns + ((high << 12) | low) * 1000
+        rows = []
+        if code == 2:
+            column = w & 0x7FF
+        elif code == 3:
+            rows = [(w & 0x7FF, value >> 11)]
+        elif code == 4:
+            base_y, polarity = w & 0x7FF, value >> 11
+        elif code == 5:
+            rows = [(base_y + bit, polarity) for bit in range(8) if w >> bit & 1]
+            base_y += 8
+        out += [[column, y, t, p] for y, p in rows if column < width and y < height]
+    return out
+
+
+@settings(max_examples=200)
+@given(
+    st.lists(st.tuples(st.sampled_from([0, 1, 2, 3, 3, 4, 5, 5, 9]), st.integers(0, 0xFFF))),
+    st.sampled_from([(640, 480), (1200, 700), (2048, 2048), (9, 3)]),
+)
+def test_any_words_of_libcaer_cmp(words: list[tuple[int, int]], size: tuple[int, int]) -> None:
+    """Vectors reach beyond the image, times go back: as a loop over single words has it."""
+    payload = np.array([code << 12 | value for code, value in words], np.uint16)
+    packet = PacketDecoder("libcaer_cmp", *size).decode(payload.tobytes(), 5000)
+    want = slow_libcaer_cmp(payload.tolist(), 5000, *size)
+    assert_same(packet.events, EventArray.from_arrays(*np.array(want, np.int64).reshape(-1, 4).T))
+    if packet.ordered:
+        assert np.all(np.diff(packet.events.t_ns) >= 0)
+
+
+def test_libcaer_cmp_tells_whether_times_go_on() -> None:
+    forth = np.array([0x1005, 0x2001, 0x3001, 0x1006, 0x3002], np.uint16)
+    back = np.array([0x1005, 0x2001, 0x3001, 0x1004, 0x3002], np.uint16)
+    for words, ordered in ((forth, True), (back, False)):
+        packet = PacketDecoder("libcaer_cmp", 640, 480).decode(words.tobytes())
+        assert packet.ordered is ordered
+
+
 def test_libcaer_cmp_is_compact_on_columns() -> None:
     """64 rows of one column take 4 address words and 8 vectors, not 64 words."""
     n = 64

@@ -160,7 +160,7 @@ class EventStream:
         self._gaps.see("", seq, stamp_ns)
         self.counts.lost_packets = self._gaps.lost
         self.counts.seq_restarts = self._gaps.restarts
-        events = packet.events.sorted_by_time()
+        events = packet.events if packet.ordered else packet.events.sorted_by_time()
         self.counts.packets += 1
         self.counts.outside_events += packet.outside
         self.counts.events += len(events)

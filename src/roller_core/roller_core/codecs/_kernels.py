@@ -16,6 +16,21 @@ EVT3_TIME_HIGH, EVT3_TIME_LOW, EVT3_WRAPS, EVT3_Y, EVT3_BASE_X, EVT3_BASE_P, EVT
 EVT3_STATE_SIZE = 7
 # Sensors step TIME_HIGH back a little without a wrap; more than this is a wrap.
 EVT3_JITTER = 10
+#: Rows of a vector of libcaer_cmp.
+VECTOR = 8
+
+
+def _set_bits() -> np.ndarray:
+    """Which bits of each byte are set, lowest first, and how many: uint16, shape (256, 9)."""
+    out = np.zeros((256, VECTOR + 1), np.uint16)
+    for byte in range(256):
+        bits = [bit for bit in range(VECTOR) if byte >> bit & 1]
+        out[byte, : len(bits)] = bits
+        out[byte, VECTOR] = len(bits)
+    return out
+
+
+SET_BITS = _set_bits()
 
 
 @njit(cache=True, nogil=True)
@@ -38,11 +53,14 @@ def _count_libcaer_cmp(words):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _decode_libcaer_cmp(words, time_base_ns, width, height, x, y, t, p):  # type: ignore[no-untyped-def]
-    """Events inside the image; how many. Fields have room for one more than there are events.
+def _decode_libcaer_cmp(words, time_base_ns, width, height, set_bits, x, y, t, p):  # type: ignore[no-untyped-def]
+    """Events inside the image; how many, and whether they are in order of time.
+
+    Fields have room for `VECTOR` more than there are events. `set_bits` is `SET_BITS`.
 
     Whether a column or an event comes next can't be foretold, and a branch that goes wrong costs
     more than a word: each is taken as both, and what is written without an event is written over.
+    So are the fields of a vector, all of its bits at once.
     """
     n = np.uint64(0)
     high = np.int64(0)
@@ -51,6 +69,7 @@ def _decode_libcaer_cmp(words, time_base_ns, width, height, x, y, t, p):  # type
     column = np.int64(0)
     base_y = np.int64(0)
     polarity = np.uint8(0)
+    ordered = True
     for i in range(len(words)):
         w = np.int64(words[i])
         code = w >> 12
@@ -64,22 +83,28 @@ def _decode_libcaer_cmp(words, time_base_ns, width, height, x, y, t, p):  # type
             t[n] = now
             n += np.uint64((code == 3) & (column < width) & (row < height))
         elif code == 5:
-            for bit in range(8):
-                x[n] = column
-                y[n] = base_y + bit
-                p[n] = polarity
-                t[n] = now
-                event = ((w >> bit) & 1) != 0
-                n += np.uint64(event & (column < width) & (base_y + bit < height))
-            base_y += 8
+            left = min(max(height - base_y, 0), VECTOR)
+            mask = np.uint64(w & ((1 << left) - 1) if column < width else 0)
+            for bit in range(np.uint64(VECTOR)):
+                x[n + bit] = column
+            for bit in range(np.uint64(VECTOR)):
+                y[n + bit] = np.uint16(base_y) + set_bits[mask, bit]
+            for bit in range(np.uint64(VECTOR)):
+                p[n + bit] = polarity
+            for bit in range(np.uint64(VECTOR)):
+                t[n + bit] = now
+            n += np.uint64(set_bits[mask, VECTOR])
+            base_y += VECTOR
         elif code == 4:
             base_y = row
             polarity = np.uint8(value >> 11)
         elif code < 2:
             high = value if code == 0 else high
             low = value if code == 1 else low
+            before = now
             now = time_base_ns + ((high << 12) | low) * 1000
-    return n
+            ordered &= (now >= before) | (n == 0)
+    return n, ordered
 
 
 @njit(cache=True, nogil=True)

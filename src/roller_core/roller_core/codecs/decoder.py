@@ -18,6 +18,7 @@ Payload = bytes | bytearray | memoryview | npt.NDArray[np.uint8]
 _MOST_NS = 2**62
 #: Of encodings whose words begin with a code of four bits: a bit for each code that is one.
 _KNOWN_CODES = {"libcaer_cmp": np.uint16(0x003F), "evt3": np.uint16(0xC5FD)}
+_NO_TRIGGERS = TriggerArray.empty()
 _WORD_BYTES = {"mono": 8, "trigger": 8, "libcaer": 8, "libcaer_cmp": 2, "evt3": 2}
 
 
@@ -33,6 +34,8 @@ class DecodedPacket:
     outside: int = 0
     #: Events left out because no time had come before them (`evt3`).
     untimed: int = 0
+    #: Whether the events are known to be in order of time.
+    ordered: bool = False
 
 
 def unknown_words(encoding: str, payload: Payload) -> npt.NDArray[np.intp]:
@@ -113,12 +116,12 @@ class PacketDecoder:
         words = raw.view("<u2")
         if self.encoding == "libcaer_cmp":
             count = _kernels._count_libcaer_cmp(words)
-            x, y, t, p = _allocate(count + 1)
-            n = _kernels._decode_libcaer_cmp(
-                words, time_base_ns, self.width, self.height, x, y, t, p
+            x, y, t, p = _allocate(count + _kernels.VECTOR)
+            n, ordered = _kernels._decode_libcaer_cmp(
+                words, time_base_ns, self.width, self.height, _kernels.SET_BITS, x, y, t, p
             )
             events = EventArray(x[:n], y[:n], t[:n], p[:n])
-            return DecodedPacket(events, TriggerArray.empty(), count - n)
+            return DecodedPacket(events, _NO_TRIGGERS, count - n, ordered=ordered)
         count, m = _kernels._count_evt3(words)
         fields = _allocate(count)
         ids, times, edges = np.empty(m, np.uint16), np.empty(m, np.int64), np.empty(m, np.uint8)
@@ -138,7 +141,7 @@ class PacketDecoder:
     ) -> DecodedPacket:
         n = _kernels._keep_inside(x, y, t, p, self.width, self.height)
         events = EventArray(x[:n], y[:n], t[:n], p[:n])
-        return DecodedPacket(events, TriggerArray.empty(), len(x) - n)
+        return DecodedPacket(events, _NO_TRIGGERS, len(x) - n)
 
 
 def _allocate(
