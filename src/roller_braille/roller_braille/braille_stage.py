@@ -18,7 +18,7 @@ from .page import newest_text
 from .pipeline import BraillePipeline
 from .reader_settings import POSE_SMOOTHING, BrailleSettings, Spacing
 from .translation import LineCell
-from .warp import warm_up
+from .warm_up import warm_up
 
 #: Characters that the topic of the text holds at most, two pages of Braille: it comes with each
 #: cell, and who is late gets the last hundred.
@@ -70,7 +70,7 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
     def warm_up(self) -> None:
         """Load the kernels."""
         super().warm_up()
-        warm_up()
+        warm_up(self.settings.spacing)
 
     def services(self) -> Mapping[str, Callable[[], str]]:
         """See `Stage`."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from . import _lattice_kernels as kernels
 from .dots import Dots
 from .reader_settings import Spacing
 from .warp import F64
@@ -125,16 +126,15 @@ class Lattice:
         return float(np.maximum(1.0 - (off / _CLOSE_M) ** 2, 0.0).sum())
 
     def _nearest(self, dots: Dots) -> tuple[npt.NDArray[np.int64], F64]:
-        rest, down = self.own(dots)
-        n = np.floor((rest - self.dot_along / 2) / self.cell + 0.5)
-        inside = rest - n * self.cell
-        column = (inside > self.dot_along / 2).astype(np.float64)
-        row = np.clip(np.round(down / self.dot_down), 0, 2)
-        off = np.hypot(inside - column * self.dot_along, down - row * self.dot_down)
-        index = np.empty((len(n), 3), np.int64)
-        for k, part in enumerate((n, column, row)):
-            index[:, k] = part
+        index, off = np.empty((len(dots), 3), np.int64), np.empty(len(dots))
+        kernels._nearest(dots.along, dots.down, self._numbers, index, off)
         return index, off
+
+    @property
+    def _numbers(self) -> tuple[float, float, float, float, float, float, float]:
+        """What kernels take of it."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        return self.along, self.down, self.cell, self.dot_along, self.dot_down, c, s
 
     def fitted(self, dots: Dots, spacing: Spacing) -> Lattice:
         """The lattice moved, turned and stretched a little to lie best under dots.
@@ -149,18 +149,11 @@ class Lattice:
         on, index = self.assign(dots)
         if not on.any():
             return self
-        n, column, row = index[on].T.astype(np.float64)
-        along, down = (part[on] for part in self.own(dots))
         cell, dot = spacing.cell_pitch_m, spacing.dot_pitch_m
-        # Unknowns: offset, relative change of cell and dot pitch; then offset, turn, dot pitch.
-        design = np.zeros((2, len(n), 6))
-        design[0, :, 0] = design[1, :, 3] = 1.0
-        design[0, :, 1], design[0, :, 2], design[0, :, 4] = n * cell, column * dot, -down
-        design[1, :, 4], design[1, :, 5] = along, row * dot
-        target = np.concatenate([along - n * cell - column * dot, down - row * dot])
-        a = design.reshape(-1, 6) / _DOT_SIGMA_M
-        left = a.T @ a + np.diag(_PRIOR**-2.0)
-        x = np.linalg.solve(left, a.T @ (target / _DOT_SIGMA_M))
+        x = np.empty(6)
+        kernels._fit(
+            dots.along, dots.down, self._numbers, index, on, (cell, dot), _DOT_SIGMA_M, _PRIOR, x
+        )
         place = self.places(x[0], x[3])
         return Lattice(
             float(place[0]),
@@ -258,19 +251,13 @@ def find_turn(dots: Dots, spacing: Spacing) -> float:
         return 0.0
     dots = dots.where(no_dust(dots.votes))
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
-    i, j = np.triu_indices(len(dots), 1)
-    x, y = dots.along[j] - dots.along[i], dots.down[j] - dots.down[i]
     # Pairs in one row; dots of one cell are too near each other to tell the angle.
-    apart = np.hypot(x, y) > 1.5 * spacing.dot_pitch_m
-    x, y, pairs = x[apart], y[apart], (weight[i] * weight[j])[apart]
-    c, s = np.cos(_TURNS)[:, None], np.sin(_TURNS)[:, None]
-    score = (np.maximum(1.0 - np.abs(c * y - s * x) / _ROW_M, 0.0) * pairs).sum(axis=1)
+    apart, score = 1.5 * spacing.dot_pitch_m, np.zeros(len(_TURNS))
+    kernels._score_turns(
+        dots.along, dots.down, weight, apart, np.cos(_TURNS), np.sin(_TURNS), _ROW_M, score
+    )
     score *= 1.0 - _STRAIGHT * np.abs(_TURNS) / MOST_TURN
     return float(_TURNS[int(np.argmax(score))])
-
-
-def _near(distance: F64, width: float) -> F64:
-    return np.asarray(np.maximum(1.0 - np.abs(distance) / (2 * width), 0.0))
 
 
 def _find_rows(
@@ -278,17 +265,13 @@ def _find_rows(
 ) -> tuple[float, float, npt.NDArray[np.bool_]]:
     """Top row and pitch of three rows that hold the most weight, and the dots on them."""
     top = np.arange(down.min() - 2 * pitches.max(), down.max() + _STEP_M, _STEP_M)
-    # (top, pitch, row)
-    rows = top[:, None, None] + pitches[None, :, None] * np.arange(3)
-    # What lies near a row is straight between the places where a dot's share begins, tops and ends.
-    bends = np.sort(np.concatenate([down - 2 * width, down, down + 2 * width]))
-    score = np.interp(rows, bends, _near(bends[:, None] - down, width) @ weight)
+    total = np.zeros((len(top), len(pitches)))
     # Straighter pitches and upper rows win where the dots leave it open.
-    middle = (len(pitches) - 1) / 2
-    even = 1 - _UNEVEN * np.abs(np.arange(len(pitches)) - middle) / max(middle, 1)
-    total = (score * (1 - _PREFERENCE * np.arange(3))).sum(axis=-1) * even
-    k, s = np.unravel_index(int(np.argmax(total)), total.shape)
-    near = np.abs(rows[k, s][:, None] - down).min(axis=0) < 2 * width
+    shares = 1 - _PREFERENCE * np.arange(3)
+    kernels._score_rows(down, weight, top, _STEP_M, pitches, width, shares, total)
+    k, s = np.unravel_index(int(np.argmax(total * _even(len(pitches)))), total.shape)
+    rows = top[k] + pitches[s] * np.arange(3)
+    near = np.abs(rows[:, None] - down).min(axis=0) < 2 * width
     return float(top[k]), float(pitches[s]), near
 
 
@@ -298,19 +281,17 @@ def _find_cells(
     """Place of a cell's first column, and the pitch, under which the most weight lies."""
     cells = spacing.cell_pitch_m * scales
     start = np.arange(0.0, spacing.cell_pitch_m, _STEP_M)
-    first = along.min()
-    # (start, pitch, dot)
-    rest = (along - first - start[:, None, None]) / cells[:, None]
-    rest = (rest - np.floor(rest)) * cells[:, None]
-    score = np.zeros(rest.shape)
-    for column in (0, 1):
-        d = rest - column * spacing.dot_pitch_m
-        d = np.minimum(np.abs(d), np.abs(d - cells[:, None]))
-        d = np.minimum(d, np.abs(rest + cells[:, None] - column * spacing.dot_pitch_m))
-        favour = 1.0 if column == favoured else 1.0 - _PREFERENCE
-        score = np.maximum(score, _near(d, width) * favour)
-    middle = (len(cells) - 1) / 2
-    even = 1 - _UNEVEN * np.abs(np.arange(len(cells)) - middle) / max(middle, 1)
-    total = (score * weight).sum(axis=-1) * even
-    k, s = np.unravel_index(int(np.argmax(total)), total.shape)
+    first, total = along.min(), np.zeros((len(start), len(cells)))
+    less = 1.0 - _PREFERENCE
+    shares = (1.0, less) if favoured == 0 else (less, 1.0)
+    kernels._score_cells(
+        along - first, weight, start, cells, spacing.dot_pitch_m, width, shares, total
+    )
+    k, s = np.unravel_index(int(np.argmax(total * _even(len(cells)))), total.shape)
     return float(first + start[k]), float(cells[s])
+
+
+def _even(count: int) -> F64:
+    """What pitches count by their number: those in the middle most."""
+    middle = (count - 1) / 2
+    return np.asarray(1 - _UNEVEN * np.abs(np.arange(count) - middle) / max(middle, 1))

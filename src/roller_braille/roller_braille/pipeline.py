@@ -20,7 +20,8 @@ from .page import Page
 from .pass_reader import PassReader
 from .reader_settings import BrailleSettings
 from .translation import LineCell
-from .warp import PixelTable, Warp, warm_up
+from .warm_up import warm_up
+from .warp import PixelTable, Warp
 
 _MOST_TIMES = 100_000
 
@@ -75,7 +76,7 @@ class BraillePipeline:
         self._reader: PassReader | None = None
         #: The poses' travel by that which the events show, where it was last known; None before.
         self.travel_scale: float | None = None
-        warm_up()
+        warm_up(settings.spacing)
         #: Why the newest batches left out were so.
         self.refusals: deque[str] = deque(maxlen=100)
         #: Time that each of the newest batches took, ms.

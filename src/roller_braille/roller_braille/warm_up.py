@@ -1,0 +1,17 @@
+"""Loading the kernels before the first events come: compiling takes seconds, once a machine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import lattice, warp
+from .dots import Dots
+from .reader_settings import Spacing
+
+
+def warm_up(spacing: Spacing) -> None:
+    """Compile the kernels, or load them, before there is anything to be late for."""
+    warp.warm_up()
+    column, row = np.divmod(np.arange(6, dtype=np.float64), 3)
+    dots = Dots(column * spacing.dot_pitch_m, row * spacing.dot_pitch_m, np.ones(6))
+    lattice.find_lattice(dots, spacing, left_first=True, angle=lattice.find_turn(dots, spacing))
