@@ -147,6 +147,8 @@ class EventCutter(ABC):
     most_bend_m = np.inf
     #: Leaves out what pixels tell too late; None leaves all.
     dead_time: DeadTime | None = None
+    #: Whether events are known to be of a printed texture, where all stay; see `DeadTime.textured`.
+    textured = False
 
     def __init__(self, most_events: int, track: PoseTrack) -> None:
         self._queue = EventQueue(most_events)
@@ -191,7 +193,9 @@ class EventCutter(ABC):
     def _placed(self, events: EventArray, start_ns: int, end_ns: int) -> EventArray:
         """Events of a span without those whose place is uncertain; counted."""
         late = self.dead_time
-        if late and late.measure(events) and self._track.covers(start_ns, end_ns):
+        if late and self.textured:
+            late.blind_m = 0.0
+        elif late and late.measure(events) and self._track.covers(start_ns, end_ns):
             begin, end = self._track.matrices([start_ns, end_ns])[:, :3, 3]
             travel_m = float(np.linalg.norm(end - begin))
             events = self._without_late(events, travel_m, end_ns - start_ns)

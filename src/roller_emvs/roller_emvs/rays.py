@@ -152,7 +152,8 @@ def parallax_px(packets: Packets, camera: Camera, view: F64, near_m: float, far_
     F·B·(1/near - 1/far) for a baseline B across the optical axis: the spread of the packets'
     camera centres, weighted by their events, so that a stray event doesn't stand for a path.
     """
-    centres = (inverse_pose(view) @ packets.poses)[:, :2, 3]
+    to_view = inverse_pose(view)
+    centres = packets.poses[:, :3, 3] @ to_view[:2, :3].T + to_view[:2, 3]
     weight = np.diff(packets.starts) / packets.starts[-1]
     variance = weight @ (centres - weight @ centres) ** 2
     # An even spread over B has the variance B²/12.

@@ -156,7 +156,7 @@ def _top_between(scores, at, peak, offset):  # type: ignore[no-untyped-def]
             offset[i, j] = middle + (-0.5 * slope / bend if bend < 0 else 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _centroids(measure, peak, weights, total, x, y):  # type: ignore[no-untyped-def]
     """Weighted focus measure on each cell's own plane, and where around the cell it lies, in cells.
 
@@ -165,6 +165,7 @@ def _centroids(measure, peak, weights, total, x, y):  # type: ignore[no-untyped-
     """
     _, height, width = measure.shape
     reach = len(weights) // 2
+    steps = np.arange(-reach, reach + 1).astype(np.float32)
     for i in range(height):
         for j in range(width):
             total[i, j] = 0
@@ -176,16 +177,22 @@ def _centroids(measure, peak, weights, total, x, y):  # type: ignore[no-untyped-
             e = np.float32(0)
             ex = np.float32(0)
             ey = np.float32(0)
-            for di in range(-reach, reach + 1):
-                if i + di < 0 or i + di >= height:
-                    continue
-                for dj in range(-reach, reach + 1):
-                    if j + dj < 0 or j + dj >= width:
-                        continue
-                    w = weights[di + reach] * weights[dj + reach] * measure[k, i + di, j + dj]
-                    e += w
-                    ex += w * dj
-                    ey += w * di
+            first, last = max(j - reach, 0), min(j + reach + 1, width)
+            count = np.uint64(last - first)
+            place, before = np.uint64(first), np.uint64(reach + first - j)
+            for di in range(max(-reach, -i), min(reach + 1, height - i)):
+                # Rows by themselves: sums of one after the other would wait for each other.
+                row = measure[k, i + di]
+                own = np.float32(0)
+                along = np.float32(0)
+                for n in range(count):
+                    w = weights[before + n] * row[place + n]
+                    own += w
+                    along += w * steps[before + n]
+                down = weights[di + reach]
+                e += down * own
+                ex += down * along
+                ey += down * own * np.float32(di)
             total[i, j] = e
             if e > 0:
                 x[i, j] = j + ex / e
