@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from roller_core.bags import EVENT_PACKET, typestore
 from roller_core.codecs import CodecError, PacketDecoder, RawPacket, count_events, encode
 from roller_core.events import EventArray
+from roller_core.outputs import stamp_ns
 from roller_core.seq_gaps import SeqGaps
 
 STORE = typestore()
@@ -46,6 +47,9 @@ def test_fields_are_those_of_the_message(
     assert packet.time_base_ns == 2**40 + 5
     assert packet.encoding == encoding
     assert bytes(packet.payload) == payload
+    assert not packet.is_bigendian
+    assert (stamp_ns(packet), packet.time_base) == (packet.stamp_ns, packet.time_base_ns)
+    assert packet.events is packet.payload
 
 
 def test_a_message_cut_anywhere_is_refused() -> None:

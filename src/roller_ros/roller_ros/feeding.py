@@ -10,11 +10,13 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from event_camera_msgs.msg import EventPacket
 from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
 from roller_core.camera import Camera
+from roller_core.codecs import CodecError, RawPacket
 from roller_core.errors import RollerError
 from roller_core.event_stage import PACKET_BYTES
 from roller_core.frame_settings import FollowedFrames, StreamSettings
@@ -66,7 +68,7 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
             stage.new_source()
         elif isinstance(message, LeftOut):
             stage.leave_out(message.packets)
-        elif isinstance(message, EventPacket):
+        elif isinstance(message, (RawPacket, EventPacket)):
             stage.take_packet(message)
         elif isinstance(message, CameraInfo):
             camera = Camera.from_info(message)
@@ -100,6 +102,17 @@ def backlog_for(settings: FollowedFrames, kind: type[Stage[Any]]) -> Backlog[tup
     )
 
 
-def bulk_of(packet: EventPacket) -> Bulk:
+def packet_of(cdr: bytes) -> RawPacket | EventPacket:
+    """A serialized event packet's fields; the events aren't copied where they needn't be.
+
+    rclpy copies them three times, with the interpreter's lock held.
+    """
+    try:
+        return RawPacket.parse(cdr)
+    except CodecError:  # of a big-endian machine, perhaps
+        return deserialize_message(cdr, EventPacket)
+
+
+def bulk_of(packet: RawPacket | EventPacket) -> Bulk:
     """What a packet counts for in a backlog."""
     return Bulk(len(packet.events) + PACKET_BYTES, stamp_ns(packet))

@@ -26,6 +26,8 @@ PERIOD_S = 0.01
 _MOST = 200
 
 Take = Callable[[Any, Mapping[str, Any]], None]
+#: Makes a message of its serialized form.
+Parse = Callable[[bytes], Any]
 
 
 class Polled(CallbackGroup):
@@ -55,12 +57,19 @@ class Poller:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._group = Polled()
-        self._taken: list[tuple[Any, Take]] = []
+        self._taken: list[tuple[Any, Take, Parse | None]] = []
         self._seen: set[bytes] = set()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def subscribe(self, message_type: Any, topic: str, take: Take, quality: QoSProfile) -> None:
+    def subscribe(
+        self,
+        message_type: Any,
+        topic: str,
+        take: Take,
+        quality: QoSProfile,
+        parse: Parse | None = None,
+    ) -> None:
         """Subscribe to a topic; before `start`.
 
         Parameters
@@ -69,13 +78,15 @@ class Poller:
             As of `Node.create_subscription`.
         take : callable
             Takes each message with rclpy's `MessageInfo`.
+        parse : callable, optional
+            Makes what is taken of the serialized message; else rclpy does.
         """
         # With callbacks of its events the executor would wake for each message after all.
         subscription = self._node.create_subscription(
             message_type, topic, lambda _: None, quality, callback_group=self._group,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )  # fmt: skip
-        self._taken.append((subscription, take))
+        self._taken.append((subscription, take, parse))
 
     def start(self) -> None:
         """Begin to take messages."""
@@ -85,7 +96,7 @@ class Poller:
 
     def warn_of_unsuited(self) -> None:
         """Say once of each publisher that nothing comes of it, as what it offers doesn't suit."""
-        for subscription, _ in self._taken:
+        for subscription, _, _ in self._taken:
             name, wanted = subscription.topic_name, subscription.qos_profile
             for publisher in self._node.get_publishers_info_by_topic(name):
                 gid = bytes(publisher.endpoint_gid)
@@ -110,8 +121,8 @@ class Poller:
         try:
             while not self._stop.is_set():
                 time.sleep(PERIOD_S)  # a third of what waiting for the end of it takes
-                for subscription, take in self._taken:
-                    _take_waiting(subscription, take)
+                for subscription, take, parse in self._taken:
+                    _take_waiting(subscription, take, parse)
         except (_rclpy.RCLError, _rclpy.InvalidHandle):
             pass  # the graph is gone
         except BaseException as error:
@@ -120,11 +131,12 @@ class Poller:
                 ENDED.set_result(error)
 
 
-def _take_waiting(subscription: Any, take: Take) -> None:
+def _take_waiting(subscription: Any, take: Take, parse: Parse | None) -> None:
     handle, kind = subscription.handle, subscription.msg_type
     with handle:
         for _ in range(_MOST):
-            taken = handle.take_message(kind, False)
+            taken = handle.take_message(kind, parse is not None)
             if taken is None:
                 break
-            take(*taken)
+            message, info = taken
+            take(parse(message) if parse else message, info)

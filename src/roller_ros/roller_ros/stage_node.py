@@ -15,6 +15,7 @@ from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
 from roller_core.clock import SensorClock
+from roller_core.codecs import RawPacket
 from roller_core.errors import RollerError
 from roller_core.event_stage import EventStage
 from roller_core.memory import take_memory
@@ -22,7 +23,7 @@ from roller_core.outputs import ScanFault
 from roller_core.stage import ERROR, Stage
 
 from . import diagnostics, messages, qos, topics
-from .feeding import NEW_SOURCE, backlog_for, bulk_of, feed
+from .feeding import NEW_SOURCE, backlog_for, bulk_of, feed, packet_of
 from .node import RollerNode
 from .parameters import declare_settings
 from .polling import Poller
@@ -108,7 +109,7 @@ class StageNode(RollerNode):
         if name == outputs.TF:
             self._poller.subscribe(TFMessage, name, self._take_tf, qos.EVERY_TF)
         elif name == outputs.EVENTS:
-            self._poller.subscribe(EventPacket, name, self._take_packet, topic.qos)
+            self._poller.subscribe(EventPacket, name, self._take_packet, topic.qos, packet_of)
         elif name == outputs.CAMERA_INFO:
             # Latched, as it should be, and as drivers have it that send it over and over.
             for quality in (qos.EVERY_LATCHED, qos.REPEATED):
@@ -156,7 +157,7 @@ class StageNode(RollerNode):
 
         self.create_service(Trigger, f"~/{name}", serve)
 
-    def _take_packet(self, message: EventPacket, info: Mapping[str, Any]) -> None:
+    def _take_packet(self, message: RawPacket | EventPacket, info: Mapping[str, Any]) -> None:
         with self._sources:
             before = self._events.followed
             if not self._events.accepts(info):

@@ -114,6 +114,8 @@ class PacketDecoder:
         if self.encoding == "libcaer":
             return self._inside(*_decode_libcaer(raw, time_base_ns))
         words = raw.view("<u2")
+        # As those of a message in memory that isn't ours are: kernels are then of one kind.
+        words.flags.writeable = False
         if self.encoding == "libcaer_cmp":
             count = _kernels._count_libcaer_cmp(words)
             x, y, t, p = _allocate(count + _kernels.VECTOR)

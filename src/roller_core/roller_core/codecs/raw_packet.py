@@ -1,9 +1,10 @@
-"""A packet's fields straight from its serialized message, for those who pass it on as it is."""
+"""A packet's fields straight from its serialized message: its events are not copied."""
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -31,6 +32,24 @@ class RawPacket:
     encoding: str
     #: The events.
     payload: memoryview
+    #: Whether their words are big-endian.
+    is_bigendian: bool = False
+
+    @property
+    def events(self) -> memoryview:
+        """As the message has it."""
+        return self.payload
+
+    @property
+    def time_base(self) -> int:
+        """As the message has it."""
+        return self.time_base_ns
+
+    @property
+    def header(self) -> SimpleNamespace:
+        """The stamp, as the message has it."""
+        sec, nanosec = divmod(self.stamp_ns, 1_000_000_000)
+        return SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec))
 
     @classmethod
     def parse(cls, cdr: bytes | memoryview) -> RawPacket:
@@ -53,9 +72,10 @@ class RawPacket:
             seq, time_base, length = struct.unpack_from("<QQI", body, at)
             at += 20
             encoding = bytes(body[at : at + length]).rstrip(b"\0").decode("ascii", "replace")
+            is_bigendian = bool(body[at + length])
             at = _aligned(at + length + 1, 4)
             (size,) = struct.unpack_from("<I", body, at)
-        except struct.error as error:
+        except (struct.error, IndexError) as error:
             raise PacketLengthError(f"event packet of {len(cdr)} bytes is cut off") from error
         payload = body[at + 4 : at + 4 + size]
         if len(payload) != size:
@@ -63,7 +83,7 @@ class RawPacket:
                 f"event packet {seq} is cut off: {len(payload)} of {size} bytes of events"
             )
         stamp_ns = sec * 1_000_000_000 + nanosec
-        return cls(stamp_ns, height, width, seq, time_base, encoding, payload)
+        return cls(stamp_ns, height, width, seq, time_base, encoding, payload, is_bigendian)
 
 
 def count_events(encoding: str, payload: Payload) -> int:
