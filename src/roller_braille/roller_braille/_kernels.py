@@ -11,7 +11,7 @@ import numpy as np
 _CHUNK = 512
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _place(count, when, u, v, m, d, right, below, column, place):  # type: ignore[no-untyped-def]
     """Column and place in a strip's image of events at pixels u, v; place -1 outside it.
 
