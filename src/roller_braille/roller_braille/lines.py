@@ -155,7 +155,7 @@ class LineReader:
         """Take newly found dots of its band."""
         if len(dots):
             at = np.stack([dots.along, dots.down], -1)
-            image, at = image_around(self._strip, at, self._recogniser.margin, self.kind)
+            image, at = image_around(self._strip, at, self._recogniser.reach, self.kind)
             level = self._background(self.lattice)
             self._dots.add(dots, self._recogniser.halves(image, at, level))
 

@@ -117,7 +117,9 @@ class Recogniser:
         halves = np.stack([x > 0, x < 0, y > 0, y < 0]) + 0.5 * np.stack(
             [x == 0, x == 0, y == 0, y == 0]
         )
-        self._reach = n
+        self._n = n
+        #: Columns and rows to cut out around nodes, so that their spots lie within.
+        self.reach = n + 1
         #: Columns and rows to cut out around nodes, so that a cell's tile lies within.
         between = spacing.cell_pitch_m - spacing.dot_pitch_m
         between_lines = spacing.line_pitch_m - 2 * spacing.dot_pitch_m
@@ -151,7 +153,7 @@ class Recogniser:
 
     def halves(self, image: F32, at: F64, level: float) -> F64:
         """Events above the background in the halves of spots, shape (n, 4); see `measure`."""
-        n = self._reach
+        n = self._n
         padded = cv2.copyMakeBorder(image, n, n, n, n, cv2.BORDER_CONSTANT)
         out = np.zeros((len(at), len(self._masks)))
         for i, (c, r) in enumerate(np.floor(at + 0.5).astype(int)):

@@ -190,7 +190,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             return found.depth, found.confidence, found.sigma
         depth, sure = paper.window_depth(packets, camera, prepared.poses, target, s, watch)
         per_px = (1 / s.depth_min_m - 1 / s.depth_max_m) / prepared.parallax_px
-        return depth, sure, np.float32(_PAPER_ERROR_PX * per_px) * depth**2
+        return depth, sure, depth * depth * np.float32(_PAPER_ERROR_PX * per_px)
 
     def _leave_out_beyond(self, ends: tuple[float, float]) -> None:
         """Pixels whose rays' slopes aren't between two don't count."""
