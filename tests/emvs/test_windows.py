@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emvs.scenes import MS, Motion, rolling, track_of
+from roller_core.dead_time import DeadTime
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_emvs.depth_settings import DepthSettings
@@ -51,6 +52,24 @@ def test_travel_windows_have_the_same_travel_at_any_speed(speed: float) -> None:
     for w in windows[:6]:
         moved = track.at(w.end_ns).position - track.at(w.start_ns).position
         assert np.linalg.norm(moved) == pytest.approx(0.005, abs=1e-8)
+
+
+def test_of_a_printed_texture_nothing_is_taken_for_late() -> None:
+    """Two events of each pixel, 0.8 ms apart: a dead time, were it not known for a texture."""
+    rng = np.random.default_rng(6)
+    first = np.sort(rng.integers(0, 90 * MS, 30_000))
+    x, y = rng.integers(0, 64, len(first)), rng.integers(0, 48, len(first))
+    t = np.concatenate([first, first + MS * 4 // 5])
+    events = EventArray.from_arrays(*np.tile([x, y], 2), t, np.ones(len(t))).sorted_by_time()
+    for textured in (False, True):
+        cutter = WindowCutter(setting(method="bma"), track_of(rolling(0.5), 0.2))
+        cutter.dead_time, cutter.textured = DeadTime(64, 48), textured
+        cutter.dead_time.blind_m = 4e-4
+        cutter.add(events)
+        cut_all(cutter)
+        assert cutter.dead_time.known != textured
+        assert (cutter.dead_time.left_out == 0) or not textured
+        assert cutter.dead_time.blind_m == 0.0 or not textured
 
 
 @settings(max_examples=30)
