@@ -104,7 +104,9 @@ def test_shear_moves_columns_between_cells() -> None:
     moved = rng.uniform(-3, 3, (3, 12))
     moved[2, 5:7] = -20, 20
     out = np.empty_like(measure)
-    peaks._shear(measure, moved, out)
+    most = np.zeros(measure.shape[1:], np.float32)
+    peaks._shear(measure, moved, out, most)
+    np.testing.assert_array_equal(most, out.max(axis=0))
     for k in range(3):
         for i in range(5):
             padded = np.concatenate([[0, 0, 0, 0], measure[k, i], [0, 0, 0, 0, 0]])

@@ -9,8 +9,11 @@ from ._kernels import CELL_PX
 
 
 @njit(cache=True, nogil=True)
-def _shear(measure, moved, out):  # type: ignore[no-untyped-def]
-    """Focus measure `moved` columns further on, by plane, between columns; 0 beyond the grid."""
+def _shear(measure, moved, out, most):  # type: ignore[no-untyped-def]
+    """Focus measure `moved` columns further on, by plane, between columns; 0 beyond the grid.
+
+    `most`, shape (rows, columns), zero, is set to the most of any plane: none is below zero.
+    """
     planes, height, width = measure.shape
     # A row with a column of 0 before it and two after it.
     line = np.zeros(width + 3, np.float32)
@@ -33,7 +36,9 @@ def _shear(measure, moved, out):  # type: ignore[no-untyped-def]
             for j in range(width):
                 at_left = np.uint64(column[j])
                 left = line[at_left]
-                out[k, i, j] = left + share[j] * (line[at_left + np.uint64(1)] - left)
+                value = left + share[j] * (line[at_left + np.uint64(1)] - left)
+                out[k, i, j] = value
+                most[i, j] = max(most[i, j], value)
 
 
 @njit(cache=True, nogil=True)

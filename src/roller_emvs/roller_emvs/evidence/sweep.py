@@ -185,11 +185,11 @@ def sharpest(
     settings : EvidenceSettings
         Neighbourhoods, thresholds.
     """
-    followed = _follow(measure, field, at)
+    followed, most = _follow(measure, field, at)
     span = float(at[-2] - at[1])
     # Blurred is the most on any plane: no cell's score is above that.
     sigma = settings.sigma_px / CELL_PX
-    possible = blurred(followed.max(axis=0)[None], sigma)[0] >= _weakest(settings)
+    possible = blurred(most[None], sigma)[0] >= _weakest(settings)
     last = np.where(possible, last, np.int32(-1))
     cut = field.cut_around(possible, int(np.ceil(4 * sigma)))
     if cut is None:
@@ -231,18 +231,18 @@ def _checked(
     return replace(depths, offset=offset, confidence=confidence, change=change)
 
 
-def _follow(measure: F32, field: EvidenceField, at: F64) -> F32:
-    """Focus measure of each column along the middle of the rays it was seen by.
+def _follow(measure: F32, field: EvidenceField, at: F64) -> tuple[F32, F32]:
+    """Focus measure of each column along the middle of the rays it was seen by, and its most.
 
     A column at the image's border was seen from one side alone. From plane to plane its edges
     move as well as blur, and the sharpest plane at a fixed place would not be that of an edge.
     """
     moved = field.middles[None, :] * at[:, None] / CELL_PX
     if np.abs(moved).max() < _STILL:
-        return measure
-    out = np.empty_like(measure)
-    peaks._shear(measure, moved, out)
-    return out
+        return measure, np.asarray(measure.max(axis=0), np.float32)
+    out, most = np.empty_like(measure), np.zeros(field.cells, np.float32)
+    peaks._shear(measure, moved, out, most)
+    return out, most
 
 
 def _peaks(
