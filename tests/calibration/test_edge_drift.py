@@ -21,7 +21,8 @@ from calibration.made_up_gauges import (
 )
 from roller_bringup.cli import main
 from roller_calibration import gauges as calibration
-from roller_calibration.edge_drift import fit_drift
+from roller_calibration.drift_lines import GaugeLines
+from roller_calibration.edge_drift import fit_drift, sure_slope
 from roller_calibration.pass_lines import EdgeDriftError, PassLines
 from roller_calibration.step_walls import find_walls, parts_by_kind, rising_walls, wall_levels
 from roller_emvs.lines.edge_drift import edge_drift
@@ -222,6 +223,32 @@ def test_a_wall_that_is_no_step_from_its_neighbours_goes_by_the_nearer_climb() -
     assert rising.tolist() == [True] * 4 + [False] * 4
 
 
+def test_walls_that_drift_has_levelled_go_by_the_heights_of_all() -> None:
+    """As an independent ring of light shows them, OFF at their foot where they rise."""
+    of_off = [195, 372, 655, 964, 790, 770, 452, 125]  # µm; steps of 250
+    of_on = [191, 394, 618, 773, 601, 521, 324, 45]
+    slopes = [-0.02, 0.06, 0.08, 0.09, 0.09, 0.15, -0.09, -0.01]
+    wall, polarity = np.tile(np.repeat(np.arange(8), 40), 2), np.repeat([0, 1], 320)
+    height = np.repeat([*of_off, *of_on], 40) * 1e-6
+    for turned in (1, -1):
+        slope = turned * np.tile(np.repeat(slopes, 40), 2)
+        rising = rising_walls(wall, polarity, height, slope, 8, 2.5e-4)
+        assert rising.tolist() == [True] * 4 + [False] * 4
+    rising = rising_walls(wall, polarity, -height, slope, 8, 2.5e-4)
+    assert rising.tolist() == [False] * 4 + [True] * 4
+
+
+def test_both_edges_of_a_wall_are_its_own() -> None:
+    """A foot and a top 0.2 mm apart, whichever shows more lines."""
+    x = np.concatenate([k * 1.8e-3 + np.array([0.0, 2e-4]) for k in range(6)]).repeat(40)
+    for more in (0, 1):
+        kept = np.flatnonzero((np.arange(len(x)) // 40 % 2 == more) | (np.arange(len(x)) % 2 == 0))
+        place, slope = x[kept], np.ones(len(kept))
+        wall, count, _ = find_walls(place, 0 * place, slope, 1e-5 * slope, 2.5e-4)
+        assert count == 6
+        np.testing.assert_array_equal(wall, np.floor(place / 1.8e-3 + 0.5))
+
+
 def test_drift_that_nothing_tells_is_uncertainty(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither slope nor change shows which way a wall rises: no place on it is that far off."""
     steps = made_up_steps(np.random.default_rng(9), base_m=0.0)
@@ -236,6 +263,20 @@ def test_drift_that_nothing_tells_is_uncertainty(monkeypatch: pytest.MonkeyPatch
     none = np.zeros(1)
     assert edge_drift(found.settings, 0, none, none, none, 0.1)[1][0] > 7e-5
     assert edge_drift(found.settings, 1, none, none, none, 0.1)[1][0] < 3e-5
+
+
+def test_what_drift_turns_over_says_from_which_slope_on_none_is() -> None:
+    """With the sign of the side that walls face which rise; least where drift turns none over."""
+    rng, n = np.random.default_rng(3), 2000
+    rise = rng.choice([-1.0, 1.0], n)
+    none, yes = np.zeros(n), np.ones(n, np.bool_)
+
+    def lines(slope: np.ndarray) -> GaugeLines:
+        return GaugeLines(slope, none, -rise, none, none, none, none, none, rise, yes, ~yes)
+
+    turned = np.where(rng.random(n) < 0.5, -rise * rng.uniform(0.0, 0.4, n), 0.9 * rise)
+    assert sure_slope(lines(turned)) == pytest.approx(-0.38, abs=0.02)
+    assert sure_slope(lines(0.9 * rise)) == -0.1
 
 
 def test_lines_further_off_than_a_wall_is_long_are_none_of_it() -> None:

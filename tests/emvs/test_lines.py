@@ -17,6 +17,7 @@ from roller_emvs.lines.edge_drift import (
     drift_of_wider,
     drift_terms,
     edge_drift,
+    facing,
 )
 from roller_emvs.lines.fit import ROW_STEP, Lines, fit_lines
 from roller_emvs.lines.refine import LinePoints, _around, _less_sure, _moved
@@ -267,6 +268,22 @@ def test_drift_is_in_plain_words(polarity: int) -> None:
         sigma = np.hypot(sigma, over * np.maximum(np.abs(height), sigma))
     found = edge_drift(settings, polarity, slope, change, side, speed)
     np.testing.assert_allclose(found, [height, sigma], rtol=1e-9, atol=1e-15)
+
+
+def test_a_steep_slope_tells_the_side_where_contrast_does_not() -> None:
+    """Up to the slope that drift turns over it is contrast alone, from twice that on the slope."""
+    slope, side = np.array([-2.0, -0.2, -0.15, -0.1, 0.0, 0.1, 0.15, 0.2, 2.0]), 0.3
+    plain = np.full(len(slope), side)
+    np.testing.assert_array_equal(facing(plain, slope, 0.0), plain)
+    # Walls that rise face the side -1.
+    expected = [1.0, 1.0, 0.65, side, side, side, -0.35, -1.0, -1.0]
+    np.testing.assert_allclose(facing(plain, slope, -0.1), expected)
+    np.testing.assert_allclose(facing(plain, -slope, 0.1), expected)
+    sided = drift().changed({"side_m": [1e-4, 0.0], "sure_slope": -0.1})
+    none, turned = np.zeros(len(slope)), facing(plain, slope, -0.1)
+    found = edge_drift(sided, 0, slope, none, plain, 0.3)
+    by_side = edge_drift(sided.changed({"sure_slope": 0.0}), 0, slope, none, turned, 0.3)
+    np.testing.assert_array_equal(found, by_side)
 
 
 def test_what_lines_are_judged_by_is_in_plain_words() -> None:

@@ -110,10 +110,10 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
         terms[:, _EVEN] = 1.0
     system, spreads = _system(gauges, lines, terms, light)
     spreads = _useful(system, spreads, gauges, lines, light)
-    sure_slope = 0.0
+    sure = 0.0
     if any(_leading(own) == _SIDE for own in spreads[:2]):
-        sure_slope = _sure_slope(lines)
-        terms[:, _SIDE] = facing(lines.side, lines.slope, sure_slope)
+        sure = sure_slope(lines)
+        terms[:, _SIDE] = facing(lines.side, lines.slope, sure)
         system, _ = _system(gauges, lines, terms, light)
     leading = [_leading(own) for own in spreads[:2]]
     speed = find_speed_drift(system, spreads, gauges, lines, terms, leading)
@@ -136,7 +136,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             "coefficients_m": [round(float(v), 7) + 0.0 for v in found[:, :2].ravel()],
             "even_m": [round(float(v), 7) + 0.0 for v in found[:, _EVEN]],
             "side_m": [round(float(v), 7) + 0.0 for v in found[:, _SIDE]],
-            "sure_slope": sure_slope,
+            "sure_slope": sure,
             "by_speed_s": [round(float(v), 7) + 0.0 for v in speed.by_speed_s.ravel()],
             "speeds_m_s": speed.speeds_m_s,
             "residual_m": [float(f"{v:.3g}") for v in table.ravel()],
@@ -224,7 +224,7 @@ def _useful(
     return useful
 
 
-def _sure_slope(lines: GaugeLines) -> float:
+def sure_slope(lines: GaugeLines) -> float:
     """Slope from which on drift turns none over, with the sign of the side that rising walls face.
 
     0 where the gauges don't tell the side.
