@@ -43,6 +43,8 @@ _STRAY = 2.5
 #: Scatter of the depths of a kind, over walls and on them, from which on they tell nothing, m, and
 #: fewest of a wall that count.
 _SCATTER_M, _LEAST_ON_WALL = 7.5e-5, 20
+#: Share by which other lines on walls have to be more than those before to be taken.
+_MANY = 1.5
 #: Walls of a kind that differ by more, in steps, are numbered wrong: one between them is missing.
 _APART = 0.3
 #: Steps whose foot is found so near to the nominal surface stand on it, and how surely they do, m.
@@ -208,28 +210,28 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
     steep, polarity = np.abs(found.lines.slope) > WALL_SLOPE, found.lines.polarity
     # A wall that one line alone shows, or that drift levels, seems to have no slope. And one
     # polarity may gather between walls: as many must go up as go down.
-    best: tuple[bool, int] = (False, 0)
-    gauge: Gauge | None = None
+    best: Gauge | None = None
+    level = False
     reason: EdgeDriftError | None = None
     for which in (steep, np.ones_like(steep), polarity == 0, polarity == 1):
         try:
-            own, change = _on_walls(name, found, which, step_m, surface_z_m)
+            gauge, balanced = _on_walls(name, found, which, step_m, surface_z_m)
         except EdgeDriftError as error:
             reason = reason or error
             continue
-        worth = bool(change.sum() == 0), len(change)
-        if gauge is None or worth > best:
-            best, gauge = worth, own
-    if gauge is None:
+        many = best is None or len(gauge.error_m) > _MANY * len(best.error_m)
+        if best is None or (balanced, many) > (level, False):
+            best, level = gauge, balanced
+    if best is None:
         assert reason is not None
         raise reason
-    return gauge
+    return best
 
 
 def _on_walls(
     name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float, surface_z_m: float
-) -> tuple[Gauge, F64]:
-    """Errors of some of the lines; and of each wall 1 where it rises, -1 where it falls."""
+) -> tuple[Gauge, bool]:
+    """Errors of some of the lines, and whether as many walls rise as fall."""
     if steep.sum() < LEAST_LINES:
         raise EdgeDriftError(
             f"{name}: {int(steep.sum())} {found.kind} on slopes along the roll, fewer than "
@@ -298,7 +300,7 @@ def _on_walls(
         name, error[near], unknown[near].astype(float), spread, _take(lines, near),
         change[at][near], False, text, found.travel,
     )  # fmt: skip
-    return gauge, change
+    return gauge, bool(change.sum() == 0)
 
 
 def _mad(values: F64) -> float:
