@@ -12,7 +12,6 @@ from roller_core.transforms import F64
 from . import _voxel_kernels as _kernels
 from .depth_map import F32, DepthMap, back_project
 from .depth_settings import StitcherSettings
-from .near import bounds
 from .patch import Patch
 from .registration import MAX_DISTANCE_M, Refinement, refine
 from .voxels import VoxelMap, intrinsics_of
@@ -69,8 +68,9 @@ class Stitcher:
         before = self._turn_to(depth_map.pose)
         points, confidence, sigma = self._points(depth_map)
         if self.settings.icp and len(points) and len(self.voxels):
-            low, high = bounds(points)
-            target = self.voxels.near(low - MAX_DISTANCE_M, high + MAX_DISTANCE_M)
+            margin = MAX_DISTANCE_M
+            low, high = ([end(c) for c in points.T] for end in (np.min, np.max))
+            target = self.voxels.near(np.array(low) - margin, np.array(high) + margin)
             found = refine(points, target)
             self.last_refinement = found
             self.icp_tried += 1
