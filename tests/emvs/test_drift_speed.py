@@ -11,7 +11,8 @@ from roller_emvs.lines.edge_drift import SLOPE_BINS, EdgeDriftSettings, edge_dri
 from roller_emvs.lines.refine import LinePoints
 from roller_emvs.methods.focus import focus_depth
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
-from roller_emvs.methods.surface.strip import Block, Strip
+from roller_emvs.methods.surface.blocks import Block
+from roller_emvs.methods.surface.strip import Strip
 from roller_emvs.rays import make_packets
 from roller_emvs.stopwatch import Stopwatch
 

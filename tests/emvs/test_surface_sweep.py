@@ -25,9 +25,11 @@ from roller_core.transforms import rotation_vector_to_quaternion
 from roller_emvs.evidence.field import Box, Mask
 from roller_emvs.lines import refine
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface.blocks import Block, BlockCutter
+from roller_emvs.methods.surface.event_store import EventStore
 from roller_emvs.methods.surface.narrow import narrowed
 from roller_emvs.methods.surface.part_field import PartField, fits
-from roller_emvs.methods.surface.strip import Block, Strip
+from roller_emvs.methods.surface.strip import Strip
 from roller_emvs.windows import RefusedWindow
 from simulated_scans import Scans
 
@@ -377,35 +379,33 @@ def test_what_holds_no_evidence_is_left_out_of_a_block(
     assert narrow.start_m < narrow.end_m
 
 
-def test_lengths_with_few_events_are_one_block_and_wait_for_each_other() -> None:
-    counts = {0: 5, 1: 5, 2: 9000, 3: 10, 4: 10, 5: 10, 6: 10}
-    length, pose = 0.008, np.eye(4)
-    strip = Strip(
-        settings(block_m=length), CAMERA, np.zeros((2, 2, 2), np.float32), 0, pose, pose[:3, 0]
-    )
+def store_of(counts: dict[int, int], length_m: float) -> EventStore:
+    """A store that says how many events each length holds."""
 
     class Store:
         blocks = tuple(counts)
-        span = staticmethod(lambda k: (0.0, length, 0.0, 0.01))
+        span = staticmethod(lambda k: (0.0, length_m, 0.0, 0.01))
         times = staticmethod(lambda k: (k, k + 1))
         count = staticmethod(lambda k: counts.get(k, 0))
 
-    strip.store = Store()  # type: ignore[assignment]
+    return Store()  # type: ignore[return-value]
 
-    def lengths(flush: bool = False) -> list[tuple[int, int, int]]:
-        return [(block.number, block.end, block.events) for block in strip.ready(flush)]
 
-    strip._behind_m = 2.5 * length
-    assert lengths() == [(-1, 2, 10)]
+def test_lengths_with_few_events_are_one_block_and_wait_for_each_other() -> None:
+    counts, length = {0: 5, 1: 5, 2: 9000, 3: 10, 4: 10, 5: 10, 6: 10}, 0.008
+    cutter = BlockCutter(store_of(counts, length), length, 2)
+
+    def lengths(behind: float) -> list[tuple[int, int, int]]:
+        found = cutter.ready(behind * length, 0.1)
+        return [(block.number, block.end, block.events) for block in found]
+
+    assert lengths(2.5) == [(-1, 2, 10)]
     # The next is full of events, and the one after waits for what it may be joined with.
-    strip._behind_m = 4.5 * length
-    assert lengths() == [(2, 3, 9000)]
-    assert lengths() == []
-    strip._behind_m = 5.5 * length
-    assert lengths() == []
-    strip._behind_m = 6.5 * length
-    assert lengths() == [(3, 6, 30)]
-    found = strip.ready(flush=True)
+    assert lengths(4.5) == [(2, 3, 9000)]
+    assert lengths(4.5) == []
+    assert lengths(5.5) == []
+    assert lengths(6.5) == [(3, 6, 30)]
+    found = cutter.ready(6.5 * length, 0.1, flush=True)
     assert [(block.number, block.end, block.events) for block in found] == [(6, 8, 10)]
     assert found[0].sources == (5, 6)
     assert (found[0].start_m, found[0].end_m) == (6 * length, 8 * length)
@@ -414,23 +414,11 @@ def test_lengths_with_few_events_are_one_block_and_wait_for_each_other() -> None
 
 @pytest.mark.parametrize(("speed", "joined"), [(0.2, [1, 1, 1, 1]), (0.5, [2, 1, 1])])
 def test_a_fast_sensor_joins_lengths_with_more_events(speed: float, joined: list[int]) -> None:
-    counts = {0: 30_000, 1: 90_000, 2: 200_000, 3: 300_000}
-    length, pose = 0.008, np.eye(4)
-    strip = Strip(
-        settings(block_m=length), CAMERA, np.zeros((480, 2, 2), np.float32), 0, pose, pose[:3, 0]
-    )
-
-    class Store:
-        blocks = tuple(counts)
-        span = staticmethod(lambda k: (0.0, length, 0.0, 0.01))
-        times = staticmethod(lambda k: (k, k))
-        count = staticmethod(lambda k: counts.get(k, 0))
-
-    strip.store = Store()  # type: ignore[assignment]
-    strip._done = -1
-    strip._travel_m, strip._travel_ns = speed, 1_000_000_000
-    strip._behind_m = 4.5 * length
-    assert [block.end - block.number for block in strip.ready()] == joined
+    counts, length = {0: 30_000, 1: 90_000, 2: 200_000, 3: 300_000}, 0.008
+    cutter = BlockCutter(store_of(counts, length), length, 480)
+    cutter._done = -1
+    found = cutter.ready(4.5 * length, speed)
+    assert [block.end - block.number for block in found] == joined
 
 
 def test_settings_are_checked() -> None:

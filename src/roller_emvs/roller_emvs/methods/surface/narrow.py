@@ -13,8 +13,8 @@ import numpy as np
 from roller_emvs.evidence import CELL_PX
 from roller_emvs.rays import F32
 
+from .blocks import MARGIN_M, Block
 from .part_field import PartField
-from .strip import MARGIN_M, Block
 
 #: Cells around those with a coarse offset whose evidence a depth is summed from, and around that
 #: those that tell on the surface there.

@@ -29,7 +29,8 @@ from . import _part_kernels as kernels
 from . import _sharpness_kernels as sharpness
 from ._event_kernels import PAGE
 from ._part_kernels import BINS_PX, CELL_BINS, ROW_PX, TILE_BINS, TILE_CELLS
-from .strip import MARGIN_M, Block, Strip
+from .blocks import MARGIN_M, Block
+from .strip import Strip
 
 U32 = npt.NDArray[np.uint32]
 

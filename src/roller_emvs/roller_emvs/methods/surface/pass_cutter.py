@@ -20,7 +20,8 @@ from roller_core.transforms import F64, pose_matrix
 from roller_emvs.rays import F32
 from roller_emvs.windows import RefusedWindow
 
-from .strip import Block, MotionError, Strip
+from .blocks import Block
+from .strip import MotionError, Strip
 from .surface_settings import SurfaceSettings
 
 #: Travel from which the direction of a pass is taken, m.

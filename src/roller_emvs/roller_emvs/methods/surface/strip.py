@@ -7,8 +7,6 @@ however far the robot's base is. Its slope across follows from where the camera 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
@@ -20,21 +18,10 @@ from roller_emvs.evidence import CELL_PX
 from roller_emvs.rays import F32
 
 from . import _event_kernels as kernels
+from .blocks import MARGIN_M, Block, BlockCutter
 from .camera_path import CameraPath
 from .event_store import EventStore, StripEvents
 from .surface_settings import SurfaceSettings
-
-#: Rows beyond a block's ends that its evidence reaches into, m.
-MARGIN_M = 0.001
-#: Lengths, side by side, that are one block if they hold together less than so many events, and the
-#: next one less than so many: between what lies on a bare plate the work on a block hardly hangs on
-#: its events, nor on its length. Where the sensor is fast more by row of the image, but fewer than
-#: of a texture: what it does in a second counts there, and it has soon passed what a block waits
-#: for.
-_MOST_JOINED, _FEW_EVENTS, _FEW_FOR_FAST = 3, (8000, 8000), (210, 520)
-#: Time for a length from which on the sensor isn't fast, s.
-_LONG_S = 0.03
-
 
 #: How much x begins before a block, first page and number of events, of each chain of pages.
 Chains = tuple[F64, npt.NDArray[np.int32], npt.NDArray[np.int64]]
@@ -42,28 +29,6 @@ Chains = tuple[F64, npt.NDArray[np.int32], npt.NDArray[np.int64]]
 
 class MotionError(RollerError):
     """A motion that a strip can't follow."""
-
-
-@dataclass(frozen=True)
-class Block:
-    """Rows start_m ≤ x < end_m of a strip that no event reaches any more."""
-
-    #: Its lengths, counted along the strip: the first one, and the one after the last.
-    number: int
-    end: int
-    #: Lengths whose events reach its rows, its own among them.
-    sources: tuple[int, ...]
-    #: Rows, metres along the strip.
-    start_m: float
-    end_m: float
-    #: Least and largest y of the events.
-    low_y_m: float
-    high_y_m: float
-    #: Times of its first and last event.
-    first_ns: int
-    last_ns: int
-    #: Its own; those that reach it from beside belong to the blocks beside.
-    events: int
 
 
 class Strip:
@@ -116,6 +81,7 @@ class Strip:
         self.focal_px = float(max(camera.fx, camera.fy))
         self.pixel_m = self.middle_m / self.focal_px
         self.store = EventStore(s.block_m, start_ns)
+        self._blocks = BlockCutter(self.store, s.block_m, len(rays))
         self._pixel_rays = rays
         border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
         self._border = np.column_stack([border, np.ones(len(border))]).astype(np.float64)
@@ -129,8 +95,6 @@ class Strip:
         self._travel_m, self._travel_ns = 0.0, 0
         #: Rows before it are out of view.
         self._behind_m = -np.inf
-        self._reach_m = MARGIN_M
-        self._done: int | None = None
 
     @property
     def held_events(self) -> int:
@@ -174,19 +138,13 @@ class Strip:
             return
         # Rays lean: over the depth range they also reach beside the point in the middle.
         drift = max(abs(pose0[2, 3]), abs(pose1[2, 3]))
-        self._reach_m = max(self._reach_m, MARGIN_M + steepest * (self.half_m + drift))
+        self._blocks.reach(MARGIN_M + steepest * (self.half_m + drift))
         at, length = float(pose0[0, 3]), s.block_m
         low = int(np.floor((at + x_min) / length))
         high = int(np.floor((at + x_max) / length))
-        if self._done is not None:
-            low = max(low, self._done + 1 - self._beside)
+        low = self._blocks.open_from(low)
         if high >= low:
             self.store.add(self._placed, events, at - low * length, low, range(low, high + 1))
-
-    @property
-    def _beside(self) -> int:
-        """Blocks to either side from which events reach a block's rows."""
-        return int(np.ceil(self._reach_m / self.settings.block_m))
 
     def advance(self, t_ns: int, pose: F64) -> None:
         """The camera came to a pose, given in the strip."""
@@ -225,77 +183,18 @@ class Strip:
 
     def ready(self, flush: bool = False) -> list[Block]:
         """Blocks that no event reaches any more as their rows are out of view, in order."""
-        held, length, beside = self.store.blocks, self.settings.block_m, self._beside
-        if not held:
-            return []
-        found = []
-        begin = end = held[0] - beside if self._done is None else self._done + 1
-        for k in range(begin, held[-1] + beside + 1):
-            if not flush and (k + 1) * length + MARGIN_M > self._behind_m:
-                break
-            if k > begin and not self._joins(begin, k):
-                found += self._blocks(begin, k)
-                begin = k
-            end = k + 1
-        # What few events are in waits for what it may be joined with.
-        if flush or self._full(begin, end):
-            found += self._blocks(begin, end)
-        return found
-
-    def _joins(self, begin: int, k: int) -> bool:
-        """Whether a length becomes one block with those before it."""
-        return not self._full(begin, k) and self.store.count(k) < self._few_events[1]
-
-    @property
-    def _few_events(self) -> tuple[int, int]:
-        """Events below which lengths are joined, and of the length that is joined to them."""
-        if self.speed_m_s * _LONG_S <= self.settings.block_m:
-            return _FEW_EVENTS
-        few, most = (len(self._pixel_rays) * events for events in _FEW_FOR_FAST)
-        return max(few, _FEW_EVENTS[0]), max(most, _FEW_EVENTS[1])
-
-    def _full(self, begin: int, end: int) -> bool:
-        """Whether lengths are a block for themselves."""
-        events = sum(self.store.count(k) for k in range(begin, end))
-        return end - begin == _MOST_JOINED or events >= self._few_events[0]
-
-    def _blocks(self, begin: int, end: int) -> list[Block]:
-        """The block of some lengths, if events reach it; they are done."""
-        self._done = end - 1
-        reach = range(begin - self._beside, end + self._beside)
-        held = [j for j in self.store.blocks if j in reach and self._reaches(j, begin, end)]
-        return [self._block(begin, end, tuple(held))] if held else []
-
-    def _reaches(self, j: int, begin: int, end: int) -> bool:
-        """Whether events of a length can reach the rows of others."""
-        low, high, _, _ = self.store.span(j)
-        start, length = (begin - j) * self.settings.block_m, (end - begin) * self.settings.block_m
-        return start - self._reach_m <= high and low <= start + length + self._reach_m
-
-    def _block(self, begin: int, end: int, sources: tuple[int, ...]) -> Block:
-        inside = range(begin, end)
-        times = [self.store.times(j) for j in sources if j in inside]
-        times = times or [self.store.times(j) for j in sources]
-        spans = [self.store.span(j) for j in sources]
-        return Block(
-            begin, end, sources, begin * self.settings.block_m, end * self.settings.block_m,
-            min(s[2] for s in spans), max(s[3] for s in spans),
-            min(t[0] for t in times), max(t[1] for t in times),
-            sum(self.store.count(k) for k in inside),
-        )  # fmt: skip
+        return self._blocks.ready(self._behind_m, self.speed_m_s, flush)
 
     def release(self, block: Block) -> None:
         """A block was measured: events that reach none of those that follow are forgotten."""
-        self.store.release_before(block.end - self._beside)
+        self._blocks.release(block)
         held = self.store.blocks
         if held:
             self._path.forget_before(self.store.times(held[0])[0])
 
     def drop_oldest(self) -> int:
         """Forget the oldest block and the rows that its events reach; how many events it held."""
-        k = self.store.blocks[0]
-        self._done = max(k + self._beside, self._done if self._done is not None else k)
-        return self.store.release(k)
+        return self._blocks.drop_oldest()
 
     def events(self, block: Block, polarity: int) -> StripEvents:
         """Events that reach the rows of a block, of one polarity; x from the block's start on."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from roller_emvs.evidence import CELL_PX, RayField
 
-from .strip import MARGIN_M, Block, Strip
+from .blocks import MARGIN_M, Block
+from .strip import Strip
 
 
 def ray_field(strip: Strip, block: Block) -> RayField:

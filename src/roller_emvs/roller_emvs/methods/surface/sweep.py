@@ -32,11 +32,12 @@ from roller_emvs.rays import F32
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
+from .blocks import MARGIN_M, Block
 from .narrow import narrowed
 from .part_depths import find_coarsely, find_part_depths
 from .part_field import COARSE_PARTS, fits, part_field
 from .pass_cutter import PassCutter
-from .strip import MARGIN_M, Block, Strip
+from .strip import Strip
 from .strip_rays import ray_field
 from .surface_settings import SurfaceSettings
 
