@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roller_calibration import gauges as calibration
-from roller_calibration.gauges import Gauge
+from roller_calibration import gauge as calibration
+from roller_calibration import sphere_gauges as sphere_module
+from roller_calibration.gauge import Gauge
 from roller_calibration.pass_lines import PassLines
 from roller_calibration.recordings import Scan
+from roller_calibration.sphere_gauges import sphere_gauges
+from roller_calibration.step_gauges import steps_gauges
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
@@ -71,10 +74,12 @@ def made_up_steps(
     base_m: float = -0.002,
     higher_m: float = 0.0,
     speed_m_s: float = 0.1,
+    climb_m: float = 0.0,
 ) -> PassLines:
     """Lines on walls that turn by a degree against the roll, five up and five down.
 
-    OFF lines lie at their foot, ON lines at their top.
+    OFF lines lie at their foot, ON lines at their top, those of falling walls over `climb_m` of
+    height.
     """
     change = np.array([1.0] * 5 + [-1.0] * 5)
     wall = rng.integers(0, 10, 2000)
@@ -84,7 +89,9 @@ def made_up_steps(
     up = np.where(lines.polarity == 0, -0.4, 0.4)
     x = 0.03 + 1.1e-3 * wall + 1.5e-4 * up * change[wall] + np.radians(1.0) * y
     x += rng.normal(0, 1e-5, 2000)
-    height = step_m * ((np.cumsum(change) - 0.5 * change)[wall] + up) + base_m + higher_m
+    further = rng.uniform(-0.5, 0.5, 2000) * climb_m * ((lines.polarity == 1) & (slope < 0))
+    x -= further
+    height = step_m * ((np.cumsum(change) - 0.5 * change)[wall] + up) + base_m + higher_m + further
     height += drift * drift_m(lines.polarity, slope) + rng.normal(0, 1e-5, 2000)
     place = np.column_stack([x, y, height])
     return PassLines(place, lines, place, np.eye(3), travel=LEAN)
@@ -98,8 +105,8 @@ def gauges(
     steps = made_up_steps(rng, drift=drift, speed_m_s=speed_m_s)
     found = iter([to_and_fro(rng, drift, speed_m_s), [steps]])
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [next(found)])
-    monkeypatch.setattr(calibration, "rolling_speed_m_s", lambda _: speed_m_s)
+    monkeypatch.setattr(sphere_module, "rolling_speed_m_s", lambda _: speed_m_s)
     return [
-        *calibration.sphere_gauges(SCAN, SETTINGS, RADIUS_M),
-        *calibration.steps_gauges(SCAN, SETTINGS, STEP_M),
+        *sphere_gauges(SCAN, SETTINGS, RADIUS_M),
+        *steps_gauges(SCAN, SETTINGS, STEP_M),
     ]

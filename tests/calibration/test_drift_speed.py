@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from calibration.made_up_gauges import SCAN, SETTINGS, STEP_M, drift_m, gauges, made_up_steps
-from roller_calibration import gauges as calibration
+from roller_calibration import gauge as calibration
 from roller_calibration.drift_speed import speed_text
 from roller_calibration.edge_drift import fit_drift
-from roller_calibration.gauges import Gauge
+from roller_calibration.gauge import Gauge
+from roller_calibration.step_gauges import steps_gauges
 from roller_emvs.lines.edge_drift import EdgeDriftSettings, edge_drift
 
 SPEEDS = (0.1, 0.3, 0.5)
@@ -105,7 +106,7 @@ def test_what_lifts_all_walls_alike_goes_with_speed_too(monkeypatch: pytest.Monk
         )
         passes = [replace(steps, lines=seen)]
         monkeypatch.setattr(calibration, "pass_lines", lambda *_, passes=passes: [passes])
-        own += calibration.steps_gauges(SCAN, SETTINGS, STEP_M)
+        own += steps_gauges(SCAN, SETTINGS, STEP_M)
     found = fit_drift(own).settings
     for speed in (0.1, 0.5):
         assert height_m(found, 0, speed)[1] == pytest.approx(1e-4 + 2e-4 * (speed - 0.3), abs=3e-5)

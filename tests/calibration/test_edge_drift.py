@@ -20,12 +20,15 @@ from calibration.made_up_gauges import (
     made_up_steps,
 )
 from roller_bringup.cli import main
-from roller_calibration import gauges as calibration
+from roller_calibration import gauge as calibration
 from roller_calibration.drift_lines import GaugeLines
 from roller_calibration.edge_drift import fit_drift, sure_slope
+from roller_calibration.gauges import all_gauges
 from roller_calibration.pass_lines import EdgeDriftError, PassLines
+from roller_calibration.sphere_gauges import sphere_gauges
+from roller_calibration.step_gauges import steps_gauges
 from roller_calibration.step_walls import find_walls, parts_by_kind, rising_walls, wall_levels
-from roller_emvs.lines.edge_drift import edge_drift
+from roller_emvs.lines.edge_drift import edge_drift, held_change
 from simulated_scans import Scans
 
 
@@ -63,11 +66,11 @@ def test_steps_alone_tell_drift_and_on_the_nominal_surface_its_mean(
     rng = np.random.default_rng(3)
     steps = made_up_steps(rng, base_m=base_m, higher_m=8e-5)
     # Too few lines, and depths of neighbourhoods in their place.
-    few = replace(steps, lines=calibration._take(steps.lines, rng.random(2000) < 0.01))
+    few = replace(steps, lines=calibration.take(steps.lines, rng.random(2000) < 0.01))
     few = replace(few, place=steps.place[: len(few.lines.row)])
     passes = [[steps]] if kind == "lines" else [[few], [replace(steps, kind=kind)]]
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: passes)
-    found = fit_drift(calibration.steps_gauges(SCAN, SETTINGS, STEP_M))
+    found = fit_drift(steps_gauges(SCAN, SETTINGS, STEP_M))
     slope, none = np.array([-0.8, 0.8]), np.zeros(2)
     both = np.array([edge_drift(found.settings, k, slope, none, none, 0.1) for k in (0, 1)])
     expected = np.stack([drift_m(np.full(2, k), slope) for k in (0, 1)])
@@ -86,7 +89,7 @@ def test_drift_that_turns_slopes_over_is_told_by_the_side_that_walls_face(
     seen = replace(own, slope=-own.slope, side=np.sign(own.slope))
     steps = replace(steps, lines=seen)
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[steps]])
-    gauge = calibration.steps_gauges(SCAN, SETTINGS, STEP_M)[0]
+    gauge = steps_gauges(SCAN, SETTINGS, STEP_M)[0]
     assert np.mean(gauge.rise == np.sign(-gauge.lines.slope)) > 0.99
     found = fit_drift([gauge])
     assert found.settings.coefficients_m[1] == pytest.approx(0.0, abs=1e-6)
@@ -107,7 +110,7 @@ def test_one_gauge_of_steps_tells_what_lifts_its_walls_alike_and_by_their_side(
         calibration, "pass_lines", lambda scan, _: [[sphere] if scan.name == "ball" else lifted]
     )
     ball = replace(SCAN, name="ball")
-    found, _ = calibration.all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
+    found, _ = all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
     height, _ = edge_drift(
         fit_drift(found).settings, 0, np.array([-0.8, 0.8]), *np.zeros((2, 2)), 0.1
     )
@@ -125,6 +128,33 @@ def test_a_few_strays_say_nothing_of_the_slopes_that_they_seem_to_have(
     with_strays = replace(steps, lines=replace(steps.lines, slope=slope), error_m=error_m)
     found = fit_drift([*spheres, steps, with_strays]).settings
     assert max(found.residual_m[:2]) < 50e-6
+
+
+def test_what_lines_climb_with_their_wall_is_no_drift(monkeypatch: pytest.MonkeyPatch) -> None:
+    """ON lines all along the foot of falling walls lie as high as it is there."""
+    steps = made_up_steps(np.random.default_rng(6), base_m=0.0, climb_m=1.5e-4)
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[steps]])
+    found = fit_drift(steps_gauges(SCAN, SETTINGS, STEP_M))
+    off_rising, off_falling, on_rising, on_falling = np.reshape(found.settings.residual_m, (4, -1))
+    assert on_falling.max() < 1.5 * max(map(np.max, (off_rising, off_falling, on_rising)))
+    assert on_falling.max() < 3e-5
+
+
+def test_how_fast_contrast_changes_on_the_gauges_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond it the drift of a line stays what it is there."""
+    rng = np.random.default_rng(7)
+    found = []
+    for gauge in gauges(monkeypatch):
+        change = rng.uniform(-1.0, 1.0, len(gauge.error_m)) * np.where(gauge.lines.polarity, 3, 2)
+        found.append(replace(gauge, lines=replace(gauge.lines, change=change)))
+    settings = fit_drift(found).settings
+    assert settings.most_change == pytest.approx((2.0, 3.0), rel=0.05)
+    change = np.array([-9.0, -3.5, 0.5, 3.5, 9.0])
+    for polarity, most in enumerate(settings.most_change):
+        held = held_change(settings, polarity, change)
+        np.testing.assert_allclose(held, [-most, -most, 0.5, most, most])
+    unknown = settings.changed({"most_change": (0.0, 0.0)})
+    np.testing.assert_array_equal(held_change(unknown, 0, change), change)
 
 
 def test_how_wide_the_bands_of_events_were_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,7 +190,7 @@ def test_walls_are_told_by_their_levels_where_drift_makes_all_slope_alike(
     own = steps.lines
     seen = replace(own, slope=np.abs(own.slope), side=np.full(len(own.slope), -1.0))
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[replace(steps, lines=seen)]])
-    gauge = calibration.steps_gauges(SCAN, SETTINGS, STEP_M)[0]
+    gauge = steps_gauges(SCAN, SETTINGS, STEP_M)[0]
     assert np.mean(gauge.rise == np.sign(own.slope)) > 0.99
     found = fit_drift([gauge])
     slope, side = np.array([0.8]), np.array([-1.0])
@@ -178,13 +208,13 @@ def test_a_polarity_that_gathers_between_walls_is_left_out(
     """It would be a wall more that goes up than go down."""
     steps = made_up_steps(np.random.default_rng(9), base_m=0.0)
     kept = (steps.lines.polarity == 0) | (np.arange(2000) < 300)
-    lines, place = calibration._take(steps.lines, kept), steps.place[kept]
+    lines, place = calibration.take(steps.lines, kept), steps.place[kept]
     on = lines.polarity == 1
     place[on, 0] = 0.03 + 4.6 * 1.1e-3 + np.radians(1.0) * place[on, 1]
     slope = np.where(on, 0.4, lines.slope)
     strays = replace(steps, place=place, lines=replace(lines, slope=slope))
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[strays]])
-    gauge = calibration.steps_gauges(SCAN, SETTINGS, STEP_M)[0]
+    gauge = steps_gauges(SCAN, SETTINGS, STEP_M)[0]
     assert (gauge.lines.polarity == 0).all()
     assert "10 walls of 0.200 mm" in gauge.text
 
@@ -197,7 +227,7 @@ def test_walls_that_seem_level_count_too(monkeypatch: pytest.MonkeyPatch) -> Non
     slope[level] = 0.02
     seen = replace(steps, lines=replace(steps.lines, slope=slope))
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[seen]])
-    gauge = calibration.steps_gauges(SCAN, SETTINGS, STEP_M)[0]
+    gauge = steps_gauges(SCAN, SETTINGS, STEP_M)[0]
     assert len(gauge.error_m) > 1900
     off = gauge.error_m - drift_m(gauge.lines.polarity, gauge.rise)
     assert np.abs(off).max() < 1e-4
@@ -257,7 +287,7 @@ def test_drift_that_nothing_tells_is_uncertainty(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(
         calibration, "pass_lines", lambda *_: [[replace(steps, lines=lines, travel=0.3)]]
     )
-    found = fit_drift(calibration.steps_gauges(SCAN, SETTINGS, STEP_M))
+    found = fit_drift(steps_gauges(SCAN, SETTINGS, STEP_M))
     assert found.corrected == (False, False)
     assert 7e-5 < found.after_m[0] < 1.1e-4  # 90 µm up on walls that rise, and down on others
     none = np.zeros(1)
@@ -306,17 +336,17 @@ def test_a_sphere_that_drifts_further_than_walls_does_not_lift_them(
         calibration, "pass_lines", lambda scan, _: [[sphere if scan.name == "ball" else steps]]
     )
     ball = replace(SCAN, name="ball")
-    found, left_out = calibration.all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
+    found, left_out = all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
     assert not left_out
     slope, none = np.array([-0.8, 0.8]), np.zeros(2)
     height, _ = edge_drift(fit_drift(found).settings, 0, slope, none, none, 0.1)
     assert np.abs(height.mean()) < 2e-5
     assert np.abs(height - drift_m(none, slope)).max() < 1.2e-4
     # Alone it would do harm: that is said.
-    steps = replace(steps, lines=calibration._take(steps.lines, np.arange(2000) < 50))
+    steps = replace(steps, lines=calibration.take(steps.lines, np.arange(2000) < 50))
     steps = replace(steps, place=steps.place[:50])
     with pytest.raises(EdgeDriftError, match="no steps in view"):
-        calibration.all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
+        all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
 
 
 def test_steps_that_are_none_or_of_another_height_are_refused(
@@ -325,17 +355,17 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
     rng = np.random.default_rng(1)
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_steps(rng, 3e-4)]])
     with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.(29|30). mm, not 0\.2 mm"):
-        calibration.steps_gauges(SCAN, SETTINGS, STEP_M)
+        steps_gauges(SCAN, SETTINGS, STEP_M)
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_sphere(rng)]])
     with pytest.raises(EdgeDriftError, match=r"not 8 mm|no sphere"):
-        calibration.sphere_gauges(SCAN, SETTINGS, 8e-3)
+        sphere_gauges(SCAN, SETTINGS, 8e-3)
     flat = lines_of(rng, np.full(500, 0.01))
     place = rng.uniform(0, 0.01, (500, 3))
     monkeypatch.setattr(
         calibration, "pass_lines", lambda *_: [[PassLines(place, flat, place, np.eye(3))]]
     )
     with pytest.raises(EdgeDriftError, match="no steps in view"):
-        calibration.steps_gauges(SCAN, SETTINGS, STEP_M)
+        steps_gauges(SCAN, SETTINGS, STEP_M)
 
 
 def test_of_several_recordings_one_whose_size_drift_hides_is_left_out(
@@ -347,12 +377,12 @@ def test_of_several_recordings_one_whose_size_drift_hides_is_left_out(
         calibration, "pass_lines", lambda scan, _: [[made_up_steps(rng, heights[scan.name])]]
     )
     scans = [replace(SCAN, name=name) for name in heights]
-    found, left_out = calibration.all_gauges([], scans, SETTINGS, RADIUS_M, STEP_M)
+    found, left_out = all_gauges([], scans, SETTINGS, RADIUS_M, STEP_M)
     assert [gauge.name for gauge in found] == ["slow"]
     assert [str(reason).partition(":")[0] for reason in left_out] == ["fast", "faster"]
     # None fits: then it is the stated size that is wrong.
     with pytest.raises(calibration.OtherGaugeError, match=r"not 0\.2 mm; check --step-mm"):
-        calibration.all_gauges([], scans[1:], SETTINGS, RADIUS_M, STEP_M)
+        all_gauges([], scans[1:], SETTINGS, RADIUS_M, STEP_M)
 
 
 def test_gauges_of_the_virtual_cell_correct_another_object(scans: Scans, tmp_path: Path) -> None:

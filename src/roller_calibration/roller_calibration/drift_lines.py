@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from roller_core.transforms import F64
 
-from .gauges import Gauge
+from .gauge import Gauge
 from .pass_lines import WALL_SLOPE
 
 Bools = npt.NDArray[np.bool_]

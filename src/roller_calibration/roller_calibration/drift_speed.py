@@ -19,7 +19,7 @@ from roller_emvs.lines.edge_drift import TERMS, EdgeDriftSettings
 
 from .drift_lines import GaugeLines
 from .drift_system import DriftSystem
-from .gauges import Gauge
+from .gauge import Gauge
 
 #: Fastest by slowest speed of the steps from which on they tell how drift goes with it.
 _APART = 1.3

@@ -12,7 +12,8 @@ from .drift_lines import GaugeLines
 #: Fewest lines of a bin of slopes whose residual is its own, also as a share of all of a polarity
 #: and direction: on walls that all have one slope fewer are strays. Least residual, m.
 _LEAST_IN_BIN, _LEAST_SHARE, LEAST_RESIDUAL_M = 15, 0.03, 5e-6
-#: Share of the lines of the gauges that are no wider than what counts as the widest.
+#: Share of the lines of the gauges that are no wider than what counts as the widest, and whose
+#: contrast changes no faster than what counts as the fastest.
 _WIDEST = 0.98
 
 
@@ -82,3 +83,13 @@ def band_widths(lines: GaugeLines) -> list[float]:
             enough = len(width) >= _LEAST_IN_BIN
             found += [*np.quantile(width, (0.5, _WIDEST))] if enough else [0.0, 0.0]
     return [float(v) for v in found]
+
+
+def most_changes(lines: GaugeLines) -> list[float]:
+    """Fastest change of contrast on slopes, of OFF and of ON events; 0 where unknown."""
+    found = []
+    for polarity in (0, 1):
+        change = np.abs(lines.change[lines.on_slope & (lines.polarity == polarity)])
+        enough = len(change) >= _LEAST_IN_BIN
+        found.append(round(float(np.quantile(change, _WIDEST)), 3) if enough else 0.0)
+    return found

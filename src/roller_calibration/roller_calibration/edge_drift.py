@@ -18,8 +18,8 @@ from roller_emvs.lines.edge_drift import (
 from .drift_lines import GaugeLines
 from .drift_speed import find_speed_drift
 from .drift_system import HUBER_M, DriftSystem
-from .drift_tables import LEAST_RESIDUAL_M, band_widths, residual_table
-from .gauges import LEAST_LINES, Gauge
+from .drift_tables import LEAST_RESIDUAL_M, band_widths, most_changes, residual_table
+from .gauge import LEAST_LINES, Gauge
 from .pass_lines import WALL_SLOPE, EdgeDriftError
 
 #: Spread of the coefficients before anything was measured, m.
@@ -138,6 +138,7 @@ def fit_drift(gauges: list[Gauge]) -> EdgeDrift:
             "side_m": [round(float(v), 7) + 0.0 for v in found[:, _SIDE]],
             "sure_slope": sure,
             "by_speed_s": [round(float(v), 7) + 0.0 for v in speed.by_speed_s.ravel()],
+            "most_change": most_changes(lines),
             "speeds_m_s": speed.speeds_m_s,
             "residual_m": [float(f"{v:.3g}") for v in table.ravel()],
             "max_slope": round(most, 3),

@@ -13,7 +13,7 @@ from roller_emvs.methods.surface import SurfaceSettings
 
 from .dome_candidates import cell_medians
 from .flat import CELL_M, find_plate
-from .gauges import LEAST_LINES, OTHER_SIZE
+from .gauge import LEAST_LINES, OTHER_SIZE
 from .pass_lines import WALL_SLOPE, Found, passes_of, swept
 from .recordings import Scan
 from .sphere import find_sphere

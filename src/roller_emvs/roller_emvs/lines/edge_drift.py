@@ -66,6 +66,11 @@ class EdgeDriftSettings(Settings):
         description="By how much the coefficients change with speed: of OFF and then of ON events "
         "the two of `coefficients_m`, that of `even_m` and that of `side_m`, m per m/s.",
     )
+    most_change: tuple[float, float] = Field(
+        (0.0, 0.0),
+        description="Fastest change of contrast calibrated, of OFF and of ON events; beyond it the "
+        "drift of a line stays what it is there. 0: not known.",
+    )
     speeds_m_s: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0),
         description="Speed that the coefficients are of, slowest and fastest calibrated, m/s; "
@@ -91,6 +96,8 @@ class EdgeDriftSettings(Settings):
                 f"{sizes[0]} coefficients_m and {sizes[1]} residual_m: expected "
                 f"4 and {4 * SLOPE_BINS}, or a single 0 in both"
             )
+        if min(self.most_change) < 0:
+            raise ValueError("most_change: expected two numbers of 0 or more")
         if len(self.widths_m) != 8:
             raise ValueError(f"{len(self.widths_m)} widths_m: expected 8")
         if len(self.by_speed_s) != 2 * TERMS:
@@ -147,6 +154,15 @@ def facing(
         return side
     by_slope = np.clip(np.abs(slope / sure_slope) - 1.0, 0.0, 1.0)
     return side + by_slope * (np.sign(slope / sure_slope) - side)
+
+
+def held_change(settings: EdgeDriftSettings, polarity: int, change: F64) -> F64:
+    """Change of contrast of lines, held to what was calibrated.
+
+    No edge drifts beyond its flank, however fast its contrast changes: drift saturates.
+    """
+    most = settings.most_change[polarity]
+    return np.clip(change, -most, most) if most else change
 
 
 def drift_terms(

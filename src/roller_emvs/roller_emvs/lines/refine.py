@@ -14,7 +14,7 @@ from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _place_kernels as kernels
-from .edge_drift import EdgeDriftSettings, TravellingLight, drift_of_wider, edge_drift
+from .edge_drift import EdgeDriftSettings, TravellingLight, drift_of_wider, edge_drift, held_change
 from .fit import I64, INDEPENDENT, NO_LINES, ROW_STEP, Lines, fit_lines
 
 #: A point within this of a line, along the parallax, is of the same feature, px.
@@ -128,8 +128,10 @@ def refine(
     offsets, sigmas, tilts, unsure = [], [], [], []
     for k, (points, lines) in enumerate(parts):
         if settings.calibrated:
+            # That of the points stays as it is: where it is off, they lie beside the evidence.
+            change = held_change(settings, k, points.change)
             height, drift = edge_drift(
-                settings, k, points.slope, points.change, points.side, field.speed_m_s
+                settings, k, points.slope, change, points.side, field.speed_m_s
             )
             most = np.abs(height) + drift
             wide = drift_of_wider(settings, k, points.slope, points.width_m, most)

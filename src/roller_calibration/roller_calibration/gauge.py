@@ -1,0 +1,74 @@
+"""A gauge of edge drift: lines over a surface whose heights are known, and what they err by.
+
+Lines are fitted to the events of each pass without a correction. Two things a gauge doesn't say
+stay unknown, each with a spread of its own: where the sphere's middle is along the roll, and how
+high on a step's wall the events of a polarity arise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from roller_core.transforms import F64
+from roller_emvs.lines.refine import LinePoints
+from roller_emvs.methods.surface import SurfaceSettings
+
+from .pass_lines import EdgeDriftError, PassLines, pass_lines
+from .recordings import Scan
+
+#: Lines of a gauge, at least, and on slopes.
+LEAST_LINES = 100
+#: Share that a gauge's size may be off by drift.
+OTHER_SIZE = 0.3
+
+
+class OtherGaugeError(EdgeDriftError):
+    """A gauge whose size is so far off the stated one that drift doesn't explain it."""
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Lines of a pass over a gauge, with their heights over what they should have."""
+
+    #: Of the recording.
+    name: str
+    #: Height less the gauge's. Shape (n,).
+    error_m: F64
+    #: How the heights of the lines change with what is unknown of the gauge. Shape (n, k).
+    unknown: F64
+    #: Spread of that. Shape (k,).
+    spread: F64
+    #: The lines.
+    lines: LinePoints
+    #: Slope of the gauge along the roll at each line; of steps 1 or -1. Shape (n,).
+    rise: F64
+    #: Whether it is a sphere, on which the height of every place is known.
+    sphere: bool
+    #: What was found, for people.
+    text: str
+    #: See `PassLines`.
+    travel: float
+
+
+def of_lines_or_depths(
+    scan: Scan, settings: SurfaceSettings, measure: Callable[[list[PassLines]], list[Gauge]]
+) -> list[Gauge]:
+    """What lines tell, or where those are too few, the depths of neighbourhoods."""
+    reason = EdgeDriftError(
+        f"{scan.name}: no edges in view; does it show the gauge, and is the depth range right?"
+    )
+    for passes in pass_lines(scan, settings):
+        try:
+            return measure(passes)
+        except EdgeDriftError as own:
+            reason = own
+    raise reason
+
+
+def take(lines: LinePoints, which: npt.NDArray[np.bool_]) -> LinePoints:
+    """Some of the lines."""
+    return replace(lines, **{n: getattr(lines, n)[which] for n in LinePoints.__dataclass_fields__})
