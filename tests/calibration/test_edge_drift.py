@@ -22,6 +22,7 @@ from calibration.made_up_gauges import (
 from roller_bringup.cli import main
 from roller_calibration import gauge as calibration
 from roller_calibration.drift_lines import GaugeLines
+from roller_calibration.drift_tables import residual_table
 from roller_calibration.edge_drift import fit_drift, sure_slope
 from roller_calibration.gauges import all_gauges
 from roller_calibration.pass_lines import EdgeDriftError, PassLines
@@ -138,6 +139,18 @@ def test_what_lines_climb_with_their_wall_is_no_drift(monkeypatch: pytest.Monkey
     off_rising, off_falling, on_rising, on_falling = np.reshape(found.settings.residual_m, (4, -1))
     assert on_falling.max() < 1.5 * max(map(np.max, (off_rising, off_falling, on_rising)))
     assert on_falling.max() < 3e-5
+
+
+@pytest.mark.parametrize(("off", "widened"), [(1.0, 1.0), (2.4, 1.2), (40.0, 1.5)])
+def test_tails_widen_what_is_left_and_strays_hardly_do(off: float, widened: float) -> None:
+    """68 % of the lines lie within one deviation and 95 % within two, but for strays."""
+    n, left_m = 2000, 6e-5
+    rest = np.where(np.arange(n) % 10 == 0, off, 1.0) * left_m
+    none, slope, yes = np.zeros(n), np.full(n, 0.5), np.ones(n, np.bool_)
+    lines = GaugeLines(slope, none, none, none, none, none, none, rest, slope, yes, ~yes)
+    table = residual_table(lines, rest, none, 1.0, 1e-3)
+    np.testing.assert_allclose(table[0], widened * left_m)
+    np.testing.assert_allclose(table[1:], 1e-3)
 
 
 def test_how_fast_contrast_changes_on_the_gauges_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,8 @@ from .drift_lines import GaugeLines
 #: Fewest lines of a bin of slopes whose residual is its own, also as a share of all of a polarity
 #: and direction: on walls that all have one slope fewer are strays. Least residual, m.
 _LEAST_IN_BIN, _LEAST_SHARE, LEAST_RESIDUAL_M = 15, 0.03, 5e-6
+#: By how much what 95 % lie within may widen the deviation that 68 % lie within.
+_TAILS = 1.5
 #: Share of the lines of the gauges that are no wider than what counts as the widest, and whose
 #: contrast changes no faster than what counts as the fastest.
 _WIDEST = 0.98
@@ -58,8 +60,9 @@ def _residuals(rest: F64, sigma: F64, unsure: F64, slope: F64, polarity: F64, mo
             for b in range(SLOPE_BINS):
                 here = kind & (bins == b)
                 if here.sum() >= least:
-                    # 68 % lie within one deviation, whatever the tails.
-                    spread = np.quantile(np.abs(rest[here]), 0.683) ** 2
+                    # 68 % lie within one deviation and 95 % within two; more tells of strays.
+                    one, two = np.quantile(np.abs(rest[here]), (0.683, 0.95))
+                    spread = min(max(one, two / 2), _TAILS * one) ** 2
                     drift = max(spread - np.median(sigma[here]) ** 2, LEAST_RESIDUAL_M**2)
                     table[p, falling, b] = np.sqrt(drift + np.median(unsure[here]) ** 2)
     return table
