@@ -91,6 +91,25 @@ def test_a_printed_coating_hides_no_dots(scans: Scans) -> None:
     assert [c.mask for c in cells if c.readable] == [m.mask for m in truth.marks]
 
 
+@pytest.mark.parametrize("speckle", [0.05, 0.08])
+@pytest.mark.parametrize("lands_mm", [0.0, 10.0])
+def test_where_the_skin_does_not_touch_a_coating_does_not_show(
+    scans: Scans, speckle: float, lands_mm: float
+) -> None:
+    """At the ends of the patch, and before the roller lands: neither says that there is none."""
+    scene = {"text": "dfhj", "step_mm": 0.03, "margin_mm": 3.0 + lands_mm}
+    light = {"speckle": speckle}
+    scan = scans.scan("braille", speed=0.3, camera=FINE, scene=scene, light=light)
+    events, height = scan.events, scan.camera.height
+    touching = np.abs(events.y - height / 2) < 0.36 * height
+    # A few of a coating's events are noise.
+    lands_ns = events.t_ns[0] + lands_mm / 300.0 * 1e9
+    touching &= (events.t_ns > lands_ns) | (np.arange(len(events)) % 100 == 0)
+    cells, pipeline = read(events[touching], scan.track, 50, scan.camera)
+    assert pipeline.text() == ["dfhj"]
+    assert all(cell.readable for cell in cells)
+
+
 @pytest.mark.parametrize("name", ["bumps", "sparse_sphere"])
 def test_relief_gives_no_text(scans: Scans, name: str) -> None:
     scan = scans.scan(name, speed=0.5, camera=CAMERA, scene={"step_mm": 0.04})

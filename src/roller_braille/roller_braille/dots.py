@@ -90,9 +90,9 @@ class DotFinder:
         #: What a search needs to know on either side, columns.
         self.margin = self._factor * (middle + self._apart)
 
-    def look_at_coating(self, strip: Strip, a: int, b: int) -> None:
-        """Learn from columns a to b (b excluded) what the coating is like."""
-        strip.learn_coating(a, b, self._area_px, LEAST_VOTES)
+    def look_at_coating(self, strip: Strip, a: int, b: int, settled: bool) -> bool:
+        """Learn from columns a to b (b excluded) what the coating is; see `Strip.learn_coating`."""
+        return strip.learn_coating(a, b, self._area_px, LEAST_VOTES, settled)
 
     def find(self, strip: Strip, a: int, b: int, kind: Kind, learn: bool = True) -> Dots:
         """Spots whose middle lies in columns a to b (b excluded).

@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from .cells import LEAST_CONFIDENCE, Seen
 from .dots import CHANCE, LEAST_VOTES, SPOT, Dots
+from .ground import TAIL
 from .lattice import Lattice
 from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
 from .reader_settings import Spacing
 from .recognise import Energies, Recogniser, Reference, share
-from .strip import TAIL, Kind, Strip, image_around
+from .strip import Kind, Strip, image_around
 from .warp import F32, F64
 
 #: Cells seen beyond its first dot before a line is begun; lines above that are indented by less

@@ -109,7 +109,11 @@ class PassReader:
         if not final and (upto - self._searched < step or rolled_s - self._looked_s < _STEP_S):
             return
         self._looked_s = rolled_s
-        self._finder.look_at_coating(self.strip, self._searched, upto)
+        settled = any(line.accepted for line in self.lines)
+        if self._finder.look_at_coating(self.strip, self._searched, upto, settled):
+            # What was found so far was found in other images.
+            self.lines, self._loose = [], {kind: Dots.none() for kind in self._kinds}
+            self._searched = max(first, self.strip.first)
         for kind in self._kinds:
             found = self._finder.find(self.strip, self._searched, upto, kind)
             self.dots += len(found)

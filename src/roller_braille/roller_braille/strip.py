@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from enum import Enum
 
 import cv2
@@ -11,6 +10,7 @@ import numpy.typing as npt
 
 from roller_core.events import EventArray
 
+from .ground import BLOCK_PX, TAIL, Ground
 from .reader_settings import BrailleSettings
 from .warp import F32, F64, I64, Knots, vote
 
@@ -24,15 +24,9 @@ _MARGIN_M = 0.002
 _MORE_COLUMNS = 1000
 #: Batches' ends by which the pace is measured.
 _NEWEST = 5
-#: Blocks whose emptier ones are background, px, and parts of the mosaic that it is taken from.
-_BLOCK_PX, _PARTS = 20, 8
 #: Blur under which a printed coating's ON and OFF events make up for each other, by a dot's
 #: diameter, and how many times the spread of what they leave is taken off.
 _BLUR, _TAKEN_OFF = 1 / 5, 2.0
-#: Root mean square of what that leaves of the standard normal distribution.
-TAIL = 0.076
-#: Share of a part where no relief is taken to be, and how far chance lies off there, by its spread.
-_LEVEL, _LEVEL_WITHIN = 0.25, 0.319
 
 
 class Kind(Enum):
@@ -76,12 +70,9 @@ class Strip:
         self._end = 0.0
         self._until_ns = 0
         self.events = 0
-        self._rates: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
+        #: What is known of noise and coating.
+        self.ground = Ground(Kind)
         self._blur_px = settings.spacing.dot_diameter_m * _BLUR / self.px_m
-        self._spreads: deque[float] = deque(maxlen=_PARTS)
-        self._spread = 0.0  # their median
-        #: Whether the coating is printed; None until that is known.
-        self.printed: bool | None = None
         # What `_net` gave so far, and the column that it begins at; until more events come.
         self._blurred, self._blurred_from = np.zeros((self._rows, 0), np.float32), 0
         # How long the sensor had rolled when it had come so far.
@@ -156,7 +147,7 @@ class Strip:
         self._blurred = self._blurred[:, :0]
         self.events += vote(events, table, knots, raster, self._counts, self._newest)
 
-    def learn_coating(self, a: int, b: int, area_px: float, least: float) -> None:
+    def learn_coating(self, a: int, b: int, area_px: float, least: float, settled: bool) -> bool:
         """Learn from columns a to b (b excluded) what the coating is like.
 
         Parameters
@@ -166,22 +157,37 @@ class Strip:
         area_px, least : float
             A spot's area, and events that it needs: the coating is printed if what its events
             leave there could make up as many.
+        settled : bool
+            Whether a coating that was taken for plain stays so.
+
+        Returns
+        -------
+        bool
+            Whether it was taken for plain till now and isn't any more: images are others.
         """
         shown = a + np.flatnonzero(self.shown(np.arange(a, b, dtype=np.float64) * self.px_m))
+        ground, before = self.ground, self.printed
         if len(shown):
             edge = int(np.ceil(_MARGIN_M / self.px_m))
-            left = np.abs(self._net(int(shown[0]), int(shown[-1]) + 1)[edge:-edge])
-            self._spreads.append(float(np.quantile(left, _LEVEL)) / _LEVEL_WITHIN)
-            self._spread = float(np.median(self._spreads))
-        if self._spreads and self.printed is None:
-            self.printed = True
-            self.printed = self.coating(area_px) > least
+            ground.learn_coating(self._net(int(shown[0]), int(shown[-1]) + 1)[edge:-edge])
+        if before or settled or not ground.known:
+            return False
+        ground.printed = self._left(area_px) > least
+        if ground.printed:
+            ground.take_for_printed()
+        return bool(ground.printed) and before is not None
+
+    @property
+    def printed(self) -> bool | None:
+        """Whether the coating is printed; None until that is known."""
+        return self.ground.printed
 
     def coating(self, area_px: float) -> float:
         """By how much what a printed coating's events leave in an area varies, events."""
-        if not self.printed:
-            return 0.0
-        return TAIL * self._spread * float(np.sqrt(4 * np.pi * area_px)) * self._blur_px
+        return self._left(area_px) if self.printed else 0.0
+
+    def _left(self, area_px: float) -> float:
+        return TAIL * self.ground.spread * float(np.sqrt(4 * np.pi * area_px)) * self._blur_px
 
     def background(self, a: int, b: int, kind: Kind) -> float:
         """Events a pixel of columns a to b (b excluded) where nothing is.
@@ -189,10 +195,7 @@ class Strip:
         Noise comes at a rate in time, so a part that was rolled over slowly has more of it. The
         rate is that of the emptier parts seen so far.
         """
-        rates = sorted(self._rates[kind])
-        if not rates:
-            return 0.0
-        return rates[len(rates) // 4] * self._seconds(a, b)
+        return self.ground.noise(kind) * self._seconds(a, b)
 
     def learn_background(self, a: int, b: int, kind: Kind) -> None:
         """Take the rate of noise from columns a to b (b excluded), where there is least in them."""
@@ -202,15 +205,10 @@ class Strip:
         b = a + int(shown[-1]) + 1
         a += int(shown[0])
         # Rows that the camera does not see hold nothing, not even noise.
-        edge, n = int(np.ceil(_MARGIN_M / self.px_m)), _BLOCK_PX
+        edge = int(np.ceil(_MARGIN_M / self.px_m))
         image = self.image(a, b, kind)[edge:-edge]
-        rows, columns = image.shape[0] // n, image.shape[1] // n
-        if rows and columns:
-            blocks = image[: rows * n, : columns * n].reshape(rows, n, columns, n)
-            count = float(np.quantile(blocks.sum(axis=(1, 3)), 0.25))
-            # The emptier quarter of what chance spreads lies so far below its mean.
-            count += 0.67 * np.sqrt(count)
-            self._rates[kind].append(count / n**2 / max(self._seconds(a, b), 1e-9))
+        if min(image.shape) >= BLOCK_PX:
+            self.ground.learn_noise(kind, image, self._seconds(a, b))
 
     def _seconds(self, a: int, b: int) -> float:
         """Mean time that columns were in view, made up to the full travel, seconds."""
@@ -259,7 +257,7 @@ class Strip:
         if not self.printed or kind is Kind.BOTH:
             return self._counted(a, b, kind, *rows)
         net = self._net(a, b)[slice(*rows)]
-        taken = np.float32(_TAKEN_OFF * self._spread)
+        taken = np.float32(_TAKEN_OFF * self.ground.spread)
         out = net - taken if kind is Kind.ON else -taken - net
         return np.maximum(out, np.float32(0.0), out=out)
 

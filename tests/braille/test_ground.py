@@ -1,0 +1,57 @@
+"""What is learnt of the mosaic where nothing is."""
+
+import numpy as np
+import pytest
+
+from roller_braille.ground import BLOCK_PX, Ground
+
+#: Parts of a mosaic: rows by columns.
+ROWS, COLUMNS = 16 * BLOCK_PX, 25
+
+
+def part(rng: np.random.Generator, mean: float) -> np.ndarray:
+    return rng.poisson(mean, (ROWS, COLUMNS)).astype(np.float32)
+
+
+def test_rows_that_touch_nothing_tell_nothing_of_the_coating() -> None:
+    """A third of them: noise is that of the others, and the coating is as rough as it is there."""
+    rng, ground, whole = np.random.default_rng(0), Ground("a"), Ground("a")
+    for _ in range(8):
+        net, image = rng.normal(0, 5.0, (ROWS, COLUMNS)).astype(np.float32), part(rng, 4.0)
+        whole.learn_coating(net)
+        whole.learn_noise("a", image, 0.1)
+        for values in (net, image):
+            values[: ROWS // 6] = values[-ROWS // 6 :] = 0.0
+        ground.learn_coating(net)
+        ground.learn_noise("a", image, 0.1)
+    assert whole.spread == pytest.approx(5.0, rel=0.05)
+    assert ground.spread == pytest.approx(whole.spread, rel=0.1)
+    assert whole.noise("a") == pytest.approx(40.0, rel=0.05)
+    assert ground.noise("a") == pytest.approx(40.0, rel=0.05)
+
+
+def test_noise_is_that_between_dots() -> None:
+    """Rows of dots, in more than half of which something lies, are not what nothing shows."""
+    rng, ground = np.random.default_rng(1), Ground("a")
+    for n in range(8):
+        image, net = part(rng, 0.2), rng.normal(0, 0.3, (ROWS, COLUMNS)).astype(np.float32)
+        if n % 5 < 3:
+            for first in (2, 6, 10):
+                dots = slice(first * BLOCK_PX, (first + 2) * BLOCK_PX)
+                image[dots] += 20.0
+                net[dots] -= 20.0
+        ground.learn_coating(net)
+        ground.learn_noise("a", image, 0.1)
+    assert ground.noise("a") == pytest.approx(2.0, rel=0.15)
+    assert ground.spread == pytest.approx(0.3, rel=0.1)
+
+
+def test_before_anything_is_touched_the_coating_is_not_known() -> None:
+    ground = Ground("a")
+    ground.learn_coating(np.zeros((ROWS, COLUMNS), np.float32))
+    assert not ground.known
+    assert ground.noise("a") == 0.0
+    ground.learn_noise("a", np.full((ROWS, COLUMNS), 2.0, np.float32), 0.1)
+    ground.take_for_printed()
+    assert ground.printed
+    assert ground.noise("a") == 0.0  # that of another image is forgotten
