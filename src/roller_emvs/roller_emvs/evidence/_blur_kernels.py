@@ -18,7 +18,7 @@ def _reflect(i, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _add_pairs(own, weight, pairs, weights, sums):  # type: ignore[no-untyped-def]
-    """Add five weighted pairs to `own`, weighted too: sums are loaded and stored but once."""
+    """Five weighted pairs and `own`, weighted too: sums are stored but once."""
     a, b, c, d, e, f, g, h, i, k = pairs
     u, v, w, x, y = weights
     for j in range(len(sums)):
@@ -26,35 +26,43 @@ def _add_pairs(own, weight, pairs, weights, sums):  # type: ignore[no-untyped-de
         sums[j] = near + w * (e[j] + f[j]) + x * (g[j] + h[j]) + y * (i[j] + k[j])
 
 
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _add_pair(before, after, weight, sums):  # type: ignore[no-untyped-def]
+    """Add one more weighted pair."""
+    for j in range(len(sums)):
+        sums[j] += weight * (before[j] + after[j])
+
+
 @njit(cache=True, nogil=True)
 def _weigh(values, first, last, step, weights, sums):  # type: ignore[no-untyped-def]
     """Weighted sums of what lies around places from one to another, flat, `step` apart.
 
     Of many rows at once: what is left over of a loop is done one by one. `weights` are three at
-    least.
+    least. What is added to goes by itself: it would pass for what is read elsewhere in its place,
+    and no vector instructions be used.
     """
-    reach, out = len(weights) // 2, sums[first:last]
-    own, weight = values[first:last], weights[reach]
-    one, zero = np.float32(1), np.float32(0)
-    for d in range(1, reach + 1, 5):
-        # Beyond the last one a weight of 0, of what is there.
-        p, q = d * step, min(d + 1, reach) * step
-        r, s, t = min(d + 2, reach) * step, min(d + 3, reach) * step, min(d + 4, reach) * step
-        v = weights[reach + d + 1] if d + 1 <= reach else zero
-        w = weights[reach + d + 2] if d + 2 <= reach else zero
-        x = weights[reach + d + 3] if d + 3 <= reach else zero
-        y = weights[reach + d + 4] if d + 4 <= reach else zero
-        _add_pairs(
-            own, weight, (
-                values[first - p : last - p], values[first + p : last + p],
-                values[first - q : last - q], values[first + q : last + q],
-                values[first - r : last - r], values[first + r : last + r],
-                values[first - s : last - s], values[first + s : last + s],
-                values[first - t : last - t], values[first + t : last + t],
-            ),
-            (weights[reach + d], v, w, x, y), out,
-        )  # fmt: skip
-        own, weight = out, one
+    reach, out, zero = len(weights) // 2, sums[first:last], np.float32(0)
+    # Beyond the last one a weight of 0, of what is there.
+    p, q, r = step, min(2, reach) * step, min(3, reach) * step
+    s, t = min(4, reach) * step, min(5, reach) * step
+    v = weights[reach + 2] if reach >= 2 else zero
+    w = weights[reach + 3] if reach >= 3 else zero
+    x = weights[reach + 4] if reach >= 4 else zero
+    y = weights[reach + 5] if reach >= 5 else zero
+    _add_pairs(
+        values[first:last], weights[reach], (
+            values[first - p : last - p], values[first + p : last + p],
+            values[first - q : last - q], values[first + q : last + q],
+            values[first - r : last - r], values[first + r : last + r],
+            values[first - s : last - s], values[first + s : last + s],
+            values[first - t : last - t], values[first + t : last + t],
+        ),
+        (weights[reach + 1], v, w, x, y), out,
+    )  # fmt: skip
+    for d in range(6, reach + 1):
+        far = d * step
+        before, after = values[first - far : last - far], values[first + far : last + far]
+        _add_pair(before, after, weights[reach + d], out)
 
 
 @njit(cache=True, nogil=True)
