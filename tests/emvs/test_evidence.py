@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from roller_emvs.evidence import CELL_PX, EvidenceSettings, RayField, coarse, find_depths, sweep
 from roller_emvs.evidence import _peak_kernels as peaks
+from roller_emvs.evidence import _pixel_kernels as pixels
 from roller_emvs.evidence import field as evidence_field
 from roller_emvs.evidence.field import Box, Mask
 from roller_emvs.evidence.focus_measure import all_tiles, plane_offsets
@@ -116,15 +118,60 @@ def test_shear_moves_columns_between_cells() -> None:
 
 def test_pixels_that_gather_more_than_around_are_taken_once() -> None:
     rng = np.random.default_rng(9)
-    one, one_around, two, two_around = rng.random((4, 20, 30)).astype(np.float32)
+    one, two = rng.random((2, 20, 32)).astype(np.float32)
+    one_around, two_around = rng.random((2, 5, 8)).astype(np.float32)
     two[:, :10] = 0
-    which = np.empty((20, 30), np.uint8)
-    count = peaks._choose(one, one_around, two, two_around, np.float32(0.3), which)
-    off = (one >= np.float32(0.3)) & (one > one_around)
-    on = (two >= np.float32(0.3)) & (two > two_around) & (two > np.where(off, one, 0))
+    spans = np.array([[0, 8], [2, 7], [8, 0], [1, 8], [0, 3]])
+    which = np.empty((20, 32), np.uint8)
+    lines = tuple(np.empty((4, 32), np.float32))
+    count = pixels._choose(one, one_around, two, two_around, np.float32(0.3), spans, lines, which)
+    off = (one >= np.float32(0.3)) & (one > enlarge(one_around))
+    on = (two >= np.float32(0.3)) & (two > enlarge(two_around)) & (two > np.where(off, one, 0))
+    inside = in_spans(spans, which.shape)
+    off, on = off & inside, on & inside
     np.testing.assert_array_equal(which, np.where(on, 2, np.where(off, 1, 0)))
     assert count == np.count_nonzero(off | on)
     assert {0, 1, 2} == set(which.ravel().tolist())
+
+
+def in_spans(spans: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    row, column = np.indices(shape) // CELL_PX
+    return np.asarray((column >= spans[row, 0]) & (column < spans[row, 1]))
+
+
+def test_spans_hold_every_cell_of_either_surface() -> None:
+    surfaces = np.full((2, 4, 6), np.nan, np.float32)
+    surfaces[0, 1, 2], surfaces[1, 1, 4], surfaces[1, 3, :] = 0.0, 1.0, 2.0
+    spans = np.empty((4, 2), np.int64)
+    pixels._spans(*surfaces, spans)
+    assert spans.tolist() == [[0, 0], [2, 5], [0, 0], [0, 6]]
+
+
+def test_means_of_cells_are_those_of_their_pixels() -> None:
+    values = np.random.default_rng(3).integers(0, 9, (12, 16)).astype(np.float32)
+    spans, means = np.array([[0, 4], [1, 3], [0, 0]]), np.empty((3, 4), np.float32)
+    pixels._cell_means(values, spans, means)
+    expected = values.reshape(3, CELL_PX, 4, CELL_PX).mean(axis=(1, 3))
+    np.testing.assert_array_equal(means[0], expected[0])
+    np.testing.assert_array_equal(means[1], [0, *expected[1, 1:3], 0])
+    np.testing.assert_array_equal(means[2], 0)
+
+
+@pytest.mark.parametrize("shape", [(20, 32), (4, 8)])
+def test_the_fringe_of_an_edge_is_dropped(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(4)
+    images = (rng.random((2, *shape)) ** 8 * 40).astype(np.float32)
+    images[:, :, shape[1] // 2 :] *= 0.1
+    which = rng.integers(0, 3, shape).astype(np.uint8)
+    spans = np.tile([0, shape[1] // CELL_PX], (shape[0] // CELL_PX, 1))
+    spans[-1] = 1, 2
+    most = cv2.blur(images.max(axis=0), (3, 5))
+    around = cv2.dilate(most, np.ones((1, 2 * pixels.NEAR_PX + 1), np.uint8))
+    fringe = (most < np.float32(0.4) * around) & in_spans(spans, shape)
+    expected = np.where(fringe, 0, which)
+    lines = tuple(np.empty((2, shape[1] + 2 * pixels.NEAR_PX), np.float32))
+    pixels._drop_fringe(*images, 0.4, spans, lines, which)
+    np.testing.assert_array_equal(which, expected)
 
 
 def test_what_is_taken_lies_between_cells() -> None:
@@ -136,9 +183,9 @@ def test_what_is_taken_lies_between_cells() -> None:
     count = np.count_nonzero(which)
     row, column = (np.empty(count, np.int64) for _ in range(2))
     offset, sure, spread = (np.empty(count, np.float32) for _ in range(3))
-    images, no_fringe = tuple(cells[:2]), np.zeros(which.shape, np.bool_)
+    images, spans = tuple(cells[:2]), np.tile([0, 8], (6, 1))
     out = (row, column, offset, sure, spread)
-    taken = peaks._take(which, no_fringe, surfaces, images, cells[2], (9.0, 99.0, 0.0), *out)
+    taken = pixels._take(which, spans, surfaces, images, cells[2], (9.0, 99.0, 0.0), *out)
     assert taken == count
     np.testing.assert_array_equal((row, column), np.nonzero(which))
     second = which[row, column] == 2

@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 
 from roller_emvs.bands import sort_into_bands
-from roller_emvs.evidence import _kernels, _meet_kernels, _peak_kernels, _seen_kernels
+from roller_emvs.evidence import (
+    _kernels,
+    _meet_kernels,
+    _peak_kernels,
+    _pixel_kernels,
+    _seen_kernels,
+)
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from roller_emvs.evidence.blur import blurred
 from roller_emvs.evidence.field import ground
@@ -249,19 +255,21 @@ def test_pixels_are_taken_that_are_sure_enough() -> None:
     rng = np.random.default_rng(11)
     cells = (HEIGHT // CELL_PX, WIDTH // CELL_PX)
     which = rng.integers(0, 3, (HEIGHT, WIDTH)).astype(np.uint8)
-    fringe = rng.random(which.shape) < 0.2
+    spans = np.sort(rng.integers(0, cells[1] + 1, (cells[0], 2)), axis=1)
     surfaces = tuple(rng.normal(0, 1, (2, HEIGHT, WIDTH)).astype(np.float32))
     sure = tuple(rng.random((2, *cells)).astype(np.float32))
     scatter = rng.uniform(0, 2, cells).astype(np.float32)
     scatter[3, 4:6] = np.nan
     out = (*np.empty((2, which.size), np.int64), *np.empty((3, which.size), np.float32))
     limits = (1.0, 1.5, 0.2)
-    count = _peak_kernels._take(which, fringe, surfaces, sure, scatter, limits, *out)
+    count = _pixel_kernels._take(which, spans, surfaces, sure, scatter, limits, *out)
     wide = enlarge(scatter)
     wide = np.where(np.isfinite(wide), wide, 1.0)
     of_image = np.maximum(which.astype(int) - 1, 0)
     confidence = np.choose(of_image, [enlarge(own) for own in sure]) / (1 + wide**2)
-    keep = (which > 0) & ~fringe & (wide < 1.5) & (confidence >= 0.2)
+    row, column = np.indices(which.shape) // CELL_PX
+    inside = (column >= spans[row, 0]) & (column < spans[row, 1])
+    keep = (which > 0) & inside & (wide < 1.5) & (confidence >= 0.2)
     at = np.nonzero(keep)
     for found, expected in zip(
         out, (*at, np.choose(of_image, surfaces)[at], confidence[at], wide[at]), strict=True

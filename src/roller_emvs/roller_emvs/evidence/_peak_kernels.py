@@ -1,11 +1,9 @@
-"""Loops over planes, cells and pixels that look for peaks; each has a numpy twin in the tests."""
+"""Loops over planes and cells that look for peaks; each has a numpy twin in the tests."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
-
-from ._kernels import CELL_PX
 
 
 @njit(cache=True, nogil=True)
@@ -202,78 +200,6 @@ def _centroids(measure, peak, weights, total, x, y):  # type: ignore[no-untyped-
             if e > 0:
                 x[i, j] = j + ex / e
                 y[i, j] = i + ey / e
-
-
-@njit(cache=True, nogil=True)
-def _choose(support, around, other, other_around, least, which):  # type: ignore[no-untyped-def]
-    """Which of two images of events gathers more at each pixel: 1, 2, or 0 for none of them.
-
-    Events gather where there are at least `least`, and more than around. Returns the number of
-    pixels that have them.
-    """
-    count = np.int64(0)
-    for y in range(which.shape[0]):
-        for x in range(which.shape[1]):
-            first = support[y, x]
-            second = other[y, x]
-            one = (first >= least) & (first > around[y, x])
-            two = (second >= least) & (second > other_around[y, x])
-            chosen = max(np.uint8(one), np.uint8(2) * np.uint8(two & ((second > first) | ~one)))
-            which[y, x] = chosen
-            count += np.int64(chosen > 0)
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _between(cells, y, x):  # type: ignore[no-untyped-def]
-    """Value between cells at a pixel, bilinear; beyond the outer cells' middles it stays."""
-    half = np.float32(0.5)
-    zero = np.float32(0)
-    share = np.float32(1.0 / CELL_PX)
-    height, width = cells.shape
-    b = (np.float32(y) + half) * share - half
-    a = (np.float32(x) + half) * share - half
-    b = min(max(b, zero), np.float32(height - 1))
-    a = min(max(a, zero), np.float32(width - 1))
-    i = int(b)
-    j = int(a)
-    # At an outer cell's middle the next one doesn't count, not even if it is NaN.
-    below = i + 1 if b > i else i
-    right = j + 1 if a > j else j
-    down = np.float32(b - i)
-    across = np.float32(a - j)
-    up = cells[i, j] + across * (cells[i, right] - cells[i, j])
-    low = cells[below, j] + across * (cells[below, right] - cells[below, j])
-    return up + down * (low - up)
-
-
-@njit(cache=True, nogil=True)
-def _take(  # type: ignore[no-untyped-def]
-    which, fringe, surfaces, confidences, scatter, limits, row, column, offset, sure, spread
-):
-    """Pixels that were chosen, with their image's surface and confidence, and the scatter there.
-
-    `surfaces` are by pixel, `confidences` and `scatter` by cell. `limits`: the scatter where it
-    isn't known, that from which on, and the confidence, less for the scatter, below which a pixel
-    is left out, as it is where it is of the `fringe`. Returns how many there are.
-    """
-    usual, most, least = np.float32(limits[0]), np.float32(limits[1]), np.float32(limits[2])
-    n = 0
-    for y in range(which.shape[0]):
-        for x in range(which.shape[1]):
-            if which[y, x] and not fringe[y, x]:
-                k = which[y, x] - 1
-                wide = _between(scatter, y, x)
-                wide = wide if np.isfinite(wide) else usual
-                confidence = _between(confidences[k], y, x) / (np.float32(1) + wide * wide)
-                if wide < most and confidence >= least:
-                    row[n] = y
-                    column[n] = x
-                    offset[n] = surfaces[k][y, x]
-                    sure[n] = confidence
-                    spread[n] = wide
-                    n += 1
-    return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

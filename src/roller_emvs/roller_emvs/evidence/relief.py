@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from roller_core.transforms import F64
 from roller_emvs.lines.edge_drift import EdgeDriftSettings, edge_drift
@@ -14,7 +13,7 @@ from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _fit_kernels as kernels
-from . import _peak_kernels as peaks
+from . import _pixel_kernels as pixels
 from ._kernels import CELL_PX
 from .blur import blurred
 from .evidence_settings import EvidenceSettings
@@ -31,9 +30,9 @@ from .uncertainty import agreed_share, point_sigma, seen_around
 _SLOPE_SIGMA_PX, _STILL_SIGMA_PX = 5.0, 4.0
 #: Neighbourhood whose mean a pixel's support must exceed, cells.
 _AROUND = 9
-#: What holds less than this share of the support of an edge so near (columns and rows, px) is that
-#: edge's fringe: its events where they meet a surface that doesn't follow it.
-_FRINGE, _NEAR_PX, _ALIKE_PX = 0.15, (11, 1), (3, 5)
+#: What holds less than this share of the support of an edge near it along the row is that edge's
+#: fringe: its events where they meet a surface that doesn't follow it.
+_FRINGE = 0.15
 #: Deviation of a depth that is as good as its evidence, pixels of parallax.
 _RESOLUTION_PX = 1.0
 #: Neighbourhood of cells that face one side, and mean change of contrast at which that counts in
@@ -175,24 +174,30 @@ def _measured(
     nowhere = np.float32(np.nan)
     cells = [np.where(np.isfinite(found.offset), fit.offset, nowhere) for found in depths]
     scatter_px = fit.scatter * np.float32(px_per_offset)
-    surfaces = [np.empty((0, 0), np.float32)] * 2
-    support, around = (np.empty((2, *field.shape), np.float32) for _ in range(2))
+    surfaces, support = ([np.empty((0, 0), np.float32)] * 2 for _ in range(2))
+    around, spans = np.empty((2, *field.cells), np.float32), np.empty((field.cells[0], 2), np.int64)
+    pixels._spans(*cells, spans)
 
     def gather(polarity: int) -> None:
         surfaces[polarity] = enlarge(cells[polarity])
         support[polarity] = field.support(surfaces[polarity], polarity)
-        around[polarity] = _around(support[polarity])
+        pixels._cell_means(support[polarity], spans, around[polarity])
+        cv2.blur(around[polarity], (_AROUND, _AROUND), dst=around[polarity])
 
     share(threads, 2, gather)
     which = np.empty(field.shape, np.uint8)
-    count = peaks._choose(support[0], around[0], support[1], around[1], _MIN_VOTES, which)
+    a, b, c, d = np.empty((4, field.shape[1] + 2 * pixels.NEAR_PX), np.float32)
+    count = pixels._choose(
+        support[0], around[0], support[1], around[1], _MIN_VOTES, spans, (a, b, c, d), which
+    )
+    pixels._drop_fringe(support[0], support[1], _FRINGE, spans, (a, b), which)
     row, column = (np.empty(count, np.int64) for _ in range(2))
     offset, sure, spread_px = (np.empty(count, np.float32) for _ in range(3))
     confidences = tuple(found.confidence for found in depths)
     limits = (_RESOLUTION_PX, _MOST_SCATTER_PX, settings.min_point_confidence)
-    count = peaks._take(
-        which, _fringe(support), tuple(surfaces), confidences, scatter_px, limits, row, column,
-        offset, sure, spread_px,
+    count = pixels._take(
+        which, spans, tuple(surfaces), confidences, scatter_px, limits, row, column, offset, sure,
+        spread_px,
     )  # fmt: skip
     row, column, offset = row[:count], column[:count], offset[:count]
     sure, spread_px, seen = sure[:count], spread_px[:count], seen_around(depths)
@@ -290,20 +295,6 @@ def _without_drift(
         found.append(replace(own, offset=offset))
         unsure[polarity][known] = sigma * abs(field.offset_per_m)
     return found, unsure
-
-
-def _around(support: F32) -> F32:
-    """Mean of the neighbourhood of each pixel."""
-    height, width = support.shape
-    cells = cv2.resize(support, (width // CELL_PX, height // CELL_PX), interpolation=cv2.INTER_AREA)
-    return enlarge(cv2.blur(cells, (_AROUND, _AROUND)))
-
-
-def _fringe(support: F32) -> npt.NDArray[np.bool_]:
-    """Pixels beside an edge of much more support."""
-    most = cv2.blur(np.maximum(support[0], support[1]), _ALIKE_PX)
-    around = cv2.dilate(most, np.ones(_NEAR_PX[::-1], np.uint8))
-    return np.asarray(most < _FRINGE * around)
 
 
 def enlarge(values: F32) -> F32:
