@@ -446,8 +446,13 @@ def test_what_is_around_a_place_is_a_gaussian_of_the_lines() -> None:
     rows, columns = np.meshgrid([30.0], np.arange(40.0, 56.0), indexing="ij")
     some = np.zeros(rows.size)
     lines = LinePoints(rows.ravel(), columns.ravel(), *[some] * 9)
-    around = _around(lines, np.ones((2, rows.size)), shape)
     i, j = (v.ravel() for v in np.meshgrid(np.arange(20, 40), np.arange(35, 60), indexing="ij"))
+    around = _around(lines, np.ones((2, rows.size)), shape, i, j)
+    everywhere = _around(
+        lines, np.ones((2, rows.size)), shape, np.array([0, 79]), np.array([0, 95])
+    )
+    cells = np.ix_(np.arange(20, 41) // places.GRID_PX, np.arange(34, 61) // places.GRID_PX)
+    np.testing.assert_allclose(around[cells], everywhere[cells], rtol=1e-5)
     found = plainly_between(around.astype(np.float64), i, j)[0] / places.GRID_PX**2
     apart = (i[:, None] - rows.ravel()) ** 2 + (j[:, None] - columns.ravel()) ** 2
     expected = np.exp(-0.5 * apart / spread**2).sum(axis=1) / (2 * np.pi * spread**2)

@@ -206,10 +206,10 @@ def _measured(
     if drift.calibrated:
         # The surface is between those of both polarities, which err apart; where one alone is
         # seen, it errs as that does.
-        i, j = row // CELL_PX, column // CELL_PX
-        left, whole = (np.hypot(*part[:, i, j]) for part in (0.5 * unsure, fit.shares * unsure))
-        sigma = np.hypot(sigma, left).astype(np.float32)
-        one_sided = np.sqrt(np.maximum(whole**2 - left**2, 0)).astype(np.float32)
+        cell = row // CELL_PX * field.cells[1] + column // CELL_PX
+        left, whole = (np.hypot(*part) for part in (0.5 * unsure, fit.shares * unsure))
+        sigma = np.hypot(sigma, left.ravel()[cell])
+        one_sided = np.sqrt(np.maximum(whole**2 - left**2, 0)).ravel()[cell]
     agreed = np.ones(len(sigma), np.float32)
     if not drift.sided:  # by its side both polarities of a wall drift alike
         agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)

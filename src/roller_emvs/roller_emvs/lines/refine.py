@@ -203,7 +203,8 @@ def _crossing(lines: Lines, field: EvidenceField) -> tuple[F64, F64]:
 
 def _less_sure(found: Relief, lines: LinePoints, sigma: F64) -> Relief:
     """Points as unsure as the lines around are for what both can't know."""
-    around = _around(lines, np.stack([np.ones(len(sigma)), sigma**2]), found.surfaces[0].shape)
+    counts, shape = np.stack([np.ones(len(sigma)), sigma**2]), found.surfaces[0].shape
+    around = _around(lines, counts, shape, found.row, found.column)
     unsure = found.sigma.copy()
     kernels._add_variance(found.row, found.column, around, unsure)
     return replace(found, sigma=unsure)
@@ -222,7 +223,8 @@ def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: flo
     # A line may lie just beyond the surface that it was fitted from: it moves nothing.
     known = np.isfinite(move)
     move, weight = np.where(known, move, 0.0), np.where(known, 1.0 / sigma**2, 0.0)
-    around = _around(lines, np.stack([weight, weight * move, weight * move**2]), shape)
+    sums = np.stack([weight, weight * move, weight * move**2])
+    around = _around(lines, sums, shape, found.row, found.column)
     # A line in the middle of the neighbourhood counts in full, with what height changes over it.
     peak, floor = np.sqrt(2 * np.pi) * _SHARED_PX / kernels.GRID_PX, (_CHANGES_M * per_m) ** 2
     moved, unsure = np.empty(len(found.row)), np.empty(len(found.row), np.float32)
@@ -238,13 +240,29 @@ def _pixels(lines: LinePoints, shape: tuple[int, ...]) -> tuple[I64, I64]:
     return lines.row.astype(np.int64), column
 
 
-def _around(lines: LinePoints, values: F64, shape: tuple[int, ...]) -> F32:
-    """Values of lines, shape (values, n), over a neighbourhood, on a grid of `GRID_PX`."""
+def _around(
+    lines: LinePoints, values: F64, shape: tuple[int, ...], row: np.ndarray, column: np.ndarray
+) -> F32:
+    """Values of lines, shape (values, n), over a neighbourhood, on a grid of `GRID_PX`.
+
+    0 but for what lies around the places `row`, `column`.
+    """
     rows, columns = (-(-size // kernels.GRID_PX) for size in shape)
     sums = np.zeros((rows, columns, len(values)), np.float32)
     kernels._add_lines(*_pixels(lines, shape), values, sums)
     along, down = np.sqrt((_SHARED_PX / kernels.GRID_PX) ** 2 - np.array(kernels.WIDER))
-    return np.asarray(cv2.GaussianBlur(sums, (0, 0), sigmaX=along, sigmaY=down), np.float32)
+    around = np.zeros_like(sums)
+    if len(row):
+        box = _box_near(row, down), _box_near(column, along)
+        around[box] = cv2.GaussianBlur(sums[box], (0, 0), sigmaX=along, sigmaY=down)
+    return around
+
+
+def _box_near(place: np.ndarray, sigma: float) -> slice:
+    """Cells of `GRID_PX` that a Gaussian of them takes in at places, between two cells each."""
+    first, last = (int(end) // kernels.GRID_PX for end in (place.min(), place.max()))
+    reach = int(4 * sigma) + 2
+    return slice(max(first - reach, 0), last + reach + 2)
 
 
 def _with_lines(found: Relief, lines: LinePoints, offset: F64, sigma: F64, tilt: F64) -> Relief:

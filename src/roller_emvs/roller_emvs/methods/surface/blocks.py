@@ -87,14 +87,18 @@ class BlockCutter:
         flush : bool
             No more events will come: all rows are done.
         """
-        held, length, beside = self._store.blocks, self._length_m, self._beside
+        beside = self._beside
+        # Asked at every pose, of which hardly any takes a length out of view.
+        if self._done is not None and not flush and not self._behind(self._done + 1, behind_m):
+            return []
+        held = self._store.blocks
         few = self._few_events(speed_m_s)
         if not held:
             return []
         found = []
         begin = end = held[0] - beside if self._done is None else self._done + 1
         for k in range(begin, held[-1] + beside + 1):
-            if not flush and (k + 1) * length + MARGIN_M > behind_m:
+            if not (flush or self._behind(k, behind_m)):
                 break
             if k > begin and not self._joins(begin, k, few):
                 found += self._blocks(begin, k)
@@ -104,6 +108,10 @@ class BlockCutter:
         if flush or self._full(begin, end, few):
             found += self._blocks(begin, end)
         return found
+
+    def _behind(self, k: int, behind_m: float) -> bool:
+        """Whether a length and its margin lie before a place."""
+        return (k + 1) * self._length_m + MARGIN_M <= behind_m
 
     def _joins(self, begin: int, k: int, few: tuple[int, int]) -> bool:
         """Whether a length becomes one block with those before it."""

@@ -64,6 +64,7 @@ class PassCutter(EventCutter):
         self._early: list[Step] = []
         self._waiting: list[Step] = []
         self._anchor: tuple[int, F64] | None = None
+        self._newest: tuple[int | None, F64] = None, np.eye(4)
         self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
         # Since when, and where, the sensor has been at rest.
         self._rest: tuple[int, F64] | None = None
@@ -144,7 +145,7 @@ class PassCutter(EventCutter):
         if self.dead_time:
             self.dead_time.measure(events)
         events = self._without_ramps(events, t0, t1)
-        pose0, pose1 = pose_matrix(self._track.positions[own], self._track.quaternions[own])
+        pose0, pose1 = self._pose(k, t0), self._pose(k + 1, t1)
         if self._strip is not None:
             local0, local1 = self._strip.to_strip(pose0), self._strip.to_strip(pose1)
             # A scan may end here. Noise goes on, so that no lack of events tells that it did.
@@ -157,6 +158,13 @@ class PassCutter(EventCutter):
                 yield from self._advance(self._strip)
                 return
         yield from self._approach(events, t0, t1, pose0, pose1)
+
+    def _pose(self, k: int, t_ns: int) -> F64:
+        """Pose `k` of the track, of that time; the end of a step begins the next."""
+        if t_ns != self._newest[0]:
+            track = self._track
+            self._newest = t_ns, pose_matrix(track.positions[k], track.quaternions[k])
+        return self._newest[1]
 
     def _approach(
         self, events: EventArray, t0: int, t1: int, pose0: F64, pose1: F64
@@ -257,7 +265,9 @@ class PassCutter(EventCutter):
 
 @lru_cache(maxsize=4)
 def _rays_of(camera: Camera) -> F32:
-    """Direction of every pixel, at unit depth; shape (height, width, 2). Not to be written to."""
+    """Direction of every pixel, at unit depth; shape (height, width, 2). Shared: read-only."""
     table = camera.undistortion_table().astype(np.float64)
     centre, focal = (camera.cx, camera.cy), (camera.fx, camera.fy)
-    return np.asarray((table - centre) / focal, np.float32)
+    rays = np.asarray((table - centre) / focal, np.float32)
+    rays.setflags(write=False)
+    return rays

@@ -7,6 +7,7 @@ however far the robot's base is. Its slope across follows from where the camera 
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -83,7 +84,8 @@ class Strip:
         self.store = EventStore(s.block_m, start_ns)
         self._blocks = BlockCutter(self.store, s.block_m, len(rays))
         self._pixel_rays = rays
-        border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
+        # Slopes are greatest and least at corners of the hull, however the camera turns.
+        border = cv2.convexHull(np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]]))[:, 0]
         self._border = np.column_stack([border, np.ones(len(border))]).astype(np.float64)
         self._placed = np.empty((3, 0), np.float32)
         self._path = CameraPath(start_ns)
