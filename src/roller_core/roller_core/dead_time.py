@@ -66,6 +66,7 @@ class DeadTime:
         self._counted = np.zeros(self._measured.shape, np.uint8)
         self._last = np.full((height, width), _NEVER_NS)
         self._gaps = np.zeros(_LONGEST_NS // _BIN_NS, np.int64)
+        self._total = 0
         self._newest_ns = _NEVER_NS
         self._rows = np.zeros(height, np.int64)
         self._travel_m = 0.0
@@ -77,7 +78,7 @@ class DeadTime:
     @property
     def known(self) -> bool:
         """Whether enough was seen to say if there is a dead time that may matter."""
-        return int(self._gaps.sum()) >= _ENOUGH
+        return self._total >= _ENOUGH
 
     def measure(self, events: EventArray) -> bool:
         """Take events in order of time; whether there is a dead time that may matter.
@@ -89,8 +90,12 @@ class DeadTime:
         if events.t_ns[0] < self._newest_ns:
             self._measured[:] = self._last[:] = _NEVER_NS
         self._newest_ns = int(events.t_ns[-1])
-        _count_gaps(events.x, events.y, events.t_ns, self._measured, self._counted, self._gaps)
-        self.ns = _dead_time_ns(self._gaps)
+        found = _count_gaps(
+            events.x, events.y, events.t_ns, self._measured, self._counted, self._gaps
+        )
+        self._total += found
+        if found and self.known:
+            self.ns = _dead_time_ns(self._gaps, self._total)
         return self.ns > 0
 
     def textured(self, events: EventArray, travel_m: float) -> bool:
@@ -139,11 +144,8 @@ class DeadTime:
         return kept
 
 
-def _dead_time_ns(gaps: I64) -> int:
+def _dead_time_ns(gaps: I64, total: int) -> int:
     """Where the gaps between a pixel's events begin and pile up, if that is late; else 0."""
-    total = int(gaps.sum())
-    if total < _ENOUGH:
-        return 0
     shorter = np.concatenate([[0], np.maximum.accumulate(gaps)[:-1]])
     begins = np.flatnonzero(gaps >= np.maximum(_TIMES * shorter, _SHARE * total))
     if not len(begins):
@@ -157,7 +159,11 @@ def _dead_time_ns(gaps: I64) -> int:
 
 @njit(cache=True, nogil=True)
 def _count_gaps(x, y, t, last, counted, gaps):  # type: ignore[no-untyped-def]
-    """Count gaps between events of the pixels of some rows; `last`, `counted` are by those."""
+    """Count gaps between events of the pixels of some rows; `last`, `counted` are by those.
+
+    Returns how many.
+    """
+    found = 0
     for i in range(np.uint64(len(t))):
         if y[i] & np.uint16(_EVERY - 1):
             continue
@@ -167,6 +173,8 @@ def _count_gaps(x, y, t, last, counted, gaps):  # type: ignore[no-untyped-def]
         if gap < _LONGEST_NS and counted[row, x[i]] < _MOST_OF_PIXEL:
             counted[row, x[i]] += np.uint8(1)
             gaps[gap // _BIN_NS] += 1
+            found += 1
+    return found
 
 
 @njit(cache=True, nogil=True)

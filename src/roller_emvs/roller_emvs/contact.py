@@ -255,8 +255,8 @@ class ContactWatch(EventCutter):
         """Share of the image's cells that move, m² of their rectangle, and its share of them."""
         camera = self._camera
         columns, rows = -(-camera.width // _CELL_PX), -(-camera.height // _CELL_PX)
-        cell = (events.y // _CELL_PX).astype(np.int64) * columns + events.x // _CELL_PX
-        counts = np.bincount(cell, minlength=rows * columns).reshape(rows, columns)
+        counts = np.zeros((rows, columns), np.int64)
+        _count_cells(events.x, events.y, counts)
         active = counts > max(3.0, 0.15 * counts[counts > 0].mean() if len(events) else 0.0)
         if not active.any():
             return 0.0, 0.0, 0.0
@@ -267,6 +267,13 @@ class ContactWatch(EventCutter):
         filled = active[top : bottom + 1, left : right + 1].sum() / box
         cell_m2 = (_CELL_PX * self._depth_m) ** 2 / (camera.fx * camera.fy)
         return float(active.mean()), float(box * cell_m2), float(filled)
+
+
+@njit(cache=True, nogil=True)
+def _count_cells(x, y, counts):  # type: ignore[no-untyped-def]
+    """Count events by the cell of their pixel."""
+    for i in range(len(x)):
+        counts[y[i] // np.uint16(_CELL_PX), x[i] // np.uint16(_CELL_PX)] += 1
 
 
 @njit(cache=True, nogil=True)

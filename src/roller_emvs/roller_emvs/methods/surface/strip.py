@@ -115,7 +115,8 @@ class Strip:
 
     def to_strip(self, pose: F64) -> F64:
         """A pose in base as one in the strip, shape (4, 4)."""
-        out = np.eye(4)
+        out = np.empty((4, 4))
+        out[3] = 0.0, 0.0, 0.0, 1.0
         out[:3, :3] = self.rotation.T @ pose[:3, :3]
         out[:3, 3] = self.rotation.T @ (pose[:3, 3] - self.origin)
         return out
