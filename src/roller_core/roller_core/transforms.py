@@ -40,7 +40,17 @@ def quaternion_to_matrix(quaternion: npt.ArrayLike) -> F64:
     x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     # Twice the products of any two components.
     a, b, c = 2.0 * x, 2.0 * y, 2.0 * z
-    xx, xy, xz, xw, yy, yz, yw, zz, zw = a * x, a * y, a * z, a * w, b * y, b * z, b * w, c * z, c * w
+    xx, xy, xz, xw, yy, yz, yw, zz, zw = (
+        a * x,
+        a * y,
+        a * z,
+        a * w,
+        b * y,
+        b * z,
+        b * w,
+        c * z,
+        c * w,
+    )
     out = np.empty((*q.shape[:-1], 3, 3))
     out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - (yy + zz), xy - zw, xz + yw
     out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = xy + zw, 1 - (xx + zz), yz - xw

@@ -53,6 +53,8 @@ class EvidenceField(ABC):
     camera_m_s: float | None = field(default=None, kw_only=True)
     #: Most spread of slopes of any column of the grid that this was cut from; None: of its own.
     most_spread: float | None = field(default=None, kw_only=True)
+    #: Whether it is a part that was cut from a larger grid.
+    is_part: bool = field(default=False, kw_only=True)
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -154,7 +156,7 @@ class RayField(EvidenceField):
         corner = left + CELL_PX * columns.start, top + CELL_PX * rows.start
         part = replace(
             self, shape=shape_of(box), slopes=self.slopes[:, columns], corner=corner,
-            most_spread=self.aperture,
+            most_spread=self.aperture, is_part=True,
         )  # fmt: skip
         return part, box
 

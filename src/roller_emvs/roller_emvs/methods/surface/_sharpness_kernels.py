@@ -26,13 +26,12 @@ _SCALE, _HALF_SCALE = np.float32(1.0 / (4 * 20 * 20)), np.float32(1.0 / (2 * 10 
 def _add_parts(pairs, shape, pair, first, last, start, shifts, size, total):  # type: ignore[no-untyped-def]
     """Votes of a pair of rows on a plane: the sum of parts first to last, each at its shift.
 
-    `start` is the bin on the plane of `total[0]`. The number of parts must be even, `size` so many
-    chunks. Loops of a fixed length become vector instructions, with nothing left over.
+    `start` is the bin on the plane of `total[0]`, which is of bytes where no sum exceeds one, see
+    `_fit_byte`, else of 16 bits. The number of parts must be even, `size` so many chunks. Loops of
+    a fixed length become vector instructions, with nothing left over.
     """
     _, parts, bins = shape
-    chunks = np.uint64(size) // _CHUNK
-    for i in range(np.uint64(size)):
-        total[i] = 0
+    chunks, whole = np.uint64(size) // _CHUNK, total.dtype.type
     top = pair * (parts + 1)
     nothing = np.uint64((top + parts) * bins + start)
     for j in range(first, last, 4):
@@ -46,28 +45,7 @@ def _add_parts(pairs, shape, pair, first, last, start, shifts, size, total):  # 
             for i in range(_CHUNK):
                 at = begin + i
                 four = np.uint8(pairs[a + at] + pairs[b + at] + pairs[c + at] + pairs[d + at])
-                total[at] += np.uint16(four)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_bytes(pairs, shape, pair, first, last, start, shifts, size, total):  # type: ignore[no-untyped-def]
-    """`_add_parts` where no sum exceeds a byte, see `_fit_byte`."""
-    _, parts, bins = shape
-    chunks = np.uint64(size) // _CHUNK
-    top = pair * (parts + 1)
-    nothing = np.uint64((top + parts) * bins + start)
-    for j in range(first, last, 4):
-        a = np.uint64((top + j) * bins + start - shifts[j])
-        b = np.uint64((top + j + 1) * bins + start - shifts[j + 1])
-        more = j + 2 < last
-        c = np.uint64((top + j + 2) * bins + start - shifts[j + 2]) if more else nothing
-        d = np.uint64((top + j + 3) * bins + start - shifts[j + 3]) if more else nothing
-        for k in range(chunks):
-            begin = k * _CHUNK
-            for i in range(_CHUNK):
-                at = begin + i
-                four = np.uint8(pairs[a + at] + pairs[b + at] + pairs[c + at] + pairs[d + at])
-                total[at] = (total[at] if j > first else np.uint8(0)) + four
+                total[at] = whole((total[at] if j > first else whole(0)) + whole(four))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -141,7 +119,7 @@ def _measure(  # type: ignore[no-untyped-def]
                 for g in range(groups):
                     for pair in range(looks):
                         if few:
-                            _add_bytes(
+                            _add_parts(
                                 pairs, shape, pair, g * own, (g + 1) * own, start, shifts[k],
                                 width + _BESIDE, eight,
                             )  # fmt: skip

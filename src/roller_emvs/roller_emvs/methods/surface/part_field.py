@@ -80,7 +80,7 @@ class PartField(EvidenceField):
         part = replace(
             self, shape=shape, slopes=self.slopes[:, columns], starts=starts,
             bins=(shape[0], parts, bins), left_bin=self.left_bin + columns.start * CELL_BINS,
-            reached=self.reached[:, rows, tiles], most_spread=self.aperture,
+            reached=self.reached[:, rows, tiles], most_spread=self.aperture, is_part=True,
         )  # fmt: skip
         return part, box
 

@@ -232,7 +232,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
         # A texture has events and points enough. A part of a grid is cut where there is none.
-        textured = field.most_spread is None and is_textured(depths)
+        textured = not field.is_part and is_textured(depths)
         every = _TEXTURED_EVERY if textured else 1
         found, lines = refine(
             field, found, lambda polarity: rays(polarity, every), columns, s.edge_drift, light,
