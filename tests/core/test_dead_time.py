@@ -91,12 +91,12 @@ def test_late_events_don_t_begin_to_stay_all_at_once() -> None:
     """They would look like an edge behind the edge."""
     dead = DeadTime(WIDTH, HEIGHT)
     assert dead.measure(passing(MS)[0])
-    dead._last[:] = 0
+    dead._last = np.zeros((HEIGHT, WIDTH), np.int64)
     y, x = np.mgrid[:HEIGHT, :WIDTH].reshape(2, -1)
     shares = []
     for gap_ms in (1.8, 2.2, 2.5, 2.8, 3.2):
         t = np.full(len(x), round(gap_ms * MS))
-        dead._last[:] = 0
+        dead._last = np.zeros((HEIGHT, WIDTH), np.int64)
         kept = dead.without_followers(EventArray.from_arrays(x, y, t, 0 * t), 0.5)
         shares.append(len(kept) / len(x))
     np.testing.assert_allclose(shares, [0.0, 0.25, 0.5, 0.75, 1.0], atol=0.05)

@@ -64,7 +64,9 @@ class DeadTime:
     def __init__(self, width: int, height: int) -> None:
         self._measured = np.full((-(-height // _EVERY), width), _NEVER_NS)
         self._counted = np.zeros(self._measured.shape, np.uint8)
-        self._last = np.full((height, width), _NEVER_NS)
+        self._shape = height, width
+        # Of each pixel, once it is asked for: of most sensors it never is.
+        self._last: I64 = np.empty((0, 0), np.int64)
         self._gaps = np.zeros(_LONGEST_NS // _BIN_NS, np.int64)
         self._total = 0
         self._newest_ns = _NEVER_NS
@@ -136,6 +138,8 @@ class DeadTime:
         self.blind_m = 0.0 if slow else speed_m_s * self.ns * 1e-9
         within = 0 if slow else self.ns + round(_FLANK_M / speed_m_s * 1e9)
         spread = 0 if slow else round(_SPREAD_M / speed_m_s * 1e9)
+        if not self._last.size:
+            self._last = np.full(self._shape, _NEVER_NS)
         _follow(events.x, events.y, events.t_ns, within, spread, self._last, keep)
         if slow:
             return events

@@ -90,8 +90,8 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             edge = settings.patch_half_length_m * 2 / (settings.depth_min_m + settings.depth_max_m)
             self._leave_out_beyond((-edge, edge))
         elif settings.method == "focus":
-            known = self._ray_slope[np.isfinite(self._ray_slope)]
-            self._ends = PatchEnds((float(known.min()), float(known.max())), camera.fx)
+            ends = float(np.nanmin(self._ray_slope)), float(np.nanmax(self._ray_slope))
+            self._ends = PatchEnds(ends, camera.fx)
 
     @property
     def at_rest(self) -> bool:
