@@ -237,8 +237,8 @@ def test_tiles_are_searched_on_the_planes_of_the_cells_around() -> None:
     first = rng.integers(-3, 15, shape).astype(np.int32)
     last = np.where(rng.random(shape) < 0.8, -1, first + 5).astype(np.int32)
     reached = rng.random((shape[0], 4)) < 0.7
-    tiles = np.empty((*reached.shape, 2), np.int32)
-    _sharpness_kernels._tiles_around(first, last, reached, around, planes, tiles)
+    own, tiles = np.empty((2, *reached.shape, 2), np.int32)
+    _sharpness_kernels._tiles_around(first, last, reached, around, planes, own, tiles)
     for i, t in np.ndindex(reached.shape):
         near = (
             slice(max(i - around, 0), i + around + 1),

@@ -227,26 +227,27 @@ def _add_half_cells(line, scale, measure):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _tiles_around(first, last, reached, around, planes, tiles):  # type: ignore[no-untyped-def]
+def _tiles_around(first, last, reached, around, planes, own, tiles):  # type: ignore[no-untyped-def]
     """First and last plane that the cells of each tile and those `around` are searched on.
 
     `first` and `last` are by cell, none is searched where `last` is negative. `tiles`, shape (rows
-    of cells, tiles, 2), is of no plane where a tile isn't `reached`.
+    of cells, tiles, 2), is of no plane where a tile isn't `reached`. `own`, of the same shape, is
+    for use: what the cells of a row ask for in that row.
     """
     height, width = first.shape
     count = tiles.shape[1]
+    own[:, :, 0], own[:, :, 1] = planes, -1
+    for i in range(height):
+        for j in range(width):
+            if last[i, j] >= 0:
+                left, right = max(j - around, 0), min(j + around, width - 1)
+                for t in range(left // TILE_CELLS, right // TILE_CELLS + 1):
+                    own[i, t, 0] = min(own[i, t, 0], first[i, j])
+                    own[i, t, 1] = max(own[i, t, 1], last[i, j])
     for i in range(height):
         for t in range(count):
             tiles[i, t, 0], tiles[i, t, 1] = planes, -1
-    for i in range(height):
-        top, bottom = max(i - around, 0), min(i + around, height - 1)
-        for j in range(width):
-            if last[i, j] < 0:
-                continue
-            low, high = first[i, j], last[i, j]
-            left, right = max(j - around, 0), min(j + around, width - 1)
-            for t in range(left // TILE_CELLS, right // TILE_CELLS + 1):
-                for row in range(top, bottom + 1):
-                    if reached[row, t]:
-                        tiles[row, t, 0] = min(tiles[row, t, 0], low)
-                        tiles[row, t, 1] = max(tiles[row, t, 1], high)
+            if reached[i, t]:
+                for row in range(max(i - around, 0), min(i + around + 1, height)):
+                    tiles[i, t, 0] = min(tiles[i, t, 0], own[row, t, 0])
+                    tiles[i, t, 1] = max(tiles[i, t, 1], own[row, t, 1])

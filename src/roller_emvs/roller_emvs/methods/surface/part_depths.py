@@ -66,8 +66,8 @@ def find_part_depths(
     first, last, _ = planes_near(near, at, s)
 
     def look(k: int) -> None:
-        tiles = np.empty((*field.reached[k].shape, 2), np.int32)
-        kernels._tiles_around(first, last, field.reached[k], _AROUND_CELLS, len(at), tiles)
+        own, tiles = np.empty((2, *field.reached[k].shape, 2), np.int32)
+        kernels._tiles_around(first, last, field.reached[k], _AROUND_CELLS, len(at), own, tiles)
         if (tiles[..., 1] < 0).all():
             found[k] = Depths.none(field.cells)
             return
