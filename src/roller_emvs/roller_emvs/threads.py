@@ -3,32 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
+from itertools import count as numbers
+
+#: Threads that may help at once; they are made when they are needed.
+_MOST_HELPERS = 256
 
 
-@lru_cache(maxsize=16)
-def _pool(threads: int, inner: bool) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="roller")
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_MOST_HELPERS, thread_name_prefix="roller")
 
 
-def share(threads: int, count: int, run: Callable[[int], object], inner: bool = False) -> None:
+def share(threads: int, count: int, run: Callable[[int], object]) -> None:
     """Call `run` with 0 … count - 1 on some threads; each call writes to a place of its own.
+
+    The caller's thread takes part. If it slept, all who help would be woken on its core where the
+    others are busy, and run there one after the other. Calls may share their work in turn: what
+    nobody comes to help with, the caller does.
 
     Parameters
     ----------
     threads : int
-        Threads at most; 1 calls one after the other on the caller's.
+        Threads at most, the caller's among them.
     count : int
         Number of calls.
     run : callable
         Releases the GIL where it counts.
-    inner : bool
-        Whether the caller may itself be shared: work that waits for work needs other threads.
     """
-    if threads == 1 or count < 2:
-        for k in range(count):
+    left = numbers()
+
+    def work() -> None:
+        while (k := next(left)) < count:
             run(k)
-        return
-    for _ in _pool(threads, inner).map(run, range(count)):
-        pass
+
+    helpers = [_pool().submit(work) for _ in range(min(threads, count) - 1)]
+    try:
+        work()
+    finally:
+        # Who has not begun finds nothing left to do.
+        helping = [helper for helper in helpers if not helper.cancel()]
+        wait(helping)
+    for helper in helping:
+        helper.result()

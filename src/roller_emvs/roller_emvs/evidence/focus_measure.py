@@ -108,7 +108,7 @@ def focus_measure_by_plane(
             kernels.chunk(), line, measure,
         )  # fmt: skip
 
-    share(threads, threads, run, inner=True)
+    share(threads, threads, run)
     return measure
 
 

@@ -105,7 +105,7 @@ class PartImages(EvidenceField):
                 threads, images, sums, votes, line, columns, measure,
             )  # fmt: skip
 
-        share(threads, threads, run, inner=True)
+        share(threads, threads, run)
         return measure
 
     def planes_in_effect(self, at: F64) -> F64:

@@ -164,7 +164,7 @@ class PartField(EvidenceField):
                 (eight, total, sums), line, found,
             )  # fmt: skip
 
-        share(threads, threads, run, inner=True)
+        share(threads, threads, run)
         return found
 
 
