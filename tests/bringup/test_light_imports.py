@@ -4,6 +4,8 @@ import subprocess
 import sys
 from importlib.metadata import entry_points
 
+import pytest
+
 #: Each takes a second or more to load.
 HEAVY = ("open3d", "matplotlib", "dash")
 SCRIPTS = [
@@ -43,13 +45,18 @@ def test_entry_points_of_nodes_load_next_to_nothing() -> None:
     assert done.returncode == 0, done.stderr[-1000:]
 
 
-def test_kernels_from_the_cache_load_nothing_that_only_compiling_needs() -> None:
-    code = (
-        "import sys\n"
-        "from roller_braille.warp import warm_up\n"
-        "warm_up()\n"
-        "print('scipy.linalg' in sys.modules)\n"
-    )
+@pytest.mark.parametrize(
+    "warmed",
+    [
+        "from roller_braille.warp import warm_up; warm_up()",
+        "from roller_emvs.depth_stage import DepthStage as S; S(S.model.create({})).warm_up()",
+        "from roller_emvs.depth_stage import DepthStage as S; "
+        "S(S.model.create({'method': 'bma'})).warm_up()",
+        "from roller_emvs.surface_stage import SurfaceStage as S; S(S.model.create({})).warm_up()",
+    ],
+)
+def test_kernels_from_the_cache_load_nothing_that_only_compiling_needs(warmed: str) -> None:
+    code = f"import sys\n{warmed}\nprint('scipy.linalg' in sys.modules)\n"
     said = [
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         for _ in range(2)  # the first may compile

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core._array_kernels import _count_up_to
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _matrices(times, positions, quaternions, t_ns, out):  # type: ignore[no-untyped-def]
@@ -13,7 +15,7 @@ def _matrices(times, positions, quaternions, t_ns, out):  # type: ignore[no-unty
     q = np.empty(4)
     for n in range(len(t_ns)):
         # Of equal times the later one; the last step serves its end too.
-        k = min(max(np.searchsorted(times, t_ns[n], side="right") - 1, 0), max(last - 1, 0))
+        k = min(max(_count_up_to(times, t_ns[n]) - 1, 0), max(last - 1, 0))
         after = min(k + 1, last)
         # Subtract whole numbers: epoch nanoseconds don't fit a float64 exactly.
         step = times[after] - times[k]

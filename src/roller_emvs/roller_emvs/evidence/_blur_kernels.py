@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core._array_kernels import _least, _most
+
 
 @njit(cache=True, nogil=True)
 def _reflect(i, size):  # type: ignore[no-untyped-def]
@@ -105,7 +107,7 @@ def _blur(volume, weights, wanted, marked, runs, buffers, out):  # type: ignore[
     planes, height, width = volume.shape
     down, across = weights
     reach, beside = len(down) // 2, len(across) // 2
-    low, high = wanted[:, 0].min(), wanted[:, 1].max()
+    low, high = _least(wanted[:, 0]), _most(wanted[:, 1])
     stride = width + 2 * beside
     lines, along, both = buffers
     flat = volume.reshape(-1)

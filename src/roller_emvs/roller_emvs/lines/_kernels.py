@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core._array_kernels import _median_of_few
+
 #: Events that are worked on together, and where those lie that fill them up, px.
 _VECTOR = np.uint64(16)
 _AWAY = np.float32(1e6)
@@ -265,7 +267,7 @@ def _vote(row, x, slope, offset, last, reach_y, reach_x, most, votes, near):  # 
             if abs(x[j] - x[k] - slope[k] * (row[j] - row[k])) < reach_x and n < most:
                 values[n] = offset[j]
                 n += 1
-        votes[k] = np.median(values[:n])
+        votes[k] = _median_of_few(values[:n])
         near[k] = n
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core._array_kernels import _most
+
 from ._packed_kernels import RANK_BITS, TILE_BITS, _make_keys, _vote_packed, _whole
 
 
@@ -36,7 +38,7 @@ def _sweep_bands_views(  # type: ignore[no-untyped-def]
                 index[j, top : top + rows] = 0
             continue
         best[:] = 0
-        part, whole = (starts[b], starts[b + 1]), _whole(reached[b].max())
+        part, whole = (starts[b], starts[b + 1]), _whole(_most(reached[b].reshape(-1)))
         _sweep_band_views(
             rays, part, limits, inverse, halves, top, height, pad, whole, reached[b], active[b],
             hats, chunk, keys, runs, best,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core._array_kernels import _least, _most
+
 #: Events to a page of the store.
 PAGE = 2048
 #: Pieces of a block of the store, so that what reaches another block need not be looked for in all.
@@ -33,7 +35,7 @@ def _bounds(x, slope):  # type: ignore[no-untyped-def]
             low[i] = below if below < low[i] else low[i]
             high[i] = above if above > high[i] else high[i]
             most[i] = steep if steep > most[i] else most[i]
-    return low.min(), high.max(), most.max()
+    return _least(low), _most(high), _most(most)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
