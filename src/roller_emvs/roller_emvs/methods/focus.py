@@ -15,6 +15,7 @@ and points follow them, as in `surface`.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -33,11 +34,12 @@ from roller_emvs.evidence import (
 )
 from roller_emvs.evidence.part_images import find_depths_of_parts
 from roller_emvs.lines.edge_drift import TravellingLight
-from roller_emvs.lines.fit import LEAST_VARIANCE, fit_lines
+from roller_emvs.lines.fit import LEAST_VARIANCE, NO_LINES, fit_lines
 from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.refine import refine
 from roller_emvs.rays import F32, Packets
 from roller_emvs.stopwatch import Stopwatch
+from roller_emvs.threads import share
 
 from . import _focus_kernels as kernels
 from .window_field import WindowView
@@ -143,7 +145,7 @@ def _points(
             field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines or look
         )
         if look and ends is not None:
-            _look_for(ends, seen, found)
+            _look_for(ends, seen, found, s.threads)
     if not with_lines:
         return found.whole(), textured
     with watch("lines"):
@@ -156,16 +158,21 @@ def _points(
     return found, textured
 
 
-def _look_for(ends: PatchEnds, seen: WindowView, found: Relief) -> None:
+def _look_for(ends: PatchEnds, seen: WindowView, found: Relief, threads: int) -> None:
     """See what a textured window tells of the ends of the contact patch."""
     packets = seen.packets.sample(max(len(seen.packets.events) // _FOR_ENDS, 1))
-    field, events = replace(seen, packets=packets).ray_field(), packets.events
-    slope = (
-        packets.table[events.y, events.x, 0].astype(np.float64) - seen.camera.cx
-    ) / seen.camera.fx
-    for polarity, surface in enumerate(found.surfaces):
-        rays = field.rays[field.bounds[polarity] : field.bounds[polarity + 1]]
-        columns, scales = (0, field.shape[1]), (field.offset_per_m, field.ray_slope_scale)
-        lines = fit_lines(rays, surface, columns, *scales)
-        ends.look(rays, slope[events.p == polarity], surface, lines.row, lines.x, lines.offset)
+    field, events, c = replace(seen, packets=packets).ray_field(), packets.events, seen.camera
+    rays = [field.rays[a:b] for a, b in pairwise(field.bounds)]
+    columns, scales = (0, field.shape[1]), (field.offset_per_m, field.ray_slope_scale)
+    lines = [NO_LINES, NO_LINES]
+
+    def fit(k: int) -> None:
+        lines[k] = fit_lines(rays[k], found.surfaces[k], columns, *scales)
+
+    share(threads, 2, fit)
+    slopes = (packets.table[..., 0].astype(np.float64) - c.cx) / c.fx
+    for k, own in enumerate(lines):
+        of = events.p == k
+        seen_at = slopes[events.y[of], events.x[of]]
+        ends.look(rays[k], seen_at, found.surfaces[k], own.row, own.x, own.offset)
     ends.find()
