@@ -19,7 +19,7 @@ REACH = 0.25
 _TOLERANCE, _SCALES = 0.04, 7
 #: Spots weaker than this, against the strong ones (the third strongest), are dust. Tuned on the
 #: virtual cell.
-FAINT = 0.2
+FAINT = 0.25
 _STRONG = 3
 _STEP_M = 0.0001
 #: Where dots fit several rows or columns alike, the upper row and the left column are taken.
