@@ -69,7 +69,7 @@ class EdgeDriftSettings(Settings):
     most_change: tuple[float, float] = Field(
         (0.0, 0.0),
         description="Fastest change of contrast calibrated, of OFF and of ON events; beyond it the "
-        "drift of a line stays what it is there. 0: not known.",
+        "drift of a line of `surface` stays what it is there. 0: not known.",
     )
     speeds_m_s: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0),

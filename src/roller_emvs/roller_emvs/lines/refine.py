@@ -82,6 +82,7 @@ def refine(
     threads: int,
     *,
     as_points: bool = True,
+    held: bool = True,
 ) -> tuple[Relief, LinePoints]:
     """Fit lines to the events, move points by them, and add the lines that are surer than points.
 
@@ -106,6 +107,9 @@ def refine(
     as_points : bool
         Whether lines that are surer than the points beside them become points, where light stands
         still.
+    held : bool
+        Whether lines whose contrast changes faster than on any gauge drift no further for it. With
+        `focus` close walls, of which a window tells little else, would follow them too far.
 
     Returns
     -------
@@ -129,7 +133,7 @@ def refine(
     for k, (points, lines) in enumerate(parts):
         if settings.calibrated:
             # That of the points stays as it is: where it is off, they lie beside the evidence.
-            change = held_change(settings, k, points.change)
+            change = held_change(settings, k, points.change) if held else points.change
             height, drift = edge_drift(
                 settings, k, points.slope, change, points.side, field.speed_m_s
             )

@@ -153,8 +153,9 @@ def _points(
         rays = replace(seen, packets=seen.packets.sample(every)).ray_field().some
         columns, light = (0, field.shape[1]), TravellingLight()
         found, _ = refine(
-            field, found, rays, columns, s.edge_drift, light, blind_m, s.threads, as_points=False
-        )
+            field, found, rays, columns, s.edge_drift, light, blind_m, s.threads, as_points=False,
+            held=False,
+        )  # fmt: skip
     return found, textured
 
 
