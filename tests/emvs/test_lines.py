@@ -414,30 +414,56 @@ def plainly_between(sums: np.ndarray, row: np.ndarray, column: np.ndarray) -> np
     return np.einsum("ni,nj,ijv->vn", down, along, sums)
 
 
-def test_points_move_as_the_lines_around_say() -> None:
+@pytest.mark.parametrize("stiff", [1.0, np.inf])
+def test_points_move_as_the_lines_around_say(stiff: float) -> None:
     rng, p = points_and_lines(11)
     row, column = p["line_row"], np.clip(np.rint(p["line_column"]).astype(int), 0, SHAPE[1] - 1)
-    weight, move = p["line_sigma"] ** -2, rng.normal(0, 0.5, len(row))
-    values = np.stack([weight, weight * move, weight * move**2])
+    weight, move, middle = p["line_sigma"] ** -2, rng.normal(0, 0.5, len(row)), 0.5 * SHAPE[1]
+    x = p["line_column"] - middle
+    values = weight * np.stack([x**0, move, move**2, x, x**2, move * x])
     size = places.GRID_PX
-    sums = np.zeros((SHAPE[0] // size, SHAPE[1] // size, 3), np.float32)
+    sums = np.zeros((SHAPE[0] // size, SHAPE[1] // size, 6), np.float32)
     expected = np.zeros_like(sums)
     places._add_lines(row, column, values, sums)
     np.add.at(expected, (row // size, column // size), values.T)
     np.testing.assert_allclose(sums, expected, rtol=1e-5)
     n, peak, floor = len(p["row"]), 20.0, 0.04
     moved, unsure = np.empty(n), np.empty(n, np.float32)
-    at = p["row"], p["column"]
-    places._move(*at, p["offset"], p["sigma"], sums, peak, floor, moved, unsure)
-    total, by, square = plainly_between(sums.astype(np.float64), *at)
-    some = np.maximum(total, 1e-30)
-    by, apart = by / some, np.maximum(square / some - (by / some) ** 2, 0)
+    at, limits = (p["row"], p["column"]), (middle, stiff, peak, floor)
+    places._move(*at, p["offset"], p["sigma"], sums, limits, moved, unsure)
+    total, *means = plainly_between(sums.astype(np.float64), *at)
+    mean, square, x, xx, shared = np.array(means) / np.maximum(total, 1e-30)
+    apart = np.maximum(square - mean**2, 0)
+    slope = (shared - mean * x) / (np.maximum(xx - x**2, 0) + stiff)
+    by = mean + slope * (p["column"] - middle - x)
     own = 1 / np.maximum(total * peak, 1e-30) + floor
     gain = p["sigma"] ** 2 / (p["sigma"] ** 2 + own)
     left = np.minimum(p["sigma"] ** 2, np.maximum((1 - gain) * p["sigma"] ** 2, own))
     sigma = np.sqrt(left + np.sqrt(gain) * apart + ((1 - gain) * by) ** 2)
-    np.testing.assert_allclose(moved, p["offset"] + gain * by, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(moved, p["offset"] + gain * by, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(unsure, sigma, rtol=1e-3, atol=1e-3)
+
+
+def test_foot_and_top_of_a_wall_move_apart() -> None:
+    """Which a mean of the lines around would level."""
+    surface, rows = np.zeros(SHAPE, np.float32), np.arange(0, SHAPE[0], 2)
+    row = np.tile(rows, 2).astype(np.float64)
+    zero = np.zeros(len(row))
+    foot, top = 22, 26
+    lines = LinePoints(
+        row, np.repeat([foot, top], len(rows)).astype(float), zero, zero.astype(int), *[zero] * 7
+    )
+    offset, sigma = np.repeat([-20e-6, 20e-6], len(rows)), np.full(len(row), 5e-6)
+    x = np.arange(20, 29)
+    own = np.full(len(x), 1e-4, np.float32)
+    found = Relief(
+        np.full(len(x), SHAPE[0] // 2), x, np.zeros(len(x)), own, own, own, 0 * own,
+        (surface, surface), (surface, surface), surface,
+    )  # fmt: skip
+    moved = _moved(found, lines, offset, sigma, 1.0).offset
+    np.testing.assert_allclose(moved[x == (foot + top) // 2], 0.0, atol=1e-6)
+    assert -20e-6 < moved[x == foot] < -12e-6
+    assert 12e-6 < moved[x == top] < 20e-6
 
 
 def test_what_is_around_a_place_is_a_gaussian_of_the_lines() -> None:
@@ -448,9 +474,8 @@ def test_what_is_around_a_place_is_a_gaussian_of_the_lines() -> None:
     lines = LinePoints(rows.ravel(), columns.ravel(), *[some] * 9)
     i, j = (v.ravel() for v in np.meshgrid(np.arange(20, 40), np.arange(35, 60), indexing="ij"))
     around = _around(lines, np.ones((2, rows.size)), shape, i, j)
-    everywhere = _around(
-        lines, np.ones((2, rows.size)), shape, np.array([0, 79]), np.array([0, 95])
-    )
+    corners = np.array([0, 79]), np.array([0, 95])
+    everywhere = _around(lines, np.ones((2, rows.size)), shape, *corners)
     cells = np.ix_(np.arange(20, 41) // places.GRID_PX, np.arange(34, 61) // places.GRID_PX)
     np.testing.assert_allclose(around[cells], everywhere[cells], rtol=1e-5)
     found = plainly_between(around.astype(np.float64), i, j)[0] / places.GRID_PX**2

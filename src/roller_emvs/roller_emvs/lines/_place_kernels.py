@@ -81,18 +81,27 @@ def _between(sums, at, value):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _move(row, column, offset, sigma, blurred, peak, floor, moved, unsure):  # type: ignore[no-untyped-def]
+def _move(row, column, offset, sigma, blurred, limits, moved, unsure):  # type: ignore[no-untyped-def]
     """Points moved by what the lines around say, as far as those are surer; and how sure they are.
 
-    `blurred`, over a neighbourhood, are the lines' weights, those times what they move points by,
-    and times its square; `peak` is the share of a line in its middle, `floor` the least variance.
+    `blurred`, over a neighbourhood, are the sums of the lines' weights w, of w·m, w·m², w·x, w·x²
+    and w·m·x, m what they move points by and x their columns from a middle on. m is taken to go
+    linearly with x, and yet all that they differ by makes points unsure. `limits`: that middle,
+    what holds its slope back, px², the share of a line in the neighbourhood's middle, and the least
+    variance.
     """
+    middle, stiff, peak, floor = limits
     for n in range(len(row)):
         at = _place(blurred, row[n], column[n])
         total = _between(blurred, at, 0)
         some = max(total, 1e-30)
-        by = _between(blurred, at, 1) / some
-        apart = max(_between(blurred, at, 2) / some - by * by, 0.0)
+        mean = _between(blurred, at, 1) / some
+        apart = max(_between(blurred, at, 2) / some - mean * mean, 0.0)
+        x = _between(blurred, at, 3) / some
+        spread = max(_between(blurred, at, 4) / some - x * x, 0.0)
+        shared = _between(blurred, at, 5) / some - mean * x
+        slope = shared / (spread + stiff)
+        by = mean + slope * (column[n] - middle - x)
         own = 1.0 / max(total * peak, 1e-30) + floor
         before = np.float64(sigma[n]) ** 2
         gain = before / (before + own)

@@ -32,6 +32,9 @@ _DOUBT = 1 / 3
 _FLOOR_M = 1.2e-5
 #: Neighbourhood over which points err alike, px, and what that changes over it, m.
 _SHARED_PX, _CHANGES_M = 4.0, 3e-5
+#: The foot and the top of a wall err apart: what points are moved by goes linearly along the row,
+#: held back as if lines lay so far around, px.
+_STIFF_PX = 1.0
 #: The level from which a pixel tells an edge is that where it woke up after the one before, and
 #: hangs on that: the place is unsure by so much of the travel meanwhile.
 _WAKES = 0.15
@@ -227,14 +230,16 @@ def _moved(found: Relief, lines: LinePoints, offset: F64, sigma: F64, per_m: flo
     # A line may lie just beyond the surface that it was fitted from: it moves nothing.
     known = np.isfinite(move)
     move, weight = np.where(known, move, 0.0), np.where(known, 1.0 / sigma**2, 0.0)
-    sums = np.stack([weight, weight * move, weight * move**2])
+    # From the grid's middle, so that float32 tells squares of places apart.
+    middle = 0.5 * shape[1]
+    x, by = lines.column - middle, weight * move
+    sums = np.stack([weight, by, by * move, weight * x, weight * x**2, by * x])
     around = _around(lines, sums, shape, found.row, found.column)
     # A line in the middle of the neighbourhood counts in full, with what height changes over it.
     peak, floor = np.sqrt(2 * np.pi) * _SHARED_PX / kernels.GRID_PX, (_CHANGES_M * per_m) ** 2
+    limits = middle, _STIFF_PX**2, peak, floor
     moved, unsure = np.empty(len(found.row)), np.empty(len(found.row), np.float32)
-    kernels._move(
-        found.row, found.column, found.offset, found.sigma, around, peak, floor, moved, unsure
-    )
+    kernels._move(found.row, found.column, found.offset, found.sigma, around, limits, moved, unsure)
     return replace(found, offset=moved, sigma=unsure)
 
 
