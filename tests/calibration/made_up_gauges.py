@@ -15,7 +15,7 @@ from roller_calibration.step_gauges import steps_gauges
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
-from roller_emvs.lines.refine import LinePoints
+from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.methods.surface import SurfaceSettings
 
 STEP_M, RADIUS_M = 2e-4, 4e-3

@@ -8,7 +8,7 @@ from roller_core.errors import SettingsError
 from roller_core.transforms import F64
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.lines.edge_drift import SLOPE_BINS, EdgeDriftSettings, edge_drift
-from roller_emvs.lines.refine import LinePoints
+from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.methods.focus import focus_depth
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.methods.surface.blocks import Block

@@ -20,7 +20,8 @@ from roller_emvs.lines.edge_drift import (
     facing,
 )
 from roller_emvs.lines.fit import ROW_STEP, Lines, fit_lines
-from roller_emvs.lines.refine import LinePoints, _around, _less_sure, _moved
+from roller_emvs.lines.follow import _around, move_points, widen_sigma
+from roller_emvs.lines.line_points import LinePoints
 
 PIXEL_M = 4.2e-5
 SHAPE = (40, 60)
@@ -367,7 +368,7 @@ def test_points_are_as_unsure_as_the_lines_around_them() -> None:
     found = Relief(
         *at, np.zeros(3), own, own, own, 0 * own, (surface, surface), (surface, surface), surface
     )
-    less = _less_sure(found, lines, np.array([4.0, 4.0, 0.0, 0.0]))
+    less = widen_sigma(found, lines, np.array([4.0, 4.0, 0.0, 0.0]))
     np.testing.assert_allclose(less.sigma, [5.0, 3.0, 3.0], rtol=1e-3)
     np.testing.assert_array_equal(less.offset, found.offset)
 
@@ -460,7 +461,7 @@ def test_foot_and_top_of_a_wall_move_apart() -> None:
         np.full(len(x), SHAPE[0] // 2), x, np.zeros(len(x)), own, own, own, 0 * own,
         (surface, surface), (surface, surface), surface,
     )  # fmt: skip
-    moved = _moved(found, lines, offset, sigma, 1.0).offset
+    moved = move_points(found, lines, offset, sigma, 1.0).offset
     np.testing.assert_allclose(moved[x == (foot + top) // 2], 0.0, atol=1e-6)
     assert -20e-6 < moved[x == foot] < -12e-6
     assert 12e-6 < moved[x == top] < 20e-6
@@ -495,8 +496,8 @@ def test_a_line_beside_the_surface_leaves_the_points_around_as_they_are() -> Non
     place = np.array([10, 10]), np.array([10, 19])
     found = Relief(*place, np.zeros(2), own, own, own, 0 * own, (surface, surface), (), surface)
     offset, sigma = np.array([0.5, 0.7]), np.array([0.1, 0.1])
-    moved = _moved(found, lines, offset, sigma, 1.0)
-    expected = _moved(found, alone, offset[:1], sigma[:1], 1.0)
+    moved = move_points(found, lines, offset, sigma, 1.0)
+    expected = move_points(found, alone, offset[:1], sigma[:1], 1.0)
     assert (moved.offset > 0.3).all()
     np.testing.assert_array_equal(moved.offset, expected.offset)
     np.testing.assert_array_equal(moved.sigma, expected.sigma)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.transforms import F64
-from roller_emvs.lines.refine import LinePoints
+from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.methods.surface import SurfaceSettings
 
 from .pass_lines import EdgeDriftError, PassLines, pass_lines

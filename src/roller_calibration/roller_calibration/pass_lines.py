@@ -10,7 +10,7 @@ import numpy as np
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
 from roller_emvs.lines.edge_drift import EdgeDriftSettings
-from roller_emvs.lines.refine import LinePoints
+from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.methods.surface.sweep import SurfacePatch
 

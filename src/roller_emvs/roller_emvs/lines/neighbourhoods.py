@@ -9,7 +9,7 @@ from roller_emvs.evidence.relief import surface_slope, wall_side
 from roller_emvs.evidence.slope_statistics import slope_statistics
 from roller_emvs.evidence.uncertainty import point_sigma, seen_around
 
-from .refine import LinePoints
+from .line_points import LinePoints
 
 
 def depth_points(

@@ -24,9 +24,10 @@ from roller_emvs.evidence import (
     measured_pixels,
 )
 from roller_emvs.lines.edge_drift import TravellingLight
+from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.lines.neighbourhoods import depth_points
 from roller_emvs.lines.patch_ends import PatchEnds
-from roller_emvs.lines.refine import LinePoints, refine
+from roller_emvs.lines.refine import refine
 from roller_emvs.patch import Patch
 from roller_emvs.rays import F32
 from roller_emvs.stopwatch import Stopwatch
