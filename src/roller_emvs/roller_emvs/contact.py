@@ -27,7 +27,7 @@ _PIECE_M, _LONGEST_NS = 0.010, 2_000_000_000
 _REST_M = 0.004
 _FORGOTTEN_NS = 5 * _LONGEST_NS
 #: One event of so many is looked at, and at most and at least so many of a piece.
-_OF, _MOST, _LEAST = 8, 12_000, 800
+_OF, _MOST, _LEAST = 8, 6_000, 800
 _MOST_WAITING = 1_000_000
 #: Events that share a pose.
 _PACKET = 64
