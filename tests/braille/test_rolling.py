@@ -67,6 +67,23 @@ def test_a_batch_ends_where_events_were_left_out() -> None:
     assert {before + 1, after} <= {b.end_ns for b in batches} | {b.start_ns for b in batches}
 
 
+def test_events_of_a_standstill_that_come_after_its_poses_belong_to_no_batch() -> None:
+    """As of a bag, whose poses are all there before the first event comes."""
+    track = roll_track([0.0, 0.0, 0.1], [0.0, 0.5, 1.5])
+    events = clockwork(track)
+    cutter = BatchCutter(BrailleSettings.create({}), track)
+    batches: list[Batch] = []
+    for first in range(0, len(events), 5000):
+        cutter.add(events[first : first + 5000])
+        batches += [b for b in iter(cutter.cut, None) if isinstance(b, Batch)]
+    assert len(batches) > 30
+    for batch in batches:
+        assert len(batch.events)
+        assert batch.start_ns <= batch.events.t_ns[0]
+        assert batch.events.t_ns[-1] < batch.end_ns
+    assert cutter.still_events == pytest.approx(50_000, rel=0.02)
+
+
 def test_turning_back_begins_a_new_pass() -> None:
     track = roll_track([0.0, 0.05, 0.0], [0.0, 0.5, 1.0])
     assert directions(cut(track, clockwork(track))) == [1, -1]

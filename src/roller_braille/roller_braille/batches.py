@@ -136,6 +136,8 @@ class BatchCutter(EventCutter):
             if not span.open:
                 self._span = None
             return None
+        # Where poses come ahead of events, those of the time before it are still to come.
+        self.still_events += self._queue.drop_before(self._start_ns)
         limit = self._limit(span)
         if hole is not None and (limit is None or hole[0] < limit):
             limit = hole[0] + 1
