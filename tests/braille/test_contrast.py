@@ -106,6 +106,21 @@ def test_the_factor_between_speed_and_events_is_found(factor: float) -> None:
     assert travel.scale == pytest.approx(factor, abs=0.005)
 
 
+def test_a_factor_that_was_found_wrong_is_found_anew() -> None:
+    """Poses say 5 % too much at first, as while the robot speeds up, then what is true."""
+    plate = Plate().text(TEXT + " " + TEXT)
+    track, poses = over(plate), PoseTrack()
+    first, over_m = track.positions[0], 0.04
+    for t, p, q in zip(track.times_ns, track.positions, track.quaternions, strict=True):
+        travel = p[0] - first[0]
+        p = p + [0.05 * min(travel, over_m), 0.0, 0.0]
+        poses.append(int(t), p, q)
+    events = scan(plate, track)
+    early = events[events.t_ns < track.times_ns[np.searchsorted(track.positions[:, 0], 0.015)]]
+    assert found(early, poses).scale == pytest.approx(1.05, abs=0.01)
+    assert found(events, poses).scale == pytest.approx(1.0, abs=0.005)
+
+
 def test_a_wrong_depth_is_found_too() -> None:
     plate = Plate().text(TEXT)
     track = over(plate)

@@ -122,7 +122,7 @@ class TravelScale:
 
     Batches are held back until the factor is known, `_HOLD_M` of travel at most: on a bare plate
     there is nothing to see it by, and nothing that would be smeared. Once found it is followed
-    slowly.
+    slowly; where it turns out to be far off, it is found anew.
     """
 
     def __init__(self, settings: BrailleSettings) -> None:
@@ -221,15 +221,14 @@ class TravelScale:
             return
         step = -(-len(along) // _MOST_EVENTS)
         sample = Sample(*(np.ascontiguousarray(a[::step]) for a in (along, offset, down)))
-        if self.scale is None:
+        if self.scale is None or (near := _peak(sample, self.scale, _NEAR)) is None:
+            # Not near what it was thought to be: found anew. While the robot speeds up, stamps of
+            # poses that are a little off look like another speed.
             self._find(sample)
-        else:
-            near = _peak(sample, self.scale, _NEAR)
-            if near is not None:
-                limit = self._most
-                self.scale = float(
-                    np.clip(self.scale + _FOLLOW * (near - self.scale), 1 - limit, 1 + limit)
-                )
+            return
+        most = self._most
+        followed = self.scale + _FOLLOW * (near - self.scale)
+        self.scale = float(np.clip(followed, 1 - most, 1 + most))
 
     def _find(self, sample: Sample) -> None:
         count = 2 * int(np.ceil(self._most / _COARSE)) + 1
