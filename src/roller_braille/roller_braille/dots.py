@@ -63,6 +63,15 @@ def _disc(radius_px: float) -> F32:
     return np.clip(radius_px + 0.5 - np.hypot(x, y), 0.0, 1.0).astype(np.float32)
 
 
+def _one_each(found: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Rows and columns of the first of the pixels that touch, of each spot."""
+    # Where nothing lies around, a spot's events are as many from several places.
+    labels = cv2.connectedComponents(found.astype(np.uint8))[1]
+    r, c = np.nonzero(found)
+    first = np.unique(labels[r, c], return_index=True)[1]
+    return r[first], c[first]
+
+
 class DotFinder:
     """Searches a strip for spots the size of dots.
 
@@ -130,7 +139,7 @@ class DotFinder:
         least = LEAST_VOTES + CHANCE * np.hypot(np.sqrt(np.maximum(around, 0.0)), coating)
         least *= gain  # what was seen shortly is made up, and its chance variation with it
         found = (votes >= peak) & (votes >= least)
-        r, c = np.nonzero(found)
+        r, c = _one_each(found)
         inside = (c * f + lo >= a) & (c * f + lo < b)
         r, c = r[inside], c[inside]
         if not len(r):
