@@ -91,6 +91,14 @@ def test_a_printed_coating_hides_no_dots(scans: Scans) -> None:
     assert [c.mask for c in cells if c.readable] == [m.mask for m in truth.marks]
 
 
+def test_text_is_read_under_a_printed_coating_of_coarse_grain(scans: Scans) -> None:
+    """Spots of 0.2 mm leave a sixth of a dot's events of each other."""
+    light = {"speckle": 0.08, "speckle_mm": 0.2}
+    cells, pipeline, truth = read_plate(scans, "quick fox", light=light, camera=FINE)
+    assert pipeline.text() == ["quick fox"]
+    assert [c.mask for c in cells] == [m.mask for m in truth.marks]
+
+
 @pytest.mark.parametrize("speckle", [0.05, 0.08])
 @pytest.mark.parametrize("lands_mm", [0.0, 10.0])
 def test_where_the_skin_does_not_touch_a_coating_does_not_show(

@@ -10,14 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from .cells import LEAST_CONFIDENCE, Seen
+from .dot_shape import DotShape
 from .dots import CHANCE, LEAST_VOTES, SPOT, Dots
 from .ground import TAIL
 from .lattice import Lattice
 from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
 from .reader_settings import Spacing
-from .recognise import Energies, Recogniser, Reference, share
-from .strip import Kind, Strip, image_around
+from .recognise import Energies, Reading, Recogniser, Reference, share
+from .strip import Kind, Strip, image_around, net_around
 from .warp import F32, F64
 
 #: Cells seen beyond its first dot before a line is begun; lines above that are indented by less
@@ -99,6 +100,7 @@ class LineReader:
         self._direction = direction
         self._view = view
         self._dots = LineDots()
+        self._shape, self._unseen = DotShape(spacing, strip.px_m), Dots.none()
         self._restarts = 0
         self._confirmed = lattice.begin
         #: Events of a typical dot where it was last read.
@@ -159,6 +161,24 @@ class LineReader:
             image, at = image_around(self._strip, at, self._recogniser.reach, self.kind)
             level = self._background(self.lattice)
             self._dots.add(dots, self._recogniser.halves(image, at, level))
+            if self._strip.printed:
+                self._unseen = self._unseen.joined(dots)
+
+    def _learn_shape(self) -> None:
+        """See what dots look like that lie on the line's lattice.
+
+        First those it was laid under, then up to the next cell: farther on they might lie off it.
+        """
+        ahead = 1 if len(self._shape.dots) else LOOKAHEAD_CELLS
+        now = self._unseen.along < self.lattice.moved(ahead).end
+        dots, self._unseen = self._unseen.where(now), self._unseen.where(~now)
+        dots = dots.where(self.lattice.assign(dots)[0])
+        if len(dots):
+            places = np.stack([dots.along, dots.down], -1)
+            self._shape.add(*net_around(self._strip, places, self._shape.reach), dots)
+            near = self._shape.dots
+            if len(near) >= LEAST_DOTS:
+                self.lattice = self.lattice.fitted(near, self.spacing)
 
     def advance(self, complete: int) -> None:
         """Read the cells whose tiles lie before a column."""
@@ -231,6 +251,8 @@ class LineReader:
             self.lattice = self.lattice.shifted(0.0, -self.lattice.dot_down)
 
     def _read_next(self) -> None:
+        if self._strip.printed:
+            self._learn_shape()
         if self.may_lift:
             self._lift()
         kind, seen = self._read()
@@ -290,7 +312,9 @@ class LineReader:
         """Fit the lattice to the dots up to here and step to the next cell."""
         if self.accepted:
             self._dots.forget_before(self.lattice.along - _FIT_CELLS * self.lattice.cell)
-        near = self._dots.before(self.lattice.along + 2 * self.lattice.cell)
+        near = self._shape.dots
+        if len(near) < LEAST_DOTS:
+            near = self._dots.before(self.lattice.along + 2 * self.lattice.cell)
         self.lattice = self.lattice.fitted(near, self.spacing).moved(1)
         self._next += 1
 
@@ -332,11 +356,16 @@ class LineReader:
         reference = self._reference(self.lattice)
         if reference is None:
             return _Kind.FOREIGN, self._seen(0, np.zeros(6), nodes, stamp)
-        reading = self._recogniser.read(image, at, energies, reference)
+        shaped = self._read_shape() if self._strip.printed else None
+        reading = shaped or self._recogniser.read(image, at, energies, reference)
         outside = (nodes[:, 1] < self._view[0]) | (nodes[:, 1] > self._view[1])
         confidence = np.where(outside, 0.0, reading.confidence)
         mask = int((reading.raised << np.arange(6)).sum())
-        if not reading.raised.any() and reading.filled < _BLANK:
+        raised = reading.raised
+        if shaped:
+            # A coating's spots now and then hold half a dot's pattern.
+            raised = raised & (confidence >= LEAST_CONFIDENCE)
+        if not raised.any() and reading.filled < _BLANK:
             return _Kind.BLANK, self._seen(0, confidence, nodes, stamp)
         if reading.explained < LEAST_EXPLAINED:
             # Its dots, if they are dots, are not to be trusted.
@@ -348,6 +377,12 @@ class LineReader:
         self._circles += reading.circles
         self.typical = reference.whole
         return _Kind.READ, self._seen(mask, confidence, nodes, stamp)
+
+    def _read_shape(self) -> Reading | None:
+        """Cell 0 of the lattice by what dots look like; None where that isn't known."""
+        nodes = self.lattice.nodes(0)
+        net, at = net_around(self._strip, nodes, self._shape.reach)
+        return self._shape.read(net, at, self.lattice.begin, self.lattice.moved(1).begin)
 
     def _clean(self, explained: float) -> float:
         """How sure it is, 0 to 1, that a cell holds no other relief: against cells before it."""

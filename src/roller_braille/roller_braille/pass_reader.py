@@ -10,6 +10,7 @@ from roller_core.passes import Pass
 
 from .batches import Batch
 from .contrast import MappedBatch, TravelScale
+from .dot_shape import DotShape
 from .dots import DotFinder, Dots
 from .lattice import FAINT, Lattice, dust, find_lattice, find_turn, no_dust
 from .lines import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS, LineReader
@@ -17,7 +18,7 @@ from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .previews import Preview, Previewer
 from .reader_settings import BrailleSettings, Spacing
 from .recognise import Recogniser
-from .strip import Kind, Strip
+from .strip import Kind, Strip, net_around
 from .warp import F32, F64, Warp
 
 #: Where no line begins, dots so many times as strong stay. Tuned on the virtual cell.
@@ -211,8 +212,9 @@ class PassReader:
                 continue
             end = start + ahead
             line = self._best(free, start, end)
-            if line is None:
-                # Other relief may come soon after a short text.
+            if line is None and not self.strip.printed:
+                # Other relief may come soon after a short text. A printed coating's spots are
+                # told from dots by more of these than such a text has.
                 end = start + ahead / 2
                 line = self._best(free, start, end)
             if line is not None:
@@ -271,6 +273,10 @@ class PassReader:
         solid = dots.where(no_dust(dots.votes))
         if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
             return 0.0, None  # what the window begins with is dust
+        if self.strip.printed:
+            dots = self._laid(dots)
+            if len(dots) < LEAST_DOTS:
+                return 0.0, None
         seen = find_turn(dots, self._settings.spacing)
         first = seen if self._turn is None else self._turn
         second = 0.0 if self._turn is None else seen
@@ -278,6 +284,14 @@ class PassReader:
         if found[1] is None and abs(second - first) > _SAME_TURN:
             found = self._try_turn(dots, kind, start, second)
         return found
+
+    def _laid(self, dots: Dots) -> Dots:
+        """Of dots on a printed coating those that look alike, where they do."""
+        shape = DotShape(self._settings.spacing, self.strip.px_m)
+        places = np.stack([dots.along, dots.down], -1)
+        shape.add(*net_around(self.strip, places, shape.reach), dots)
+        laid = shape.dots
+        return laid.where(np.argsort(laid.along, kind="stable"))
 
     def _try_turn(
         self, dots: Dots, kind: Kind, start: float, turn: float

@@ -36,7 +36,7 @@ _HALF, _WHOLE = 0.4, 0.7
 _TELLING = 0.3
 #: How far off its node a dot may lie, and where it is none of the cell's, metres: of the
 #: virtual cell's dots at 70 % contrast one in a hundred lies further off than the first.
-_IN_PLACE_M, _ASTRAY_M = 2e-4, 3.2e-4
+IN_PLACE_M, ASTRAY_M = 2e-4, 3.2e-4
 
 
 def certainty(value: npt.ArrayLike, none: float, full: float) -> F64:
@@ -184,7 +184,7 @@ class Recogniser:
         dot = dot * certainty(complete, _HALF, _WHOLE)
         empty = certainty(energies.whole, reference.trace, reference.trace / 2)
         raised = dot > empty
-        in_place = certainty(energies.off_m, _ASTRAY_M, _IN_PLACE_M)
+        in_place = certainty(energies.off_m, ASTRAY_M, IN_PLACE_M)
         confidence = np.where(raised, dot * in_place, (empty - dot) * reference.visible)
         # A cell of which not even half the dots show as circles is too faint to be sure of.
         circles = self._circles.find(image, at, 4.0 * reference.whole / self.area)

@@ -281,12 +281,17 @@ class Strip:
         if b <= a:
             return np.zeros((self._rows, 0), np.float32)
         reach = int(np.ceil(4 * self._blur_px)) + 1  # of OpenCV's blur
-        on, off = (
-            self._counted(a - reach, b + reach, k, 0, self._rows) for k in (Kind.ON, Kind.OFF)
-        )
-        on -= off
-        blurred = cv2.GaussianBlur(on, (0, 0), self._blur_px)
+        net = self.net(a - reach, b + reach, 0, self._rows)
+        blurred = cv2.GaussianBlur(net, (0, 0), self._blur_px)
         return np.asarray(blurred[:, reach:-reach], np.float32)
+
+    def net(self, a: int, b: int, top: int, bottom: int) -> F32:
+        """ON events less OFF events, as `image`."""
+        if top >= bottom:
+            return np.zeros((0, b - a), np.float32)
+        on, off = (self._counted(a, b, kind, top, bottom) for kind in (Kind.ON, Kind.OFF))
+        on -= off
+        return on
 
     def _counted(self, a: int, b: int, kind: Kind, top: int, bottom: int) -> F32:
         """Events of a kind, as `image`."""
@@ -337,9 +342,21 @@ class Strip:
 
 def image_around(strip: Strip, nodes: F64, margin_px: int, kind: Kind) -> tuple[F32, F64]:
     """Part of the mosaic around nodes, and the nodes' columns and rows in it."""
+    (a, b, top, bottom), at = _around(strip, nodes, margin_px)
+    return strip.image(a, b, kind, top, bottom), at
+
+
+def net_around(strip: Strip, nodes: F64, margin_px: int) -> tuple[F32, F64]:
+    """ON less OFF events around nodes, and the nodes' columns and rows there."""
+    part, at = _around(strip, nodes, margin_px)
+    return strip.net(*part), at
+
+
+def _around(strip: Strip, nodes: F64, margin_px: int) -> tuple[tuple[int, int, int, int], F64]:
+    """Columns and rows, from and up to, around nodes; the nodes' columns and rows there."""
     columns = nodes[:, 0] / strip.px_m
     a, b = int(columns.min()) - margin_px, int(columns.max()) + margin_px + 1
     rows = (nodes[:, 1] - strip.top_m) / strip.px_m
     top, bottom = max(int(rows.min()) - margin_px, 0), int(rows.max()) + margin_px + 1
-    image = strip.image(a, b, kind, top, min(bottom, strip.rows))
-    return image, np.stack([columns - a, rows - top], axis=-1)
+    part = a, b, top, min(bottom, strip.rows)
+    return part, np.stack([columns - a, rows - top], axis=-1)
