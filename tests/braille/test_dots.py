@@ -3,8 +3,9 @@
 import numpy as np
 
 from roller_braille.dots import DotFinder
+from roller_braille.kinds import Kind
 from roller_braille.reader_settings import BrailleSettings
-from roller_braille.strip import PX_M, Kind, Strip
+from roller_braille.strip import PX_M, Strip
 
 SETTINGS = BrailleSettings.create({})
 

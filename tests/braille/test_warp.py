@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from braille.synthetic import CAMERA, DEPTH_M, DOWN, START_NS, roll_track
+from roller_braille.kinds import Kind
 from roller_braille.reader_settings import BrailleSettings
-from roller_braille.strip import Kind, Strip
+from roller_braille.strip import Strip
 from roller_braille.warp import F32, F64, I64, OUTSIDE, Knots, PixelTable, Warp, vote
 from roller_core.camera import Camera
 from roller_core.events import EventArray

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from .kinds import Kind
 from .reader_settings import Spacing
-from .strip import PX_M, Kind, Strip
+from .strip import PX_M, Strip
 from .warp import F32, F64
 
 #: Pixel in which dots are searched.

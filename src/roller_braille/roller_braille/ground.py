@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .kinds import Kind
 from .warp import F32, F64
 
 #: Blocks, whose emptier ones are background, px; parts of the mosaic that it is taken from.
@@ -35,15 +35,10 @@ class Ground:
 
     Rows of blocks run along the roll. Where the skin doesn't lie on the surface, at the upper and
     lower ends of the contact patch, nothing of a coating shows; such rows tell nothing of it.
-
-    Parameters
-    ----------
-    kinds : iterable
-        Kinds of images that noise is learnt of.
     """
 
-    def __init__(self, kinds: Any) -> None:
-        self._rates: dict[Any, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in kinds}
+    def __init__(self) -> None:
+        self._rates: dict[Kind, deque[float]] = {kind: deque(maxlen=_PARTS) for kind in Kind}
         self._spreads: deque[F64] = deque(maxlen=_PARTS)
         #: Spread of what a coating's ON and OFF events leave of each other, events.
         self.spread = 0.0
@@ -73,7 +68,7 @@ class Ground:
         for rates in self._rates.values():
             rates.clear()
 
-    def learn_noise(self, kind: Any, image: F32, seconds: float) -> None:
+    def learn_noise(self, kind: Kind, image: F32, seconds: float) -> None:
         """Take a part of an image of one kind, shape (rows, columns), seen for so long."""
         n = BLOCK_PX
         rows, columns = image.shape[0] // n, image.shape[1] // n
@@ -86,7 +81,7 @@ class Ground:
         count += _BELOW * np.sqrt(count)
         self._rates[kind].append(count / n**2 / max(seconds, 1e-9))
 
-    def noise(self, kind: Any) -> float:
+    def noise(self, kind: Kind) -> float:
         """Events a pixel and second where nothing is; 0 before anything was learnt."""
         rates = sorted(self._rates[kind])
         return rates[int(_EMPTIER * len(rates))] if rates else 0.0

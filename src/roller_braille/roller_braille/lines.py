@@ -13,12 +13,13 @@ from .cells import LEAST_CONFIDENCE, Seen
 from .dot_shape import DotShape
 from .dots import CHANCE, LEAST_VOTES, SPOT, Dots
 from .ground import TAIL
+from .kinds import Kind
 from .lattice import Lattice
 from .line_dots import LineDots
 from .orientation import lifted, lower_row_free
 from .reader_settings import Spacing
 from .recognise import Energies, Reading, Recogniser, Reference, share
-from .strip import Kind, Strip, image_around, net_around
+from .strip import Strip, image_around, net_around
 from .warp import F32, F64
 
 #: Cells seen beyond its first dot before a line is begun; lines above that are indented by less

@@ -12,13 +12,14 @@ from .batches import Batch
 from .contrast import MappedBatch, TravelScale
 from .dot_shape import DotShape
 from .dots import DotFinder, Dots
+from .kinds import Kind
 from .lattice import FAINT, Lattice, dust, find_lattice, find_turn, no_dust
 from .lines import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS, LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .previews import Preview, Previewer
 from .reader_settings import BrailleSettings, Spacing
 from .recognise import Recogniser
-from .strip import Kind, Strip, net_around
+from .strip import Strip, net_around
 from .warp import F32, F64, Warp
 
 #: Where no line begins, dots so many times as strong stay. Tuned on the virtual cell.

@@ -15,10 +15,11 @@ import numpy as np
 
 from .cells import Seen
 from .dots import DotFinder, Dots
+from .kinds import Kind
 from .lattice import Lattice, dust
 from .lines import LOOKAHEAD_CELLS, LineReader
 from .reader_settings import BrailleSettings
-from .strip import Kind, Strip
+from .strip import Strip
 
 #: Time after which is looked again, seconds: it costs as much as reading some cells.
 _AGAIN_S = 0.03

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum
-
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +9,7 @@ import numpy.typing as npt
 from roller_core.events import EventArray
 
 from .ground import BLOCK_PX, TAIL, Ground
+from .kinds import Kind
 from .reader_settings import BrailleSettings
 from .warp import F32, F64, I64, Knots, vote
 
@@ -27,14 +26,6 @@ _NEWEST = 5
 #: Blur under which a printed coating's ON and OFF events make up for each other, by a dot's
 #: diameter, and how many times the spread of what they leave is taken off.
 _BLUR, _TAKEN_OFF = 1 / 5, 2.0
-
-
-class Kind(Enum):
-    """Which events an image is made of."""
-
-    OFF = "off"
-    ON = "on"
-    BOTH = "both"
 
 
 class Strip:
@@ -71,7 +62,7 @@ class Strip:
         self._until_ns = 0
         self.events = 0
         #: What is known of noise and coating.
-        self.ground = Ground(Kind)
+        self.ground = Ground()
         self._blur_px = settings.spacing.dot_diameter_m * _BLUR / self.px_m
         # What `_net` gave so far, and the column that it begins at; until more events come.
         self._blurred, self._blurred_from = np.zeros((self._rows, 0), np.float32), 0
