@@ -24,7 +24,8 @@ def test_rows_that_touch_nothing_tell_nothing_of_the_coating() -> None:
         for values in (net, image):
             values[: ROWS // 6] = values[-ROWS // 6 :] = 0.0
         ground.learn_coating(net)
-        ground.printed = True
+        if not ground.printed:
+            ground.settle(printed=True)
         ground.learn_noise(Kind.OFF, image, 0.1)
     assert whole.spread == pytest.approx(5.0, rel=0.05)
     assert ground.spread == pytest.approx(whole.spread, rel=0.1)
@@ -42,7 +43,7 @@ def test_noise_is_that_between_dots() -> None:
             image[dots] += 20.0
             net[dots] -= 20.0
         ground.learn_coating(net)
-        ground.printed = False
+        ground.settle(printed=False)
         ground.learn_noise(Kind.OFF, image, 0.1)
     assert ground.noise(Kind.OFF) == pytest.approx(2.0, rel=0.15)
     assert ground.spread == pytest.approx(0.3, rel=0.1)
@@ -54,6 +55,6 @@ def test_before_anything_is_touched_the_coating_is_not_known() -> None:
     assert not ground.known
     assert ground.noise(Kind.OFF) == 0.0
     ground.learn_noise(Kind.OFF, np.full((ROWS, COLUMNS), 2.0, np.float32), 0.1)
-    ground.take_for_printed()
+    ground.settle(printed=True)
     assert ground.printed
     assert ground.noise(Kind.OFF) == 0.0  # that of another image is forgotten

@@ -165,7 +165,7 @@ def test_part_of_a_coatings_image_is_cut_out_of_it_until_more_is_seen() -> None:
     settings = BrailleSettings.create({})
     warp = Warp(settings, CAMERA, track)
     strip = Strip(settings, warp.half_height_m)
-    strip.ground.take_for_printed()
+    strip.ground.settle(printed=True)
     rng = np.random.default_rng(0)
     n = 50_000
     half_ns = (track.end_ns - track.start_ns) // 2

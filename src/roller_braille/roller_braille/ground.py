@@ -42,8 +42,7 @@ class Ground:
         self._spreads: deque[F64] = deque(maxlen=_PARTS)
         #: Spread of what a coating's ON and OFF events leave of each other, events.
         self.spread = 0.0
-        #: Whether the coating is printed; None until that is known.
-        self.printed: bool | None = None
+        self._printed: bool | None = None
         self._touching: npt.NDArray[np.bool_] = np.zeros(0, np.bool_)
 
     @property
@@ -62,11 +61,20 @@ class Ground:
         rows = np.quantile(parts, _EMPTIER, axis=0)
         self._touching = rows >= _TOUCHES * np.median(rows)
 
-    def take_for_printed(self) -> None:
-        """The coating is printed: images, and with them their noise, are others from now on."""
-        self.printed = True
-        for rates in self._rates.values():
-            rates.clear()
+    @property
+    def printed(self) -> bool | None:
+        """Whether the coating is printed; None until that is known."""
+        return self._printed
+
+    def settle(self, printed: bool) -> None:
+        """The coating is printed or it isn't.
+
+        If it is, images, and with them their noise, are others from now on.
+        """
+        self._printed = printed
+        if printed:
+            for rates in self._rates.values():
+                rates.clear()
 
     def learn_noise(self, kind: Kind, image: F32, seconds: float) -> None:
         """Take a part of an image of one kind, shape (rows, columns), seen for so long."""

@@ -163,9 +163,7 @@ class Strip:
             ground.learn_coating(self._net(int(shown[0]), int(shown[-1]) + 1)[edge:-edge])
         if before or settled or not ground.known:
             return False
-        ground.printed = self._left(area_px) > least
-        if ground.printed:
-            ground.take_for_printed()
+        ground.settle(self._left(area_px) > least)
         return bool(ground.printed) and before is not None
 
     @property
