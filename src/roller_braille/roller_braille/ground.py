@@ -24,10 +24,13 @@ _LEVEL, _LEVEL_WITHIN = 0.25, 0.319
 _TOUCHES = 0.3
 
 
-def block_rows(image: F32) -> F32:
-    """Rows of an image in blocks of `BLOCK_PX`, shape (blocks, rest); what is left over goes."""
+def _blocks(image: F32) -> F32:
+    """An image in rows of blocks, shape (rows of blocks, pixels of a block's height, columns).
+
+    What is left over below goes; columns stay as they are.
+    """
     rows = len(image) // BLOCK_PX
-    return image[: rows * BLOCK_PX].reshape(rows, -1)
+    return image[: rows * BLOCK_PX].reshape(rows, BLOCK_PX, image.shape[1])
 
 
 class Ground:
@@ -54,7 +57,7 @@ class Ground:
         """Take ON less OFF events of a part, blurred, shape (rows, columns)."""
         if not net.any():
             return  # as before the roller touches anything
-        left = np.quantile(np.abs(block_rows(net)), _LEVEL, axis=1) / _LEVEL_WITHIN
+        left = np.quantile(np.abs(_blocks(net)), _LEVEL, axis=(1, 2)) / _LEVEL_WITHIN
         self._spreads.append(left)
         parts = np.stack(self._spreads)
         self.spread = float(np.median(np.median(parts, axis=1)))
@@ -79,8 +82,9 @@ class Ground:
     def learn_noise(self, kind: Kind, image: F32, seconds: float) -> None:
         """Take a part of an image of one kind, shape (rows, columns), seen for so long."""
         n = BLOCK_PX
-        rows, columns = image.shape[0] // n, image.shape[1] // n
-        blocks = image[: rows * n, : columns * n].reshape(rows, n, columns, n).sum(axis=(1, 3))
+        columns = image.shape[1] // n
+        rows = _blocks(image[:, : columns * n])
+        blocks = rows.reshape(len(rows), n, columns, n).sum(axis=(1, 3))
         # On a plain coating rows between dots, where nothing is, seem to touch nothing.
         if self.printed and self._touching.any():
             blocks = blocks[self._touching]
