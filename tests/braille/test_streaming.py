@@ -108,6 +108,6 @@ def test_specks_beside_a_line_do_not_keep_its_mosaic() -> None:
         pipeline.add_events(events[begin : begin + 5000])
         list(pipeline.results())
         if (reader := pipeline._reader) is not None:
-            kept_m.append((reader.strip.seen[1] - reader.strip.first) * reader.strip.px_m)
+            kept_m.append((reader.strip.exposure.seen[1] - reader.strip.first) * reader.strip.px_m)
     assert pipeline.text() == ["the quick brown fox jumps over i"]
     assert max(kept_m) < 0.1

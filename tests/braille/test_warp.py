@@ -144,10 +144,10 @@ def test_strip_makes_up_for_a_view_that_was_short() -> None:
     )
     strip = Strip(settings, warp.half_height_m)
     strip.add(events, warp.table, warp.knots(forward(), track.start_ns, track.end_ns))
-    a, b = strip.seen
+    a, b = strip.exposure.seen
     end = float(track.positions[-1, 0])
-    assert (a, strip.complete) == (-208, int((end - settings.read_at_m) / 6e-5))
-    assert strip.half_seen == int(end / 6e-5)
+    assert (a, strip.exposure.complete) == (-208, int((end - settings.read_at_m) / 6e-5))
+    assert strip.exposure.half_seen == int(end / 6e-5)
     assert b - a == pytest.approx((end + 0.025) / 6e-5, abs=2)
     means = [strip.image(c, c + 50, Kind.OFF)[60:-60].mean() for c in (0, 200, 400)]
     assert means[0] == pytest.approx(means[2], rel=0.1)

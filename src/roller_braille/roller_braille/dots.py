@@ -135,7 +135,7 @@ class DotFinder:
         size = (self._apart, self._apart)
         peak = cv2.dilate(votes, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, size))
         # Chance varies as the root of what is counted.
-        gain = strip.gain(lo, hi).reshape(-1, f).mean(axis=1)
+        gain = strip.exposure.gain(lo, hi).reshape(-1, f).mean(axis=1)
         coating = 0.0 if kind is Kind.BOTH else strip.coating(self._area_px)
         least = LEAST_VOTES + CHANCE * np.hypot(np.sqrt(np.maximum(around, 0.0)), coating)
         least *= gain  # what was seen shortly is made up, and its chance variation with it

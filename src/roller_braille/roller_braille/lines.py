@@ -203,7 +203,7 @@ class LineReader:
 
     def _look_ahead(self) -> None:
         """Let blank cells stand for spaces as soon as the next cell, half seen, shows a dot."""
-        if self.lattice.centre(0)[0] > self._strip.half_seen * self._strip.px_m:
+        if self.lattice.centre(0)[0] > self._strip.exposure.half_seen * self._strip.px_m:
             return
         reference = self._reference(self.lattice)
         if reference is None:

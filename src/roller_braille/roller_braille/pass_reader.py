@@ -98,16 +98,16 @@ class PassReader:
         """Read what was seen for long enough; all that was seen if the pass is over."""
         if final:
             self._count(self.travel.release())
-        first, end = self.strip.seen
+        first, end = self.strip.exposure.seen
         if end == first:
             return
-        complete = end if final else self.strip.complete
+        complete = end if final else self.strip.exposure.complete
         if self._searched is None:
             self._searched = first
         # Searching has a fixed cost: go on in steps.
         upto = complete + self._finder.margin if final else complete - self._finder.margin
         step = int(_STEP * self._settings.spacing.cell_pitch_m / self.strip.px_m)
-        rolled_s = self.strip.rolled_s
+        rolled_s = self.strip.exposure.rolled_s
         if not final and (upto - self._searched < step or rolled_s - self._looked_s < _STEP_S):
             return
         self._looked_s = rolled_s
@@ -140,7 +140,7 @@ class PassReader:
     def saw(self, places: F64) -> bool:
         """Whether all of some places, travel and place down the image in metres, were in view."""
         inside = (places[:, 1] >= self._view[0]) & (places[:, 1] <= self._view[1])
-        return bool((inside & self.strip.shown(places[:, 0])).all())
+        return bool((inside & self.strip.exposure.shown(places[:, 0])).all())
 
     def room_above(self, line: LineReader) -> bool:
         """Whether the view could hold another line above one."""

@@ -77,13 +77,13 @@ class Previewer:
         strip = self._strip
         # Half a cell on, none can be complete yet.
         last = upto * strip.px_m - self._cell / 2
-        wait_s = (self._window - self._cell) * strip.pace_s_m
-        early = strip.rolled_s - self._looked_s < _AGAIN_S or upto * strip.px_m < self._due
+        wait_s = (self._window - self._cell) * strip.exposure.pace_s_m
+        early = strip.exposure.rolled_s - self._looked_s < _AGAIN_S or upto * strip.px_m < self._due
         if wait_s < _WORTH_S or early or not _first(known) <= last:
             return []
-        self._looked_s = strip.rolled_s
+        self._looked_s = strip.exposure.rolled_s
         self._due = upto * strip.px_m + self._cell / 2
-        ahead = strip.glimpsed - self._finder.margin
+        ahead = strip.exposure.glimpsed - self._finder.margin
         dots = {
             kind: before.joined(free(self._finder.find(strip, upto, ahead, kind, learn=False)))
             for kind, before in known.items()

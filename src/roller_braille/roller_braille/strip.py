@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from roller_core.events import EventArray
 
+from .exposure import Exposure
 from .ground import BLOCK_PX, TAIL, Ground
 from .kinds import Kind
 from .reader_settings import BrailleSettings
@@ -15,14 +15,10 @@ from .warp import F32, F64, I64, Knots, vote
 
 #: Pixel of the mosaic, metres: a dot has some 24 across, a sensor's pixel shows 43 micrometres.
 PX_M = 6e-5
-#: Columns seen over less than this share of the full travel are not made up for.
-_LEAST_EXPOSURE = 0.25
 _MARGIN_M = 0.002
 #: Columns by which the mosaic grows. Of a power of two, rows would share the same few lines of a
 #: core's cache.
 _MORE_COLUMNS = 1000
-#: Batches' ends by which the pace is measured.
-_NEWEST = 5
 #: Blur under which a printed coating's ON and OFF events make up for each other, by a dot's
 #: diameter, and how many times the spread of what they leave is taken off.
 _BLUR, _TAKEN_OFF = 1 / 5, 2.0
@@ -50,15 +46,15 @@ class Strip:
     def __init__(self, settings: BrailleSettings, half_height_m: float) -> None:
         self.px_m = PX_M
         self._half = settings.view_half_width_m
-        self._read_at = min(settings.read_at_m, self._half)
+        #: What of the surface was in view, and how long.
+        self.exposure = Exposure(self.px_m, self._half, settings.read_at_m)
         self._rows = int(np.ceil(2 * (half_height_m + _MARGIN_M) / self.px_m))
         #: Place down the image of the first row, metres.
         self.top_m = -self._rows / 2 * self.px_m
         self._first = 0
         self._counts: F32 = np.zeros((2, self._rows, 0), np.float32)
         self._newest: I64 = np.zeros(0, np.int64)
-        self._begin: float | None = None
-        self._end = 0.0
+        self._begun = False
         self._until_ns = 0
         self.events = 0
         #: What is known of noise and coating.
@@ -66,9 +62,6 @@ class Strip:
         self._blur_px = settings.spacing.dot_diameter_m * _BLUR / self.px_m
         # What `_net` gave so far, and the column that it begins at; until more events come.
         self._blurred, self._blurred_from = np.zeros((self._rows, 0), np.float32), 0
-        # How long the sensor had rolled when it had come so far.
-        self._travel: list[float] = []
-        self._clock: list[float] = []
 
     @property
     def rows(self) -> int:
@@ -80,53 +73,17 @@ class Strip:
         """First column kept."""
         return self._first
 
-    @property
-    def complete(self) -> int:
-        """Columns before this one were seen for long enough to be read."""
-        return int((self._end - self._read_at) // self.px_m) if self._begin is not None else 0
-
-    @property
-    def rolled_s(self) -> float:
-        """Time for which the sensor has rolled, seconds."""
-        return self._clock[-1] if self._clock else 0.0
-
-    @property
-    def pace_s_m(self) -> float:
-        """Seconds that a metre took over the newest batches; 0 before the first."""
-        travel, clock = self._travel[-_NEWEST:], self._clock[-_NEWEST:]
-        return (clock[-1] - clock[0]) / max(travel[-1] - travel[0], 1e-9) if travel else 0.0
-
-    @property
-    def half_seen(self) -> int:
-        """Columns before this one were seen over half of the full travel."""
-        return int(self._end // self.px_m)
-
-    @property
-    def glimpsed(self) -> int:
-        """Columns before this one were seen for long enough to be made up for."""
-        return int((self._end + self._half * (1 - 2 * _LEAST_EXPOSURE)) // self.px_m)
-
-    @property
-    def seen(self) -> tuple[int, int]:
-        """First column seen and the one after the last."""
-        if self._begin is None:
-            return 0, 0
-        a = int(np.ceil((self._begin - self._half) / self.px_m))
-        return a, int(np.floor((self._end + self._half) / self.px_m)) + 1
-
     def row(self, down_m: F64) -> F64:
         """Rows of places down the image."""
         return np.asarray((down_m - self.top_m) / self.px_m)
 
     def add(self, events: EventArray, table: F32, knots: Knots) -> None:
         """Warp a batch of events and count them."""
-        if self._begin is None:
-            self._begin = float(knots.along[0])
-            self._first = int(np.floor((self._begin - self._half) / self.px_m))
-            self._end = self._begin
-        self._end = max(self._end, float(knots.along[-1]))
+        if not self._begun:
+            self._begun = True
+            self._first = int(np.floor((float(knots.along[0]) - self._half) / self.px_m))
         self._until_ns = int(knots.times_ns[-1])
-        self._log(knots)
+        self.exposure.add(knots)
         self._reserve(int((float(knots.along.max()) + self._half) / self.px_m) + 16)
         raster = np.array(
             [
@@ -156,7 +113,9 @@ class Strip:
         bool
             Whether it was taken for plain till now and isn't any more: images are others.
         """
-        shown = a + np.flatnonzero(self.shown(np.arange(a, b, dtype=np.float64) * self.px_m))
+        shown = a + np.flatnonzero(
+            self.exposure.shown(np.arange(a, b, dtype=np.float64) * self.px_m)
+        )
         ground, before = self.ground, self.printed
         if len(shown):
             edge = int(np.ceil(_MARGIN_M / self.px_m))
@@ -184,11 +143,11 @@ class Strip:
         Noise comes at a rate in time, so a part that was rolled over slowly has more of it. The
         rate is that of the emptier parts seen so far.
         """
-        return self.ground.noise(kind) * self._seconds(a, b)
+        return self.ground.noise(kind) * self.exposure.seconds(a, b)
 
     def learn_background(self, a: int, b: int, kind: Kind) -> None:
         """Take the rate of noise from columns a to b (b excluded), where there is least in them."""
-        shown = np.flatnonzero(self._share(a, b) >= 0.5)
+        shown = np.flatnonzero(self.exposure.share(a, b) >= 0.5)
         if not len(shown):
             return
         b = a + int(shown[-1]) + 1
@@ -197,25 +156,7 @@ class Strip:
         edge = int(np.ceil(_MARGIN_M / self.px_m))
         image = self.image(a, b, kind)[edge:-edge]
         if min(image.shape) >= BLOCK_PX:
-            self.ground.learn_noise(kind, image, self._seconds(a, b))
-
-    def _seconds(self, a: int, b: int) -> float:
-        """Mean time that columns were in view, made up to the full travel, seconds."""
-        place = np.linspace(a, b, 5, dtype=np.float64) * self.px_m
-        travel, clock = np.array(self._travel), np.array(self._clock)
-        seen = np.interp(place + self._half, travel, clock) - np.interp(
-            place - self._half, travel, clock
-        )
-        share = np.maximum(self._share_at(place), _LEAST_EXPOSURE)
-        return float((seen / share).mean())
-
-    def _log(self, knots: Knots) -> None:
-        rolled = self.rolled_s
-        seconds = rolled + (knots.times_ns[[0, -1]] - knots.times_ns[0]) * 1e-9
-        travel = np.maximum(knots.along[[0, -1]], self._travel[-1] if self._travel else -np.inf)
-        first = 1 if self._travel else 0
-        self._travel += travel[first:].tolist()
-        self._clock += seconds[first:].tolist()
+            self.ground.learn_noise(kind, image, self.exposure.seconds(a, b))
 
     def forget_before(self, column: int) -> None:
         """Columns before this one are no longer needed."""
@@ -228,9 +169,7 @@ class Strip:
             self._newest[:-keep] = self._newest[keep:].copy()
             self._newest[-keep:] = 0
             self._first = column
-            gone = int(np.searchsorted(self._travel, column * self.px_m - self._half)) - 1
-            if gone > 0:
-                del self._travel[:gone], self._clock[:gone]
+            self.exposure.forget_before(column * self.px_m)
 
     def image(self, a: int, b: int, kind: Kind, top: int = 0, bottom: int | None = None) -> F32:
         """Counts of columns a to b (b excluded), as if all were seen over the full travel.
@@ -287,7 +226,7 @@ class Strip:
         out = np.zeros((bottom - top, b - a), np.float32)
         lo, hi = max(a, self._first), min(b, self._first + self._counts.shape[2])
         if lo < hi:
-            gain = self.gain(lo, hi)
+            gain = self.exposure.gain(lo, hi)
             parts = self._counts[:, top:bottom, lo - self._first : hi - self._first]
             part = parts[0] + parts[1] if kind is Kind.BOTH else parts[int(kind is Kind.ON)]
             np.multiply(part, gain, out=out[:, lo - a : hi - a])
@@ -297,27 +236,6 @@ class Strip:
         """Time of the newest event in columns a to b (b excluded), or up to which none came."""
         part = self._newest[max(a - self._first, 0) : max(b - self._first, 0)]
         return int(part.max(initial=0)) or self._until_ns
-
-    def shown(self, place_m: F64) -> npt.NDArray[np.bool_]:
-        """Whether places along the roll, shape (n,), were in view long enough to know of dots."""
-        return np.asarray(self._share_at(place_m) >= _LEAST_EXPOSURE)
-
-    def _share(self, a: int, b: int) -> F64:
-        """Share of the full travel over which columns were seen, 0 to 1, shape (b - a,)."""
-        return self._share_at(np.arange(a, b, dtype=np.float64) * self.px_m)
-
-    def _share_at(self, place: F64) -> F64:
-        if self._begin is None:
-            return np.zeros(len(place))
-        last = np.minimum(self._end, place + self._half)
-        seen = last - np.maximum(self._begin, place - self._half)
-        return np.asarray(np.clip(seen / (2 * self._half), 0.0, 1.0))
-
-    def gain(self, a: int, b: int) -> F32:
-        """What counts of columns a to b (b excluded) are multiplied by, shape (b - a,)."""
-        share = self._share(a, b)
-        gain = np.where(share >= _LEAST_EXPOSURE, 1 / np.maximum(share, 1e-3), 1.0)
-        return gain.astype(np.float32)
 
     def _reserve(self, column: int) -> None:
         have = self._counts.shape[2]
