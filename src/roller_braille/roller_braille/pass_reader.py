@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from roller_core.passes import Pass
 
 from .batches import Batch
 from .contrast import MappedBatch, TravelScale
-from .dot_shape import DotShape
 from .dots import DotFinder, Dots
 from .kinds import Kind
-from .lattice import FAINT, Lattice, dust, find_lattice, find_turn, no_dust
-from .lines import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS, LineReader
+from .lattice import FAINT, dust
+from .line_finder import LineFinder
+from .lines import LOOKAHEAD_CELLS, LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .previews import Preview, Previewer
-from .reader_settings import BrailleSettings, Spacing
+from .reader_settings import BrailleSettings
 from .recognise import Recogniser
-from .strip import Strip, net_around
+from .strip import Strip
 from .warp import F32, F64, Warp
 
 #: Where no line begins, dots so many times as strong stay. Tuned on the virtual cell.
 _STRONGER = 3.0
-#: Angles nearer to each other than this are one, radians.
-_SAME_TURN = 0.03
 #: Cells of travel, and seconds, after which lines are read on.
 _STEP, _STEP_S = 0.25, 0.012
 #: Lines are no nearer to each other than this, in line pitches.
 _LEAST_LINE_PITCH = 0.8
-#: Cells of a line on trial whose dots have to lie on nodes, and how well at the mean: of spots that
-#: lie anywhere a fifth does, of a line's nine tenths, of one between other relief a third.
-_FIRST_CELLS, _IN_PLACE = 3, 0.25
 #: Share of what two dots ahead have below which a spot is dust in any case. Tuned on the virtual
 #: cell.
 _DUST = 0.02
@@ -69,14 +62,13 @@ class PassReader:
         self.dots = 0
         #: Whether its text is upside down; None while that is open.
         self.upside_down: bool | None = None
-        #: Turn and spacing of the plate, and events of a dot, where a line was last read.
-        self._turn: float | None = None
-        self._spacing: Spacing | None = None
+        #: Events of a dot where a line was last read.
         self._typical = 0.0
         #: Place up to which lines were read, metres.
         self.reach_m = -np.inf
-        reach = settings.spacing.dot_diameter_m / 2
-        self._view = (-warp.half_height_m + reach, warp.half_height_m - reach)
+        self._line_finder = LineFinder(
+            settings, self.strip, self._recogniser, roll.direction, warp.half_height_m
+        )
 
     def add(self, batch: Batch, table: F32) -> None:
         """Take a batch of events; `table` holds the pixels to use, see `vote`.
@@ -139,7 +131,8 @@ class PassReader:
 
     def saw(self, places: F64) -> bool:
         """Whether all of some places, travel and place down the image in metres, were in view."""
-        inside = (places[:, 1] >= self._view[0]) & (places[:, 1] <= self._view[1])
+        top, bottom = self._line_finder.view
+        inside = (places[:, 1] >= top) & (places[:, 1] <= bottom)
         return bool((inside & self.strip.exposure.shown(places[:, 0])).all())
 
     def room_above(self, line: LineReader) -> bool:
@@ -166,7 +159,7 @@ class PassReader:
         if self.roll.direction < 0 or self.upside_down:
             return []
         known = {kind: self._free(loose) for kind, loose in self._loose.items()}
-        found = self._previewer.look(known, upto, self._free, self._best)
+        found = self._previewer.look(known, upto, self._free, self._line_finder.best)
         if found and self.upside_down is None:
             lines = [line for line in self.lines if line.accepted] + [p.line for p in found]
             if sum(log_odds(line.cells, self._settings.code) for line in lines) < SURE:
@@ -187,8 +180,8 @@ class PassReader:
             return
         line.advance(complete)
         if line.accepted:
-            self._turn, self._typical = line.lattice.angle, line.typical
-            self._spacing = line.spacing
+            self._typical = line.typical
+            self._line_finder.turn, self._line_finder.spacing = line.lattice.angle, line.spacing
         for kind, loose in self._loose.items():
             if kind is not line.kind and line.closed and not line.accepted:
                 continue  # a line in vain of one kind leaves those of the other
@@ -212,12 +205,12 @@ class PassReader:
             if self._give_up_dust(free, start, ahead):
                 continue
             end = start + ahead
-            line = self._best(free, start, end)
+            line = self._line_finder.best(free, start, end)
             if line is None and not self.strip.printed:
                 # Other relief may come soon after a short text. A printed coating's spots are
                 # told from dots by more of these than such a text has.
                 end = start + ahead / 2
-                line = self._best(free, start, end)
+                line = self._line_finder.best(free, start, end)
             if line is not None:
                 self.lines.append(line)
                 # It has the dots of the window; these come after.
@@ -258,84 +251,6 @@ class PassReader:
             if not line.closed:
                 dots = dots.where(~line.holds(dots))
         return dots
-
-    def _best(self, free: dict[Kind, Dots], start: float, end: float) -> LineReader | None:
-        """The line from a place to another that explains its events best, of either kind."""
-        found = [self._try(dots, kind, start, end) for kind, dots in free.items()]
-        return max(found, key=lambda f: f[0])[1]
-
-    def _try(
-        self, dots: Dots, kind: Kind, start: float, end: float
-    ) -> tuple[float, LineReader | None]:
-        """A line that begins with the first of dots, and how well it explains them."""
-        dots = dots.where(dots.along < end)
-        if len(dots) < LEAST_DOTS:
-            return 0.0, None
-        solid = dots.where(no_dust(dots.votes))
-        if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
-            return 0.0, None  # what the window begins with is dust
-        if self.strip.printed:
-            dots = self._laid(dots)
-            if len(dots) < LEAST_DOTS:
-                return 0.0, None
-        seen = find_turn(dots, self._settings.spacing)
-        first = seen if self._turn is None else self._turn
-        second = 0.0 if self._turn is None else seen
-        found = self._try_turn(dots, kind, start, first)
-        if found[1] is None and abs(second - first) > _SAME_TURN:
-            found = self._try_turn(dots, kind, start, second)
-        return found
-
-    def _laid(self, dots: Dots) -> Dots:
-        """Of dots on a printed coating those that look alike, where they do."""
-        shape = DotShape(self._settings.spacing, self.strip.px_m)
-        places = np.stack([dots.along, dots.down], -1)
-        shape.add(*net_around(self.strip, places, shape.reach), dots)
-        laid = shape.dots
-        return laid.where(np.argsort(laid.along, kind="stable"))
-
-    def _try_turn(
-        self, dots: Dots, kind: Kind, start: float, turn: float
-    ) -> tuple[float, LineReader | None]:
-        """The same at an angle."""
-        s = self._settings
-        solid = dots.where(no_dust(dots.votes))
-        left_first = self.roll.direction > 0
-        begins_m = start + s.spacing.dot_pitch_m / 2
-        fits = [
-            (lattice.fit_of(solid), lattice, spacing)
-            for spacing in ((self._spacing,) if self._spacing else s.spacings)
-            if (lattice := find_lattice(dots, spacing, left_first, turn, begins_m))
-        ]
-        if not fits:
-            return 0.0, None
-        _, lattice, spacing = max(fits, key=lambda fit: fit[0])
-        # Between two profiles, what its first dots say is nearer than either.
-        lattice = lattice.fitted(solid, spacing)
-        spacing = replace(spacing, dot_pitch_m=lattice.dot_along, cell_pitch_m=lattice.cell)
-        on, index = lattice.assign(dots)
-        if not on.any() or dots.along[on].min() > begins_m:
-            return 0.0, None  # what the window begins with is none of its dots
-        if int(on.sum()) < LEAST_DOTS or not self._whole(lattice, index[on, 2]):
-            return 0.0, None
-        line = LineReader(
-            self.strip, self._recogniser, lattice, spacing, kind, self.roll.direction, self._view
-        )
-        first = solid.where(line.holds(solid) & (lattice.assign(solid)[1][:, 0] < _FIRST_CELLS))
-        if lattice.fit_of(first) < _IN_PLACE * len(first):
-            return 0.0, None
-        line.take(dots)
-        explained = line.explained()
-        if explained < LEAST_EXPLAINED:
-            return 0.0, None
-        # What lies beside dots, such as their shadows, explains as much but lies beside nodes.
-        own = solid.where(line.holds(solid))
-        return explained * lattice.fit_of(own) / max(len(own), 1), line
-
-    def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
-        """Whether no row of the line can lie outside the view."""
-        above = lattice.places(0.0, -lattice.dot_down)[1] >= -self._warp.half_height_m
-        return bool(above or set(rows.tolist()) >= {0, 1, 2})
 
     def _needed(self) -> int:
         """First column that is still needed."""

@@ -1,0 +1,135 @@
+"""Finding the line of Braille that begins with the first of some dots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .dot_shape import DotShape
+from .dots import Dots
+from .kinds import Kind
+from .lattice import Lattice, find_lattice, find_turn, no_dust
+from .lines import LEAST_DOTS, LEAST_EXPLAINED, LineReader
+from .reader_settings import BrailleSettings, Spacing
+from .recognise import Recogniser
+from .strip import Strip, net_around
+
+#: Angles nearer to each other than this are one, radians.
+_SAME_TURN = 0.03
+#: Cells of a line on trial whose dots have to lie on nodes, and how well at the mean: of spots that
+#: lie anywhere a fifth does, of a line's nine tenths, of one between other relief a third.
+_FIRST_CELLS, _IN_PLACE = 3, 0.25
+
+
+class LineFinder:
+    """Finds lines of a pass.
+
+    Parameters
+    ----------
+    settings : BrailleSettings
+        Spacings that a line may have.
+    strip : Strip
+        The pass's mosaic.
+    recogniser : Recogniser
+        Reads cells.
+    direction : int
+        +1 when the sensor rolls along the camera's x axis, -1 against it.
+    half_height_m : float
+        Half height of the view.
+    """
+
+    def __init__(
+        self,
+        settings: BrailleSettings,
+        strip: Strip,
+        recogniser: Recogniser,
+        direction: int,
+        half_height_m: float,
+    ) -> None:
+        self._settings, self._strip, self._recogniser = settings, strip, recogniser
+        self._direction, self._half_height_m = direction, half_height_m
+        reach = settings.spacing.dot_diameter_m / 2
+        #: First and last place down the image that is fully seen, metres.
+        self.view = -half_height_m + reach, half_height_m - reach
+        #: Turn and spacing of the plate where a line was last read; None before.
+        self.turn: float | None = None
+        self.spacing: Spacing | None = None
+
+    def best(self, free: dict[Kind, Dots], start: float, end: float) -> LineReader | None:
+        """The line from a place to another that explains its events best, of either kind."""
+        found = [self._try(dots, kind, start, end) for kind, dots in free.items()]
+        return max(found, key=lambda f: f[0])[1]
+
+    def _try(
+        self, dots: Dots, kind: Kind, start: float, end: float
+    ) -> tuple[float, LineReader | None]:
+        """A line that begins with the first of dots, and how well it explains them."""
+        dots = dots.where(dots.along < end)
+        if len(dots) < LEAST_DOTS:
+            return 0.0, None
+        solid = dots.where(no_dust(dots.votes))
+        if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
+            return 0.0, None  # what the window begins with is dust
+        if self._strip.printed:
+            dots = self._laid(dots)
+            if len(dots) < LEAST_DOTS:
+                return 0.0, None
+        seen = find_turn(dots, self._settings.spacing)
+        first = seen if self.turn is None else self.turn
+        second = 0.0 if self.turn is None else seen
+        found = self._try_turn(dots, kind, start, first)
+        if found[1] is None and abs(second - first) > _SAME_TURN:
+            found = self._try_turn(dots, kind, start, second)
+        return found
+
+    def _laid(self, dots: Dots) -> Dots:
+        """Of dots on a printed coating those that look alike, where they do."""
+        shape = DotShape(self._settings.spacing, self._strip.px_m)
+        places = np.stack([dots.along, dots.down], -1)
+        shape.add(*net_around(self._strip, places, shape.reach), dots)
+        laid = shape.dots
+        return laid.where(np.argsort(laid.along, kind="stable"))
+
+    def _try_turn(
+        self, dots: Dots, kind: Kind, start: float, turn: float
+    ) -> tuple[float, LineReader | None]:
+        """The same at an angle."""
+        s = self._settings
+        solid = dots.where(no_dust(dots.votes))
+        left_first = self._direction > 0
+        begins_m = start + s.spacing.dot_pitch_m / 2
+        fits = [
+            (lattice.fit_of(solid), lattice, spacing)
+            for spacing in ((self.spacing,) if self.spacing else s.spacings)
+            if (lattice := find_lattice(dots, spacing, left_first, turn, begins_m))
+        ]
+        if not fits:
+            return 0.0, None
+        _, lattice, spacing = max(fits, key=lambda fit: fit[0])
+        # Between two profiles, what its first dots say is nearer than either.
+        lattice = lattice.fitted(solid, spacing)
+        spacing = replace(spacing, dot_pitch_m=lattice.dot_along, cell_pitch_m=lattice.cell)
+        on, index = lattice.assign(dots)
+        if not on.any() or dots.along[on].min() > begins_m:
+            return 0.0, None  # what the window begins with is none of its dots
+        if int(on.sum()) < LEAST_DOTS or not self._whole(lattice, index[on, 2]):
+            return 0.0, None
+        line = LineReader(
+            self._strip, self._recogniser, lattice, spacing, kind, self._direction, self.view
+        )
+        first = solid.where(line.holds(solid) & (lattice.assign(solid)[1][:, 0] < _FIRST_CELLS))
+        if lattice.fit_of(first) < _IN_PLACE * len(first):
+            return 0.0, None
+        line.take(dots)
+        explained = line.explained()
+        if explained < LEAST_EXPLAINED:
+            return 0.0, None
+        # What lies beside dots, such as their shadows, explains as much but lies beside nodes.
+        own = solid.where(line.holds(solid))
+        return explained * lattice.fit_of(own) / max(len(own), 1), line
+
+    def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
+        """Whether no row of the line can lie outside the view."""
+        above = lattice.places(0.0, -lattice.dot_down)[1] >= -self._half_height_m
+        return bool(above or set(rows.tolist()) >= {0, 1, 2})
