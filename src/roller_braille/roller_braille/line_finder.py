@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from .cell_reader import LEAST_DOTS, LEAST_EXPLAINED
 from .dot_shape import DotShape
 from .dots import Dots
 from .kinds import Kind
 from .lattice import Lattice, find_lattice, find_turn, no_dust
-from .lines import LEAST_DOTS, LEAST_EXPLAINED, LineReader
+from .lines import LineReader
 from .reader_settings import BrailleSettings, Spacing
 from .recognise import Recogniser
 from .strip import Strip, net_around

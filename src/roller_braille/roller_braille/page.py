@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from . import table
+from .cell_reader import LOOKAHEAD_CELLS
 from .cells import Cell, Seen, certain_dots
 from .known_cells import KnownCells
-from .lines import LOOKAHEAD_CELLS, LineReader
+from .lines import LineReader
 from .orientation import upside_down
 from .pass_reader import PassReader
 from .reader_settings import BrailleSettings

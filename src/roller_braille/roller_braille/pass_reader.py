@@ -7,12 +7,13 @@ import numpy as np
 from roller_core.passes import Pass
 
 from .batches import Batch
+from .cell_reader import LOOKAHEAD_CELLS
 from .contrast import MappedBatch, TravelScale
 from .dots import DotFinder, Dots
 from .kinds import Kind
 from .lattice import FAINT, dust
 from .line_finder import LineFinder
-from .lines import LOOKAHEAD_CELLS, LineReader
+from .lines import LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
 from .previews import Preview, Previewer
 from .reader_settings import BrailleSettings

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .cell_reader import LOOKAHEAD_CELLS
 from .cells import Seen
 from .dots import DotFinder, Dots
 from .kinds import Kind
 from .lattice import Lattice, dust
-from .lines import LOOKAHEAD_CELLS, LineReader
+from .lines import LineReader
 from .reader_settings import BrailleSettings
 from .strip import Strip
 
