@@ -130,11 +130,17 @@ def _blur(volume, weights, wanted, marked, runs, buffers, out):  # type: ignore[
                 marked[i] = _widen(
                     flat, begin, np.uint64(width), np.uint64(beside), sources, lines, at
                 )
-        first = 0
-        while first < height and not marked[first]:
-            first += 1
-        if first < height:
-            along[:] = 0
+        # Nothing lies on the rows between, as far as it is asked for.
+        last = -2 * reach - 1
+        for i in range(height):
+            last = i if marked[i] else last
+            runs[i, 0] = last
+        last = height + 2 * reach
+        for i in range(height - 1, -1, -1):
+            last = i if marked[i] else last
+            if not marked[i] and min(i - runs[i, 0], last - i) <= 2 * reach:
+                begin = (reach + i) * stride
+                along[begin : begin + stride] = 0
         for n in range(_runs(marked, runs)):
             begin, end = (reach + runs[n, 0]) * stride, (reach + runs[n, 1]) * stride
             _weigh(lines, begin + beside, end - beside, 1, across, along)
