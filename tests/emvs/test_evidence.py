@@ -105,9 +105,9 @@ def test_shear_moves_columns_between_cells() -> None:
     measure[1, 2] = 0
     moved = rng.uniform(-3, 3, (3, 12))
     moved[2, 5:7] = -20, 20
-    out = np.empty_like(measure)
+    out = measure.copy()
     most = np.zeros(measure.shape[1:], np.float32)
-    peaks._shear(measure, moved, out, most)
+    peaks._shear(out, moved, most)
     np.testing.assert_array_equal(most, out.max(axis=0))
     for k in range(3):
         for i in range(5):

@@ -7,8 +7,8 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def _shear(measure, moved, out, most):  # type: ignore[no-untyped-def]
-    """Focus measure `moved` columns further on, by plane, between columns; 0 beyond the grid.
+def _shear(measure, moved, most):  # type: ignore[no-untyped-def]
+    """Move the focus measure so many columns on, by plane, between columns; 0 beyond the grid.
 
     `most`, shape (rows, columns), zero, is set to the most of any plane: none is below zero.
     """
@@ -29,13 +29,12 @@ def _shear(measure, moved, out, most):  # type: ignore[no-untyped-def]
                 line[np.uint64(j) + np.uint64(1)] = value
                 some |= value != 0
             if not some:
-                out[k, i] = 0
                 continue
             for j in range(width):
                 at_left = np.uint64(column[j])
                 left = line[at_left]
                 value = left + share[j] * (line[at_left + np.uint64(1)] - left)
-                out[k, i, j] = value
+                measure[k, i, j] = value
                 most[i, j] = max(most[i, j], value)
 
 

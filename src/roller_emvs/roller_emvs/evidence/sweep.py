@@ -175,7 +175,7 @@ def sharpest(
     field : EvidenceField
         Events.
     measure : ndarray of float32, shape (planes, rows, columns)
-        Focus measure by cell.
+        Focus measure by cell; it is moved in its place, see `_follow`.
     at : ndarray of float64, shape (planes,)
         Offsets of the planes, one beyond either end of the range.
     first, last : ndarray of int32, shape (rows, columns)
@@ -185,7 +185,7 @@ def sharpest(
     settings : EvidenceSettings
         Neighbourhoods, thresholds.
     """
-    followed, most = _follow(measure, field, at)
+    most = _follow(measure, field, at)
     span = float(at[-2] - at[1])
     # Blurred is the most on any plane: no cell's score is above that.
     sigma = settings.sigma_px / CELL_PX
@@ -193,10 +193,10 @@ def sharpest(
     last = np.where(possible, last, np.int32(-1))
     cut = field.cut_around(possible, int(np.ceil(4 * sigma)))
     if cut is None:
-        depths = _peaks(followed, at, first, last, field, settings)
+        depths = _peaks(measure, at, first, last, field, settings)
         return _checked(field, depths, polarity, span, settings)
     part, box = cut
-    own = np.ascontiguousarray(followed[:, box[0], box[1]])
+    own = np.ascontiguousarray(measure[:, box[0], box[1]])
     first, last = (np.ascontiguousarray(v[box]) for v in (first, last))
     depths = _peaks(own, at, first, last, part, settings)
     return _checked(part, depths, polarity, span, settings).put(field.cells, box)
@@ -231,18 +231,18 @@ def _checked(
     return replace(depths, offset=offset, confidence=confidence, change=change)
 
 
-def _follow(measure: F32, field: EvidenceField, at: F64) -> tuple[F32, F32]:
-    """Focus measure of each column along the middle of the rays it was seen by, and its most.
+def _follow(measure: F32, field: EvidenceField, at: F64) -> F32:
+    """Move the measure to the middle of the rays that saw each column, and return its most there.
 
     A column at the image's border was seen from one side alone. From plane to plane its edges
     move as well as blur, and the sharpest plane at a fixed place would not be that of an edge.
     """
     moved = field.middles[None, :] * at[:, None] / CELL_PX
     if np.abs(moved).max() < _STILL:
-        return measure, np.asarray(measure.max(axis=0), np.float32)
-    out, most = np.empty_like(measure), np.zeros(field.cells, np.float32)
-    peaks._shear(measure, moved, out, most)
-    return out, most
+        return np.asarray(measure.max(axis=0), np.float32)
+    most = np.zeros(field.cells, np.float32)
+    peaks._shear(measure, moved, most)
+    return most
 
 
 def _peaks(
