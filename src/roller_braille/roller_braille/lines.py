@@ -203,6 +203,10 @@ class LineReader:
         if self.may_lift:
             self._lift()
         kind, seen, circles = self._reader.read(self.lattice, self._next)
+        if self._strip.printed and not self._next and kind is CellKind.BLANK and seen.certain:
+            # What it was begun with was no dot but a coating's spots.
+            self.close()
+            return
         self._circles += circles
         if kind is CellKind.READ:
             if seen.certain:
