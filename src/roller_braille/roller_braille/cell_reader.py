@@ -176,7 +176,7 @@ class CellReader:
         tuple
             What it is, what was seen of it, and dots that show as circles.
         """
-        nodes, image, at, energies = self.measure(lattice)
+        nodes = lattice.nodes(0) + self.dots.shift(lattice)
         px = self._strip.px_m
         a, b = int(lattice.begin / px), int(lattice.moved(1).begin / px)
         stamp = self._strip.newest_ns(a, b)
@@ -184,7 +184,11 @@ class CellReader:
         if reference is None:
             return CellKind.FOREIGN, self._seen(number, 0, np.zeros(6), nodes, stamp), 0
         shaped = self._read_shape(lattice) if self._strip.printed else None
-        reading = shaped or self._recogniser.read(image, at, energies, reference)
+        if shaped:
+            reading = shaped
+        else:
+            _, image, at, energies = self.measure(lattice)
+            reading = self._recogniser.read(image, at, energies, reference)
         outside = (nodes[:, 1] < self._view[0]) | (nodes[:, 1] > self._view[1])
         confidence = np.where(outside, 0.0, reading.confidence)
         mask = int((reading.raised << np.arange(6)).sum())
