@@ -70,6 +70,16 @@ def test_focus_leaves_out_what_pixels_tell_when_they_wake_up(scan: EventArray) -
         assert least < on_edges <= most
 
 
+def test_few_events_that_share_a_pose_are_as_sharp_as_many(scan: EventArray) -> None:
+    """Of few events, so many as share a pose come from pixels apart, and depth is no worse."""
+    few = scan[::20]
+    off_um = [
+        1e6 * np.median([np.abs(errors_m(m)).mean() for m in maps if isinstance(m, DepthMap)])
+        for maps in (reconstruct(rolling(0.3), few, packet_events=size) for size in (8, 1024))
+    ]
+    assert off_um[1] < 1.1 * off_um[0]
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_tilted_plane_is_found(scan: EventArray, method: str) -> None:
     maps = [m for m in reconstruct(rolling(0.3), scan, method=method) if isinstance(m, DepthMap)]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emvs.scenes import CAMERA, MS
+from emvs.scenes import CAMERA, MS, rolling, track_of
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
@@ -84,6 +84,35 @@ def test_packets_take_all_events_and_the_median_pose() -> None:
     np.testing.assert_array_equal(packets.starts, [0, 256, 300])
     expected = track.matrices([events.t_ns[127], events.t_ns[256 + 21]])
     np.testing.assert_allclose(packets.poses, expected, rtol=0, atol=1e-14)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**16), st.integers(1, 400), st.integers(1, 100), st.floats(1e-5, 1e-2))
+def test_events_of_a_packet_lie_no_further_apart_than_allowed(
+    seed: int, n: int, size: int, most_m: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    track, events = track_of(rolling(0.3), 0.05), random_events(rng, n)
+    packets = r.make_packets(events, CAMERA.undistortion_table(), track, size, most_m)
+    counts, n = np.diff(packets.starts), len(events)
+    assert counts.min() >= 1
+    assert packets.starts[-1] == n
+    assert set(range(0, n, size)) <= set(packets.starts)
+    at = track.matrices(events.t_ns)[:, :3, 3]
+    ends = np.linalg.norm(at[packets.starts[1:] - 1] - at[packets.starts[:-1]], axis=1)
+    assert (ends <= most_m + 1e-9).all()
+    medians = (packets.starts[:-1] + packets.starts[1:] - 1) // 2
+    np.testing.assert_allclose(packets.poses[:, :3, 3], at[medians], rtol=0, atol=1e-12)
+
+
+def test_a_packet_of_two_readout_frames_is_cut_between_them() -> None:
+    """Frames of 100 events, 0.2 ms apart: 60 µm, more than a pixel."""
+    track = track_of(rolling(0.3), 0.05)
+    t_ns = np.repeat(np.arange(5) * MS // 5, 100)
+    events = EventArray.from_arrays(np.tile(np.arange(100), 5), t_ns * 0, t_ns, t_ns * 0 + 1)
+    packets = r.make_packets(events, CAMERA.undistortion_table(), track, 64, 1e-5)
+    expected = sorted({*range(0, 500, 64), *range(0, 501, 100)})
+    np.testing.assert_array_equal(packets.starts, expected)
 
 
 @pytest.mark.parametrize("poses", [1, 2, 6])

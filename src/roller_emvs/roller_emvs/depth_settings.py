@@ -67,7 +67,11 @@ class DepthSettings(MethodSettings):
         "surface: a strip fixed to the surface, no depth maps (live it has a node of its own).",
     )
     packet_events: int = Field(
-        256, ge=1, le=65536, description="Events that share the pose of their median event."
+        256,
+        ge=1,
+        le=65536,
+        description="Events that share the pose of their median event; with focus fewer where the "
+        "image moves by more than a quarter of a pixel meanwhile.",
     )
     window: WindowSettings = WindowSettings.create({})
     focus: FocusEvidence = Field(

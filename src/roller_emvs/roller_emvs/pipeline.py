@@ -5,6 +5,7 @@ The node, the replay command and the tests all drive this object.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ from .windows import RefusedWindow, Window, WindowCutter
 #: What a depth of the paper's methods errs by, pixels of parallax: its median is of a neighbourhood
 #: of 45 px, whatever lies there.
 _PAPER_ERROR_PX = 1.3
+#: Motion of the image, px, during which events share a pose in `focus`.
+_PACKET_PX = 0.25
 
 
 class ParallaxError(RollerError):
@@ -140,7 +143,9 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         with watch("hot pixels"):
             table, notes = self._usable(events)
         with watch("packets"):
-            packets = make_packets(events, table, self.track, s.packet_events)
+            packets = make_packets(
+                events, table, self.track, s.packet_events, self._most_travel_m()
+            )
             times = [window.start_ns + round(f * span) for f, _ in s.views()]
             poses = matrices_at(self.track, [*times, middle_ns])
         parallax = parallax_px(packets, camera, poses[-1], s.depth_min_m, s.depth_max_m)
@@ -150,6 +155,12 @@ class DepthPipeline(DepthEngine[WindowCutter]):
                 f"{MIN_PARALLAX_PX:g} px: too little motion across the view for a depth"
             )
         return PreparedWindow(window, packets, poses[:-1], poses[-1], middle_ns, parallax, notes)
+
+    def _most_travel_m(self) -> float:
+        """Way in which events share a pose at the most; the paper's packets have no such end."""
+        if self.settings.method != "focus":
+            return math.inf
+        return _PACKET_PX * self.settings.depth_min_m / max(self.camera.fx, self.camera.fy)
 
     def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
         watch, begin, cpu_s = Stopwatch(), time.perf_counter(), time.process_time()

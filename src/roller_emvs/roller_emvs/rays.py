@@ -12,6 +12,7 @@ ray is four numbers and a plane one, whatever the motion: the two-step homograph
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,10 +71,19 @@ class RayBundle:
         return len(self.rays)
 
 
-def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events: int) -> Packets:
+def make_packets(
+    events: EventArray,
+    table: F32,
+    track: PoseTrack,
+    packet_events: int,
+    most_travel_m: float = math.inf,
+) -> Packets:
     """Group events in packets at the pose of their median event (paper, section on EMVS).
 
-    The last packet may be smaller; no event is dropped.
+    The last packet may be smaller; no event is dropped. So many events may take as long as the
+    surface needs to pass pixels by, where they are few, and where a packet begins in one read-out
+    frame and ends in the next, whose events come column by column: the image's last and first
+    columns would be half a frame off. `most_travel_m` cuts these packets.
 
     Parameters
     ----------
@@ -85,6 +95,8 @@ def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events
         Camera in base.
     packet_events : int
         Events a packet.
+    most_travel_m : float
+        Way of the camera, m, during which events share a pose at the most, where it goes evenly.
 
     Raises
     ------
@@ -93,8 +105,23 @@ def make_packets(events: EventArray, table: F32, track: PoseTrack, packet_events
     """
     n = len(events)
     starts = np.append(np.arange(0, n, packet_events, dtype=np.int64), n)
+    if most_travel_m < math.inf:
+        starts = _split(starts, events.t_ns, track, most_travel_m)
     medians = (starts[:-1] + starts[1:] - 1) // 2
     return Packets(events, table, starts, matrices_at(track, events.t_ns[medians]))
+
+
+def _split(starts: I64, t_ns: I64, track: PoseTrack, most_m: float) -> I64:
+    """Where packets begin once those that last longer than a way are cut, evenly in time."""
+    ends_ns = t_ns[np.minimum(starts, len(t_ns) - 1)]
+    travel_m = np.linalg.norm(np.diff(matrices_at(track, ends_ns)[:, :3, 3], axis=0), axis=1)
+    parts = np.ceil(travel_m / most_m).astype(np.int64)
+    long = np.flatnonzero(parts > 1)
+    packet = np.repeat(long, parts[long] - 1)
+    part = 1 + np.arange(len(packet)) - np.searchsorted(packet, packet)
+    lasts_ns = np.diff(ends_ns)[packet]
+    cuts = np.searchsorted(t_ns, ends_ns[packet] + lasts_ns * part // parts[packet])
+    return np.unique(np.concatenate([starts, cuts]))
 
 
 def matrices_at(track: PoseTrack, t_ns: npt.ArrayLike) -> F64:
