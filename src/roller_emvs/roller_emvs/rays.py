@@ -114,14 +114,16 @@ def make_packets(
 def _split(starts: I64, t_ns: I64, track: PoseTrack, most_m: float) -> I64:
     """Where packets begin once those that last longer than a way are cut, evenly in time."""
     ends_ns = t_ns[np.minimum(starts, len(t_ns) - 1)]
-    travel_m = np.linalg.norm(np.diff(matrices_at(track, ends_ns)[:, :3, 3], axis=0), axis=1)
-    parts = np.ceil(travel_m / most_m).astype(np.int64)
+    since, known = ends_ns - ends_ns[0], track.times_ns - ends_ns[0]
+    x, y, z = (np.diff(np.interp(since, known, axis)) for axis in track.positions.T)
+    parts = np.ceil(np.sqrt(x * x + y * y + z * z) / most_m).astype(np.int64)
     long = np.flatnonzero(parts > 1)
     packet = np.repeat(long, parts[long] - 1)
     part = 1 + np.arange(len(packet)) - np.searchsorted(packet, packet)
-    lasts_ns = np.diff(ends_ns)[packet]
-    cuts = np.searchsorted(t_ns, ends_ns[packet] + lasts_ns * part // parts[packet])
-    return np.unique(np.concatenate([starts, cuts]))
+    cuts_ns = ends_ns[packet] + np.diff(ends_ns)[packet] * part // parts[packet]
+    # Two sorted runs, which a stable sort merges.
+    out = np.sort(np.concatenate([starts, np.searchsorted(t_ns, cuts_ns)]), kind="stable")
+    return out[np.append(True, np.diff(out) > 0)]
 
 
 def matrices_at(track: PoseTrack, t_ns: npt.ArrayLike) -> F64:
