@@ -17,14 +17,11 @@ from .gauge import LEAST_LINES, OTHER_SIZE
 from .pass_lines import WALL_SLOPE, Found, passes_of, swept
 from .recordings import Scan
 from .sphere import find_sphere
-from .step_walls import LEAST_WALLS, find_walls, step_height, wall_levels
+from .step_profile import find_profile
 
 #: Cells in which it is counted what of a sphere was seen, by its radius; of a wall, and of a plane,
 #: m.
 _SPHERE_CELLS, _WALL_CELL_M, _FINE_M = 12, 2e-4, 1e-4
-#: So near to a wall of steps any height of it is right, m; and so far along the roll a step is
-#: looked for.
-_ON_WALL_M, _NEAR_WALL_M = 1.5e-4, 5e-4
 #: Share of a plane's cells that its flatness is of.
 _FLAT_SHARE = 0.95
 
@@ -101,28 +98,11 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
             f"{scan.name}: {int(steep.sum())} lines on slopes along the roll, fewer than "
             f"{LEAST_LINES}: no steps in view"
         )
-    own = passes[0].lines
-    x, y, _ = passes[0].place[steep].T
-    wall, count, across = find_walls(x, y, own.slope[steep], own.sigma_m[steep], step_m)
-    if count < LEAST_WALLS:
-        raise GaugeError(f"{scan.name}: {count} walls of steps across the roll, fewer than 2")
-    at = np.array([np.median(across[wall == k]) for k in range(count)])
-    change = np.sign([np.median(own.slope[steep][wall == k]) for k in range(count)])
-    # The walls' own axes: how `across` goes with x and y.
-    turn = np.linalg.lstsq(np.column_stack([x, y, np.ones_like(x)]), across, rcond=None)[0]
     local = points @ passes[0].axes
-    u = local[:, :2] @ turn[:2] + turn[2]
-    away = u[:, None] - at
-    nearest = np.abs(away).argmin(axis=1)
-    off = away[np.arange(len(u)), nearest]
-    near = np.abs(off) < _NEAR_WALL_M
-    u, height, nearest, off = u[near], local[near, 2], nearest[near], off[near]
-    on = np.abs(off) < _ON_WALL_M
-    levels = np.array([np.median(height[on & (nearest == k)]) for k in range(count)])
-    middle = wall_levels(levels / step_m, change)
-    fitted_m = step_height(
-        np.where(on, nearest, -1), (change[nearest] < 0).astype(np.int64), height, middle
-    )
+    profile = find_profile(passes[0], local, step_m)
+    if profile is None:
+        raise GaugeError(f"{scan.name}: no walls of steps across the roll, or a single one")
+    count, fitted_m, near, on = profile.count, profile.fitted_m, profile.near, profile.on
     if not np.isfinite(fitted_m):
         raise GaugeError(
             f"{scan.name}: {count} walls don't tell the steps' height: record two steps or more "
@@ -133,14 +113,10 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
             f"{scan.name}: {count} walls fit steps of {fitted_m * 1e3:.3f} mm, not "
             f"{step_m * 1e3:g} mm; are these the steps, and is --step-mm right?"
         )
-    over = height - step_m * middle[nearest]
-    over -= np.median(over[on])
-    half = 0.5 * step_m
-    tread = half * change[nearest] * np.sign(off)
-    error = np.where(on, np.maximum(np.abs(over) - half, 0.0), np.abs(over - tread))
-    seen = _cells(np.column_stack([nearest, local[near, 1] / _WALL_CELL_M])[on], 1.0)
-    reach = np.ptp(np.quantile(local[near, 1], [0.02, 0.98])) / _WALL_CELL_M
-    return _reached(error, sigma[near], abs(fitted_m - step_m), seen / (count * reach))
+    y = local[near, 1] / _WALL_CELL_M
+    seen = _cells(np.column_stack([profile.nearest, y])[on], 1.0)
+    share = seen / (count * np.ptp(np.quantile(y, [0.02, 0.98])))
+    return _reached(profile.error_m, sigma[near], abs(fitted_m - step_m), share)
 
 
 def on_plane(scan: Scan, settings: SurfaceSettings, _size_m: float = 0.0) -> Reached:
