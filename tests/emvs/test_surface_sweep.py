@@ -412,13 +412,36 @@ def test_lengths_with_few_events_are_one_block_and_wait_for_each_other() -> None
     assert (found[0].first_ns, found[0].last_ns) == (6, 7)
 
 
-@pytest.mark.parametrize(("speed", "joined"), [(0.2, [1, 1, 1, 1]), (0.5, [2, 1, 1])])
-def test_a_fast_sensor_joins_lengths_with_more_events(speed: float, joined: list[int]) -> None:
-    counts, length = {0: 30_000, 1: 90_000, 2: 200_000, 3: 300_000}, 0.008
+@pytest.mark.parametrize(
+    ("speed", "counts", "begins"),
+    [
+        (0.2, [30_000, 90_000, 200_000, 900_000], [0, 1, 2, 3]),
+        (0.5, [30_000, 90_000, 200_000, 300_000], [0, 3]),
+        (0.5, [30_000, 90_000, 300_000, 300_000], [0, 3]),
+        (0.5, [30_000, 400_000, 200_000, 300_000], [0, 2]),
+        # The end of what lies on the plate goes with it, but not a bare plate with what is on it.
+        (0.5, [30_000, 90_000, 200_000, 3000], [0]),
+        (0.5, [30_000, 900_000, 3000, 3000, 3000], [0, 4]),
+        (0.5, [300, 100, 200, 3000], [0, 3]),
+    ],
+)
+def test_a_fast_sensor_joins_lengths_with_more_events(
+    speed: float, counts: list[int], begins: list[int]
+) -> None:
+    length = 0.008
+    cutter = BlockCutter(store_of(dict(enumerate(counts)), length), length, 480)
+    cutter._done = -1
+    found = cutter.ready(4.5 * length, speed, flush=True)
+    assert [block.number for block in found if block.events] == begins
+
+
+def test_a_block_waits_for_a_length_with_few_events_so_far() -> None:
+    counts, length = {0: 30_000, 1: 400_000, 2: 5000, 3: 9000}, 0.008
     cutter = BlockCutter(store_of(counts, length), length, 480)
     cutter._done = -1
-    found = cutter.ready(4.5 * length, speed)
-    assert [block.end - block.number for block in found] == joined
+    assert cutter.ready(2.5 * length, 0.5) == []
+    counts[2] = 9000
+    assert [(block.number, block.end) for block in cutter.ready(3.5 * length, 0.5)] == [(0, 2)]
 
 
 def test_settings_are_checked() -> None:

@@ -12,12 +12,14 @@ from .event_store import EventStore
 MARGIN_M = 0.001
 #: Lengths, side by side, that are one block if they hold together less than so many events, and the
 #: next one less than so many: between what lies on a bare plate the work on a block hardly hangs on
-#: its events, nor on its length. Where the sensor is fast more by row of the image, but fewer than
-#: of a texture: what it does in a second counts there, and it has soon passed what a block waits
-#: for.
-_MOST_JOINED, _FEW_EVENTS, _FEW_FOR_FAST = 3, (8000, 8000), (210, 520)
+#: its events, nor on its length. Where the sensor is fast more by row of the image, as it has soon
+#: passed what a block waits for. There a block that holds more than the last number takes in what
+#: holds less behind it, up to one length more: the end of what lies on the plate, and bare plate.
+_MOST_JOINED, _FEW_EVENTS, _FEW_FOR_FAST = 3, (8000, 8000, 0), (800, 5000, 16)
 #: Time for a length from which on the sensor isn't fast, s.
 _LONG_S = 0.03
+
+Few = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ class BlockCutter:
                 begin = k
             end = k + 1
         # What few events are in waits for what it may be joined with.
-        if flush or self._full(begin, end, few):
+        if flush or not self._joins(begin, end, few):
             found += self._blocks(begin, end)
         return found
 
@@ -113,21 +115,21 @@ class BlockCutter:
         """Whether a length and its margin lie before a place."""
         return (k + 1) * self._length_m + MARGIN_M <= behind_m
 
-    def _joins(self, begin: int, k: int, few: tuple[int, int]) -> bool:
-        """Whether a length becomes one block with those before it."""
-        return not self._full(begin, k, few) and self._store.count(k) < few[1]
+    def _joins(self, begin: int, k: int, few: Few) -> bool:
+        """Whether a length becomes one block with those before it, by its events so far."""
+        if k - begin > _MOST_JOINED:
+            return False
+        events = sum(self._store.count(j) for j in range(begin, k))
+        if k - begin < _MOST_JOINED and events < few[0]:
+            return self._store.count(k) < few[1]
+        return self._store.count(k) < few[2] <= events
 
-    def _few_events(self, speed_m_s: float) -> tuple[int, int]:
-        """Events below which lengths are joined, and of the length that is joined to them."""
+    def _few_events(self, speed_m_s: float) -> Few:
+        """Events below which lengths are joined, of the one joined to them, and to a whole one."""
         if speed_m_s * _LONG_S <= self._length_m:
             return _FEW_EVENTS
-        few, most = (self._rows * events for events in _FEW_FOR_FAST)
-        return max(few, _FEW_EVENTS[0]), max(most, _FEW_EVENTS[1])
-
-    def _full(self, begin: int, end: int, few: tuple[int, int]) -> bool:
-        """Whether lengths are a block for themselves."""
-        events = sum(self._store.count(k) for k in range(begin, end))
-        return end - begin == _MOST_JOINED or events >= few[0]
+        few, most, last = (self._rows * events for events in _FEW_FOR_FAST)
+        return max(few, _FEW_EVENTS[0]), max(most, _FEW_EVENTS[1]), last
 
     def _blocks(self, begin: int, end: int) -> list[Block]:
         """The block of some lengths, if events reach it; they are done."""

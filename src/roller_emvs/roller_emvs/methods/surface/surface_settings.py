@@ -16,7 +16,7 @@ class SurfaceSettings(MethodSettings, NominalSurface):
         0.008,
         ge=0.001,
         le=1.0,
-        description="Length along the roll of what is computed at once, m; up to three times "
+        description="Length along the roll of what is computed at once, m; up to four times "
         "as much where there are few events.",
     )
     min_aperture_m: float = Field(
