@@ -12,10 +12,11 @@ from .event_store import EventStore
 MARGIN_M = 0.001
 #: Lengths, side by side, that are one block if they hold together less than so many events, and the
 #: next one less than so many: between what lies on a bare plate the work on a block hardly hangs on
-#: its events, nor on its length. Where the sensor is fast more by row of the image, as it has soon
-#: passed what a block waits for. There a block that holds more than the last number takes in what
-#: holds less behind it, up to one length more: the end of what lies on the plate, and bare plate.
-_MOST_JOINED, _FEW_EVENTS, _FEW_FOR_FAST = 3, (8000, 8000, 0), (800, 5000, 16)
+#: its events, nor on its length. Where the sensor is fast more by row of the image, but fewer than
+#: of a texture, as it has soon passed what a block waits for. There a block that holds more than
+#: the last number takes in what holds less behind it, up to one length more: the end of what lies
+#: on the plate, and bare plate.
+_MOST_JOINED, _FEW_EVENTS, _FEW_FOR_FAST = 3, (8000, 8000, 0), (300, 5000, 16)
 #: Time for a length from which on the sensor isn't fast, s.
 _LONG_S = 0.03
 
