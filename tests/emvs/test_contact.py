@@ -8,8 +8,9 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.outputs import CONTACT, DEPTH_ACCOUNT, Output
 from roller_core.pose_track import PoseTrack
-from roller_emvs.contact import _SHARES, ContactState, ContactWatch, _keep_quiet, _sharpness
+from roller_emvs.contact import ContactState, ContactWatch
 from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.image_speed import _SHARES, _keep_quiet, _sharpness
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
 from roller_emvs.windows import RefusedWindow

@@ -1,10 +1,4 @@
-"""Whether the skin sticks to the surface: how fast its image moves against what the poses say.
-
-An image that moves at a share s of the robot's speed looks like a surface at the depth Z / s. So
-one number, looked for like a depth but far beyond the range of depths, tells rolling (1) from
-slipping and from a roller that stands (0). A slip that looks like a depth in the range can't be
-told from it, and isn't told.
-"""
+"""Whether the skin sticks to the surface, piece by piece of travel."""
 
 from __future__ import annotations
 
@@ -19,30 +13,18 @@ from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseError, PoseTrack
 
-from .rays import F32, make_packets, rays_in_view
+from .image_speed import ImageSpeed
 
 #: Travel of the sensor that is judged at once, m, and the longest that it may take, ns.
 _PIECE_M, _LONGEST_NS = 0.010, 2_000_000_000
 #: Travel from which on a piece that isn't whole is judged with a window that ends in it, m.
 _REST_M = 0.004
 _FORGOTTEN_NS = 5 * _LONGEST_NS
-#: One event of so many is looked at, and at most and at least so many of a piece.
-_OF, _MOST, _LEAST = 8, 6_000, 800
+#: One event of so many is looked at.
+_OF = 8
 _MOST_WAITING = 1_000_000
-#: Events that share a pose.
-_PACKET = 64
-#: Shares that are tried: near 1 as close as a peak is wide.
-_SHARES = np.r_[0.0:0.8:0.05, 0.8:1.2:0.02, 1.2:1.7:0.05]
-#: How far from 1 is still rolling: the depth range and so much more for what the share errs by,
-#: and at most so much.
-_LEEWAY, _MOST_LEEWAY = 0.03, 0.16
 #: Below this share the image stands.
 _STANDS = 0.2
-#: Bins along and across the motion, px.
-_BINS_PX = np.array([2.0, 8.0])
-#: A share is believed when it is sharper than chance by so many standard deviations, and slipping
-#: when it is so many times as sharp as all that would be rolling.
-_SURE, _CLEARER = 8.0, 1.5
 #: Cells in which contact is seen, px; of a skin with texture, this share of them is never empty.
 _CELL_PX, _TEXTURED = 16, 0.5
 
@@ -84,11 +66,7 @@ class ContactWatch(EventCutter):
         super().__init__(_MOST_WAITING, track)
         self.state = ContactState()
         self._camera, self._depth_m = camera, 0.5 * (depth_min_m + depth_max_m)
-        leeway = 0.5 * (depth_max_m - depth_min_m) / self._depth_m + _LEEWAY
-        self._rolls = np.abs(_SHARES - 1.0) < min(leeway, _MOST_LEEWAY)
-        self._table: F32 = camera.undistortion_table()
-        #: Events by pixel; zero between two looks.
-        self._counts = np.zeros(self._table.shape[:2], np.uint16)
+        self._speed = ImageSpeed(camera, track, depth_min_m, depth_max_m)
         self._seen = 0
         self._from_ns: int | None = None
         self._bad: deque[tuple[int, int, str]] = deque()
@@ -203,53 +181,13 @@ class ContactWatch(EventCutter):
             return ContactState(
                 None, area_m2, fill, cells, "contact lost: the skin is still while the robot rolls"
             )
-        share = self._share(events)
+        share = self._speed.share(events)
         fault = ""
         if share is not None and share < _STANDS:
             fault = "contact lost: the image stands while the robot rolls"
-        elif share is not None and not self._rolls[np.argmin(np.abs(_SHARES - share))]:
+        elif share is not None and not self._speed.rolls(share):
             fault = f"slipping: the image moves at {share:.0%} of the robot's speed"
         return ContactState(share, area_m2, fill, cells, fault)
-
-    def _share(self, events: EventArray) -> float | None:
-        """The share of the poses' speed at which the image is sharpest; None: it isn't clear."""
-        events = self._quiet(events[:: -(-len(events) // _MOST) or 1])
-        n = len(events)
-        if n < _LEAST:
-            return None
-        packets = make_packets(events, self._table, self._track, _PACKET)
-        view = packets.poses[len(packets.poses) // 2]
-        # A row for each number, as the loop over events takes them.
-        rays: F32 = np.ascontiguousarray(
-            rays_in_view(packets, self._camera, view).rays.T, np.float32
-        )
-        rays[2:] /= self._depth_m
-        size = np.array([self._camera.width, self._camera.height], np.float64)
-        if np.ptp(rays[3]) > np.ptp(rays[2]):
-            rays, size = rays[[1, 0, 3, 2]], size[::-1]
-        margin = [float(max(-moved.min(), moved.max())) * _SHARES[-1] + 2.0 for moved in rays[2:]]
-        columns, rows = np.ceil((size + 2 * np.array(margin)) / _BINS_PX).astype(np.int64)
-        rays[0] += margin[0]
-        rays[1] += margin[1]
-        rays /= np.tile(_BINS_PX, 2).astype(np.float32)[:, None]
-        signs = events.p.astype(np.int16) * np.int16(2) - np.int16(1)
-        sharp = np.empty(len(_SHARES))
-        image, places = np.empty((rows + 1, columns), np.int16), np.empty(n, np.int32)
-        _sharpness(rays, signs, _SHARES.astype(np.float32), places, image, sharp)
-        chance = np.sqrt(8.0 * n * n / (rows * columns) + 4.0 * n)
-        best = int(np.argmax(sharp))
-        if sharp[best] < _SURE * chance:
-            return None
-        rolling = float(sharp[self._rolls].max())
-        if not self._rolls[best] and sharp[best] < _CLEARER * rolling:
-            return None
-        return float(_SHARES[best])
-
-    def _quiet(self, events: EventArray) -> EventArray:
-        """The events of pixels that don't fire far more than others: hot ones stand."""
-        kept = np.empty(len(events), np.bool_)
-        _keep_quiet(events.x, events.y, self._counts, kept)
-        return events[kept]
 
     def _cells(self, events: EventArray) -> tuple[float, float, float]:
         """Share of the image's cells that move, m² of their rectangle, and its share of them."""
@@ -274,56 +212,3 @@ def _count_cells(x, y, counts):  # type: ignore[no-untyped-def]
     """Count events by the cell of their pixel."""
     for i in range(len(x)):
         counts[y[i] // np.uint16(_CELL_PX), x[i] // np.uint16(_CELL_PX)] += 1
-
-
-@njit(cache=True, nogil=True)
-def _keep_quiet(x, y, counts, kept):  # type: ignore[no-untyped-def]
-    """Whether each event's pixel fires no more than some times as often as pixels that fire.
-
-    counts (height, width): zero, and left so.
-    """
-    pixels = 0
-    for i in range(len(x)):
-        pixels += counts[y[i], x[i]] == 0
-        counts[y[i], x[i]] += np.uint16(1)
-    most = 2.0 + 3.0 * len(x) / max(pixels, 1)
-    for i in range(len(x)):
-        kept[i] = counts[y[i], x[i]] <= most
-    for i in range(len(x)):
-        counts[y[i], x[i]] = 0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sharpness(bins, signs, shares, places, image, out):  # type: ignore[no-untyped-def]
-    """How much neighbouring bins along the motion differ, beyond chance, by share of the speed.
-
-    bins (4, n): place at infinity and its shift at full speed, in bins; signs (n,): of the events;
-    image (rows + 1, columns): of the bins, the last row for what lies outside; out (shares,).
-    Whole numbers, which vector instructions add up in any order: no more than 20,000 events. Sums
-    and products are told to be of 32 bits, else they would be of 64.
-    """
-    rows, columns = image.shape[0] - 1, image.shape[1]
-    flat = image.reshape(-1)
-    x0, y0, dx, dy = bins[0], bins[1], bins[2], bins[3]
-    right, below = np.float32(columns), np.float32(rows)
-    zero = np.float32(0)
-    for k in range(len(shares)):
-        share = shares[k]
-        inside = np.int32(0)
-        for i in range(np.uint64(len(signs))):
-            u = x0[i] + share * dx[i]
-            v = y0[i] + share * dy[i]
-            # Written so that NaN fails it.
-            seen = (u >= zero) & (u < right) & (v >= zero) & (v < below)
-            inside = np.int32(inside + np.int32(seen))
-            places[i] = np.int32(np.floor(v) * right + np.floor(u) if seen else below * right)
-        flat[:] = 0
-        for i in range(np.uint64(len(signs))):
-            flat[np.uint64(places[i])] += signs[i]
-        total = np.int32(0)
-        for r in range(rows):
-            start = np.uint64(r * columns)
-            for c in range(start, start + np.uint64(columns - 1)):
-                step = np.int32(np.int32(flat[c + np.uint64(1)]) - np.int32(flat[c]))
-                total = np.int32(total + np.int32(step * step))
-        out[k] = total - 2.0 * inside
