@@ -8,36 +8,33 @@ import cv2
 import numpy as np
 
 from roller_core.transforms import F64
-from roller_emvs.lines.edge_drift import EdgeDriftSettings, edge_drift
+from roller_emvs.lines.edge_drift import EdgeDriftSettings
 from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _fit_kernels as kernels
 from . import _pixel_kernels as pixels
 from ._kernels import CELL_PX
-from .blur import blurred
 from .evidence_settings import EvidenceSettings
 from .field import Box, EvidenceField, Mask
-from .fit import Fit, fit_planes
 from .islands import without_islands
+from .surface_slope import (
+    RESOLUTION_PX,
+    SLOPE_SIGMA_PX,
+    STILL_SIGMA_PX,
+    surface_fit,
+    surface_slope,
+    wall_side,
+    without_drift,
+)
 from .sweep import Depths
 from .uncertainty import agreed_share, point_sigma, seen_around
 
-#: Neighbourhood from which the surface's slope is taken, px: where drift is taken out, OFF and ON
-#: edges err apart by what is left of it, which more of them average; where there is none, walls are
-#: levelled less by the narrower one. Tuned on the virtual cell; three objects of another simulator,
-#: light that stands still, err 28 µm with 4 px, 31 with 5. With less, hard cases break promises.
-_SLOPE_SIGMA_PX, _STILL_SIGMA_PX = 5.0, 4.0
 #: Neighbourhood whose mean a pixel's support must exceed, cells.
 _AROUND = 9
 #: What holds less than this share of the support of an edge near it along the row is that edge's
 #: fringe: its events where they meet a surface that doesn't follow it.
 _FRINGE = 0.15
-#: Deviation of a depth that is as good as its evidence, pixels of parallax.
-_RESOLUTION_PX = 1.0
-#: Neighbourhood of cells that face one side, and mean change of contrast at which that counts in
-#: full.
-_SIDE_CELLS, _SIDE_CHANGE = 1.5, 0.3
 #: Scatter from which on the depths around a place give none, pixels of parallax.
 _MOST_SCATTER_PX = 1.5
 #: Warped events that a pixel needs to become a point.
@@ -163,14 +160,14 @@ def _measured(
     sides: bool,
 ) -> Relief:
     px_per_offset = max(field.aperture, 1e-12)
-    sigma_px = _SLOPE_SIGMA_PX if drift.corrects else _STILL_SIGMA_PX
+    sigma_px = SLOPE_SIGMA_PX if drift.corrects else STILL_SIGMA_PX
     fit, slope = surface_slope(field, depths, threads, not drift.calibrated, sigma_px)
     side = np.zeros(field.cells, np.float32)
     if sides or drift.sided:
         side = wall_side(depths)
     if drift.calibrated:
-        depths, unsure = _without_drift(field, depths, slope, side, drift)
-        fit = _fit(field, depths, sigma_px, threads, like=fit)
+        depths, unsure = without_drift(field, depths, slope, side, drift)
+        fit = surface_fit(field, depths, sigma_px, threads, like=fit)
     nowhere = np.float32(np.nan)
     cells = [np.where(np.isfinite(found.offset), fit.offset, nowhere) for found in depths]
     scatter_px = fit.scatter * np.float32(px_per_offset)
@@ -194,7 +191,7 @@ def _measured(
     row, column = (np.empty(count, np.int64) for _ in range(2))
     offset, sure, spread_px = (np.empty(count, np.float32) for _ in range(3))
     confidences = tuple(found.confidence for found in depths)
-    limits = (_RESOLUTION_PX, _MOST_SCATTER_PX, settings.min_point_confidence)
+    limits = (RESOLUTION_PX, _MOST_SCATTER_PX, settings.min_point_confidence)
     count = pixels._take(
         which, spans, tuple(surfaces), confidences, scatter_px, limits, row, column, offset, sure,
         spread_px,
@@ -236,65 +233,6 @@ def _nothing(field: EvidenceField) -> Relief:
         (zero, zero),
         zero,
     )
-
-
-def surface_slope(
-    field: EvidenceField,
-    depths: list[Depths],
-    threads: int = 1,
-    scattered: bool = True,
-    sigma_px: float = _SLOPE_SIGMA_PX,
-) -> tuple[Fit, F64]:
-    """The surface through depths on cells, and its slope dh/dx along the roll; see `fit_planes`."""
-    fit = _fit(field, depths, sigma_px, threads, scattered)
-    along = np.gradient(fit.offset, axis=1)
-    slope = np.where(np.isnan(along), np.float32(0), -along / CELL_PX) * field.slope_per_px
-    return fit, np.asarray(slope, np.float64)
-
-
-def _fit(
-    field: EvidenceField,
-    depths: list[Depths],
-    sigma_px: float,
-    threads: int,
-    scattered: bool = True,
-    like: Fit | None = None,
-) -> Fit:
-    """The surface through depths on cells."""
-    resolution = _RESOLUTION_PX / max(field.aperture, 1e-12)
-    return fit_planes(depths, sigma_px / CELL_PX, resolution, threads, scattered, like)
-
-
-def wall_side(depths: list[Depths]) -> F32:
-    """Which side of the light a wall faces, by how its contrast changes: -1 to 1, by cell.
-
-    A wall's foot and its top gain contrast together, in whichever polarity they show: so it is
-    taken from both, over a neighbourhood.
-    """
-    known = [np.isfinite(own.offset).astype(np.float32) for own in depths]
-    change = [np.where(k > 0, own.change, 0) for k, own in zip(known, depths, strict=True)]
-    sums = blurred(np.stack([sum(change), sum(known)]), _SIDE_CELLS)
-    return np.tanh(sums[0] / np.maximum(_SIDE_CHANGE * sums[1], np.float32(1e-9)))
-
-
-def _without_drift(
-    field: EvidenceField, depths: list[Depths], slope: F64, side: F32, drift: EdgeDriftSettings
-) -> tuple[list[Depths], F32]:
-    """Depths less the drift on the slope of the surface through them, and what may be left.
-
-    The latter of each polarity, shape (2, rows, columns).
-    """
-    known = np.logical_or.reduce([np.isfinite(own.offset) for own in depths])
-    found, unsure = [], np.zeros((2, *field.cells), np.float32)
-    for polarity, own in enumerate(depths):
-        of_cells = slope[known], own.change[known], side[known]
-        height, sigma = edge_drift(drift, polarity, *of_cells, field.speed_m_s)
-        # Heights count towards the camera, offsets away from it.
-        offset = own.offset.copy()
-        offset[known] += (height * field.offset_per_m).astype(np.float32)
-        found.append(replace(own, offset=offset))
-        unsure[polarity][known] = sigma * abs(field.offset_per_m)
-    return found, unsure
 
 
 def enlarge(values: F32) -> F32:

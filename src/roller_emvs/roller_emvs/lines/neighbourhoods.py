@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from roller_emvs.evidence import CELL_PX, Depths, EvidenceField
-from roller_emvs.evidence.relief import surface_slope, wall_side
 from roller_emvs.evidence.slope_statistics import slope_statistics
+from roller_emvs.evidence.surface_slope import surface_slope, wall_side
 from roller_emvs.evidence.uncertainty import point_sigma, seen_around
 
 from .line_points import LinePoints
