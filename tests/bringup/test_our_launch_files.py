@@ -76,9 +76,8 @@ def test_starts_the_nodes_it_should(path, monkeypatch):
         assert [p.name for p in plan.processes if not p.required] == ["braille"]
         for process in plan.processes:
             assert f"__node:={process.name}" in process.command
-            if name_of(path) != "processing":
-                profile = Path(process.env["FASTDDS_DEFAULT_PROFILES_FILE"])
-                assert profile.samefile(ROOT / "config" / "fastdds.xml")
+            profile = Path(process.env["FASTDDS_DEFAULT_PROFILES_FILE"])
+            assert profile.samefile(ROOT / "config" / "fastdds.xml")
 
 
 @pytest.mark.parametrize("player", ["replay", "virtual"])
