@@ -177,19 +177,21 @@ def tables(result: dict[str, Any]) -> list[Table]:
     figures = ("contrast", "mean error µm", "median", "measured", "points/mm²", "10⁶ events/s")
     note = (
         "Mean and median absolute error of all points of `surface`, the share of cells of 0.1 mm "
-        "that hold one, and events a second of the whole sensor, scaled from the rows simulated. "
+        "that hold one, and events a second of the whole sensor, scaled from the rows simulated."
     )
     out = [
         Table(
             "Coatings by speed and grain", ("m/s", "grain mm", *figures),
             cells(where(rows, threshold=_THRESHOLD), "speed", "grain_mm"),
-            note + verdict(result["recommended"]),
+            note,
         )
     ]  # fmt: skip
     others = [r for r in rows if r["threshold"] != _THRESHOLD]
     if others:
-        title = f"Coatings by the sensor's threshold, {others[0]['speed']:g} m/s"
-        out.append(Table(title, ("threshold", *figures), cells(others, "threshold")))
+        speed = others[0]["speed"]
+        own = sorted(where(rows, speed=speed, grain_mm=_GRAIN_MM), key=lambda r: r["threshold"])
+        title = f"Coatings by the sensor's threshold, {speed:g} m/s, grain {_GRAIN_MM:g} mm"
+        out.append(Table(title, ("threshold", *figures), cells(own, "threshold")))
     return out
 
 
