@@ -87,10 +87,10 @@ def _run(words: list[str]) -> int:
     )
     add_examples(
         parser,
-        "simulate stairs --speed 0.3 --output scan   # a scan of the virtual cell",
-        "inspect scan --output verdict               # is the part good?",
-        "view verdict                                # the verdict in the browser",
-        "COMMAND --help                              # more of each command",
+        "simulate defects --coating textured --output scan   # a scan of the virtual cell",
+        "inspect scan --output verdict                       # is the part good?",
+        "view verdict                                        # the verdict in the browser",
+        "COMMAND --help                                      # more of each command",
     )
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     if _COMPLETING in os.environ:
