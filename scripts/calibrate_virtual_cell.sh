@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Find the drift of edges under a light of the virtual cell, ring or strong, on its gauges, none of
 # which is among the objects that it is judged on, as on any instrument; writes
-# config/virtual_cell_LIGHT.yaml. Two minutes on two cores.
+# config/virtual_cell_LIGHT.yaml. Three recordings of each gauge at each speed, as what one tells
+# hangs on vibration and noise. Three minutes on two cores.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 light=${1:-ring}
@@ -24,9 +25,12 @@ late=$(awk '/event_delay_s:/ {print $2; exit}' "$scans/time_offset.yaml")
 printf '/**/%s:\n  ros__parameters:\n    event_delay_s: %s\n' emvs "$late" surface "$late" > "$delay"
 found=()
 for speed in 0.1 0.3 0.5; do
-  ./roller simulate "${cell[@]}" gauge_sphere --speed "$speed" --set motion.reverse=true --output "$scans/sphere_$speed"
-  ./roller simulate "${cell[@]}" gauge_steps --speed "$speed" --output "$scans/steps_$speed"
-  found+=(--sphere "$scans/sphere_$speed" --steps "$scans/steps_$speed")
+  for seed in 1 2 3; do
+    sphere="$scans/sphere_${speed}_$seed" steps="$scans/steps_${speed}_$seed"
+    ./roller simulate "${cell[@]}" gauge_sphere --speed "$speed" --seed "$seed" --set motion.reverse=true --output "$sphere"
+    ./roller simulate "${cell[@]}" gauge_steps --speed "$speed" --seed "$seed" --output "$steps"
+    found+=(--sphere "$sphere" --steps "$steps")
+  done
 done
 ./roller calibrate edge-drift "${found[@]}" --radius-mm 5 --step-mm 0.25 --params "$delay" \
   --output "$scans/found.yaml"
