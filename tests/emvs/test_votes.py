@@ -105,6 +105,17 @@ def test_events_of_a_packet_lie_no_further_apart_than_allowed(
     np.testing.assert_allclose(packets.poses[:, :3, 3], at[medians], rtol=0, atol=1e-12)
 
 
+def test_a_pose_a_million_kilometres_off_takes_no_more_memory() -> None:
+    track = PoseTrack()
+    for k in range(6):
+        track.append(
+            k * 8 * MS, [1e9 * (k == 3), 0.0, 0.0], rotation_vector_to_quaternion(np.zeros(3))
+        )
+    events = random_events(np.random.default_rng(2), 300)
+    packets = r.make_packets(events, CAMERA.undistortion_table(), track, 64, 1e-5)
+    assert len(packets.starts) <= 301
+
+
 def test_a_packet_of_two_readout_frames_is_cut_between_them() -> None:
     """Frames of 100 events, 0.2 ms apart: 60 µm, more than a pixel."""
     track = track_of(rolling(0.3), 0.05)

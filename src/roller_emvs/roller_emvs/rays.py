@@ -33,6 +33,8 @@ I64 = npt.NDArray[np.int64]
 MIN_PARALLAX_PX = 2.0
 #: Pixel of a ray that never meets a plane in front of the reference view.
 OUTSIDE = -1e9
+#: Cuts of a packet at most.
+_MOST_CUTS = 1000
 #: Events that are looked up before they are placed.
 _CHUNK = 256
 
@@ -116,7 +118,10 @@ def _split(starts: I64, t_ns: I64, track: PoseTrack, most_m: float) -> I64:
     ends_ns = t_ns[np.minimum(starts, len(t_ns) - 1)]
     since, known = ends_ns - ends_ns[0], track.times_ns - ends_ns[0]
     x, y, z = (np.diff(np.interp(since, known, axis)) for axis in track.positions.T)
-    parts = np.ceil(np.sqrt(x * x + y * y + z * z) / most_m).astype(np.int64)
+    # Poses that are kilometres off give no depth; they mustn't take all memory for it.
+    parts = np.minimum(np.ceil(np.sqrt(x * x + y * y + z * z) / most_m), _MOST_CUTS).astype(
+        np.int64
+    )
     long = np.flatnonzero(parts > 1)
     packet = np.repeat(long, parts[long] - 1)
     part = 1 + np.arange(len(packet)) - np.searchsorted(packet, packet)
