@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from roller_emvs.evidence.field import ground
 from roller_emvs.lines import _kernels as kernels
+from roller_emvs.lines import _robust_kernels as robust_kernels
 from roller_emvs.lines.fit import ROW_STEP, Lines, fit_lines
 
 PIXEL_M = 4.2e-5
@@ -23,9 +24,9 @@ def events_of_line(
     return np.column_stack([at - slope * z_m, y, slope, np.zeros(count)]).astype(np.float32)
 
 
-def found_lines(rays: np.ndarray, surface_m: float = 0.0) -> Lines:
-    surface = np.full(SHAPE, surface_m, np.float32)
-    return fit_lines(rays, surface, (0, SHAPE[1]), 1.0, PIXEL_M)
+def found_lines(rays: np.ndarray, direction: float = 1.0) -> Lines:
+    surface = np.zeros(SHAPE, np.float32)
+    return fit_lines(rays, surface, (0, SHAPE[1]), 1.0, PIXEL_M, direction)
 
 
 @settings(max_examples=25)
@@ -125,7 +126,7 @@ def test_the_robust_fit_equals_reweighted_least_squares() -> None:
     out = np.empty((1, 10))
     half, tukey, rounds = np.array([2.9, 4.75]), 2.1, 3
     row, column = np.array([20]), np.array([31])
-    kernels._fit_lines(
+    robust_kernels._fit_lines(
         rays,
         starts,
         SHAPE[1],
@@ -136,6 +137,7 @@ def test_the_robust_fit_equals_reweighted_least_squares() -> None:
         tukey,
         rounds,
         10**9,
+        1.0,
         out,
     )
     near = (np.abs(np.floor(rays[:, 1] + 0.5) - 20) <= 5) & (

@@ -19,6 +19,7 @@ from roller_emvs.evidence.field import ground
 from roller_emvs.rays import F32
 
 from . import _kernels as kernels
+from . import _robust_kernels as robust_kernels
 
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
@@ -94,6 +95,7 @@ def fit_lines(
     columns: tuple[int, int],
     offset_per_m: float,
     slope_scale: float,
+    direction: float,
 ) -> Lines:
     """Fit a line wherever the events of one polarity gather along the parallax.
 
@@ -109,6 +111,8 @@ def fit_lines(
         From metres of depth to the offset.
     slope_scale : float
         From slopes to the rays' dx/dz.
+    direction : float
+        1 where the camera moves along x, -1 where it moves against it.
     """
     height, width = surface.shape
     pixel, counts = ground(rays, surface)
@@ -118,9 +122,9 @@ def fit_lines(
     at = surface[row, column].astype(np.float64)
     ordered, starts = _near(rays, pixel, counts, row, column, width)
     out = np.empty((len(row), 10))
-    kernels._fit_lines(
+    robust_kernels._fit_lines(
         ordered, starts, width, row, column, at, np.array(_WINDOW_PX), _TUKEY_PX, _ROUNDS,
-        _SAMPLE, out,
+        _SAMPLE, direction, out,
     )  # fmt: skip
     p, d, tilt, v_x, v_xd, v_d, events, lean, spread, robust = out.T
     steps = np.abs(d / offset_per_m)

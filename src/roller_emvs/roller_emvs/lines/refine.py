@@ -87,7 +87,7 @@ def refine(
     both: list[Lines] = [NO_LINES, NO_LINES]
 
     def fit(polarity: int) -> None:
-        scales = (field.offset_per_m, field.ray_slope_scale)
+        scales = (field.offset_per_m, field.ray_slope_scale, field.direction)
         if np.isfinite(found.surfaces[polarity]).any():
             both[polarity] = fit_lines(rays(polarity), found.surfaces[polarity], columns, *scales)
 

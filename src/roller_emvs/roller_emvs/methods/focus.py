@@ -164,7 +164,8 @@ def _look_for(ends: PatchEnds, seen: WindowView, found: Relief, threads: int) ->
     packets = seen.packets.sample(max(len(seen.packets.events) // _FOR_ENDS, 1))
     field, events, c = replace(seen, packets=packets).ray_field(), packets.events, seen.camera
     rays = [field.rays[a:b] for a, b in pairwise(field.bounds)]
-    columns, scales = (0, field.shape[1]), (field.offset_per_m, field.ray_slope_scale)
+    columns = 0, field.shape[1]
+    scales = field.offset_per_m, field.ray_slope_scale, field.direction
     lines = [NO_LINES, NO_LINES]
 
     def fit(k: int) -> None:
