@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from roller_emvs.lines import _robust_kernels as kernels
+from roller_emvs.lines import _track_kernels as kernels
 from roller_emvs.lines.fit import Lines, fit_lines
 
 PIXEL_M = 4.2e-5
