@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from roller_core.frame_transforms import Transform
 from roller_core.pose_track import PoseJumpError, PoseOrderError, PoseTrack
-from roller_core.sensor_pose import SensorFrames, Transform
+from roller_core.sensor_pose import SensorFrames
 
 UP = (0.0, 0.0, 0.0, 1.0)
 MS = 1_000_000

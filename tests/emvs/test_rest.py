@@ -9,8 +9,8 @@ from emvs.scenes import CAMERA, MS, tilted_scan
 from roller_core import outputs
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
+from roller_core.frame_transforms import Transform
 from roller_core.outputs import Result
-from roller_core.sensor_pose import Transform
 from roller_emvs.depth_stage import DepthStage
 
 SPEED_M_S, DURATION_S, REST_S = 0.3, 0.12, 0.6

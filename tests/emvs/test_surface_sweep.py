@@ -13,47 +13,24 @@ from emvs.scenes import (
     tilted,
     tilted_scan,
     track_of,
-    waking,
     without,
 )
+from emvs.sweeps import DURATION_S, points_of, settings, sweep
 from roller_core.camera import Camera
-from roller_core.dead_time import DeadTime
 from roller_core.errors import SettingsError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import rotation_vector_to_quaternion
 from roller_emvs.evidence.field import Box, Mask
-from roller_emvs.lines import refine
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
-from roller_emvs.methods.surface.blocks import Block, BlockCutter
-from roller_emvs.methods.surface.event_store import EventStore
+from roller_emvs.methods.surface.blocks import Block
 from roller_emvs.methods.surface.narrow import narrowed
 from roller_emvs.methods.surface.part_field import PartField, fits
 from roller_emvs.methods.surface.strip import Strip
-from roller_emvs.windows import RefusedWindow
 from simulated_scans import Scans
 
-DURATION_S = 0.12
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
-VALUES = {"min_aperture_m": 0.013, "threads": 1}
-
-
-def settings(**values: object) -> SurfaceSettings:
-    return SurfaceSettings.create({**VALUES, **values})
-
-
-def sweep(
-    events: EventArray, track: PoseTrack, camera: Camera = CAMERA, **values: object
-) -> tuple[list[SurfacePatch], list[RefusedWindow], SurfaceSweep]:
-    engine = SurfaceSweep(settings(**values), camera, track)
-    engine.add_events(events)
-    found = list(engine.results(flush=True))
-    patches = [f for f in found if isinstance(f, SurfacePatch)]
-    return patches, [f for f in found if isinstance(f, RefusedWindow)], engine
-
-
-def points_of(patches: list[SurfacePatch]) -> np.ndarray:
-    return np.concatenate([p.points for p in patches]) if patches else np.empty((0, 3))
+TALL = Camera(120, 320, 800.0, 800.0, 59.5, 159.5)
 
 
 @pytest.fixture(scope="module")
@@ -81,62 +58,6 @@ def test_a_tilted_plane_is_found(scan: EventArray) -> None:
     starts = [p.points[:, 0].min() for p in patches if len(p)]
     ends = [p.points[:, 0].max() for p in patches if len(p)]
     assert all(a <= b + 1e-9 for a, b in zip(ends, starts[1:], strict=False))
-
-
-def test_what_pixels_tell_when_they_wake_up_is_no_edge(scan: EventArray) -> None:
-    events = waking(scan, MS)
-    patches, _, engine = sweep(events, track_of(rolling(0.3), DURATION_S))
-    points = points_of(patches)
-    edges = np.unique(lines(tilted)[:, 0])
-    away = np.abs(points[:, 0, None] - edges).min(axis=1)
-    assert len(points) > 1000
-    # They lie 0.3 mm behind.
-    assert np.mean(away < 1e-4) > 0.98
-    assert engine.counts.dead_time_events > 0.4 * len(events)
-
-
-def test_a_pass_waits_until_it_is_known_how_long_pixels_are_blind(scan: EventArray) -> None:
-    """Its first events are looked at like all others."""
-    events, track = waking(scan, MS), track_of(rolling(0.3), DURATION_S)
-    few = events[events.x % 16 == 0]
-    _, _, engine = sweep(few, track)
-    informed = DeadTime(CAMERA.width, CAMERA.height)
-    informed.measure(few)
-    informed.without_followers(few, 0.3)
-    assert engine.counts.dead_time_events == pytest.approx(informed.left_out, rel=0.01)
-    # Where none is known after the first view's length nothing waits any longer.
-    some = few[::20]
-    engine = SurfaceSweep(settings(), CAMERA, track)
-    engine.add_events(some)
-    assert list(engine.results())
-    assert engine.held_events < len(some)
-
-
-def test_where_pixels_were_blind_light_isn_t_known_to_stand_still(scan: EventArray) -> None:
-    """One event a wall doesn't get denser; a pixel that isn't blind for long tells more."""
-    track = track_of(rolling(0.3), DURATION_S)
-    blind, seeing = (sweep(waking(scan, ns), track)[0] for ns in (MS, MS // 2))
-    assert min(np.concatenate([patch.sigma for patch in blind])) > 1.2e-4
-    assert np.median(np.concatenate([patch.sigma for patch in seeing])) < 1e-4
-
-
-def test_points_are_less_sure_where_pixels_were_blind(
-    scan: EventArray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By a share of the travel meanwhile, 0.3 mm, on the least slope of a line."""
-    events, track = waking(scan, MS), track_of(rolling(0.3), DURATION_S)
-    less, _, engine = sweep(events, track)
-    dead_time = engine._cutter.dead_time
-    assert dead_time is not None
-    assert dead_time.blind_m == pytest.approx(3e-4, rel=0.05)
-    monkeypatch.setattr(refine, "_WAKES", 0.0)
-    plain = sweep(events, track)[0]
-    np.testing.assert_array_equal(points_of(less), points_of(plain))
-    after, before = (np.concatenate([p.sigma for p in own]) for own in (less, plain))
-    added = np.sqrt(after**2 - before**2)
-    # Where no lines are near, sigma is of the neighbourhoods' own and larger.
-    assert (added > 0).sum() > 500
-    np.testing.assert_allclose(added[added > 0], 0.15 * 3e-4 * 0.6, rtol=0.05)
 
 
 def test_a_pass_that_ends_where_events_were_left_out_is_counted(scan: EventArray) -> None:
@@ -277,9 +198,6 @@ def bent(sag_m: float) -> Motion:
     return motion
 
 
-TALL = Camera(120, 320, 800.0, 800.0, 59.5, 159.5)
-
-
 @pytest.mark.parametrize(
     ("motion", "camera", "straight"),
     [
@@ -377,71 +295,6 @@ def test_what_holds_no_evidence_is_left_out_of_a_block(
     narrow, kept, _ = narrowed(block, field, np.full_like(near, np.nan), field.ray_slope_scale)
     assert max(kept.cells) < 40
     assert narrow.start_m < narrow.end_m
-
-
-def store_of(counts: dict[int, int], length_m: float) -> EventStore:
-    """A store that says how many events each length holds."""
-
-    class Store:
-        blocks = tuple(counts)
-        span = staticmethod(lambda k: (0.0, length_m, 0.0, 0.01))
-        times = staticmethod(lambda k: (k, k + 1))
-        count = staticmethod(lambda k: counts.get(k, 0))
-
-    return Store()  # type: ignore[return-value]
-
-
-def test_lengths_with_few_events_are_one_block_and_wait_for_each_other() -> None:
-    counts, length = {0: 5, 1: 5, 2: 9000, 3: 10, 4: 10, 5: 10, 6: 10}, 0.008
-    cutter = BlockCutter(store_of(counts, length), length, 2)
-
-    def lengths(behind: float) -> list[tuple[int, int, int]]:
-        found = cutter.ready(behind * length, 0.1)
-        return [(block.number, block.end, block.events) for block in found]
-
-    assert lengths(2.5) == [(-1, 2, 10)]
-    # The next is full of events, and the one after waits for what it may be joined with.
-    assert lengths(4.5) == [(2, 3, 9000)]
-    assert lengths(4.5) == []
-    assert lengths(5.5) == []
-    assert lengths(6.5) == [(3, 6, 30)]
-    found = cutter.ready(6.5 * length, 0.1, flush=True)
-    assert [(block.number, block.end, block.events) for block in found] == [(6, 8, 10)]
-    assert found[0].sources == (5, 6)
-    assert (found[0].start_m, found[0].end_m) == (6 * length, 8 * length)
-    assert (found[0].first_ns, found[0].last_ns) == (6, 7)
-
-
-@pytest.mark.parametrize(
-    ("speed", "counts", "begins"),
-    [
-        (0.2, [30_000, 90_000, 200_000, 900_000], [0, 1, 2, 3]),
-        (0.5, [30_000, 90_000, 200_000, 300_000], [0, 3]),
-        (0.5, [30_000, 90_000, 300_000, 300_000], [0, 3]),
-        (0.5, [30_000, 400_000, 200_000, 300_000], [0, 2, 3]),
-        # The end of what lies on the plate goes with it, but not a bare plate with what is on it.
-        (0.5, [30_000, 90_000, 200_000, 3000], [0]),
-        (0.5, [30_000, 900_000, 3000, 3000, 3000], [0, 4]),
-        (0.5, [300, 100, 200, 3000], [0, 3]),
-    ],
-)
-def test_a_fast_sensor_joins_lengths_with_more_events(
-    speed: float, counts: list[int], begins: list[int]
-) -> None:
-    length = 0.008
-    cutter = BlockCutter(store_of(dict(enumerate(counts)), length), length, 480)
-    cutter._done = -1
-    found = cutter.ready(4.5 * length, speed, flush=True)
-    assert [block.number for block in found if block.events] == begins
-
-
-def test_a_block_waits_for_a_length_with_few_events_so_far() -> None:
-    counts, length = {0: 30_000, 1: 400_000, 2: 5000, 3: 9000}, 0.008
-    cutter = BlockCutter(store_of(counts, length), length, 480)
-    cutter._done = -1
-    assert cutter.ready(2.5 * length, 0.5) == []
-    counts[2] = 9000
-    assert [(block.number, block.end) for block in cutter.ready(3.5 * length, 0.5)] == [(0, 2)]
 
 
 def test_settings_are_checked() -> None:

@@ -16,8 +16,8 @@ from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.codecs import encode
 from roller_core.events import EventArray
+from roller_core.frame_transforms import Transform
 from roller_core.outputs import Result
-from roller_core.sensor_pose import Transform
 from roller_emvs.depth_stage import DepthStage
 from roller_emvs.windows import Window
 from roller_ros import diagnostics, messages

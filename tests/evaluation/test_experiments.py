@@ -21,11 +21,12 @@ from roller_evaluation.experiments import (
 )
 from roller_evaluation.measures import MEASURES, tops_of
 from roller_evaluation.page import page
-from roller_evaluation.paper_tables import error, processing_time, tables
+from roller_evaluation.paper_tables import error, tables
 from roller_evaluation.results_page import check_results, write_results
 from roller_evaluation.rows import Row, where
 from roller_evaluation.scans import Scan
 from roller_evaluation.tables import Table
+from roller_evaluation.time_table import processing_time
 from roller_evaluation.weights import weight_choices
 from roller_sim.relief import Region
 

@@ -12,7 +12,7 @@ from roller_braille.braille_stage import BrailleStage
 from roller_core.camera import Camera
 from roller_core.event_stage import EventStage
 from roller_core.events import EventArray
-from roller_core.sensor_pose import Transform
+from roller_core.frame_transforms import Transform
 from roller_core.stage import Stage
 from roller_emvs.depth_stage import DepthStage
 from roller_emvs.stitcher_stage import StitcherStage

@@ -12,8 +12,8 @@ from sensor_msgs.msg import Image
 from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
+from roller_core.frame_transforms import Transform
 from roller_core.outputs import Output
-from roller_core.sensor_pose import Transform
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage
 from roller_ros import messages
 from roller_ros.feeding import feed

@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .frame_settings import DEFAULT_SMOOTHING
-from .outputs import stamp_ns
+from .frame_transforms import FixedFrames, Transform
 from .passes import REST_M
 from .pose_smoothing import StampSmoother
-from .pose_track import PoseJumpError, PoseOrderError, PoseTrack, PoseValueError, unit_pose
-from .transforms import (
-    F64,
-    inverse_pose,
-    matrix_to_quaternion,
-    pose_matrix,
-    unit_quaternion,
-)
+from .pose_track import PoseJumpError, PoseOrderError, PoseTrack, unit_pose
+from .transforms import F64, matrix_to_quaternion
 
 #: No arm moves its tool faster; what does comes from somewhere else.
 _FASTEST_M_S = 5.0
@@ -31,37 +23,6 @@ _BELIEVED_AFTER_NS = 500_000_000
 _TOLD_AGAIN_NS = 1_000_000_000
 #: Other transforms that are remembered, to say what there is where the robot's pose is not.
 _MOST_OTHERS = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Transform:
-    """A transform from a frame to another."""
-
-    #: Frames, without leading slashes.
-    parent: str
-    child: str
-    #: ROS time, ns.
-    t_ns: int
-    #: Metres. Length 3.
-    position: tuple[float, float, float]
-    #: x, y, z, w. Length 4.
-    quaternion: tuple[float, float, float, float]
-    #: Whether it holds for all times (/tf_static).
-    static: bool = False
-
-
-def transforms_of(message: Any, static: bool) -> Iterator[Transform]:
-    """Transforms of a tf2_msgs/TFMessage, of a live graph or of a bag."""
-    for item in message.transforms:
-        t, r = item.transform.translation, item.transform.rotation
-        yield Transform(
-            item.header.frame_id.lstrip("/"),
-            item.child_frame_id.lstrip("/"),
-            stamp_ns(item),
-            (t.x, t.y, t.z),
-            (r.x, r.y, r.z, r.w),
-            static,
-        )
 
 
 @dataclass(slots=True)
@@ -111,7 +72,7 @@ class SensorFrames:
         self._newest: tuple[int, F64] | None = None
         self._rest: tuple[int, F64] | None = None
         self._jump_told_ns = -(2**62)
-        self._static: dict[str, dict[str, F64]] = {}
+        self._fixed = FixedFrames()
         self._hand_eye: F64 | None = np.eye(4) if moving == sensor else None
         self._turn = np.array([0.0, 0.0, 0.0, 1.0])  # its rotation
         self._waiting: list[tuple[int, tuple[F64, F64]]] = []
@@ -179,14 +140,9 @@ class SensorFrames:
         RotationError
             If its quaternion is zero or not finite.
         """
-        if not np.all(np.isfinite(position)):
-            # Here, as every pose after it would be refused without a word of the mounting.
-            raise PoseValueError(f"fixed transform {parent} -> {child} is not finite; left out")
-        matrix = pose_matrix(position, unit_quaternion(quaternion))
-        self._static.setdefault(parent, {})[child] = matrix
-        self._static.setdefault(child, {})[parent] = inverse_pose(matrix)
+        self._fixed.add(parent, child, position, quaternion)
         if self._hand_eye is None:
-            self._hand_eye = self._find(self.moving, self.sensor)
+            self._hand_eye = self._fixed.path(self.moving, self.sensor)
             if self._hand_eye is not None:
                 self._turn = matrix_to_quaternion(self._hand_eye[:3, :3])
                 waiting, self._waiting = self._waiting, []
@@ -300,16 +256,6 @@ class SensorFrames:
         assert fixed is not None
         moved = _rigid(position, quaternion) @ fixed
         self.track.append(t_ns, moved[:3, 3], _product(quaternion, self._turn))
-
-    def _find(self, start: str, goal: str) -> F64 | None:
-        found = {start: np.eye(4)}
-        queue = [start]
-        for frame in queue:
-            for child, matrix in self._static.get(frame, {}).items():
-                if child not in found:
-                    found[child] = found[frame] @ matrix
-                    queue.append(child)
-        return found.get(goal)
 
 
 # One pose at a time, in plain Python: arrays of four numbers cost ten times as much. The same

@@ -14,9 +14,10 @@ from typing import ClassVar, Generic, TypeVar
 from .camera import Camera
 from .errors import RollerError
 from .frame_settings import FollowedFrames
+from .frame_transforms import Transform
 from .outputs import Result
 from .pose_track import PoseOrderError, PoseTrack
-from .sensor_pose import SensorFrames, Transform
+from .sensor_pose import SensorFrames
 
 #: Poses this much older are of a source that started anew, s.
 _RESTART_S = 1.0

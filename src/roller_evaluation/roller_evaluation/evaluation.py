@@ -25,11 +25,12 @@ from .experiments import (
 from .measures import pictured
 from .page import page
 from .paper_plots import draw_object, draw_speed
-from .paper_tables import by_light, processing_time, tables
+from .paper_tables import by_light, tables
 from .rows import provenance, write_rows
 from .run import run, run_timed
 from .scans import ScanStore
 from .tables import Table, write_json
+from .time_table import processing_time
 
 #: What runs besides the passes, as a share of the whole.
 _AFTER = 0.3

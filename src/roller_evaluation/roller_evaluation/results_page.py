@@ -14,9 +14,10 @@ from roller_core.marked_file import write_marked_file
 from .bench import PAPER, fronts, summarise
 from .bench_plots import draw_speed_vs_error
 from .experiments import SPEED, EvaluationOptions, object_speeds
-from .paper_tables import by_light, height_maps, objects, processing_time
+from .paper_tables import by_light, height_maps, objects
 from .rows import Row, where
 from .tables import Table, markdown_page, share
+from .time_table import processing_time
 
 #: Experiments that the page shows.
 EXPERIMENTS = ("objects", "sensors", "map", "time", "braille")

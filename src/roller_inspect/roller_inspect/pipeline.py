@@ -13,10 +13,10 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stage import EventStage
 from roller_core.events import EventArray
+from roller_core.frame_transforms import Transform
 from roller_core.outputs import Result
 from roller_core.parameter_files import SECTIONS, misspelt_section, read_parameters
 from roller_core.pose_track import PoseTrack
-from roller_core.sensor_pose import Transform
 from roller_core.stage import Stage
 from roller_emvs.depth_stage import DepthStage, EmvsParameters
 from roller_emvs.stitcher_stage import StitcherParameters, StitcherStage

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 from pydantic import Field
 
 from roller_core.settings import Settings
-from roller_core.transforms import inverse_pose
 from roller_emvs.patch import Patch
 
 from .findings.find import Search, search
 from .findings.finder_settings import FindingSettings
 from .findings.finding import Finding
+from .findings.places import BORDER_M, cell_of, findings_beside, findings_inside, same_place
 from .height_map.coverage import Coverage, coverage_of
 from .height_map.height_map import OUTSIDE, Bools, HeightMap
 from .height_map.join import join, join_size, window_of, without_run_in
@@ -32,10 +31,6 @@ _FIRST_STRIPS, _STRIPS_AT_ONCE = 3, 6
 _CONTEXT_M, _MOST_OPEN = 8e-3, 4
 #: Findings are final once the scan is this far beyond them, m.
 _PASSED_M = 3e-3
-#: Findings so near to the border of two pieces are looked for in both, m.
-_BORDER_M = 1e-3
-#: Findings nearer than this are the same one, seen again, in part of their length.
-_SAME = 0.5
 
 
 class InspectionSettings(Settings):
@@ -126,7 +121,7 @@ class SurfaceInspector:
             trimmed = without_run_in(whole.height_map)
             deviation = np.where(trimmed.state == OUTSIDE, np.nan, whole.deviation_m)
             coverage = coverage_of(trimmed)
-            self._gone = [f for f in self._gone if trimmed.state[_cell(f, trimmed)] != OUTSIDE]
+            self._gone = [f for f in self._gone if trimmed.state[cell_of(f, trimmed)] != OUTSIDE]
             last = within(last, trimmed)
         self._set(tuple(self._gone))
         return Found(
@@ -148,7 +143,7 @@ class SurfaceInspector:
         masked: Bools | None = None,
         figures: bool = True,
     ) -> Search | None:
-        cells = [(*_cell(f, height_map), f.depth_m) for f in known]
+        cells = [(*cell_of(f, height_map), f.depth_m) for f in known]
         try:
             return search(
                 height_map, self.reference, self.settings.findings, cells, masked, figures
@@ -178,7 +173,7 @@ class SurfaceInspector:
         window = join([self._strips[k] for k in near])
         # A crater is measured again, as what rises around it is told by it.
         passed = [f for f in self.findings if f.final and f.kind != "crater"]
-        passed = _inside(passed, window)
+        passed = findings_inside(passed, window)
         found = self._search(window, final=False, known=passed, figures=not ended)
         if found is None:
             return []
@@ -202,10 +197,10 @@ class SurfaceInspector:
         for finding, (first, last) in zip(found.findings, found.spans, strict=True):
             open_end = (ends[1] and last > window.shape[1] - margin) or (ends[0] and first < margin)
             fresh.append(replace(finding, final=not open_end))
-        here = {f.id for f in _inside(self.findings, window)}
+        here = {f.id for f in findings_inside(self.findings, window)}
         kept = [f for f in self.findings if f.final or f.id not in here]
-        final = _beside(fresh, [f for f in kept if f.final], window)
-        fresh = [f for f in fresh if not any(_same(f, f0) for f0 in final)]
+        final = findings_beside(fresh, [f for f in kept if f.final], window)
+        fresh = [f for f in fresh if not any(same_place(f, f0) for f0 in final)]
         self._set(tuple([*kept, *self._numbered(fresh, window)]))
 
     def _reach(self, finding: Finding) -> tuple[int, int]:
@@ -218,9 +213,9 @@ class SurfaceInspector:
     def _numbered(self, findings: list[Finding], window: HeightMap) -> list[Finding]:
         """Findings on a map that were reported before keep their number."""
         out, taken = [], set()
-        known = _beside(findings, self.findings, window)
+        known = findings_beside(findings, self.findings, window)
         for finding in findings:
-            before = [f for f in known if f.id not in taken and _same(finding, f)]
+            before = [f for f in known if f.id not in taken and same_place(finding, f)]
             if before:
                 number = before[0].id
             else:
@@ -288,11 +283,11 @@ class SurfaceInspector:
             if self._worst is None or not alignment.residual_m < self._worst.residual_m:
                 self._worst = alignment
             # Seen from two pieces, a centre on the border may fall into neither.
-            fresh = _inside(found.findings, whole, _BORDER_M)
-            known = _beside(fresh, self._gone, whole)
-            fresh = [f for f in fresh if not any(_same(f, g) for g in known)]
+            fresh = findings_inside(found.findings, whole, BORDER_M)
+            known = findings_beside(fresh, self._gone, whole)
+            fresh = [f for f in fresh if not any(same_place(f, g) for g in known)]
             self._gone += self._numbered(fresh, whole)
-        gone = {f.id for f in (*self._gone, *_inside(self.findings, whole))}
+        gone = {f.id for f in (*self._gone, *findings_inside(self.findings, whole))}
         rest = [f for f in self.findings if f.id not in gone]
         self._set(tuple([*self._gone, *rest]))
         piece = Piece(whole, deviation)
@@ -310,36 +305,3 @@ def _runs(strips: Iterable[int]) -> list[list[int]]:
         else:
             runs.append([k])
     return runs
-
-
-def _inside(findings: Iterable[Finding], window: HeightMap, margin_m: float = 0.0) -> list[Finding]:
-    """Those whose centre lies on a map, or so near to it along x."""
-    findings = list(findings)
-    centres = np.array([f.center_m for f in findings]).reshape(-1, 3)
-    x = (centres - window.base_from_map[:3, 3]) @ window.base_from_map[:3, 0]
-    margin_m += window.step_m / 2
-    there = (window.x_m[0] - margin_m <= x) & (x <= window.x_m[-1] + margin_m)
-    return [f for f, inside in zip(findings, there.tolist(), strict=True) if inside]
-
-
-def _beside(
-    fresh: Sequence[Finding], findings: Sequence[Finding], window: HeightMap
-) -> list[Finding]:
-    """Of findings those that one of some on a map may be the same as."""
-    longest_m = max((f.length_m for f in (*fresh, *findings)), default=0.0)
-    return _inside(findings, window, _BORDER_M + _SAME * longest_m)
-
-
-def _cell(finding: Finding, height_map: HeightMap) -> tuple[int, int]:
-    """Row and column of a finding's centre."""
-    map_from_base = inverse_pose(height_map.base_from_map)
-    x, y, _ = map_from_base[:3, :3] @ finding.center_m + map_from_base[:3, 3]
-    row, column = (np.argmin(np.abs(a - b)) for a, b in ((height_map.y_m, y), (height_map.x_m, x)))
-    return int(row), int(column)
-
-
-def _same(one: Finding, other: Finding) -> bool:
-    """Whether two findings are the same place."""
-    return (one.depth_m > 0) == (other.depth_m > 0) and math.dist(
-        one.center_m, other.center_m
-    ) < _SAME * max(one.length_m, other.length_m)

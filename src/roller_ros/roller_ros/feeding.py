@@ -20,8 +20,8 @@ from roller_core.codecs import CodecError, RawPacket
 from roller_core.errors import RollerError
 from roller_core.event_stage import PACKET_BYTES
 from roller_core.frame_settings import FollowedFrames, StreamSettings
+from roller_core.frame_transforms import transforms_of
 from roller_core.outputs import Output, ScanFault, stamp_ns
-from roller_core.sensor_pose import transforms_of
 from roller_core.stage import Stage
 
 from .backlog import Backlog, Bulk

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from tf2_msgs.msg import TFMessage
 
-from roller_core.sensor_pose import transforms_of
+from roller_core.frame_transforms import transforms_of
 
 from . import qos
 from .sources import OneSource

@@ -9,27 +9,24 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from rosbags.rosbag2 import Reader
 
-from roller_core.bags import typestore
-from roller_core.outputs import stamp_ns
 from roller_core.transforms import inverse_pose
 from roller_emvs.ply import read_ply
 from roller_inspect.height_map import HeightMap
 from roller_inspect.report.pictures import colour
 from roller_sim.truth import Truth
 
+from .depth_row import chosen_stamps, draw_depths
 from .drawing import BLACK, BLUE, GREY, LIGHT, TITLE, Panel, Picture, colours, scale_bar
+from .layout import LEFT, RIGHT, SCALE, WIDTH, columns, limits
 
 F64 = npt.NDArray[np.float64]
 
 _MOST_POINTS = 400_000
-_DEPTH_CHART, _HEIGHT_CHART = cv2.COLORMAP_TURBO, cv2.COLORMAP_VIRIDIS
+_HEIGHT_CHART = cv2.COLORMAP_VIRIDIS
 #: Deviation of the last colours of what was inspected, µm.
 _DEVIATION_UM = 300
-#: Pixels: width, left and right of the panels, of the scales of colours.
-_WIDTH, _LEFT, _RIGHT, _SCALE = 1500, 75, 1330, (1380, 1398)
-#: Heights of the rows of panels; room for the title, and between rows; for the text read.
+#: Pixels: heights of the rows of panels; room for the title, and between rows; for the text read.
 _DEPTHS, _ABOVE, _CHARTS, _HEAD, _GAP, _TEXT = 275, 215, 250, 70, 88, 60
 
 
@@ -54,19 +51,19 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     truth = Truth.beside(source)
     delay_ns = _delay_left_ns(report, truth)
     cloud = _thinned(read_ply(folder / "surface.ply"))
-    stamps = _chosen_stamps(report)  # some methods make no depth maps
+    stamps = chosen_stamps(report)  # some methods make no depth maps
     rows = [_DEPTHS, _ABOVE, _CHARTS] if stamps else [_ABOVE, _CHARTS]
-    picture = Picture(_WIDTH, _HEAD + sum(rows) + _GAP * len(rows) + _TEXT - 30)
+    picture = Picture(WIDTH, _HEAD + sum(rows) + _GAP * len(rows) + _TEXT - 30)
     top = _HEAD
     if stamps:
-        _draw_depths(picture, top, bag or folder / "result", stamps, truth, delay_ns)
+        draw_depths(picture, top, _DEPTHS, bag or folder / "result", stamps, truth, delay_ns)
         top += _DEPTHS + _GAP
     _draw_above(picture, top, cloud)
     top += _ABOVE + _GAP
     inspected = (folder / "inspection.json").exists()
     boxes = [
         (left, top, right, top + _CHARTS)
-        for left, right in _columns([2, 2, 2] if inspected else [4, 2])
+        for left, right in columns([2, 2, 2] if inspected else [4, 2])
     ]
     _draw_profile(picture, boxes[0], cloud, truth, delay_ns)
     if inspected:
@@ -77,7 +74,7 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     kind = "block" if report["method"] == "surface" else "depth map"
     maps = f"{totals['depth_windows']} {kind}{'s' if totals['depth_windows'] != 1 else ''}"
     picture.text(
-        _WIDTH / 2,
+        WIDTH / 2,
         14,
         f"{report['title']}: {maps} by {report['method']}, "
         f"{totals['surface_points']} surface points, edge drift {report['edge_drift']}",
@@ -88,92 +85,12 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
     return path
 
 
-def _columns(shares: list[int]) -> list[tuple[int, int]]:
-    """Left and right of panels beside each other, by their shares of the width."""
-    gap = 130
-    unit = (_RIGHT - _LEFT - gap * (len(shares) - 1)) / sum(shares)
-    out, left = [], float(_LEFT)
-    for share in shares:
-        out.append((round(left), round(left + share * unit)))
-        left += share * unit + gap
-    return out
-
-
 def _thinned(cloud: dict[str, F64]) -> dict[str, F64]:
     n = len(cloud["x"])
     if n <= _MOST_POINTS:
         return cloud
     chosen = np.random.default_rng(0).choice(n, _MOST_POINTS, replace=False)
     return {name: column[chosen] for name, column in cloud.items()}
-
-
-def _chosen_stamps(report: dict[str, Any]) -> list[int]:
-    """The depth maps with most points of up to three stretches of the run."""
-    if report["method"] == "surface":
-        return []
-    windows = [w for w in report["windows"] if w["points"]]
-    most = max((w["points"] for w in windows), default=0)
-    windows = [w for w in windows if w["points"] > 0.1 * most]
-    chosen = []
-    for part in np.array_split(np.arange(len(windows)), 3):
-        if len(part):
-            best = max((windows[k] for k in part), key=lambda w: w["points"])
-            chosen.append(int(best["stamp_ns"]))
-    return chosen
-
-
-def _draw_depths(
-    picture: Picture, top: int, bag: Path, stamps: list[int], truth: Truth | None, delay_ns: int
-) -> None:
-    images = _depth_images(bag, set(stamps))
-    stamps = [stamp for stamp in stamps if stamp in images]  # a full disk has the first alone
-    measured = [i[np.isfinite(i)].astype(np.float64) for i in images.values()]
-    low, high = (
-        1e3 * end for end in _limits(np.concatenate(measured) if measured else np.empty(0))
-    )
-    for n, (stamp, (left, right)) in enumerate(zip(stamps, _columns([1, 1, 1]), strict=False)):
-        height, width = images[stamp].shape
-        title = f"depth at {(stamp - stamps[0]) * 1e-9:+.3f} s"
-        if truth is not None:
-            error = _error_um(images[stamp], stamp, truth, delay_ns)
-            if len(error):
-                title += f", error {np.abs(error).mean():.0f} µm"
-        panel = Panel(
-            picture, (left, top, right, top + _DEPTHS), (0, width), (height, 0), title, "u, px",
-            "" if n else "v, px", equal=True,
-        )  # fmt: skip
-        # Near is red, as it is high.
-        rgb = colours(_thick(images[stamp] * 1e3), high, low, _DEPTH_CHART)
-        panel.rgb[:] = cv2.resize(rgb, (panel.width, panel.height), interpolation=cv2.INTER_AREA)
-        panel.close()
-    if images:
-        box = (_SCALE[0], top, _SCALE[1], top + _DEPTHS)
-        scale_bar(picture, box, low, high, _DEPTH_CHART, "depth, mm", falls=True)
-
-
-def _thick(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Points two pixels wide, so that a semi-dense map can be seen when scaled down."""
-    out = image.copy()
-    for shift in ((0, 1), (1, 0), (1, 1)):
-        moved = np.full_like(image, np.nan)
-        moved[shift[0] :, shift[1] :] = image[
-            : image.shape[0] - shift[0], : image.shape[1] - shift[1]
-        ]
-        out = np.where(np.isnan(out), moved, out)
-    return out
-
-
-def _depth_images(bag: Path, stamps: set[int]) -> dict[int, npt.NDArray[np.float32]]:
-    store, found = typestore(), {}
-    with Reader(bag) as reader:
-        wanted = [c for c in reader.connections if c.topic == "/roller/depth/image"]
-        for connection, _, data in reader.messages(wanted):
-            message: Any = store.deserialize_cdr(data, connection.msgtype)
-            stamp = stamp_ns(message)
-            if stamp in stamps:
-                pixels = np.frombuffer(message.data, np.float32)
-                found[stamp] = pixels.reshape(message.height, message.width)
-    return found
 
 
 def _delay_left_ns(report: dict[str, Any], truth: Truth | None) -> int:
@@ -184,31 +101,15 @@ def _delay_left_ns(report: dict[str, Any], truth: Truth | None) -> int:
     return truth.event_delay_ns - round(section.get("event_delay_s", 0.0) * 1e9)
 
 
-def _error_um(depth: npt.NDArray[np.float32], stamp: int, truth: Truth, delay_ns: int) -> F64:
-    v, u = np.nonzero(np.isfinite(depth))
-    pixels = np.stack([u, v], axis=-1)
-    # Stamps are later than what caused the events by a known delay, as in `truth.py`.
-    seen_ns = stamp - delay_ns
-    seen, contact = truth.seen_at(seen_ns, pixels)
-    return np.asarray((depth[v, u] - seen)[contact] * 1e6)
-
-
-def _limits(values: F64) -> tuple[float, float]:
-    if not len(values):
-        return 0.0, 1.0
-    low, high = np.percentile(values, [0.5, 99.5])
-    return float(low), float(max(high, low + 1e-6))
-
-
 def _draw_above(picture: Picture, top: int, cloud: dict[str, F64]) -> None:
-    box, title = (_LEFT, top, _RIGHT, top + _ABOVE), "surface from above"
+    box, title = (LEFT, top, RIGHT, top + _ABOVE), "surface from above"
     if not len(cloud["x"]):
         panel = Panel(picture, box, (0, 1), (0, 1), title)
         panel.label(0.5, 0.5, "no surface points", "mm")
         panel.close(x_ticks=False, y_ticks=False)
         return
     x, y, height = (cloud[name] * 1e3 for name in ("x", "y", "height"))
-    low, high = _limits(height)
+    low, high = limits(height)
     panel = Panel(
         picture, box, (x.min(), x.max()), (y.min(), y.max()), title, "x, mm", "y, mm", equal=True
     )
@@ -220,7 +121,7 @@ def _draw_above(picture: Picture, top: int, cloud: dict[str, F64]) -> None:
     panel.rgb[:] = colours(highest, low, high, _HEIGHT_CHART)
     panel.close()
     scale_bar(
-        picture, (_SCALE[0], top, _SCALE[1], top + _ABOVE), low, high, _HEIGHT_CHART, "height, mm"
+        picture, (SCALE[0], top, SCALE[1], top + _ABOVE), low, high, _HEIGHT_CHART, "height, mm"
     )
 
 
@@ -341,7 +242,7 @@ def _draw_errors(picture: Picture, box: tuple[int, int, int, int], report: dict[
 def _draw_text(picture: Picture, top: int, report: dict[str, Any]) -> None:
     lines = report["totals"]["braille_text"]
     read = " / ".join(lines) if lines else "–"
-    picture.text(_LEFT, top, f"text read:  {read}", "la", TITLE, fixed=True)
+    picture.text(LEFT, top, f"text read:  {read}", "la", TITLE, fixed=True)
     if report["truth"] and report["truth"]["text"]:
         given = report["truth"]["text"].replace("\n", " / ")
-        picture.text(_LEFT, top + 24, f"text given: {given}", "la", TITLE, fixed=True)
+        picture.text(LEFT, top + 24, f"text given: {given}", "la", TITLE, fixed=True)

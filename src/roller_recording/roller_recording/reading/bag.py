@@ -12,8 +12,9 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream, TimeBackwardsError
 from roller_core.events import EventArray
+from roller_core.frame_transforms import transforms_of
 from roller_core.outputs import force_topic, stamp_ns
-from roller_core.sensor_pose import SensorFrames, transforms_of
+from roller_core.sensor_pose import SensorFrames
 
 from .bag_reader import BagReader
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step

@@ -11,8 +11,9 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
+from roller_core.frame_transforms import Transform
 from roller_core.pose_track import PoseTrack
-from roller_core.sensor_pose import SensorFrames, Transform
+from roller_core.sensor_pose import SensorFrames
 
 
 class RecordingError(RollerError):
