@@ -1,6 +1,7 @@
 """The harness: scans that are kept, rows that are kept, one process and two."""
 
 import csv
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,26 @@ def test_timed_cases_have_times_of_every_round(cases: list[Case]) -> None:
         assert row["cpu_ms"] > 0
         assert row["mae_um"] == where(rows, method=row["method"])[0]["mae_um"]
     assert len(run_timed(cases[:1], store, 3, budget_s=0.0)) == 1
+
+
+def test_every_case_is_run_once_and_whole_before_its_clock(
+    cell: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What one object needs compiled another may not, nor the first block what the others need."""
+    taken: list[tuple[str, str]] = []
+    made = measures.results_of
+
+    def watched(settings: Any, scan: Any, events: Any) -> Any:
+        yield from made(settings, scan, events)
+        taken.append((sys._getframe(1).f_code.co_name, scan.name))
+
+    monkeypatch.setattr(measures, "results_of", watched)
+    scans = [ScanCase(name, 0.5, cell=cell | SMALL) for name in ("stairs", "hexagon")]
+    run_timed([Case(scan, "depth", "surface") for scan in scans], ScanStore(hold=2), 2)
+    names = [name for by, name in taken if by == "warm_up"]
+    assert names == ["stairs", "hexagon"]
+    assert [by for by, _ in taken].index("warm_up") == 0
+    assert len(taken) == 2 + 4
 
 
 def test_rows_are_summed_up_and_written(tmp_path: Path) -> None:

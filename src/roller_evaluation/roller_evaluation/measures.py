@@ -174,12 +174,10 @@ def pictured(case: Case, scan: Scan) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def warm_up(case: Case, scan: Scan) -> None:
-    """Compile what a case needs."""
-    if case.measure != "depth":
-        return
-    for found in results_of(case.depth, scan, events_for(case.depth, scan)):
-        if not isinstance(found, RefusedWindow):
-            return
+    """Compile what a case needs: by all of it, as blocks with few events go other ways."""
+    if case.measure == "depth":
+        for _ in results_of(case.depth, scan, events_for(case.depth, scan)):
+            pass
 
 
 def events_for(settings: DepthSettings | SurfaceSettings, scan: Scan) -> EventArray:

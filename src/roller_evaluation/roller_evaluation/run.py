@@ -96,7 +96,8 @@ def run_timed(
     """Measure cases with their times, one after the other in this process.
 
     All cases are run once, then all of them again, and so on: what else the machine does
-    meanwhile falls on all cases alike, and shows as their spread.
+    meanwhile falls on all cases alike, and shows as their spread. Before its first round a case is
+    run without a clock: what one object needs compiled another may not.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def run_timed(
         Takes what is being done and the share done, 0–1.
     """
     one_thread_a_library()
-    warm: set[tuple[str, str]] = set()
+    warm: set[str] = set()
     spent_ms = [0.0] * len(cases)
     rows = []
     for number in range(repeats):
@@ -121,8 +122,8 @@ def run_timed(
                 continue
             on_progress(f"{case.method}, {case.scan.scene}", (number + k / len(cases)) / repeats)
             scan = scans.get(case.scan)
-            if (case.method, str(case.settings)) not in warm:
-                warm.add((case.method, str(case.settings)))
+            if case.key not in warm:
+                warm.add(case.key)
                 warm_up(case, scan)
             found = MEASURES[case.measure](case, scan)
             spent_ms[k] += sum(row.get("spent_ms", 0.0) for row in found)
