@@ -1,11 +1,14 @@
 """Warming up runs the kernels that a method will need."""
 
+from typing import Any
+
 import pytest
 
 from roller_emvs.depth_settings import METHODS, DepthSettings
 from roller_emvs.evidence import _meet_kernels, _pixel_kernels
 from roller_emvs.evidence import _part_kernels as _image_kernels
-from roller_emvs.lines import _place_kernels
+from roller_emvs.lines import _place_kernels, refine
+from roller_emvs.lines.fit import Lines, fit_lines
 from roller_emvs.methods.paper import _view_kernels, _vote_kernels
 from roller_emvs.methods.surface import SurfaceSettings, _part_kernels
 from roller_emvs.warm_up import warm_up
@@ -25,7 +28,17 @@ def test_every_method_warms_up(method: str) -> None:
         assert _view_kernels._sweep_bands_views.signatures
 
 
-def test_surface_warms_up() -> None:
+def test_surface_warms_up_and_fits_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else the first scan after an installation compiles them in its middle."""
+    fitted: list[int] = []
+
+    def counted(*words: Any) -> Lines:
+        found = fit_lines(*words)
+        fitted.append(len(found))
+        return found
+
+    monkeypatch.setattr(refine, "fit_lines", counted)
     warm_up(SurfaceSettings.create({}))
-    for kernel in (_part_kernels._gather, _pixel_kernels._choose):
+    for kernel in (_part_kernels._gather, _pixel_kernels._choose, _place_kernels._move):
         assert kernel.signatures
+    assert sum(fitted) > 20

@@ -12,7 +12,9 @@ from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from .depth_settings import DepthSettings
 from .pipeline import DepthPipeline
 
-_CAMERA = Camera(128, 48, 300.0, 300.0, 63.5, 23.5)
+#: So sharp and with so many events that `surface` finds depths and fits lines to them.
+_CAMERA = Camera(192, 48, 450.0, 450.0, 95.5, 23.5)
+_EVENTS = 60_000
 _END_NS = 100_000_000
 _SPEED_M_NS = 3e-10
 _DEPTH_M = 0.045
@@ -27,16 +29,17 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
         Of the method that will run.
     """
     rng = np.random.default_rng(0)
-    n = 30_000
-    times = np.sort(rng.integers(0, _END_NS, n))
+    times = np.sort(rng.integers(0, _END_NS, _EVENTS))
     # Lines across the roll, 3 mm apart, at a depth in the middle of the usual range.
-    pixels = rng.integers(0, _CAMERA.width, n)
+    pixels = rng.integers(0, _CAMERA.width, _EVENTS)
     place = _SPEED_M_NS * times + (pixels - _CAMERA.cx) / _CAMERA.fx * _DEPTH_M
     line = np.rint(place / 3e-3)
     pixels = np.rint((line * 3e-3 - _SPEED_M_NS * times) * _CAMERA.fx / _DEPTH_M + _CAMERA.cx)
     pixels = pixels.clip(0, _CAMERA.width - 1)
     # Each of one polarity: where both were all around, no lines would be fitted.
-    events = EventArray.from_arrays(pixels, rng.integers(0, _CAMERA.height, n), times, line % 2)
+    events = EventArray.from_arrays(
+        pixels, rng.integers(0, _CAMERA.height, _EVENTS), times, line % 2
+    )
     engines: list[DepthPipeline | SurfaceSweep]
     if isinstance(settings, SurfaceSettings):
         small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.004})
