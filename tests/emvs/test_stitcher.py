@@ -136,6 +136,17 @@ def hills(n: int, seed: int) -> np.ndarray:
     return np.stack([x, y, z], axis=-1)
 
 
+def test_icp_takes_the_nearest_points_not_nearly_the_nearest() -> None:
+    cloud = hills(3000, 3) - (0.5, 0.2, 0.3)
+    cloud[40:80] = cloud[40]  # as often as there are voxels of one place
+    asked = cloud[::7] + np.random.default_rng(4).normal(0.0, 2e-4, (len(cloud[::7]), 3))
+    near, squares = registration._Target(cloud)._nearest(asked, 3)
+    slow = ((asked[:, None] - cloud) ** 2).sum(axis=2)
+    np.testing.assert_allclose(np.sqrt(squares), np.sqrt(np.sort(slow)[:, :3]), atol=1e-7)
+    given = np.take_along_axis(slow, near, axis=1)
+    np.testing.assert_allclose(np.sqrt(given), np.sqrt(squares), atol=1e-7)
+
+
 def test_icp_corrects_a_small_offset_on_relief() -> None:
     offset = np.array([2e-5, -1.5e-5, 2.5e-5])
     found = refine(hills(20_000, 1) + offset, hills(60_000, 2))

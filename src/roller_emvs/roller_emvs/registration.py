@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -23,6 +24,8 @@ _MIN_PAIRS = 100
 #: Points of a depth map that are used at most, and pairs of them by which it is seen beforehand
 #: whether the geometry fixes the pose.
 _MOST_POINTS, _MOST_LOOKED_AT = 4000, 500
+#: A tree that gives the nearest point, not nearly the nearest (FLANN_INDEX_KDTREE_SINGLE).
+_EXACT_TREE, _SEARCH = {"algorithm": 4, "leaf_max_size": 32}, {"checks": -1}
 #: Points that a normal is taken from, at most, and their distance, m.
 _NORMAL_POINTS, _NORMAL_M = 30, 4 * MAX_DISTANCE_M
 #: Steps at most, and the change of the share of points with a pair, and of their distance, m, that
@@ -54,33 +57,38 @@ class _Target:
     """The cloud to align with; normals are worked out where points come near."""
 
     def __init__(self, points: F64) -> None:
-        from scipy.spatial import cKDTree  # takes as long to load as a scan to stitch
-
-        # Made in half the time, and asked for far fewer points than it holds.
-        self._tree: Any = cKDTree(points, leafsize=32, compact_nodes=False, balanced_tree=False)
         self._points = points
+        # scipy's tree answers as exactly, but takes as long to load as a scan to stitch.
+        self._features = points.astype(np.float32)
+        self._tree: Any = cv2.flann.Index(self._features, _EXACT_TREE)
         self._normals = np.full_like(points, np.nan)
 
     def pairs(self, points: F64) -> _Pairs:
         """The nearest of the cloud for those points that have one near enough."""
-        away, nearest = self._tree.query(points, distance_upper_bound=MAX_DISTANCE_M)
-        own = np.flatnonzero(np.isfinite(away))
-        rms = float(np.sqrt((away[own] ** 2).mean())) if len(own) else 0.0
-        return _Pairs(own, nearest[own], len(own) / len(points), rms)
+        nearest, squares = self._nearest(points, 1)
+        own = np.flatnonzero(squares[:, 0] <= MAX_DISTANCE_M**2)
+        rms = float(np.sqrt(squares[own].mean(dtype=np.float64))) if len(own) else 0.0
+        return _Pairs(own, nearest[own, 0], len(own) / len(points), rms)
 
     def planes(self, which: npt.NDArray[np.intp]) -> tuple[F64, F64]:
         """Points of the cloud and their normals."""
         new = np.unique(which[np.isnan(self._normals[which, 0])])
         if len(new):
-            _, near = self._tree.query(
-                self._points[new], _NORMAL_POINTS, distance_upper_bound=_NORMAL_M
-            )
+            near, squares = self._nearest(self._points[new], _NORMAL_POINTS)
+            near[squares > _NORMAL_M**2] = len(self._points)
             moments, count = np.empty((len(new), 3, 3)), np.empty(len(new), np.int64)
             _kernels._spread(self._points, new, near, moments, count)
             normals = np.linalg.eigh(moments)[1][:, :, 0]
             normals[count < 3] = 0.0, 0.0, 1.0
             self._normals[new] = normals
         return self._points[which], self._normals[which]
+
+    def _nearest(
+        self, points: F64, count: int
+    ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.float32]]:
+        """Numbers of the cloud's points that lie nearest, and the squares of their distances."""
+        near, squares = self._tree.knnSearch(points.astype(np.float32), count, params=_SEARCH)
+        return near.astype(np.intp), squares
 
 
 @dataclass(frozen=True)
