@@ -113,7 +113,6 @@ def run_timed(
         Takes what is being done and the share done, 0–1.
     """
     one_thread_a_library()
-    warm: set[str] = set()
     spent_ms = [0.0] * len(cases)
     rows = []
     for number in range(repeats):
@@ -122,8 +121,7 @@ def run_timed(
                 continue
             on_progress(f"{case.method}, {case.scan.scene}", (number + k / len(cases)) / repeats)
             scan = scans.get(case.scan)
-            if case.key not in warm:
-                warm.add(case.key)
+            if number == 0:
                 warm_up(case, scan)
             found = MEASURES[case.measure](case, scan)
             spent_ms[k] += sum(row.get("spent_ms", 0.0) for row in found)
