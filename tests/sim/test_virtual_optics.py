@@ -1,3 +1,8 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -40,6 +45,44 @@ def log_image(cell, position):
     )
     kernels._shade_row(xn, yn, z, sx, sy, coat, cell._light, out)
     return xn, yn, z, sx, sy, coat, out
+
+
+RENDERED = """
+import hashlib
+import numpy as np
+from roller_sim import _sensor_kernels as kernels
+from sim import virtual_twins as twins
+from roller_sim.cell import VirtualCell
+
+cell = VirtualCell(twins.small("bumps", width=640, height=480))
+truth, maps = cell.truth, cell._maps
+middle = truth.start_ros_ns + truth.duration_ns // 2
+camera = (truth.camera_positions(middle)[0] - truth.origin_m) * 1e3
+depth = np.full(cell._rays[0].shape, camera[2], np.float32)
+sx, sy, out = (np.empty_like(depth) for _ in range(3))
+kernels._render_rows(
+    *cell._rays, maps.flat, maps.shape, camera, truth.roller, maps.origin, cell._light, depth, sx,
+    sy, out,
+)
+assert np.ptp(out) > 0.1
+print(hashlib.sha256(out.tobytes() + depth.tobytes() + sx.tobytes()).hexdigest())
+"""
+
+
+def test_kernels_from_the_cache_render_the_same_bits_as_those_just_compiled(tmp_path):
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(tmp_path),
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, sys.path)]),
+    }
+    compiled, loaded = (
+        subprocess.run(
+            [sys.executable, "-c", RENDERED],
+            env=environment, capture_output=True, text=True, check=True, timeout=300,
+        ).stdout
+        for _ in range(2)
+    )  # fmt: skip
+    assert compiled == loaded != ""
 
 
 def test_fast_log():

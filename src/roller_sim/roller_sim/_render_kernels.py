@@ -46,7 +46,9 @@ def _turn(x, radius, half, arc_half):  # type: ignore[no-untyped-def]
     return turned if x > 0 else -turned
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+# `forceinline`: where it was called, the process that compiles it and those that load it from the
+# cache would run copies of it that round otherwise.
+@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
 def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):  # type: ignore[no-untyped-def]
     """Follow one row's rays to the skin, from the depths found last.
 
@@ -142,7 +144,7 @@ def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):  #
         coat[u] = t
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
 def _shade_row(xn, yn, z, sx, sy, coat, light, out):  # type: ignore[no-untyped-def]
     """Log intensity of one row under the ring light.
 
