@@ -1,5 +1,6 @@
 """What a user has is never deleted: output folders are ours, whole, and have one writer."""
 
+import json
 import os
 import signal
 import subprocess
@@ -69,6 +70,42 @@ def test_what_another_command_made_stays(tmp_path: Path) -> None:
     with OutputFolder(folder, "evaluate") as output:
         fill(output.partial, {"index.html": "page", "report.json": "second"})
     assert contents(folder) == FILES | {"index.html": "page", "report.json": "second"}
+
+
+def test_what_another_command_made_stays_run_after_run(tmp_path: Path) -> None:
+    folder = made(tmp_path / "out", {"scan.mcap": "recording", "truth.yaml": "truth"})
+    theirs = contents(folder)
+    for text, lasting in (("first", ["passes"]), ("second", ["passes"]), ("third", [])):
+        with OutputFolder(folder, "batch", lasting=lasting) as output:
+            fill(output.partial, {f"{text}.html": text})
+        assert contents(folder) == theirs | {f"{text}.html": text}
+    with pytest.raises(KeyboardInterrupt), OutputFolder(folder, "bench", lasting=["scans"]):
+        raise KeyboardInterrupt
+    made(folder, {"scan.mcap": "another"})
+    assert contents(folder) == {"scan.mcap": "another", "third.html": "third"}
+
+
+def test_a_result_never_mixes_with_another_commands(tmp_path: Path) -> None:
+    folder = made(tmp_path / "out")
+    for _ in range(2):
+        with (
+            pytest.raises(UnwritableOutputError, match="`roller replay`, of which this one"),
+            OutputFolder(folder, "demo", always=["report.json"]) as output,
+        ):
+            fill(output.partial, {"report.json": "second"})
+        assert contents(folder) == FILES
+    with OutputFolder(folder, "replay", always=["report.json"]) as output:
+        fill(output.partial, {"report.json": "second"})
+    assert contents(folder) == {"report.json": "second"}
+
+
+def test_entries_of_which_an_older_mark_does_not_say_whose_they_are_stay(tmp_path: Path) -> None:
+    folder = made(tmp_path / "out")
+    mark = json.loads((folder / ".roller-output.json").read_text())
+    del mark["makers"]
+    (folder / ".roller-output.json").write_text(json.dumps(mark | {"command": "replay"}))
+    made(folder, {"index.html": "page"})
+    assert contents(folder) == FILES | {"index.html": "page"}
 
 
 def test_nothing_is_seen_before_it_is_whole_and_a_fault_leaves_the_old(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """References: nominal forms, golden scans and CAD."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -126,7 +127,14 @@ def test_a_bad_part_among_those_that_teach_is_named() -> None:
     place = np.hypot(golden.x_m[None, :] - 0.016, golden.y_m[:, None]) < 8e-4
     assert abs(np.nanmean(golden.height_m[place])) < 2e-5
     teach([good, map_of(part, 4)], said.append)
-    assert len(said) == 1
+    assert said[1:] == ["what good parts differ by shows in 3 scans or more, not in 2"]
+
+
+def test_a_scan_teaches_once() -> None:
+    good, other = map_of(part, 1), map_of(part, 2)
+    again = replace(good, height_m=good.height_m + np.float32(1e-9))
+    with pytest.raises(ReferenceError, match="scans 1 and 3 are the same"):
+        teach([good, other, again])
 
 
 def mesh_of(surface: Surface, shift: tuple[float, float, float]) -> tuple[F64, np.ndarray]:

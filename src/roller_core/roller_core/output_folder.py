@@ -1,7 +1,8 @@
 """Output folders: written aside, put in place when whole; what others made is never touched.
 
-A folder that a command wrote carries a mark, `.roller-output.json`, that lists what the command
-made there. Only what is listed, and is still as it was made, is ever replaced. A run writes to
+A folder that a command wrote carries a mark, `.roller-output.json`, that lists what was made there,
+and by which command. Only what is listed, and is still as it was made, is ever replaced; what
+another command made goes only where the run has something of that name. A run writes to
 `.roller-partial` inside the folder (which may be a mount point) and moves each entry into place
 at its end; a run that is killed leaves the earlier result as it was. A lock keeps a second
 writer out.
@@ -25,6 +26,7 @@ from .output_mark import (
     fingerprint,
     is_aside,
     locked,
+    makers,
     read_mark,
     write_mark,
 )
@@ -49,7 +51,7 @@ class OutputFolder:
     folder : path
         Where results go; made if needed.
     command : str
-        The command, for the mark.
+        The command, for the mark. Those that write the same kind of result have one name.
     inputs : iterable of path
         Files and folders that the command reads; None entries are passed over.
     new : bool
@@ -57,6 +59,9 @@ class OutputFolder:
     lasting : iterable of str
         Names of folders that are kept from run to run, such as caches; in `partial` each is a
         link to it. They are written in place: their files are the caller's to replace as a whole.
+    always : iterable of str
+        Entries that the command always writes. Where another command made one of them, the rest of
+        its result would be left beside a part of this one.
 
     Attributes
     ----------
@@ -68,8 +73,9 @@ class OutputFolder:
     Raises
     ------
     UnwritableOutputError
-        On entering: if input and output overlap, if the folder holds what roller didn't make, if
-        another command is writing there, or if it can't be written.
+        On entering: if input and output overlap, if the folder holds what roller didn't make or
+        another command's result that this one would replace in part, if another command is
+        writing there, or if it can't be written.
     """
 
     def __init__(
@@ -79,6 +85,7 @@ class OutputFolder:
         inputs: Iterable[Path | None] = (),
         new: bool = False,
         lasting: Iterable[str] = (),
+        always: Iterable[str] = (),
     ) -> None:
         self._shown = folder
         self._command = command
@@ -86,7 +93,7 @@ class OutputFolder:
         self._inputs = [path for path in inputs if path is not None]
         self._published = self._settled = False
         self._lock: int | None = None
-        self._lasting = list(lasting)
+        self._lasting, self._always = list(lasting), list(always)
         self.path = folder.resolve()
         self._aside = self.path / ASIDE
         self.partial = self._aside / (self.path.name or "output")
@@ -153,10 +160,14 @@ class OutputFolder:
                 path.name: fingerprint(path) for path in sorted(self.partial.iterdir())
             }
             # What another command made stays where this one has nothing of that name.
-            other = read_mark(self.path).get("command") != self._command
-            old = entries_made(self.path).items()
-            made = {name: prints for name, prints in old if prints is None or other} | made
-            write_mark(self._aside, self._aside, self._command, made, whole=True)
+            before = makers(self.path)
+            kept = {
+                name: prints
+                for name, prints in entries_made(self.path).items()
+                if name not in made and (prints is None or before[name] != self._command)
+            }
+            by = {name: before[name] for name in kept} | dict.fromkeys(made, self._command)
+            write_mark(self._aside, self._aside, kept | made, by, whole=True)
             self._move_into_place()
         except OSError as error:
             raise UnwritableOutputError(
@@ -174,7 +185,14 @@ class OutputFolder:
                 f"{self._shown}: holds files that roller did not write ({max(names)}); "
                 f"{_WAY_OUT}, or empty it"
             )
-        for name in entries_made(self.path):
+        by = makers(self.path)
+        for name in self._always:
+            if name in names and by.get(name) not in (None, "", self._command):
+                raise UnwritableOutputError(
+                    f"{self._shown}: holds the result of `roller {by[name]}`, of which this one "
+                    f"would replace a part; {_WAY_OUT}"
+                )
+        for name in by:
             if name in names and not self._is_ours(name):
                 raise UnwritableOutputError(
                     f"{self._shown / name}: was changed since roller wrote it; "
@@ -198,7 +216,7 @@ class OutputFolder:
 
     def _begin(self) -> None:
         self._aside.mkdir()
-        write_mark(self._aside, self._aside, self._command, {})
+        write_mark(self._aside, self._aside, {}, {})
         with open(self._aside / _RESERVE, "wb") as file:
             os.posix_fallocate(file.fileno(), 0, _RESERVE_BYTES)
         self.partial.mkdir()
@@ -206,7 +224,8 @@ class OutputFolder:
             path, made = self.path / name, entries_made(self.path)
             if os.path.lexists(path) and made.get(name, "") is not None:
                 raise self._in_the_way(path)
-            write_mark(self.path, self._aside, self._command, made | {name: None})
+            by = makers(self.path) | {name: self._command}
+            write_mark(self.path, self._aside, made | {name: None}, by)
             path.mkdir(exist_ok=True)
             (self.partial / name).symlink_to(path)
 
@@ -231,7 +250,7 @@ class OutputFolder:
                 os.rename(self.path / name, gone / name)
         for name in waiting:
             os.rename(partial / name, self.path / name)
-        write_mark(self.path, self._aside, read_mark(self._aside)["command"], new)
+        write_mark(self.path, self._aside, new, makers(self._aside))
         self._settled = True
 
     def _remove_aside(self) -> None:

@@ -77,8 +77,20 @@ def entries_made(folder: Path) -> dict[str, str | None]:
     return dict(read_mark(folder).get("made", {}))
 
 
+def makers(folder: Path) -> dict[str, str]:
+    """The command by entry that made it; empty where an older mark doesn't say."""
+    mark = read_mark(folder)
+    known = mark.get("makers")
+    named = known if isinstance(known, dict) else {}
+    return {name: str(named.get(name, "")) for name in mark.get("made", {})}
+
+
 def write_mark(
-    folder: Path, aside: Path, command: str, made: dict[str, str | None], whole: bool = False
+    folder: Path,
+    aside: Path,
+    made: dict[str, str | None],
+    by: dict[str, str],
+    whole: bool = False,
 ) -> None:
     """Write a mark, by way of a file in the folder aside.
 
@@ -88,14 +100,12 @@ def write_mark(
         The folder that is marked.
     aside : path
         One on the same disk, to write in first.
-    command : str
-        The command that writes the folder.
-    made : dict
-        See `entries_made`.
+    made, by : dict
+        See `entries_made` and `makers`.
     whole : bool
         Whether all of it is written, so that what is aside only has to be put in place.
     """
-    data = {"made_by": "roller", "format": _FORMAT, "command": command, "made": made}
+    data = {"made_by": "roller", "format": _FORMAT, "made": made, "makers": by}
     part = aside / _PART
     part.write_text(json.dumps(data | {"whole": whole}, indent=1) + "\n")
     os.replace(part, folder / MARK)

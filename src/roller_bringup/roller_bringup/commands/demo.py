@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     scan = {"scene": {"name": args.scene}, "motion": {"speed": args.speed}}
     scene = build_scene(VirtualCellSettings.create(scan, "demo").scene)
     face = next((region for region in scene.regions if region.name == "face"), None)
-    with OutputFolder(args.output, "demo") as output:
+    with OutputFolder(args.output, "demo", always=["report.json"]) as output:
         _run(args, output.partial, face)
     print(f"look at it in the browser: ./roller view {args.output}")
     return 0

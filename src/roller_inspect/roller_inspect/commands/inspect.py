@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     reference = Path(recipe.reference.path) if recipe.reference.path else None
     inputs = (args.input, args.params, args.poses, args.camera, args.recipe, reference)
     # Marked as a replay's: one that comes later must not leave this verdict beside its surface.
-    with OutputFolder(args.output, "replay", inputs) as output:
+    with OutputFolder(args.output, "replay", inputs, always=["report.json"]) as output:
         return _inspect(args, settings, stage, open_input(args, settings), output.partial)
 
 

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
 
     settings = PipelineSettings.load(args.params, args.method)
     inputs = (args.input, args.params, args.poses, args.camera)
-    with OutputFolder(args.output, "replay", inputs) as output:
+    with OutputFolder(args.output, "replay", inputs, always=["report.json"]) as output:
         recording = open_input(args, settings)
         done = 0.0
 

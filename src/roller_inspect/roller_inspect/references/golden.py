@@ -27,6 +27,10 @@ from .reference import Comparison, ReferenceError
 GOLDEN_FILE = "golden.npz"
 #: Frames of scans of one part differ by less than this, m and rad.
 _SAME_FRAME = 1e-9
+#: Maps whose heights are so near, m, are of one scan: two scans differ by micrometres.
+_SAME_SCAN_M = 1e-8
+#: Fewest scans that show what good parts differ by.
+_ENOUGH = 3
 #: Share of the scans that must know a cell.
 _LEAST_SHARE = 0.5
 #: Standard uncertainty of the mean of few scans isn't below this, m.
@@ -118,16 +122,26 @@ def teach(
     maps : sequence of HeightMap
         Of good parts in the same place; each is aligned to the first.
     warn : callable, optional
-        Called with a line for each scan that differs from the others somewhere.
+        Called with a line for each scan that differs from the others somewhere, and where there
+        are too few.
 
     Raises
     ------
     ReferenceError
-        Without a map, if one isn't of the same part in the same place, or if two are all and
-        differ: which is good can't be told.
+        Without a map, if one is there twice or isn't of the same part in the same place, or if two
+        are all and differ: which is good can't be told.
     """
     if not maps:
         raise ReferenceError("reference golden: there is no scan to teach from")
+    for number, each in enumerate(maps, 1):
+        for earlier, other in enumerate(maps[: number - 1], 1):
+            if _same(each, other):
+                raise ReferenceError(
+                    f"reference golden: scans {earlier} and {number} are the same; what good parts "
+                    "differ by shows in scans of their own"
+                )
+    if len(maps) < _ENOUGH:
+        warn(f"what good parts differ by shows in {_ENOUGH} scans or more, not in {len(maps)}")
     first = max(maps, key=lambda m: int(m.known.sum()))
     step = first.step_m
     i0, j0 = round(first.x_m[0] / step - 0.5), round(first.y_m[0] / step - 0.5)
@@ -185,6 +199,13 @@ def _steadied(spread: F32, scans: int, step_m: float) -> F32:
         scans - 1 + _AROUND_SCANS
     )
     return np.asarray(np.sqrt(pooled), np.float32)
+
+
+def _same(one: HeightMap, other: HeightMap) -> bool:
+    """Whether two maps are of the same scan."""
+    return one.shape == other.shape and bool(
+        np.allclose(one.height_m, other.height_m, rtol=0.0, atol=_SAME_SCAN_M, equal_nan=True)
+    )
 
 
 def _odd(away: F32, height_map: HeightMap) -> str:
