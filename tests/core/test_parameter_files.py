@@ -14,6 +14,7 @@ from roller_core.parameter_files import (
     misspelt_section,
     node_name,
     passed_over_section,
+    read_parameters,
     read_sections,
 )
 from roller_recording.reading.tum import read_tum
@@ -113,3 +114,25 @@ def test_a_section_for_another_namespace_is_named(
     found = passed_over_section(file, node)
     assert said in found
     assert bool(found) == bool(said)
+
+
+@pytest.mark.parametrize(
+    ("sections", "holds"),
+    [
+        (["/left/emvs", "/right/emvs"], None),
+        (["/a/b/emvs", "/**/emvs", "/a/emvs"], None),
+        (["/left/emvs", "left/emvs", "/**/emvs", "/right/surface"], 2),
+        (["/**/emvs", "/*/emvs", "emvs"], 2),
+    ],
+)
+def test_which_of_two_cells_is_meant_is_not_guessed(
+    sections: list[str], holds: int | None, tmp_path: Path
+) -> None:
+    file = tmp_path / "params.yaml"
+    entries = {name: {"ros__parameters": {"threads": k}} for k, name in enumerate(sections)}
+    file.write_text(yaml.safe_dump(entries, sort_keys=False))
+    if holds is None:
+        with pytest.raises(SettingsError, match="of two cells"):
+            read_parameters(file, "emvs")
+    else:
+        assert read_parameters(file, "emvs") == {"threads": holds}

@@ -31,7 +31,7 @@ def read_parameters(path: Path | str | None, node: str) -> dict[str, Any]:
 
     As in ROS 2, entries under ``/**`` hold for every node and ``/**/node`` for one in any
     namespace, and what the file says last counts. What rclpy itself asks of every node, such as
-    ``use_sim_time``, is left out.
+    ``use_sim_time``, is left out. Of two cells' parameters in one file, which hold isn't known.
 
     Parameters
     ----------
@@ -44,12 +44,21 @@ def read_parameters(path: Path | str | None, node: str) -> dict[str, Any]:
     Raises
     ------
     SettingsError
-        If the file can't be read or has another shape.
+        If the file can't be read or has another shape, or if it names the node in two namespaces.
     """
     found: dict[str, Any] = {}
+    named: dict[str, str] = {}
     for pattern, values in (read_sections(path) if path else {}).items():
         if pattern.lstrip("/") == "**" or node_name(pattern) == node:
             merge(found, values)
+            if namespace := "/".join(p for p in pattern.split("/")[:-1] if p.strip("*")):
+                named.setdefault(namespace, pattern)
+    if len(named) > 1:
+        one, other = list(named.values())[:2]
+        raise SettingsError(
+            f"parameters {path}: '{one}' and '{other}' are of two cells, and which is meant isn't "
+            f"known: give a file with the one, as '/**/{node}'"
+        )
     return {name: value for name, value in found.items() if name not in _OF_RCLPY}
 
 
