@@ -276,6 +276,24 @@ def test_a_single_file_replaces_only_one_of_ours(tmp_path: Path) -> None:
     assert "# roller calibrate" in contents(tmp_path).values()
 
 
+def test_a_sealed_file_stays_where_it_was_changed_since(tmp_path: Path) -> None:
+    path, mark = tmp_path / "cell.yaml", "# roller calibrate"
+    for n in (1, 2):
+        write_marked_file(path, f"{mark}\ndepth: {n} µm", mark, sealed=True)
+    written = path.read_text()
+    assert written.startswith(f"{mark}\ndepth: 2 µm\n# as written: sha256 ")
+    for changed in (written.replace("2 µm", "9 µm"), written + "mine: 1\n"):
+        path.write_text(changed)
+        with pytest.raises(UnwritableOutputError, match="changed since roller wrote it, so it st"):
+            write_marked_file(path, f"{mark}\nthird", mark, sealed=True)
+        assert path.read_text() == changed
+    write_marked_file(path, f"{mark}\nfourth", mark, sealed=True, known=True)
+    assert path.read_text().startswith(f"{mark}\nfourth\n")
+    path.write_text(f"{mark}\nof an older version")
+    write_marked_file(path, f"{mark}\nfifth", mark, sealed=True)
+    assert "fifth" in path.read_text()
+
+
 def test_a_single_file_takes_no_pipes_place_and_waits_for_none(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()

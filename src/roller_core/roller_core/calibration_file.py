@@ -124,7 +124,8 @@ def write_calibration(
     Raises
     ------
     UnwritableOutputError
-        If it can't be written, or if a file that no calibration wrote stands there.
+        If it can't be written, or if a file stands there that no calibration wrote, that was
+        changed since, or that holds what is neither found anew nor carried over.
     """
     sections: dict[str, Any] = _sections(base) if base else {}
     for node, values in {**parameters, SECTION: {kind: dict(record)}}.items():
@@ -141,7 +142,28 @@ def write_calibration(
     ]
     content = {_key(node): {"ros__parameters": values} for node, values in sections.items()}
     body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-    write_marked_file(path, "\n".join(head) + "\n" + body, _MARK)
+    known = base is not None and path.exists() and path.samefile(base)
+    stays = "" if known else _lost(path, sections)
+    text = "\n".join(head) + "\n" + body
+    write_marked_file(path, text, _MARK, sealed=True, known=known, stays=stays)
+
+
+def _lost(path: Path, sections: Mapping[str, Any]) -> str:
+    """What a calibration file holds that new sections don't, in words; empty: nothing."""
+    try:
+        before = _sections(path) if path.is_file() else {}
+    except SettingsError:
+        return ""  # not one of ours
+    lost = [
+        f"the calibration '{name}'" if node == SECTION else f"'{name}' of {_key(node)}"
+        for node in sorted(before, key=lambda node: node != SECTION)
+        for name in before[node]
+        if name not in sections.get(node, {})
+    ]
+    if not lost:
+        return ""
+    more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+    return f"holds {lost[0]}{more}, which --params {path} would carry over"
 
 
 def read_record(path: Path, kind: str) -> dict[str, Any] | None:

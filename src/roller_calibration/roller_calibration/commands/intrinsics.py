@@ -98,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
         print("the dots cover little of the image: hold the target into its corners too")
     if args.output:
         note = f"# {found.views} views, {found.rms_px:.3f} px rms\n"
-        write_marked_file(args.output, f"{_CAMERA_MARK}\n{note}{c.yaml_text()}", _CAMERA_MARK)
+        text = f"{_CAMERA_MARK}\n{note}{c.yaml_text()}"
+        write_marked_file(args.output, text, _CAMERA_MARK, sealed=True)
         print(f"written to {args.output}; give it to the cell with camera_info:=file://…")
     return 0
 
