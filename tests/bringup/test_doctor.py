@@ -40,6 +40,16 @@ def test_a_missing_library(missing, level, says):
     assert missing in result.advice
 
 
+def test_a_library_without_wheels_for_this_python():
+    rtde = next(lib for lib in libraries.LIBRARIES if lib.package == "ur-rtde")
+    result = libraries.judge_libraries(
+        {rtde: ImportError("No module named 'rtde_receive'")}, "3.13.5"
+    )
+    assert result.level == "warning"
+    assert "has wheels for Python <3.13 alone; poses of the robot need it" in result.found
+    assert not result.advice
+
+
 @pytest.mark.parametrize(
     ("version", "level"), [("2.4.9", "OK"), ("2.5.0", "warning"), ("3.0rc1", "warning")]
 )

@@ -25,7 +25,7 @@ def test_another_calibration_in_the_file_is_carried_over_or_stays(tmp_path: Path
     assert read_parameters(beside, "emvs") == {"event_delay_s": 4e-4}
     calibrate(cell, "time_offset", cell, event_delay_s=4e-4)
     assert read_parameters(cell, "emvs") == {"depth_min_m": 0.043, "event_delay_s": 4e-4}
-    assert read_record(cell, "flat") and read_record(cell, "time_offset")
+    assert all(read_record(cell, kind) for kind in ("flat", "time_offset"))
 
 
 def test_what_was_changed_by_hand_stays_unless_it_was_read(tmp_path: Path) -> None:

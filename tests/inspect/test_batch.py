@@ -122,6 +122,31 @@ def test_a_file_that_holds_something_else_now_makes_another_job(
     assert "--topic left/events" in " ".join(first.options)
 
 
+def test_a_recording_that_is_there_twice_is_named_and_inspected_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tried: list[jobs.Job] = []
+    monkeypatch.setattr(
+        jobs, "run_job", lambda job: tried.append(job) or jobs._failed(job, "not tried", 0.0)
+    )
+    scans = tmp_path / "scans"
+    for name in ("one", "sub/two", "three"):
+        (scans / name).parent.mkdir(parents=True, exist_ok=True)
+        (scans / f"{name}.mcap").write_text("alike" if name != "three" else "another")
+    main(["batch", str(scans), "--output", str(tmp_path / "out")])
+    first, _ = (job.source for job in tried)
+    said = capsys.readouterr().out
+    assert f"{scans}/sub/two.mcap: the same recording as {first}; inspected once" in said
+
+
+@pytest.mark.parametrize("words", [["replay", "", "-o", "out"], ["inspect", "scan", "-o", ""]])
+def test_an_empty_name_is_wrong_usage(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 2
+    assert "the name is empty" in capsys.readouterr().err
+
+
 def test_no_recordings_is_wrong_usage(tmp_path: Path) -> None:
     assert main(["batch", str(tmp_path), "--output", str(tmp_path.parent / "out")]) == 2
 

@@ -34,8 +34,15 @@ def number(kind: type[N], least: N, most: N) -> Callable[[str], N]:
     return read
 
 
+def path(text: str) -> Path:
+    """A file or folder, for `type` of argparse; an empty name would be the folder one is in."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name is empty")
+    return Path(text)
+
+
 def add_output(
     parser: argparse._ActionsContainer, what: str, metavar: str = "DIR", **more: Any
 ) -> None:
     """Add `--output`; `what` is its help, `more` as `add_argument` takes it."""
-    parser.add_argument("--output", "-o", type=Path, metavar=metavar, help=what, **more)
+    parser.add_argument("--output", "-o", type=path, metavar=metavar, help=what, **more)

@@ -28,6 +28,8 @@ class Library:
     versions: str = ""
     #: Takes so long to import that only its place is looked up.
     slow: bool = False
+    #: Versions of Python that it has wheels for, as far as that is not all.
+    pythons: str = ""
 
 
 #: As in requirements.in.
@@ -42,7 +44,7 @@ LIBRARIES = (
     Library("rosbags", "rosbags"),
     Library("mcap", "mcap"),
     Library("usb", "pyusb", "drivers of the event camera"),
-    Library("rtde_receive", "ur-rtde", "poses of the robot"),
+    Library("rtde_receive", "ur-rtde", "poses of the robot", pythons="<3.13"),
     Library("aedat", "aedat", "replays of AEDAT4 files"),
     Library("PIL", "pillow", "overview pictures"),
     Library("matplotlib", "matplotlib", "pictures of evaluations", slow=True),
@@ -95,6 +97,11 @@ def judge_libraries(
         if isinstance(version, ImportError):
             levels.append("warning" if library.purpose else "fault")
             need = f"; {library.purpose} need it" if library.purpose else ""
+            if not _fits(python, library.pythons):
+                wrong.append(
+                    f"{library.package} has wheels for Python {library.pythons} alone{need}"
+                )
+                continue
             wrong.append(f"{library.package} can't be loaded ({version}){need}")
             advice.append(library.package)
         elif library.versions and not _fits(version, library.versions):

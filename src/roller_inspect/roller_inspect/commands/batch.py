@@ -108,19 +108,23 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list
         options += ["--export", ",".join(args.export)]
     named = (args.params, args.camera, recipe.reference.path)
     read = [recipe.sha256(), *(digest(Path(path)) if path else "" for path in named), args.topic]
-    jobs, earlier = {}, read_rows(args.output) if args.resume else {}
+    earlier = read_rows(args.output) if args.resume else {}
+    jobs: dict[str, Job] = {}
     for source in sources:
         found = [digest(source), *read, args.method, args.export, software()]
         key = data_digest(found)[:16]
+        if key in jobs:
+            print(f"{source}: the same recording as {jobs[key].source}; inspected once")
+            continue
         before = earlier.get(key)
         if before is not None and not before.verdict:
             print(f"{before.source}: tried again, it failed before: {before.error}")
         jobs[key] = Job(
             key, str(source.resolve()), str(args.output.resolve() / key), tuple(options),
             args.resume, args.timeout_s, args.memory_mb * 1_000_000,
-            before.seconds if before is not None else None,
+            before.seconds if before is not None and before.verdict else None,
         )  # fmt: skip
-    return list(jobs.values())  # a recording that is there twice is one job
+    return list(jobs.values())
 
 
 def _run_all(jobs: list[Job], args: argparse.Namespace) -> Iterator[Row]:

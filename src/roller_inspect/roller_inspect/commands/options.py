@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from roller_core.option_types import add_output
+from roller_core.option_types import add_output, path
 from roller_emvs.depth_settings import REPLAY_METHODS
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def add_processing_options(parser: argparse.ArgumentParser, method: str | None =
     method : str, optional
         The depth method by default; without it that of the parameter file, or focus.
     """
-    parser.add_argument("input", type=Path, metavar="INPUT", help="recording")
+    parser.add_argument("input", type=path, metavar="INPUT", help="recording")
     add_output(parser, "results go here", required=True)
     add_method_option(parser, method)
     add_recording_options(parser, "emvs, stitcher, surface, braille")
