@@ -11,8 +11,9 @@ import pytest
 
 from roller_core.errors import UnwritableOutputError
 from roller_core.marked_file import write_marked_file
-from roller_core.output_folder import OutputFolder, refuse_overlap, release_reserve
+from roller_core.output_folder import OutputFolder, release_reserve
 from roller_core.output_mark import MARK
+from roller_core.output_overlap import refuse_overlap
 
 FILES = {"report.json": "first", "result/bag.mcap": "messages"}
 

@@ -30,6 +30,7 @@ from .output_mark import (
     read_mark,
     write_mark,
 )
+from .output_overlap import WAY_OUT, refuse_overlap
 
 _LOCK = ".roller-output.lock"
 _RESERVE, _REPLACED = ".roller-reserve", ".roller-replaced"
@@ -37,7 +38,6 @@ _RESERVE, _REPLACED = ".roller-reserve", ".roller-replaced"
 _RESERVE_BYTES = 8_000_000
 #: What a disk says that takes no more.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
-_WAY_OUT = "give another --output"
 
 
 class OutputFolder:
@@ -104,7 +104,7 @@ class OutputFolder:
         self._made_here = not self.path.exists()
         try:
             if self.path.exists() and not self.path.is_dir():
-                raise UnwritableOutputError(f"{self._shown}: is a file; {_WAY_OUT}")
+                raise UnwritableOutputError(f"{self._shown}: is a file; {WAY_OUT}")
             self.path.mkdir(parents=True, exist_ok=True)
             if not is_aside(self._aside):  # else what is there may be half replaced
                 self._check_contents()
@@ -120,7 +120,7 @@ class OutputFolder:
                 raise
         except OSError as error:
             raise UnwritableOutputError(
-                f"{self._shown}: results can't be written there ({error.strerror}); {_WAY_OUT}"
+                f"{self._shown}: results can't be written there ({error.strerror}); {WAY_OUT}"
             ) from error
         return self
 
@@ -179,24 +179,24 @@ class OutputFolder:
         """Refuse a folder with what isn't ours, or with results of ours that were changed."""
         names = set(os.listdir(self.path)) - {_LOCK, ASIDE, "lost+found"}
         if self._new and names:
-            raise UnwritableOutputError(f"{self._shown}: is there already; {_WAY_OUT}")
+            raise UnwritableOutputError(f"{self._shown}: is there already; {WAY_OUT}")
         if names and not read_mark(self.path):
             raise UnwritableOutputError(
                 f"{self._shown}: holds files that roller did not write ({max(names)}); "
-                f"{_WAY_OUT}, or empty it"
+                f"{WAY_OUT}, or empty it"
             )
         by = makers(self.path)
         for name in self._always:
             if name in names and by.get(name) not in (None, "", self._command):
                 raise UnwritableOutputError(
                     f"{self._shown}: holds the result of `roller {by[name]}`, of which this one "
-                    f"would replace a part; {_WAY_OUT}"
+                    f"would replace a part; {WAY_OUT}"
                 )
         for name in by:
             if name in names and not self._is_ours(name):
                 raise UnwritableOutputError(
                     f"{self._shown / name}: was changed since roller wrote it; "
-                    f"move it away, or {_WAY_OUT}"
+                    f"move it away, or {WAY_OUT}"
                 )
 
     def _is_ours(self, name: str) -> bool:
@@ -281,37 +281,8 @@ class OutputFolder:
 
     def _in_the_way(self, path: Path) -> UnwritableOutputError:
         return UnwritableOutputError(
-            f"{path}: stands in the way and was not written by roller; {_WAY_OUT}"
+            f"{path}: stands in the way and was not written by roller; {WAY_OUT}"
         )
-
-
-def refuse_overlap(source: Path, output: Path) -> None:
-    """Refuse an output that is, holds, or lies in what is read; links are followed.
-
-    Parameters
-    ----------
-    source : path
-        A file or folder that is read.
-    output : path
-        A file or folder that is to be written; need not exist.
-
-    Raises
-    ------
-    UnwritableOutputError
-        If they overlap.
-    """
-    if _lies_in(source, output) or _lies_in(output, source):
-        raise UnwritableOutputError(
-            f"{output}: overlaps with the input {source}, which would be lost; {_WAY_OUT}"
-        )
-
-
-def _lies_in(path: Path, folder: Path) -> bool:
-    """Whether a path is a folder or lies in it, also by way of links and mounts."""
-    path, folder = path.resolve(), folder.resolve()
-    if not folder.exists():
-        return path.is_relative_to(folder)
-    return any(p.samefile(folder) for p in (path, *path.parents) if p.exists())
 
 
 def release_reserve(partial: Path) -> None:

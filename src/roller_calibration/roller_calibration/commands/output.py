@@ -9,7 +9,7 @@ from typing import Any
 
 from roller_core.calibration_file import CalibrationError, write_calibration
 from roller_core.option_types import add_output
-from roller_core.output_folder import refuse_overlap
+from roller_core.output_overlap import refuse_overlap
 from roller_inspect.commands.options import add_recording_options
 
 
