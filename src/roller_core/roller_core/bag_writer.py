@@ -84,7 +84,8 @@ class BagWriter:
             self._writer.open()
         except (OSError, WriterError) as error:
             self._remove_empty()
-            raise UnwritableOutputError(f"{path}: can't be written ({error})") from error
+            why = getattr(error, "strerror", None) or error
+            raise UnwritableOutputError(f"{path}: can't be written ({why})") from error
         assert isinstance(self._writer.storage, WholeMcapWriter)
         self._storage = self._writer.storage
         self._file = self._storage.bio
