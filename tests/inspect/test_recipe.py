@@ -96,6 +96,10 @@ def test_the_first_tolerance_that_fits_holds(tmp_path: Path) -> None:
     assert depths == [1e-5, 2e-5, 3e-5]
     assert Recipe.create({}).tolerance("dent", ()).depth_m == 1e-4
     assert recipe.sha256() != Recipe.create({}).sha256() == load_recipe().sha256()
+    for document in (recipe.in_force(), Recipe.create(recipe.in_force()).in_force()):
+        depths = [entry["depth_m"] for entry in document["tolerances"]]
+        assert depths[-1] == 100e-6
+        assert len(depths) == len(recipe.tolerances) + 1
 
 
 @given(st.floats(-2, 2), st.floats(0, 1), st.floats(0, 2))

@@ -254,6 +254,12 @@ class Recipe(Settings):
         depth = self.tolerance("", ()).depth_m
         return depth or DEFAULT_TOLERANCE.depth_m or 0.0
 
+    def in_force(self) -> dict[str, Any]:
+        """All of it as reports have it, with the tolerance that always comes last."""
+        last = DEFAULT_TOLERANCE
+        own = self.tolerances if last in self.tolerances else (*self.tolerances, last)
+        return self.model_copy(update={"tolerances": own}).model_dump(mode="json", by_alias=True)
+
     def sha256(self) -> str:
         """Tells recipes apart, whatever their files look like."""
         return data_digest(self.model_dump(mode="json", by_alias=True))

@@ -67,7 +67,7 @@ def inspection_document(inspected: Inspected, recipe: Recipe, scan: Scan) -> dic
             "texture": texture(
                 cover, recipe.grid_m, scan.events, found.coverage.area_m2, bool(scan.faults)
             ),
-            "recipe": recipe.model_dump(mode="json", by_alias=True),
+            "recipe": recipe.in_force(),
             "faults": scan.faults,
             "traceability": traceability(inspected.part, recipe, scan),
         }
