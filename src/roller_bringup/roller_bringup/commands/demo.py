@@ -90,10 +90,15 @@ def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
     with load(launch_file, arguments) as plan:
         check_no_duplicate_nodes(plan)
         seen = run_until_done(plan, report=print)
+    parameters.unlink()  # it names folders of this run
+    arguments |= {"calibration": calibration.name} | ({"recipe": recipe.name} if face else {})
     report = Report(
         "virtual cell, live",
         args.method,
-        {"launch": arguments | {"params": parameters.name, "calibration": calibration.name}},
+        {
+            "launch": {k: v for k, v in arguments.items() if k != "params"},
+            "virtual_cell": COATINGS[args.coating],
+        },
         f"scene {args.scene} at {args.speed:g} m/s, {args.coating} coating, live",
     )
     report.totals["live"] = {name: values for name, (_, values) in seen.statuses.items()}
