@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from roller_core.errors import UnwritableOutputError
-from roller_core.marked_file import write_marked_file
+from roller_core.marked_file import SEAL, write_marked_file
 from roller_core.output_folder import OutputFolder, release_reserve
 from roller_core.output_mark import MARK
 from roller_core.output_overlap import refuse_overlap
@@ -107,6 +107,11 @@ def test_entries_of_which_an_older_mark_does_not_say_whose_they_are_stay(tmp_pat
     (folder / ".roller-output.json").write_text(json.dumps(mark | {"command": "replay"}))
     made(folder, {"index.html": "page"})
     assert contents(folder) == FILES | {"index.html": "page"}
+    with (
+        pytest.raises(UnwritableOutputError, match="of an older version of roller"),
+        OutputFolder(folder, "replay", always=["report.json"]),
+    ):
+        pass
 
 
 def test_nothing_is_seen_before_it_is_whole_and_a_fault_leaves_the_old(tmp_path: Path) -> None:
@@ -280,18 +285,18 @@ def test_a_single_file_replaces_only_one_of_ours(tmp_path: Path) -> None:
 def test_a_sealed_file_stays_where_it_was_changed_since(tmp_path: Path) -> None:
     path, mark = tmp_path / "cell.yaml", "# roller calibrate"
     for n in (1, 2):
-        write_marked_file(path, f"{mark}\ndepth: {n} µm", mark, sealed=True)
+        write_marked_file(path, f"{mark}\n# {SEAL}\ndepth: {n} µm\n", mark)
     written = path.read_text()
-    assert written.startswith(f"{mark}\ndepth: 2 µm\n# as written: sha256 ")
+    assert written.startswith(f"{mark}\n# as written: sha256 ")
+    assert SEAL not in written
     for changed in (written.replace("2 µm", "9 µm"), written + "mine: 1\n"):
         path.write_text(changed)
         with pytest.raises(UnwritableOutputError, match="changed since roller wrote it, so it st"):
-            write_marked_file(path, f"{mark}\nthird", mark, sealed=True)
+            write_marked_file(path, f"{mark}\n# {SEAL}\nthird", mark)
         assert path.read_text() == changed
-    write_marked_file(path, f"{mark}\nfourth", mark, sealed=True, known=True)
-    assert path.read_text().startswith(f"{mark}\nfourth\n")
-    path.write_text(f"{mark}\nof an older version")
-    write_marked_file(path, f"{mark}\nfifth", mark, sealed=True)
+    write_marked_file(path, f"{mark}\nfourth", mark, known=True)
+    assert path.read_text() == f"{mark}\nfourth"
+    write_marked_file(path, f"{mark}\nfifth", mark)
     assert "fifth" in path.read_text()
 
 

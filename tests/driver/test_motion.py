@@ -111,6 +111,29 @@ def test_the_script_lifts_presses_and_says_whose_risk_it_is() -> None:
     assert "force_mode" not in urscript(rolling())
 
 
+def test_what_is_written_again_replaces_it_unless_it_was_edited(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "motion --start-m 0.55 -0.2 0.1 --end-m 0.75 -0.15 0.1 --tcp-m 0 0 0.15".split()
+    files = [tmp_path / name for name in ("pass.script", "pass.yaml")]
+    joints = ["--joints-deg", *(f"{q:.3f}" for q in np.degrees(NEAR_RAD))]
+    written = ["--script", str(files[0]), "--trajectory", str(files[1]), *joints]
+    for speed in ("0.25", "0.2"):
+        assert main([*words, "--speed", speed, *written]) == 0
+    script = files[0].read_text().splitlines()
+    assert (script[0], script[-1]) == ("def roll_pass():", "end")
+    assert "v=0.2)" in files[0].read_text()
+    yaml.safe_load(files[1].read_text())
+    assert {path.name for path in tmp_path.iterdir()} == {"pass.script", "pass.yaml"}
+    for file in files:
+        file.write_text(edited := file.read_text().replace("0.1", "0.11", 1))
+        capsys.readouterr()
+        assert main([*words, "--speed", "0.25", *written]) == 1
+        assert f"{file}: was changed since roller wrote it" in capsys.readouterr().err
+        assert file.read_text() == edited
+        file.unlink()
+
+
 def test_a_controller_that_follows_it_rolls_at_one_speed(tmp_path: Path) -> None:
     pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
     from driver.test_ur10_receiver import Running

@@ -17,7 +17,7 @@ import yaml
 
 from .camera import Camera, CameraError, OtherCameraError
 from .errors import RollerError, SettingsError
-from .marked_file import write_marked_file
+from .marked_file import SEAL, write_marked_file
 from .parameter_files import node_name, read_parameters, read_sections
 from .settings import nested
 
@@ -144,8 +144,8 @@ def write_calibration(
     body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     known = base is not None and path.exists() and path.samefile(base)
     stays = "" if known else _lost(path, sections)
-    text = "\n".join(head) + "\n" + body
-    write_marked_file(path, text, _MARK, sealed=True, known=known, stays=stays)
+    text = "\n".join(head) + "\n" + body + f"# {SEAL}\n"
+    write_marked_file(path, text, _MARK, known, stays)
 
 
 def _lost(path: Path, sections: Mapping[str, Any]) -> str:

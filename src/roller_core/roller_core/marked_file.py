@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import time
 from contextlib import suppress
 from pathlib import Path
 
 from .errors import UnwritableOutputError
 
-#: How the last line of a sealed file begins; the digest of what is above it follows.
-_SEAL = b"# as written: sha256 "
+_SEALED = re.compile(rb"(?<=as written: sha256 )[0-9a-f]{64}")
+#: Stands in a comment of a text that is to tell whether it was changed since it was written.
+SEAL = "as written: sha256 " + 64 * "0"
 
 
 def write_marked_file(
-    path: Path, text: str, mark: str, sealed: bool = False, known: bool = False, stays: str = ""
+    path: Path, text: str, mark: str, known: bool = False, stays: str = ""
 ) -> None:
     """Write a single file, aside first; one that stands there is replaced only if it is ours.
 
@@ -24,11 +26,9 @@ def write_marked_file(
     path : path
         The file; its folder is made.
     text : str
-        What it is to hold.
+        What it is to hold; with `SEAL` in it once, that becomes the text's digest.
     mark : str
         How a file of ours, and the text, begin.
-    sealed : bool
-        Whether a last line, a comment, tells whether the file was changed since.
     known : bool
         Whether what stands there was read for the text, changed or not.
     stays : str
@@ -42,15 +42,14 @@ def write_marked_file(
         it can't be written.
     """
     path = path.resolve()
-    if sealed:
-        text += "" if text.endswith("\n") else "\n"
-        text += f"{_SEAL.decode()}{hashlib.sha256(_bytes(text)).hexdigest()}\n"
+    data = text.encode("utf-8", errors="backslashreplace")
+    data = data.replace(SEAL.encode(), SEAL.encode()[:-64] + _digest(data))
     part = path.with_name(path.name + time.strftime("_%Y-%m-%d_%H-%M-%S"))
     try:
         if path.exists() and not path.is_file():
             raise UnwritableOutputError(f"{path}: is there and is no file; give another name")
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(_bytes(text))
+        part.write_bytes(data)
         if path.exists():
             if not _begins_with(path, mark.encode()):
                 stays = "roller did not write it"
@@ -74,9 +73,10 @@ def _begins_with(path: Path, mark: bytes) -> bool:
 
 def _changed(path: Path) -> bool:
     """Whether a sealed file isn't as it was written; of one without a seal that isn't known."""
-    text, seal, digest = path.read_bytes().rpartition(_SEAL)
-    return bool(seal) and digest.strip() != hashlib.sha256(text).hexdigest().encode()
+    data = path.read_bytes()
+    seal = _SEALED.search(data)
+    return seal is not None and _digest(_SEALED.sub(64 * b"0", data, count=1)) != seal.group()
 
 
-def _bytes(text: str) -> bytes:
-    return text.encode("utf-8", errors="backslashreplace")
+def _digest(data: bytes) -> bytes:
+    return hashlib.sha256(data).hexdigest().encode()

@@ -187,10 +187,11 @@ class OutputFolder:
             )
         by = makers(self.path)
         for name in self._always:
-            if name in names and by.get(name) not in (None, "", self._command):
+            if name in names and by.get(name, self._command) != self._command:
+                whose = f"`roller {by[name]}`" if by[name] else "an older version of roller"
                 raise UnwritableOutputError(
-                    f"{self._shown}: holds the result of `roller {by[name]}`, of which this one "
-                    f"would replace a part; {WAY_OUT}"
+                    f"{self._shown}: holds the result of {whose}, of which this one would replace "
+                    f"a part; {WAY_OUT}"
                 )
         for name in by:
             if name in names and not self._is_ours(name):

@@ -10,7 +10,7 @@ import numpy as np
 
 from roller_core.calibration_file import CalibrationError, calibration_record
 from roller_core.camera import Camera
-from roller_core.marked_file import write_marked_file
+from roller_core.marked_file import SEAL, write_marked_file
 from roller_core.progress import progress_bar
 from roller_core.text_file import TextFileError, read_text
 from roller_core.transforms import F64
@@ -83,7 +83,7 @@ def _from_grid(args: argparse.Namespace) -> tuple[Camera, list[F64], list[F64]]:
     )
     if args.pairs_output:
         rows = [f"{_numbers(tool)} {_numbers(target)}" for tool, target in pairs]
-        text = "\n".join([_PAIRS_MARK, "# x y z qx qy qz qw each, metres", *rows, ""])
+        text = "\n".join([_PAIRS_MARK, "# x y z qx qy qz qw each, metres", f"# {SEAL}", *rows, ""])
         write_marked_file(args.pairs_output, text, _PAIRS_MARK)
     return camera, [tool for tool, _ in pairs], [target for _, target in pairs]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.calibration_file import CalibrationError
-from roller_core.marked_file import write_marked_file
+from roller_core.marked_file import SEAL, write_marked_file
 from roller_core.option_types import add_output
 from roller_core.progress import progress_bar
 
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.target:
         grid = grid_of(args, 6.0)
-        write_marked_file(args.target, target_page(grid), _PAGE_MARK)
+        write_marked_file(args.target, f"{target_page(grid)}<!-- {SEAL} -->\n", _PAGE_MARK)
         print(f"written to {args.target}; open it full screen and measure the dots' pitch")
         if not args.inputs:
             return 0
@@ -98,8 +98,8 @@ def run(args: argparse.Namespace) -> int:
         print("the dots cover little of the image: hold the target into its corners too")
     if args.output:
         note = f"# {found.views} views, {found.rms_px:.3f} px rms\n"
-        text = f"{_CAMERA_MARK}\n{note}{c.yaml_text()}"
-        write_marked_file(args.output, text, _CAMERA_MARK, sealed=True)
+        text = f"{_CAMERA_MARK}\n{note}# {SEAL}\n{c.yaml_text()}"
+        write_marked_file(args.output, text, _CAMERA_MARK)
         print(f"written to {args.output}; give it to the cell with camera_info:=file://…")
     return 0
 

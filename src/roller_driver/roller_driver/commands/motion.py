@@ -67,9 +67,9 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
     import yaml
 
-    from roller_core.marked_file import write_marked_file
+    from roller_core.marked_file import SEAL, write_marked_file
     from roller_driver.motion.kinematics import ARMS
-    from roller_driver.motion.programs import WARNING, joint_trajectory, urscript
+    from roller_driver.motion.programs import SCRIPT_HEAD, WARNING, joint_trajectory, urscript
     from roller_driver.motion.rolling_pass import RollingPass
 
     if not (args.script or args.trajectory):
@@ -90,13 +90,14 @@ def run(args: argparse.Namespace) -> int:
         f"{rolling.duration_s:.1f} s"
     )
     if args.script:
-        write_marked_file(args.script, urscript(rolling), WARNING)
+        body = urscript(rolling).removeprefix(SCRIPT_HEAD)
+        write_marked_file(args.script, f"{SCRIPT_HEAD}\n  # {SEAL}{body}", SCRIPT_HEAD)
         print(f"written to {args.script}")
     if args.trajectory:
         tcp = np.eye(4)
         tcp[:3, 3] = args.tcp_m
         goal = joint_trajectory(rolling, ARMS[args.arm], np.radians(args.joints_deg), tcp)
         text = yaml.safe_dump(goal, sort_keys=False, default_flow_style=None, width=200)
-        write_marked_file(args.trajectory, f"{WARNING}\n{text}", WARNING)
+        write_marked_file(args.trajectory, f"{WARNING}\n# {SEAL}\n{text}", WARNING)
         print(f"written to {args.trajectory}")
     return 0

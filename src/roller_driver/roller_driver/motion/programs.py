@@ -16,6 +16,8 @@ WARNING = """\
 # EXAMPLE. It moves a robot. The risk assessment of the cell is the integrator's: speeds, forces,
 # safety planes, reach and the stop distance on your robot, with your tool. Try it first without
 # the roller, at a tenth of the speed, with a hand on the emergency stop."""
+#: How a script begins: it is sent as it is, so with its function.
+SCRIPT_HEAD = "\n".join(["def roll_pass():", *(f"  {line}" for line in WARNING.splitlines())])
 #: Speeds and accelerations of approach and retreat.
 _APPROACH = "a=0.3, v=0.05"
 #: Times of a trajectory's points lie this far apart, seconds.
@@ -35,8 +37,7 @@ def urscript(rolling: RollingPass) -> str:
     up = np.array([0.0, 0.0, rolling.lift_m])
     v, a = rolling.speed_m_s, rolling.acceleration_m_s2
     lines = [
-        "def roll_pass():",
-        *(f"  {line}" for line in WARNING.splitlines()),
+        SCRIPT_HEAD,
         f"  # {rolling.length_m * 1e3:.0f} mm at {v:g} m/s, ramps of {rolling.ramp_m * 1e3:.0f} mm "
         "before and behind it.",
         "  # Sent to the controller (port 30002) this runs at once. A program on the pendant that",
