@@ -24,6 +24,7 @@ from roller_calibration import gauge as calibration
 from roller_calibration.drift_lines import GaugeLines
 from roller_calibration.drift_tables import residual_table
 from roller_calibration.edge_drift import fit_drift, sure_slope
+from roller_calibration.gauge import OtherGaugeError
 from roller_calibration.gauges import all_gauges
 from roller_calibration.pass_lines import EdgeDriftError, PassLines
 from roller_calibration.sphere_gauges import sphere_gauges
@@ -239,6 +240,9 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_steps(rng, 3e-4)]])
     with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.(29|30). mm, not 0\.2 mm"):
         steps_gauges(SCAN, SETTINGS, STEP_M)
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_steps(rng)]])
+    with pytest.raises(OtherGaugeError, match=r"steps of 0\.2 mm (better than of 0\.4 mm|not)"):
+        steps_gauges(SCAN, SETTINGS, 2 * STEP_M)
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_sphere(rng)]])
     with pytest.raises(EdgeDriftError, match=r"not 8 mm|no sphere"):
         sphere_gauges(SCAN, SETTINGS, 8e-3)

@@ -88,7 +88,7 @@ def test_a_wall_that_seems_level_goes_by_its_height_and_not_by_chance() -> None:
     levels = [-94, 140, 386, 668, 1026, 775, 527, 279]  # µm; steps of 250
     wall = np.repeat(np.arange(8), 40)
     slope, height = np.repeat(slopes, 40), np.repeat(levels, 40) * 1e-6
-    rising = rising_walls(wall, np.zeros(len(wall), np.int64), height, slope, 8, 2.5e-4)
+    rising, _ = rising_walls(wall, np.zeros(len(wall), np.int64), height, slope, 8, 2.5e-4)
     assert rising.tolist() == [True] * 4 + [False] * 4
 
 
@@ -98,7 +98,7 @@ def test_a_wall_that_is_no_step_from_its_neighbours_goes_by_the_nearer_climb() -
     slopes = [0.06, -0.05, -0.02, 0.0, 0.01, 0.02, -0.02, -0.01]
     wall = np.repeat(np.arange(8), 40)
     slope, height = np.repeat(slopes, 40), np.repeat(levels, 40) * 1e-6
-    rising = rising_walls(wall, np.zeros(len(wall), np.int64), height, slope, 8, 2.5e-4)
+    rising, _ = rising_walls(wall, np.zeros(len(wall), np.int64), height, slope, 8, 2.5e-4)
     assert rising.tolist() == [True] * 4 + [False] * 4
 
 
@@ -111,9 +111,9 @@ def test_walls_that_drift_has_levelled_go_by_the_heights_of_all() -> None:
     height = np.repeat([*of_off, *of_on], 40) * 1e-6
     for turned in (1, -1):
         slope = turned * np.tile(np.repeat(slopes, 40), 2)
-        rising = rising_walls(wall, polarity, height, slope, 8, 2.5e-4)
+        rising, _ = rising_walls(wall, polarity, height, slope, 8, 2.5e-4)
         assert rising.tolist() == [True] * 4 + [False] * 4
-    rising = rising_walls(wall, polarity, -height, slope, 8, 2.5e-4)
+    rising, _ = rising_walls(wall, polarity, -height, slope, 8, 2.5e-4)
     assert rising.tolist() == [False] * 4 + [True] * 4
 
 

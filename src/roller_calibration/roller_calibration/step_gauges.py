@@ -83,7 +83,8 @@ def _on_walls(
     wall, count, across = find_walls(x, y, lines.slope, lines.sigma_m, step_m)
     if count < LEAST_WALLS:
         raise EdgeDriftError(f"{name}: {count} walls of steps across the roll, fewer than 2")
-    rising = rising_walls(wall, lines.polarity, height, lines.slope, count, step_m)
+    given = wall, lines.polarity, height, lines.slope, count
+    rising, misfit = rising_walls(*given, step_m)
     if found.kind == "lines" and rising.all() | (~rising).all():
         raise EdgeDriftError(f"{name}: lines on walls that rise alone, or fall; record both")
     change = np.where(rising, 1.0, -1.0)
@@ -100,6 +101,12 @@ def _on_walls(
         raise (OtherGaugeError if other else EdgeDriftError)(
             f"{name}: {count} walls fit steps of {fitted_m * 1e3:.3f} mm, not "
             f"{step_m * 1e3:g} mm; check --step-mm, and that all steps are equal"
+        )
+    # Of steps half as high, up and down can be told so that they seem twice their height.
+    if rising_walls(*given, 0.5 * step_m)[1] < misfit:
+        raise OtherGaugeError(
+            f"{name}: {count} walls fit steps of {0.5e3 * step_m:g} mm better than of "
+            f"{step_m * 1e3:g} mm; check --step-mm"
         )
     on = wall >= 0
     lines, at = take(lines, on), wall[on]

@@ -49,8 +49,10 @@ _UNSEEN = 0.75
 
 def rising_walls(
     wall: I64, polarity: I64, height: F64, slope: F64, count: int, step_m: float
-) -> npt.NDArray[np.bool_]:
-    """Which walls go up along the roll, shape (count,).
+) -> tuple[npt.NDArray[np.bool_], float]:
+    """Which walls go up along the roll, shape (count,), and how badly their heights fit.
+
+    The latter is in squares of scatters; below 0 where heights fit and slopes tell the same.
 
     Walls are a step high, up or down: of all ways to go the one that fits the walls' heights best,
     where each polarity may lie higher or lower on walls that rise, and on those that fall, by where
@@ -65,7 +67,7 @@ def rising_walls(
         if (own := (wall == k) & (polarity == p)).sum() >= _LEAST_ON_WALL
     ]
     if not found:
-        return slopes > 0
+        return slopes > 0, 0.0
     at, kinds, heights = (np.array(part) for part in zip(*found, strict=True))
     shown = np.clip(slopes / _LEVEL, -1.0, 1.0)
 
@@ -96,7 +98,7 @@ def rising_walls(
             rising, cost = way, lower
         if cost < least:
             best, least = rising, cost
-    return best
+    return best, least
 
 
 def parts_by_kind(across: F64, wall: I64, kind: I64, rising: npt.NDArray[np.bool_]) -> F64:

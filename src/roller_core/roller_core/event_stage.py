@@ -99,8 +99,7 @@ class EventStage(Stage[E], Generic[E, P]):
         """Take the calibration, then the packets that came before it; see `Stage`."""
         wanted = self.settings.calibrated_camera
         if any(wanted) and not camera.same_intrinsics(wanted):
-            self.pipeline = self.stream = self.camera = None
-            self.refused = (
+            self.refuse_camera(
                 f"the camera ({camera}) isn't the one that the node's parameters were "
                 "calibrated with (calibrated_camera): calibrate again, or leave params:= away"
             )
@@ -125,6 +124,11 @@ class EventStage(Stage[E], Generic[E, P]):
                     self.take_packet(packet)
             except RollerError as error:
                 self._left.append(Result(None, fault=error))
+
+    def refuse_camera(self, reason: str) -> None:
+        """Take nothing until another calibration comes."""
+        self.pipeline = self.stream = self.camera = None
+        self.refused = reason
 
     def new_source(self) -> None:
         """Finish what there is: packets of another source follow, poses go on."""

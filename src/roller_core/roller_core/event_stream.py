@@ -144,6 +144,9 @@ class EventStream:
         TimeBackwardsError
             If time jumped back by more than a second; the stream then starts anew.
         """
+        self._gaps.see("", seq, stamp_ns)
+        self.counts.lost_packets = self._gaps.lost
+        self.counts.seq_restarts = self._gaps.restarts
         if (width, height) != (self.width, self.height):
             self.counts.decode_errors += 1
             raise ImageSizeError(
@@ -157,9 +160,6 @@ class EventStream:
         except CodecError:
             self.counts.decode_errors += 1
             raise
-        self._gaps.see("", seq, stamp_ns)
-        self.counts.lost_packets = self._gaps.lost
-        self.counts.seq_restarts = self._gaps.restarts
         events = packet.events if packet.ordered else packet.events.sorted_by_time()
         self.counts.packets += 1
         self.counts.outside_events += packet.outside

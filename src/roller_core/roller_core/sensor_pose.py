@@ -141,13 +141,14 @@ class SensorFrames:
             If its quaternion is zero or not finite.
         """
         self._fixed.add(parent, child, position, quaternion)
-        if self._hand_eye is None:
-            self._hand_eye = self._fixed.path(self.moving, self.sensor)
-            if self._hand_eye is not None:
-                self._turn = matrix_to_quaternion(self._hand_eye[:3, :3])
-                waiting, self._waiting = self._waiting, []
-                for t_ns, (p, q) in waiting:
-                    self._append(t_ns, p, q)
+        hand_eye = self._fixed.path(self.moving, self.sensor)
+        if hand_eye is None:
+            return
+        # As in tf2 the newest holds: a sensor may be mounted anew.
+        self._hand_eye, self._turn = hand_eye, matrix_to_quaternion(hand_eye[:3, :3])
+        waiting, self._waiting = self._waiting, []
+        for t_ns, (p, q) in waiting:
+            self._append(t_ns, p, q)
 
     def add(
         self,

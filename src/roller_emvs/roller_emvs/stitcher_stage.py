@@ -122,12 +122,18 @@ class StitcherStage(Stage[StitcherParameters]):
             parts.sigma = output.data
         else:
             parts.confidence = output.data
+        if self.stitcher is None or not len(self.frames.track):
+            while len(self._pending) > _MOST_PENDING:
+                del self._pending[min(self._pending)]
+                self.left_out += 1
 
     def health(self) -> tuple[int, str]:
         """See `Stage`."""
-        if self.stitcher is None:
-            return OK, "waiting for depth maps"
-        return (WARN, "depth maps were left out") if self.left_out else (OK, "")
+        if self._pending and (missing := self.frames.missing()):
+            return WARN, missing
+        if self.left_out:
+            return WARN, "depth maps were left out"
+        return OK, "" if self.stitcher is not None else "waiting for depth maps"
 
     def rated(self) -> Mapping[str, float]:
         """See `Stage`."""

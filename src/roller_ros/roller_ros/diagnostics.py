@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from roller_core.clock import SensorClock
@@ -16,6 +17,9 @@ from . import qos
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
+
+#: For timers that go on where the node's clock is a simulated one, which may stand.
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 #: More than this only the newest is reported, with the regular status.
 _MOST_FAULTS_A_SECOND = 10
@@ -93,7 +97,7 @@ class Diagnostics:
         self._fault, self._fault_level = "", ERROR
         self._told: list[float] = []
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
-        node.create_timer(period_s, self.publish)
+        node.create_timer(period_s, self.publish, clock=STEADY)
 
     def fault(self, message: str, level: bytes = ERROR) -> None:
         """Report a fault now; it stays in the next regular status too.

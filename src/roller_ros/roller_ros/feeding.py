@@ -64,6 +64,8 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
         stage.take_output(Output(topic, stamp_ns(message), message.header.frame_id, data))
 
     try:
+        if isinstance(message, RollerError):
+            raise message
         if message is NEW_SOURCE:
             stage.new_source()
         elif isinstance(message, LeftOut):
@@ -71,7 +73,12 @@ def feed(stage: Any, topic: str, message: Any, on_fault: Callable[[RollerError],
         elif isinstance(message, (RawPacket, EventPacket)):
             stage.take_packet(message)
         elif isinstance(message, CameraInfo):
-            camera = Camera.from_info(message)
+            try:
+                camera = Camera.from_info(message)
+            except RollerError as error:
+                if topic != outputs.DEPTH_INFO:
+                    stage.refuse_camera(str(error))
+                raise
             if topic == outputs.DEPTH_INFO:
                 give(camera)
             else:
@@ -102,15 +109,18 @@ def backlog_for(settings: FollowedFrames, kind: type[Stage[Any]]) -> Backlog[tup
     )
 
 
-def packet_of(cdr: bytes) -> RawPacket | EventPacket:
-    """A serialized event packet's fields; the events aren't copied where they needn't be.
+def packet_of(cdr: bytes) -> RawPacket | EventPacket | CodecError:
+    """A serialized event packet's fields, or why it has none; the events aren't copied.
 
     rclpy copies them three times, with the interpreter's lock held.
     """
     try:
         return RawPacket.parse(cdr)
-    except CodecError:  # of a big-endian machine, perhaps
-        return deserialize_message(cdr, EventPacket)
+    except CodecError as error:
+        try:  # of a big-endian machine, perhaps
+            return deserialize_message(cdr, EventPacket)
+        except Exception:
+            return error
 
 
 def bulk_of(packet: RawPacket | EventPacket) -> Bulk:

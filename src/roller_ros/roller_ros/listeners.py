@@ -12,6 +12,7 @@ from rclpy.node import NodeNameNonExistentError
 
 from roller_core.settings import Settings
 
+from .diagnostics import STEADY
 from .node import RollerNode
 
 #: How long no subscriber may have come before a scan begins, s: the other side needs a moment to
@@ -132,7 +133,7 @@ class PlayingNode(RollerNode):
         """Begin to play; the process ends with `_code` once `_done` is set."""
         self._thread = threading.Thread(target=run, daemon=True)
         self._thread.start()
-        self._timer = self.create_timer(0.2, self._end)
+        self._timer = self.create_timer(0.2, self._end, clock=STEADY)
 
     def destroy_node(self) -> None:
         """Stop playing first: it publishes."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,7 +16,7 @@ from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
 from roller_core.clock import SensorClock
-from roller_core.codecs import RawPacket
+from roller_core.codecs import CodecError, RawPacket
 from roller_core.errors import RollerError
 from roller_core.event_stage import EventStage
 from roller_core.memory import take_memory
@@ -35,6 +36,8 @@ from .worker import Worker
 _MOST_UNPROCESSED = 10
 #: A scan begins and ends with windows too short for a result; more of them in a row are bad.
 _MOST_EMPTY = 3
+#: A sender that isn't followed is looked up in the graph no more often, s.
+_LOOK_S = 0.2
 
 
 class StageNode(RollerNode):
@@ -57,6 +60,7 @@ class StageNode(RollerNode):
         self.stage = stage = kind(settings)
         stage.clock_ns = lambda: int(self.get_clock().now().nanoseconds)
         self._empty = 0
+        self._looked_s = 0.0
         self._faults = self._unprocessed = self._steps_told = self._left_out_told = 0
         self._poses = PoseSources(settings.base_frame, settings.moving_frame)
         self._events, self._cameras = OneSource(), OneSource(latched=True)
@@ -125,11 +129,22 @@ class StageNode(RollerNode):
 
             def take(message: Any, info: Mapping[str, Any]) -> None:
                 if self.resolve_topic_name(name) not in self._taken_results or (
-                    self._results.accepts(info)
+                    self._accepts_result(info)
                 ):
                     submit((name, message), name != outputs.WRENCH)
 
             self.create_subscription(topic.type, name, take, topic.qos)
+
+    def _accepts_result(self, info: Mapping[str, Any]) -> bool:
+        """Whether a result is of the process that is followed, or of that node started again."""
+        if self._results.accepts(info):
+            return True
+        before, now_s = self._results.followed, time.monotonic()
+        if now_s - self._looked_s < _LOOK_S:
+            return False
+        self._looked_s = now_s
+        self._keep_to_results()
+        return before != self._results.followed and self._results.accepts(info)
 
     @property
     def _taken_results(self) -> list[str]:
@@ -157,7 +172,12 @@ class StageNode(RollerNode):
 
         self.create_service(Trigger, f"~/{name}", serve)
 
-    def _take_packet(self, message: RawPacket | EventPacket, info: Mapping[str, Any]) -> None:
+    def _take_packet(
+        self, message: RawPacket | EventPacket | CodecError, info: Mapping[str, Any]
+    ) -> None:
+        if isinstance(message, CodecError):
+            self._worker.submit((outputs.EVENTS, message))
+            return
         with self._sources:
             before = self._events.followed
             if not self._events.accepts(info):
