@@ -102,10 +102,13 @@ def test_arrays_must_fit_together() -> None:
 
 def test_what_can_not_be_decoded_is_counted() -> None:
     stream = EventStream(64, 48)
-    for encoding, width in (("libcaer_cmp", 64), ("evt9", 64), ("libcaer_cmp", 640)):
+    push(stream, 0, MS, START_NS)
+    for seq, (encoding, width) in enumerate([("libcaer_cmp", 64), ("evt9", 64), ("mono", 640)], 1):
         with pytest.raises((CodecError, ImageSizeError)):
-            stream.push(encoding, width, 48, 0, START_NS, MS, b"123")
+            stream.push(encoding, width, 48, seq, START_NS, MS, b"123")
+    push(stream, 4, 2 * MS, START_NS + MS)
     assert stream.counts.decode_errors == 3
+    assert stream.counts.lost_packets == 3
 
 
 def test_a_camera_whose_clock_goes_back_is_followed() -> None:

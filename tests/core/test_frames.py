@@ -22,6 +22,14 @@ def put(frames: SensorFrames, t_ms: float, x_m: float) -> bool:
     return frames.add("base", "tool0_controller", round(t_ms * MS), (x_m, 0.0, 0.0), UP)
 
 
+def test_of_two_mountings_the_newest_holds(frames: SensorFrames) -> None:
+    """As in tf2: latched, the one before may come first for ever."""
+    put(frames, 0, 0.0)
+    frames.add_static("tool0_controller", "event_camera_optical_frame", (5e-3, 0.0, 0.1), UP)
+    put(frames, 8, 0.0)
+    np.testing.assert_allclose(frames.track.positions, [[0.0, 0.0, 0.1], [5e-3, 0.0, 0.1]])
+
+
 def test_gaps_are_counted(frames: SensorFrames) -> None:
     for t_ms in (0, 8, 16, 150, 158, 1000):
         put(frames, t_ms, 0.0)

@@ -8,8 +8,10 @@ import pytest
 
 from emvs.scenes import CAMERA, MS, depth_map, rolling, track_of
 from roller_core import outputs
+from roller_core.camera import Camera
 from roller_core.errors import UnwritableOutputError
 from roller_core.outputs import Output
+from roller_core.stage import WARN
 from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
 from roller_emvs import registration
 from roller_emvs.depth_settings import StitcherSettings
@@ -247,6 +249,23 @@ def test_depth_maps_that_wait_are_given_up_by_count_alone() -> None:
     list(stage.results())
     stage.clear()
     assert (stage.counts()["depth_maps"], stage.left_out) == (1, 1)
+
+
+@pytest.mark.parametrize("camera", [None, CAMERA])
+def test_depth_maps_without_poses_are_bounded_and_said(
+    camera: Camera | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("roller_emvs.stitcher_stage._MOST_PENDING", 5)
+    stage = StitcherStage(StitcherParameters.create({}))
+    if camera is not None:
+        stage.take_camera(camera)
+    for k in range(9):
+        stage.take_output(Output(outputs.DEPTH_IMAGE, k * MS, "", flat().astype(np.float32)))
+        list(stage.results())
+    assert (stage.counts()["waiting_maps"], stage.left_out) == (5, 4)
+    level, said = stage.health()
+    assert level == WARN
+    assert said == stage.frames.missing()
 
 
 def test_warming_up_takes_all_of_a_correction(monkeypatch: pytest.MonkeyPatch) -> None:

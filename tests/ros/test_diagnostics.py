@@ -26,7 +26,7 @@ class FakeNode:
     def create_publisher(self, kind, topic, quality):
         return self
 
-    def create_timer(self, period_s, callback):
+    def create_timer(self, period_s, callback, clock):
         return None
 
     def get_logger(self):

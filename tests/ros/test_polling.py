@@ -14,9 +14,11 @@ from rclpy.context import Context
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from roller_core.codecs import RawPacket
+from roller_core import outputs
+from roller_core.codecs import CodecError, RawPacket
+from roller_core.errors import RollerError
 from roller_ros import qos
-from roller_ros.feeding import packet_of
+from roller_ros.feeding import feed, packet_of
 from roller_ros.polling import Poller
 from waiting import wait_until
 
@@ -80,6 +82,14 @@ def test_messages_may_be_made_of_their_serialized_form(nodes: tuple[Node, Node])
     assert bytes(packet.events) == bytes([1, 2, 3])
     # What isn't parsed goes through rclpy: a big-endian message, as another machine may send it.
     assert packet_of(BIG_ENDIAN).seq == 258
+
+
+def test_a_packet_that_is_none_is_a_fault_and_no_end() -> None:
+    faults: list[RollerError] = []
+    for cdr in (b"", b"\x00\x01\x00\x00" + bytes(range(1, 200)), BIG_ENDIAN[:40]):
+        feed(None, outputs.EVENTS, packet_of(cdr), faults.append)
+    assert len(faults) == 3
+    assert all(isinstance(fault, CodecError) for fault in faults)
 
 
 def test_a_publisher_that_does_not_suit_is_told_once(

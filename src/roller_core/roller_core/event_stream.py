@@ -144,9 +144,6 @@ class EventStream:
         TimeBackwardsError
             If time jumped back by more than a second; the stream then starts anew.
         """
-        self._gaps.see("", seq, stamp_ns)
-        self.counts.lost_packets = self._gaps.lost
-        self.counts.seq_restarts = self._gaps.restarts
         if (width, height) != (self.width, self.height):
             self.counts.decode_errors += 1
             raise ImageSizeError(
@@ -160,6 +157,10 @@ class EventStream:
         except CodecError:
             self.counts.decode_errors += 1
             raise
+        # One that can't be decoded is missing like one that never came.
+        self._gaps.see("", seq, stamp_ns)
+        self.counts.lost_packets = self._gaps.lost
+        self.counts.seq_restarts = self._gaps.restarts
         events = packet.events if packet.ordered else packet.events.sorted_by_time()
         self.counts.packets += 1
         self.counts.outside_events += packet.outside

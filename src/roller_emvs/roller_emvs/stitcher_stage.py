@@ -124,7 +124,7 @@ class StitcherStage(Stage[StitcherParameters]):
             parts.confidence = output.data
         if self.stitcher is None or not len(self.frames.track):
             while len(self._pending) > _MOST_PENDING:
-                del self._pending[min(self._pending)]
+                del self._pending[max(self._pending)]
                 self.left_out += 1
 
     def health(self) -> tuple[int, str]:

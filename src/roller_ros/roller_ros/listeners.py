@@ -34,7 +34,12 @@ class PlaySettings(Settings):
         description="Nodes of the same namespace to wait for until they listen, with commas "
         "between.",
     )
-    wait_s: float = Field(20.0, ge=0.0, le=600.0, description="Longest wait for them, s.")
+    wait_s: float = Field(
+        180.0,
+        ge=0.0,
+        le=600.0,
+        description="Longest wait for them, s: on a first run nodes compile their kernels.",
+    )
     exit_when_done: bool = Field(False, description="Whether to end after the last message.")
 
     @property

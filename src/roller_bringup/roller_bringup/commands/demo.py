@@ -67,8 +67,7 @@ def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
     from roller_inspect.results.summary import demo_table
 
     parameters = folder / "parameters.yaml"
-    # A first run compiles every node's kernels, on few cores for a minute.
-    cell = {"truth_output": str(folder / "truth"), "wait_s": 180.0, **COATINGS[args.coating]}
+    cell = {"truth_output": str(folder / "truth"), **COATINGS[args.coating]}
     nodes = {"/**/virtual_cell": cell, "/**/recorder": {"output": str(folder / "bag")}}
     parameters.write_text(
         yaml.safe_dump({node: {"ros__parameters": values} for node, values in nodes.items()})

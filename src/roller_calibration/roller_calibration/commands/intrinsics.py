@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from roller_core.calibration_file import CalibrationError
 from roller_core.marked_file import SEAL, write_marked_file
 from roller_core.option_types import add_output
+from roller_core.output_overlap import refuse_overlap
 from roller_core.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -67,6 +68,10 @@ def run(args: argparse.Namespace) -> int:
     from roller_calibration.intrinsics import find_intrinsics
     from roller_recording.reading.uncalibrated import open_uncalibrated
 
+    for output in (args.output, args.target):
+        for source in args.inputs if output else ():
+            if source.is_dir():
+                refuse_overlap(source, output)
     if args.target:
         grid = grid_of(args, 6.0)
         write_marked_file(args.target, f"{target_page(grid)}<!-- {SEAL} -->\n", _PAGE_MARK)

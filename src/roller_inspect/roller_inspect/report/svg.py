@@ -139,12 +139,17 @@ class Chart:
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """Round values between two others, at most about so many."""
-    step = (high - low) / max(most, 1)
-    ten = 10.0 ** math.floor(math.log10(step))
-    step = next(n * ten for n in (1, 2, 5, 10) if n * ten >= step * 0.999)
-    first = math.ceil(low / step - 1e-9)
-    return [round(n * step, 12) for n in range(first, math.floor(high / step + 1e-9) + 1)]
+    """Round values between two others, at most about so many, but three."""
+    least = (high - low) / max(most, 1)
+    ten = 10.0 ** math.floor(math.log10(least))
+    found: list[float] = []
+    for n in (10, 5, 2, 1, 0.5, 0.2):
+        step = n * ten
+        if step < least * 0.999 and len(found) >= 3:
+            break
+        first = math.ceil(low / step - 1e-9)
+        found = [round(k * step, 12) for k in range(first, math.floor(high / step + 1e-9) + 1)]
+    return found
 
 
 def plain(value: float) -> str:
