@@ -191,7 +191,7 @@ class OutputFolder:
                 whose = f"`roller {by[name]}`" if by[name] else "an older version of roller"
                 raise UnwritableOutputError(
                     f"{self._shown}: holds the result of {whose}, of which this one would replace "
-                    f"a part; {WAY_OUT}"
+                    f"a part; move it away, or {WAY_OUT}"
                 )
         for name in by:
             if name in names and not self._is_ours(name):

@@ -18,7 +18,7 @@ from ._render_kernels import _shade_row, _trace_row
 
 #: Digest of `_render_kernels.py`, which is compiled into the kernels here. Numba's cache sees
 #: changes of this file only: without a new digest here it would go on using the old rendering.
-RENDERING = "8bcf4b38cc8140b0"
+RENDERING = "9d3f12ad1836229d"
 #: Events one pixel may emit between two rendered frames; any more wait for the next frame.
 MAX_PER_STEP = 4
 TIME_SHIFT = 23

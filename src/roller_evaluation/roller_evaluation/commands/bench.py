@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("--speeds: 0.001 to 2 m/s")
     options = BenchOptions.short(**chosen) if args.quick else BenchOptions(**chosen)
     with (
-        OutputFolder(args.output, "bench", lasting=["scans"]) as output,
+        OutputFolder(args.output, "bench", lasting=["scans"], always=["rows.csv"]) as output,
         shown_progress("bench") as on_progress,
     ):
         result = run_bench(options, output.partial, on_progress)

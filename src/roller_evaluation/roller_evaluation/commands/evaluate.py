@@ -93,7 +93,7 @@ def _run_all(args: argparse.Namespace) -> int:
     if args.results is not None:
         check_results(args.results)
     with (
-        OutputFolder(args.output, "evaluate", lasting=["passes"]) as output,
+        OutputFolder(args.output, "evaluate", lasting=["passes"], always=["rows.csv"]) as output,
         shown_progress("evaluate") as on_progress,
     ):
         result = run_evaluation(options, output.partial, args.jobs, on_progress)
@@ -144,7 +144,8 @@ def _add_experiment(
     run: Callable[[argparse.Namespace], int],
 ) -> argparse.ArgumentParser:
     parser = experiments.add_parser(name, help=summary, description=description)
-    add_output(parser, "results go here (default: evaluation)", default=Path("evaluation"))
+    own = f"evaluation_{name}"
+    add_output(parser, f"results go here (default: {own})", default=Path(own))
     parser.add_argument("--quick", action="store_true", help=quick)
     parser.add_argument("--speeds", type=numbers, metavar="V,W", help="m/s")
     _add_jobs(parser)
@@ -166,7 +167,7 @@ def _measured(
     wanted = options.short(**chosen) if args.quick else options(**chosen)
     name = f"evaluate {args.experiment}"
     with (
-        OutputFolder(args.output, name, lasting=["passes"]) as output,
+        OutputFolder(args.output, name, lasting=["passes"], always=["rows.csv"]) as output,
         shown_progress("evaluate") as on_progress,
     ):
         result = measure(wanted, output.partial, on_progress, args.jobs)

@@ -76,7 +76,8 @@ def run(args: argparse.Namespace) -> int:
         return USAGE
     jobs = _jobs(args, sources, recipe)
     inputs = [*args.folders, args.params, args.camera, args.recipe]
-    with OutputFolder(args.output, "batch", inputs, lasting=[job.key for job in jobs]) as output:
+    lasting = [job.key for job in jobs]
+    with OutputFolder(args.output, "batch", inputs, False, lasting, ["index.html"]) as output:
         rows: list[Row] = []
         with progress_bar(f"inspect {len(jobs)} recordings") as progress:
             for row in _run_all(jobs, args):
