@@ -73,7 +73,11 @@ def show_tables(shown_tables: Sequence[Table]) -> None:
             padding=(0, 1, 0, 0),
         )
         for k, name in enumerate(table.head):
-            shown.add_column(name, justify="left" if k == 0 else "right", no_wrap=k == 0)
+            # A heading may wrap; of figures nothing is cut, however narrow the screen.
+            least = max(map(len, (*name.split(), *(row[k] for row in table.rows))), default=0)
+            shown.add_column(
+                name, justify="left" if k == 0 else "right", no_wrap=k == 0, min_width=least
+            )
         for row in table.rows:
             shown.add_row(*row)
-        console.print(shown)
+        console.print(shown, crop=False)
