@@ -72,12 +72,14 @@ def show_tables(shown_tables: Sequence[Table]) -> None:
             box=SIMPLE_HEAD,
             padding=(0, 1, 0, 0),
         )
+        # A heading may wrap; of figures nothing is cut, however narrow the screen.
+        columns = zip(table.head, *table.rows, strict=True)
+        least = [max(map(len, (*head.split(), *cells))) for head, *cells in columns]
         for k, name in enumerate(table.head):
-            # A heading may wrap; of figures nothing is cut, however narrow the screen.
-            least = max(map(len, (*name.split(), *(row[k] for row in table.rows))), default=0)
             shown.add_column(
-                name, justify="left" if k == 0 else "right", no_wrap=k == 0, min_width=least
+                name, justify="left" if k == 0 else "right", no_wrap=k == 0, min_width=least[k]
             )
         for row in table.rows:
             shown.add_row(*row)
-        console.print(shown, crop=False)
+        wide = sum(least) + len(least) + 2
+        console.print(shown, width=max(console.width, wide), crop=False)
