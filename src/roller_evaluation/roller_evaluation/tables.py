@@ -61,8 +61,7 @@ def share(value: float | None) -> str:
 def show_tables(shown_tables: Sequence[Table]) -> None:
     """Print tables."""
     console = Console()
-    if not console.is_terminal:
-        console = Console(width=_WIDTH)
+    width = console.width if console.is_terminal else _WIDTH
     for table in shown_tables:
         shown = RichTable(
             title=table.title,
@@ -81,5 +80,4 @@ def show_tables(shown_tables: Sequence[Table]) -> None:
             )
         for row in table.rows:
             shown.add_row(*row)
-        wide = sum(least) + len(least) + 2
-        console.print(shown, width=max(console.width, wide), crop=False)
+        Console(width=max(width, sum(least) + len(least) + 2)).print(shown)
