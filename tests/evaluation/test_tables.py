@@ -5,7 +5,7 @@ import pytest
 from roller_evaluation.tables import Table, show_tables
 
 
-@pytest.mark.parametrize("columns", [40, 200])
+@pytest.mark.parametrize("columns", [40, 80, 120, 200])
 def test_no_figure_is_cut(
     columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -80,4 +80,4 @@ def show_tables(shown_tables: Sequence[Table]) -> None:
             )
         for row in table.rows:
             shown.add_row(*row)
-        Console(width=max(width, sum(least) + 2 * len(least) + 2)).print(shown)
+        Console(width=max(width, sum(least) + 2 * len(least) + 2)).print(shown, crop=False)
