@@ -255,17 +255,6 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
         steps_gauges(SCAN, SETTINGS, STEP_M)
 
 
-def test_steps_that_are_given_for_the_sphere_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(3)
-    steps, sphere = made_up_steps(rng), made_up_sphere(rng)
-    ball = replace(SCAN, name="ball")
-    monkeypatch.setattr(
-        calibration, "pass_lines", lambda scan, _: [[steps if scan.name == "ball" else sphere]]
-    )
-    with pytest.raises(EdgeDriftError, match="ball: shows the steps, no sphere"):
-        all_gauges([ball], [SCAN], SETTINGS, RADIUS_M, STEP_M)
-
-
 def test_of_several_recordings_one_whose_size_drift_hides_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

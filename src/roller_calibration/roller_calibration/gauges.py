@@ -51,21 +51,7 @@ def all_gauges(
         if other is not None and not own:
             raise other
         found += own
-        if scans is spheres and scans and not own:
-            _refuse_swapped(spheres, steps, settings, step_m)
     # Edges drift further on a sphere, which bends little, than on walls: alone it would do harm.
     if not found or (steps and all(gauge.sphere for gauge in found)):
         raise EdgeDriftError("; ".join(map(str, left_out)))
     return found, left_out
-
-
-def _refuse_swapped(
-    spheres: Sequence[Scan], steps: Sequence[Scan], settings: SurfaceSettings, step_m: float
-) -> None:
-    """Refuse steps that were given for spheres: the sphere may pass for steps, too."""
-    for scan in spheres if steps else ():
-        try:
-            steps_gauges(scan, settings, step_m)
-        except EdgeDriftError:
-            continue
-        raise EdgeDriftError(f"{scan.name}: shows the steps, no sphere; are the two swapped?")
