@@ -36,5 +36,5 @@ done
   --output "$scans/found.yaml"
 # Light and sensor matter, not the camera's geometry, which users of the virtual cell change; nor
 # is the delay taken out of its scans by default.
-sed -e '/^    event_delay_s:/d' -e '/^    calibrated_camera:/d' -e '/^    - /d' \
+sed -e "/as written: sha256/d" -e "/^    event_delay_s:/d" -e "/^    calibrated_camera:/d" -e "/^    - /d" \
   "$scans/found.yaml" > "config/virtual_cell_$light.yaml"

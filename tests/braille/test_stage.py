@@ -15,9 +15,13 @@ from roller_core._clock_kernels import map_times
 from roller_core.codecs import ENCODED_ENCODINGS
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
+from roller_core.frame_transforms import Transform
 from roller_core.outputs import BRAILLE_CELLS, BRAILLE_MARKERS, BRAILLE_TEXT
+from roller_core.pose_track import PoseOrderError
 from roller_ros.messages import to_message
 from roller_ros.topics import BY_NAME
+
+FRAMES = "base", "tool0_controller"
 
 
 def messages(stage: BrailleStage, flush: bool = False) -> list[tuple[str, Any]]:
@@ -51,6 +55,26 @@ def test_markers_of_an_earlier_scan_go_and_its_text_stays() -> None:
     assert stage.text() == ["abc"]
     stage.restart()
     assert messages(stage) == []  # nothing is shown that could go
+
+
+def test_the_first_pose_of_a_recording_played_once_more_begins_anew() -> None:
+    stage, still = BrailleStage(BrailleParameters.create({"pose_smoothing": 0})), (0.0, 0.0, 0.0)
+
+    def take(t_ns: int, *, static: bool = False) -> None:
+        frames = ("tool0_controller", "event_camera_optical_frame") if static else FRAMES
+        stage.take_transform(Transform(*frames, t_ns, still, (0.0, 0.0, 0.0, 1.0), static))
+
+    take(0, static=True)
+    stage.take_camera(CAMERA)
+    take(500_000_000)
+    with pytest.raises(PoseOrderError):
+        take(0)  # late, or the first of the second time
+    assert stage.frames.track.start_ns == 500_000_000
+    stage.new_source()
+    with pytest.raises(PoseOrderError):
+        take(1_000_000)
+    take(3_000_000)
+    assert (stage.frames.track.start_ns, stage.frames.track.end_ns) == (0, 3_000_000)
 
 
 def test_clear_forgets_text_and_markers() -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import re
 import sys
 from pathlib import Path
@@ -353,6 +354,7 @@ def test_a_part_without_a_point_is_unmeasured(tmp_path: Path) -> None:
         ),
         ("hard", "pressed too hard for 0.41 s, up to 41.0 N; the recipe asks for 5 to 30 N"),
         ("light", "pressed too lightly for 0.41 s, down to 1.0 N; the recipe asks for 5 to 30 N"),
+        ("unknown", "the force is not known for 0.41 s; the recipe asks for 5 to 30 N"),
         ("lost", "7% of the event packets were lost: 20 of 300"),
         ("before and after", ""),
         ("", ""),
@@ -362,7 +364,7 @@ def test_a_part_that_was_not_in_good_contact_is_never_conform(what: str, said: s
     stage = InspectStage(InspectParameters.create({}), Recipe.create(PLANE | {"force_n": [5, 30]}))
     outputs = list(clouds(scan(flat)))
     first, last = outputs[0].t_ns, outputs[-1].t_ns
-    bad_n = {"hard": 41.0, "light": 1.0}.get(what, 20.0)
+    bad_n = {"hard": 41.0, "light": 1.0, "unknown": math.nan}.get(what, 20.0)
     middle = (first + last) // 2
     for k, output in enumerate(outputs):
         stage.take_output(output)

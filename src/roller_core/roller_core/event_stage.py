@@ -137,6 +137,7 @@ class EventStage(Stage[E], Generic[E, P]):
             return
         self._finish()
         self.stream.new_source(self.stream.width, self.stream.height)
+        self._anew = True
         self._begin()
 
     def leave_out(self, packets: int) -> None:
@@ -216,8 +217,9 @@ class EventStage(Stage[E], Generic[E, P]):
 
     @property
     def lost(self) -> bool:
-        """Whether packets or events were lost."""
-        return bool(self.lost_packets or self.totals().get("dropped_events"))
+        """Whether packets or events were lost, or came so late that they were left out."""
+        late = self.stream.counts.late_events if self.stream is not None else 0
+        return bool(self.lost_packets or late or self.totals().get("dropped_events"))
 
     @property
     def lost_packets(self) -> int:

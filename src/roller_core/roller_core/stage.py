@@ -19,8 +19,8 @@ from .outputs import Result
 from .pose_track import PoseOrderError, PoseTrack
 from .sensor_pose import SensorFrames
 
-#: Poses this much older are of a source that started anew, s.
-_RESTART_S = 1.0
+#: Poses this much older are of a source that started anew, s; so are as many in a row, of any age.
+_RESTART_S, _RESTART_POSES = 1.0, 10
 #: Poses that are kept where no event waits for them, or half as many: six minutes of an e-series
 #: robot, by which depth maps may be late.
 _MOST_POSES = 400_000
@@ -70,6 +70,10 @@ class Stage(ABC, Generic[S]):
             settings.pose_smoothing,
         )
         self._left: list[Result] = []
+        # Poses older than the newest, in order of time and one after the other.
+        self._older: list[Transform] = []
+        # Whether older poses are expected: of a source that is followed anew.
+        self._anew = False
 
     @abstractmethod
     def take_camera(self, camera: Camera) -> None:
@@ -90,10 +94,18 @@ class Stage(ABC, Generic[S]):
             If it can't be used; see `SensorFrames`. The stage begins anew where time ran backwards.
         """
         try:
-            self.frames.take(transform)
+            if self.frames.take(transform):
+                self._older, self._anew = [], False
         except PoseOrderError as error:
-            if error.behind_s > _RESTART_S:
+            if self._older and transform.t_ns <= self._older[-1].t_ns:
+                self._older = []
+            self._older.append(transform)
+            many = len(self._older) >= (1 if self._anew else _RESTART_POSES)
+            if many or error.behind_s > _RESTART_S:
+                older = self._older
                 self.restart()
+                for each in older:
+                    self.frames.take(each)
             raise
         if not self.waits_for_poses:
             self.frames.forget_beyond(_MOST_POSES)
@@ -106,6 +118,7 @@ class Stage(ABC, Generic[S]):
         """Finish what there is and begin anew: the source was started again."""
         self._finish()
         self.frames.restart()
+        self._older, self._anew = [], False
         self._begin()
 
     def clear(self) -> str:

@@ -13,6 +13,8 @@ _SAID_S = 1.5
 _STILL_ON = 2
 #: Samples of force, and faults, that wait for the points that follow them.
 _MOST_WAITING = 100_000
+#: Of a force that is no number.
+_UNKNOWN = "the force is not known"
 
 
 class ScanFaults:
@@ -37,8 +39,9 @@ class ScanFaults:
         self._faults: Counter[str] = Counter()
         self._first: dict[str, str] = {}
         self._before_ns = 0
-        #: Seconds, and the worst force, of too little and of too much.
-        self._light_s = self._hard_s = 0.0
+        #: Seconds of a force that is no number; seconds, and the worst force, of too little and of
+        #: too much.
+        self._unknown_s = self._light_s = self._hard_s = 0.0
         self._least_n, self._most_n = math.inf, 0.0
         #: What is, or a moment ago was, wrong with the force; empty: nothing.
         self.now = ""
@@ -65,8 +68,11 @@ class ScanFaults:
         if t_ns - self._out_from_ns < _LEAST_S * 1e9:
             return ""
         before, what = self.now, "pressed too hard" if force_n > high else "pressed too lightly"
+        was = f"{what}: {force_n:.1f} N"
+        if math.isnan(force_n):
+            was = what = _UNKNOWN
         self._out_to_ns = t_ns
-        self.now = f"{what}: {force_n:.1f} N, the recipe asks for {low:g} to {high:g} N"
+        self.now = f"{was}, the recipe asks for {low:g} to {high:g} N"
         return "" if before.startswith(what) else self.now
 
     def passed(self, t_ns: int) -> None:
@@ -98,6 +104,8 @@ class ScanFaults:
             self._light_s, self._least_n = self._light_s + passed_s, min(self._least_n, force_n)
         elif force_n > high:
             self._hard_s, self._most_n = self._hard_s + passed_s, max(self._most_n, force_n)
+        elif math.isnan(force_n):
+            self._unknown_s += passed_s
 
     def lines(self) -> tuple[str, ...]:
         """One line for each thing that was wrong; empty if nothing was."""
@@ -120,6 +128,8 @@ class ScanFaults:
             if self._light_s > _LEAST_S:
                 worst = f"down to {self._least_n:.1f} N"
                 found.append(f"pressed too lightly for {self._light_s:.2f} s, {worst}; {asked}")
+            if self._unknown_s > _LEAST_S:
+                found.append(f"{_UNKNOWN} for {self._unknown_s:.2f} s; {asked}")
         return tuple(found)
 
 

@@ -77,7 +77,9 @@ def run(args: argparse.Namespace) -> int:
     jobs = _jobs(args, sources, recipe)
     inputs = [*args.folders, args.params, args.camera, args.recipe]
     lasting = [job.key for job in jobs]
-    with OutputFolder(args.output, "batch", inputs, False, lasting, ["index.html"]) as output:
+    with OutputFolder(
+        args.output, "batch", inputs, lasting=lasting, always=["index.html"]
+    ) as output:
         rows: list[Row] = []
         with progress_bar(f"inspect {len(jobs)} recordings") as progress:
             for row in _run_all(jobs, args):
