@@ -56,6 +56,15 @@ def test_hand_eye_is_found_with_its_residuals() -> None:
     assert noisy.rms_deg == pytest.approx(np.degrees(np.sqrt(3) * 1e-3), rel=0.4)
 
 
+@pytest.mark.parametrize(("scale", "says"), [(1.03, "2.9% too long"), (0.98, "2.0% too short")])
+def test_a_wrong_pitch_is_told_by_the_robots_way(scale: float, says: str) -> None:
+    tools, targets = pairs(12, np.ones(3), 1e-4, 1e-3)
+    for target in targets:
+        target[:3, 3] *= scale
+    with pytest.raises(HandEyeError, match=says):
+        find_hand_eye(tools, targets)
+
+
 @pytest.mark.parametrize(
     ("given", "says"),
     [

@@ -17,6 +17,9 @@ from roller_core.transforms import F64, inverse_pose
 LEAST_PAIRS, LEAST_TURN_DEG = 3, 5.0
 #: Residuals (root mean square) above which the poses can't belong together.
 MOST_RESIDUAL_M, MOST_RESIDUAL_DEG = 2e-3, 1.0
+#: Share by which the target's distances may be off where that makes most of the residuals, and what
+#: is left of their squares then.
+_MOST_SCALE, _LEFT = 0.01, 0.5
 #: A degree counts as much as this length, metres: what it moves a surface 45 mm away.
 _M_PER_RAD = 0.045
 
@@ -64,7 +67,8 @@ def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
     Raises
     ------
     HandEyeError
-        If there are too few pairs, the tool turns about one axis alone, or the pairs don't agree.
+        If there are too few pairs, the tool turns about one axis alone, or the pairs don't agree,
+        in their places or in their scale.
     """
     if len(tools) < LEAST_PAIRS:
         raise HandEyeError(f"{len(tools)} pairs of poses; {LEAST_PAIRS} are needed, 10 are better")
@@ -85,8 +89,10 @@ def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
     target[:3, 3] = np.median(placed[:, :3, 3], axis=0)
 
     def residuals(change: F64) -> F64:
-        found = base_tool @ _moved(start, change[:6]) @ camera_target
-        apart = inverse_pose(_moved(target, change[6:])) @ found
+        seen = camera_target.copy()
+        seen[:, :3, 3] *= 1.0 + (change[12] if len(change) > 12 else 0.0)
+        found = base_tool @ _moved(start, change[:6]) @ seen
+        apart = inverse_pose(_moved(target, change[6:12])) @ found
         turns = Rotation.from_matrix(apart[:, :3, :3]).as_rotvec()
         return np.concatenate([apart[:, :3, 3].ravel(), _M_PER_RAD * turns.ravel()])
 
@@ -104,6 +110,12 @@ def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
             f"the pairs don't agree: the target is off its place by {found.rms_m * 1e3:.2f} mm and "
             f"{found.rms_deg:.2f}° (pair {worst + 1} most); are both poses of the same moment, "
             "tool in base and target in camera, and is the pitch of a grid right?"
+        )
+    scaled = least_squares(residuals, np.append(change, 0.0), x_scale="jac")
+    if abs(off := scaled.x[12]) > _MOST_SCALE and 2 * scaled.cost < _LEFT * np.sum(rest**2):
+        raise HandEyeError(
+            f"the target's distances are {abs(off):.1%} too {'short' if off > 0 else 'long'} for "
+            "the robot's way: are the pitch of the grid and the camera's focal length right?"
         )
     return found
 
