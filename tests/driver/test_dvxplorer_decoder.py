@@ -185,3 +185,21 @@ def test_reset_forgets_time_but_not_counts():
     decoder.reset()
     assert decode(frame(3, 1, 1), decoder) == [(3001, 1, 8, 1)]
     assert decoder.counts.bad_words == 1
+
+
+@given(st.integers(0, 1500), st.integers(0, 1500), st.integers(1, 7), st.integers(0, 2**31))
+@settings(max_examples=60)
+def test_after_a_gap_events_have_their_own_time(begin, length, piece, seed):
+    """Transfers of odd lengths are missing: some events go, none comes at another time."""
+    events = in_order(random_events(np.random.default_rng(seed), 600))
+    raw, decoder = encode_words(events).tobytes(), WordDecoder()
+    found = []
+    for part in (raw[:begin], raw[begin + length :]):
+        for k in range(0, len(part), piece):
+            found += tuples(decoder.decode(part[k : k + piece]))
+        if part is not raw:
+            decoder.leave_gap(length)
+    assert set(found) <= set(tuples(events))
+    assert decoder.counts.bad_words == 0
+    if begin + length < len(raw) // 2:
+        assert len(found) > 0.3 * len(events)

@@ -273,15 +273,27 @@ def test_many_short_transfers_wait_as_well_as_few_long_ones():
     assert same(running.events, events)
 
 
-def test_what_comes_too_fast_is_counted(monkeypatch):
+def test_what_comes_too_fast_is_counted_and_the_rest_keeps_its_times(monkeypatch):
     events = scan(200_000, 500)
     raw = encode_words(events).tobytes()
-    running = Running(CameraModel(raw))
-    running.reader._on_packet = lambda part: time.sleep(0.02)
+    running = Running(CameraModel(raw, bytes_per_s=5e6), transfer_bytes=4096)
+
+    def slowly(part):
+        time.sleep(0.02)
+        running.packets.append(part)
+
+    running.reader._on_packet = slowly
     monkeypatch.setattr("roller_driver.dvxplorer.reader._MOST_BYTES", 200_000)
+    monkeypatch.setattr("roller_driver.dvxplorer.reader._SILENT_S", 0.2)
     with running:
-        running.wait(lambda: running.reader.status.usb.bytes >= len(raw), 30)
+        running.wait(lambda: running.reader.status.state == SILENT, 30)
+        assert running.reader.status.usb.bytes == len(raw)
         assert running.reader.status.usb.overruns > 0
+    # What is left has its own times.
+    known = set(zip(*(v.tolist() for v in (events.t_ns, events.x, events.y)), strict=True))
+    got = running.events
+    assert 0 < len(got) < len(events)
+    assert set(zip(*(v.tolist() for v in (got.t_ns, got.x, got.y)), strict=True)) <= known
 
 
 def make_wrong(backend, what):

@@ -176,8 +176,15 @@ def test_contact():
     assert verdict(20) == ""
     assert verdict(5, 20).startswith("contact lost")
     assert verdict(20) == ""
+    for _ in range(3):  # for as long as it rolls on without
+        assert verdict(2, 2).startswith("contact lost")
+    assert verdict(20) == ""
     assert verdict(5, speed=still) == ""  # it is lifted
     assert watch.force_n == 5
+    assert verdict(0) == ""
+    assert verdict(20) == ""
+    assert verdict(5, 0, speed=(0.05, 0.0, 0.3)) == ""  # straight away from the part
+    assert verdict(0) == ""  # and home
     free = ContactWatch(0, 0)
     free.take((0, 0, 1e3), rolling)
     free.take((0, 0, 0), rolling)

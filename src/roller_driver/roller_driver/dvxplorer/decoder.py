@@ -60,7 +60,7 @@ class WordDecoder:
         self._events = 0
         self._allocate(words)
         self._state = np.empty(_kernels.STATE_SIZE, np.int64)
-        self._rest = b""
+        self._rest, self._cut_bytes = b"", 0
         self.reset()
         # Compiles the kernel before the first transfer waits for it.
         self.decode(np.empty(0, np.uint8))
@@ -70,6 +70,18 @@ class WordDecoder:
         self._state[:] = -1
         self._state[_kernels.EXTENDED] = self._state[_kernels.TIME_US] = 0
         self._state[_kernels.STARTED] = 0
+        self._rest, self._cut_bytes = b"", 0
+
+    def leave_gap(self, missing_bytes: int) -> None:
+        """Transfers are missing: what follows is left out up to the next time-stamp reference.
+
+        Parameters
+        ----------
+        missing_bytes : int
+            How long they were: where the next whole word begins.
+        """
+        self._state[[_kernels.REFERENCE, _kernels.COLUMN]] = -1
+        self._cut_bytes = -(len(self._rest) + missing_bytes) % 4
         self._rest = b""
 
     def decode(self, transfer: bytes | memoryview | npt.NDArray[np.uint8]) -> EventArray:
@@ -86,6 +98,10 @@ class WordDecoder:
             Times in sensor time, ns. The arrays are views that hold until the next call.
         """
         raw = np.frombuffer(transfer, np.uint8)
+        if self._cut_bytes:  # the end of a word whose beginning is missing
+            begin = min(self._cut_bytes, len(raw))
+            self._cut_bytes -= begin
+            raw = raw[begin:]
         if self._rest:
             raw = np.concatenate([np.frombuffer(self._rest, np.uint8), raw])
         whole = len(raw) & ~3

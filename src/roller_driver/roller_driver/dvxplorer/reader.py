@@ -198,11 +198,12 @@ class CameraReader:
                 last = now
                 if self._state != STREAMING:
                     self._change(STREAMING, "")
-                data, arrival_ns = transfer
-                events = self._decoder.decode(data)
+                if transfer.missing_bytes:
+                    self._decoder.leave_gap(transfer.missing_bytes)
+                events = self._decoder.decode(transfer.data)
                 if len(events):
                     if self._on_events is not None:
                         self._on_events(events)
-                    self._packetiser.add(events, arrival_ns)
+                    self._packetiser.add(events, transfer.arrival_ns)
         finally:
             reader.stop()

@@ -31,6 +31,17 @@ class TransferCounts:
     overruns: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class Transfer:
+    """What one read brought."""
+
+    data: bytes
+    #: When, host's time, ns.
+    arrival_ns: int
+    #: Bytes thrown away since the one before.
+    missing_bytes: int
+
+
 class TransferReader:
     """Reads transfers into a queue, so that no other work holds up the USB layer.
 
@@ -64,9 +75,9 @@ class TransferReader:
         self._counts = counts
         self._buffer = array("B", bytes(transfer_bytes))
         self._most_bytes = most_bytes
-        self._waiting: queue.SimpleQueue[tuple[bytes, int]] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[Transfer] = queue.SimpleQueue()
         # Each is written by one thread alone.
-        self._put_bytes = self._got_bytes = 0
+        self._put_bytes = self._got_bytes = self._missing_bytes = 0
         self._fault: CameraFault | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="usb", daemon=True)
@@ -79,8 +90,8 @@ class TransferReader:
         self._thread.start()
         self._starter.start()
 
-    def next(self, timeout_s: float) -> tuple[bytes, int] | None:
-        """The next transfer and its arrival; None when none came in time.
+    def next(self, timeout_s: float) -> Transfer | None:
+        """The next transfer; None when none came in time.
 
         Raises
         ------
@@ -88,13 +99,13 @@ class TransferReader:
             What ended the reading, once all that came before is handed out.
         """
         try:
-            data, arrival_ns = self._waiting.get(timeout=timeout_s)
+            transfer = self._waiting.get(timeout=timeout_s)
         except queue.Empty:
             if self._fault is not None:
                 raise self._fault from None
             return None
-        self._got_bytes += len(data)
-        return data, arrival_ns
+        self._got_bytes += len(transfer.data)
+        return transfer
 
     def stop(self) -> None:
         """End the thread; the camera is left running."""
@@ -137,9 +148,11 @@ class TransferReader:
             self._counts.bytes += length
             if self._put_bytes - self._got_bytes + length > self._most_bytes:
                 self._counts.overruns += 1
+                self._missing_bytes += length
             else:
                 self._put_bytes += length
-                self._waiting.put((bytes(view[:length]), arrival_ns))
+                self._waiting.put(Transfer(bytes(view[:length]), arrival_ns, self._missing_bytes))
+                self._missing_bytes = 0
 
     def _recover(self, stalls: int, error: CameraFault) -> bool:
         """Clear a halt; False when that doesn't help."""
