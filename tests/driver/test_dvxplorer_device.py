@@ -16,6 +16,7 @@ from roller_driver.dvxplorer.errors import (
     BackendError,
     CameraBusyError,
     CameraControlError,
+    CameraFault,
     CameraNotFoundError,
     CameraPermissionError,
     EndpointMissingError,
@@ -158,6 +159,19 @@ def test_a_camera_that_cannot_be_opened(model, state, fault, says):
         setattr(backend, state, True)
     with pytest.raises(fault, match=says):
         open_camera(backend)
+
+
+@pytest.mark.parametrize("state", ["another model", "held", "forbidden"])
+def test_a_camera_that_can_be_opened_is_found_behind_one_that_can_not(state):
+    first = CameraModel(serial="A1", model=0 if state == "another model" else 4)
+    backend = EmulatedBackend(first, CameraModel(serial="B2"))
+    if state in ("held", "forbidden"):
+        setattr(backend, state, {"A1"})
+    assert open_camera(backend).serial == "B2"
+    assert open_camera(backend, "B2").serial == "B2"
+    if state != "another model":
+        with pytest.raises(CameraFault):
+            open_camera(backend, "A1")
 
 
 @pytest.mark.parametrize(

@@ -55,17 +55,17 @@ class EmulatedBackend(usb.backend.IBackend):
 
     Attributes
     ----------
-    forbidden : bool
-        Whether opening is refused for want of permission.
-    held : bool
-        Whether another program holds the interface.
+    forbidden : bool or set of str
+        Whether opening is refused for want of permission; or the serial numbers of which it is.
+    held : bool or set of str
+        Whether another program holds the interface; or of which.
     """
 
     def __init__(self, *models: CameraModel) -> None:
         super().__init__()
         self.models = list(models)
-        self.forbidden = False
-        self.held = False
+        self.forbidden: bool | set[str] = False
+        self.held: bool | set[str] = False
 
     def enumerate_devices(self) -> Any:
         return [model for model in self.models if model.plugged]
@@ -116,7 +116,7 @@ class EmulatedBackend(usb.backend.IBackend):
 
     def open_device(self, dev: CameraModel) -> CameraModel:
         self._present(dev)
-        if self.forbidden:
+        if _among(self.forbidden, dev):
             raise USBError("Access denied (insufficient permissions)", -3, errno.EACCES)
         dev.opened()
         return dev
@@ -136,7 +136,7 @@ class EmulatedBackend(usb.backend.IBackend):
 
     def claim_interface(self, dev_handle: CameraModel, intf: int) -> None:
         self._present(dev_handle)
-        if self.held:
+        if _among(self.held, dev_handle):
             raise USBError("Resource busy", -6, errno.EBUSY)
 
     def release_interface(self, dev_handle: CameraModel, intf: int) -> None:
@@ -203,3 +203,7 @@ def string_descriptor(index: int, model: CameraModel) -> bytes:
         return b"\x04\x03\x09\x04"
     text = ["", "iniVation AG", "DVXplorer Mini", model.serial][index].encode("utf-16-le")
     return bytes([len(text) + 2, 3]) + text
+
+
+def _among(which: bool | set[str], model: CameraModel) -> bool:
+    return which if isinstance(which, bool) else model.serial in which

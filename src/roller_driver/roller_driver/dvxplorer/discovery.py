@@ -35,21 +35,46 @@ def open_camera(backend: Any, serial: str = "") -> CameraDevice:
     backend : usb.backend.IBackend
         The USB library.
     serial : str
-        Serial number; empty: the first camera found.
+        Serial number; empty: the first camera that can be taken.
 
     Raises
     ------
     CameraNotFoundError, WrongDeviceError, UnknownFirmwareError, CameraPermissionError
-        As their names say.
+        As their names say; where there are several devices, of the first of them.
     CameraBusyError, EndpointMissingError, CameraLostError
         As their names say.
     """
-    device, found = _find(backend, serial)
-    name = f"DVXplorer Mini {found}".strip()
+    devices = usb.core.find(
+        find_all=True, backend=backend, idVendor=p.VENDOR_ID, idProduct=p.PRODUCT_ID
+    )
+    faults: list[CameraFault] = []
+    others = []
+    for device in devices:
+        try:
+            found = _serial_number(device)
+            if serial in ("", found):
+                return _open(device, found)
+            others.append(found or "(none)")
+        except CameraFault as error:
+            faults.append(error)
+        usb.util.dispose_resources(device)
+    if faults:
+        raise faults[0]
+    if others:
+        raise CameraNotFoundError(
+            f"no DVXplorer Mini with serial number '{serial}'; plugged in: {', '.join(others)}"
+        )
+    raise CameraNotFoundError(
+        f"no DVXplorer Mini is plugged in (no USB device {p.VENDOR_ID:04x}:{p.PRODUCT_ID:04x})"
+    )
+
+
+def _open(device: Any, serial: str) -> CameraDevice:
+    name = f"DVXplorer Mini {serial}".strip()
     model, firmware = device.bcdDevice >> 8, device.bcdDevice & 0xFF
     if model != p.MODEL_MINI:
         raise WrongDeviceError(
-            f"the device {p.VENDOR_ID:04x}:{p.PRODUCT_ID:04x} {found} is not a DVXplorer Mini "
+            f"the device {p.VENDOR_ID:04x}:{p.PRODUCT_ID:04x} {serial} is not a DVXplorer Mini "
             f"(model {model}, not {p.MODEL_MINI}); this driver knows no other"
         )
     if firmware < p.OLDEST_FIRMWARE:
@@ -60,45 +85,28 @@ def open_camera(backend: Any, serial: str = "") -> CameraDevice:
     try:
         _claim(device, name)
     except usb.core.USBError as error:
-        usb.util.dispose_resources(device)
         raise _fault(error, name) from error
-    except CameraFault:
-        usb.util.dispose_resources(device)
-        raise
-    return CameraDevice(device, firmware, found)
+    return CameraDevice(device, firmware, serial)
 
 
-def _find(backend: Any, serial: str) -> tuple[Any, str]:
-    devices = usb.core.find(
-        find_all=True, backend=backend, idVendor=p.VENDOR_ID, idProduct=p.PRODUCT_ID
-    )
-    others = []
-    for device in devices:
-        try:
-            found = device.serial_number or ""
-        except (usb.core.USBError, ValueError) as error:
-            _raise_if_not_permitted(device, error)
-            found = ""
-        if serial in ("", found):
-            return device, found
-        others.append(found or "(none)")
-        usb.util.dispose_resources(device)
-    if others:
-        raise CameraNotFoundError(
-            f"no DVXplorer Mini with serial number '{serial}'; plugged in: {', '.join(others)}"
-        )
-    raise CameraNotFoundError(
-        f"no DVXplorer Mini is plugged in (no USB device {p.VENDOR_ID:04x}:{p.PRODUCT_ID:04x})"
-    )
+def _serial_number(device: Any) -> str:
+    """A device's serial number; empty if it has none.
 
-
-def _raise_if_not_permitted(device: Any, error: Exception) -> None:
-    """Tell a device that may not be opened from one without a serial number."""
+    Raises
+    ------
+    CameraFault
+        If it can't be asked: of a device that may not be opened.
+    """
     try:
-        device.get_active_configuration()
-    except usb.core.USBError as reason:
-        if reason.errno in (errno.EACCES, errno.EPERM, errno.EBUSY, errno.ENODEV):
-            raise _fault(reason, "the DVXplorer Mini") from error
+        return device.serial_number or ""
+    except (usb.core.USBError, ValueError) as error:
+        # One that may not be opened, or one without a serial number.
+        try:
+            device.get_active_configuration()
+        except usb.core.USBError as reason:
+            if reason.errno in (errno.EACCES, errno.EPERM, errno.EBUSY, errno.ENODEV):
+                raise _fault(reason, "the DVXplorer Mini") from error
+        return ""
 
 
 def _claim(device: Any, name: str) -> None:
