@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from roller_core.codecs import CodecError, PacketLengthError, encode
-from roller_core.event_stream import EventStream, ImageSizeError, TimeBackwardsError
+from roller_core.event_stream import EventStream, ImageSizeError
 from roller_core.events import EventArray, EventArrayError
+from roller_core.time_order import TimeBackwardsError
 
 START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000

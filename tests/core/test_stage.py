@@ -80,4 +80,4 @@ def test_poses_that_come_late_now_and_then_are_left_out(stage: Counting) -> None
 def test_one_pose_of_long_ago_is_enough(stage: Counting) -> None:
     stage.take_transform(pose(5000))
     older(stage, 3900)
-    assert (stage.begun, stage.frames.track.end_ns) == (1, 3900 * MS)
+    assert (stage.begun, len(stage.frames.track)) == (1, 0)

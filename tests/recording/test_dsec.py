@@ -22,13 +22,14 @@ def own() -> EventArray:
     return events.with_times((events.t_ns - events.t_ns[0]) // 1000 * 1000 + OFFSET_US * 1000)
 
 
-def write(path: Path, events: EventArray, leave_out: str = "") -> Path:
+def write(path: Path, events: EventArray, leave_out: str = "", **other: np.ndarray) -> Path:
+    """A file of events, columns but for `leave_out`, in place of some `other` ones."""
     h5py = pytest.importorskip("h5py", reason="an extra")
     with h5py.File(path, "w") as file:
         columns = {
             "x": events.x.astype("u2"), "y": events.y.astype("u2"), "p": events.p.astype("u1"),
             "t": (events.t_ns // 1000 - OFFSET_US).astype("u4"),
-        }  # fmt: skip
+        } | other  # fmt: skip
         for name, values in columns.items():
             if name != leave_out:
                 file.create_dataset(f"events/{name}", data=values, chunks=(4096,), fletcher32=True)
@@ -50,6 +51,44 @@ def test_events_come_back(
     path.write_bytes(data)
     assert main(["info", str(path)]) == 1
     assert "damaged in events 0 to 60000" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("off", "on"), [(0, 255), (-1, 1)])
+def test_polarities_in_other_numbers(
+    off: int, on: int, own: EventArray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    p = np.where(own.p > 0, on, off).astype("i2")
+    check_read_back(write(tmp_path / "events.h5", own, p=p), own, 49, capsys)
+
+
+def test_numbers_that_mean_nothing_are_refused(
+    own: EventArray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / "events.h5", own, p=np.arange(len(own)) % 2 + 1)
+    assert main(["info", str(path)]) == 1
+    assert (
+        "events/p holds values from 1 to 2; expected 0 and 1 or -1 and 1 or 0 and 255"
+        in capsys.readouterr().err
+    )
+    path = write(tmp_path / "seconds.h5", own, t=own.t_ns * 1e-9)
+    with pytest.raises(RecordingError, match="events/t is of float64; expected whole microsec"):
+        open_recording(path)
+
+
+def test_time_that_runs_backwards_is_said(
+    own: EventArray, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch
+) -> None:
+    monkeypatch.setattr("roller_recording.reading.dsec._CHUNK_EVENTS", 10_000)
+    twice = EventArray.concatenate([own.shifted(2_000_000_000), own])
+    path = write(tmp_path / "events.h5", twice)
+    assert main(["info", str(path)]) == 1
+    assert "event time runs backwards by 2." in capsys.readouterr().err
+    poses, camera = tmp_path / "poses.txt", tmp_path / "camera.yaml"
+    poses.write_text("49 0 0 0 0 0 0 1\n52 0.3 0 0 0 0 0 1\n")
+    CAMERA.to_yaml(camera)
+    steps = list(open_recording(path, poses, camera).items())
+    assert [k for k, step in enumerate(steps) if step.restart] == [6]
+    assert sum(len(step.events) for step in steps) == len(twice)
 
 
 def test_what_can_not_be_read_is_named(

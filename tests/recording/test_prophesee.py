@@ -43,6 +43,18 @@ def test_events_come_back(header: str, tmp_path: Path, capsys: pytest.CaptureFix
     assert "in the middle of a word; what came before is read" in capsys.readouterr().err
 
 
+def test_a_first_word_that_begins_like_a_header_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """0x8025, a time, has the bytes of a per cent sign and no letter."""
+    own = from_zero()[:20_000].shifted((0x25 << 12) * 1000)
+    path = write(tmp_path / "scan.raw", f"% evt 3.0\n% geometry {SIZE}\n", own)
+    data = path.read_bytes()
+    words = data[data.index(SIZE.encode()) + len(SIZE) + 1 :]
+    path.write_bytes(data[: -len(words)] + b"%\x80" + words)
+    check_read_back(path, own, int(own.t_ns[0]) // 10**9, capsys)
+
+
 @pytest.mark.parametrize(
     ("header", "message"),
     [

@@ -14,13 +14,14 @@ from . import outputs
 from .camera import Camera, OtherCameraError
 from .codecs import ENCODED_ENCODINGS, encode
 from .errors import RollerError
-from .event_stream import EventStream, StreamCounts, TimeBackwardsError
+from .event_stream import EventStream, StreamCounts
 from .events import EventArray
 from .frame_settings import StreamSettings
 from .outputs import Output, Result, ScanFault, stamp_ns
 from .pose_track import PoseTrack
 from .seq_gaps import LossShare
 from .stage import ERROR, OK, WARN, Stage
+from .time_order import TimeBackwardsError
 
 #: Bytes of a packet beside its events, about.
 PACKET_BYTES = 500

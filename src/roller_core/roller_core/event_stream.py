@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from roller_core.codecs.decoder import Payload
 
 from .clock import SensorClock
@@ -15,6 +13,7 @@ from .errors import RollerError
 from .events import EventArray
 from .outputs import stamp_ns
 from .seq_gaps import SeqGaps
+from .time_order import TimeOrder
 
 
 class StreamError(RollerError):
@@ -23,23 +22,6 @@ class StreamError(RollerError):
 
 class ImageSizeError(StreamError):
     """A packet of another image size than the camera's."""
-
-
-class TimeBackwardsError(StreamError):
-    """Time jumped back: the source started anew, or its clock was set back.
-
-    `events` are those of the packet that showed it, the first of the new start.
-    """
-
-    def __init__(self, message: str, events: EventArray) -> None:
-        super().__init__(message)
-        self.events = events
-
-
-#: Events up to this late are the clock map's jitter, ns.
-_HOLD_NS = 5_000_000
-#: Events later than this belong to a source that started anew, ns.
-_RESTART_NS = 1_000_000_000
 
 
 @dataclass(slots=True)
@@ -72,18 +54,18 @@ class EventStream:
         self.counts = StreamCounts()
         self._decoder: PacketDecoder | None = None
         self._gaps = SeqGaps()
-        self._last_ns: int | None = None
+        self._order = TimeOrder()
 
     @property
     def newest_ns(self) -> int | None:
         """Time of the newest event, ROS time; None before the first."""
-        return self._last_ns
+        return self._order.last_ns
 
     def new_source(self, width: int, height: int) -> None:
         """Another source follows, of an image size in px; the counts go on."""
         self.width, self.height = width, height
         self.clock = SensorClock()
-        self._decoder = self._last_ns = None
+        self._decoder = self._order.last_ns = None
         self._gaps.forget("")
 
     def skip(self, packets: int) -> None:
@@ -170,25 +152,6 @@ class EventStream:
         steps = self.clock.steps
         self.clock.observe(int(events.t_ns[0]), stamp_ns)
         self.counts.clock_steps += self.clock.steps - steps
-        return self._in_order(events.with_times(self.clock.to_ros_ns(events.t_ns)))
-
-    def _in_order(self, events: EventArray) -> EventArray:
-        last = self._last_ns
-        if last is not None and events.t_ns[0] < last:
-            behind_ns = last - int(events.t_ns[0])
-            if behind_ns > _RESTART_NS:
-                self._last_ns = int(events.t_ns[-1])
-                raise TimeBackwardsError(
-                    f"event time runs backwards by {behind_ns * 1e-9:.3f} s, "
-                    f"from {last * 1e-9:.6f} s; was the recording or the driver started anew?",
-                    events,
-                )
-            if behind_ns < _HOLD_NS:
-                events = events.with_times(np.maximum(events.t_ns, last))
-            else:
-                kept = events[int(np.searchsorted(events.t_ns, last)) :]
-                self.counts.late_events += len(events) - len(kept)
-                events = kept
-        if len(events):
-            self._last_ns = int(events.t_ns[-1])
+        events = self._order.take(events.with_times(self.clock.to_ros_ns(events.t_ns)))
+        self.counts.late_events = self._order.late_events
         return events

@@ -62,14 +62,18 @@ class EventArray:
         ------
         EventArrayError
             If the arrays differ in length or have more than one dimension, or a value is no number
-            or doesn't fit its field.
+            or doesn't fit its field; polarities are 0 and 1.
         """
+        polarity = _whole("p", p, np.uint8)
+        if len(polarity) and polarity.max() > 1:
+            raise EventArrayError(
+                f"event field 'p' holds values from {polarity.min()} to {polarity.max()}; "
+                "expected 0 for OFF and 1 for ON"
+            )
         return cls(
-            _whole("x", x, np.uint16),
-            _whole("y", y, np.uint16),
-            _whole("t_ns", t_ns, np.int64),
-            _whole("p", p, np.uint8),
-        )
+            _whole("x", x, np.uint16), _whole("y", y, np.uint16), _whole("t_ns", t_ns, np.int64),
+            polarity,
+        )  # fmt: skip
 
     @classmethod
     def concatenate(cls, parts: Sequence[EventArray]) -> EventArray:

@@ -102,7 +102,8 @@ class Stage(ABC, Generic[S]):
             self._older.append(transform)
             many = len(self._older) >= (1 if self._anew else _RESTART_POSES)
             if many or error.behind_s > _RESTART_S:
-                older = self._older
+                # One alone may be of a clock that was wrong for a moment.
+                older = self._older if many else []
                 self.restart()
                 for each in older:
                     self.frames.take(each)

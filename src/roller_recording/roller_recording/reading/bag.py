@@ -10,11 +10,12 @@ from typing import Any
 from roller_core.bags import typestore
 from roller_core.camera import Camera
 from roller_core.errors import RollerError
-from roller_core.event_stream import EventStream, TimeBackwardsError
+from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
 from roller_core.frame_transforms import transforms_of
 from roller_core.outputs import force_topic, stamp_ns
 from roller_core.sensor_pose import SensorFrames
+from roller_core.time_order import TimeBackwardsError
 
 from .bag_reader import BagReader
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step

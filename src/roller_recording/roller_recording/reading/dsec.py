@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.events import EventArray
 
@@ -21,6 +22,8 @@ ENCODING = "dsec"
 _INSTALL = "pip install h5py hdf5plugin"
 _COLUMNS = ("x", "y", "t", "p")
 _CHUNK_EVENTS = 1_000_000
+#: What polarities may be written as, OFF and ON.
+_POLARITIES = ((0, 1), (-1, 1), (0, 255))
 
 
 def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:
@@ -50,6 +53,8 @@ def event_stream(path: Path, wanted: str | None = None) -> tuple[int, int, int]:
         counts = {file[f"events/{name}"].shape for name in _COLUMNS}
         if len(counts) > 1 or len(next(iter(counts))) != 1:
             raise RecordingError(f"{path}: events/x, y, t and p are not of one length")
+        if (kind := file["events/t"].dtype).kind not in "iu":
+            raise RecordingError(f"{path}: events/t is of {kind}; expected whole microseconds")
         return int(next(iter(counts))[0]), 0, 0
 
 
@@ -59,7 +64,7 @@ def read_events(path: Path, count: int) -> Iterator[EventArray]:
     Raises
     ------
     RecordingError
-        If it can't be read.
+        If it can't be read, or polarities are none.
     TruncatedRecordingError
         Where a block can't be read; what came before is good.
     """
@@ -78,7 +83,26 @@ def read_events(path: Path, count: int) -> Iterator[EventArray]:
                     f"{path}: damaged in events {begin} to {end} ({error}); "
                     "what came before is read"
                 ) from error
-            yield EventArray.from_arrays(x, y, (t.astype(np.int64) + offset_us) * 1000, p)
+            yield EventArray.from_arrays(
+                x, y, (t.astype(np.int64) + offset_us) * 1000, _polarity(path, p)
+            )
+
+
+def _polarity(path: Path, values: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+    """Whether events are ON.
+
+    Raises
+    ------
+    RecordingError
+        Where that can't be told.
+    """
+    found = set(np.unique(values).tolist())
+    if not any(found <= set(pair) for pair in _POLARITIES):
+        known = " or ".join("{} and {}".format(*pair) for pair in _POLARITIES)
+        raise RecordingError(
+            f"{path}: events/p holds values from {min(found)} to {max(found)}; expected {known}"
+        )
+    return np.asarray(values > 0)
 
 
 def _open(path: Path) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
+from roller_core.time_order import TimeBackwardsError, TimeOrder
 
 from .base import Recording, RecordingError, Step, TruncatedRecordingError
 from .tum import read_tum
@@ -84,7 +85,7 @@ class EventFileRecording(Recording):
 
     def items(self) -> Iterator[Step]:
         """Read packet by packet; a file that is cut off ends with a fault."""
-        span = max(self._track.end_ns - self._track.start_ns, 1)
+        span, order = max(self._track.end_ns - self._track.start_ns, 1), TimeOrder()
         try:
             for events in reader_of(self._path).read_events(self._path, self._stream):
                 inside = (events.x < self.camera.width) & (events.y < self.camera.height)
@@ -92,7 +93,13 @@ class EventFileRecording(Recording):
                 self.counts.events += int(inside.sum())
                 self.counts.outside_events += int(len(events) - inside.sum())
                 kept = events[inside].sorted_by_time()
+                faults: tuple[TimeBackwardsError, ...] = ()
+                try:
+                    kept = order.take(kept)
+                except TimeBackwardsError as error:
+                    kept, faults = error.events, (error,)
+                self.counts.late_events = order.late_events
                 done = (int(kept.t_ns[-1]) - self._track.start_ns) / span if len(kept) else 0.0
-                yield Step(kept, float(np.clip(done, 0, 1)))
+                yield Step(kept, float(np.clip(done, 0, 1)), faults, restart=bool(faults))
         except TruncatedRecordingError as error:
             yield Step(EventArray.empty(), 1.0, (error,))

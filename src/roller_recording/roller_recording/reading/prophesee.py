@@ -86,7 +86,7 @@ def _header(path: Path) -> tuple[list[str], int]:
     lines, begin = [], 0
     try:
         with open(path, "rb") as file:
-            while file.peek(1)[:1] == b"%":
+            while re.match(rb"%[ A-Za-z\r\n]", file.peek(2)[:2]):  # words may begin with a % too
                 line = file.readline(10_000)
                 begin += len(line)
                 lines.append(line.decode("ascii", "replace").rstrip())

@@ -126,7 +126,8 @@ class WholeFile(Storage):
     Raises
     ------
     Exception
-        Of any kind, if it can't.
+        Of any kind, if it can't, or reads an MCAP file without chunks no further than its messages
+        are in order.
     """
 
     def __init__(self, path: Path, shown: Path | None = None) -> None:
@@ -148,6 +149,8 @@ class WholeFile(Storage):
             # Reading the index takes long: most of it is quality of service, in YAML.
             self._connections, storage = list(reader.connections), reader.storage
             self._chunks = list(storage.chunks) if isinstance(storage, McapReader) else []
+            if isinstance(storage, McapReader) and reader.message_count and not self._chunks:
+                raise BreaksOffError("no chunks")
 
     def messages(self, topics: Collection[str]) -> Items:
         """Messages of some topics; a chunk that is damaged is left out, with a fault."""

@@ -11,6 +11,7 @@ from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
 from roller_core.codecs import DecodedPacket, PacketDecoder, Payload, unknown_words
 from roller_core.errors import RollerError
 from roller_core.seq_gaps import SeqGaps
+from roller_core.time_order import TimeBackwardsError, TimeOrder
 
 from .base import MalformedRecordingError, RecordingError, check_path, is_dataset
 from .event_file import reader_of
@@ -178,24 +179,29 @@ def summarise(path: Path, topic: str | None = None, check: bool = False) -> Reco
 
 def _count_file(path: Path, summary: RecordingSummary, reader: Any, stream: int) -> None:
     if not hasattr(reader, "read_blocks"):
+        order = TimeOrder()
         for events in reader.read_events(path, stream):
             summary.add(events)
+            try:
+                order.take(events.sorted_by_time())
+            except TimeBackwardsError as error:
+                summary.add_fault(error)
         return
     for begin, words, packet in reader.read_blocks(path, stream):
         summary.add_packet(reader.ENCODING, words, packet, f"in {path}, byte ", begin)
 
 
 def _count_dataset(path: Path, summary: RecordingSummary) -> None:
-    from .dataset import DatasetRecording
+    from .dataset import EventsText
 
-    recording = DatasetRecording(path)
-    summary.size = (recording.camera.width, recording.camera.height)
+    text = EventsText(path)
+    summary.size = text.image_size()
     summary.encodings.add("text")
-    for step in recording.items():
+    for step in text.items(summary.size):
         summary.add(step.events)
         for fault in step.faults:
             summary.add_fault(fault)
-    summary.outside = recording.counts.outside_events
+    summary.outside = text.counts.outside_events
 
 
 def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: bool) -> None:
