@@ -56,16 +56,17 @@ def test_replay(small_disk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
         assert sum(1 for _ in reader.messages()) == reader.message_count
 
 
-def test_inspect_says_nothing_of_the_texture(
+def test_inspect_judges_what_was_found_before(
     small_disk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = write_bag(tmp_path / "scan")
+    source, out = write_bag(tmp_path / "scan"), small_disk / "out"
     (small_disk / "other").write_bytes(bytes(12 * 1024**2 - 8_000_000 - 64 * 1024))
-    assert main(["inspect", str(source), "--no-picture", "--output", str(small_disk / "out")]) == 1
-    said = capsys.readouterr()
-    assert "can't be written (No space left on device)" in said.err
-    assert "Too little texture" not in said.out
-    assert "A fault ended the scan before anything was measured" in said.out
+    assert main(["inspect", str(source), "--no-picture", "--output", str(out)]) == 1
+    assert "can't be written (No space left on device)" in capsys.readouterr().err
+    found = json.loads((out / "inspection.json").read_text())
+    assert found["verdict"] != "conform"
+    assert found["coverage"]["measured"] > 0
+    assert len(found["faults"]) == 1
 
 
 def test_a_folder_can_be_used_once_there_is_room(small_disk: Path) -> None:

@@ -129,7 +129,7 @@ def check_no_duplicate_nodes(plan: LaunchPlan, wait_s: float = 1.0) -> None:
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         raise GraphError(
             f"already running in ROS domain {domain}: {', '.join(there)}; stop them, or set "
-            "ROS_DOMAIN_ID to another number (nodes that were killed are still listed for 20 s)"
+            "ROS_DOMAIN_ID to another number (nodes that were killed are still listed for a minute)"
         )
 
 

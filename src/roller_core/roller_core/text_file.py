@@ -20,7 +20,19 @@ class TextFileError(RollerError):
 
 
 class _Loader(yaml.SafeLoader):
-    """Takes no aliases: ten lines of them can stand for more than fits any memory."""
+    """Takes no aliases: ten lines of them can stand for more than fits any memory.
+
+    Nor a name twice: of the two the first would be forgotten.
+    """
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        names = set()
+        for name, _ in node.value:
+            if isinstance(name, yaml.ScalarNode) and name.value in names:
+                what = f"'{name.value}' is there twice"
+                raise yaml.MarkedYAMLError(problem=what, problem_mark=name.start_mark)
+            names.add(name.value if isinstance(name, yaml.ScalarNode) else None)
+        return super().construct_mapping(node, deep)
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):  # type: ignore[no-untyped-call]
@@ -57,7 +69,7 @@ def read_yaml(path: Path | str) -> Any:
     Raises
     ------
     TextFileError
-        As `read_text`; or if it isn't YAML, is nested too deeply or has aliases.
+        As `read_text`; or if it isn't YAML, is nested too deeply, has aliases or a name twice.
     """
     text = read_text(path)
     try:
@@ -66,7 +78,8 @@ def read_yaml(path: Path | str) -> Any:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or ""
-        reason = problem if problem.startswith("aliases") else "not a YAML file"
+        ours = problem.startswith("aliases") or problem.endswith("is there twice")
+        reason = problem if ours else "not a YAML file"
         raise TextFileError(f"{path}{line}: {reason}") from error
     except RecursionError as error:
         raise TextFileError(f"{path}: nested too deeply") from error

@@ -29,6 +29,7 @@ from .pieces import Piece
 from .recipe import Recipe, load_recipe, load_reference
 from .recipe.decision import Verdict
 from .references import SelfReference
+from .revisits import Revisits
 from .scan_faults import ScanFaults
 from .surface_inspector import SurfaceInspector
 
@@ -78,8 +79,8 @@ class FindingMarkers:
 class InspectStage(Stage[InspectParameters]):
     """Inspects part after part.
 
-    A part ends when no points come for a while, on request, or when the source starts again; the
-    next point begins another.
+    A part ends when no points come for a while, on request, when the source starts again, or when
+    the scan, after a pause, comes back to the same place; the next point begins another.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ class InspectStage(Stage[InspectParameters]):
         self.recipe = recipe
         self._reference = load_reference(recipe)
         self._number = self._points = 0
-        self._part_points = PartPoints()
+        self._part_points, self._revisits = PartPoints(), Revisits(settings.idle_flush_s)
         self._verdict = ""
         self._last_ns = 0
         self._inspector: SurfaceInspector | None = None
@@ -147,8 +148,12 @@ class InspectStage(Stage[InspectParameters]):
         cloud: Cloud = output.data
         if output.t_ns < self._last_ns - _RESTART_S * 1e9:
             self._finish()
-        self._last_ns = output.t_ns
         patch = self._part_points.take(cloud)
+        if len(patch) and self._revisits.again(patch.points, output.t_ns):
+            self._finish()
+            patch = self._part_points.take(cloud)
+            self._revisits.again(patch.points, output.t_ns)
+        self._last_ns = output.t_ns
         if not len(patch):
             return
         if self._inspector is None:
@@ -192,6 +197,7 @@ class InspectStage(Stage[InspectParameters]):
     def _begin(self) -> None:
         self._inspector = None
         self._part_points.begin()
+        self._revisits.begin()
         self._faults = ScanFaults(self.recipe.force_n)
         self._revision, self._seen = 0, -1
         self._cells = np.zeros(4, np.int64)

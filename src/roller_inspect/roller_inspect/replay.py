@@ -217,6 +217,9 @@ class _Run:
         except UnwritableOutputError as error:
             self._report.add_fault(error)
         release_reserve(self._writer.folder)
+        if full and self._pipeline.inspect is not None:  # of the points that found room
+            for result in self._pipeline.inspect.results(flush=True):
+                self._also(result)
         self._writer.close(
             braille.lines() if braille is not None else [], self._pipeline.settings.braille.code
         )

@@ -43,6 +43,8 @@ class ScanFaults:
         #: too much.
         self._unknown_s = self._light_s = self._hard_s = 0.0
         self._least_n, self._most_n = math.inf, 0.0
+        #: Whether a force came between the points.
+        self._measured = False
         #: What is, or a moment ago was, wrong with the force; empty: nothing.
         self.now = ""
         self._out_from_ns: int | None = None
@@ -88,6 +90,7 @@ class ScanFaults:
         while self._forces and self._forces[0][0] < t_ns:
             at_ns, force_n = self._forces.popleft()
             if at_ns >= self._from_ns:
+                self._measured = True
                 self._count(at_ns, force_n)
 
     def _count_fault(self, fault: str) -> None:
@@ -122,6 +125,8 @@ class ScanFaults:
         ]
         if self._range_n is not None:
             asked = "the recipe asks for {:g} to {:g} N".format(*self._range_n)
+            if self._from_ns is not None and not self._measured:
+                found.append(f"no force came; {asked}")
             if self._hard_s > _LEAST_S:
                 worst = f"up to {self._most_n:.1f} N"
                 found.append(f"pressed too hard for {self._hard_s:.2f} s, {worst}; {asked}")

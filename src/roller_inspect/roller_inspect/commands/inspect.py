@@ -134,7 +134,12 @@ def _inspect(
         draw_overview(folder, args.input)
     faults = list(report.faults)
     if len(parts) > 1:
-        faults.append(f"{args.input}: its source started again; the verdict is of the longest part")
+        each = ", ".join(f"{found.part} {found.judgement.verdict}" for found in parts)
+        faults.append(
+            f"{args.input}: {len(parts)} parts, as its source started again, or the scan came back "
+            f"to the same place after {stage.settings.idle_flush_s:g} s (inspect: idle_flush_s): "
+            f"{each}; the files are of the longest"
+        )
     inspected = longest_part(parts, stage.recipe, stage.settings.part)
     packets, lost = report.totals["packets"], report.totals["lost_packets"]
     share = lost / max(packets + lost, 1)

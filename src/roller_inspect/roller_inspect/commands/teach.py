@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from roller_core.command_help import add_examples
 from roller_core.option_types import add_output
@@ -55,10 +56,15 @@ def _warn(text: str) -> None:
     print(f"warning: {text}", file=sys.stderr)
 
 
-def _check(scan: Path, faults: list[str]) -> None:
+def _check(scan: Path, faults: Sequence[str], totals: Mapping[str, Any]) -> None:
     """Refuse a scan with faults: what is missing there would be allowed for good."""
+    from roller_core.seq_gaps import MOST_MISSING
     from roller_inspect.height_map import HeightMapError
 
+    lost = totals.get("lost_packets", 0)
+    share = lost / max(totals.get("packets", 0) + lost, 1)
+    if share > MOST_MISSING:
+        faults = [*faults, f"{share:.0%} of the event packets were lost"]
     if faults:
         raise HeightMapError(f"{scan}: nothing is learnt from a scan with faults: {faults[0]}")
 
@@ -67,6 +73,7 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
     """The map of a scan: from a result that is there, or by inspecting the recording."""
     from tempfile import TemporaryDirectory
 
+    from roller_core.calibration_file import check_same_camera
     from roller_core.outputs import Result
     from roller_inspect.height_map import HeightMap, HeightMapError
     from roller_inspect.inspect_stage import InspectParameters, InspectStage
@@ -77,23 +84,30 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
     from roller_recording.reading import open_recording
 
     if (scan / "height_map.npz").is_file():
-        document = scan / "inspection.json"
-        if document.exists():
-            _check(scan, json.loads(document.read_text()).get("faults", []))
+        document, report = (
+            json.loads(path.read_text()) if path.exists() else {}
+            for path in (scan / "inspection.json", scan / "report.json")
+        )
+        faults = [*document.get("faults", []), *document.get("contact", [])]
+        _check(scan, faults, report.get("totals", {}))
         return HeightMap.load(scan / "height_map.npz")
     settings = PipelineSettings.load(args.params, args.method)
     recording = open_recording(scan, None, None, settings.max_pose_gap_s, None)
+    check_same_camera(args.params, recording.camera)
     recipe = load_recipe(args.recipe).changed({"reference": "self"})
     stage = InspectStage(InspectParameters.create({}), recipe)
-    maps: list[HeightMap] = []
+    parts: list[Inspected] = []
 
     def take(result: Result) -> None:
-        if isinstance(result.found, Inspected) and result.found.found.height_map is not None:
-            maps.append(result.found.found.height_map)
+        if isinstance(result.found, Inspected):
+            parts.append(result.found)
 
     with TemporaryDirectory() as folder, progress_bar(f"teach {scan.name}") as progress:
-        report = replay(recording, settings, Path(folder), scan, False, progress, stage, take)
-    _check(scan, report.faults)
-    if not maps:
+        done = replay(recording, settings, Path(folder), scan, False, progress, stage, take)
+    faults = [f"it is of {len(parts)} parts"] if len(parts) > 1 else []
+    contact = [line for part in parts for line in part.judgement.contact]
+    _check(scan, [*faults, *done.faults, *contact], done.totals)
+    height_map = parts[0].found.height_map if parts else None
+    if height_map is None:
         raise HeightMapError(f"{scan}: nothing was measured; a reference needs texture")
-    return maps[-1]
+    return height_map

@@ -104,7 +104,7 @@ def height_cue(
             sums, weights_left = (block_means(np.where(found, 0, v), by) for v in (filled, weight))
             mean, share = smoothed_sums(sums, weights_left, max(scale / step / by, 0.5))
             if field is whole and k == 0:
-                fine = mean
+                fine = mean if by == 1 else between_blocks(mean, by, height_map.shape)
             counts = usable[cells] & ~found[cells] & (share > _LEAST_SHARE)
             noise = _noise(mean, counts & (weights_left > 0), claimed[cells], step * by)
             thinned = noise[::2, ::2][counts[::2, ::2]]

@@ -194,6 +194,8 @@ class Recipe(Settings):
     def _check(self) -> Recipe:
         if self.schema_ != SCHEMA:
             raise ValueError(f"'schema' is {self.schema_!r}; {SCHEMA} is read")
+        if self.frame == "base" and self.plate != Plate.create({}):
+            raise ValueError("'plate' is of no use while 'frame' is base; set frame: plate")
         if self.force_n is not None and not 0 <= self.force_n[0] < self.force_n[1]:
             raise ValueError("'force_n' is the least and the most force, N")
         for name, ends in self.lines.items():
