@@ -128,10 +128,17 @@ def test_settings_must_be_of_numbers(values: dict[str, object]) -> None:
 @pytest.mark.parametrize("bad", [NAN, INF, -1e30])
 def test_events_must_be_of_numbers_that_fit(column: str, bad: float) -> None:
     """A conversion to whole numbers would make some pixel or time of them."""
-    columns = {name: np.array([1.0, 2.0]) for name in ("x", "y", "t_ns", "p")}
+    columns = {name: np.array([0.0, 1.0]) for name in ("x", "y", "t_ns", "p")}
     columns[column][1] = bad
-    with pytest.raises(EventArrayError, match=column):
+    with pytest.raises(EventArrayError, match=f"'{column}'"):
         EventArray.from_arrays(**columns)
+
+
+@pytest.mark.parametrize("bad", [2, 255, -1, 1.5e3])
+def test_polarities_are_none_or_one(bad: float) -> None:
+    """Others would be counted beyond the end of an image of two kinds."""
+    with pytest.raises(EventArrayError, match="'p'"):
+        EventArray.from_arrays([0, 1], [0, 1], [0, 1], [1, bad])
 
 
 def test_pixels_of_events_do_not_wrap() -> None:
