@@ -147,12 +147,32 @@ def test_what_is_too_wide_for_a_finding_is_not_conform() -> None:
     def bent(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 4e-4 * ((x - 0.008) / 0.008) ** 2 + 0.0 * y
 
+    far, left = {"box_m": [0.5, 0.5, 0.51, 0.51]}, {"box_m": [0, -0.01, 0.008, 0.01]}
+    right = {"box_m": [0.008, -0.01, 0.02, 0.01]}
+    wide = {"depth_m": 1e-3}
+    patches = scan(bent, **SMALL)
     for recipe, verdict in (
         ({}, "inconclusive"),
         ({"reference": "nominal:polynomial2"}, "conform"),
-        ({"tolerances": [{"depth_m": 1e-3}]}, "conform"),
+        ({"tolerances": [wide]}, "conform"),
+        # Each holds where it holds, for what it limits.
+        ({"tolerances": [{"kind": "scratch", "length_m": 1e-3}]}, "inconclusive"),
+        ({"tolerances": [{"kind": "scratch", **wide}]}, "inconclusive"),
+        (
+            {"regions": {"a": far}, "exclude": ["a"], "tolerances": [{"region": "a", **wide}]},
+            "inconclusive",
+        ),
+        ({"regions": {"a": left}, "tolerances": [{"region": "a", **wide}]}, "inconclusive"),
+        (
+            {
+                "regions": {"a": left, "b": right},
+                "tolerances": [{"region": name, **wide} for name in "ab"],
+            },
+            "conform",
+        ),
+        ({"tolerances": [{"length_m": 1e-3}, wide]}, "conform"),
     ):
-        known = finished(inspect(scan(bent, **SMALL), **recipe)[1]).judgement
+        known = finished(inspect(patches, **recipe)[1]).judgement
         assert known.verdict == verdict, known.reason
         assert ("100 µm off the reference" in known.reason) == (verdict == "inconclusive")
 

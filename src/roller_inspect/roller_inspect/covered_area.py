@@ -9,11 +9,10 @@ import numpy as np
 from roller_core.transforms import F64, inverse_pose
 
 from .findings.cues import inspectable
-from .findings.smoothing import cell_weights, smoothed
 from .height_map import CONTINUED, OUTSIDE, UNMEASURED, HeightMap
 from .height_map.coverage import Coverage, coverage_of_cells
 from .height_map.height_map import F32, U8, Bools
-from .measures import moved, region_mask
+from .measures import moved
 from .pieces import Found
 from .recipe import Recipe
 
@@ -21,8 +20,6 @@ from .recipe import Recipe
 _MOST_CELLS = 4_000_000
 #: Share of what was measured that must be left by the edge exclusion.
 _LEAST_SEARCHED = 0.25
-#: Deviations are smoothed over this, m, to tell what lies off; most of an area that may.
-_FORM_M, _MOST_OFF = 5e-4, 0.01
 
 
 def coverage_of_area(recipe: Recipe, found: Found) -> tuple[Coverage, tuple[str, ...]]:
@@ -97,35 +94,6 @@ def coverage_of_area(recipe: Recipe, found: Found) -> tuple[Coverage, tuple[str,
 def enough(recipe: Recipe, coverage: Coverage) -> bool:
     """Whether the least coverage was reached."""
     return coverage.area_m2 > 0 and coverage.unmeasured <= 1 - recipe.least_coverage + 1e-9
-
-
-def off_reference(recipe: Recipe, found: Found) -> str:
-    """What share lies off the reference by more than any tolerance, in words; empty: hardly any.
-
-    What is as wide as the scan stands out of nothing and is no finding. Of no meaning where the
-    reference is the surface around.
-    """
-    grid, deviation_m = found.height_map, found.deviation_m
-    allowed = [t.depth_m for t in (*recipe.tolerances, recipe.tolerance("", ()))]
-    if grid is None or deviation_m is None or recipe.reference.kind == "self" or None in allowed:
-        return ""
-    area = inspectable(grid, recipe.edge_exclusion_m)
-    if recipe.inspect:
-        area &= np.logical_or.reduce([region_mask(recipe, name, grid) for name in recipe.inspect])
-    for name in recipe.exclude:
-        area &= ~region_mask(recipe, name, grid)
-    mean, _ = smoothed(deviation_m, cell_weights(grid, deviation_m), _FORM_M / grid.step_m)
-    area &= np.isfinite(mean)
-    if not area.any():
-        return ""
-    most = max(depth for depth in allowed if depth is not None)
-    share = float((np.abs(mean[area]) > most + 2 * np.median(grid.sigma_m[area])).mean())
-    if share < _MOST_OFF:
-        return ""
-    return (
-        f"{share:.0%} of the area lies more than {most * 1e6:g} µm off the reference, too wide for "
-        "a finding: the part's form differs, or the reference doesn't fit"
-    )
 
 
 def _inspected_states(height_map: HeightMap, deviation_m: F32 | None) -> U8:

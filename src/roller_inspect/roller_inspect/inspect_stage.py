@@ -18,8 +18,9 @@ from roller_core.parameter_files import read_parameters
 from roller_core.stage import ERROR, OK, Stage
 from roller_emvs.patch import Patch
 
-from .covered_area import coverage_of_area, off_reference
+from .covered_area import coverage_of_area
 from .findings import CellUncertainty, Finding
+from .form import off_reference
 from .height_map import CONTINUED, MEASURED, OUTSIDE
 from .height_map.coverage import Coverage
 from .judgement import Inspected, Judged, Judgement, judge, judge_findings
