@@ -147,8 +147,8 @@ def test_what_is_too_wide_for_a_finding_is_not_conform() -> None:
     def bent(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 4e-4 * ((x - 0.008) / 0.008) ** 2 + 0.0 * y
 
-    far, left = {"box_m": [0.5, 0.5, 0.51, 0.51]}, {"box_m": [0, -0.01, 0.008, 0.01]}
-    right = {"box_m": [0.008, -0.01, 0.02, 0.01]}
+    far, left = {"box_m": [0.5, 0.5, 0.51, 0.51]}, {"box_m": [0, -0.003, 0.008, 0.003]}
+    right = {"box_m": [0.008, -0.003, 0.016, 0.003]}
     wide = {"depth_m": 1e-3}
     patches = scan(bent, **SMALL)
     for recipe, verdict in (

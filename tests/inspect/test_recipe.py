@@ -194,6 +194,10 @@ def test_every_region_and_all_that_is_inspected_is_measured_compared_and_searche
         "hole": {"circle_m": [0.01, 0.01, 8e-4]},
         "face": {"box_m": [0.002, 0.002, 0.018, 0.018]},
         "beyond": {"circle_m": [0.05, 0.0, 1e-3]},
+        # Half of it lies beside the scan; smaller than a cell.
+        "side": {"box_m": [0.004, -0.004, 0.008, 0.004]},
+        "rest": {"box_m": [0.0, -0.004, 0.02, 0.0]},
+        "speck": {"circle_m": [0.01, 0.01, 2e-5]},
     }
 
     def verdict(deviation: np.ndarray = zero, **values: object) -> str:
@@ -207,13 +211,19 @@ def test_every_region_and_all_that_is_inspected_is_measured_compared_and_searche
     assert verdict() == verdict(inspect=["face"]) == "conform: no findings"
     none = "unmeasured: 0.0% of region '{}' was measured"
     assert verdict(inspect=["face", "hole"]) == none.format("hole")
-    assert verdict(inspect=["face", "beyond"]) == none.format("beyond")
-    assert verdict(tolerances=[{"region": "hole", **strict}]) == none.format("hole")
-    assert "reached nothing of region 'beyond'" in verdict(
-        tolerances=[{"region": "beyond", **strict}]
-    )
-    of_another = verdict(inspect=["face"], tolerances=[{"region": "beyond", **strict}])
-    assert of_another == "conform: no findings"
+    nothing = "unmeasured: the scan reached nothing of region 'beyond'"
+    assert verdict(inspect=["face", "beyond"]) == nothing
+    # Wherever else is inspected.
+    for more in ({}, {"inspect": ["face"]}):
+        for name, reason in (
+            ("hole", none.format("hole")),
+            ("beyond", nothing),
+            ("side", none.format("side").replace("0.0%", "50.0%")),
+            ("speck", none.format("speck")),
+        ):
+            assert verdict(tolerances=[{"region": name, **strict}], **more) == reason
+        kept = verdict(tolerances=[{"region": "side", **strict}], exclude=["rest"], **more)
+        assert kept == "conform: no findings"
     half = np.where(x < 0.01, zero, np.float32(np.nan))
     assert "the reference goes over 50." in verdict(half)
     assert verdict(half).startswith("unmeasured: 49.")

@@ -14,10 +14,10 @@ from .height_map.coverage import Coverage, coverage_of_cells
 from .height_map.height_map import F32, U8, Bools
 from .measures import moved
 from .pieces import Found
-from .recipe import Recipe
+from .recipe import Recipe, Region
 
-#: An area to inspect is looked at in so many places at most.
-_MOST_CELLS = 4_000_000
+#: An area is looked at in so many places at most, and in so many along its shorter side at least.
+_MOST_CELLS, _LEAST_PLACES = 4_000_000, 10
 #: Share of what was measured that must be left by the edge exclusion.
 _LEAST_SEARCHED = 0.25
 
@@ -46,37 +46,42 @@ def coverage_of_area(recipe: Recipe, found: Found) -> tuple[Coverage, tuple[str,
     height_map = found.height_map
     if height_map is None:
         return found.coverage, ()
-    step = height_map.step_m
     seen = _inspected_states(height_map, found.deviation_m)
     map_from_recipe = inverse_pose(height_map.base_from_map) @ recipe.base_from_recipe
+
+    def kept(x: F64, y: F64) -> Bools:
+        """Places that aren't left out."""
+        out = np.ones(x.shape, bool)
+        for name in recipe.exclude:
+            out &= ~recipe.regions[name].contains(x, y)
+        return out
+
+    def covered(state: U8, step_m: float) -> Coverage:
+        return coverage_of_cells(state, len(state) * step_m**2, found.coverage.points_per_mm2)
+
+    def within(*names: str) -> Coverage:
+        """Of regions with all that the scan didn't reach."""
+        regions = [recipe.regions[name] for name in names]
+        x, y, fine = _places(regions, height_map.step_m)
+        inside = np.logical_or.reduce([each.contains(x, y) for each in regions]) & kept(x, y)
+        at = moved(map_from_recipe, x[inside], y[inside])
+        return covered(_states_at(height_map, seen, *at), fine)
+
     if recipe.inspect:
-        x, y, fine = _grid_of(recipe, step)
-        mx, my = moved(map_from_recipe, x, y)
-        column = np.rint((mx - height_map.x_m[0]) / step).astype(np.int64)
-        row = np.rint((my - height_map.y_m[0]) / step).astype(np.int64)
-        there = (row >= 0) & (row < height_map.shape[0])
-        there &= (column >= 0) & (column < height_map.shape[1])
-        state = np.full(x.shape, OUTSIDE, np.uint8)
-        state[there] = seen[row[there], column[there]]
-        inside = np.logical_or.reduce([recipe.regions[n].contains(x, y) for n in recipe.inspect])
+        whole = within(*recipe.inspect)
     else:
-        state, fine = seen, step
-        inside = state != OUTSIDE
-        x, y = moved(inverse_pose(map_from_recipe), *np.meshgrid(height_map.x_m, height_map.y_m))
-    for name in recipe.exclude:
-        inside &= ~recipe.regions[name].contains(x, y)
-
-    def covered(area: Bools) -> Coverage:
-        area_m2 = int(area.sum()) * fine**2
-        return coverage_of_cells(state[area], area_m2, found.coverage.points_per_mm2)
-
-    whole, lacking = covered(inside), []
-    own = {t.region: None for t in recipe.tolerances if t.region} | dict.fromkeys(recipe.inspect)
-    for name in own.keys() - set(recipe.exclude):
-        part = covered(inside & recipe.regions[name].contains(x, y))
-        if part.area_m2 and not enough(recipe, part):
+        grid = np.meshgrid(height_map.x_m, height_map.y_m)
+        inside = kept(*moved(inverse_pose(map_from_recipe), *grid)) & (seen != OUTSIDE)
+        whole = covered(seen[inside], height_map.step_m)
+    lacking = []
+    own = {t.region for t in recipe.tolerances if t.region} | set(recipe.inspect)
+    for name in own - set(recipe.exclude):
+        part = within(name)
+        if not part.area_m2 or enough(recipe, part):
+            continue
+        if part.scanned:
             lacking.append(f"{1 - part.unmeasured:.1%} of region '{name}' was measured")
-        elif not (part.area_m2 or recipe.inspect):
+        else:
             lacking.append(f"the scan reached nothing of region '{name}'")
     known = int(height_map.known.sum())
     searched = int(inspectable(height_map, recipe.edge_exclusion_m).sum())
@@ -104,11 +109,23 @@ def _inspected_states(height_map: HeightMap, deviation_m: F32 | None) -> U8:
     return np.where(bare, np.uint8(UNMEASURED), height_map.state)
 
 
-def _grid_of(recipe: Recipe, step: float) -> tuple[F64, F64, float]:
-    """Places over all regions to inspect, which may reach beyond the map, and their spacing."""
-    corners = np.concatenate([recipe.regions[name].outline() for name in recipe.inspect])
+def _places(regions: list[Region], step_m: float) -> tuple[F64, F64, float]:
+    """Places over all of some regions, which may reach beyond the map, and their spacing."""
+    corners = np.concatenate([region.outline() for region in regions])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    fine = max(step, math.sqrt(float(np.prod(high - low)) / _MOST_CELLS))
+    fine = min(step_m, float((high - low).min()) / _LEAST_PLACES)
+    fine = max(fine, math.sqrt(float(np.prod(high - low)) / _MOST_CELLS))
     axes = zip(low, high, strict=True)
     x, y = np.meshgrid(*(np.arange(low + fine / 2, high, fine) for low, high in axes))
     return x, y, fine
+
+
+def _states_at(height_map: HeightMap, seen: U8, x: F64, y: F64) -> U8:
+    """States of the cells of a map that places lie in; beyond it they are outside."""
+    column = np.rint((x - height_map.x_m[0]) / height_map.step_m).astype(np.int64)
+    row = np.rint((y - height_map.y_m[0]) / height_map.step_m).astype(np.int64)
+    there = (row >= 0) & (row < height_map.shape[0])
+    there &= (column >= 0) & (column < height_map.shape[1])
+    state = np.full(x.shape, OUTSIDE, np.uint8)
+    state[there] = seen[row[there], column[there]]
+    return state
