@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from roller_core.transforms import F64
-from roller_inspect.height_map import MEASURED, HeightMap
+from roller_inspect.findings import CellUncertainty
+from roller_inspect.height_map import MEASURED, UNMEASURED, HeightMap
 from roller_inspect.height_map.height_map import centres
+from roller_inspect.measures import Figure, measure_all
 from roller_inspect.measuring.measured import Measured
 from roller_inspect.measuring.profile import profile, width_and_depth
 from roller_inspect.measuring.regions import extent, flushness_and_tilt, roughness, step_height
+from roller_inspect.recipe import Recipe
 
 from .analytic_surface import Surface, dent, errors
 
@@ -125,3 +128,43 @@ def test_what_does_not_rise_above_the_noise_is_not_measurable() -> None:
     nowhere = np.zeros((120, 200), bool)
     assert step_height(smooth, nowhere, everywhere).value is None
     assert extent(smooth, nowhere, everywhere)["volume"].value is None
+
+
+def test_of_a_region_that_was_hardly_measured_nothing_is_known() -> None:
+    """Whether it lies beyond the map or on it; of 85 % of one its volume is that of the whole."""
+    seen = map_of(lambda x, y: np.where(y > 0, 1e-4, 0.0) + 0 * x, noise_m=5e-6)
+    y = np.broadcast_to(seen.y_m[:, None], seen.shape)
+    bare = replace(seen, state=np.where(y > 0.002, UNMEASURED, seen.state).astype(np.uint8))
+    regions = {
+        "near": {"box_m": [0.0, 0.0, 0.02, 0.006]},
+        "most": {"box_m": [0.0, 0.0, 0.02, 0.006 / 0.85]},
+        "far": {"box_m": [0.0, 0.0, 0.02, 0.05]},
+        "end": {"circle_m": [0.024, 0.003, 0.005]},
+        "datum": {"box_m": [0.0, -0.006, 0.02, -0.0002]},
+    }
+    tools = ("step_height", "flushness", "tilt", "depth", "area", "volume", "roughness_sa")
+
+    def figures(of: str, grid: HeightMap) -> list[Figure]:
+        measures = [
+            {"name": tool, "tool": tool, "of": of, "datum": "" if "rough" in tool else "datum"}
+            for tool in tools
+        ]
+        limits = {"low": -1e-6, "high": 1e-6}
+        recipe = Recipe.create({"regions": regions, "measures": [m | limits for m in measures]})
+        return list(measure_all(recipe, grid, CellUncertainty.create({})))
+
+    for of, grid in (("far", seen), ("end", seen), ("near", bare)):
+        for figure in figures(of, grid):
+            assert figure.value is None, (of, figure)
+            assert figure.verdict == "unmeasured"
+            # Of a third that was measured on the map its roughness is asked for less.
+            assert "too little of the" in figure.reason or "noise" in figure.reason
+    volumes = []
+    for of in ("near", "most"):
+        found = {figure.tool: figure for figure in figures(of, seen)}
+        assert found["step_height"].value == pytest.approx(1e-4, abs=1e-5)
+        assert found["depth"].value == pytest.approx(1e-4, abs=2e-5)
+        assert found["volume"].value is not None
+        volumes.append(found["volume"].value)
+    assert volumes[0] == pytest.approx(0.02 * 0.006 * 1e-4, rel=0.05)
+    assert volumes[1] == pytest.approx(volumes[0] / 0.85, rel=0.01)

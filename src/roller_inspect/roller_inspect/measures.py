@@ -83,14 +83,26 @@ def _measured(recipe: Recipe, entry: Measure, height_map: HeightMap) -> Measured
         width, depth = width_and_depth(profile(height_map, start, end))
         return width if entry.tool == "width" else depth
     region = region_mask(recipe, entry.of, height_map)
+    whole = _cells(recipe, entry.of, height_map, region)
     if entry.tool.startswith("roughness"):
-        return roughness(height_map, region)[entry.tool == "roughness_sq"]
+        return roughness(height_map, region, whole)[entry.tool == "roughness_sq"]
     datum = region_mask(recipe, entry.datum, height_map) & ~region
     if entry.tool == "step_height":
-        return step_height(height_map, datum, region)
+        return step_height(height_map, datum, region, whole)
     if entry.tool in ("flushness", "tilt"):
-        return flushness_and_tilt(height_map, region, datum)[entry.tool == "tilt"]
-    return extent(height_map, region, datum)[entry.tool]
+        return flushness_and_tilt(height_map, region, datum, whole)[entry.tool == "tilt"]
+    return extent(height_map, region, datum, whole)[entry.tool]
+
+
+def _cells(recipe: Recipe, name: str, height_map: HeightMap, region: Bools) -> float:
+    """Cells of a region of the recipe, with those beyond the map; `region`: those of the map."""
+    map_from_recipe = inverse_pose(height_map.base_from_map) @ recipe.base_from_recipe
+    corners = recipe.regions[name].outline()
+    there = zip(moved(map_from_recipe, *corners.T), (height_map.x_m, height_map.y_m), strict=True)
+    half, on_map = height_map.step_m / 2, float(region.sum())
+    if all(at.min() >= axis[0] - half and at.max() <= axis[-1] + half for at, axis in there):
+        return on_map
+    return max(on_map, recipe.regions[name].area_m2 / height_map.step_m**2)
 
 
 def region_mask(recipe: Recipe, name: str, height_map: HeightMap) -> Bools:

@@ -20,15 +20,17 @@ from .measured import STANDS_OUT, Measured, not_measurable
 #: Cut-off of the S-filter, m: what is finer is the sensor's own; and the Gaussian's standard
 #: deviation by its cut-off (ISO 16610-61).
 _S_FILTER_M, _BY_CUT_OFF = 0.25e-3, 0.1874
-#: Share of a region that must be measured for its roughness, and known for what stands out of it;
-#: Sq must be so many times the noise.
+#: Share of a region that must be measured for its roughness, and known for all else; Sq must be
+#: so many times the noise.
 _LEAST_MEASURED, _LEAST_KNOWN, _TIMES_NOISE = 0.3, 0.8, 3.0
 #: A tilt of more standard uncertainties has a direction.
 _BOTH = 4.0
-_FEW = "too few measured cells in {}"
+_FEW, _LITTLE = "too few measured cells in {}", "too little of the {} was measured"
 
 
-def step_height(height_map: HeightMap, datum: Bools, top: Bools) -> Measured:
+def step_height(
+    height_map: HeightMap, datum: Bools, top: Bools, whole: float | None = None
+) -> Measured:
     """How much one region lies above another, at the second one's centre.
 
     Parameters
@@ -37,7 +39,11 @@ def step_height(height_map: HeightMap, datum: Bools, top: Bools) -> Measured:
         The map.
     datum, top : ndarray of bool, shape (ny, nx)
         Cells of the datum and of what is measured.
+    whole : float, optional
+        Cells of what is measured with those beyond the map; without it there are none.
     """
+    if _unknown(height_map, top, whole):
+        return not_measurable("m", _LITTLE.format("region"))
     base, upper = datum_plane(height_map, datum), datum_plane(height_map, top)
     if base is None or upper is None:
         return not_measurable("m", _FEW.format("the datum" if base is None else "the region"))
@@ -52,7 +58,7 @@ def _step(base: Datum, upper: Datum) -> Measured:
 
 
 def flushness_and_tilt(
-    height_map: HeightMap, head: Bools, around: Bools
+    height_map: HeightMap, head: Bools, around: Bools, whole: float | None = None
 ) -> tuple[Measured, Measured]:
     """Height of a fastener's middle above the surface, metres; angle between both, radians.
 
@@ -62,7 +68,12 @@ def flushness_and_tilt(
         The map.
     head, around : ndarray of bool, shape (ny, nx)
         Cells of its head, and of the surface around.
+    whole : float, optional
+        Cells of the head with those beyond the map; without it there are none.
     """
+    if _unknown(height_map, head, whole):
+        reason = _LITTLE.format("head")
+        return not_measurable("m", reason), not_measurable("rad", reason)
     base, top = datum_plane(height_map, around), datum_plane(height_map, head)
     if base is None or top is None:
         reason = _FEW.format("the surface around" if base is None else "the head")
@@ -79,7 +90,9 @@ def flushness_and_tilt(
     return _step(base, top), Measured(float(np.arctan(size)), k * u, "rad")
 
 
-def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Measured]:
+def extent(
+    height_map: HeightMap, region: Bools, datum: Bools, whole: float | None = None
+) -> dict[str, Measured]:
     """What stands out of a datum in a region.
 
     Parameters
@@ -88,6 +101,8 @@ def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Meas
         The map.
     region, datum : ndarray of bool, shape (ny, nx)
         Where to look, and the cells of the datum plane.
+    whole : float, optional
+        Cells of the region with those beyond the map; without it there are none.
 
     Returns
     -------
@@ -97,14 +112,14 @@ def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Meas
         signed, m³.
     """
     plane = datum_plane(height_map, datum & ~region)
-    known = region & height_map.known & np.isfinite(height_map.height_m)
-    if plane is None or not region.any() or known.sum() < _LEAST_KNOWN * region.sum():
-        reason = _FEW.format("the datum" if plane is None else "the region")
+    if plane is None or _unknown(height_map, region, whole):
+        reason = _FEW.format("the datum") if plane is None else _LITTLE.format("region")
         missing = not_measurable("m", reason)
         return {
             "depth": missing, "area": not_measurable("m²", reason), "diameter": missing,
             "volume": not_measurable("m³", reason),
         }  # fmt: skip
+    known = region & height_map.known & np.isfinite(height_map.height_m)
     step = height_map.step_m
     base_m = plane.at(height_map.x_m[None, :], height_map.y_m[:, None])
     away: F32 = (height_map.height_m - base_m).astype(np.float32)
@@ -117,8 +132,9 @@ def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Meas
     x, y = float(height_map.x_m[columns].mean()), float(height_map.y_m[rows].mean())
     base = float(np.hypot(plane.standard_uncertainty(x, y), plane.common_m))
     u_depth = float(np.hypot(0.7 * sigma, base))
-    whole_m2 = float(region.sum()) * step**2
-    volume = float(away[known].sum()) * step**2 * float(region.sum() / known.sum())
+    cells = whole or float(region.sum())
+    whole_m2 = cells * step**2
+    volume = float(away[known].sum()) * step**2 * cells / float(known.sum())
     # Neighbours share their errors: a small region's mean errs as its cells do.
     u_mean = math.hypot(base, sigma / math.sqrt(max(1.0, whole_m2 / ALIKE_M**2)))
     measured_volume = Measured(volume, 2 * whole_m2 * u_mean, "m³")
@@ -144,7 +160,9 @@ def extent(height_map: HeightMap, region: Bools, datum: Bools) -> dict[str, Meas
     }
 
 
-def roughness(height_map: HeightMap, region: Bools) -> tuple[Measured, Measured]:
+def roughness(
+    height_map: HeightMap, region: Bools, whole: float | None = None
+) -> tuple[Measured, Measured]:
     """Sa and Sq of a region after form removal (a polynomial of order 2) and S-filter.
 
     "Not measurable" where it doesn't rise above the noise.
@@ -155,10 +173,12 @@ def roughness(height_map: HeightMap, region: Bools) -> tuple[Measured, Measured]
         The map.
     region : ndarray of bool, shape (ny, nx)
         Cells.
+    whole : float, optional
+        Cells of the region with those beyond the map; without it there are none.
     """
     measured = region & height_map.measured()
-    if not region.any() or measured.sum() < _LEAST_MEASURED * region.sum():
-        return _neither("too little of the region was measured")
+    if _few(measured, region, whole, _LEAST_MEASURED):
+        return _neither(_LITTLE.format("region"))
     rows, columns = np.nonzero(measured)
     x, y = height_map.x_m[columns], height_map.y_m[rows]
     try:
@@ -181,3 +201,13 @@ def roughness(height_map: HeightMap, region: Bools) -> tuple[Measured, Measured]
 
 def _neither(reason: str) -> tuple[Measured, Measured]:
     return not_measurable("m", reason), not_measurable("m", reason)
+
+
+def _unknown(height_map: HeightMap, region: Bools, whole: float | None) -> bool:
+    """Whether too little of a region was measured or continued for its plane or its extent."""
+    known = region & height_map.known & np.isfinite(height_map.height_m)
+    return _few(known, region, whole, _LEAST_KNOWN)
+
+
+def _few(cells: Bools, region: Bools, whole: float | None, least: float) -> bool:
+    return not region.any() or bool(cells.sum() < least * (whole or region.sum()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
@@ -39,9 +41,7 @@ class Region(Settings):
         farthest = float(np.abs(self.outline()).max())
         if not farthest <= FARTHEST_M:
             raise ValueError(f"it reaches to {farthest:g} m; recipes are in metres")
-        corners = self.outline()
-        x, y = (corners - corners[0]).T
-        if abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 1e-12:
+        if self.area_m2 < 5e-13:
             raise ValueError("its corners lie on a line")
         return self
 
@@ -56,6 +56,15 @@ class Region(Settings):
         x, y, r = self.circle_m
         a = np.linspace(0, 2 * np.pi, 64, endpoint=False)
         return np.stack([x + r * np.cos(a), y + r * np.sin(a)], axis=-1)
+
+    @property
+    def area_m2(self) -> float:
+        """Of the region, whatever of it a scan reached."""
+        if self.circle_m is not None:
+            return math.pi * self.circle_m[2] ** 2
+        corners = self.outline()
+        x, y = (corners - corners[0]).T
+        return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
 
     def contains(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask:
         """Which places of the recipe's frame, metres, lie inside."""
