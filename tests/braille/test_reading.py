@@ -217,6 +217,22 @@ def test_a_line_that_is_not_all_in_view_is_not_guessed() -> None:
     assert not any(c.readable and c.mask for c in cells)
 
 
+@pytest.mark.parametrize("back", [False, True])
+def test_a_pass_that_ends_within_a_cell_does_not_guess_its_other_column(back: bool) -> None:
+    """The left columns of o and x alone are k; the right ones of f and b would be a, or none."""
+    masks = to_masks("the quick brown fox jumps over it")
+    plate = Plate().write(masks)
+    for place_m in np.arange(0.094, 0.106, 0.0015):
+        a, b = (0.23, place_m) if back else (-0.025, place_m)
+        seconds = abs(b - a) / 0.3
+        track = roll_track([a, a, b, b], [0.0, 0.1, 0.1 + seconds, 0.2 + seconds])
+        cells, _ = read(scan(plate, track), track)
+        assert len(cells) > 15
+        for cell in cells:
+            n = round(cell.position[0] / SPACING.cell_pitch_m)
+            assert not cell.readable or cell.mask == masks[n]
+
+
 def test_missing_poses_are_counted_and_passed_over() -> None:
     plate = Plate().text("abc def ghi")
     full = over(plate)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from enum import Enum
 
 import numpy as np
+import numpy.typing as npt
 
 from .cells import LEAST_CONFIDENCE, Seen
 from .dot_shape import DotShape
@@ -189,8 +190,7 @@ class CellReader:
         else:
             _, image, at, energies = self.measure(lattice)
             reading = self._recogniser.read(image, at, energies, reference)
-        outside = (nodes[:, 1] < self._view[0]) | (nodes[:, 1] > self._view[1])
-        confidence = np.where(outside, 0.0, reading.confidence)
+        confidence = np.where(self._in_view(nodes), reading.confidence, 0.0)
         mask = int((reading.raised << np.arange(6)).sum())
         raised = reading.raised
         if shaped:
@@ -211,6 +211,16 @@ class CellReader:
             self._seen(number, mask, confidence, nodes, stamp),
             reading.circles,
         )
+
+    def _in_view(self, nodes: F64) -> npt.NDArray[np.bool_]:
+        """At which nodes a dot would have been seen, all of it and for long enough, shape (6,)."""
+        seen = (nodes[:, 1] >= self._view[0]) & (nodes[:, 1] <= self._view[1])
+        # Where a pass begins and ends there are columns that it hardly saw: without events, but
+        # nobody knows whether they are empty.
+        half = SPOT * self._spacing.dot_diameter_m / 2
+        for side in (-half, half):
+            seen &= self._strip.exposure.shown(nodes[:, 0] + side)
+        return np.asarray(seen)
 
     def _background(self, lattice: Lattice) -> float:
         """Events a pixel where nothing is, around cell 0 of a lattice."""
