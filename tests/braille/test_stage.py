@@ -1,5 +1,6 @@
 """What the stage gives beside the cells: text and markers, when a scan ends and another begins."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -77,6 +78,16 @@ def test_the_first_pose_of_a_recording_played_once_more_begins_anew() -> None:
     assert (stage.frames.track.start_ns, stage.frames.track.end_ns) == (0, 3_000_000)
 
 
+def test_markers_of_a_cell_that_turns_out_blank_go() -> None:
+    stage = stage_after_a_scan()
+    found = [o for r in stage.results(flush=True) for o in r.outputs if o.topic == BRAILLE_MARKERS]
+    shown = found[0].data
+    blank = replace(shown, cell=replace(shown.cell, mask=0, character=" "))
+    assert to_message(replace(found[0], data=blank)).markers == []
+    again = to_message(replace(found[0], data=replace(blank, again=True))).markers
+    assert [(m.action, m.id) for m in again] == 2 * [(Marker.DELETE, 1)]
+
+
 def test_clear_forgets_text_and_markers() -> None:
     stage = stage_after_a_scan()
     stage.services()["clear"]()
@@ -105,13 +116,12 @@ def test_of_a_line_without_end_the_end_is_read() -> None:
     stage = stage_after_a_scan()
     messages(stage, flush=True)
     assert stage.pipeline is not None
-    page = stage.pipeline._page
-    page._columns[0].update({3 + k: page._columns[0][k % 3] for k in range(9000)})
-    page._texts.clear()
-    whole = page.text()[0]
-    assert whole == 3001 * "abc"
-    assert stage.newest_text() == "…" + whole[-2000:]
-    assert page._texts == {0: whole}  # nothing else was read
+    lines = stage.pipeline._page._lines
+    for k in range(9000):
+        lines.put(0, 3 + k, lines.at(0, k % 3))
+    assert stage.newest_text() == "…" + (3001 * "abc")[-2000:]
+    assert lines._texts == {}  # nothing else was read
+    assert stage.text() == [3001 * "abc"]
 
 
 def test_warming_up_decodes_packets_of_every_encoding(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,8 @@ from .warm_up import warm_up
 #: Characters that the topic of the text holds at most, two pages of Braille: it comes with each
 #: cell, and who is late gets the last hundred.
 _MOST_TEXT = 2000
+#: Newest cells whose markers are known again: of what RViz is given it shows no more.
+_MOST_MARKERS = 20_000
 #: Lines that are kept of scans before.
 _MOST_EARLIER = 10_000
 
@@ -39,10 +41,12 @@ class CellMarkers:
 
     #: What was read.
     cell: Cell
-    #: Identity of the markers; no two cells share one.
+    #: Identity of the markers: one for each line and column.
     number: int
     #: Sizes of dots and letters.
     spacing: Spacing
+    #: Whether it was shown before, and is read otherwise now.
+    again: bool = False
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,8 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
         self._earlier: list[str] = []
         self._earlier_lines: list[list[LineCell]] = []
         self._cells = 0
+        # Of cells by line and column the numbers of their markers.
+        self._markers: dict[tuple[int, int], int] = {}
         self._last_ns: int | None = None  # of the newest cell that is shown
 
     def warm_up(self) -> None:
@@ -99,6 +105,7 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
 
     def _begin(self) -> None:
         super()._begin()
+        self._markers.clear()
         if self._last_ns is not None:
             self._left.append(self._give(outputs.BRAILLE_MARKERS, self._last_ns, NoMarkers()))
             self._last_ns = None
@@ -123,7 +130,12 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
 
     def _cell_outputs(self, cell: Cell) -> tuple[Output, ...]:
         self._cells += 1
-        markers = CellMarkers(cell, self._cells, self.settings.spacing)
+        place = cell.line, cell.column
+        again = place in self._markers
+        number = self._markers.setdefault(place, self._cells)
+        if len(self._markers) > _MOST_MARKERS:
+            del self._markers[next(iter(self._markers))]
+        markers = CellMarkers(cell, number, self.settings.spacing, again)
         data = (cell, self.newest_text(), markers)
         t, frame = cell.stamp_ns, self.settings.base_frame
         self._last_ns = t
@@ -141,6 +153,7 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
             "cells": totals["cells"],
             "unreadable_cells": totals["unreadable_cells"],
             "repeated_cells": totals["repeated_cells"],
+            "reread_cells": totals["reread_cells"],
             "cell_latency_s": self._latency_s,
             "travel_scale": "" if scale is None else round(scale, 4),
         }

@@ -41,14 +41,15 @@ def cell_message(cell: Cell, output: Output) -> BrailleCell:
 def marker_message(shown: CellMarkers, output: Output) -> MarkerArray:
     """A cell's character and its raised dots for RViz; none for a blank cell."""
     cell, spacing = shown.cell, shown.spacing
-    if not cell.mask and cell.readable:
+    blank = not cell.mask and cell.readable
+    if blank and not shown.again:
         return MarkerArray()
     letter, dots = Marker(type=Marker.TEXT_VIEW_FACING), Marker(type=Marker.SPHERE_LIST)
     for marker, part in ((letter, "characters"), (dots, "dots")):
         marker.header.frame_id = output.frame_id
         marker.ns = f"braille_{part}"
         marker.id = shown.number
-        marker.action = Marker.ADD
+        marker.action = Marker.DELETE if blank else Marker.ADD
         marker.color = _READ if cell.readable else _UNREAD
         marker.pose.orientation.w = 1.0
     letter.pose.position = _point(cell.position)

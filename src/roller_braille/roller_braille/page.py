@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from . import table
 from .cell_reader import LOOKAHEAD_CELLS
 from .cells import Cell, Seen, certain_dots
 from .known_cells import KnownCells
@@ -15,7 +14,8 @@ from .lines import LineReader
 from .orientation import upside_down
 from .pass_reader import PassReader
 from .reader_settings import BrailleSettings
-from .translation import ALL_DOTS, LineCell, line_reader
+from .text_lines import CUT, TextLines
+from .translation import ALL_DOTS, LineCell
 from .warp import F64, Warp
 
 #: Cells this near to one that is known, in cell pitches, are that one seen again.
@@ -24,8 +24,6 @@ _SAME = 0.4
 _ROOM_BETWEEN = 1.6
 #: Cells that are remembered: 3 km of a line.
 MOST_CELLS = 500_000
-#: In place of what a text leaves out.
-CUT = "…"
 #: A line that broke off goes on after this many cells at most, on its lattice to within so many.
 _MOST_GAP, _IN_ROW = 6, 0.1
 
@@ -58,55 +56,36 @@ class Page:
     Lines that are in view together are given one after the other, from the top, or each as it
     passes (`line_order`). A sensor that rolls against the reading direction, or over text that is
     upside down, sees a line's end first, so its lines come when the pass is over.
-    Cells that an earlier pass has read are left out.
+    Cells that an earlier pass has read are left out; one that it could not read is given again, at
+    its line and column, by the pass that reads it.
     """
 
     def __init__(self, settings: BrailleSettings, warp: Warp) -> None:
         self._settings = settings
         self._warp = warp
-        self._decoders: list[table.Decoder] = []
-        self._columns: list[dict[int, LineCell]] = []
-        # Of each line its text, where it was read since a cell came.
-        self._texts: dict[int, str] = {}
-        self._read_line = line_reader(settings.code)
+        self._lines = TextLines(settings.code)
         reach_m = (_MOST_GAP + 2) * settings.spacing.cell_pitch_m
         self._known = KnownCells(reach_m, MOST_CELLS)
         self._open: list[_OpenLine] = []
         # Cells given before their line was known, which come again with it.
         self._early: set[int] = set()
-        self.repeated = 0
+        # Line and column of cells to be given again by the next pass that reads them: they could
+        # not be read, or stand for something else since one before them was.
+        self._doubtful: set[tuple[int, int]] = set()
+        #: Cells seen again, and those of them that are given again.
+        self.repeated = self.reread = 0
 
     def text(self) -> list[str]:
         """The lines so far, without trailing spaces."""
-        return [self._text(line) for line in range(len(self._columns))]
+        return self._lines.text()
 
     def newest_lines(self, most: int) -> Iterator[str]:
         """The lines from the last to the first; of a longer one its last `most` cells."""
-        for line in reversed(range(len(self._columns))):
-            cells = self._columns[line]
-            if len(cells) <= most:
-                yield self._text(line)
-            else:
-                end = next(reversed(cells)) + 1
-                yield CUT + self._read(self._cells_of(line, end - most, end))
+        return self._lines.newest(most)
 
     def lines(self) -> list[list[LineCell]]:
         """The cells of the lines so far; of the first `MOST_CELLS` and more none are left."""
-        ends = (max(columns, default=-1) + 1 for columns in self._columns)
-        return [self._cells_of(line, 0, end) for line, end in enumerate(ends)]
-
-    def _cells_of(self, line: int, begin: int, end: int) -> list[LineCell]:
-        columns, blank = self._columns[line], LineCell(table.SPACE)
-        return [columns.get(c, blank) for c in range(begin, end)]
-
-    def _text(self, line: int) -> str:
-        if line not in self._texts:
-            end = max(self._columns[line], default=-1) + 1
-            self._texts[line] = self._read(self._cells_of(line, 0, end))
-        return self._texts[line]
-
-    def _read(self, cells: list[LineCell]) -> str:
-        return self._read_line(cells).text.rstrip(" ")
+        return self._lines.cells()
 
     def collect(self, reader: PassReader, over: bool) -> Iterator[Cell]:
         """Cells of a pass that can be given now."""
@@ -182,42 +161,57 @@ class Page:
         position = dots.mean(axis=0)
         known = self._find(position)
         if known is not None:
-            self.repeated += not early and known not in self._early
-            self._early -= set() if early else {known}
-            line, column = self._known.where(known)
+            first, (line, column) = place.line is None, self._known.where(known)
             place.line, place.column = line, column + 1
+            if early:
+                return
+            self.repeated += known not in self._early
+            self._early.discard(known)
+            if (line, column) in self._doubtful:
+                sees_begin = first and self._saw_before(seen, reader)
+                yield from self._give_again(line, column, seen, dots, sees_begin)
             return
-        known_dots = self._line_cell(seen)
+        line_cell = _line_cell(seen)
         if place.line is None:
             broken_off = self._broken_off(dots, place.reader.spacing.cell_pitch_m)
             if broken_off is not None:
                 place.line, place.column = broken_off
             else:
-                place.line = len(self._columns)
-                self._columns.append({})
-                self._decoders.append(table.Decoder())
+                place.line = self._lines.begin()
                 if not self._saw_before(seen, reader):
-                    known_dots = replace(known_dots, after_unseen=True)
-        character, readable = self._decode(place.line, known_dots)
-        cell = Cell(
-            seen.stamp_ns,
-            place.line,
-            place.column,
-            seen.mask,
-            character if readable and character is not None else "",
-            readable,
-            position,
-            min(seen.dot_confidence),
-            seen.dot_confidence,
-            dots,
-        )
-        self._columns[place.line][place.column] = known_dots
-        self._texts.pop(place.line, None)
-        forgotten = self._known.add(position, place.line, place.column)
+                    line_cell = replace(line_cell, after_unseen=True)
+        line, column = place.line, place.column
+        place.column += 1
+        character, readable = self._lines.put(line, column, line_cell)
+        if not readable:
+            self._doubtful.add((line, column))
+        forgotten = self._known.add(position, line, column)
         if forgotten is not None:
             self._forget(*forgotten)
-        place.column += 1
-        yield cell
+        yield _cell(seen, line, column, character, readable, dots)
+
+    def _give_again(
+        self, line: int, column: int, seen: Seen, dots: F64, sees_begin: bool
+    ) -> Iterator[Cell]:
+        """A cell that is known but in doubt, if it can be read now.
+
+        `sees_begin`: nothing lies before it in its line, and that was in view.
+        """
+        was = self._lines.at(line, column)
+        # Two passes that are sure of different dots leave it open which of them is right.
+        if not seen.certain or (was.mask ^ seen.mask) & was.certain:
+            return
+        now = LineCell(seen.mask, after_unseen=was.after_unseen and not sees_begin)
+        rest = self._lines.meanings(line, column + 1)
+        character, readable = self._lines.put(line, column, now)
+        for k, meaning in self._lines.meanings(line, column + 1).items():
+            if rest.get(k) != meaning:
+                self._doubtful.add((line, k))
+        if readable:
+            self._doubtful.discard((line, column))
+        if readable or not was.readable:
+            self.reread += 1
+            yield _cell(seen, line, column, character, readable, dots)
 
     def _broken_off(self, dots: F64, pitch_m: float) -> tuple[int, int] | None:
         """Line and column of a cell that continues the row of a line which broke off before it.
@@ -237,11 +231,9 @@ class Page:
         nearest = int(np.argmin(np.where(in_row, gap, np.inf)))
         line, last = self._known.where(numbers[nearest])
         column = last + int(gap[nearest])
-        if max(self._columns[line]) != last:
+        if self._lines.last(line) != last:
             return None
-        for between in range(last + 1, column):
-            self._columns[line][between] = LineCell(0, 0)
-            self._decoders[line].skip(0, 0)
+        self._lines.leave_unread(line, column)
         return line, column
 
     def _saw_before(self, seen: Seen, reader: PassReader) -> bool:
@@ -249,23 +241,6 @@ class Page:
         step = seen.dots[3] - seen.dots[0]
         step *= self._settings.spacing.cell_pitch_m / max(float(np.hypot(*step)), 1e-9)
         return reader.saw(seen.dots - step)
-
-    def _line_cell(self, seen: Seen) -> LineCell:
-        if seen.certain:
-            return LineCell(seen.mask)
-        certain = certain_dots(seen.dot_confidence)
-        # It is the cell that isn't certain, whatever its dots say one by one.
-        return LineCell(seen.mask, certain if certain != ALL_DOTS else 0)
-
-    def _decode(self, line: int, cell: LineCell) -> tuple[str | None, bool]:
-        """What a cell stands for by itself in grade 1; whether it can be read in the code."""
-        if cell.after_unseen:
-            self._decoders[line].skip(0, 0)
-        if not cell.readable:
-            self._decoders[line].skip(cell.mask, cell.certain)
-            return None, False
-        character = self._decoders[line].read(cell.mask)
-        return character, character is not None or self._settings.code != "grade1"
 
     def _find(self, position: F64) -> int | None:
         """The known cell at a place."""
@@ -278,12 +253,34 @@ class Page:
         return numbers[nearest] if away[nearest] < limit else None
 
     def _forget(self, line: int, column: int) -> None:
-        """Let go of a line's cells up to one: it is too long ago."""
-        columns = self._columns[line]
-        while columns and (first := next(iter(columns))) <= column:
-            del columns[first]
-        self._texts.pop(line, None)
+        self._lines.forget(line, column)
         self._early.discard(self._known.count - 1 - MOST_CELLS)
+        self._doubtful.discard((line, column))
+
+
+def _line_cell(seen: Seen) -> LineCell:
+    if seen.certain:
+        return LineCell(seen.mask)
+    certain = certain_dots(seen.dot_confidence)
+    # It is the cell that isn't certain, whatever its dots say one by one.
+    return LineCell(seen.mask, certain if certain != ALL_DOTS else 0)
+
+
+def _cell(
+    seen: Seen, line: int, column: int, character: str | None, readable: bool, dots: F64
+) -> Cell:
+    return Cell(
+        seen.stamp_ns,
+        line,
+        column,
+        seen.mask,
+        character if readable and character is not None else "",
+        readable,
+        dots.mean(axis=0),
+        min(seen.dot_confidence),
+        seen.dot_confidence,
+        dots,
+    )
 
 
 def newest_text(lines: Iterable[str], most: int) -> str:

@@ -38,10 +38,12 @@ class BrailleCounts:
     #: Passes over the surface, spots that may be dots.
     passes: int = 0
     dots: int = 0
-    #: Cells given, those of them not readable, and cells seen again by a later pass.
+    #: Cells given, those of them not readable, cells seen again by a later pass, and those of them
+    #: that were given once more, as they can be read since.
     cells: int = 0
     unreadable_cells: int = 0
     repeated_cells: int = 0
+    reread_cells: int = 0
     #: Events while the sensor didn't roll, events that no pose was there for, and events dropped
     #: because too many waited.
     still_events: int = 0
@@ -90,7 +92,7 @@ class BraillePipeline:
         counts.events_without_pose = cutter.events_without_pose
         counts.dropped_events = cutter.dropped_events
         counts.hot_pixels = self._pixels.hot_pixels
-        counts.repeated_cells = self._page.repeated
+        counts.repeated_cells, counts.reread_cells = self._page.repeated, self._page.reread
         return counts
 
     @property
@@ -131,7 +133,10 @@ class BraillePipeline:
         return self._page.lines()
 
     def results(self, flush: bool = False) -> Iterator[Cell]:
-        """Cells that are complete, each once; of a line in reading order, see `line_order`.
+        """Cells that are complete; of a line in reading order, see `line_order`.
+
+        Each comes once, but for one that could not be read, or that hung on such a one: with the
+        same line and column it comes again once a later pass reads it.
 
         Parameters
         ----------

@@ -20,7 +20,8 @@ def cells_to_json(
     Parameters
     ----------
     cells : iterable of Cell
-        In any order; they are written in reading order.
+        In the order they came; of one that came again the last counts. They are written by line
+        and column.
     lines : sequence of sequences of LineCell
         `BraillePipeline.lines()`.
     code : str
@@ -35,6 +36,7 @@ def cells_to_json(
     """
     read = line_reader(code)
     found = [(line, read(line)) for line in lines]
+    last = {(cell.line, cell.column): cell for cell in cells}
     return {
         "code": code,
         "text": [reading.text.rstrip(" ") for _, reading in found],
@@ -59,7 +61,7 @@ def cells_to_json(
                 "confidence": cell.confidence,
                 "dot_confidence": list(cell.dot_confidence),
             }
-            for cell in sorted(cells, key=lambda cell: (cell.line, cell.column))
+            for _, cell in sorted(last.items())
         ],
     }
 
