@@ -120,6 +120,10 @@ class Lattice:
         index, off = self._nearest(dots)
         return off <= REACH * self.dot_down, index
 
+    def off(self, dots: Dots) -> F64:
+        """How far dots lie off the node that is nearest to each, metres, shape (n,)."""
+        return self._nearest(dots)[1]
+
     def fit_of(self, dots: Dots) -> float:
         """How well dots lie on nodes: their number, each the less the further it is off."""
         off = self._nearest(dots)[1]

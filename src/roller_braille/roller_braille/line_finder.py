@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .cell_reader import LEAST_DOTS, LEAST_EXPLAINED
+from .cell_reader import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS
 from .dot_shape import DotShape
 from .dots import Dots
 from .kinds import Kind
@@ -56,11 +56,32 @@ class LineFinder:
         #: Turn and spacing of the plate where a line was last read; None before.
         self.turn: float | None = None
         self.spacing: Spacing | None = None
+        # Dots with which no line began, though one that begins soon after may have had them.
+        self._passed_over: dict[Kind, Dots] = {}
+
+    def pass_over(self, kind: Kind, dots: Dots) -> None:
+        """Remember dots with which no line began by themselves."""
+        self._passed_over[kind] = self._passed_over.get(kind, Dots.none()).joined(dots)
+
+    def needed_from(self, along: float) -> float:
+        """Travel from which on the mosaic is needed for lines that begin at a place or later."""
+        cell = self._settings.spacing.cell_pitch_m
+        begin = along - (LOOKAHEAD_CELLS + 2) * cell
+        for kind, dots in self._passed_over.items():
+            self._passed_over[kind] = recent = dots.where(dots.along >= begin)
+            if len(recent):
+                along = min(along, float(recent.along[0]) - cell)
+        return along
 
     def best(self, free: dict[Kind, Dots], start: float, end: float) -> LineReader | None:
         """The line from a place to another that explains its events best, of either kind."""
         found = [self._try(dots, kind, start, end) for kind, dots in free.items()]
-        return max(found, key=lambda f: f[0])[1]
+        line = max(found, key=lambda f: f[0])[1]
+        passed_over = self._passed_over.get(line.kind) if line else None
+        # Of a printed coating's spots, there are some on any lattice.
+        if line and passed_over and not self._strip.printed:
+            line.read_back(passed_over)
+        return line
 
     def _try(
         self, dots: Dots, kind: Kind, start: float, end: float

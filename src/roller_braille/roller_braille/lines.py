@@ -12,7 +12,7 @@ from .kinds import Kind
 from .lattice import Lattice
 from .orientation import lifted, lower_row_free
 from .reader_settings import Spacing
-from .recognise import Recogniser, share
+from .recognise import IN_PLACE_M, Recogniser, share
 from .strip import Strip
 
 #: More blank or foreign cells than this end a line.
@@ -127,6 +127,28 @@ class LineReader:
     def take(self, dots: Dots) -> None:
         """Take newly found dots of its band."""
         self._reader.take(dots, self.lattice)
+
+    def read_back(self, dots: Dots) -> None:
+        """Begin with cells before the first that are certain, and whose dots began no line.
+
+        A line's first cells may have too few dots for it, as those of a capital a.
+        """
+        on, index = self.lattice.assign(dots)
+        # Dots of other relief may lie near a node, too; these have no line around them yet.
+        on &= self.lattice.off(dots) <= IN_PLACE_M
+        self._reader.take(dots.where(on), self.lattice)
+        first = 0
+        for n in range(1, LOOKAHEAD_CELLS + 2):
+            lattice = self.lattice.moved(-n)
+            kind, seen, _ = self._reader.read(lattice, 0)
+            if not seen.certain or kind is CellKind.FOREIGN:
+                break
+            if kind is CellKind.READ:
+                if not (on & (index[:, 0] == -n)).any():
+                    break
+                first = n
+        self._begin(self.lattice.moved(-first))
+        self._confirmed = self.lattice.begin
 
     def advance(self, complete: int) -> None:
         """Read the cells whose tiles lie before a column."""

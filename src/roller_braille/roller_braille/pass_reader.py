@@ -161,12 +161,19 @@ class PassReader:
             return []
         known = {kind: self._free(loose) for kind, loose in self._loose.items()}
         found = self._previewer.look(known, upto, self._free, self._line_finder.best)
+        if any(self._near(p.line, x) for p in found for x in self.lines if not x.accepted):
+            return []  # one on trial may yet turn out to be the beginning of it
         if found and self.upside_down is None:
             lines = [line for line in self.lines if line.accepted] + [p.line for p in found]
             if sum(log_odds(line.cells, self._settings.code) for line in lines) < SURE:
                 return []
             self.upside_down = False
         return found
+
+    def _near(self, one: LineReader, other: LineReader) -> bool:
+        """Whether only one of two lines can be one."""
+        away = one.top_at(one.start) - other.top_at(one.start)
+        return abs(away) < _LEAST_LINE_PITCH * self._settings.spacing.line_pitch_m
 
     def _share(self, dots: Dots, kind: Kind) -> None:
         """Give dots to the lines they may belong to; they stay at hand till that is known."""
@@ -187,6 +194,8 @@ class PassReader:
             if kind is not line.kind and line.closed and not line.accepted:
                 continue  # a line in vain of one kind leaves those of the other
             own = line.holds(loose) & (loose.along < line.confirmed)
+            if line.closed and not line.accepted:
+                self._line_finder.pass_over(kind, loose.where(own))
             self._loose[kind] = loose.where(~own)
 
     def _begin_lines(self, upto: int, final: bool) -> None:
@@ -226,7 +235,9 @@ class PassReader:
             strong = _STRONGER * max(float(d.votes[0]) for d in free.values() if _at(d, start))
             for kind, loose in self._loose.items():
                 near = loose.along <= start + s.spacing.dot_pitch_m / 2
-                self._loose[kind] = loose.where(~near | (loose.votes > strong))
+                gone = near & (loose.votes <= strong)
+                self._line_finder.pass_over(kind, loose.where(gone))
+                self._loose[kind] = loose.where(~gone)
 
     def _give_up_dust(self, free: dict[Kind, Dots], start: float, ahead_m: float) -> bool:
         """Forget the first dots if they are far weaker than those after them or in lines."""
@@ -258,7 +269,8 @@ class PassReader:
         px = self.strip.px_m
         margin = self._finder.margin + self._recogniser.margin
         assert self._searched is not None
-        needed = [self._searched]
-        needed += [int(x.needed_from / px) for x in self.lines if not x.closed]
-        needed += [int(d.along[0] / px) for d in self._loose.values() if len(d)]
-        return min(needed) - margin - 32
+        loose = [float(d.along[0]) for d in self._loose.values() if len(d)]
+        begin = min([self._searched * px, *loose])
+        needed = [x.needed_from for x in self.lines if not x.closed]
+        first = min([begin, self._line_finder.needed_from(begin), *needed])
+        return int(first / px) - margin - 32
