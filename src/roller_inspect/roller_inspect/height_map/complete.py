@@ -11,6 +11,7 @@ from .gaps import hold_gaps
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, U8, UNMEASURED, Bools
 from .map_settings import HeightMapSettings
 from .nearest import distance_to, nearest_known
+from .scanned import outside_scan
 from .scatter import scatter_of
 
 #: A gap between steeper borders isn't gone over, nor one where the completed surface is this far
@@ -39,7 +40,7 @@ def complete(cells: Cells, settings: HeightMapSettings) -> tuple[F32, F32, U8]:
     if not known.any():
         empty = np.full(known.shape, np.nan, np.float32)
         return empty, empty.copy(), np.full(known.shape, OUTSIDE, np.uint8)
-    outside = _outside(known)
+    outside = outside_scan(known, step)
     height = complete_surface(cells.height_m, cells.sigma_m, step, cells.place)
     measured = at_middles(height, cells.height_m, cells.place, step)
     hold_gaps(height, measured, outside)
@@ -82,11 +83,3 @@ def _local(cells: Cells, good: Bools) -> F32:
         for values in (np.where(good, cells.sigma_m, np.float32(0)), good.astype(np.float32))
     )
     return np.asarray(total / np.maximum(share, 1e-6), np.float32)
-
-
-def _outside(known: Bools) -> Bools:
-    """Rows beyond the first and last, columns beyond the first and last that have a point."""
-    rows, columns = np.nonzero(known.any(axis=1))[0], np.nonzero(known.any(axis=0))[0]
-    out = np.ones(known.shape, bool)
-    out[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = False
-    return out

@@ -6,10 +6,15 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import numpy.typing as npt
+
+from roller_core.transforms import F64
 
 from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, UNMEASURED, Bools, HeightMap, centres
 from .medians import median_known
+from .scanned import turn_of
 
+I64 = npt.NDArray[np.int64]
 #: Ends are looked at over this length, m, for this share of known cells that are no less certain
 #: than so many times the usual, and are no longer than a view, m; in between nearly all cells are
 #: known.
@@ -94,11 +99,9 @@ def without_run_in(height_map: HeightMap) -> HeightMap:
     surface in between they are no part of it; longer ends than a view, and scans of little
     texture, stay as they are.
     """
-    inside = height_map.state != OUTSIDE
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.nan_to_num(height_map.known.sum(axis=0) / inside.sum(axis=0))
+    line = _lines_across(height_map)
+    share, usual = _by_line(height_map, line)
     k = max(1, round(_SMOOTH_M / height_map.step_m))
-    usual = median_known(np.where(height_map.known, height_map.sigma_m, np.nan).T)
     sure = usual <= _USUAL * median_known(usual)
     good = np.nonzero(np.convolve(share * sure, np.ones(k) / k, "same") >= _GOOD_SHARE)[0]
     if not len(good) or np.median(share[good[0] : good[-1] + 1]) < _DENSE_SHARE:
@@ -109,10 +112,46 @@ def without_run_in(height_map: HeightMap) -> HeightMap:
         ends[: good[0]] = True
     if len(share) - 1 - good[-1] <= most:
         ends[good[-1] + 1 :] = True
+    ends = ends[line]
     state = np.where(ends, OUTSIDE, height_map.state).astype(np.uint8)
     height = np.where(ends, np.nan, height_map.height_m).astype(np.float32)
     sigma = np.where(ends, np.nan, height_map.sigma_m).astype(np.float32)
     return replace(height_map, state=state, height_m=height, sigma_m=sigma)
+
+
+def _lines_across(height_map: HeightMap) -> I64:
+    """Number of the line across the scan that each cell lies in: its column, or one askew.
+
+    Shape (ny, nx), or (1, nx) where it is the column.
+    """
+    columns = np.arange(height_map.shape[1])[None, :]
+    inside = height_map.state != OUTSIDE
+    turn = turn_of(inside, height_map.step_m)
+    if not turn:
+        return columns
+    along = columns * np.cos(turn) + np.arange(height_map.shape[0])[:, None] * np.sin(turn)
+    line = np.floor(along).astype(np.int64)
+    first, last = line[inside].min(), line[inside].max()
+    return np.clip(line, first, last) - first
+
+
+def _by_line(height_map: HeightMap, line: I64) -> tuple[F64, F64]:
+    """Share of known cells by line across the scan, and their median uncertainty."""
+    known, inside = height_map.known, height_map.state != OUTSIDE
+    if len(line) == 1:
+        counts = known.sum(axis=0), inside.sum(axis=0)
+        usual = median_known(np.where(known, height_map.sigma_m, np.nan).T)
+    else:
+        number, sigma = line[known], height_map.sigma_m[known]
+        size = int(line.max()) + 1
+        counts = np.bincount(number, minlength=size), np.bincount(line[inside], minlength=size)
+        sigma = sigma[np.lexsort((sigma, number))].astype(np.float64)
+        begin, usual = np.cumsum(counts[0]) - counts[0], np.full(size, np.nan)
+        some = counts[0] > 0
+        halves = (np.maximum(counts[0] - 1, 0) // 2, counts[0] // 2)
+        usual[some] = np.mean([sigma[(begin + half)[some]] for half in halves], axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.nan_to_num(counts[0] / counts[1]), usual
 
 
 def coarser(height_map: HeightMap, deviation_m: F32, factor: int) -> tuple[HeightMap, F32]:
