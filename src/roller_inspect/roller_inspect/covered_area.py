@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.transforms import F64, inverse_pose
 
 from .findings.cues import inspectable
-from .height_map import CONTINUED, OUTSIDE, UNMEASURED, HeightMap
-from .height_map.coverage import Coverage, coverage_of_cells
-from .height_map.height_map import F32, U8, Bools
+from .height_map import CONTINUED, OUTSIDE, HeightMap
+from .height_map.coverage import Coverage, counts_of, coverage_of_counts
+from .height_map.height_map import F32, Bools
+from .height_map.shares import inspected_states
 from .measures import moved
 from .pieces import Found
 from .recipe import Recipe, Region
 
+I64 = npt.NDArray[np.int64]
 #: An area is looked at in so many places at most, and in so many along its shorter side at least.
 _MOST_CELLS, _LEAST_PLACES = 4_000_000, 10
 #: Share of what was measured that must be left by the edge exclusion.
@@ -46,7 +49,8 @@ def coverage_of_area(recipe: Recipe, found: Found) -> tuple[Coverage, tuple[str,
     height_map = found.height_map
     if height_map is None:
         return found.coverage, ()
-    seen = _inspected_states(height_map, found.deviation_m)
+    seen = inspected_states(height_map, found.deviation_m)
+    shares = _inspected_shares(found)
     map_from_recipe = inverse_pose(height_map.base_from_map) @ recipe.base_from_recipe
 
     def kept(x: F64, y: F64) -> Bools:
@@ -56,23 +60,29 @@ def coverage_of_area(recipe: Recipe, found: Found) -> tuple[Coverage, tuple[str,
             out &= ~recipe.regions[name].contains(x, y)
         return out
 
-    def covered(state: U8, step_m: float) -> Coverage:
-        return coverage_of_cells(state, len(state) * step_m**2, found.coverage.points_per_mm2)
+    def covered(counts: F64, step_m: float) -> Coverage:
+        return coverage_of_counts(counts, step_m**2, found.coverage.points_per_mm2)
 
     def within(*names: str) -> Coverage:
         """Of regions with all that the scan didn't reach."""
         regions = [recipe.regions[name] for name in names]
-        x, y, fine = _places(regions, height_map.step_m)
+        # A region's border needs the finer cells that a coarse map is made of.
+        x, y, fine = _places(regions, height_map.step_m if shares is None else recipe.grid_m)
         inside = np.logical_or.reduce([each.contains(x, y) for each in regions]) & kept(x, y)
-        at = moved(map_from_recipe, x[inside], y[inside])
-        return covered(_states_at(height_map, seen, *at), fine)
+        row, column = _cells_at(height_map, *moved(map_from_recipe, x[inside], y[inside]))
+        own = None if shares is None else shares[:, row, column]
+        counts = counts_of(seen[row, column], own)
+        counts[OUTSIDE] += inside.sum() - len(row)
+        return covered(counts, fine)
 
     if recipe.inspect:
         whole = within(*recipe.inspect)
     else:
         grid = np.meshgrid(height_map.x_m, height_map.y_m)
-        inside = kept(*moved(inverse_pose(map_from_recipe), *grid)) & (seen != OUTSIDE)
-        whole = covered(seen[inside], height_map.step_m)
+        inside = kept(*moved(inverse_pose(map_from_recipe), *grid))
+        counts = counts_of(seen[inside], None if shares is None else shares[:, inside])
+        counts[OUTSIDE] = 0.0
+        whole = covered(counts, height_map.step_m)
     lacking = []
     own = {t.region for t in recipe.tolerances if t.region} | set(recipe.inspect)
     for name in own - set(recipe.exclude):
@@ -101,12 +111,16 @@ def enough(recipe: Recipe, coverage: Coverage) -> bool:
     return coverage.area_m2 > 0 and coverage.unmeasured <= 1 - recipe.least_coverage + 1e-9
 
 
-def _inspected_states(height_map: HeightMap, deviation_m: F32 | None) -> U8:
-    """States of cells; those that were compared with nothing are unmeasured."""
-    if deviation_m is None or not np.isfinite(deviation_m).any():
-        return height_map.state
-    bare = height_map.known & ~np.isfinite(deviation_m)
-    return np.where(bare, np.uint8(UNMEASURED), height_map.state)
+def _inspected_shares(found: Found) -> F32 | None:
+    """Shares of cells; what was compared with nothing is unmeasured, as in `inspected_states`."""
+    shares, deviation_m = found.shares, found.deviation_m
+    if shares is None or found.height_map is None or deviation_m is None:
+        return shares
+    if not np.isfinite(deviation_m).any():
+        return shares
+    bare = (found.height_map.state != OUTSIDE) & ~np.isfinite(deviation_m)
+    nothing = np.stack([shares.sum(axis=0), *np.zeros_like(shares[1:])])
+    return np.where(bare, nothing, shares)
 
 
 def _places(regions: list[Region], step_m: float) -> tuple[F64, F64, float]:
@@ -120,12 +134,10 @@ def _places(regions: list[Region], step_m: float) -> tuple[F64, F64, float]:
     return x, y, fine
 
 
-def _states_at(height_map: HeightMap, seen: U8, x: F64, y: F64) -> U8:
-    """States of the cells of a map that places lie in; beyond it they are outside."""
+def _cells_at(height_map: HeightMap, x: F64, y: F64) -> tuple[I64, I64]:
+    """Rows and columns of the cells that places lie in, of those that lie on the map."""
     column = np.rint((x - height_map.x_m[0]) / height_map.step_m).astype(np.int64)
     row = np.rint((y - height_map.y_m[0]) / height_map.step_m).astype(np.int64)
     there = (row >= 0) & (row < height_map.shape[0])
     there &= (column >= 0) & (column < height_map.shape[1])
-    state = np.full(x.shape, OUTSIDE, np.uint8)
-    state[there] = seen[row[there], column[there]]
-    return state
+    return row[there], column[there]

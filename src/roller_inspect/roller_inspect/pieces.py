@@ -11,6 +11,7 @@ from .findings.finding import Finding
 from .height_map.coverage import Coverage
 from .height_map.height_map import F32, OUTSIDE, HeightMap
 from .height_map.join import coarser, join_size, join_with
+from .height_map.shares import coarser_shares, inspected_states, joined_shares, shares_of
 from .references.reference import Alignment
 
 _Grid = TypeVar("_Grid", bound=np.ndarray)
@@ -24,6 +25,9 @@ class Piece:
     height_map: HeightMap
     #: From the reference; NaN where there is none. Shape (ny, nx).
     deviation_m: F32
+    #: How much of each cell was not measured, continued and measured on the finer map that this is
+    #: made of; None: what its state says. Shape (3, ny, nx).
+    shares: F32 | None = None
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,8 @@ class Found:
     faults: tuple[str, ...]
     #: The strips that `SurfaceInspector.add` hadn't given yet.
     last: tuple[Piece, ...] = ()
+    #: As of a `Piece`.
+    shares: F32 | None = None
 
 
 class Whole:
@@ -69,16 +75,33 @@ class Whole:
         """Take the next piece."""
         pieces = [piece] if self.piece is None else [self.piece, piece]
         step = max(p.height_map.step_m for p in pieces)
-        maps = []
+        maps, factors = [], [1]
         while True:
+            factors = [round(step / p.height_map.step_m) for p in pieces]
             maps = [
-                coarser(p.height_map, p.deviation_m, round(step / p.height_map.step_m))
-                for p in pieces
+                coarser(p.height_map, p.deviation_m, factor)
+                for p, factor in zip(pieces, factors, strict=True)
             ]
             if join_size([m for m, _ in maps]) <= self._most_cells:
                 break
             step *= 2
-        self.piece = Piece(*join_with([m for m, _ in maps], [d for _, d in maps]))
+        whole, deviation_m = join_with([m for m, _ in maps], [d for _, d in maps])
+        shares = None
+        if max(factors) > 1 or any(p.shares is not None for p in pieces):
+            # A coarse state would count for all of its cell, the more so the longer the scan.
+            own = [
+                coarser_shares(p.height_map, _shares(p), factor)
+                for p, factor in zip(pieces, factors, strict=True)
+            ]
+            shares = joined_shares(whole, [m for m, _ in maps], own)
+        self.piece = Piece(whole, deviation_m, shares)
+
+
+def _shares(piece: Piece) -> F32:
+    """Of a piece that is fine still those of its states."""
+    if piece.shares is not None:
+        return piece.shares
+    return shares_of(inspected_states(piece.height_map, piece.deviation_m))
 
 
 def within(pieces: list[Piece], whole: HeightMap) -> list[Piece]:

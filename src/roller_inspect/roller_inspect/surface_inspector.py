@@ -115,18 +115,21 @@ class SurfaceInspector:
         last = self._look_at(self._mapped(), ended=True)
         for run in self._together(self._strips):
             self._conclude(run)
-        trimmed = deviation = None
+        trimmed = deviation = shares = None
         coverage = Coverage()
         if (whole := self._whole.piece) is not None:
             trimmed = without_run_in(whole.height_map)
             deviation = np.where(trimmed.state == OUTSIDE, np.nan, whole.deviation_m)
-            coverage = coverage_of(trimmed)
+            if whole.shares is not None:
+                cut = (trimmed.state == OUTSIDE) & (whole.height_map.state != OUTSIDE)
+                shares = np.where(cut, np.float32(0), whole.shares)
+            coverage = coverage_of(trimmed, shares=shares)
             self._gone = [f for f in self._gone if trimmed.state[cell_of(f, trimmed)] != OUTSIDE]
             last = within(last, trimmed)
         self._set(tuple(self._gone))
         return Found(
             trimmed, deviation, self.findings, self._worst, coverage, tuple(self._faults),
-            tuple(last),
+            tuple(last), shares,
         )  # fmt: skip
 
     def _mapped(self) -> list[int]:

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .height_map import CONTINUED, MEASURED, OUTSIDE, U8, Bools, HeightMap
+from roller_core.transforms import F64
+
+from .height_map import CONTINUED, F32, MEASURED, OUTSIDE, U8, Bools, HeightMap
 
 
 @dataclass(frozen=True)
@@ -32,27 +34,61 @@ LEAST_TEXTURE, _CELL_M = 0.15, 1e-4
 
 
 def textured(coverage: Coverage, grid_m: float) -> bool:
-    """Whether a scan shows enough texture, where it came, whatever the map's grid."""
+    """Whether a scan shows enough texture, where it came, whatever the map's grid.
+
+    Parameters
+    ----------
+    coverage : Coverage
+        Of an area.
+    grid_m : float
+        Edge of the cells that it was counted in, which may be finer than those of a long map.
+    """
     if not coverage.scanned:
         return False
     measured = min(coverage.measured / coverage.scanned, 1.0)
     return bool(1 - (1 - measured) ** ((_CELL_M / grid_m) ** 2) >= LEAST_TEXTURE)
 
 
-def coverage_of(height_map: HeightMap, area: Bools | None = None) -> Coverage:
-    """Coverage of a map, or of an area of it (ny, nx), where cells outside the scan count."""
-    inside = height_map.state != OUTSIDE if area is None else area
-    area_m2 = int(inside.sum()) * height_map.step_m**2
+def coverage_of(
+    height_map: HeightMap, area: Bools | None = None, shares: F32 | None = None
+) -> Coverage:
+    """Coverage of a map, or of an area of it (ny, nx), where cells outside the scan count.
+
+    Parameters
+    ----------
+    shares : ndarray of float32, shape (3, ny, nx), optional
+        Of cells by state (`shares`); without them a cell is what its state says.
+    """
+    inside: Bools
+    if area is not None:
+        inside = area
+    else:
+        inside = height_map.state != OUTSIDE if shares is None else np.any(shares > 0, axis=0)
+    counts = counts_of(height_map.state[inside], None if shares is None else shares[:, inside])
+    if area is None:
+        counts[OUTSIDE] = 0.0
+    cell_m2 = height_map.step_m**2
     points = float(height_map.points[inside].sum(dtype=np.float64))
-    return coverage_of_cells(height_map.state[inside], area_m2, points / max(area_m2 * 1e6, 1e-12))
+    return coverage_of_counts(
+        counts, cell_m2, points / max(float(counts.sum()) * cell_m2 * 1e6, 1e-12)
+    )
 
 
-def coverage_of_cells(state: U8, area_m2: float, points_per_mm2: float) -> Coverage:
-    """Coverage by the states of an area's cells, shape (n,); those outside the scan count."""
-    if not len(state):
+def counts_of(state: U8, shares: F32 | None = None) -> F64:
+    """Cells by state, shape (4,), of some with a state (n,), and perhaps shares (3, n)."""
+    if shares is None:
+        return np.bincount(state, minlength=4).astype(np.float64)
+    inside = shares.sum(axis=1, dtype=np.float64)
+    return np.concatenate([[max(len(state) - inside.sum(), 0.0)], inside])
+
+
+def coverage_of_counts(counts: F64, cell_m2: float, points_per_mm2: float) -> Coverage:
+    """Coverage by an area's cells of each state, shape (4,); those outside the scan count."""
+    total = float(counts.sum())
+    if not total:
         return Coverage()
-    shares = np.bincount(state, minlength=4) / len(state)
+    shares = counts / total
     measured, continued = float(shares[MEASURED]), float(shares[CONTINUED])
     rest = max(1.0 - measured - continued, 0.0)
     reached = 1.0 - float(shares[OUTSIDE])
-    return Coverage(measured, continued, rest, area_m2, points_per_mm2, reached)
+    return Coverage(measured, continued, rest, total * cell_m2, points_per_mm2, reached)

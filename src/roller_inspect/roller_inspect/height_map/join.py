@@ -164,19 +164,9 @@ def coarser(height_map: HeightMap, deviation_m: F32, factor: int) -> tuple[Heigh
         return height_map, deviation_m
     step = height_map.step_m
     i, j = _first_cell(height_map, step)
-    before = ((j % factor, 0), (i % factor, 0))
-    ny = -(-(height_map.shape[0] + j % factor) // factor)
-    nx = -(-(height_map.shape[1] + i % factor) // factor)
-    after = (
-        ny * factor - height_map.shape[0] - j % factor,
-        nx * factor - height_map.shape[1] - i % factor,
-    )
-    pad = ((before[0][0], after[0]), (before[1][0], after[1]))
 
     def sums(values: np.ndarray) -> F32:
-        padded = np.pad(values.astype(np.float32), pad)
-        means = cv2.resize(padded, (nx, ny), interpolation=cv2.INTER_AREA)
-        return np.asarray(means * factor**2, np.float32)
+        return block_means(height_map, values, factor) * factor**2
 
     def mean(values: F32) -> F32:
         used = height_map.known & np.isfinite(values)
@@ -189,14 +179,24 @@ def coarser(height_map: HeightMap, deviation_m: F32, factor: int) -> tuple[Heigh
     coarse[inside & (sums(height_map.known) >= half)] = CONTINUED
     coarse[inside & (sums(height_map.state == MEASURED) >= half)] = MEASURED
     points = np.rint(sums(height_map.points))
-    x = centres(i // factor, nx, step * factor)
-    y = centres(j // factor, ny, step * factor)
     return HeightMap(
-        x,
-        y,
+        centres(i // factor, points.shape[1], step * factor),
+        centres(j // factor, points.shape[0], step * factor),
         mean(height_map.height_m),
         mean(height_map.sigma_m),
         coarse.astype(np.uint8),
         np.minimum(points, 65535).astype(np.uint16),
         height_map.base_from_map,
     ), mean(deviation_m)
+
+
+def block_means(height_map: HeightMap, values: np.ndarray, factor: int) -> F32:
+    """Means of a map's values over cells so many times as long and wide; beyond the map 0."""
+    i, j = _first_cell(height_map, height_map.step_m)
+    pad = [
+        (first % factor, -(first % factor + count) % factor)
+        for first, count in zip((j, i), height_map.shape, strict=True)
+    ]
+    padded = np.pad(values.astype(np.float32), pad)
+    size = padded.shape[1] // factor, padded.shape[0] // factor
+    return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA), np.float32)
