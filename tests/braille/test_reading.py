@@ -115,10 +115,10 @@ def test_half_a_dot_is_not_guessed(side: float) -> None:
 
 def test_dots_without_a_meaning_appear_as_they_are() -> None:
     masks = to_masks("abc")
-    plate = Plate().write([*masks, 0b111000, *masks])
+    plate = Plate().write([*masks, 0b111111, *masks])
     track = over(plate)
     cells, pipeline = read(scan(plate, track), track)
-    assert pipeline.text() == ["abc⠸abc"]
+    assert pipeline.text() == ["abc⠿abc"]
     assert not cells[3].readable
     assert cells[3].confidence > 0.6
 

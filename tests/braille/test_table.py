@@ -56,8 +56,28 @@ def test_known_lines(text: str, cells: str) -> None:
 
 
 def test_no_cell_no_guess() -> None:
-    assert to_text([0b111000, LETTERS["b"]]) == pattern(0b111000) + "b"
+    assert to_text([0b111111, LETTERS["b"]]) == pattern(0b111111) + "b"
     assert UNREADABLE == "\ufffd"
+
+
+@pytest.mark.parametrize(
+    ("cells", "text"), [("⠠⠠⠏⠉⠃⠠⠄⠎", "PCBs"), ("⠠⠠⠏⠉⠠⠄⠃ ⠁", "PCb a"), ("⠄⠠⠞⠊⠎", "'Tis")]
+)
+def test_capitals_end_within_a_word(cells: str, text: str) -> None:
+    assert to_text([ord(c) - 0x2800 for c in cells.replace(" ", "⠀")]) == text
+
+
+@pytest.mark.parametrize("prefix", "⠈⠐⠘⠨⠸")
+def test_behind_a_prefix_a_cell_is_no_letter(prefix: str) -> None:
+    """As the s of a dollar sign; what comes then is read again."""
+    assert to_text([ord(c) - 0x2800 for c in f"{prefix}⠎⠼⠃"]) == f"{prefix}⠎2"
+    assert to_text([ord(c) - 0x2800 for c in f"⠁{prefix}⠀⠁"]) == f"a{prefix} a"
+
+
+@pytest.mark.parametrize("cell", "⠤⠦⠴⠂")
+def test_behind_a_capital_sign_only_letters_are_read(cell: str) -> None:
+    """With it a hyphen is a dash."""
+    assert to_text([ord(c) - 0x2800 for c in f"⠁⠠{cell}⠃"]) == f"a{cell}b"
 
 
 def test_after_an_unreadable_cell_that_may_be_a_number_sign_nothing_is_guessed() -> None:

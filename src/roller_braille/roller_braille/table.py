@@ -14,7 +14,9 @@ u, v, x, y, z           a–e and dots 3, 6; w is dots 2-4-5-6
 3-4-5-6                 number sign: a–j that follow are 1–9 and 0, with ``.`` and ``,`` among them,
                         up to a space or any other cell
 6                       capital sign: the letter that follows; twice: the word that follows
+6, 3                    end of capitals within a word, as in PCBs
 5-6                     letter sign: what follows is a letter, not a digit
+4, 5, 4-5, 4-6, 4-5-6   prefixes: what follows is no letter but part of a symbol that isn't read
 none                    space
 ======================  =========================================================================
 """
@@ -25,6 +27,8 @@ NUMBER_SIGN = 0b111100
 CAPITAL_SIGN = 0b100000
 LETTER_SIGN = 0b110000
 SPACE = 0
+#: Dots 4, 5, 4-5, 4-6 and 4-5-6: with the cell behind one they make up a symbol of two cells.
+PREFIXES = frozenset({0b001000, 0b010000, 0b011000, 0b101000, 0b111000})
 #: Stands in texts for a cell whose dots are not certain.
 UNREADABLE = "\N{REPLACEMENT CHARACTER}"
 
@@ -64,7 +68,9 @@ PUNCTUATION = {
     }.items()
 }
 _OPENING, _CLOSING = _mask("236"), _mask("356")
-_OF_MASK = {m: c for c, m in {**LETTERS, **PUNCTUATION}.items()} | {_CLOSING: '"'}
+_LETTER_OF_MASK = {m: c for c, m in LETTERS.items()}
+_OF_MASK = _LETTER_OF_MASK | {m: c for c, m in PUNCTUATION.items()} | {_CLOSING: '"'}
+_TERMINATOR = PUNCTUATION["'"]
 _DIGIT_OF_MASK = {m: c for c, m in DIGITS.items()}
 _IN_NUMBERS = {PUNCTUATION["."]: ".", PUNCTUATION[","]: ","}
 
@@ -78,7 +84,7 @@ class Decoder:
     """Reads the cells of one line in order; what a cell stands for depends on those before it."""
 
     def __init__(self) -> None:
-        self._number = False
+        self._number = self._prefix = False
         self._doubtful = False
         self._capital = self._capitals = False
         self._last = SPACE
@@ -96,6 +102,10 @@ class Decoder:
         if mask == SPACE:
             self.__init__()  # type: ignore[misc]
             return " "
+        behind_prefix, self._prefix = self._prefix, mask in PREFIXES
+        if behind_prefix:
+            self._number = self._capital = self._capitals = False
+            return None
         if mask in (NUMBER_SIGN, LETTER_SIGN, CAPITAL_SIGN):
             self._number, self._doubtful = mask == NUMBER_SIGN, False
             if mask == CAPITAL_SIGN:
@@ -112,6 +122,10 @@ class Decoder:
         if self._number and mask in _IN_NUMBERS:
             return _IN_NUMBERS[mask]
         self._number = self._doubtful = False
+        if self._capital and mask not in _LETTER_OF_MASK:
+            # With the capital sign it ends capitals, or makes up a symbol of two cells.
+            self._capital = self._capitals = False
+            return "" if mask == _TERMINATOR else None
         if mask == _OPENING and previous == SPACE:
             return '"'
         found = _OF_MASK.get(mask)
@@ -138,5 +152,5 @@ class Decoder:
         """
         may_be_sign = (mask ^ NUMBER_SIGN) & certain == 0
         self._doubtful = self._doubtful or self._number or may_be_sign
-        self._number = self._capital = self._capitals = False
+        self._number = self._capital = self._capitals = self._prefix = False
         self._last = mask or 1
