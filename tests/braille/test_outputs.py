@@ -35,7 +35,9 @@ def test_cells_as_json() -> None:
     cells, pipeline = read(scan(plate, track), track)
     data = json.loads(json.dumps(cells_to_json(cells, pipeline.lines(), "grade1")))
     assert data["text"] == pipeline.text() == ["ab c"]
-    assert data["lines"] == [{"text": "ab c", "cells": "⠁⠃⠀⠉", "cell_of_character": [0, 1, 2, 3]}]
+    assert data["lines"] == [
+        {"line": 0, "text": "ab c", "cells": "⠁⠃⠀⠉", "cell_of_character": [0, 1, 2, 3]}
+    ]
     assert [c["character"] for c in data["cells"]] == ["a", "b", " ", "c"]
     first = data["cells"][0]
     assert set(first) == {

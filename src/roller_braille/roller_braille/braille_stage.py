@@ -17,7 +17,7 @@ from .cells import Cell
 from .page import newest_text
 from .pipeline import BraillePipeline
 from .reader_settings import POSE_SMOOTHING, BrailleSettings, Spacing
-from .translation import LineCell
+from .translation import TextLine
 from .warm_up import warm_up
 
 #: Characters that the topic of the text holds at most, two pages of Braille: it comes with each
@@ -67,7 +67,7 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
     def __init__(self, settings: BrailleParameters) -> None:
         super().__init__(settings)
         self._earlier: list[str] = []
-        self._earlier_lines: list[list[LineCell]] = []
+        self._earlier_lines: list[TextLine] = []
         self._cells = 0
         # Of cells by line and column the numbers of their markers.
         self._markers: dict[tuple[int, int], int] = {}
@@ -99,9 +99,11 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
         now = self.pipeline.newest_lines(_MOST_TEXT) if self.pipeline is not None else ()
         return newest_text(chain(now, reversed(self._earlier)), _MOST_TEXT)
 
-    def lines(self) -> list[list[LineCell]]:
+    def lines(self) -> list[TextLine]:
         """Cells of the lines read so far."""
-        return self._earlier_lines + (self.pipeline.lines() if self.pipeline is not None else [])
+        now = self.pipeline.lines() if self.pipeline is not None else []
+        before = len(self._earlier)
+        return self._earlier_lines + [TextLine(line, before + line.number) for line in now]
 
     def _begin(self) -> None:
         super()._begin()
@@ -116,7 +118,10 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
     def _make(self, camera: Camera, track: PoseTrack) -> BraillePipeline:
         self._earlier, self._earlier_lines = self.text(), self.lines()
         if (many := len(self._earlier) - _MOST_EARLIER) > 0:  # numbers of lines stay
-            self._earlier[:many], self._earlier_lines[:many] = many * [""], many * [[]]
+            self._earlier[:many] = many * [""]
+            self._earlier_lines[:many] = [
+                TextLine((), n.number) for n in self._earlier_lines[:many]
+            ]
         return BraillePipeline(self.settings, camera, track)
 
     def _pipeline_results(self, pipeline: BraillePipeline, flush: bool) -> Iterator[Result]:

@@ -12,16 +12,19 @@ from .cells import Cell, Seen, certain_dots
 from .known_cells import KnownCells
 from .lines import LineReader
 from .orientation import upside_down
+from .page_order import PageOrder
 from .pass_reader import PassReader
 from .reader_settings import BrailleSettings
 from .text_lines import CUT, TextLines
-from .translation import ALL_DOTS, LineCell
+from .translation import ALL_DOTS, LineCell, TextLine
 from .warp import F64, Warp
 
 #: Cells this near to one that is known, in cell pitches, are that one seen again.
 _SAME = 0.4
 #: Lines nearer to each other than this, in line pitches, have none between them.
 _ROOM_BETWEEN = 1.6
+#: Cells by which a line may be indented and still come before the one below, in reading order.
+_MOST_INDENT = 4
 #: Cells that are remembered: 3 km of a line.
 MOST_CELLS = 500_000
 #: A line that broke off goes on after this many cells at most, on its lattice to within so many.
@@ -54,8 +57,9 @@ class Page:
     """Puts cells in reading order and finds what they stand for.
 
     Lines that are in view together are given one after the other, from the top, or each as it
-    passes (`line_order`). A sensor that rolls against the reading direction, or over text that is
-    upside down, sees a line's end first, so its lines come when the pass is over.
+    passes (`line_order`). A line keeps the number that it is first given with; its text stands
+    where the line lies on the page. A sensor that rolls against the reading direction, or over text
+    that is upside down, sees a line's end first, so its lines come when the pass is over.
     Cells that an earlier pass has read are left out; one that it could not read is given again, at
     its line and column, by the pass that reads it.
     """
@@ -64,6 +68,7 @@ class Page:
         self._settings = settings
         self._warp = warp
         self._lines = TextLines(settings.code)
+        self._order = PageOrder(settings.spacing)
         reach_m = (_MOST_GAP + 2) * settings.spacing.cell_pitch_m
         self._known = KnownCells(reach_m, MOST_CELLS)
         self._open: list[_OpenLine] = []
@@ -76,16 +81,16 @@ class Page:
         self.repeated = self.reread = 0
 
     def text(self) -> list[str]:
-        """The lines so far, without trailing spaces."""
-        return self._lines.text()
+        """The lines so far, as they lie on the page, without trailing spaces."""
+        return [self._lines.text(line) for line in self._order.lines]
 
     def newest_lines(self, most: int) -> Iterator[str]:
         """The lines from the last to the first; of a longer one its last `most` cells."""
-        return self._lines.newest(most)
+        return (self._lines.newest(line, most) for line in reversed(self._order.lines))
 
-    def lines(self) -> list[list[LineCell]]:
+    def lines(self) -> list[TextLine]:
         """The cells of the lines so far; of the first `MOST_CELLS` and more none are left."""
-        return self._lines.cells()
+        return [self._lines.cells(line) for line in self._order.lines]
 
     def collect(self, reader: PassReader, over: bool) -> Iterator[Cell]:
         """Cells of a pass that can be given now."""
@@ -143,7 +148,8 @@ class Page:
     def _one_above(self, reader: PassReader, line: LineReader, begun: list[LineReader]) -> bool:
         """Whether a line above one, which is to come first, may begin or be accepted yet."""
         spacing = self._settings.spacing
-        ahead = (LOOKAHEAD_CELLS + 2) * spacing.cell_pitch_m
+        indent = 0 if self._settings.line_order == "seen" else _MOST_INDENT
+        ahead = (indent + LOOKAHEAD_CELLS + 2) * spacing.cell_pitch_m
         if reader.reach_m < line.start + ahead and reader.room_above(line):
             # Right below one that has begun there is none.
             below = [line.top_at(line.start) - x.top_at(line.start) for x in begun]
@@ -185,6 +191,7 @@ class Page:
         character, readable = self._lines.put(line, column, line_cell)
         if not readable:
             self._doubtful.add((line, column))
+        self._order.take(line, dots)
         forgotten = self._known.add(position, line, column)
         if forgotten is not None:
             self._forget(*forgotten)

@@ -19,7 +19,7 @@ from .cells import Cell
 from .page import Page
 from .pass_reader import PassReader
 from .reader_settings import BrailleSettings
-from .translation import LineCell
+from .translation import TextLine
 from .warm_up import warm_up
 from .warp import PixelTable, Warp
 
@@ -117,7 +117,7 @@ class BraillePipeline:
         """Some events never came: a batch does without them."""
 
     def text(self) -> list[str]:
-        """Lines of text read so far.
+        """Lines of text read so far, in the order in which they lie on the page.
 
         A cell whose dots are not certain stands there as U+FFFD, one whose dots are certain but
         have no meaning in the code as its Braille pattern.
@@ -128,7 +128,7 @@ class BraillePipeline:
         """The lines from the last to the first; of a longer one its last `most` cells."""
         return self._page.newest_lines(most)
 
-    def lines(self) -> list[list[LineCell]]:
+    def lines(self) -> list[TextLine]:
         """Cells of the lines read so far, as seen: what `text` was read from."""
         return self._page.lines()
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .cells import Cell
-from .translation import LineCell, line_reader
+from .translation import LineCell, TextLine, line_reader
 
 
 def cells_to_json(
@@ -23,30 +23,32 @@ def cells_to_json(
         In the order they came; of one that came again the last counts. They are written by line
         and column.
     lines : sequence of sequences of LineCell
-        `BraillePipeline.lines()`.
+        `BraillePipeline.lines()`; those without a number are counted.
     code : str
         The setting `code`.
 
     Returns
     -------
     dict
-        `code`; `text`: the lines; `lines`: of each its text, its cells as Unicode patterns, and for
-        each character the column of the cell it comes from; `cells`: one entry a cell, times in
-        seconds and lengths in metres.
+        `code`; `text`: the lines; `lines`: of each its number, which its cells have, its text, its
+        cells as Unicode patterns, and for each character the column of the cell it comes from;
+        `cells`: one entry a cell, times in seconds and lengths in metres.
     """
     read = line_reader(code)
     found = [(line, read(line)) for line in lines]
+    numbers = [line.number if isinstance(line, TextLine) else k for k, line in enumerate(lines)]
     last = {(cell.line, cell.column): cell for cell in cells}
     return {
         "code": code,
         "text": [reading.text.rstrip(" ") for _, reading in found],
         "lines": [
             {
+                "line": number,
                 "text": reading.text,
                 "cells": "".join(cell.shown for cell in line),
                 "cell_of_character": list(reading.cells),
             }
-            for line, reading in found
+            for number, (line, reading) in zip(numbers, found, strict=True)
         ],
         "cells": [
             {

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 from . import table
-from .translation import LineCell, line_reader
+from .translation import LineCell, TextLine, line_reader
 
 #: In place of what a text leaves out.
 CUT = "…"
@@ -82,22 +82,22 @@ class TextLines:
             del columns[first]
         self._texts.pop(line, None)
 
-    def text(self) -> list[str]:
-        """The lines so far, without trailing spaces."""
-        return [self._text(line) for line in range(len(self._columns))]
+    def text(self, line: int) -> str:
+        """A line so far, without trailing spaces."""
+        if line not in self._texts:
+            self._texts[line] = self._read(self.cells(line))
+        return self._texts[line]
 
-    def newest(self, most: int) -> Iterator[str]:
-        """The lines from the last to the first; of a longer one its last `most` cells."""
-        for line in reversed(range(len(self._columns))):
-            if len(self._columns[line]) <= most:
-                yield self._text(line)
-            else:
-                end = self.last(line) + 1
-                yield CUT + self._read(self._cells(line, end - most, end))
+    def newest(self, line: int, most: int) -> str:
+        """The same; of a longer one its last `most` cells."""
+        if len(self._columns[line]) <= most:
+            return self.text(line)
+        end = self.last(line) + 1
+        return CUT + self._read(self._cells(line, end - most, end))
 
-    def cells(self) -> list[list[LineCell]]:
-        """The cells of the lines so far, blank where they are forgotten."""
-        return [self._cells(line, 0, self.last(line) + 1) for line in range(len(self._columns))]
+    def cells(self, line: int) -> TextLine:
+        """The cells of a line so far, blank where they are forgotten."""
+        return TextLine(self._cells(line, 0, self.last(line) + 1), line)
 
     def _decoder_before(self, line: int, column: int) -> table.Decoder:
         """What reads a line's cell at a column: with a space before it all begins anew."""
@@ -112,12 +112,7 @@ class TextLines:
     def _cells(self, line: int, begin: int, end: int) -> list[LineCell]:
         return [self.at(line, column) for column in range(begin, end)]
 
-    def _text(self, line: int) -> str:
-        if line not in self._texts:
-            self._texts[line] = self._read(self._cells(line, 0, self.last(line) + 1))
-        return self._texts[line]
-
-    def _read(self, cells: list[LineCell]) -> str:
+    def _read(self, cells: Sequence[LineCell]) -> str:
         return self._read_line(cells).text.rstrip(" ")
 
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import Self
 
 from roller_core.errors import RollerError
 
@@ -53,6 +54,24 @@ class LineCell:
     def shown(self) -> str:
         """How it stands in a text that doesn't know what it means."""
         return table.pattern(self.mask) if self.readable else table.UNREADABLE
+
+
+class TextLine(tuple[LineCell, ...]):
+    """The cells of a line.
+
+    Attributes
+    ----------
+    number : int
+        Number of the line: that which its cells were given with.
+    """
+
+    number: int
+
+    def __new__(cls, cells: Iterable[LineCell], number: int) -> Self:
+        """A line of cells with its number."""
+        line = super().__new__(cls, cells)
+        line.number = number
+        return line
 
 
 @dataclass(frozen=True)
