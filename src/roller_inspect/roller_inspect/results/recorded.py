@@ -11,7 +11,9 @@ import numpy.typing as npt
 from rosbags.rosbag2 import Reader
 
 from roller_braille.cells import Cell, certain_dots
-from roller_braille.translation import ALL_DOTS, LineCell
+from roller_braille.page_order import PageOrder
+from roller_braille.reader_settings import BrailleSettings
+from roller_braille.translation import ALL_DOTS, LineCell, TextLine
 from roller_core.bags import typestore
 from roller_core.errors import RollerError
 from roller_core.outputs import stamp_ns
@@ -117,7 +119,7 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     report.totals |= {
         "depth_windows": len(given),
         "surface_points": points,
-        "braille_cells": len(cells),
+        "braille_cells": len({(cell.line, cell.column) for cell in cells}),
         "braille_text": text,
     }
     if last_events_ns:
@@ -157,12 +159,28 @@ def _cell(message: Any) -> Cell:
     )
 
 
-def _lines(cells: list[Cell]) -> list[list[LineCell]]:
-    """Cells by line and column, blank where none was given."""
-    lines: list[list[LineCell]] = [[] for _ in range(max((c.line for c in cells), default=-1) + 1)]
-    for cell in cells:
-        line = lines[cell.line]
-        line += [LineCell(0)] * (cell.column + 1 - len(line))
+def _lines(cells: list[Cell]) -> list[TextLine]:
+    """Cells by line and column, blank where none was given; lines as they lie on the page."""
+    lines: dict[int, dict[int, Cell]] = {}
+    for cell in cells:  # of one that came again the last counts
+        lines.setdefault(cell.line, {})[cell.column] = cell
+    spacing, right = BrailleSettings.create({}).spacing, np.array([1.0, 0.0, 0.0])
+    order, numbers = PageOrder(spacing), list(lines)
+    for k, line in enumerate(lines.values()):
+        first, last = line[min(line)], line[max(line)]
+        if first is not last:  # one cell alone doesn't say which way its line runs
+            way = last.position - first.position
+            right = way / np.linalg.norm(way)
+        down = np.cross(right, [0.0, 0.0, 1.0])
+        for cell in line.values():
+            places = [(i // 3 - 0.5) * right + (i % 3 - 1.0) * down for i in range(6)]
+            order.take(k, cell.position + spacing.dot_pitch_m * np.array(places))
+    return [TextLine(_whole(lines[numbers[k]]), numbers[k]) for k in order.lines]
+
+
+def _whole(line: dict[int, Cell]) -> list[LineCell]:
+    out = [LineCell(0)] * (max(line) + 1)
+    for column, cell in line.items():
         certain = ALL_DOTS if cell.readable else certain_dots(cell.dot_confidence)
-        line[cell.column] = LineCell(cell.mask, certain)
-    return lines
+        out[column] = LineCell(cell.mask, certain)
+    return out

@@ -98,8 +98,8 @@ class ResultWriter:
 
     @property
     def cells(self) -> int:
-        """Braille cells written so far."""
-        return len(self._cells)
+        """Braille cells written so far; one that came again counts once."""
+        return len({(cell.line, cell.column) for cell in self._cells})
 
     def write(self, result: Result) -> None:
         """Write what goes out of a result, points to the cloud and cells to the text."""
