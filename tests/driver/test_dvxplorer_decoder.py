@@ -187,19 +187,28 @@ def test_reset_forgets_time_but_not_counts():
     assert decoder.counts.bad_words == 1
 
 
-@given(st.integers(0, 1500), st.integers(0, 1500), st.integers(1, 7), st.integers(0, 2**31))
+@given(
+    st.lists(st.tuples(st.integers(0, 400), st.integers(1, 400)), min_size=1, max_size=4),
+    st.integers(1, 7),
+    st.integers(0, 2**31),
+)
 @settings(max_examples=60)
-def test_after_a_gap_events_have_their_own_time(begin, length, piece, seed):
+def test_after_gaps_events_have_their_own_times(gaps, piece, seed):
     """Transfers of odd lengths are missing: some events go, none comes at another time."""
     events = in_order(random_events(np.random.default_rng(seed), 600))
-    raw, decoder = encode_words(events).tobytes(), WordDecoder()
+    raw, decoder, at = encode_words(events).tobytes(), WordDecoder(), 0
     found = []
-    for part in (raw[:begin], raw[begin + length :]):
-        for k in range(0, len(part), piece):
-            found += tuples(decoder.decode(part[k : k + piece]))
-        if part is not raw:
-            decoder.leave_gap(length)
+
+    def decode_up_to(end):
+        for k in range(at, min(end, len(raw)), piece):
+            found.extend(tuples(decoder.decode(raw[k : min(k + piece, end)])))
+
+    for until, missing in gaps:
+        decode_up_to(at + until)
+        at += until + missing
+        decoder.leave_gap(missing)
+    decode_up_to(len(raw))
     assert set(found) <= set(tuples(events))
     assert decoder.counts.bad_words == 0
-    if begin + length < len(raw) // 2:
+    if at < len(raw) // 2:
         assert len(found) > 0.3 * len(events)

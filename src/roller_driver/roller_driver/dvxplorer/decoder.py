@@ -81,7 +81,7 @@ class WordDecoder:
             How long they were: where the next whole word begins.
         """
         self._state[[_kernels.REFERENCE, _kernels.COLUMN]] = -1
-        self._cut_bytes = -(len(self._rest) + missing_bytes) % 4
+        self._cut_bytes = -(len(self._rest) - self._cut_bytes + missing_bytes) % 4
         self._rest = b""
 
     def decode(self, transfer: bytes | memoryview | npt.NDArray[np.uint8]) -> EventArray:
