@@ -2,7 +2,6 @@
 
 import csv
 import json
-import math
 import re
 import sys
 from pathlib import Path
@@ -15,12 +14,10 @@ import numpy as np
 import pytest
 
 from roller_bringup.cli import main
-from roller_core.outputs import CONTACT, DEVIATION, FINDINGS, Cloud, Output, Result, ScanFault
-from roller_core.stage import ERROR, OK
-from roller_emvs.patch import SURFACE_FIELDS, Patch
+from roller_core.outputs import DEVIATION, FINDINGS
 from roller_inspect.exports.pdf import write_pdf
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
-from roller_inspect.inspect_stage import InspectParameters, InspectStage, inspect_parameters
+from roller_inspect.inspect_stage import InspectStage, inspect_parameters
 from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
 from roller_inspect.report.document import Scan, inspection_document
@@ -28,38 +25,8 @@ from roller_inspect.report.html import measure_words
 from roller_inspect.report.svg import Chart
 from roller_inspect.results.inspection_files import write_inspection
 
-from .analytic_surface import dent, flat, scan
-
-PLANE: dict[str, Any] = {"reference": "nominal", "least_coverage": 0.5}
-
-
-def clouds(patches: list[Patch], t_ns: int = 0) -> list[Output]:
-    return [
-        Output(
-            "roller/surface/points", t_ns + k * 10**8, "base", Cloud(p.columns(), SURFACE_FIELDS)
-        )
-        for k, p in enumerate(patches)
-    ]
-
-
-def inspect(patches: list[Patch], **recipe: Any) -> tuple[InspectStage, list[Result]]:
-    """A part through the stage, asked for results after every cloud."""
-    settings = InspectParameters.create({"part": "P-17"})
-    stage = InspectStage(settings, Recipe.create(PLANE | recipe))
-    results: list[Result] = []
-    for output in clouds(patches):
-        stage.take_output(output)
-        results += stage.results()
-    return stage, results + list(stage.results(flush=True))
-
-
-def finished(results: list[Result]) -> Inspected:
-    (part,) = [r.found for r in results if isinstance(r.found, Inspected)]
-    return part
-
-
-HOLE = dent((0.008, 0.0), 1.2e-3, 3e-4)
-SMALL: dict[str, Any] = {"length_m": 0.016, "width_m": 0.006}
+from .analytic_surface import flat, scan
+from .inspecting import HOLE, PLANE, SMALL, clouds, finished, inspect
 
 
 def test_the_list_is_whole_revised_and_final_at_the_end() -> None:
@@ -370,70 +337,3 @@ def test_cells_finer_than_the_finest_scale_needs() -> None:
     (judged,) = finished(results).judgement.findings
     assert judged.finding.kind == "dent"
     assert judged.finding.depth_m == pytest.approx(-3e-4, abs=6e-5)
-
-
-@pytest.mark.parametrize(
-    ("what", "said"),
-    [
-        ("slipping", "slipping: the image moves at 60% of the robot's speed (and 1 times more)"),
-        (
-            "slips to the end",
-            "slipping: the image moves at 60% of the robot's speed (and 2 times more)",
-        ),
-        ("hard", "pressed too hard for 0.41 s, up to 41.0 N; the recipe asks for 5 to 30 N"),
-        ("light", "pressed too lightly for 0.41 s, down to 1.0 N; the recipe asks for 5 to 30 N"),
-        ("unknown", "the force is not known for 0.41 s; the recipe asks for 5 to 30 N"),
-        ("none", "no force came; the recipe asks for 5 to 30 N"),
-        ("lost", "7% of the event packets were lost: 20 of 300"),
-        ("before and after", ""),
-        ("", ""),
-    ],
-)
-def test_a_part_that_was_not_in_good_contact_is_never_conform(what: str, said: str) -> None:
-    stage = InspectStage(InspectParameters.create({}), Recipe.create(PLANE | {"force_n": [5, 30]}))
-    outputs = list(clouds(scan(flat)))
-    first, last = outputs[0].t_ns, outputs[-1].t_ns
-    bad_n = {"hard": 41.0, "light": 1.0, "unknown": math.nan}.get(what, 20.0)
-    middle = (first + last) // 2
-    for k, output in enumerate(outputs):
-        stage.take_output(output)
-        if k == 0 and what != "none":
-            for t in range(first - 10**9, last + 10**9, 10**7):
-                off = first < t < last and abs(t - middle) < 2.05e8
-                out = what == "before and after" and not first < t < last
-                stage.take_force(t, 99.0 if out else bad_n if off else 20.0)
-            times = {
-                "slipping": (first + 1, last - 1),
-                "slips to the end": (last + 1, last + 2, last + 3),
-                "before and after": (first - 1, last + 1),
-            }
-            for t in times.get(what, ()):
-                fault = ScanFault("slipping: the image moves at 60% of the robot's speed")
-                stage.take_output(Output(CONTACT, t, "", fault))
-    if what == "lost":  # told when the scan is over, of a time within it
-        stage.take_output(Output(CONTACT, middle, "", ScanFault(said, "data")))
-    part = finished(list(stage.results(flush=True)))
-    judgement = part.judgement
-    assert judgement.contact == ((said,) if said else ())
-    assert judgement.verdict == ("inconclusive" if said else "conform")
-    assert said in judgement.reason
-    document = inspection_document(part, stage.recipe, Scan())
-    assert document["contact"] == list(judgement.contact)
-
-
-def test_force_that_is_soon_back_in_its_range_is_told_at_once_and_seen_in_the_status() -> None:
-    stage = InspectStage(InspectParameters.create({}), Recipe.create(PLANE | {"force_n": [5, 30]}))
-    (first, *_) = clouds(scan(flat))
-    stage.take_output(first)
-    list(stage.results())
-    told, levels = [], []
-    for k in range(500):  # a hundred a second; one sample too much, and a tenth of a second
-        force_n = 41.0 if k == 50 or 100 <= k < 110 else 20.0
-        stage.take_force(first.t_ns + k * 10**7, force_n)
-        told += [(k, r.notice) for r in stage.results() if r.notice]
-        levels.append(stage.health()[0])
-    said = "pressed too hard: 41.0 N, the recipe asks for 5 to 30 N"
-    assert told == [(102, said)]
-    assert levels[:102] == [OK] * 102
-    assert levels[102:250] == [ERROR] * 148  # statuses come once a second
-    assert levels[-1] == OK

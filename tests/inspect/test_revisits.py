@@ -9,7 +9,7 @@ from roller_inspect.recipe import Recipe
 from roller_inspect.revisits import Revisits
 
 from .analytic_surface import dent, flat, scan
-from .test_inspection_files import PLANE, SMALL, clouds
+from .inspecting import PLANE, SMALL, clouds
 
 S = 10**9
 

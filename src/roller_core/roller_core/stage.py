@@ -94,7 +94,7 @@ class Stage(ABC, Generic[S]):
             If it can't be used; see `SensorFrames`. The stage begins anew where time ran backwards.
         """
         try:
-            if self.frames.take(transform):
+            if self.frames.take(transform) and (self._older or self._anew):
                 self._older, self._anew = [], False
         except PoseOrderError as error:
             if self._older and transform.t_ns <= self._older[-1].t_ns:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from roller_core.transforms import F64
+
+I64 = npt.NDArray[np.int64]
 
 #: Side of the squares by which places are told apart, m, and the share of a cloud's squares that
 #: must have been seen before.
 _SQUARE_M, _SAME = 1e-3, 0.5
 #: Of so many points one is looked at.
 _EVERY = 8
+#: Number of a square: by its row and so much of its column; more rows than any part has.
+_COLUMN = 2**31
 
 
 class Revisits:
@@ -31,7 +36,7 @@ class Revisits:
 
     def begin(self) -> None:
         """Another part follows."""
-        self._seen = np.empty(0, np.complex128)
+        self._seen: list[I64] = []
         self._last_ns: int | None = None
 
     def again(self, points: F64, t_ns: int) -> bool:
@@ -39,10 +44,11 @@ class Revisits:
 
         If they aren't, what follows is held against them too.
         """
-        squares = np.floor(points[::_EVERY, :2] / _SQUARE_M)
-        places = np.unique(squares[:, 0] + 1j * squares[:, 1])
+        squares = np.floor(points[::_EVERY, :2] / _SQUARE_M).astype(np.int64)
+        places = np.unique(squares[:, 0] * _COLUMN + squares[:, 1])
         paused = self._last_ns is not None and t_ns - self._last_ns > self._pause_ns
-        if paused and np.isin(places, self._seen).mean() >= _SAME:
+        if paused and np.isin(places, np.concatenate(self._seen)).mean() >= _SAME:
             return True
-        self._seen, self._last_ns = np.union1d(self._seen, places), t_ns
+        self._seen.append(places)
+        self._last_ns = t_ns
         return False
