@@ -79,6 +79,7 @@ def test_the_trajectory_stays_on_the_line_within_a_micrometre() -> None:
         ({"end_m": (0.5501, -0.2, 0.1)}, "0.1 mm apart"),
         ({"end_m": (500.0, -0.2, 0.1)}, "500 m from the robot's base"),
         ({"speed_m_s": 0.7}, "speed_m_s"),
+        ({"rotation_rad": (180.0, 0.0, 0.0)}, "180 rad long.*in degrees"),
         ({"end_m": (2.0, -0.2, 0.1)}, "out of reach"),
         ({"start_m": (0.9, -0.2, 0.1), "end_m": (1.3, -0.2, 0.1)}, "out of reach"),
         ({"start_m": (0.12, -0.2, 0.1), "speed_m_s": 0.5}, "limit|singularity"),
@@ -88,6 +89,40 @@ def test_what_cannot_be_rolled_is_refused(change: dict[str, object], says: str) 
     with pytest.raises(RollerError, match=says):
         joint_trajectory(rolling(**change), ARMS["ur10"], NEAR_RAD, TCP)
     assert issubclass(KinematicsError, RollerError)
+
+
+def test_a_joint_that_would_turn_further_than_it_can_is_refused() -> None:
+    """Any whole turn more gives the same place, and Newton's method keeps what it is given."""
+    far = NEAR_RAD + [0, 0, 0, 0, 0, 2 * np.pi]
+    with pytest.raises(KinematicsError, match=r"wrist_3_joint would turn to \d+°, more than 360°"):
+        joint_trajectory(rolling(), ARMS["ur10"], far, TCP)
+
+
+def test_ramps_that_lead_out_of_reach_give_no_script() -> None:
+    with pytest.raises(KinematicsError, match=r"ramps of 2500 mm lead to 3.\d+ m"):
+        urscript(rolling(speed_m_s=0.5, acceleration_m_s2=0.1))
+
+
+@pytest.mark.parametrize("where", ["--joints-deg 10 -80 nan -120 -90 0", "--tcp-m 0 0 inf"])
+def test_a_place_that_is_no_number(where: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = "motion --start-m 0.55 -0.2 0.1 --end-m 0.75 -0.15 0.1 --trajectory never.yaml".split()
+    joints = "--joints-deg 10 -80 110 -120 -90 0".split()
+    assert main([*words, *joints, *where.split()]) == 1
+    assert "--joints-deg and --tcp-m must be finite" in capsys.readouterr().err
+
+
+def test_the_trajectory_says_where_the_arm_must_stand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A controller goes to the first point at once, from wherever the arm is."""
+    file = tmp_path / "pass.yaml"
+    words = "motion --start-m 0.55 -0.2 0.1 --end-m 0.75 -0.15 0.1 --tcp-m 0 0 0.15".split()
+    joints = ["--joints-deg", *(f"{q:.3f}" for q in np.degrees(NEAR_RAD))]
+    assert main([*words, "--trajectory", str(file), *joints]) == 0
+    points = yaml.safe_load(file.read_text())["trajectory"]["points"]
+    first = ", ".join(f"{q:.1f}°" for q in np.degrees(points[0]["positions"]))
+    for text in (capsys.readouterr().out, file.read_text()):
+        assert f"the arm must stand here when it starts: {first}" in text
 
 
 def test_the_script_lifts_presses_and_says_whose_risk_it_is() -> None:

@@ -78,6 +78,8 @@ def run(args: argparse.Namespace) -> int:
         raise MotionError("--trajectory needs --joints-deg: they choose the arm's posture")
     if args.trajectory and args.force_n:
         raise MotionError("a joint trajectory holds the height; --force-n goes with --script alone")
+    if not np.isfinite([*(args.joints_deg or ()), *args.tcp_m]).all():
+        raise MotionError("--joints-deg and --tcp-m must be finite")
     given = {
         "start_m": args.start_m, "end_m": args.end_m, "rotation_rad": args.rotation_rad,
         "speed_m_s": args.speed, "acceleration_m_s2": args.acceleration,
@@ -97,7 +99,10 @@ def run(args: argparse.Namespace) -> int:
         tcp = np.eye(4)
         tcp[:3, 3] = args.tcp_m
         goal = joint_trajectory(rolling, ARMS[args.arm], np.radians(args.joints_deg), tcp)
+        first = np.degrees(goal["trajectory"]["points"][0]["positions"])
+        place = "the arm must stand here when it starts: " + ", ".join(f"{q:.1f}°" for q in first)
         text = yaml.safe_dump(goal, sort_keys=False, default_flow_style=None, width=200)
-        write_marked_file(args.trajectory, f"{WARNING}\n# {SEAL}\n{text}", WARNING)
-        print(f"written to {args.trajectory}")
+        text = f"{WARNING}\n# {SEAL}\n# Joints: {place}\n{text}"
+        write_marked_file(args.trajectory, text, WARNING)
+        print(f"written to {args.trajectory}; {place}")
     return 0

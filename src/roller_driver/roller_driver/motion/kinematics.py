@@ -20,6 +20,8 @@ JOINTS = (
 #: Most of each joint, rad/s, and the share of it that an example uses.
 MOST_RAD_S = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0])
 SHARE = 0.5
+#: No joint turns further to either side.
+MOST_RAD = 2 * np.pi
 #: An arm whose Jacobian's least singular value is below this is near a singularity.
 _SINGULAR = 0.03
 #: One whose elbow is straighter than this, as the sine of its angle, is so for being stretched out.

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from roller_core.transforms import F64, inverse_pose
 
-from .kinematics import JOINTS, MOST_RAD_S, SHARE, Arm, KinematicsError
-from .rolling_pass import RollingPass
+from .kinematics import JOINTS, MOST_RAD, MOST_RAD_S, SHARE, Arm, KinematicsError
+from .rolling_pass import REACH_M, RollingPass
 
 WARNING = """\
 # EXAMPLE. It moves a robot. The risk assessment of the cell is the integrator's: speeds, forces,
@@ -32,8 +32,18 @@ def urscript(rolling: RollingPass) -> str:
 
     The ramps are straight continuations of the pass: the roller must touch nothing there, or a
     run-in plate that is level with the part. Pressing with a force begins on the run-in plate.
+
+    Raises
+    ------
+    KinematicsError
+        If the ramps reach further than any arm.
     """
     before, after = rolling.ends_m
+    if (away_m := max(np.linalg.norm(p) for p in (before, after))) > REACH_M:
+        raise KinematicsError(
+            f"ramps of {rolling.ramp_m * 1e3:.0f} mm lead to {away_m:.3g} m from the robot's base: "
+            f"it reaches {REACH_M} m at most; accelerate harder, or slow the pass down"
+        )
     up = np.array([0.0, 0.0, rolling.lift_m])
     v, a = rolling.speed_m_s, rolling.acceleration_m_s2
     lines = [
@@ -82,8 +92,8 @@ def joint_trajectory(rolling: RollingPass, arm: Arm, near_rad: F64, tcp: F64) ->
     Raises
     ------
     KinematicsError
-        If the arm doesn't reach the line, passes a singularity, or a joint would have to be
-        faster than half of its limit.
+        If the arm doesn't reach the line, passes a singularity, or a joint would have to turn
+        further than it can, or faster than half of its limit.
     """
     t_s = np.linspace(0, rolling.duration_s, int(np.ceil(rolling.duration_s / STEP_S)) + 1)
     rotation = Rotation.from_rotvec(rolling.rotation_rad).as_matrix()
@@ -94,6 +104,12 @@ def joint_trajectory(rolling: RollingPass, arm: Arm, near_rad: F64, tcp: F64) ->
         q = arm.joints(pose @ off_flange, q)
         joints.append(q)
     path = np.array(joints)
+    if (furthest := np.abs(path).max(axis=0)).max() > MOST_RAD:
+        worst = int(np.argmax(furthest))
+        raise KinematicsError(
+            f"{JOINTS[worst]} would turn to {np.degrees(furthest[worst]):.0f}°, more than "
+            f"{np.degrees(MOST_RAD):.0f}°: start from another posture"
+        )
     speed = np.gradient(path, t_s, axis=0, edge_order=2)
     share = np.abs(speed).max(axis=0) / (SHARE * MOST_RAD_S)
     if share.max() > 1:

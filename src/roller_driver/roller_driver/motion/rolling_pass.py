@@ -9,7 +9,9 @@ from roller_core.settings import Settings
 from roller_core.transforms import F64
 
 #: No UR10 reaches further: 1.3 m to its flange, and a tool.
-_REACH_M = 2.5
+REACH_M = 2.5
+#: No pendant shows a longer rotation vector, rad.
+_WHOLE_TURN_RAD = 6.2832
 
 
 class RollingPass(Settings):
@@ -39,9 +41,13 @@ class RollingPass(Settings):
             raise ValueError(
                 f"start_m and end_m are {self.length_m * 1e3:.1f} mm apart: at least 5"
             )
-        if (away_m := max(np.linalg.norm(p) for p in (self.start_m, self.end_m))) > _REACH_M:
+        if (turn_rad := float(np.linalg.norm(self.rotation_rad))) > _WHOLE_TURN_RAD:
             raise ValueError(
-                f"{away_m:.3g} m from the robot's base: it reaches {_REACH_M} m at most"
+                f"rotation_rad is {turn_rad:.3g} rad long, more than a turn: is it in degrees?"
+            )
+        if (away_m := max(np.linalg.norm(p) for p in (self.start_m, self.end_m))) > REACH_M:
+            raise ValueError(
+                f"{away_m:.3g} m from the robot's base: it reaches {REACH_M} m at most"
             )
         return self
 
