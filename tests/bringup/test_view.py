@@ -236,6 +236,18 @@ def test_an_address_that_is_taken_is_one_line():
         PageServer(Scene("y"), port=server.port)
 
 
+def test_an_address_that_is_taken_is_said_before_a_recording_is_replayed(
+    tmp_path, capsys, monkeypatch
+):
+    def replayed(*_):
+        raise AssertionError("minutes for nothing")
+
+    monkeypatch.setattr("roller_bringup.view.recorded.results_of", replayed)
+    with serving(Scene("x")) as server:
+        assert cli.main(["view", str(tmp_path), "--port", str(server.port)]) == 1
+    assert "can't listen there" in capsys.readouterr().err
+
+
 def test_a_host_that_is_no_name_is_one_line():
     with pytest.raises(AddressError, match="can't listen there"):
         PageServer(Scene("x"), host="\udcff")

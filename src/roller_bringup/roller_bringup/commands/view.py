@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         from roller_bringup.view.rerun import hand_over
 
         return hand_over(args.input, args.namespace)
-    from roller_bringup.view.server import PageServer
+    from roller_bringup.view.server import PageServer, check_address
 
     if args.input is None:
         from roller_bringup.view.graph import Graph
@@ -68,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
         with Graph(scene, args.namespace):
             _serve(server)
         return 0
+    check_address(args.host, args.port)  # a recording is replayed for minutes
     with tempfile.TemporaryDirectory(prefix="roller-view-") as aside:
         _serve(PageServer(_scene_of(args.input, Path(aside)), args.host, args.port))
     return 0

@@ -251,6 +251,17 @@ def _is_loopback(host: str) -> bool:
         return False
 
 
+def check_address(host: str, port: int) -> None:
+    """See whether an address can be listened at, before what is shown takes its time.
+
+    Raises
+    ------
+    AddressError
+        If it can't.
+    """
+    _listen(host, port).close()
+
+
 def _listen(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
