@@ -1,6 +1,8 @@
 """`roller batch`: one failure is a row, what is done stays done."""
 
 import json
+import subprocess
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from recording.bags import analytic_dataset, write_bag
 from roller_bringup.cli import main
 from roller_inspect.batch import jobs
 from roller_inspect.batch.jobs import find_recordings
+from waiting import wait_until
 
 pytestmark = pytest.mark.scan
 
@@ -78,6 +81,36 @@ def test_a_dask_scheduler_does_the_jobs(tmp_path: Path) -> None:
         assert main([*words, cluster.scheduler_address]) == 1
     (job,) = json.loads((out / "summary.json").read_text())["jobs"]
     assert "nothing is read" in job["error"]
+
+
+_BATCH = """
+import sys, threading
+from roller_inspect.batch import jobs
+said = "print(os.getpid(), file=open(sys.argv[2], 'w'))"
+jobs._CHILD = f"{jobs._BOUND} import time; {said}; time.sleep(300)"
+job = jobs.Job("key", sys.argv[1], "out", (), False, 0.0, 0)
+threading.Thread(target=jobs.run_job, args=(job,)).start()
+"""
+
+
+def test_jobs_end_with_a_batch_that_is_killed(tmp_path: Path) -> None:
+    """They would hold their output folders, and `--resume` would find another that writes there."""
+    file = tmp_path / "pid"
+    batch = subprocess.Popen([sys.executable, "-c", _BATCH, str(file)])
+    try:
+        wait_until(lambda: file.exists() and file.read_text().endswith("\n"), lambda: "no job", 30)
+    finally:
+        batch.kill()
+        batch.wait()
+    child = int(file.read_text())
+    wait_until(lambda: not is_running(child), lambda: "the job goes on", 10)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except FileNotFoundError:
+        return False
 
 
 def test_recordings_are_found_and_results_are_not(tmp_path: Path) -> None:

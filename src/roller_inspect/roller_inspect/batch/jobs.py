@@ -14,12 +14,15 @@ from pathlib import Path
 
 from roller_core.output_mark import MARK, entries_made
 
-#: Of the child: its memory is bounded before anything is loaded.
-_CHILD = (
-    "import resource, sys; n = int(sys.argv.pop(1)); "
+#: Of the child, before anything is loaded: it is asked to end when the batch is gone, however that
+#: came, else it would hold its output folder against the next; and its memory is bounded.
+_BOUND = (
+    "import ctypes, os, resource, signal, sys; parent, n = map(int, sys.argv[1:3]); "
+    "ctypes.CDLL(None).prctl(1, int(signal.SIGTERM), 0, 0, 0); "  # PR_SET_PDEATHSIG
+    "os.getppid() == parent or sys.exit(1); del sys.argv[1:3]; "
     "n and resource.setrlimit(resource.RLIMIT_DATA, (n, n)); "
-    "from roller_inspect.commands.inspect import main; sys.exit(main())"
 )
+_CHILD = _BOUND + "from roller_inspect.commands.inspect import main; sys.exit(main())"
 _SUFFIXES = (".mcap", ".db3", ".bag", ".aedat4", ".raw")
 
 
@@ -96,7 +99,8 @@ def run_job(job: Job) -> Row:
     kept = job.resume and (folder / MARK).is_file() and (folder / "inspection.json").is_file()
     if not kept:
         words = ["inspect", job.source, "--output", job.output, *job.options]
-        command = [sys.executable, "-c", _CHILD, str(job.memory_bytes), *words]
+        limits = [str(os.getpid()), str(job.memory_bytes)]
+        command = [sys.executable, "-c", _CHILD, *limits, *words]
         try:
             done = subprocess.run(
                 command,
