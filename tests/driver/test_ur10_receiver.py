@@ -256,3 +256,15 @@ def test_another_tool_than_the_calibrated_one_gives_no_poses(place, value, says)
         running.wait(lambda: any(says in fault for _, fault in running.changes))
         assert running.receiver.status.state == SEARCHING
         assert running.samples == []
+
+
+def test_a_tool_that_is_set_while_poses_come_ends_them_until_it_is_the_calibrated_one_again():
+    """A robot's program sets its tool when it starts, long after the connection."""
+    with ControllerProcess() as controller, Running(tcp_offset=TOOL) as running:
+        running.wait_for(10)
+        controller.send("tool_z 0.105")
+        running.wait(lambda: any("is 5.00 mm and" in fault for _, fault in running.changes))
+        assert running.receiver.status.state == SEARCHING
+        count = len(running.samples)
+        controller.send("tool_z 0.1")
+        running.wait_for(count + 10)

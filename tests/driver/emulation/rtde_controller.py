@@ -4,8 +4,8 @@
 
 It prints `ready` with the time of its first tick (CLOCK_MONOTONIC, s) and then takes commands on
 its standard input, one a line: `protective_stop`, `normal`, `disconnect`, `late SECONDS`,
-`silence SECONDS`, `step_back SECONDS`, `force N`, `start SECONDS` (CLOCK_MONOTONIC: when the
-trajectory begins), `quit`.
+`silence SECONDS`, `step_back SECONDS`, `force N`, `tool_z METRES`, `start SECONDS`
+(CLOCK_MONOTONIC: when the trajectory begins), `quit`.
 """
 
 import json
@@ -255,6 +255,8 @@ class ControllerModel:
             self.trajectory.start_s = float(value)
         elif name == "force":
             self.settings.force_n = float(value)
+        elif name == "tool_z":
+            self.settings.tcp_offset[2] = float(value)
         elif name == "step_back":
             self.clock_shift_s -= float(value)
 

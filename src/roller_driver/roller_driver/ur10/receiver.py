@@ -18,7 +18,7 @@ from .errors import (
     RobotFault,
     RobotLostError,
 )
-from .rtde import Controller, ask_controller, read_tcp_offset
+from .rtde import Controller, ask_controller, read_tcp_offset, tcp_offsets
 
 SEARCHING = "searching"
 RECEIVING = "receiving"
@@ -153,8 +153,11 @@ def check_tool(host: str, expected: Sequence[float], timeout_s: float) -> None:
         If they differ by more than 0.1 mm or 1 mrad.
     """
     found = read_tcp_offset(host, timeout_s)
-    if found is None:
-        return
+    if found is not None:
+        _compare_tools(host, found, expected)
+
+
+def _compare_tools(host: str, found: Sequence[float], expected: Sequence[float]) -> None:
     away_m = math.dist(found[:3], expected[:3])
     ours, theirs = (rotation_vector_to_quaternion(v[3:]) for v in (expected, found))
     turned = 2 * math.acos(min(1.0, abs(float(ours @ theirs))))
@@ -182,7 +185,7 @@ class RobotReceiver:
     connect_timeout_s, retry_s, silence_s : float
         See `Ur10Parameters`.
     tcp_offset : sequence of float
-        See `check_tool`; another length: not checked.
+        See `check_tool`, which is asked again while poses come; another length: not checked.
     """
 
     def __init__(
@@ -206,19 +209,24 @@ class RobotReceiver:
         self._silence_s = silence_s
         self._tcp_offset = tcp_offset
         self._has_force = False
+        self._other_tool: OtherToolError | None = None
         self.status = ReceiverStatus()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
+        self._tool_thread = threading.Thread(target=self._watch_tool, name="tool", daemon=True)
 
     def start(self) -> None:
         """Start to look for the robot."""
         self._thread.start()
+        if len(self._tcp_offset) == 6:
+            self._tool_thread.start()
 
     def stop(self) -> None:
         """Close the connection and end."""
         self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(timeout=10.0)
+        for thread in (self._thread, self._tool_thread):
+            if thread.is_alive():
+                thread.join(timeout=10.0)
 
     def _change(self, state: str, fault: str) -> None:
         s = self.status
@@ -254,12 +262,30 @@ class RobotReceiver:
                 interface.disconnect()
         self._change(STOPPED, "")
 
+    def _watch_tool(self) -> None:
+        """See whether a program sets another tool while poses come: they would be of that one."""
+        while not self._stop.is_set():
+            try:
+                for found in tcp_offsets(self._host, self._connect_timeout_s):
+                    if self._stop.is_set():
+                        return
+                    if self.status.state == RECEIVING:
+                        _compare_tools(self._host, found, self._tcp_offset)
+            except OtherToolError as error:
+                self._other_tool = error
+            except RobotFault:
+                pass  # who receives the poses sees it too
+            self._stop.wait(self._retry_s)
+
     def _receive(self, interface: Any, controller: Controller) -> None:
         period_ns = controller.period_ns
         period_s = period_ns * 1e-9
         s = self.status
         last_ns, last_seen = -1, time.monotonic()
+        self._other_tool = None
         while not self._stop.is_set():
+            if self._other_tool is not None:
+                raise self._other_tool
             stamp = interface.getTimestamp()
             now = time.monotonic()
             controller_ns = round(stamp * 1e9)

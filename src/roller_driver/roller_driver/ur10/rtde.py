@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from .errors import ProtocolRefusedError, RobotUnreachableError
@@ -153,6 +153,19 @@ def read_tcp_offset(host: str, timeout_s: float = 2.0) -> tuple[float, ...] | No
     RobotUnreachableError
         If it doesn't come in time.
     """
+    return next(tcp_offsets(host, timeout_s), None)
+
+
+def tcp_offsets(host: str, timeout_s: float = 2.0) -> Iterator[tuple[float, ...]]:
+    """The tool centre point ten times a second, see `read_tcp_offset`.
+
+    None come where the controller doesn't tell it.
+
+    Raises
+    ------
+    RobotUnreachableError
+        If one doesn't come in time.
+    """
     request = struct.pack(">d", 10.0) + b"tcp_offset"
     try:
         with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
@@ -165,11 +178,11 @@ def read_tcp_offset(host: str, timeout_s: float = 2.0) -> tuple[float, ...] | No
                 connection.sendall(frame(kind, payload))
                 answer = _answer(connection, f"robot {host}:{PORT}")[1]
                 if kind == SETUP_OUTPUTS and answer[1:] != b"VECTOR6D":
-                    return None
+                    return
             while True:
                 kind, payload = receive(connection)
                 if kind == DATA and len(payload) == 1 + 6 * 8:
-                    return struct.unpack(">6d", payload[1:])
+                    yield struct.unpack(">6d", payload[1:])
     except OSError as error:
         raise RobotUnreachableError(
             f"robot {host}:{PORT}: its tool centre point can't be read ({error})"
