@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     face = next((region for region in scene.regions if region.name == "face"), None)
     with OutputFolder(args.output, "demo", always=["report.json"]) as output:
         _run(args, output.partial, face)
-    print(f"look at it in the browser: ./roller view {args.output}")
+    print(f"look at it in the browser: ./roller view {shlex.quote(str(args.output))}")
     return 0
 
 
