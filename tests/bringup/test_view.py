@@ -279,11 +279,18 @@ def test_a_browser_that_reads_nothing_holds_up_no_other():
 
 def test_a_recording_that_needs_more_than_its_name_is_sent_to_replay(tmp_path, capsys):
     (tmp_path / "events.raw").write_bytes(b"% evt 3.0\n% format EVT3;height=480;width=640\n% end\n")
-    assert cli.main(["view", str(tmp_path / "events.raw")]) == 1
+    assert cli.main(["view", str(tmp_path / "events.raw"), "--port", "0"]) == 1
     said = capsys.readouterr().err
     assert "give --poses FILE" in said
     assert "`roller replay` takes that: view the folder that it writes" in said
-    assert cli.main(["view", str(tmp_path / "nothing")]) == 1
+    (tmp_path / "other").mkdir()
+    (tmp_path / "empty.mcap").touch()
+    for name, says in (("other", "holds no rosbag2 storage"), ("empty.mcap", "is empty")):
+        assert cli.main(["view", str(tmp_path / name), "--port", "0"]) == 1
+        said = capsys.readouterr().err
+        assert says in said
+        assert "`roller replay` takes that" not in said
+    assert cli.main(["view", str(tmp_path / "nothing"), "--port", "0"]) == 1
     assert capsys.readouterr().err.strip().endswith("there is no such file or folder")
 
 
@@ -297,7 +304,7 @@ def test_bad_results_are_one_line_or_a_note(tmp_path):
     (folder / "height_map.npz").write_bytes(b"PK\x03\x04")
     with pytest.raises(RollerError, match=r"height_map\.npz: no height map can be read"):
         read_result(folder)
-    assert cli.main(["view", str(tmp_path / "none")]) == 1
+    assert cli.main(["view", str(tmp_path / "none"), "--port", "0"]) == 1
 
 
 def test_a_replay_without_inspection_shows_its_surface(tmp_path):

@@ -15,6 +15,8 @@ from roller_recording.reading import open_recording
 from roller_recording.reading.bag_reader import BagReader
 
 _DEPTH, _POINTS = "/roller/depth/image", "/roller/surface/points"
+#: Options that `roller replay` has and `roller view` hasn't.
+_OPTIONS_OF_REPLAY = ("--poses", "--camera", "--topic")
 
 
 def results_of(source: Path, folder: Path) -> Path:
@@ -35,7 +37,7 @@ def results_of(source: Path, folder: Path) -> Path:
     try:
         recording = open_recording(source, max_gap_s=settings.max_pose_gap_s)
     except RollerError as error:
-        if not source.exists():
+        if not any(option in str(error) for option in _OPTIONS_OF_REPLAY):
             raise
         raise RollerError(
             f"{error}; `roller replay` takes that: view the folder that it writes"
