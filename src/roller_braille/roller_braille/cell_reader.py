@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
 
@@ -10,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .cells import LEAST_CONFIDENCE, Seen
-from .dot_shape import DotShape
+from .dot_shape import DotShape, alike
 from .dots import CHANCE, LEAST_VOTES, SPOT, Dots
 from .ground import TAIL
 from .kinds import Kind
-from .lattice import Lattice
+from .lattice import REACH, Lattice
 from .line_dots import LineDots
 from .reader_settings import Spacing
 from .recognise import Energies, Reading, Recogniser, Reference
@@ -136,6 +137,19 @@ class CellReader:
         """Dots that the lattice is to lie under, where found before a place along the roll."""
         near = self._shape.dots
         return near if len(near) >= LEAST_DOTS else self.dots.before(along)
+
+    def spots(self, along: float, lattices: Sequence[Lattice]) -> Dots:
+        """Dots found before a place along the roll, also those off the line's own lattice.
+
+        On a printed coating, with spots all over it, those that look alike on the columns of some
+        lattices.
+        """
+        dots = self.dots.before(along)
+        if self._strip.printed and len(dots):
+            off = np.min([lattice.column_off(dots) for lattice in lattices], axis=0)
+            near = dots.where(off <= REACH * self._spacing.dot_pitch_m)
+            dots = alike(self._strip, self._spacing, near)
+        return dots
 
     def reference(self, lattice: Lattice) -> Reference | None:
         """What a dot looks like around cell 0 of a lattice; None where too little is known."""

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from .dots import Dots
 from .reader_settings import Spacing
 from .recognise import ASTRAY_M, IN_PLACE_M, Reading, certainty, share
+from .strip import Strip, net_around
 from .warp import F32, F64
 
 #: Pixels of the mosaic that make up one of a pattern's, along and down.
@@ -255,6 +256,15 @@ class DotShape:
                 size = (self._wide, self._wide)
                 out[i] = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
         return out
+
+
+def alike(strip: Strip, spacing: Spacing, dots: Dots) -> Dots:
+    """Of spots on a printed coating those that look alike, where they do, in order of travel."""
+    shape = DotShape(spacing, strip.px_m)
+    places = np.stack([dots.along, dots.down], -1)
+    shape.add(*net_around(strip, places, shape.reach), dots)
+    laid = shape.dots
+    return laid.where(np.argsort(laid.along, kind="stable"))
 
 
 def _peak(held: npt.NDArray[Any]) -> tuple[int, int, F64]:

@@ -126,8 +126,18 @@ class Lattice:
 
     def fit_of(self, dots: Dots) -> float:
         """How well dots lie on nodes: their number, each the less the further it is off."""
-        off = self._nearest(dots)[1]
-        return float(np.maximum(1.0 - (off / _CLOSE_M) ** 2, 0.0).sum())
+        return _fit(self._nearest(dots)[1])
+
+    def column_off(self, dots: Dots) -> F64:
+        """As `off` where the columns have more nodes, in rows above and below."""
+        along, down = self.own(dots)
+        inside = along - np.floor((along - self.dot_along / 2) / self.cell + 0.5) * self.cell
+        beside = inside - np.where(inside > self.dot_along / 2, self.dot_along, 0.0)
+        return np.hypot(beside, down - np.rint(down / self.dot_down) * self.dot_down)
+
+    def column_fit(self, dots: Dots) -> float:
+        """As `fit_of` where the columns have more nodes, in rows above and below."""
+        return _fit(self.column_off(dots))
 
     def _nearest(self, dots: Dots) -> tuple[npt.NDArray[np.int64], F64]:
         index, off = np.empty((len(dots), 3), np.int64), np.empty(len(dots))
@@ -176,6 +186,10 @@ class Lattice:
         """The same lattice, moved so far along the line and across it, metres."""
         place = self.places(along, down)
         return replace(self, along=float(place[0]), down=float(place[1]))
+
+
+def _fit(off: F64) -> float:
+    return float(np.maximum(1.0 - (off / _CLOSE_M) ** 2, 0.0).sum())
 
 
 def no_dust(votes: F64) -> npt.NDArray[np.bool_]:

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from .cell_reader import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS
-from .dot_shape import DotShape
+from .dot_shape import alike
 from .dots import Dots
 from .kinds import Kind
 from .lattice import Lattice, find_lattice, find_turn, no_dust
 from .lines import LineReader
 from .reader_settings import BrailleSettings, Spacing
 from .recognise import Recogniser
-from .strip import Strip, net_around
+from .strip import Strip
 
 #: Angles nearer to each other than this are one, radians.
 _SAME_TURN = 0.03
@@ -94,7 +94,7 @@ class LineFinder:
         if not len(solid) or solid.along[0] > start + self._settings.spacing.dot_pitch_m / 2:
             return 0.0, None  # what the window begins with is dust
         if self._strip.printed:
-            dots = self._laid(dots)
+            dots = alike(self._strip, self._settings.spacing, dots)
             if len(dots) < LEAST_DOTS:
                 return 0.0, None
         seen = find_turn(dots, self._settings.spacing)
@@ -104,14 +104,6 @@ class LineFinder:
         if found[1] is None and abs(second - first) > _SAME_TURN:
             found = self._try_turn(dots, kind, start, second)
         return found
-
-    def _laid(self, dots: Dots) -> Dots:
-        """Of dots on a printed coating those that look alike, where they do."""
-        shape = DotShape(self._settings.spacing, self._strip.px_m)
-        places = np.stack([dots.along, dots.down], -1)
-        shape.add(*net_around(self._strip, places, shape.reach), dots)
-        laid = shape.dots
-        return laid.where(np.argsort(laid.along, kind="stable"))
 
     def _try_turn(
         self, dots: Dots, kind: Kind, start: float, turn: float

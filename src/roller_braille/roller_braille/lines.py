@@ -25,6 +25,9 @@ _LIFTS = 0.5
 _MOST_RESTARTS = 3
 #: Least confidence of dots by which a line's first cells are given before the line is known.
 _NO_DOUBT = 0.6
+#: How much better dots lie on other columns than on those thought, in dots, where these are wrong;
+#: and how much worse where they are right for sure.
+_BETTER, _SETTLED = 0.5, 2.0
 _UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
 
 
@@ -70,8 +73,12 @@ class LineReader:
         self._direction = direction
         self._restarts = 0
         self._confirmed = lattice.begin
-        #: Whether its lattice may yet turn out to lie a row too low: text may be upside down.
-        self.may_lift = True
+        #: Whether its lattice may yet turn out to lie a row too low or a column too far, as under
+        #: text upside down.
+        self.may_be_turned = True
+        # Whether the dots leave it open on which columns they lie, and the place up to which all
+        # were seen.
+        self._columns_open, self._seen_to = True, -np.inf
         #: Whether it is known for a line of Braille.
         self.accepted = False
         #: Whether nothing more will be read.
@@ -107,7 +114,20 @@ class LineReader:
     @property
     def needed_from(self) -> float:
         """Travel from which on the mosaic is still needed, metres."""
-        return (self.lattice if self.accepted else self._origin).begin
+        return (self._origin if self._may_restart else self.lattice).begin
+
+    @property
+    def _may_restart(self) -> bool:
+        """Whether its lattice may yet turn out to be another, so that all is read again."""
+        return not self.accepted or (self._columns_open and self.may_be_turned)
+
+    @property
+    def _due(self) -> float:
+        """Travel at which its next cell can be read, metres."""
+        if self._columns_open and self.may_be_turned and self._direction < 0:
+            # Where it lies on the other columns it ends later.
+            return self.lattice.shifted(self.lattice.dot_along, 0.0).end
+        return self.lattice.end
 
     @property
     def confirmed(self) -> float:
@@ -150,9 +170,13 @@ class LineReader:
         self._begin(self.lattice.moved(-first))
         self._confirmed = self.lattice.begin
 
-    def advance(self, complete: int) -> None:
-        """Read the cells whose tiles lie before a column."""
-        while not self.closed and int(np.ceil(self.lattice.end / self._strip.px_m)) <= complete:
+    def advance(self, complete: int, final: bool = False) -> None:
+        """Read the cells whose tiles lie before a column, all there are if no more will come."""
+        while not self.closed:
+            due = self.lattice.end if final else self._due
+            if int(np.ceil(due / self._strip.px_m)) > complete:
+                break
+            self._seen_to = max(self._seen_to, due)
             self._read_next()
         if self.accepted and self._pending and not self.closed and not self._unusual:
             self._look_ahead()
@@ -220,9 +244,39 @@ class LineReader:
             )
             self.lattice = self.lattice.shifted(0.0, -self.lattice.dot_down)
 
+    def _column_leads(self) -> dict[int, float]:
+        """How much better the dots lie on columns a dot's pitch back (-1) and on (1), in dots.
+
+        Dots of one column fit either; the left one is taken then. That text is upside down and they
+        are in the right one shows when dots of two columns come: those of a cell are nearer to each
+        other than those of neighbouring cells.
+        """
+        step = self.lattice.dot_along
+        lattices = {side: self.lattice.shifted(side * step, 0.0) for side in (-1, 0, 1)}
+        dots = self._reader.spots(self._seen_to, list(lattices.values()))
+        fits = {
+            side: lattice.fitted(dots, self.spacing).column_fit(dots)
+            for side, lattice in lattices.items()
+        }
+        own = fits.pop(0)
+        return {side: fit - own for side, fit in fits.items()}
+
+    def _change_columns(self) -> bool:
+        """Restart if the dots lie better on columns beside those thought; say whether it was."""
+        leads = self._column_leads()
+        side, lead = max(leads.items(), key=lambda each: each[1])
+        if lead > _BETTER and self._restarts < _MOST_RESTARTS:
+            self._restarts += 1
+            self._begin(self._origin.shifted(side * self._origin.dot_along, 0.0))
+            return True
+        self._columns_open = lead > -_SETTLED and self._next < FIT_CELLS
+        return False
+
     def _read_next(self) -> None:
         self.lattice = self._reader.learn_shape(self.lattice)
-        if self.may_lift:
+        if self.may_be_turned:
+            if self._columns_open and self._change_columns():
+                return
             self._lift()
         kind, seen, circles = self._reader.read(self.lattice, self._next)
         if self._strip.printed and not self._next and kind is CellKind.BLANK and seen.certain:
@@ -267,11 +321,11 @@ class LineReader:
         for seen in self.cells:
             raised |= seen.mask if seen.certain else 0
         # A lattice is laid so that upper row and left column hold dots; where they turn out to
-        # hold none, something that is no dot had a part in it.
+        # hold none, something that is no dot had a part in it, or text is upside down.
         o = self._origin
         if not raised & _UPPER_ROW:
             o = o.shifted(0.0, o.dot_down)
-        elif not raised & _LEFT_COLUMN:
+        elif not raised & _LEFT_COLUMN and self._column_leads()[self._direction] > -_BETTER:
             o = o.shifted(self._direction * o.dot_along, 0.0)
         else:
             self.accepted = True
@@ -284,7 +338,7 @@ class LineReader:
 
     def _follow(self) -> None:
         """Fit the lattice to the dots up to here and step to the next cell."""
-        if self.accepted:
+        if not self._may_restart:
             self._reader.dots.forget_before(self.lattice.along - FIT_CELLS * self.lattice.cell)
         near = self._reader.placed(self.lattice.along + 2 * self.lattice.cell)
         self.lattice = self.lattice.fitted(near, self.spacing).moved(1)

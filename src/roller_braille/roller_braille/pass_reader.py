@@ -117,7 +117,7 @@ class PassReader:
         reach = min(upto, complete)
         self.reach_m = reach * self.strip.px_m
         for line in self.lines:
-            self._advance(line, reach)
+            self._advance(line, reach, final)
         self._begin_lines(reach, final)
         if final:
             for line in self.lines:
@@ -153,7 +153,7 @@ class PassReader:
         elif count >= MOST_CELLS:
             self.upside_down = False
         for line in self.lines:
-            line.may_lift = self.upside_down is not False
+            line.may_be_turned = self.upside_down is not False
 
     def _preview(self, upto: int) -> list[Preview]:
         """Lines that can't be begun yet, if it is sure that they are upright."""
@@ -182,11 +182,11 @@ class PassReader:
                 line.take(dots.where(line.holds(dots)))
         self._loose[kind] = self._loose[kind].joined(dots)
 
-    def _advance(self, line: LineReader, complete: int) -> None:
+    def _advance(self, line: LineReader, complete: int, final: bool) -> None:
         """Read a line on and forget the dots that are its own, or nobody's."""
         if line.closed:
             return
-        line.advance(complete)
+        line.advance(complete, final)
         if line.accepted:
             self._typical = line.typical
             self._line_finder.turn, self._line_finder.spacing = line.lattice.angle, line.spacing
@@ -226,7 +226,7 @@ class PassReader:
                 # It has the dots of the window; these come after.
                 loose = free[line.kind]
                 line.take(loose.where(line.holds(loose) & (loose.along >= end)))
-                self._advance(line, upto)
+                self._advance(line, upto, final)
                 if line.accepted or not line.closed:
                     continue
                 self.lines.remove(line)
