@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,10 @@ _TOLERANCE, _SCALES = 0.04, 7
 FAINT = 0.25
 _STRONG = 3
 _STEP_M = 0.0001
+#: Lines are no nearer to each other than this, in line pitches.
+LEAST_LINE_PITCH = 0.8
+#: Fewer dots beside the rows of a line are taken for none of another.
+_LEAST_REST = 2
 #: Where dots fit several rows or columns alike, the upper row and the left column are taken.
 _PREFERENCE = 0.06
 #: And how much the largest error of the pitches counts against them.
@@ -232,13 +237,25 @@ def find_lattice(
     dots = dots.where(no_dust(dots.votes))
     weight = np.minimum(dots.votes, 2 * np.median(dots.votes))
     scales = np.linspace(1 - _TOLERANCE, 1 + _TOLERANCE, _SCALES)
-    width = REACH * spacing.dot_pitch_m
+    width, apart = REACH * spacing.dot_pitch_m, LEAST_LINE_PITCH * spacing.line_pitch_m
     pitches = spacing.cell_pitch_m, spacing.dot_pitch_m, spacing.dot_pitch_m
     axes = Lattice(float(dots.along[0]), float(dots.down[0]), *pitches, angle)
     own_along, own_down = axes.own(dots)
-    down, pitch_down, near = _find_rows(own_down, weight, spacing.dot_pitch_m * scales, width)
-    if not (near & (dots.along <= begins_m)).any():
-        return None
+    others: list[float] = []
+    while True:
+        found = _find_rows(own_down, weight, spacing.dot_pitch_m * scales, width, others, apart)
+        down, pitch_down, near = found
+        if (near & (dots.along <= begins_m)).any():
+            break
+        # Rows of another line, which begins later: dots of this one lie outside its band, and its
+        # rows as far off as those of two lines are.
+        half = (spacing.line_pitch_m - 2 * spacing.dot_pitch_m) / 2
+        rest = np.abs(own_down - down - pitch_down) > pitch_down + half
+        if int(rest.sum()) < _LEAST_REST or not (rest & (dots.along <= begins_m)).any():
+            return None
+        dots, weight = dots.where(rest), weight[rest]
+        own_along, own_down = own_along[rest], own_down[rest]
+        others.append(down)
     along, cell = _find_cells(
         own_along[near], weight[near], spacing, scales, width, 0 if left_first else 1
     )
@@ -279,14 +296,24 @@ def find_turn(dots: Dots, spacing: Spacing) -> float:
 
 
 def _find_rows(
-    down: F64, weight: F64, pitches: F64, width: float
+    down: F64,
+    weight: F64,
+    pitches: F64,
+    width: float,
+    others: Sequence[float] = (),
+    apart: float = 0.0,
 ) -> tuple[float, float, npt.NDArray[np.bool_]]:
-    """Top row and pitch of three rows that hold the most weight, and the dots on them."""
+    """Top row and pitch of three rows that hold the most weight, and the dots on them.
+
+    None within a distance of the top rows of other lines, as far as dots reach beyond it.
+    """
     top = np.arange(down.min() - 2 * pitches.max(), down.max() + _STEP_M, _STEP_M)
     total = np.zeros((len(top), len(pitches)))
     # Straighter pitches and upper rows win where the dots leave it open.
     shares = 1 - _PREFERENCE * np.arange(3)
     kernels._score_rows(down, weight, top, _STEP_M, pitches, width, shares, total)
+    for other in others:
+        total[np.abs(top - other) < apart] = 0.0
     k, s = np.unravel_index(int(np.argmax(total * _even(len(pitches)))), total.shape)
     rows = top[k] + pitches[s] * np.arange(3)
     near = np.abs(rows[:, None] - down).min(axis=0) < 2 * width

@@ -10,7 +10,7 @@ from .cell_reader import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS
 from .dot_shape import alike
 from .dots import Dots
 from .kinds import Kind
-from .lattice import Lattice, find_lattice, find_turn, no_dust
+from .lattice import LEAST_LINE_PITCH, Lattice, find_lattice, find_turn, no_dust
 from .lines import LineReader
 from .reader_settings import BrailleSettings, Spacing
 from .recognise import Recogniser
@@ -132,6 +132,7 @@ class LineFinder:
         line = LineReader(
             self._strip, self._recogniser, lattice, spacing, kind, self._direction, self.view
         )
+        line.may_be_lower = not self._followed(lattice, solid, spacing)
         first = solid.where(line.holds(solid) & (lattice.assign(solid)[1][:, 0] < _FIRST_CELLS))
         if lattice.fit_of(first) < _IN_PLACE * len(first):
             return 0.0, None
@@ -142,6 +143,13 @@ class LineFinder:
         # What lies beside dots, such as their shadows, explains as much but lies beside nodes.
         own = solid.where(line.holds(solid))
         return explained * lattice.fit_of(own) / max(len(own), 1), line
+
+    def _followed(self, lattice: Lattice, dots: Dots, spacing: Spacing) -> bool:
+        """Whether a line's rows can lie no lower, for those of the line below would be too near."""
+        _, down = lattice.own(dots)
+        begin = (spacing.line_pitch_m + 2 * spacing.dot_pitch_m) / 2
+        end = LEAST_LINE_PITCH * spacing.line_pitch_m + lattice.dot_down
+        return bool(((down > begin) & (down < end)).any())
 
     def _whole(self, lattice: Lattice, rows: np.ndarray) -> bool:
         """Whether no row of the line can lie outside the view."""

@@ -76,6 +76,8 @@ class LineReader:
         #: Whether its lattice may yet turn out to lie a row too low or a column too far, as under
         #: text upside down.
         self.may_be_turned = True
+        #: Whether its rows may yet turn out to lie lower.
+        self.may_be_lower = True
         # Whether the dots leave it open on which columns they lie, and the place up to which all
         # were seen.
         self._columns_open, self._seen_to = True, -np.inf
@@ -323,7 +325,7 @@ class LineReader:
         # A lattice is laid so that upper row and left column hold dots; where they turn out to
         # hold none, something that is no dot had a part in it, or text is upside down.
         o = self._origin
-        if not raised & _UPPER_ROW:
+        if not raised & _UPPER_ROW and self.may_be_lower:
             o = o.shifted(0.0, o.dot_down)
         elif not raised & _LEFT_COLUMN and self._column_leads()[self._direction] > -_BETTER:
             o = o.shifted(self._direction * o.dot_along, 0.0)

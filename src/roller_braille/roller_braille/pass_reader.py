@@ -11,7 +11,7 @@ from .cell_reader import LOOKAHEAD_CELLS
 from .contrast import MappedBatch, TravelScale
 from .dots import DotFinder, Dots
 from .kinds import Kind
-from .lattice import FAINT, dust
+from .lattice import FAINT, LEAST_LINE_PITCH, dust
 from .line_finder import LineFinder
 from .lines import LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds
@@ -25,8 +25,6 @@ from .warp import F32, F64, Warp
 _STRONGER = 3.0
 #: Cells of travel, and seconds, after which lines are read on.
 _STEP, _STEP_S = 0.25, 0.012
-#: Lines are no nearer to each other than this, in line pitches.
-_LEAST_LINE_PITCH = 0.8
 #: Share of what two dots ahead have below which a spot is dust in any case. Tuned on the virtual
 #: cell.
 _DUST = 0.02
@@ -138,7 +136,7 @@ class PassReader:
 
     def room_above(self, line: LineReader) -> bool:
         """Whether the view could hold another line above one."""
-        top = line.top_at(line.start) - _LEAST_LINE_PITCH * self._settings.spacing.line_pitch_m
+        top = line.top_at(line.start) - LEAST_LINE_PITCH * self._settings.spacing.line_pitch_m
         return top >= -self._warp.half_height_m
 
     def _judge_orientation(self, sure: float) -> None:
@@ -173,7 +171,7 @@ class PassReader:
     def _near(self, one: LineReader, other: LineReader) -> bool:
         """Whether only one of two lines can be one."""
         away = one.top_at(one.start) - other.top_at(one.start)
-        return abs(away) < _LEAST_LINE_PITCH * self._settings.spacing.line_pitch_m
+        return abs(away) < LEAST_LINE_PITCH * self._settings.spacing.line_pitch_m
 
     def _share(self, dots: Dots, kind: Kind) -> None:
         """Give dots to the lines they may belong to; they stay at hand till that is known."""
