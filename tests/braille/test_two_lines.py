@@ -32,6 +32,7 @@ def two_lines(upper: str, lower: str) -> Plate:
     ("upper", "lower"),
     [
         ("- Ivvf S lhft", "Atfym w hwvyds"),
+        ("- Upper", "lower"),
         ("Above", "- below"),
         ("the upper one", "A lower one"),
     ],
@@ -52,3 +53,11 @@ def test_rows_of_a_line_that_begins_first_are_found_beside_those_of_one_with_mor
     found = find_lattice(dots, MARBURG, left_first=True, begins_m=MARBURG.dot_pitch_m / 2)
     assert found is not None
     np.testing.assert_allclose(found.nodes(0)[0], [0.0, -7.5e-3], atol=2e-4)
+
+
+@pytest.mark.parametrize("text", ["- One thing", "- A man", "- I am"])
+@pytest.mark.parametrize("back", [False, True])
+def test_a_hyphen_and_a_capital_sign_do_not_lower_the_rows(text: str, back: bool) -> None:
+    plate = Plate().text(text)
+    track = over(plate, back=back)
+    assert read(scan(plate, track), track)[1].text() == [text]

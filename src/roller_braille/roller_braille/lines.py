@@ -325,7 +325,7 @@ class LineReader:
         # A lattice is laid so that upper row and left column hold dots; where they turn out to
         # hold none, something that is no dot had a part in it, or text is upside down.
         o = self._origin
-        if not raised & _UPPER_ROW and self.may_be_lower:
+        if not raised & _UPPER_ROW and self.may_be_lower and not self._rows_fit_ahead():
             o = o.shifted(0.0, o.dot_down)
         elif not raised & _LEFT_COLUMN and self._column_leads()[self._direction] > -_BETTER:
             o = o.shifted(self._direction * o.dot_along, 0.0)
@@ -337,6 +337,16 @@ class LineReader:
             return False
         self._begin(o)
         return True
+
+    def _rows_fit_ahead(self) -> bool:
+        """Whether dots of cells to come fit the lattice better than one a row lower.
+
+        A hyphen and a capital sign have dots in the lowest row alone.
+        """
+        lower = self.lattice.shifted(0.0, self.lattice.dot_down)
+        dots = self._reader.spots(np.inf, [self.lattice])
+        ahead = dots.where(dots.along >= self.lattice.begin)
+        return self.lattice.fit_of(ahead) > lower.fit_of(ahead) + _BETTER
 
     def _follow(self) -> None:
         """Fit the lattice to the dots up to here and step to the next cell."""
