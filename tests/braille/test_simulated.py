@@ -99,6 +99,14 @@ def test_text_is_read_under_a_printed_coating_of_coarse_grain(scans: Scans) -> N
     assert [c.mask for c in cells] == [m.mask for m in truth.marks]
 
 
+def test_a_printed_line_upside_down_that_ends_in_one_column_is_read(scans: Scans) -> None:
+    """Of `ball` only right columns are seen; spots of the coating lie off these as well."""
+    scene, light = {"turn_deg": 180.0}, {"speckle": 0.08}
+    cells, pipeline, _ = read_plate(scans, "dog ball", scene=scene, light=light, camera=FINE)
+    assert pipeline.text() == ["dog ball"]
+    assert all(cell.readable for cell in cells)
+
+
 @pytest.mark.parametrize("speckle", [0.05, 0.08])
 @pytest.mark.parametrize("lands_mm", [0.0, 10.0])
 def test_where_the_skin_does_not_touch_a_coating_does_not_show(
