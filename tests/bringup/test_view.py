@@ -228,7 +228,10 @@ def test_pages_of_elsewhere_reach_nothing():
     with serving(Scene("x")) as server:
         assert server.token == ""
         assert get(server, "/api/text", Host=f"evil.example:{server.port}")[0] == 421
-        assert get(server, "/api/text", Host=f"localhost:{server.port}")[0] == 200
+        for host in ("localhost", "LOCALHOST", "127.0.0.1", "[::1]"):
+            assert get(server, "/api/text", Host=f"{host}:{server.port}")[0] == 200, host
+        for host in ("[::1", "", "evil.example:x", "evil.example:999999", "127.0.0.1@evil.example"):
+            assert get(server, "/api/text", Host=host)[0] == 421, host
 
 
 def test_an_address_that_is_taken_is_one_line():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import secrets
 import socket
 import time
@@ -53,6 +54,8 @@ _FILE_POLICY = (
     "sandbox allow-scripts; default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline'"
 )
+#: What a browser asks for: a name or an address, and perhaps a port.
+_HOST = re.compile(r"(?:\[([^\[\]@]+)\]|([^:\[\]@]+))(?::\d{1,5})?")
 _INLINE = frozenset({".html", ".png", ".txt", ".json", ".csv", ".pdf"})
 
 
@@ -132,7 +135,7 @@ class PageServer:
             given = request.query_params.get("token") or request.cookies.get(_COOKIE, "")
             if not secrets.compare_digest(given.encode(), self.token.encode()):
                 return PlainTextResponse("open the address that `roller view` printed", 401)
-        elif (request.url.hostname or "") not in self._hosts:
+        elif _asked_host(request) not in self._hosts:
             # A page of elsewhere that had its own name point here.
             return PlainTextResponse("this address isn't served", 421)
         return None
@@ -236,6 +239,13 @@ class _Server(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._viewers.close()
         await super().shutdown(sockets)
+
+
+def _asked_host(request: Request) -> str:
+    """Name or address that was asked for; empty if it is neither."""
+    # `request.url` puts the server's own address in place of what it can't read.
+    found = _HOST.fullmatch(request.headers.get("host", ""))
+    return (found[1] or found[2]).lower() if found else ""
 
 
 def _binary(data: bytes) -> Response:
