@@ -6,6 +6,7 @@ import json
 import socket
 import struct
 import tracemalloc
+from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -19,7 +20,7 @@ from roller_bringup.view.findings import listed
 from roller_bringup.view.grid import MEASURED, UNMEASURED, Grid
 from roller_bringup.view.result import ResultError, read_result
 from roller_bringup.view.scene import Scene
-from roller_bringup.view.server import AddressError, PageServer, _is_loopback
+from roller_bringup.view.server import _MOST_CONNECTIONS, AddressError, PageServer, _is_loopback
 from roller_bringup.view.tiles import TILE
 from roller_bringup.view.viewers import QUEUE, Viewer
 from roller_core import outputs
@@ -232,6 +233,21 @@ def test_pages_of_elsewhere_reach_nothing():
             assert get(server, "/api/text", Host=f"{host}:{server.port}")[0] == 200, host
         for host in ("[::1", "", "evil.example:x", "evil.example:999999", "127.0.0.1@evil.example"):
             assert get(server, "/api/text", Host=host)[0] == 421, host
+
+
+@pytest.mark.parametrize("before", [b"", b"GET /api/text HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+def test_connections_that_ask_for_nothing_are_closed(monkeypatch, before):
+    monkeypatch.setattr("roller_bringup.view.server._REQUEST_S", 0.5)
+    with serving(Scene("x")) as server, ExitStack() as stack:
+        for _ in range(_MOST_CONNECTIONS):
+            half = socket.create_connection(("127.0.0.1", server.port), 20)
+            stack.enter_context(half)
+            half.sendall(before + b"GET /api/text HTTP/1.1\r\n")
+        wait_until(lambda: get(server, "/api/text")[0] == 200)
+        stream = frames(server)  # one that listens stays
+        for _ in range(3):
+            next(stream)
+        assert get(server, "/api/text")[0] == 200
 
 
 def test_an_address_that_is_taken_is_one_line():

@@ -29,6 +29,7 @@ from starlette.responses import (
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from roller_core.errors import RollerError
 
@@ -44,6 +45,8 @@ _HEARTBEAT_S = 2.0
 _COOKIE = "roller_view"
 #: Connections at most, of all browsers.
 _MOST_CONNECTIONS = 64
+#: A connection that brings no whole request for so long is closed, s.
+_REQUEST_S = 5.0
 #: Everything is from here; what a result says never becomes code.
 _PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -112,6 +115,7 @@ class PageServer:
             self.viewers,
             uvicorn.Config(
                 self.app,
+                http=_Protocol,
                 log_level="error",
                 access_log=False,
                 ws="none",
@@ -227,6 +231,43 @@ class PageServer:
                 self.viewers.offer(data)
                 before, sent_s = data, now_s
             seen = len(self.viewers)
+
+
+class _Protocol(H11Protocol):
+    """Closes connections that bring no request: they count against the limit of everybody."""
+
+    _waiting: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        if self._waiting is not None:
+            self._waiting.cancel()
+            self._waiting = None
+
+    def _watch(self) -> None:
+        """Give it time for a request, counted from when none was under way."""
+        if self._answering():
+            if self._waiting is not None:
+                self._waiting.cancel()
+                self._waiting = None
+        elif self._waiting is None and not self.transport.is_closing():
+            self._waiting = self.loop.call_later(_REQUEST_S, self._give_up)
+
+    def _answering(self) -> bool:
+        return self.cycle is not None and not self.cycle.response_complete
+
+    def _give_up(self) -> None:
+        self._waiting = None
+        if not self._answering():
+            self.transport.abort()
 
 
 class _Server(uvicorn.Server):
