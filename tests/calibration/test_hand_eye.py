@@ -65,6 +65,20 @@ def test_a_wrong_pitch_is_told_by_the_robots_way(scale: float, says: str) -> Non
         find_hand_eye(tools, targets)
 
 
+@pytest.mark.parametrize("scale", [1.0, 1.1])
+def test_turns_about_one_point_leave_the_pitch_open(scale: float) -> None:
+    """As a robot that turns about its tool centre point: a wrong pitch fits as well."""
+    tools, targets = pairs(12, np.ones(3))
+    point = tools[0] @ np.array([0.0, 0.0, 0.2, 1.0])
+    for k, tool in enumerate(tools):
+        target = tool @ HAND_EYE @ targets[k]
+        tool[:3, 3] += (point - tool @ np.array([0.0, 0.0, 0.2, 1.0]))[:3]
+        targets[k] = inverse_pose(tool @ HAND_EYE) @ target
+        targets[k][:3, 3] *= scale
+    with pytest.raises(HandEyeError, match="nearly about one point"):
+        find_hand_eye(tools, targets)
+
+
 @pytest.mark.parametrize(
     ("given", "says"),
     [

@@ -20,6 +20,9 @@ MOST_RESIDUAL_M, MOST_RESIDUAL_DEG = 2e-3, 1.0
 #: Share by which the target's distances may be off where that makes most of the residuals, and what
 #: is left of their squares then.
 _MOST_SCALE, _LEFT = 0.01, 0.5
+#: Standard deviation of that share above which a wrong pitch would not show; and what the pairs are
+#: taken to be off by at least, metres.
+_MOST_SCALE_DEVIATION, _LEAST_NOISE_M = 0.02, 2e-5
 #: A degree counts as much as this length, metres: what it moves a surface 45 mm away.
 _M_PER_RAD = 0.045
 
@@ -39,6 +42,8 @@ class HandEye:
     #: How far each pair puts the target off its place. Shape (n,).
     residuals_m: F64
     residuals_deg: F64
+    #: Standard deviation of the scale of the target's distances, had it to be found too.
+    scale_deviation: float
 
     @property
     def rms_m(self) -> float:
@@ -67,8 +72,8 @@ def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
     Raises
     ------
     HandEyeError
-        If there are too few pairs, the tool turns about one axis alone, or the pairs don't agree,
-        in their places or in their scale.
+        If there are too few pairs, the tool turns about one axis or one point alone, or the pairs
+        don't agree, in their places or in their scale.
     """
     if len(tools) < LEAST_PAIRS:
         raise HandEyeError(f"{len(tools)} pairs of poses; {LEAST_PAIRS} are needed, 10 are better")
@@ -98,11 +103,13 @@ def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
 
     change = least_squares(residuals, np.zeros(12), x_scale="jac").x
     rest = residuals(change).reshape(2, -1, 3)
+    scaled = least_squares(residuals, np.append(change, 0.0), x_scale="jac")
     found = HandEye(
         _moved(start, change[:6]),
         _moved(target, change[6:]),
         np.linalg.norm(rest[0], axis=1),
         np.degrees(np.linalg.norm(rest[1], axis=1) / _M_PER_RAD),
+        _scale_deviation(scaled.jac, scaled.cost),
     )
     if found.rms_m > MOST_RESIDUAL_M or found.rms_deg > MOST_RESIDUAL_DEG:
         worst = int(np.argmax(found.residuals_m))
@@ -111,13 +118,28 @@ def find_hand_eye(tools: Sequence[F64], targets: Sequence[F64]) -> HandEye:
             f"{found.rms_deg:.2f}° (pair {worst + 1} most); are both poses of the same moment, "
             "tool in base and target in camera, and is the pitch of a grid right?"
         )
-    scaled = least_squares(residuals, np.append(change, 0.0), x_scale="jac")
+    if found.scale_deviation > _MOST_SCALE_DEVIATION:
+        raise HandEyeError(
+            "the tool turns nearly about one point: a wrong pitch of the grid or focal length "
+            "would put the camera elsewhere and not show; between the poses move the tool too, "
+            "nearer and farther and to the side, by 20 mm and more"
+        )
     if abs(off := scaled.x[12]) > _MOST_SCALE and 2 * scaled.cost < _LEFT * np.sum(rest**2):
         raise HandEyeError(
             f"the target's distances are {abs(off):.1%} too {'short' if off > 0 else 'long'} for "
             "the robot's way: are the pitch of the grid and the camera's focal length right?"
         )
     return found
+
+
+def _scale_deviation(jacobian: F64, cost: float) -> float:
+    """Standard deviation of the scale of the target's distances, the last of the unknowns."""
+    rows, unknowns = jacobian.shape
+    own, others = jacobian[:, -1], jacobian[:, :-1]
+    # What the others can't take over of what the scale does.
+    alone = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
+    noise = max(np.sqrt(2 * cost / (rows - unknowns)), _LEAST_NOISE_M)
+    return float(noise / max(np.linalg.norm(alone), 1e-12))
 
 
 def _moved(pose: F64, change: F64) -> F64:

@@ -110,10 +110,16 @@ def _from_pairs(
         f"rms, {found.residuals_m.max() * 1e3:.3f} mm (pair {worst}) "
         f"and {found.residuals_deg.max():.3f}° at most"
     )
-    record = calibration_record(
-        "", [source], camera, rms_m=found.rms_m, rms_deg=found.rms_deg, pairs=len(tools)
+    scale = (
+        "the robot's way shows the scale of the target's distances within "
+        f"{found.scale_deviation:.2%} (one standard deviation)"
     )
-    return _finish(args, [_place(found.pose), residuals], found.pose, record)
+    record = calibration_record(
+        "", [source], camera,
+        rms_m=found.rms_m, rms_deg=found.rms_deg, scale_deviation=found.scale_deviation,
+        pairs=len(tools),
+    )  # fmt: skip
+    return _finish(args, [_place(found.pose), residuals, scale], found.pose, record)
 
 
 def _from_scan(args: argparse.Namespace) -> int:
