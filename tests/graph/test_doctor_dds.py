@@ -48,6 +48,28 @@ def test_without_it_messages_are_lost(domain, tmp_path):
     assert result.level != "OK"
 
 
+@pytest.mark.parametrize(
+    ("environment", "faults"),
+    [
+        ({"ROS_DOMAIN_ID": "abc"}, {"DDS messages": "ROS_DOMAIN_ID"}),
+        ({"ROS_DOMAIN_ID": "500"}, {"DDS messages": "domainId"}),
+        ({"RMW_IMPLEMENTATION": "rmw_none"}, {"ROS 2": "rmw_none", "DDS messages": "rmw_none"}),
+    ],
+)
+def test_what_ends_nodes_does_not_end_the_doctor(environment, faults):
+    done = subprocess.run(
+        [sys.executable, "-m", "roller_bringup.cli", "doctor", "--json"],
+        env=os.environ | environment, capture_output=True, text=True, timeout=90,
+    )  # fmt: skip
+    results = json.loads(done.stdout)["checks"]
+    found = {r["name"]: r["found"] for r in results if r["level"] == "fault"}
+    assert done.returncode == 1
+    assert {"clock", "disk"} <= {r["name"] for r in results}
+    assert found.keys() >= faults.keys()
+    for name, says in faults.items():
+        assert says in found[name]
+
+
 def test_exchange_by_what_came():
     everything = dds.Exchange(dds.MESSAGES, dds.MESSAGES, 2.0)
     assert dds.judge_exchange(everything).level == "OK"

@@ -15,9 +15,12 @@ import numpy as np
 
 from .dds_peer import LARGE, MESSAGES, SMALL
 from .result import Result, fault, ok, warning
+from .ros import IMPORT, fault_apart
 
 PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
 _TIMEOUT_S = 20.0
+#: Starts a node.
+_START = "import rclpy; rclpy.init(); rclpy.create_node('doctor').destroy_node(); rclpy.shutdown()"
 #: Each participant takes 34 MB of shared memory (config/fastdds.xml); a graph has up to ten.
 _SHARED_MEMORY = 400e6
 
@@ -126,6 +129,9 @@ def exchange_messages(default_profile: Path | None = None) -> Exchange:
 
 
 def _exchange() -> Exchange:
+    # Where not even its import ends well, it would take this process along.
+    if found := fault_apart(IMPORT):
+        return Exchange(fault=f"rclpy can't be used ({found})")
     try:
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
@@ -134,15 +140,21 @@ def _exchange() -> Exchange:
 
         from roller_ros import qos
         from roller_ros.refusals import init_ros
-        from roller_ros.shared_memory import SharedMemoryError
+        from roller_ros.shared_memory import SharedMemoryError, check_shared_memory
     except Exception as error:  # a broken installation fails in many ways
         return Exchange(fault=f"rclpy can't be used ({error})")
-    topic = f"/roller/doctor_{os.getpid()}"
-    context = Context()
     try:
-        init_ros(context=context)
+        check_shared_memory()
     except SharedMemoryError as error:
         return Exchange(fault=str(error), remedy="remove what it names, and nothing else")
+    if found := fault_apart(_START):
+        return Exchange(
+            fault=f"a node can't be started ({found})",
+            remedy="see ROS 2, above; ROS_DOMAIN_ID is a number from 0 to 232",
+        )
+    topic = f"/roller/doctor_{os.getpid()}"
+    context = Context()
+    init_ros(context=context)
     node = Node(f"doctor_{os.getpid()}", context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
+import subprocess
+import sys
 from dataclasses import dataclass
 from importlib import metadata
 
@@ -16,6 +18,9 @@ MESSAGES = (
 )  # fmt: skip
 KNOWN_DISTRIBUTIONS = ("jazzy", "kilted")
 _FAST_DDS = "rmw_fastrtps_cpp"
+_TIMEOUT_S = 60.0
+#: Imports rclpy with its middleware.
+IMPORT = "import rclpy; rclpy.get_rmw_implementation_identifier()"
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,24 @@ class RosFacts:
     missing: tuple[str, ...] = ()
 
 
+def fault_apart(code: str) -> str:
+    """Why Python code fails in a process of its own; empty: it doesn't.
+
+    A middleware that isn't there, or a domain that can't be, ends the process that asks for it.
+    """
+    try:
+        found = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, timeout=_TIMEOUT_S
+        )
+    except subprocess.TimeoutExpired:
+        return f"no answer within {_TIMEOUT_S:.0f} s"
+    if not found.returncode:
+        return ""
+    said = [line for line in found.stderr.splitlines() if line.strip()]
+    # The place in the source of ROS that may follow says nothing to its user.
+    return said[-1].split(", at /")[0] if said else f"it ends with {found.returncode}"
+
+
 def find_ros() -> RosFacts:
     """Look at rclpy, its middleware and the messages."""
     distribution = os.environ.get("ROS_DISTRO", "")
@@ -41,6 +64,8 @@ def find_ros() -> RosFacts:
         wheels = metadata.version("ros-kilted-rclpy")
     except metadata.PackageNotFoundError:
         wheels = ""
+    if found := fault_apart(IMPORT):
+        return RosFacts(distribution, wheels, fault=found)
     try:
         import rclpy
 
@@ -63,7 +88,8 @@ def judge_ros(facts: RosFacts) -> Result:
         return fault(
             name,
             f"rclpy can't be imported ({facts.fault})",
-            "source a ROS 2 distribution or leave it, then run `make setup` again",
+            "source a ROS 2 distribution or leave it, then run `make setup` again; where "
+            f"RMW_IMPLEMENTATION is set, take {_FAST_DDS}",
         )
     source = f"wheels (Kilted, rclpy {facts.wheels})" if facts.wheels else facts.distribution
     found = f"{source or 'a distribution that is not named'}, {facts.rmw}"
