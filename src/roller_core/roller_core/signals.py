@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -26,24 +27,44 @@ class Terminated(KeyboardInterrupt):
         self.number = number
 
 
+#: Functions that LLVM calls in the middle of compiling; and when a signal is sent again, s.
+_LLVM_CALLS, _AGAIN_S = "_raw_object_cache", 0.05
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`, of other signals than SIGINT `Terminated`; handler of a signal.
+
+    A kernel compiles in C, so the handler mostly runs in what LLVM calls at its end. Raised there
+    it would be lost, or take away what was compiled, which reads as a fault: it waits a moment.
+    """
+    while frame is not None:
+        if frame.f_code.co_name.startswith(_LLVM_CALLS):
+            again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
+            again.daemon = True
+            again.start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt if number == signal.SIGINT else Terminated(number)
+
+
 @contextmanager
 def terminate_in_order() -> Iterator[None]:
     """Have SIGTERM and SIGHUP raise `Terminated`, where they would end the process at once.
 
-    Whatever started processes of its own can then stop them. Signals that are ignored, as under
-    nohup, stay so; on other threads than the main one nothing changes.
+    Whatever started processes of its own can then stop them; SIGINT raises as it does, but see
+    `interrupt`. Signals that are ignored, as under nohup, stay so; on other threads than the main
+    one nothing changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
-    def end(number: int, _frame: FrameType | None) -> None:
-        raise Terminated(number)
-
-    wanted = (signal.SIGTERM, signal.SIGHUP)
-    before = {s: signal.getsignal(s) for s in wanted if signal.getsignal(s) == signal.SIG_DFL}
+    usual = {signal.SIGINT: signal.default_int_handler}
+    wanted = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {s: signal.getsignal(s) for s in wanted}
+    before = {s: h for s, h in before.items() if h == usual.get(s, signal.SIG_DFL)}
     for number in before:
-        signal.signal(number, end)
+        signal.signal(number, interrupt)
     try:
         yield
     finally:

@@ -16,6 +16,7 @@ from rclpy.executors import ExternalShutdownException
 from roller_core.errors import RollerError
 from roller_core.last_resort import ends_within
 from roller_core.memory import keep_freed_memory
+from roller_core.signals import interrupt
 
 from .node import LEAVES_WITHIN_S, RollerNode
 from .refusals import init_ros, refused_name
@@ -40,7 +41,7 @@ def run_node(make: Callable[[], RollerNode]) -> int:
     code = 0
     try:
         for number in _SIGNALS:
-            signal.signal(number, signal.default_int_handler)  # starting may take long
+            signal.signal(number, interrupt)  # starting may take long
         keep_freed_memory()
         init_ros()
         node = make()
