@@ -255,6 +255,19 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
         steps_gauges(SCAN, SETTINGS, STEP_M)
 
 
+def test_a_size_that_is_a_tenth_off_is_pointed_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As drift may do it, it isn't refused; but a wrong size makes a wrong correction."""
+    rng = np.random.default_rng(3)
+    steps, ball = made_up_steps(rng, drift=0.0), made_up_sphere(rng, drift=0.0)
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[steps]])
+    assert "--step-mm" not in steps_gauges(SCAN, SETTINGS, STEP_M)[0].text
+    text = steps_gauges(SCAN, SETTINGS, 0.9 * STEP_M)[0].text
+    assert "(+11% against the 0.18 mm given; is --step-mm right?)" in text
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[ball]])
+    assert "--radius-mm" not in sphere_gauges(SCAN, SETTINGS, RADIUS_M)[0].text
+    assert "is --radius-mm right?" in sphere_gauges(SCAN, SETTINGS, 0.9 * RADIUS_M)[0].text
+
+
 def test_of_several_recordings_one_whose_size_drift_hides_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -26,6 +26,19 @@ LEAST_LINES = 100
 OTHER_SIZE = 0.3
 
 
+#: From this share on it is pointed out.
+_ODD_SIZE = 0.05
+
+
+def size_text(fitted_m: float, given_m: float, option: str) -> str:
+    """Size of a gauge as found, with what was given where the two are apart."""
+    off = fitted_m / given_m - 1
+    text = f"{fitted_m * 1e3:.3f} mm"
+    if abs(off) > _ODD_SIZE:
+        text += f" ({off:+.0%} against the {given_m * 1e3:g} mm given; is {option} right?)"
+    return text
+
+
 class OtherGaugeError(EdgeDriftError):
     """A gauge whose size is so far off the stated one that drift doesn't explain it."""
 

@@ -11,7 +11,15 @@ import numpy as np
 from roller_emvs.methods.surface import SurfaceSettings
 
 from .constant_speed import rolling_speed_m_s
-from .gauge import LEAST_LINES, OTHER_SIZE, Gauge, OtherGaugeError, of_lines_or_depths, take
+from .gauge import (
+    LEAST_LINES,
+    OTHER_SIZE,
+    Gauge,
+    OtherGaugeError,
+    of_lines_or_depths,
+    size_text,
+    take,
+)
 from .pass_lines import EdgeDriftError, PassLines
 from .recordings import Scan
 from .sphere import OtherRadiusError, Sphere, SphereError, find_sphere
@@ -65,7 +73,8 @@ def _on_sphere(name: str, found: PassLines, sphere: Sphere, middle_m: float) -> 
     # Steep and stray lines are of the sphere's foot.
     near = np.abs(error - np.median(error)) < max(0.1 * radius_m, 4e-4)
     text = (
-        f"sphere of {sphere.fitted_radius_m * 1e3:.2f} mm, {int(near.sum())} {found.kind} within "
+        f"sphere of {size_text(sphere.fitted_radius_m, radius_m, '--radius-mm')}, "
+        f"{int(near.sum())} {found.kind} within "
         f"{sphere.contact_radius_m * 1e3:.2f} mm of its top"
     )
     spread = np.array([middle_m, 1e-3, 1e-3])

@@ -8,7 +8,15 @@ import numpy.typing as npt
 from roller_core.transforms import F64
 from roller_emvs.methods.surface import SurfaceSettings
 
-from .gauge import LEAST_LINES, OTHER_SIZE, Gauge, OtherGaugeError, of_lines_or_depths, take
+from .gauge import (
+    LEAST_LINES,
+    OTHER_SIZE,
+    Gauge,
+    OtherGaugeError,
+    of_lines_or_depths,
+    size_text,
+    take,
+)
 from .pass_lines import WALL_SLOPE, EdgeDriftError, PassLines
 from .recordings import Scan
 from .step_walls import LEAST_WALLS, find_walls, parts_by_kind, rising_walls, step_height
@@ -142,7 +150,8 @@ def _on_walls(
             "or a printed skin, helps"
         )
     text = (
-        f"{count} walls of {fitted_m * 1e3:.3f} mm, {int(near.sum())} {found.kind} on them, foot "
+        f"{count} walls of {size_text(fitted_m, step_m, '--step-mm')}, "
+        f"{int(near.sum())} {found.kind} on them, foot "
         f"{foot_m * 1e6:+.0f} µm " + ("off" if stands else "away from") + " the nominal surface"
     )
     spread = np.array([_STANDS_M if stands else 1e-3, *[_ON_WALL * step_m] * 4, *[_WALL_RISE] * 4])

@@ -8,6 +8,7 @@ from typing import Any
 
 from roller_calibration.contact import ContactWindow
 from roller_calibration.error_table import ErrorSummary
+from roller_calibration.gauge import size_text
 from roller_calibration.recordings import Scan
 from roller_calibration.scale import PAPER_MM_PER_PX, check_scale
 from roller_calibration.sphere import Sphere
@@ -34,7 +35,8 @@ def describe_spheres(
             f"{scan.name}: contact circle of {sphere.contact_radius_m * 1e3:.2f} mm "
             f"({view.radius_px:.1f} px) about ({view.centre_px[0]:.0f}, {view.centre_px[1]:.0f}) "
             f"px, {count} window{'s' * (count > 1)}; the depths fit a radius of "
-            f"{sphere.fitted_radius_m * 1e3:.2f} mm and lie {sphere.scatter_m * 1e6:.0f} µm off "
+            f"{size_text(sphere.fitted_radius_m, sphere.radius_m, '--radius-mm')} and lie "
+            f"{sphere.scatter_m * 1e6:.0f} µm off "
             "the sphere at the median"
         )
         own = view.plane_m * 1e3 / scan.camera.fx
