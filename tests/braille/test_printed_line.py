@@ -17,9 +17,9 @@ from roller_core.passes import Pass
 TEXT = "dfhj"
 
 
-def read_from(cell: int) -> LineReader:
+def read_from(cell: int, text: str = TEXT, begins_after: float = -np.inf) -> LineReader:
     """A line of text under a coating with its lattice laid from a cell of it on, and read."""
-    plate = Plate().text(TEXT)
+    plate = Plate().text(text)
     track = over(plate)
     start, warp = track.positions[0], Warp(SETTINGS, CAMERA, track)
     roll = Pass(DOWN, np.asarray(start), 1)
@@ -35,6 +35,7 @@ def read_from(cell: int) -> LineReader:
     lattice = Lattice(-start[0], -pitch, SPACING.cell_pitch_m, pitch, pitch).moved(cell)
     view = (-warp.half_height_m, warp.half_height_m)
     line = LineReader(strip, Recogniser(SPACING), lattice, SPACING, Kind.OFF, 1, view)
+    line.begins_after_m = begins_after - start[0]
     line.take(dots.where(line.holds(dots)))
     line.advance(strip.exposure.seen[1])
     return line
@@ -44,6 +45,21 @@ def test_a_line_is_read_from_its_first_dot_on() -> None:
     line = read_from(cell=0)
     assert line.accepted
     assert [cell.mask for cell in line.cells] == to_masks(TEXT)
+
+
+@pytest.mark.parametrize("cell", [1, 3])
+def test_cells_before_those_that_it_was_begun_with_are_read(cell: int) -> None:
+    line = read_from(cell, text="ab dfhj quick")
+    assert line.begun
+    assert [seen.mask for seen in line.cells] == to_masks("ab dfhj quick")
+    assert [seen.number for seen in line.cells] == list(range(len(line.cells)))
+
+
+def test_what_another_line_has_is_not_read_again() -> None:
+    text = "ab dfhj quick"
+    x = 3 * SPACING.cell_pitch_m - 1e-3
+    line = read_from(cell=3, text=text, begins_after=x)
+    assert [seen.mask for seen in line.cells] == to_masks(text[3:])
 
 
 def test_a_line_whose_first_place_is_empty_is_none() -> None:

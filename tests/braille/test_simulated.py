@@ -107,6 +107,29 @@ def test_a_printed_line_upside_down_that_ends_in_one_column_is_read(scans: Scans
     assert all(cell.readable for cell in cells)
 
 
+@pytest.mark.parametrize(
+    ("text", "degrees"), [("a a fox", 0.0), ("a a quick", 0.0), ("fox a a", 180.0)]
+)
+def test_a_printed_line_that_begins_with_few_dots_is_read_from_its_first(
+    scans: Scans, text: str, degrees: float
+) -> None:
+    """Two dots begin no line; what lies before one is known once its pattern is."""
+    scene, light = {"turn_deg": degrees}, {"speckle": 0.08}
+    cells, pipeline, _ = read_plate(scans, text, scene=scene, light=light, camera=FINE)
+    assert pipeline.text() == [text]
+    assert all(cell.readable for cell in cells)
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.5])
+def test_of_a_coating_before_a_line_no_cells_are_made_up(scans: Scans, speed: float) -> None:
+    light, scene = {"speckle": 0.08}, {"margin_mm": 60.0}
+    cells, pipeline, truth = read_plate(
+        scans, "fox", speed=speed, scene=scene, light=light, camera=FINE
+    )
+    assert pipeline.text() == ["fox"]
+    assert [c.mask for c in cells] == [m.mask for m in truth.marks]
+
+
 @pytest.mark.parametrize("speckle", [0.05, 0.08])
 @pytest.mark.parametrize("lands_mm", [0.0, 10.0])
 def test_where_the_skin_does_not_touch_a_coating_does_not_show(

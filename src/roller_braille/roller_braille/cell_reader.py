@@ -226,6 +226,15 @@ class CellReader:
             reading.circles,
         )
 
+    def in_view(self, lattice: Lattice) -> bool:
+        """Whether all of cell 0 of a lattice was seen for long enough."""
+        return bool(self._in_view(lattice.nodes(0)).all())
+
+    @property
+    def shape_dots(self) -> int:
+        """Dots by which it is known what dots look like on a printed coating."""
+        return len(self._shape.dots)
+
     def _in_view(self, nodes: F64) -> npt.NDArray[np.bool_]:
         """At which nodes a dot would have been seen, all of it and for long enough, shape (6,)."""
         seen = (nodes[:, 1] >= self._view[0]) & (nodes[:, 1] <= self._view[1])

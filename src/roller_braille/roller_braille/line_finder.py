@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from .dot_shape import alike
 from .dots import Dots
 from .kinds import Kind
 from .lattice import LEAST_LINE_PITCH, Lattice, find_lattice, find_turn, no_dust
+from .line_begin import REACH_CELLS
 from .lines import LineReader
 from .reader_settings import BrailleSettings, Spacing
 from .recognise import Recogniser
@@ -21,6 +23,8 @@ _SAME_TURN = 0.03
 #: Cells of a line on trial whose dots have to lie on nodes, and how well at the mean: of spots that
 #: lie anywhere a fifth does, of a line's nine tenths, of one between other relief a third.
 _FIRST_CELLS, _IN_PLACE = 3, 0.25
+#: Lines that ended which are remembered: more than are in view together.
+_MOST_ENDED = 8
 
 
 class LineFinder:
@@ -58,6 +62,8 @@ class LineFinder:
         self.spacing: Spacing | None = None
         # Dots with which no line began, though one that begins soon after may have had them.
         self._passed_over: dict[Kind, Dots] = {}
+        # Lines that ended, and the travel up to which they have what lies in their band, metres.
+        self._ended: deque[tuple[LineReader, float]] = deque(maxlen=_MOST_ENDED)
 
     def pass_over(self, kind: Kind, dots: Dots) -> None:
         """Remember dots with which no line began by themselves."""
@@ -66,6 +72,8 @@ class LineFinder:
     def needed_from(self, along: float) -> float:
         """Travel from which on the mosaic is needed for lines that begin at a place or later."""
         cell = self._settings.spacing.cell_pitch_m
+        if self._strip.printed:
+            return along - (REACH_CELLS + 1) * cell
         begin = along - (LOOKAHEAD_CELLS + 2) * cell
         for kind, dots in self._passed_over.items():
             self._passed_over[kind] = recent = dots.where(dots.along >= begin)
@@ -77,11 +85,24 @@ class LineFinder:
         """The line from a place to another that explains its events best, of either kind."""
         found = [self._try(dots, kind, start, end) for kind, dots in free.items()]
         line = max(found, key=lambda f: f[0])[1]
-        passed_over = self._passed_over.get(line.kind) if line else None
-        # Of a printed coating's spots, there are some on any lattice.
-        if line and passed_over and not self._strip.printed:
+        if line and self._strip.printed:
+            # Of the coating's spots, there are some on any lattice: what is before is looked for
+            # when it is known what the line's dots look like.
+            line.begins_after_m = self._ended_before(line)
+        elif line and (passed_over := self._passed_over.get(line.kind)):
             line.read_back(passed_over)
         return line
+
+    def end(self, line: LineReader) -> None:
+        """A line of text ended: what lies in its band up to there is its own."""
+        self._ended.append((line, line.confirmed))
+
+    def _ended_before(self, line: LineReader) -> float:
+        """Travel up to which another line lies in the band of one, metres."""
+        near = LEAST_LINE_PITCH * self._settings.spacing.line_pitch_m
+        at = line.start
+        ends = [end for x, end in self._ended if abs(x.top_at(at) - line.top_at(at)) < near]
+        return max(ends, default=-np.inf)
 
     def _try(
         self, dots: Dots, kind: Kind, start: float, end: float

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,6 +12,7 @@ from .cells import Seen
 from .dots import Dots
 from .kinds import Kind
 from .lattice import Lattice
+from .line_begin import ENOUGH_DOTS, KNOWN_DOTS, REACH_CELLS, read_again, read_before
 from .orientation import lifted, lower_row_free
 from .reader_settings import Spacing
 from .recognise import IN_PLACE_M, Recogniser, share
@@ -81,6 +84,8 @@ class LineReader:
         # Whether the dots leave it open on which columns they lie, and the place up to which all
         # were seen.
         self._columns_open, self._seen_to = True, -np.inf
+        #: Travel before which nothing is its own, metres.
+        self.begins_after_m = -np.inf
         #: Whether it is known for a line of Braille.
         self.accepted = False
         #: Whether nothing more will be read.
@@ -96,6 +101,10 @@ class LineReader:
         self._reader.begin()
         self._unusual = 0
         self._raised = self._circles = 0
+        #: Whether it is known where the line begins, so that its cells may be given.
+        self.begun = False
+        # Dots that were known when that was last looked for.
+        self._known = KNOWN_DOTS - 1
         #: Cells read and confirmed, in travel order.
         self.cells: list[Seen] = []
 
@@ -116,6 +125,8 @@ class LineReader:
     @property
     def needed_from(self) -> float:
         """Travel from which on the mosaic is still needed, metres."""
+        if self._strip.printed and not self.begun:
+            return max(self._origin.moved(-REACH_CELLS - 1).begin, self.begins_after_m)
         return (self._origin if self._may_restart else self.lattice).begin
 
     @property
@@ -180,12 +191,14 @@ class LineReader:
                 break
             self._seen_to = max(self._seen_to, due)
             self._read_next()
+        if self.accepted and not self.begun:
+            self._find_begin(final=False)
         if self.accepted and self._pending and not self.closed and not self._unusual:
             self._look_ahead()
 
     def early(self, complete: int) -> list[Seen]:
         """Its cells before a column, if nothing that was read of it is in doubt; else none."""
-        if not self.accepted or self.closed or self._restarts or self._unusual:
+        if not self.begun or self.closed or self._restarts or self._unusual:
             return []
         if self.cells[0].number or min(min(c.dot_confidence) for c in self.cells) < _NO_DOUBT:
             return []
@@ -211,10 +224,34 @@ class LineReader:
         """Read no further."""
         if not self.accepted:
             self._judge(final=True)
+        if self.accepted and not self.begun:
+            self._find_begin(final=True)
         # A line on trial that is given up was at least none from its first cell on.
         self._confirmed = self.confirmed if self.accepted else self._origin.moved(1).begin
         self._pending = []
         self.closed = True
+
+    def _find_begin(self, final: bool) -> None:
+        """See on a printed coating which cells come before its first, and read anew what is open.
+
+        `final`: what is in doubt now remains so.
+        """
+        if self._strip.printed:
+            known = self._reader.shape_dots
+            if not final and known <= self._known:
+                return
+            self._known = known
+            first = self.lattice.moved(-self._next)
+            cells = read_again(self._reader, first, self.cells)
+            before, sure = read_before(self._reader, first, self.begins_after_m, _MOST_SPACES)
+            sure = sure and all(seen.certain for seen in cells)
+            if not (final or sure or known >= ENOUGH_DOTS):
+                return
+            n = -before[0].number if before else 0
+            self.cells = [replace(seen, number=seen.number + n) for seen in before + cells]
+            self._origin = self._origin.moved(-n)
+            self._next += n
+        self.begun = True
 
     def explained(self) -> float:
         """Share of events that its first dots hold, over as many cells as it takes to accept it."""

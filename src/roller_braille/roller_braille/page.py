@@ -137,7 +137,7 @@ class Page:
         """Begin with the lines that it is the turn of."""
         while not self._open or self._settings.line_order == "seen":
             begun = [line.reader for line in self._open]
-            ready = [x for x in reader.lines if x.accepted and x not in begun]
+            ready = [x for x in reader.lines if x.begun and x not in begun]
             if not ready:
                 return
             first = _lowest(ready) if turned else _upper(ready)
@@ -155,7 +155,7 @@ class Page:
             below = [line.top_at(line.start) - x.top_at(line.start) for x in begun]
             if not any(0 < gap < _ROOM_BETWEEN * spacing.line_pitch_m for gap in below):
                 return True
-        waiting = [x for x in reader.lines if not x.accepted]
+        waiting = [x for x in reader.lines if not x.begun]
         return any(_upper([x, line]) is x for x in waiting)
 
     def _give(

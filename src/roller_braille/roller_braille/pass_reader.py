@@ -188,6 +188,8 @@ class PassReader:
         if line.accepted:
             self._typical = line.typical
             self._line_finder.turn, self._line_finder.spacing = line.lattice.angle, line.spacing
+            if line.closed:
+                self._line_finder.end(line)
         for kind, loose in self._loose.items():
             if kind is not line.kind and line.closed and not line.accepted:
                 continue  # a line in vain of one kind leaves those of the other

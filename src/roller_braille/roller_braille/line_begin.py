@@ -1,0 +1,80 @@
+"""Where a line on a printed coating begins, and those of its cells that were left in doubt.
+
+What dots look like under a printed coating is learnt from the line itself. Its first cells are read
+when that is known from few dots, and those before them may have had too few to begin a line with.
+Once more dots are known all of them are read again: a place before the line is judged like any
+other, and an empty one shows next to nothing of the pattern.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from .cell_reader import CellKind, CellReader
+from .cells import Seen
+from .lattice import Lattice
+
+#: Cells before a line's first that are looked at: as many as a line may have.
+REACH_CELLS = 20
+#: Dots from which on the pattern is known well enough to find cells by it that began no line, and
+#: dots beyond which waiting for more doesn't help.
+KNOWN_DOTS, ENOUGH_DOTS = 6, 16
+
+
+def read_again(reader: CellReader, first: Lattice, cells: list[Seen]) -> list[Seen]:
+    """Cells of a line, those in doubt as they are read now.
+
+    Parameters
+    ----------
+    reader : CellReader
+        The line's.
+    first : Lattice
+        Its cell 0 is the line's.
+    cells : list of Seen
+        In travel order.
+    """
+    out = []
+    for seen in cells:
+        if not seen.certain:
+            kind, now, _ = reader.read(first.moved(seen.number), seen.number)
+            if now.certain and kind is not CellKind.FOREIGN:
+                seen = replace(now, stamp_ns=seen.stamp_ns)
+        out.append(seen)
+    return out
+
+
+def read_before(
+    reader: CellReader, first: Lattice, limit_m: float, most_spaces: int
+) -> tuple[list[Seen], bool]:
+    """Cells before a line's first, in travel order.
+
+    Parameters
+    ----------
+    reader, first
+        See `read_again`.
+    limit_m : float
+        Travel before which nothing is its own, metres.
+    most_spaces : int
+        More blank cells than this end a line.
+
+    Returns
+    -------
+    tuple
+        Cells from the first that shows dots on, and whether nothing that was looked at is in doubt.
+    """
+    found: list[Seen] = []
+    blank: list[Seen] = []
+    for n in range(1, REACH_CELLS + 1):
+        lattice = first.moved(-n)
+        if lattice.begin < limit_m or not reader.in_view(lattice):
+            break
+        kind, seen, _ = reader.read(lattice, -n)
+        if not seen.certain or kind is CellKind.FOREIGN:
+            return found[::-1], False
+        blank.append(seen)
+        if kind is CellKind.READ:
+            found += blank
+            blank = []
+        elif len(blank) > most_spaces:
+            break
+    return found[::-1], True
