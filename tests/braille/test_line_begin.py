@@ -30,3 +30,15 @@ def test_a_dot_before_a_line_that_lies_off_its_lattice_is_none_of_it(
 def test_half_a_dot_before_a_line_is_none_of_it() -> None:
     plate = Plate([(-3 * SPACING.cell_pitch_m, 0.0, 0.0, 3.14, 200)]).text("the quick fox")
     assert text_of(plate) == ["the quick fox"]
+
+
+@pytest.mark.parametrize("text", ["the quick fox", "and so on"])
+@pytest.mark.parametrize(("node", "off_m"), [(0, (0.0, 6e-4)), (4, (0.0, 6e-4)), (5, (-6e-4, 0.0))])
+def test_a_dot_right_before_a_line_that_lies_off_its_nodes_is_none_of_it(
+    text: str, node: int, off_m: tuple[float, float]
+) -> None:
+    """The line is looked for with it, and its lattice gives way to it."""
+    pitch = SPACING.dot_pitch_m
+    x, y = np.array([node // 3 * pitch - SPACING.cell_pitch_m, (1 - node % 3) * pitch]) + off_m
+    plate = Plate([(x, y, 0.0, 6.28, 400)]).text(text)
+    assert text_of(plate) == [text]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from .lattice import LEAST_LINE_PITCH, Lattice, find_lattice, find_turn, no_dust
 from .line_begin import REACH_CELLS
 from .lines import LineReader
 from .reader_settings import BrailleSettings, Spacing
-from .recognise import Recogniser
+from .recognise import ASTRAY_M, Recogniser
 from .strip import Strip
 
 #: Angles nearer to each other than this are one, radians.
@@ -23,6 +24,9 @@ _SAME_TURN = 0.03
 #: Cells of a line on trial whose dots have to lie on nodes, and how well at the mean: of spots that
 #: lie anywhere a fifth does, of a line's nine tenths, of one between other relief a third.
 _FIRST_CELLS, _IN_PLACE = 3, 0.25
+#: Dots beyond its first by which it is known where a line's lattice lies, and how well they lie on
+#: it at the mean.
+_TELLING_DOTS, _ON_NODES = 4, 0.8
 #: Lines that ended which are remembered: more than are in view together.
 _MOST_ENDED = 8
 
@@ -60,6 +64,8 @@ class LineFinder:
         #: Turn and spacing of the plate where a line was last read; None before.
         self.turn: float | None = None
         self.spacing: Spacing | None = None
+        #: Whether what `best` was last given begins with a spot that is no dot of the line after.
+        self.begins_stray = False
         # Dots with which no line began, though one that begins soon after may have had them.
         self._passed_over: dict[Kind, Dots] = {}
         # Lines that ended, and the travel up to which they have what lies in their band, metres.
@@ -83,6 +89,7 @@ class LineFinder:
 
     def best(self, free: dict[Kind, Dots], start: float, end: float) -> LineReader | None:
         """The line from a place to another that explains its events best, of either kind."""
+        self.begins_stray = False
         found = [self._try(dots, kind, start, end) for kind, dots in free.items()]
         line = max(found, key=lambda f: f[0])[1]
         if line and self._strip.printed:
@@ -124,6 +131,9 @@ class LineFinder:
         found = self._try_turn(dots, kind, start, first)
         if found[1] is None and abs(second - first) > _SAME_TURN:
             found = self._try_turn(dots, kind, start, second)
+        if found[1] and self._stray(found[1], dots, start + self._settings.spacing.dot_pitch_m / 2):
+            self.begins_stray = True
+            return 0.0, None
         return found
 
     def _try_turn(
@@ -164,6 +174,28 @@ class LineFinder:
         # What lies beside dots, such as their shadows, explains as much but lies beside nodes.
         own = solid.where(line.holds(solid))
         return explained * lattice.fit_of(own) / max(len(own), 1), line
+
+    def _stray(self, line: LineReader, dots: Dots, begins_m: float) -> bool:
+        """Whether of dots up to a place none lies on a node of the lattice under those after it.
+
+        Where a line's first dots lie, the others say: laid under these as well, a lattice gives way
+        to a spot that is no dot.
+        """
+        own = dots.where(line.holds(dots) & no_dust(dots.votes))
+        first, rest = own.where(own.along <= begins_m), own.where(own.along > begins_m)
+        if not len(first) or len(rest) < _TELLING_DOTS:
+            return False
+        thought = line.lattice
+        turn = find_turn(rest, line.spacing) if self.turn is None else self.turn
+        found = find_lattice(rest, line.spacing, self._direction > 0, turn)
+        if found is None or found.column_fit(rest) < _ON_NODES * len(rest):
+            return False
+        # The others may leave it open in which column they are.
+        sides = [found.shifted(k * found.dot_along, 0.0) for k in (0, -1, 1)]
+        at = thought.centre(0)[0]
+        aside = [abs(math.remainder(x.centre(0)[0] - at, x.cell)) for x in sides]
+        lattice = sides[int(np.argmin(aside))]
+        return bool(lattice.column_off(first).min() > ASTRAY_M)
 
     def _followed(self, lattice: Lattice, dots: Dots, spacing: Spacing) -> bool:
         """Whether a line's rows can lie no lower, for those of the line below would be too near."""

@@ -216,7 +216,7 @@ class PassReader:
                 continue
             end = start + ahead
             line = self._line_finder.best(free, start, end)
-            if line is None and not self.strip.printed:
+            if line is None and not (self.strip.printed or self._line_finder.begins_stray):
                 # Other relief may come soon after a short text. A printed coating's spots are
                 # told from dots by more of these than such a text has.
                 end = start + ahead / 2
