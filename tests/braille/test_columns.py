@@ -11,7 +11,7 @@ from braille.test_lattice import dots_of
 from braille.test_turned import turn
 from braille.writing import to_masks
 from roller_braille.cells import Cell
-from roller_braille.lattice import find_lattice
+from roller_braille.lattice_search import find_lattice
 
 
 def read_turned(text: str, degrees: float, back: bool, chunks: int) -> tuple[list[Cell], list[str]]:

@@ -6,7 +6,8 @@ import pytest
 from braille.synthetic import SPACING
 from braille.writing import to_masks
 from roller_braille.dots import Dots
-from roller_braille.lattice import Lattice, _find_rows, find_lattice
+from roller_braille.lattice import Lattice
+from roller_braille.lattice_search import _find_rows, find_lattice
 
 DOT, CELL = SPACING.dot_pitch_m, SPACING.cell_pitch_m
 

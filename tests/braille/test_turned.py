@@ -7,7 +7,8 @@ from braille.synthetic import SETTINGS, SPACING, Plate, over, read, roll_track, 
 from braille.writing import to_masks
 from roller_braille.cells import Cell, Seen
 from roller_braille.dots import Dots
-from roller_braille.lattice import Lattice, find_lattice, find_turn
+from roller_braille.lattice import Lattice
+from roller_braille.lattice_search import find_lattice, find_turn
 from roller_braille.orientation import log_odds, turned, upside_down
 from roller_braille.pipeline import BraillePipeline
 from roller_braille.table import LETTERS

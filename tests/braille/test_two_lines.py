@@ -10,7 +10,7 @@ import pytest
 from braille.synthetic import Plate, over, read, scan
 from braille.writing import to_masks
 from roller_braille.dots import Dots
-from roller_braille.lattice import find_lattice
+from roller_braille.lattice_search import find_lattice
 from roller_braille.reader_settings import PROFILES
 
 MARBURG = PROFILES["marburg"]

@@ -18,7 +18,7 @@ from .kinds import Kind
 from .lattice import REACH, Lattice
 from .line_dots import LineDots
 from .reader_settings import Spacing
-from .recognise import Energies, Reading, Recogniser, Reference
+from .recognise import Energies, Reading, Recogniser, Reference, share
 from .strip import Strip, image_around, net_around
 from .warp import F32, F64
 
@@ -226,6 +226,23 @@ class CellReader:
             reading.circles,
         )
 
+    def explained(self, lattice: Lattice) -> float:
+        """Share of events that the first dots hold, over as many cells as accept a line."""
+        reference = self.reference(lattice)
+        if reference is None:
+            return 0.0
+        held = total = 0.0
+        dots = 0
+        for n in range(LOOKAHEAD_CELLS + 1):
+            found = self.measure(lattice.moved(n))[3]
+            filled = found.whole > reference.trace
+            dots += int(filled.sum())
+            held += float(found.whole[filled].sum())
+            total += max(found.total, 0.0)
+            if dots >= LEAST_DOTS:
+                return share(held, total)
+        return 0.0
+
     def in_view(self, lattice: Lattice) -> bool:
         """Whether all of cell 0 of a lattice was seen for long enough."""
         return bool(self._in_view(lattice.nodes(0)).all())
@@ -261,8 +278,8 @@ class CellReader:
         """How sure it is, 0 to 1, that a cell holds no other relief: against cells before it."""
         if len(self._explained) < _FEW_CELLS:
             return 1.0
-        share = explained / float(np.median(self._explained))
-        return float(np.clip((share - _SPOILT) / (_CLEAN - _SPOILT), 0.0, 1.0))
+        usual = explained / float(np.median(self._explained))
+        return float(np.clip((usual - _SPOILT) / (_CLEAN - _SPOILT), 0.0, 1.0))
 
     def _seen(self, number: int, mask: int, confidence: F64, nodes: F64, stamp_ns: int) -> Seen:
         if self._direction < 0:

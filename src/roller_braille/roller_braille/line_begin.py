@@ -21,6 +21,30 @@ REACH_CELLS = 20
 KNOWN_DOTS, ENOUGH_DOTS = 6, 16
 
 
+def read_whole(
+    reader: CellReader, first: Lattice, cells: list[Seen], limit_m: float, most_spaces: int
+) -> tuple[list[Seen], int, bool]:
+    """A line's cells with those before its first, counted anew; those in doubt read again.
+
+    Parameters
+    ----------
+    reader, first, cells
+        See `read_again`.
+    limit_m, most_spaces
+        See `read_before`.
+
+    Returns
+    -------
+    tuple
+        The cells, how many came before, and whether none is in doubt.
+    """
+    cells = read_again(reader, first, cells)
+    before, sure = read_before(reader, first, limit_m, most_spaces)
+    n = -before[0].number if before else 0
+    numbered = [replace(seen, number=seen.number + n) for seen in before + cells]
+    return numbered, n, sure and all(seen.certain for seen in cells)
+
+
 def read_again(reader: CellReader, first: Lattice, cells: list[Seen]) -> list[Seen]:
     """Cells of a line, those in doubt as they are read now.
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .dots import Dots
-from .lattice import REACH, Lattice, no_dust
+from .lattice import REACH, Lattice
+from .lattice_search import no_dust
 from .recognise import LEAST_SHARE, Reference, certainty, completeness
 from .warp import F64
 

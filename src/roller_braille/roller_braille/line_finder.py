@@ -12,7 +12,8 @@ from .cell_reader import LEAST_DOTS, LEAST_EXPLAINED, LOOKAHEAD_CELLS
 from .dot_shape import alike
 from .dots import Dots
 from .kinds import Kind
-from .lattice import LEAST_LINE_PITCH, Lattice, find_lattice, find_turn, no_dust
+from .lattice import Lattice
+from .lattice_search import LEAST_LINE_PITCH, find_lattice, find_turn, no_dust
 from .line_begin import REACH_CELLS
 from .lines import LineReader
 from .reader_settings import BrailleSettings, Spacing

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 
@@ -12,10 +10,11 @@ from .cells import Seen
 from .dots import Dots
 from .kinds import Kind
 from .lattice import Lattice
-from .line_begin import ENOUGH_DOTS, KNOWN_DOTS, REACH_CELLS, read_again, read_before
+from .line_begin import ENOUGH_DOTS, KNOWN_DOTS, REACH_CELLS, read_whole
+from .line_shift import BETTER, column_leads, rows_fit_ahead
 from .orientation import lifted, lower_row_free
 from .reader_settings import Spacing
-from .recognise import IN_PLACE_M, Recogniser, share
+from .recognise import IN_PLACE_M, Recogniser
 from .strip import Strip
 
 #: More blank or foreign cells than this end a line.
@@ -28,9 +27,9 @@ _LIFTS = 0.5
 _MOST_RESTARTS = 3
 #: Least confidence of dots by which a line's first cells are given before the line is known.
 _NO_DOUBT = 0.6
-#: How much better dots lie on other columns than on those thought, in dots, where these are wrong;
-#: and how much worse where they are right for sure.
-_BETTER, _SETTLED = 0.5, 2.0
+#: How much worse dots lie on other columns than on those thought, in dots, where these are right
+#: for sure.
+_SETTLED = 2.0
 _UPPER_ROW, _LEFT_COLUMN = 0b001001, 0b000111
 
 
@@ -241,34 +240,17 @@ class LineReader:
             if not final and known <= self._known:
                 return
             self._known = known
-            first = self.lattice.moved(-self._next)
-            cells = read_again(self._reader, first, self.cells)
-            before, sure = read_before(self._reader, first, self.begins_after_m, _MOST_SPACES)
-            sure = sure and all(seen.certain for seen in cells)
+            first, limit_m = self.lattice.moved(-self._next), self.begins_after_m
+            cells, n, sure = read_whole(self._reader, first, self.cells, limit_m, _MOST_SPACES)
             if not (final or sure or known >= ENOUGH_DOTS):
                 return
-            n = -before[0].number if before else 0
-            self.cells = [replace(seen, number=seen.number + n) for seen in before + cells]
-            self._origin = self._origin.moved(-n)
+            self.cells, self._origin = cells, self._origin.moved(-n)
             self._next += n
         self.begun = True
 
     def explained(self) -> float:
         """Share of events that its first dots hold, over as many cells as it takes to accept it."""
-        reference = self._reader.reference(self.lattice)
-        if reference is None:
-            return 0.0
-        held = total = 0.0
-        dots = 0
-        for n in range(LOOKAHEAD_CELLS + 1):
-            found = self._reader.measure(self.lattice.moved(n))[3]
-            filled = found.whole > reference.trace
-            dots += int(filled.sum())
-            held += float(found.whole[filled].sum())
-            total += max(found.total, 0.0)
-            if dots >= LEAST_DOTS:
-                return share(held, total)
-        return 0.0
+        return self._reader.explained(self.lattice)
 
     def _lift(self) -> None:
         """Move up by a row if the next cell has a dot above it and no cell one in its lowest row.
@@ -284,27 +266,13 @@ class LineReader:
             self.lattice = self.lattice.shifted(0.0, -self.lattice.dot_down)
 
     def _column_leads(self) -> dict[int, float]:
-        """How much better the dots lie on columns a dot's pitch back (-1) and on (1), in dots.
-
-        Dots of one column fit either; the left one is taken then. That text is upside down and they
-        are in the right one shows when dots of two columns come: those of a cell are nearer to each
-        other than those of neighbouring cells.
-        """
-        step = self.lattice.dot_along
-        lattices = {side: self.lattice.shifted(side * step, 0.0) for side in (-1, 0, 1)}
-        dots = self._reader.spots(self._seen_to, list(lattices.values()))
-        fits = {
-            side: lattice.fitted(dots, self.spacing).column_fit(dots)
-            for side, lattice in lattices.items()
-        }
-        own = fits.pop(0)
-        return {side: fit - own for side, fit in fits.items()}
+        return column_leads(self._reader, self.lattice, self.spacing, self._seen_to)
 
     def _change_columns(self) -> bool:
         """Restart if the dots lie better on columns beside those thought; say whether it was."""
         leads = self._column_leads()
         side, lead = max(leads.items(), key=lambda each: each[1])
-        if lead > _BETTER and self._restarts < _MOST_RESTARTS:
+        if lead > BETTER and self._restarts < _MOST_RESTARTS:
             self._restarts += 1
             self._begin(self._origin.shifted(side * self._origin.dot_along, 0.0))
             return True
@@ -362,9 +330,13 @@ class LineReader:
         # A lattice is laid so that upper row and left column hold dots; where they turn out to
         # hold none, something that is no dot had a part in it, or text is upside down.
         o = self._origin
-        if not raised & _UPPER_ROW and self.may_be_lower and not self._rows_fit_ahead():
+        if (
+            not raised & _UPPER_ROW
+            and self.may_be_lower
+            and not rows_fit_ahead(self._reader, self.lattice)
+        ):
             o = o.shifted(0.0, o.dot_down)
-        elif not raised & _LEFT_COLUMN and self._column_leads()[self._direction] > -_BETTER:
+        elif not raised & _LEFT_COLUMN and self._column_leads()[self._direction] > -BETTER:
             o = o.shifted(self._direction * o.dot_along, 0.0)
         else:
             self.accepted = True
@@ -374,16 +346,6 @@ class LineReader:
             return False
         self._begin(o)
         return True
-
-    def _rows_fit_ahead(self) -> bool:
-        """Whether dots of cells to come fit the lattice better than one a row lower.
-
-        A hyphen and a capital sign have dots in the lowest row alone.
-        """
-        lower = self.lattice.shifted(0.0, self.lattice.dot_down)
-        dots = self._reader.spots(np.inf, [self.lattice])
-        ahead = dots.where(dots.along >= self.lattice.begin)
-        return self.lattice.fit_of(ahead) > lower.fit_of(ahead) + _BETTER
 
     def _follow(self) -> None:
         """Fit the lattice to the dots up to here and step to the next cell."""

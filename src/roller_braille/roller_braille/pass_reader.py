@@ -11,7 +11,7 @@ from .cell_reader import LOOKAHEAD_CELLS
 from .contrast import MappedBatch, TravelScale
 from .dots import DotFinder, Dots
 from .kinds import Kind
-from .lattice import FAINT, LEAST_LINE_PITCH, dust
+from .lattice_search import FAINT, LEAST_LINE_PITCH, dust
 from .line_finder import LineFinder
 from .lines import LineReader
 from .orientation import LIKELY, MOST_CELLS, SURE, log_odds

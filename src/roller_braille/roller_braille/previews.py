@@ -17,7 +17,8 @@ from .cell_reader import LOOKAHEAD_CELLS
 from .cells import Seen
 from .dots import DotFinder, Dots
 from .kinds import Kind
-from .lattice import Lattice, dust
+from .lattice import Lattice
+from .lattice_search import dust
 from .lines import LineReader
 from .reader_settings import BrailleSettings
 from .strip import Strip

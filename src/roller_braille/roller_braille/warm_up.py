@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import lattice, warp
+from . import warp
 from .dots import Dots
+from .lattice_search import find_lattice, find_turn
 from .reader_settings import Spacing
 
 
@@ -14,4 +15,4 @@ def warm_up(spacing: Spacing) -> None:
     warp.warm_up()
     column, row = np.divmod(np.arange(6, dtype=np.float64), 3)
     dots = Dots(column * spacing.dot_pitch_m, row * spacing.dot_pitch_m, np.ones(6))
-    lattice.find_lattice(dots, spacing, left_first=True, angle=lattice.find_turn(dots, spacing))
+    find_lattice(dots, spacing, left_first=True, angle=find_turn(dots, spacing))

@@ -1,0 +1,59 @@
+"""Whether dots lie better on the columns or rows beside those that a line was thought to have."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .cell_reader import CellReader
+from .lattice import Lattice
+from .reader_settings import Spacing
+
+#: How much better dots lie on other columns or rows than on those thought, in dots, where these are
+#: wrong.
+BETTER = 0.5
+
+
+def column_leads(
+    reader: CellReader, lattice: Lattice, spacing: Spacing, seen_to_m: float
+) -> dict[int, float]:
+    """How much better the dots lie on columns a dot's pitch back (-1) and on (1), in dots.
+
+    Dots of one column fit either; the left one is taken then. That text is upside down and they are
+    in the right one shows when dots of two columns come: those of a cell are nearer to each other
+    than those of neighbouring cells.
+
+    Parameters
+    ----------
+    reader : CellReader
+        The line's.
+    lattice : Lattice
+        As it was thought.
+    spacing : Spacing
+        What its pitches are near to.
+    seen_to_m : float
+        Travel up to which all dots were seen, metres.
+    """
+    step = lattice.dot_along
+    lattices = {side: lattice.shifted(side * step, 0.0) for side in (-1, 0, 1)}
+    dots = reader.spots(seen_to_m, list(lattices.values()))
+    fits = {side: each.fitted(dots, spacing).column_fit(dots) for side, each in lattices.items()}
+    own = fits.pop(0)
+    return {side: fit - own for side, fit in fits.items()}
+
+
+def rows_fit_ahead(reader: CellReader, lattice: Lattice) -> bool:
+    """Whether dots of cells to come fit the lattice better than one a row lower.
+
+    A hyphen and a capital sign have dots in the lowest row alone.
+
+    Parameters
+    ----------
+    reader : CellReader
+        The line's.
+    lattice : Lattice
+        Its cell 0 is the next to be read.
+    """
+    lower = lattice.shifted(0.0, lattice.dot_down)
+    dots = reader.spots(np.inf, [lattice])
+    ahead = dots.where(dots.along >= lattice.begin)
+    return lattice.fit_of(ahead) > lower.fit_of(ahead) + BETTER
