@@ -20,7 +20,10 @@ from .ros import IMPORT, fault_apart
 PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
 _TIMEOUT_S = 20.0
 #: Starts a node.
-_START = "import rclpy; rclpy.init(); rclpy.create_node('doctor').destroy_node(); rclpy.shutdown()"
+_START = (
+    "import rclpy; from roller_ros.refusals import init_ros; init_ros(); "
+    "rclpy.create_node('doctor').destroy_node(); rclpy.shutdown()"
+)
 #: Each participant takes 34 MB of shared memory (config/fastdds.xml); a graph has up to ten.
 _SHARED_MEMORY = 400e6
 
