@@ -1,5 +1,6 @@
 """Small results and servers for the tests of the operator's page."""
 
+import http.client
 import json
 import threading
 from collections.abc import Iterator
@@ -96,3 +97,21 @@ def cells_of(grid: Grid, layer: str = "height") -> dict:
             value = tile.layers[layer][j, i]
             out[tx * TILE + i, ty * TILE + j] = (tile.state[j, i], float(value))
     return out
+
+
+def get(server: PageServer, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    found = answer.status, dict(answer.getheaders()), answer.read()
+    connection.close()
+    return found
+
+
+def frames(server: PageServer) -> Iterator[dict]:
+    """States as a browser gets them."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
+    connection.request("GET", "/api/events")
+    for line in connection.getresponse():
+        if line.startswith(b"data: "):
+            yield json.loads(line[6:])

@@ -22,12 +22,8 @@ from .recordings import Scan
 
 #: Lines of a gauge, at least, and on slopes.
 LEAST_LINES = 100
-#: Share that a gauge's size may be off by drift.
-OTHER_SIZE = 0.3
-
-
-#: From this share on it is pointed out.
-_ODD_SIZE = 0.05
+#: Share that a gauge's size may be off by drift, and from which on it is pointed out.
+OTHER_SIZE, _ODD_SIZE = 0.3, 0.05
 
 
 def size_text(fitted_m: float, given_m: float, option: str) -> str:
