@@ -33,6 +33,9 @@ _MOST_JITTER, _WANDERS = 0.06, 1.6
 _MOST_MISSING = 8
 #: The stamps around may differ from the line by so many of their standard errors, and by this, ns.
 _STRAY, _LEAST_NS = 2.5, 500.0
+#: Controllers sample at whole milliseconds of their clock: the deviation of its rate, of crystals
+#: apart from each other, and how many deviations a period may be off that.
+_WHOLE_NS, _CLOCK, _OFF_CLOCK = 1e6, 5e-5, 3.0
 
 
 class StampSmoother(Generic[T]):
@@ -136,7 +139,7 @@ def _line(number: F64, stamps: F64, period: float) -> tuple[F64, Mask] | None:
             return None
         middle, mean = n.sum() / len(n), t.sum() / len(t)
         n -= middle
-        rest = stamps - (mean + (n @ t) / (n @ n) * (number - middle))
+        rest = stamps - (mean + _period(n, t - mean) * (number - middle))
         away = np.abs(rest)
         near = np.partition(away, len(away) // 2)[len(away) // 2] * 1.48
         within = away <= min(max(_FAR * near, _LEAST_NS), limit)
@@ -144,6 +147,22 @@ def _line(number: F64, stamps: F64, period: float) -> tuple[F64, Mask] | None:
             break
         steady = within
     return rest, steady
+
+
+def _period(number: F64, stamps: F64) -> float:
+    """Slope of the line through stamps over their numbers, both about their means.
+
+    A few stamps tell it to some parts in ten thousand. Where that fits whole milliseconds, clocks
+    tell it better, and it is the mean of both by what each is sure of.
+    """
+    spread = float(number @ number)
+    own = float(number @ stamps) / spread
+    whole = round(own / _WHOLE_NS) * _WHOLE_NS
+    off = stamps - own * number
+    unsure, clock = float(off @ off) / (len(off) * spread), (_CLOCK * whole) ** 2
+    if not clock or (own - whole) ** 2 > _OFF_CLOCK**2 * (unsure + clock):
+        return own
+    return (own * clock + whole * unsure) / (clock + unsure)
 
 
 def _agrees(rest: F64, steady: Mask, own: int, reach: int, period: float) -> bool:
