@@ -96,6 +96,30 @@ def test_an_end_is_known_once_it_was_seen() -> None:
     assert np.isfinite(ends.ends[1])
 
 
+def test_an_end_that_the_outermost_columns_did_not_see_is_not_known() -> None:
+    """At a pass's begin the front columns have seen little, those further in much."""
+    ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
+    rays = block((16.0, 16.0), seen=(-SLOPE, 0.92 * SLOPE))
+    few = [own[:1500] for own in block((0.0, 0.0), seen=(0.9 * SLOPE, SLOPE))]
+    look(ends, [np.concatenate(both) for both in zip(rays, few, strict=True)])
+    assert not ends.known
+    assert look(ends, block((16.0, 16.0)))
+    assert ends.known
+    assert np.isfinite(ends.ends).all()
+
+
+def test_an_end_that_hardly_sees_anything_is_known_in_the_end() -> None:
+    ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
+    rays = block((16.0, 0.0), seen=(-SLOPE, 0.9 * SLOPE))
+    looked = 0
+    while not ends.known and looked < 10:
+        look(ends, rays)
+        looked += 1
+    assert 1 < looked < 10
+    assert np.isfinite(ends.ends[0])
+    assert np.isinf(ends.ends[1])
+
+
 @pytest.mark.parametrize("lifted_px", [150.0, 250.0, 400.0])
 def test_more_than_a_fifth_of_the_image_is_no_end(lifted_px: float) -> None:
     ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)

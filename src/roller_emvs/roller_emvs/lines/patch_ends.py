@@ -22,8 +22,10 @@ from .fit import I64, ROW_STEP
 _COLUMNS_PX = 4.0
 #: An event within this of a line is of it, and pixels to either side of one that are its own, px.
 _MOST_PX, _BESIDE = 1.5, 1
-#: Events from which on columns tell where they lie, and those of one end from which on it is known.
-_ENOUGH, _ENOUGH_AT_END = 300, 5000
+#: Events from which on columns tell where they lie. An end is known once so many of its outermost
+#: ones do: as a pass begins, one of them sees little, and later than what is further in. Where
+#: they hardly see anything, as of an image that is turned, so many events of the end will do.
+_ENOUGH, _OUTERMOST, _ENOUGH_AT_END = 500, 3, 40_000
 #: Part of the aperture that is an end, and the part at most that may be off the surface.
 _END, _MOST_OFF = 0.1, 0.2
 #: Parts of the aperture that say how events lie where the skin is on the surface: at first, and
@@ -108,10 +110,10 @@ class PatchEnds:
         width = (self._high - self._low) / count
         size = max(round(_END * count), 1)
         low, high = self.ends
-        if not self._known[0] and self._counts[:size].sum() >= _ENOUGH_AT_END:
+        if not self._known[0] and _seen(self._counts[:size]):
             self._known[0] = True
             low = self._low + off[0] * width if off[0] else low
-        if not self._known[1] and self._counts[-size:].sum() >= _ENOUGH_AT_END:
+        if not self._known[1] and _seen(self._counts[::-1][:size]):
             self._known[1] = True
             high = self._high - off[1] * width if off[1] else high
         self.ends = (low, high)
@@ -121,6 +123,11 @@ def _line(apart: F64, which: np.ndarray) -> F64:
     """The straight line through some of the values over their numbers."""
     place = np.arange(len(apart), dtype=np.float64)
     return np.asarray(np.polyval(np.polyfit(place[which], apart[which], 1), place))
+
+
+def _seen(counts: I64) -> bool:
+    """Whether an end's columns, the outermost first, tell all that they will."""
+    return bool((counts[:_OUTERMOST] >= _ENOUGH).all() or counts.sum() >= _ENOUGH_AT_END)
 
 
 def _off(apart: F64, enough: np.ndarray) -> int:
