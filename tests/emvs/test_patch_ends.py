@@ -3,19 +3,17 @@
 import numpy as np
 import pytest
 
-from roller_core.events import EventArray
-from roller_core.pose_track import PoseTrack
-from roller_core.transforms import matrix_to_quaternion
+from emvs.textured_scans import steady, true_track
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.lines.patch_ends import _MOST_PX, PatchEnds, _add_beside, _near
+from roller_emvs.lines.near_lines import near_lines
+from roller_emvs.lines.patch_ends import _BESIDE, _MOST_PX, PatchEnds, _add_beside
 from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
 from roller_inspect.results.truth_tally import SurfaceTally
 from roller_sim.presets import COATINGS
 from simulated_scans import Scans, SimulatedScan
 
-MS = 1_000_000
 #: What is within this of the plate's face is of it, m.
 LEVEL_M = 5e-6
 
@@ -141,7 +139,7 @@ def test_distances_beside_lines_are_those_of_a_plain_sum() -> None:
     n, low, per_bin, bins = 5000, -0.3, 20 / 0.6, 20
     row, column = np.array(LINES).T
     offset = rng.uniform(-1e-4, 1e-4, len(row))
-    near = _near(row.astype(np.int64), column, SHAPE)
+    near = near_lines(row.astype(np.int64), column, SHAPE, _BESIDE)
     pixel = rng.integers(0, SHAPE[0] * SHAPE[1] + 1, n).astype(np.int32)
     slope, seen_at = rng.uniform(-0.32, 0.32, (2, n))
     x = pixel % SHAPE[1] + rng.uniform(-1.5, 1.5, n)
@@ -164,23 +162,6 @@ def test_distances_beside_lines_are_those_of_a_plain_sum() -> None:
     np.testing.assert_allclose(counts, number, atol=1)
     np.testing.assert_allclose(sums, expected, atol=2)
     assert counts.sum() > 500
-
-
-def true_track(scan: SimulatedScan) -> PoseTrack:
-    """Where the camera really was: poses' noise hides some micrometres."""
-    times = np.arange(int(scan.events.t_ns[0]) - 50 * MS, int(scan.events.t_ns[-1]), 2 * MS)
-    rotation = scan.track.matrices(scan.events.t_ns[len(scan.events) // 2])[0, :3, :3]
-    track = PoseTrack()
-    for t_ns, place in zip(times, scan.truth.camera_positions(times), strict=True):
-        track.append(int(t_ns), place, matrix_to_quaternion(rotation))
-    return track
-
-
-def steady(scan: SimulatedScan) -> EventArray:
-    """Events while the camera goes at constant speed."""
-    start, (first, last) = scan.truth.start_ros_ns, scan.truth.path.even_s
-    t_ns = scan.events.t_ns
-    return scan.events[(t_ns > start + first * 1e9) & (t_ns < start + last * 1e9)]
 
 
 def left_out_px(ends: PatchEnds, scan: SimulatedScan) -> list[float]:

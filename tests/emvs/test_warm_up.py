@@ -7,7 +7,7 @@ import pytest
 from roller_emvs.depth_settings import METHODS, DepthSettings
 from roller_emvs.evidence import _meet_kernels, _pixel_kernels
 from roller_emvs.evidence import _part_kernels as _image_kernels
-from roller_emvs.lines import _place_kernels, refine
+from roller_emvs.lines import _place_kernels, patch_ends, path_error, refine
 from roller_emvs.lines.fit import Lines, fit_lines
 from roller_emvs.methods.paper import _view_kernels, _vote_kernels
 from roller_emvs.methods.surface import SurfaceSettings, _part_kernels
@@ -40,5 +40,7 @@ def test_surface_warms_up_and_fits_lines(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(refine, "fit_lines", counted)
     warm_up(SurfaceSettings.create({}))
     for kernel in (_part_kernels._gather, _pixel_kernels._choose, _place_kernels._move):
+        assert kernel.signatures
+    for kernel in (patch_ends._add_beside, path_error._add_apart):  # of a texture
         assert kernel.signatures
     assert sum(fitted) > 20

@@ -7,6 +7,8 @@ import numpy as np
 from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_emvs.lines.patch_ends import PatchEnds
+from roller_emvs.lines.path_error import PathError
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 
 from .depth_settings import DepthSettings
@@ -44,6 +46,7 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
     if isinstance(settings, SurfaceSettings):
         small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.004})
         engines = [SurfaceSweep(small, _CAMERA, _track(0.0))]
+        _look_at_texture()
     else:
         whole = settings.changed({"window.rule": "all"})
         # A slanted travel goes by rays, and has every view vote for itself.
@@ -52,6 +55,16 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
         engine.add_events(events)
         for _ in engine.results(flush=True):
             pass
+
+
+def _look_at_texture() -> None:
+    """What a printed texture alone asks for."""
+    rays, surface = np.zeros((1, 4), np.float32), np.zeros((2, 4), np.float32)
+    row, place, slopes = np.zeros(1, np.int64), np.zeros(1), (-0.2, 0.2)
+    PatchEnds(slopes, _CAMERA.fx).look(rays, place, surface, row, place, place)
+    path = PathError(slopes, _DEPTH_M)
+    path.begin(0.0, 0.004)
+    path.look(rays, 1.0, surface, (row, place, place), (0.0, 1e-4))
 
 
 def _track(slant: float) -> PoseTrack:

@@ -16,7 +16,8 @@ from roller_core.transforms import F64
 from roller_emvs.evidence.field import ground
 from roller_emvs.rays import F32
 
-from .fit import I64, ROW_STEP
+from .fit import I64
+from .near_lines import near_lines
 
 #: Columns of the image that are looked at as one, px.
 _COLUMNS_PX = 4.0
@@ -79,9 +80,11 @@ class PatchEnds:
         if not len(row):
             return
         pixel, _ = ground(rays, surface)
+        near = near_lines(row, column, surface.shape, _BESIDE)
+        per_bin = len(self._sums) / (self._high - self._low)
         _add_beside(
-            rays, seen_at, pixel, _near(row, column, surface.shape), column, offset, _MOST_PX,
-            self._low, len(self._sums) / (self._high - self._low), self._sums, self._counts,
+            rays, seen_at, pixel, near, column, offset, _MOST_PX, self._low, per_bin, self._sums,
+            self._counts,
         )  # fmt: skip
 
     def find(self) -> bool:
@@ -140,18 +143,6 @@ def _off(apart: F64, enough: np.ndarray) -> int:
         return 0
     off = int(told[on[0]]) + 1
     return off if off <= _MOST_OFF * len(apart) else 0
-
-
-def _near(row: I64, column: F64, shape: tuple[int, ...]) -> np.ndarray:
-    """The line that each pixel is next to, -1 for none; int32, flat, one entry more: nowhere."""
-    near = np.full((shape[0] + ROW_STEP, shape[1]), -1, np.int32)
-    x = np.rint(column).astype(np.int64)
-    number = np.arange(len(x), dtype=np.int32)
-    for step in range(-_BESIDE, _BESIDE + 1):
-        inside = (x + step >= 0) & (x + step < shape[1])
-        for down in range(ROW_STEP):
-            near[row[inside] + down, x[inside] + step] = number[inside]
-    return np.append(near[: shape[0]].reshape(-1), np.int32(-1))
 
 
 @njit(cache=True, nogil=True)

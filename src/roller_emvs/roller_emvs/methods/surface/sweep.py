@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from roller_emvs.lines.edge_drift import TravellingLight
 from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.lines.neighbourhoods import depth_points
 from roller_emvs.lines.patch_ends import PatchEnds
+from roller_emvs.lines.path_error import PathError
 from roller_emvs.lines.refine import refine
 from roller_emvs.patch import Patch
 from roller_emvs.rays import F32
@@ -36,14 +37,14 @@ from roller_emvs.windows import RefusedWindow
 from .blocks import MARGIN_M, Block
 from .narrow import narrowed
 from .part_depths import find_coarsely, find_part_depths
-from .part_field import COARSE_PARTS, fits, part_field
+from .part_field import COARSE_PARTS, PartField, fits, part_field
 from .pass_cutter import PassCutter
 from .strip import Strip
 from .strip_rays import ray_field
 from .surface_settings import SurfaceSettings
 
-#: Under a printed texture every second event is enough for lines.
-_TEXTURED_EVERY = 2
+#: Under a printed texture every second event is enough for lines, every eighth for the path.
+_TEXTURED_EVERY, _PATH_EVERY = 2, 8
 
 #: Measured pixels, and where they lie on the strip along and across, metres.
 Measured = tuple[Relief, F64, F64]
@@ -96,7 +97,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
         self.milliseconds: dict[str, float] = {}
-        self._pass: tuple[Strip, TravellingLight, PatchEnds] | None = None
+        self._pass: tuple[Strip, TravellingLight, PatchEnds, PathError] | None = None
         #: Takes the lines of each block as they were fitted: places in base, shape (n, 3), metres,
         #: the strip's axes in base (along the motion, across, away from the camera), and the rest.
         self.on_lines: Callable[[F64, F64, LinePoints], None] | None = None
@@ -229,7 +230,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             return found, np.empty(0), np.empty(0)
         length = block.end_m - block.start_m
         columns = round(MARGIN_M / pixel), round((MARGIN_M + length) / pixel)
-        light, ends = self._pass_of(strip)
+        light, ends, path = self._pass_of(strip)
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
         # A texture has events and points enough. A part of a grid is cut where there is none.
@@ -260,12 +261,28 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 y, z = across(points.row, points.offset), points.offset + strip.middle_m
                 take(strip.to_base(np.stack([x, y, z], axis=1)), strip.rotation, points)
         x = found.column * pixel + block.start_m - MARGIN_M
+        if textured and isinstance(field, PartField):  # of others the path isn't straight
+            path.begin(block.start_m, block.end_m)
+            for polarity, surface in enumerate(found.surfaces):
+                own = lines.polarity == polarity
+                path.look(
+                    rays(polarity, _PATH_EVERY), field.ray_slope_scale, surface,
+                    (lines.row[own].astype(np.int64), lines.column[own], lines.offset[own]),
+                    (block.start_m - MARGIN_M, pixel),
+                )  # fmt: skip
+            path.learn()
+            lacks = path.lacks_m(x).astype(found.offset.dtype)
+            found = replace(found, offset=found.offset + lacks)
+            path.forget_before(block.end_m)
         return found, x, across(found.row, found.offset)
 
-    def _pass_of(self, strip: Strip) -> tuple[TravellingLight, PatchEnds]:
-        """What the strip's pass says of its light, and of where the skin lies on the surface."""
+    def _pass_of(self, strip: Strip) -> tuple[TravellingLight, PatchEnds, PathError]:
+        """What the strip's pass says of its light, of where the skin lies on it, and its poses."""
         if self._pass is None or self._pass[0] is not strip:
-            self._pass = strip, TravellingLight(), PatchEnds(strip.slopes, strip.focal_px)
+            self._pass = (
+                strip, TravellingLight(), PatchEnds(strip.slopes, strip.focal_px),
+                PathError(strip.slopes, strip.middle_m),
+            )  # fmt: skip
         return self._pass[1:]
 
     def _seen(self, strip: Strip, x: np.ndarray) -> np.ndarray:
