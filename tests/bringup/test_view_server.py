@@ -9,8 +9,10 @@ import pytest
 
 from bringup.view_results import frames, get, serving
 from roller_bringup import cli
+from roller_bringup.view.access import _is_loopback
+from roller_bringup.view.http_server import _MOST_CONNECTIONS, AddressError
 from roller_bringup.view.scene import Scene
-from roller_bringup.view.server import _MOST_CONNECTIONS, AddressError, PageServer, _is_loopback
+from roller_bringup.view.server import PageServer
 from roller_bringup.view.viewers import QUEUE, Viewer
 from waiting import wait_until
 
@@ -18,7 +20,7 @@ from waiting import wait_until
 def test_other_machines_need_the_token(monkeypatch):
     assert not any(map(_is_loopback, ("0.0.0.0", "::", "192.168.1.2", "cell.example")))
     assert all(map(_is_loopback, ("localhost", "127.0.0.1", "127.0.0.2", "::1")))
-    monkeypatch.setattr("roller_bringup.view.server._is_loopback", lambda host: False)
+    monkeypatch.setattr("roller_bringup.view.access._is_loopback", lambda host: False)
     with serving(Scene("x")) as server:  # not where others could see it
         for path in ("/", "/api/map", "/api/events", "/page/main.js", "/?token=wrong"):
             assert get(server, path)[0] == 401, path
@@ -42,7 +44,7 @@ def test_pages_of_elsewhere_reach_nothing():
 
 @pytest.mark.parametrize("before", [b"", b"GET /api/text HTTP/1.1\r\nHost: localhost\r\n\r\n"])
 def test_connections_that_ask_for_nothing_are_closed(monkeypatch, before):
-    monkeypatch.setattr("roller_bringup.view.server._REQUEST_S", 0.5)
+    monkeypatch.setattr("roller_bringup.view.http_server._REQUEST_S", 0.5)
     with serving(Scene("x")) as server, ExitStack() as stack:
         for _ in range(_MOST_CONNECTIONS):
             half = socket.create_connection(("127.0.0.1", server.port), 20)

@@ -55,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
         from roller_bringup.view.rerun import hand_over
 
         return hand_over(args.input, args.namespace)
-    from roller_bringup.view.server import PageServer, check_address
+    from roller_bringup.view.http_server import check_address
+    from roller_bringup.view.server import PageServer
 
     if args.input is None:
         from roller_bringup.view.graph import Graph
