@@ -18,13 +18,8 @@ from roller_driver.ur10.errors import (
     ProtocolRefusedError,
     RobotUnreachableError,
 )
-from roller_driver.ur10.receiver import (
-    RECEIVING,
-    SEARCHING,
-    VARIABLES,
-    RobotReceiver,
-    open_receiver,
-)
+from roller_driver.ur10.receiver import VARIABLES, RobotReceiver, open_receiver
+from roller_driver.ur10.receiver_status import RECEIVING, SEARCHING
 from roller_driver.ur10.rtde import ask_controller
 from waiting import wait_until
 

@@ -13,7 +13,8 @@ from roller_core import outputs
 from roller_core.clock import SensorClock
 from roller_core.pose_track import Pose
 from roller_driver.ur10.contact_watch import ContactWatch
-from roller_driver.ur10.receiver import SEARCHING, RobotReceiver, RobotSample
+from roller_driver.ur10.receiver import RobotReceiver, RobotSample
+from roller_driver.ur10.receiver_status import SEARCHING
 from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_ros import diagnostics, messages, qos, topics
 from roller_ros.node import RollerNode

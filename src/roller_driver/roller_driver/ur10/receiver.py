@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from roller_core.transforms import rotation_vector_to_quaternion
-
-from .errors import (
-    MissingLibraryError,
-    OtherToolError,
-    ProtocolRefusedError,
-    RobotFault,
-    RobotLostError,
-)
-from .rtde import Controller, ask_controller, read_tcp_offset, tcp_offsets
-
-SEARCHING = "searching"
-RECEIVING = "receiving"
-STOPPED = "stopped"
+from .errors import MissingLibraryError, ProtocolRefusedError, RobotFault, RobotLostError
+from .receiver_status import RECEIVING, SEARCHING, STOPPED, ReceiverStatus
+from .rtde import Controller, ask_controller
+from .tool_check import ToolCheck
 
 #: What the controller is asked to send.
 VARIABLES = [
@@ -34,25 +23,7 @@ VARIABLES = [
 ]
 #: What it may be without.
 FORCE = "actual_TCP_force"
-SAFETY_MODES = {
-    1: "normal",
-    2: "reduced",
-    3: "protective stop",
-    4: "recovery",
-    5: "safeguard stop",
-    6: "system emergency stop",
-    7: "robot emergency stop",
-    8: "violation",
-    9: "fault",
-    10: "validate joint id",
-    11: "undefined",
-    12: "automatic mode safeguard stop",
-    13: "three-position enabling stop",
-}
-_RUNNING_SAFELY = (1, 2)
 _POLL_S = 0.0002
-#: Tools that differ by no more than this are the same.
-_SAME_TOOL_M, _SAME_TOOL_RAD = 1e-4, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,44 +41,6 @@ class RobotSample:
     #: Force and torque at the TCP, along the axes of base: N and Nm; empty where the controller
     #: doesn't say.
     wrench: tuple[float, ...] = ()
-
-
-@dataclass(slots=True)
-class ReceiverStatus:
-    """How the receiver is."""
-
-    #: `searching`, `receiving` or `stopped`.
-    state: str = STOPPED
-    #: What keeps it from receiving, or ended it last time; empty: nothing.
-    fault: str = ""
-    #: Who answered.
-    controller: Controller | None = None
-    #: Connections made; samples received.
-    connects: int = 0
-    samples: int = 0
-    #: Samples that never came, by the steps of the controller's clock.
-    missed: int = 0
-    #: Times that samples were missed in a row, or one was.
-    gaps: int = 0
-    #: Longest step of the controller's clock from sample to sample, s.
-    longest_gap_s: float = 0.0
-    #: Reads repeated because a new sample came in the middle.
-    torn: int = 0
-    #: Times that the controller's clock went back.
-    steps_back: int = 0
-    #: As the controller reports them; 0 and -1 before it does.
-    safety_mode: int = 0
-    robot_mode: int = -1
-
-    @property
-    def safety(self) -> str:
-        """The safety mode in words."""
-        return SAFETY_MODES.get(self.safety_mode, "not known")
-
-    @property
-    def stopped_for_safety(self) -> bool:
-        """Whether the robot stands for safety's sake."""
-        return self.safety_mode not in (0, *_RUNNING_SAFELY)
 
 
 def open_receiver(host: str, variables: Sequence[str] = VARIABLES) -> Any:
@@ -135,40 +68,6 @@ def open_receiver(host: str, variables: Sequence[str] = VARIABLES) -> Any:
         ) from error
 
 
-def check_tool(host: str, expected: Sequence[float], timeout_s: float) -> None:
-    """Compare the controller's tool centre point with the expected one, where it tells it.
-
-    Parameters
-    ----------
-    host : str
-        The controller's address.
-    expected : sequence of float, length 6
-        x y z in metres, rotation vector in rad.
-    timeout_s : float
-        Longest wait, s.
-
-    Raises
-    ------
-    OtherToolError
-        If they differ by more than 0.1 mm or 1 mrad.
-    """
-    found = read_tcp_offset(host, timeout_s)
-    if found is not None:
-        _compare_tools(host, found, expected)
-
-
-def _compare_tools(host: str, found: Sequence[float], expected: Sequence[float]) -> None:
-    away_m = math.dist(found[:3], expected[:3])
-    ours, theirs = (rotation_vector_to_quaternion(v[3:]) for v in (expected, found))
-    turned = 2 * math.acos(min(1.0, abs(float(ours @ theirs))))
-    if away_m > _SAME_TOOL_M or turned > _SAME_TOOL_RAD:
-        raise OtherToolError(
-            f"robot {host}: its tool centre point ({', '.join(f'{v:.5g}' for v in found)}) is "
-            f"{away_m * 1e3:.2f} mm and {math.degrees(turned):.2f} deg from the one that the "
-            "camera's place was found with (tcp_offset): set it on the controller, or calibrate"
-        )
-
-
 class RobotReceiver:
     """Reads the robot's state in a thread until it is stopped.
 
@@ -185,7 +84,7 @@ class RobotReceiver:
     connect_timeout_s, retry_s, silence_s : float
         See `Ur10Parameters`.
     tcp_offset : sequence of float
-        See `check_tool`, which is asked again while poses come; another length: not checked.
+        See `ToolCheck`.
     """
 
     def __init__(
@@ -207,26 +106,25 @@ class RobotReceiver:
         self._connect_timeout_s = connect_timeout_s
         self._retry_s = retry_s
         self._silence_s = silence_s
-        self._tcp_offset = tcp_offset
         self._has_force = False
-        self._other_tool: OtherToolError | None = None
         self.status = ReceiverStatus()
+        self._tool = ToolCheck(
+            host, tcp_offset, connect_timeout_s, retry_s, lambda: self.status.state == RECEIVING
+        )
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
-        self._tool_thread = threading.Thread(target=self._watch_tool, name="tool", daemon=True)
 
     def start(self) -> None:
         """Start to look for the robot."""
         self._thread.start()
-        if len(self._tcp_offset) == 6:
-            self._tool_thread.start()
+        self._tool.start()
 
     def stop(self) -> None:
         """Close the connection and end."""
         self._stop.set()
-        for thread in (self._thread, self._tool_thread):
-            if thread.is_alive():
-                thread.join(timeout=10.0)
+        self._tool.stop()
+        if self._thread.is_alive():
+            self._thread.join(timeout=10.0)
 
     def _change(self, state: str, fault: str) -> None:
         s = self.status
@@ -243,8 +141,7 @@ class RobotReceiver:
                     self._host, VARIABLES, self._connect_timeout_s, spare=[FORCE]
                 )
                 self._has_force = FORCE not in controller.lacks
-                if len(self._tcp_offset) == 6:
-                    check_tool(self._host, self._tcp_offset, self._connect_timeout_s)
+                self._tool.check()
                 variables = [*VARIABLES, FORCE] if self._has_force else VARIABLES
                 interface = open_receiver(self._host, variables)
             except RobotFault as error:
@@ -262,30 +159,14 @@ class RobotReceiver:
                 interface.disconnect()
         self._change(STOPPED, "")
 
-    def _watch_tool(self) -> None:
-        """See whether a program sets another tool while poses come: they would be of that one."""
-        while not self._stop.is_set():
-            try:
-                for found in tcp_offsets(self._host, self._connect_timeout_s):
-                    if self._stop.is_set():
-                        return
-                    if self.status.state == RECEIVING:
-                        _compare_tools(self._host, found, self._tcp_offset)
-            except OtherToolError as error:
-                self._other_tool = error
-            except RobotFault:
-                pass  # who receives the poses sees it too
-            self._stop.wait(self._retry_s)
-
     def _receive(self, interface: Any, controller: Controller) -> None:
         period_ns = controller.period_ns
         period_s = period_ns * 1e-9
         s = self.status
         last_ns, last_seen = -1, time.monotonic()
-        self._other_tool = None
+        self._tool.begin()
         while not self._stop.is_set():
-            if self._other_tool is not None:
-                raise self._other_tool
+            self._tool.raise_if_other()
             stamp = interface.getTimestamp()
             now = time.monotonic()
             controller_ns = round(stamp * 1e9)
