@@ -12,22 +12,15 @@ from roller_inspect.height_map.height_map import F32, MEASURED, Bools, HeightMap
 from roller_inspect.references.reference import Comparison
 
 from .components import Component
-from .cues import Cues, connected, disc, distance
+from .cues import Cues, connected, disc
 from .finder_settings import FindingSettings, Limits
 from .finding import Finding, Kind
+from .neighbourhood import RING_M, Neighbourhood
+from .rim import BEYOND_RIM_M, rim_around
 from .uncertainty import uncertainty
 
-#: Width of the ring around a finding that its depth counts from, m.
-_RING_M = (3e-4, 1.2e-3)
 #: Part of a finding's depth at which its outline runs.
 _OUTLINE = 0.2
-#: A hollow is a crater if around it, in rings so wide and up to so far, m, the surface rises by
-#: more than this part of its depth and of the noise. Tuned on the virtual cell.
-_RIM, _RIM_NOISE, _RIM_STEP_M, _RIM_M = 0.03, 1 / 3, 2e-4, 1.2e-3
-#: No rim is told where less than this share is known.
-_RIM_KNOWN = 0.5
-#: Beyond, up to here, m, lies what the rim rises above.
-_BEYOND_RIM_M = 1.8e-3
 #: Longer than so many widths is a scratch.
 _SCRATCH = 3.0
 #: Depth is the mean of this share of the deepest cells.
@@ -41,58 +34,6 @@ ALIKE_M = 1.1e-3
 _SPREAD = 0.2
 #: z at which a finding is as good as certain.
 _CERTAIN_Z = 15.0
-
-
-@dataclass(frozen=True)
-class _Place:
-    """A component and its surroundings, cropped from the map."""
-
-    window: tuple[slice, slice]
-    part: HeightMap
-    #: Of the map.
-    step_m: float
-    #: From the reference, m; not finite where nothing is known.
-    deviation: F32
-    #: The component's cells, and those of others.
-    mask: Bools
-    others: Bools
-    #: Of cells, for smoothing.
-    weight: F32
-    #: Deviation smoothed at the finest scale, m, and where it is known.
-    fine: F32
-    known: Bools
-
-    @classmethod
-    def around(
-        cls, component: Component, height_map: HeightMap, comparison: Comparison, cues: Cues,
-        margin_m: float,
-    ) -> _Place:  # fmt: skip
-        step = height_map.step_m
-        margin = round(margin_m / step) + 2
-        window = (
-            slice(max(component.rows.start - margin, 0), component.rows.stop + margin),
-            slice(max(component.columns.start - margin, 0), component.columns.stop + margin),
-        )
-        part = height_map.cropped(window[1], window[0])
-        deviation = comparison.deviation_m[window]
-        mask = np.zeros(part.shape, bool)
-        row, column = (
-            component.rows.start - window[0].start,
-            component.columns.start - window[1].start,
-        )
-        rows, columns = component.mask.shape
-        mask[row : row + rows, column : column + columns] = component.mask
-        fine = cues.fine_m[window]
-        return cls(
-            window, part, step, deviation, mask, cues.weak[window] & ~mask, cues.weight[window],
-            fine, np.isfinite(fine) & part.known,
-        )  # fmt: skip
-
-    def level_around(self) -> float:
-        """Median of the deviation in a ring around the component, m; 0 where little is known."""
-        away_m = distance(~self.mask) * self.step_m
-        ring = (away_m > _RING_M[0]) & (away_m < _RING_M[1]) & self.known & ~self.others
-        return float(np.median(self.fine[ring])) if ring.sum() >= 20 else 0.0
 
 
 @dataclass(frozen=True)
@@ -138,8 +79,8 @@ def measure(
     """
     sign = component.sign
     hollow = sign < 0 and not models_part
-    margin_m = _BEYOND_RIM_M if hollow else _RING_M[1]
-    place = _Place.around(component, height_map, comparison, cues, margin_m)
+    margin_m = BEYOND_RIM_M if hollow else RING_M[1]
+    place = Neighbourhood.around(component, height_map, comparison, cues, margin_m)
     part, window = place.part, place.window
     noise, coarse = map(float, cues.noise_m)
     level = 0.0 if models_part else place.level_around()
@@ -192,7 +133,9 @@ def measure(
     return finding, Component(rows, columns, size.shape, sign)
 
 
-def _size(place: _Place, sign: int, level: float, noise: float, models_part: bool) -> _Size | None:
+def _size(
+    place: Neighbourhood, sign: int, level: float, noise: float, models_part: bool
+) -> _Size | None:
     """Depth, outline and what follows from them; None where nothing stands out."""
     part, mask, known = place.part, place.mask, place.known
     signed = sign * (place.fine - level)
@@ -226,17 +169,19 @@ def _size(place: _Place, sign: int, level: float, noise: float, models_part: boo
     )
 
 
-def _with_rim(size: _Size, place: _Place, usable: Bools, level: float, noise: float) -> _Size:
+def _with_rim(
+    size: _Size, place: Neighbourhood, usable: Bools, level: float, noise: float
+) -> _Size:
     """A dent as a crater, if the surface rises around it."""
     step = place.step_m
-    rim, level_there, reach = _rim(place.fine, size.shape, usable, step)
-    if rim <= _RIM * size.depth + _RIM_NOISE * noise:
+    rim = rim_around(place.fine, size.shape, usable, step, size.depth, noise)
+    if rim is None:
         return size
-    shape = cv2.dilate(size.shape.astype(np.uint8), disc(reach / step)) > 0
+    shape = cv2.dilate(size.shape.astype(np.uint8), disc(rim.reach / step)) > 0
     outline, center, length, width = _outline(shape, place.part)
     return replace(
-        size, kind="crater", depth=size.depth + level_there - level, shape=shape, outline=outline,
-        center=center, length=length, width=width, area=int(shape.sum()) * step**2, rim=rim,
+        size, kind="crater", depth=size.depth + rim.level - level, shape=shape, outline=outline,
+        center=center, length=length, width=width, area=int(shape.sum()) * step**2, rim=rim.height,
     )  # fmt: skip
 
 
@@ -304,22 +249,3 @@ def _kind(sign: int, length: float, width: float, models_part: bool) -> Kind:
     if sign > 0:
         return "raised"
     return "scratch" if length > _SCRATCH * width else "dent"
-
-
-def _rim(height: F32, shape: Bools, usable: Bools, step: float) -> tuple[float, float, float]:
-    """How high the surface rises around a hollow, above which level, and up to where, metres.
-
-    By medians of rings: a rise on one side alone is none of a rim.
-    """
-    away = distance(~shape) * step
-    beyond = usable & (away > _RIM_M) & (away <= _BEYOND_RIM_M)
-    if not beyond.any() or usable[away <= _BEYOND_RIM_M].mean() < _RIM_KNOWN:
-        return 0.0, 0.0, 0.0
-    level = float(np.median(height[beyond]))
-    ends = np.arange(_RIM_STEP_M, _RIM_M + 1e-9, _RIM_STEP_M)
-    rings = [usable & (away > end - _RIM_STEP_M) & (away <= end) for end in ends]
-    rises = np.array([np.median(height[r]) - level if r.any() else -np.inf for r in rings])
-    top = int(np.argmax(rises))
-    low = np.flatnonzero(rises[top:] < 0.5 * rises[top])
-    last = top + int(low[0]) - 1 if len(low) else len(ends) - 1
-    return float(rises[top]), level, float(ends[last])
