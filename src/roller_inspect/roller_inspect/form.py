@@ -12,7 +12,7 @@ from .height_map import HeightMap
 from .measures import region_mask
 from .pieces import Found
 from .recipe import Recipe
-from .recipe.recipe import DEFAULT_TOLERANCE
+from .recipe.tolerance import DEFAULT_TOLERANCE
 
 #: Deviations are smoothed over this, m, to tell what lies off; most of an area that may.
 _FORM_M, _MOST_OFF = 5e-4, 0.01

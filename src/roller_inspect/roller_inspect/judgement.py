@@ -19,8 +19,8 @@ from .measures import Figure, measure_all
 from .pieces import Found
 from .recipe import Recipe, decide, part_verdict
 from .recipe.decision import Verdict
-from .recipe.recipe import Tolerance
 from .recipe.regions import in_polygon
+from .recipe.tolerance import Tolerance
 
 _UNITS = {"m": ("mm", 1e3), "m2": ("mm²", 1e6), "m3": ("mm³", 1e9)}
 #: A finding is looked at in so many places along x and along y.

@@ -1,7 +1,8 @@
 """What is inspected and what is allowed: the recipe of a part."""
 
 from .decision import decide, part_verdict
-from .recipe import Recipe, RecipeError, load_recipe
+from .load import RecipeError, load_recipe
+from .recipe import Recipe
 from .references import load_reference
 from .regions import Region
 

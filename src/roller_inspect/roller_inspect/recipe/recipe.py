@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from roller_core.digests import data_digest
-from roller_core.errors import SettingsError
 from roller_core.settings import Settings
-from roller_core.text_file import TextFileError, read_yaml
 from roller_core.transforms import F64
 from roller_inspect.findings import Limits
 from roller_inspect.references import Form
 from roller_inspect.surface_inspector import InspectionSettings
 
 from .decision import Rule
-from .measure import ALONE, ALONG, DEEPEST_M, Measure
+from .measure import ALONE, ALONG, Measure
 from .regions import FARTHEST_M, Region
+from .tolerance import DEFAULT_TOLERANCE, Tolerance
 
 SCHEMA = "roller-recipe/1"
 Kind = Literal["self", "nominal", "golden", "cad"]
@@ -32,17 +30,9 @@ _REFERENCES = {
     "golden": "golden:DIR",
     "cad": "cad:FILE",
 }
-#: Sizes that a tolerance may limit, as a finding has them.
-SIZES = ("depth_m", "length_m", "width_m", "area_m2", "volume_m3")
-
-
 #: The paper's three forces, N. It gives none in newtons: these are what a press of 0.4, 1.1 and
 #: 2 mm takes on a part 20 mm wide (line contact, radius 47 mm, E* 0.9 MPa), about.
 FORCES_N = {"light": (2.0, 20.0), "medium": (20.0, 40.0), "full": (40.0, 100.0)}
-
-
-class RecipeError(SettingsError):
-    """A recipe that can't be read, or that names what is not there."""
 
 
 class Plate(Settings):
@@ -109,35 +99,6 @@ class Reference(Settings):
 
     def __str__(self) -> str:
         return f"{self.kind}:{self.form if self.kind == 'nominal' else self.path}".rstrip(":")
-
-
-class Tolerance(Settings):
-    """What a finding may be at most; of those in the list the first that fits it holds."""
-
-    region: str = Field("", description="In which region; empty: anywhere.")
-    kind: Literal["any", "dent", "crater", "scratch", "raised", "missing", "extra"] = Field(
-        "any", description="Of which kind."
-    )
-    # Far beyond these a number is in another unit, and would let everything pass.
-    depth_m: float | None = Field(None, ge=0, le=DEEPEST_M, description="Most depth or height, m.")
-    length_m: float | None = Field(None, ge=0, le=0.1, description="Most length, m.")
-    width_m: float | None = Field(None, ge=0, le=0.1, description="Most width, m.")
-    area_m2: float | None = Field(None, ge=0, le=0.01, description="Most area, m².")
-    volume_m3: float | None = Field(None, ge=0, le=1e-4, description="Most volume, m³.")
-
-    @model_validator(mode="after")
-    def _check(self) -> Tolerance:
-        if not self.limits():
-            raise ValueError(f"a tolerance limits one of {', '.join(SIZES)}")
-        return self
-
-    def limits(self) -> dict[str, float]:
-        """What it limits."""
-        return {name: v for name in SIZES if (v := getattr(self, name)) is not None}
-
-
-#: What a finding may be where no tolerance of the recipe fits it.
-DEFAULT_TOLERANCE = Tolerance.create({"depth_m": 100e-6})
 
 
 class Recipe(Settings):
@@ -265,47 +226,3 @@ class Recipe(Settings):
     def sha256(self) -> str:
         """Tells recipes apart, whatever their files look like."""
         return data_digest(self.model_dump(mode="json", by_alias=True))
-
-
-def load_recipe(path: Path | None = None, reference: str | None = None) -> Recipe:
-    """Read a recipe and see that what it names is there.
-
-    Parameters
-    ----------
-    path : path, optional
-        YAML file; without it the default recipe.
-    reference : str, optional
-        Goes before the recipe's: `self`, `nominal`, `nominal:cylinder`, `golden:DIR`,
-        `cad:FILE`; its path counts from the working folder.
-
-    Raises
-    ------
-    RecipeError
-        In one line: the file, the entry, what is wrong.
-    """
-    source, values = "recipe", {}
-    if path is not None:
-        source = f"recipe {path}"
-        try:
-            values = read_yaml(path)
-        except TextFileError as error:
-            raise RecipeError(f"recipe {error}") from error
-        if not isinstance(values, Mapping):
-            raise RecipeError(f"{source}: expected entries such as 'regions:' and 'tolerances:'")
-    folder = path.parent if path is not None else Path()
-    try:
-        recipe = Recipe.create(values, source)
-        if reference is not None:
-            folder, source = Path(), "--reference"
-            Recipe.create({"reference": reference}, source)
-            recipe = recipe.changed({"reference": reference})
-    except SettingsError as error:
-        raise RecipeError(str(error)) from error
-    kind, named = recipe.reference.kind, recipe.reference.path
-    if not named:
-        return recipe
-    there = folder / named
-    if not (there.is_dir() if kind == "golden" else there.is_file()):
-        what = "folder" if kind == "golden" else "file"
-        raise RecipeError(f"{source}: the reference '{recipe.reference}': no such {what} {there}")
-    return recipe.changed({"reference": {"path": str(there)}})
