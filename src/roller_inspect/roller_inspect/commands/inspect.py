@@ -10,6 +10,7 @@ from typing import Any
 
 from roller_core.command_help import add_examples
 from roller_core.progress import progress_bar
+from roller_inspect.exports import EXPORTS
 
 from .options import add_processing_options, open_input
 
@@ -57,7 +58,11 @@ def add_inspection_options(parser: argparse.ArgumentParser) -> None:
         help="before the recipe's: self, nominal, nominal:FORM, golden:DIR or cad:FILE (STL, STEP)",
     )
     parser.add_argument(
-        "--export", type=_exports, default=(), metavar="LIST", help="of x3p,sdf,pdf, with commas"
+        "--export",
+        type=_exports,
+        default=(),
+        metavar="LIST",
+        help=f"of {','.join(EXPORTS)}, with commas",
     )
 
 
@@ -78,8 +83,8 @@ def main() -> int:
 def _exports(text: str) -> tuple[str, ...]:
     names = tuple(name for name in text.replace(" ", "").split(",") if name)
     for name in names:
-        if name not in ("x3p", "sdf", "pdf"):
-            raise argparse.ArgumentTypeError(f"'{name}' is not one of x3p, sdf, pdf")
+        if name not in EXPORTS:
+            raise argparse.ArgumentTypeError(f"'{name}' is not one of {', '.join(EXPORTS)}")
     return names
 
 

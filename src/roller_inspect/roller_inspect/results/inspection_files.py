@@ -23,7 +23,6 @@ from .summary import inspection_summary
 
 #: Width of `deviation.png`.
 _PICTURE_PX = 800
-EXPORTS = ("x3p", "sdf", "pdf")
 
 
 def write_inspection(
@@ -46,7 +45,7 @@ def write_inspection(
     tolerance_m : float
         Depth that most of the part may have, for the colours of the page.
     exports : collection of str
-        Of `EXPORTS`.
+        Of `roller_inspect.exports.EXPORTS`.
     """
     (folder / "inspection.json").write_text(to_text(document), encoding="utf-8")
     write_findings_csv(folder / "findings.csv", document["findings"])
