@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from roller_emvs.depth_settings import DepthSettings
 
 METHODS = ("bma", "focus")
-#: The share by which the error must fall for parameters to be changed.
-_LEAST_GAIN = 0.005
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -76,9 +74,10 @@ def run(args: argparse.Namespace) -> int:
     settings = _settings(args)
     from roller_calibration.grid_search import make_search
     from roller_calibration.grids import check_weights
+    from roller_calibration.parameter_choice import choose_parameters
     from roller_calibration.recordings import read_scans
 
-    from .sphere_report import describe_changes, describe_spheres, describe_values
+    from .sphere_report import describe_changes, describe_choice, describe_spheres
 
     if args.method == "bma":
         check_weights(settings)
@@ -89,59 +88,30 @@ def run(args: argparse.Namespace) -> int:
     found = describe_spheres(passes, spheres, windows, args)
     print(*found, sep="\n")
     search = make_search(args, settings, windows, camera)
-    before = search.before()
-    if args.least_coverage is None and not before.coverage:
-        raise CalibrationError(
-            "too few events: with the parameters as they are no pixel of the contact circle is "
-            "measured; say with --least-coverage how many must be"
-        )
-    least = before.coverage if args.least_coverage is None else args.least_coverage
-    searched = time.perf_counter()
-    search.run()
-    search_s = time.perf_counter() - searched
-    choice = search.table.best(least)
-    values, after = search.grid.values(choice), search.table.summary(choice)
-    old = search.grid.of_settings(settings).values(0)
-    border = search.grid.at_border(choice)
-    lines = []
-    if before.coverage >= least and after.error_m > (1 - _LEAST_GAIN) * before.error_m:
-        values, after, border = old, before, []
-        lines.append(f"no choice of the grid is better by {_LEAST_GAIN:.1%}: the parameters stay")
-    lines += [
-        f"before: {describe_values(old)}: {before}",
-        f"after:  {describe_values(values)}: {after}",
-        f"(mean absolute error of measured pixels within the contact circle; at least {least:.1%} "
-        "of it must be measured)",
-    ]
     groups = [w.name if len(passes) > 1 else str(k) for k, w in enumerate(windows)]
-    held = search.table.held_out(groups, least)
-    if held is not None:
-        what = "recordings" if len(passes) > 1 else "windows"
-        lines.append(f"held out: {held} on {what} that had no say in the choice")
-        if held.error_m >= before.error_m and values != old:
-            lines.append("that is no better than before: more passes would make the choice firmer")
-    lines += [f"{name} is at the end of its range" for name in border]
+    choice = choose_parameters(search, settings, args.least_coverage, groups)
+    lines = describe_choice(choice, "recordings" if len(passes) > 1 else "windows")
     lines += search.notes
     previous = read_record(args.previous, "sphere") if args.previous else None
     if previous is not None:
-        lines += describe_changes(previous, args, old, values, before, after)
+        lines += describe_changes(previous, args, choice)
     print(*lines, sep="\n")
     total_s = time.perf_counter() - begin
     print(
         f"{total_s:.1f} s, of which the search of {search.grid.size} choices over {len(windows)} "
-        f"windows took {search_s:.1f} s"
+        f"windows took {choice.search_s:.1f} s"
     )
     record = calibration_record(
         args.skin, args.inputs, camera,
         method=args.method, radius_m=args.radius_mm * 1e-3,
         contact_radii_m=[round(s.contact_radius_m, 7) for s in spheres],
         fitted_radii_m=[round(s.fitted_radius_m, 7) for s in spheres],
-        windows=len(windows), least_coverage=round(float(least), 6),
-        before=_rounded(before), after=_rounded(after),
+        windows=len(windows), least_coverage=round(float(choice.least_coverage), 6),
+        before=_rounded(choice.before), after=_rounded(choice.after),
     )  # fmt: skip
-    if held is not None:
-        record["held_out"] = _rounded(held)
-    write(args, "sphere", found + lines, {"emvs": values}, record)
+    if choice.held_out is not None:
+        record["held_out"] = _rounded(choice.held_out)
+    write(args, "sphere", found + lines, {"emvs": choice.values}, record)
     return 0
 
 

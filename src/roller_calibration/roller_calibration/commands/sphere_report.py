@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from roller_calibration.contact import ContactWindow
-from roller_calibration.error_table import ErrorSummary
 from roller_calibration.gauge import size_text
+from roller_calibration.parameter_choice import LEAST_GAIN, ParameterChoice
 from roller_calibration.recordings import Scan
 from roller_calibration.scale import PAPER_MM_PER_PX, check_scale
 from roller_calibration.sphere import Sphere
@@ -54,26 +54,44 @@ def describe_spheres(
     return lines
 
 
+def describe_choice(choice: ParameterChoice, groups: str) -> list[str]:
+    """Lines about the parameters before and after, and how far the choice holds elsewhere.
+
+    `groups`: what was held out, recordings or windows.
+    """
+    lines = []
+    if choice.stays:
+        lines.append(f"no choice of the grid is better by {LEAST_GAIN:.1%}: the parameters stay")
+    lines += [
+        f"before: {_named(choice.old)}: {choice.before}",
+        f"after:  {_named(choice.values)}: {choice.after}",
+        "(mean absolute error of measured pixels within the contact circle; at least "
+        f"{choice.least_coverage:.1%} of it must be measured)",
+    ]
+    if choice.held_out is not None:
+        lines.append(f"held out: {choice.held_out} on {groups} that had no say in the choice")
+        if choice.held_out.error_m >= choice.before.error_m and choice.values != choice.old:
+            lines.append("that is no better than before: more passes would make the choice firmer")
+    return lines + [f"{name} is at the end of its range" for name in choice.border]
+
+
 def describe_changes(
     previous: dict[str, Any],
     args: argparse.Namespace,
-    old: dict[str, Any],
-    values: dict[str, Any],
-    before: ErrorSummary,
-    after: ErrorSummary,
+    choice: ParameterChoice,
 ) -> list[str]:
     """How far parameters and error moved since an earlier calibration."""
     lines = [f"since {previous.get('date', '?')} ({args.previous.name}):"]
     skin = previous.get("skin", "")
     if skin != args.skin:
         lines.append(f"  another skin: '{skin}' then, '{args.skin}' now")
-    for name, value in values.items():
-        lines.append(f"  {name}: {_text(old[name])} -> {_text(value)}")
+    for name, value in choice.values.items():
+        lines.append(f"  {name}: {_text(choice.old[name])} -> {_text(value)}")
     then = previous.get("after")
     if isinstance(then, dict) and {"error_m", "coverage"} <= then.keys():
         lines.append(
             f"  its parameters had {then['error_m'] * 1e6:.1f} µm at {then['coverage']:.1%} then, "
-            f"{before} now; calibrated again {after}"
+            f"{choice.before} now; calibrated again {choice.after}"
         )
     return lines
 
@@ -82,6 +100,6 @@ def _text(value: Any) -> str:
     return " / ".join(f"{v:.3g}" for v in value) if isinstance(value, list) else f"{value:g}"
 
 
-def describe_values(values: dict[str, Any]) -> str:
+def _named(values: dict[str, Any]) -> str:
     """Parameters with their values."""
     return ", ".join(f"{name} {_text(value)}" for name, value in values.items())
