@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,7 +21,7 @@ from .gauge import (
 )
 from .pass_lines import WALL_SLOPE, EdgeDriftError, PassLines
 from .recordings import Scan
-from .step_walls import LEAST_WALLS, find_walls, parts_by_kind, rising_walls, step_height
+from .step_walls import I64, LEAST_WALLS, find_walls, parts_by_kind, rising_walls, step_height
 
 #: How far the height of the steps that fit may be off.
 _STEP_TOLERANCE = {"lines": 0.15, "depths": 0.25}
@@ -38,6 +40,24 @@ _MANY = 1.5
 _APART = 0.3
 #: Steps whose foot is found so near to the nominal surface stand on it, and how surely they do, m.
 _MOST_FOOT_M, _STANDS_M = 3e-4, 2e-5
+
+
+@dataclass(frozen=True)
+class _Walls:
+    """Walls of steps, and the lines on them."""
+
+    #: Number of the wall that each line is of; -1: none. Shape (n,).
+    number: I64
+    #: Twice the polarity of each line, and 1 more on walls that fall. Shape (n,).
+    kind: I64
+    #: Where each line lies across the walls, m. Shape (n,).
+    across: F64
+    #: 1 for a wall that goes up along the roll, -1 for one that goes down. Shape (walls,).
+    change: F64
+    #: Height of each wall's middle, in steps. Shape (walls,).
+    middle: F64
+    #: Height of a step, as found.
+    step_m: float
 
 
 def steps_gauges(scan: Scan, settings: SurfaceSettings, step_m: float) -> list[Gauge]:
@@ -81,6 +101,45 @@ def _on_walls(
     name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float, surface_z_m: float
 ) -> tuple[Gauge, bool]:
     """Errors of some of the lines, and whether as many walls rise as fall."""
+    walls = _find_walls(name, found, steep, step_m)
+    on = walls.number >= 0
+    lines, at, kind = take(take(found.lines, steep), on), walls.number[on], walls.kind[on]
+    # A wall's foot and its top show in a polarity each, or both in both.
+    part = parts_by_kind(walls.across, walls.number, walls.kind, walls.change > 0)[kind]
+    level = step_m * (walls.middle[at] + part)
+    # Steps that begin at the height of the nominal surface stand on it; on others the height of
+    # all is not known.
+    base = found.place[steep][on] @ found.axes.T
+    foot_m = float(np.median(base[:, 2] - level)) - surface_z_m
+    stands = abs(foot_m) < _MOST_FOOT_M
+    error = found.place[steep][on, 2] - level
+    error += foot_m - np.median(error) if stands else -np.median(error)
+    near = _near_their_walls(name, found.kind, error, at, kind, step_m)
+    # How far up its wall a kind lies stays uncertain.
+    kinds = kind == np.arange(4)[:, None]
+    further_m = _further_m(walls.across[on], at, kind)
+    unknown = np.column_stack([np.ones(len(error)), *kinds, *(kinds * further_m)])
+    text = (
+        f"{len(walls.change)} walls of {size_text(walls.step_m, step_m, '--step-mm')}, "
+        f"{int(near.sum())} {found.kind} on them, foot "
+        f"{foot_m * 1e6:+.0f} µm " + ("off" if stands else "away from") + " the nominal surface"
+    )
+    spread = np.array([_STANDS_M if stands else 1e-3, *[_ON_WALL * step_m] * 4, *[_WALL_RISE] * 4])
+    gauge = Gauge(
+        name, error[near], unknown[near].astype(float), spread, take(lines, near),
+        walls.change[at][near], False, text, found.travel,
+    )  # fmt: skip
+    return gauge, bool(walls.change.sum() == 0)
+
+
+def _find_walls(name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float) -> _Walls:
+    """The walls of steps on which some of the lines lie.
+
+    Raises
+    ------
+    EdgeDriftError
+        If there are too few of either, or their heights are not those of steps of the given one.
+    """
     if steep.sum() < LEAST_LINES:
         raise EdgeDriftError(
             f"{name}: {int(steep.sum())} {found.kind} on slopes along the roll, fewer than "
@@ -116,53 +175,40 @@ def _on_walls(
             f"{name}: {count} walls fit steps of {0.5e3 * step_m:g} mm better than of "
             f"{step_m * 1e3:g} mm; check --step-mm"
         )
-    on = wall >= 0
-    lines, at = take(lines, on), wall[on]
-    # A wall's foot and its top show in a polarity each, or both in both.
-    part = parts_by_kind(across, wall, kind, rising)[kind[on]]
-    level = step_m * (middle[at] + part)
-    # Steps that begin at the height of the nominal surface stand on it; on others the height of
-    # all is not known.
-    base = found.place[steep][on] @ found.axes.T
-    foot_m = float(np.median(base[:, 2] - level)) - surface_z_m
-    stands = abs(foot_m) < _MOST_FOOT_M
-    error = height[on] - level
-    error += foot_m - np.median(error) if stands else -np.median(error)
-    # How far up its wall a kind lies stays uncertain.
-    kinds = kind[on] == np.arange(4)[:, None]
-    further_m = _further_m(across[on], at, kind[on])
-    unknown = np.column_stack([np.ones(len(error)), *kinds, *(kinds * further_m)])
+    return _Walls(wall, kind, across, change, middle, fitted_m)
+
+
+def _near_their_walls(
+    name: str, what: str, error: F64, wall: I64, kind: I64, step_m: float
+) -> npt.NDArray[np.bool_]:
+    """Which lines are of the walls that they lie on, and no strays.
+
+    Raises
+    ------
+    EdgeDriftError
+        If walls are numbered wrong, or too few lines are left.
+    """
     near = np.abs(error - np.median(error)) < max(_STRAY * step_m, 3e-4)
     for k in range(4):
-        own = near & (kind[on] == k)
-        walls = [error[own & (at == w)] for w in np.unique(at[own])]
+        own = near & (kind == k)
+        walls = [error[own & (wall == w)] for w in np.unique(wall[own])]
         middles = [np.median(values) for values in walls if len(values) >= _LEAST_ON_WALL]
         if middles and _mad(np.array(middles)) > _APART * step_m:
             raise EdgeDriftError(f"{name}: some of the steps' walls aren't found")
         # A kind that shows on no wall is of strays; one that scatters, or by which walls differ, of
         # edges mistaken for others.
         scatter_m = max(_mad(error[own]), _mad(np.array(middles))) if middles else 0.0
-        if not middles or (found.kind == "depths" and scatter_m > _SCATTER_M):
-            near &= kind[on] != k
+        if not middles or (what == "depths" and scatter_m > _SCATTER_M):
+            near &= kind != k
     if near.sum() < LEAST_LINES:
         raise EdgeDriftError(
             f"{name}: what is found on its walls scatters too much to tell drift; softer light, "
             "or a printed skin, helps"
         )
-    text = (
-        f"{count} walls of {size_text(fitted_m, step_m, '--step-mm')}, "
-        f"{int(near.sum())} {found.kind} on them, foot "
-        f"{foot_m * 1e6:+.0f} µm " + ("off" if stands else "away from") + " the nominal surface"
-    )
-    spread = np.array([_STANDS_M if stands else 1e-3, *[_ON_WALL * step_m] * 4, *[_WALL_RISE] * 4])
-    gauge = Gauge(
-        name, error[near], unknown[near].astype(float), spread, take(lines, near),
-        change[at][near], False, text, found.travel,
-    )  # fmt: skip
-    return gauge, bool(change.sum() == 0)
+    return near
 
 
-def _further_m(across: F64, wall: npt.NDArray[np.int64], kind: npt.NDArray[np.int64]) -> F64:
+def _further_m(across: F64, wall: I64, kind: I64) -> F64:
     """How much further along the roll lines lie than the middle of their kind on their wall."""
     further = np.zeros(len(across))
     for number in np.unique(4 * wall + kind):
