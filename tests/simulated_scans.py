@@ -24,6 +24,7 @@ from roller_sim.bag import write_bag
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import VirtualCellSettings
 from roller_sim.truth import Truth
+from roller_sim.truth_files import load_truth
 
 #: Files and folders of tests that simulate or compute for seconds: `make check` leaves them out.
 LONG_TESTS = (
@@ -76,7 +77,7 @@ class SimulatedScan:
     @cached_property
     def truth(self) -> Truth:
         """What is known exactly."""
-        return Truth.load(self.path)
+        return load_truth(self.path)
 
 
 class Scans:

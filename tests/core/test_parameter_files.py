@@ -19,7 +19,7 @@ from roller_core.parameter_files import (
 )
 from roller_recording.reading.tum import read_tum
 from roller_sim.errors import TruthError
-from roller_sim.truth import Truth
+from roller_sim.truth_files import load_truth
 
 BOMB = ["a0: &a0 [x, x]", *(f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]" for k in range(1, 60))]
 
@@ -63,7 +63,7 @@ def test_a_truth_that_is_a_pipe(name: str, tmp_path: Path) -> None:
         grid = {"file": name, "x0": 0, "y0": 0, "step": 1}
         (tmp_path / "truth.yaml").write_text(yaml.safe_dump({"grid": grid}))
     with pytest.raises(TruthError, match=r"no truth\.yaml|no such file"):
-        Truth.load(tmp_path)
+        load_truth(tmp_path)
 
 
 def test_all_of_our_sections_are_known() -> None:

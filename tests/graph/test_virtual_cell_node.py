@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from roller_core.event_stream import EventStream
 from roller_core.outputs import stamp_ns
 from roller_ros import qos
-from roller_sim.truth import Truth
+from roller_sim.truth_files import load_truth
 
 pytestmark = pytest.mark.graph
 
@@ -66,7 +66,7 @@ def test_two_cells_scan_in_one_graph(processes, watch, tmp_path):
         own = [t for t in moved if t.child_frame_id == f"{side}_tool0_controller"]
         assert {t.header.frame_id for t in own} == {f"{side}_base"}
         stamps = [stamp_ns(t) for t in own]
-        truth = Truth.load(tmp_path / side)
+        truth = load_truth(tmp_path / side)
         assert truth.start_ros_ns < stamps[0] < stamps[-1] < truth.start_ros_ns + 10**9
         assert abs(truth.start_ros_ns - time.time_ns()) < 600e9
 

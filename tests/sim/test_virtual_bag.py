@@ -14,7 +14,7 @@ from roller_sim.bag import write_bag
 from roller_sim.cell import Packet, VirtualCell
 from roller_sim.commands import simulate as command
 from roller_sim.errors import TruthError
-from roller_sim.truth import Truth
+from roller_sim.truth_files import load_truth, save_truth
 from sim import virtual_twins as twins
 
 
@@ -75,7 +75,7 @@ def test_events_come_back_as_they_were_simulated(written):
 
 def test_transforms_lead_from_base_to_the_camera(written):
     _, folder, _ = written
-    truth = Truth.load(folder)
+    truth = load_truth(folder)
     frames = SensorFrames()
     for topic, add in (("/tf_static", frames.add_static), ("/tf", None)):
         for _, message in read_messages(folder, topic):
@@ -105,7 +105,7 @@ def test_camera_info_and_images(written):
 
 def test_truth_comes_back(written):
     settings, folder, _ = written
-    cell, truth = VirtualCell(settings), Truth.load(folder)
+    cell, truth = VirtualCell(settings), load_truth(folder)
     assert truth.text == "a1"
     assert [m.mask for m in truth.marks] == [1, 0b111100, 1]
     assert list(truth.objects) == ["braille"]
@@ -126,8 +126,8 @@ def test_truth_comes_back(written):
 
 def test_defects_come_back_with_the_depth_the_skin_reaches(tmp_path):
     truth = VirtualCell(twins.small("defects", scene={"step_mm": 0.06, "width_mm": 23.0})).truth
-    truth.save(tmp_path)
-    again = Truth.load(tmp_path)
+    save_truth(truth, tmp_path)
+    again = load_truth(tmp_path)
     assert again.defects == truth.defects
     for mark in again.defects:
         assert 0 < mark.skin_depth / mark.depth < 1.01
@@ -135,10 +135,10 @@ def test_defects_come_back_with_the_depth_the_skin_reaches(tmp_path):
 
 def test_a_bag_without_truth_says_so(tmp_path):
     with pytest.raises(TruthError, match="only simulated recordings have a truth"):
-        Truth.load(tmp_path)
+        load_truth(tmp_path)
     (tmp_path / "truth.yaml").write_text("version: 1\n")
     with pytest.raises(TruthError, match="can't be read"):
-        Truth.load(tmp_path)
+        load_truth(tmp_path)
 
 
 def test_an_existing_folder_is_left_alone(written):

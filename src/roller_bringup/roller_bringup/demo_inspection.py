@@ -21,6 +21,7 @@ from roller_inspect.results.inspection_files import write_inspection
 from roller_inspect.results.run_report import Report
 from roller_sim.relief import Region
 from roller_sim.truth import Truth
+from roller_sim.truth_files import truth_beside
 
 
 def inspect_recorded(bag: Path, recipe: Recipe, part: str, params: Path | None = None) -> Inspected:
@@ -99,7 +100,7 @@ def inspect_part(
     list of str
         The verdict, and a table of the defects and what was found of them.
     """
-    recipe, truth = load_recipe(recipe_file), Truth.beside(folder / "truth")
+    recipe, truth = load_recipe(recipe_file), truth_beside(folder / "truth")
     inspected = inspect_recorded(folder / "bag", recipe, "demonstration", calibration)
     camera = None if truth is None else truth.camera
     scan = Scan(folder / "bag", calibration, camera, report.method, report.settings, events)

@@ -19,6 +19,7 @@ from roller_core.output_folder import release_reserve
 from roller_core.transforms import matrix_to_quaternion
 
 from .cell import Packet, Picture, PoseSample, VirtualCell
+from .truth_files import save_truth
 
 BASE, TOOL, CAMERA = "base", "tool0_controller", "event_camera_optical_frame"
 #: Topic: type and offered quality of service.
@@ -164,7 +165,7 @@ def write_bag(
         rotation = matrix_to_quaternion(cell.hand_eye[:3, :3])
         fixed = messages.transform(start, TOOL, CAMERA, cell.hand_eye[:3, 3], rotation)
         put("/tf_static", start, fixed)
-        cell.truth.save(path)
+        save_truth(cell.truth, path)
         encoding = cell.settings.packets.encoding
         for item in cell.run():
             counts[type(item)] += 1

@@ -30,6 +30,8 @@ from roller_ros.parameters import declare_settings
 
 from .cell import Item, Packet, PoseSample, VirtualCell
 from .cell_settings import VirtualCellSettings
+from .truth import Truth
+from .truth_files import save_maps, save_text
 
 
 class VirtualCellParameters(PlaySettings, VirtualCellSettings, RobotFrames):
@@ -78,7 +80,7 @@ class VirtualCellNode(PlayingNode):
             stream = self._messages()
             if self._p.prepare:
                 stream = iter(list(stream))
-            self._save_truth(self._cell.truth.save_maps)
+            self._save_truth(save_maps, self._cell.truth)
             self._state = "waiting for its listeners, which compile their kernels on a first run"
             self._wait_for_listeners(self._outputs[EVENTS])
             if not self._stop.is_set():
@@ -127,7 +129,7 @@ class VirtualCellNode(PlayingNode):
         # Time stamps are those of a scan that begins now.
         shift = self.get_clock().now().nanoseconds - start
         begin = time.monotonic()
-        self._save_truth(self._cell.truth.starting_at(start + shift).save_text)
+        self._save_truth(save_text, self._cell.truth.starting_at(start + shift))
         for arrival, topic, message, events in stream:
             if self._stop.is_set():
                 return
@@ -142,13 +144,13 @@ class VirtualCellNode(PlayingNode):
             self._poses += topic == TF
             self._sent += events
 
-    def _save_truth(self, save: Callable[[Path], None]) -> None:
+    def _save_truth(self, save: Callable[[Truth, Path], None], truth: Truth) -> None:
         if not self._p.truth_output:
             return
         folder = Path(self._p.truth_output)
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            save(folder)
+            save(truth, folder)
         except OSError as error:
             raise UnwritableOutputError(
                 f"{folder}: can't write the truth there ({error})"

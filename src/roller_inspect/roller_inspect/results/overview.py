@@ -15,6 +15,7 @@ from roller_emvs.ply import read_ply
 from roller_inspect.height_map import HeightMap
 from roller_inspect.report.pictures import colour
 from roller_sim.truth import Truth
+from roller_sim.truth_files import truth_beside
 
 from .depth_row import chosen_stamps, draw_depths
 from .drawing import BLACK, BLUE, GREY, LIGHT, TITLE, Panel, Picture, colours, scale_bar
@@ -48,7 +49,7 @@ def draw_overview(folder: Path, source: Path, bag: Path | None = None) -> Path:
         The picture.
     """
     report = json.loads((folder / "report.json").read_text())
-    truth = Truth.beside(source)
+    truth = truth_beside(source)
     delay_ns = _delay_left_ns(report, truth)
     cloud = _thinned(read_ply(folder / "surface.ply"))
     stamps = chosen_stamps(report)  # some methods make no depth maps

@@ -21,6 +21,7 @@ from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
 from roller_sim.relief import Region
 from roller_sim.truth import Truth
+from roller_sim.truth_files import truth_beside
 
 if TYPE_CHECKING:
     from typing import Self
@@ -58,7 +59,7 @@ class _Tallies:
     @classmethod
     def beside(cls, source: Path, delay_s: float = 0.0) -> Self | None:
         """The tally for a bag that has its truth beside it; None for others."""
-        truth = Truth.beside(source)
+        truth = truth_beside(source)
         return None if truth is None else cls(truth, delay_s)
 
 
