@@ -12,6 +12,7 @@ from roller_core.event_stage import EventStage
 from roller_core.frame_settings import StreamSettings, smoothing_field
 from roller_core.outputs import Output, Result
 from roller_core.pose_track import PoseTrack
+from roller_core.result_times import figures_of
 
 from .cells import Cell
 from .page import newest_text
@@ -154,11 +155,11 @@ class BrailleStage(EventStage[BrailleParameters, BraillePipeline]):
             "still_events": totals["still_events"],
             "batches": totals["batches"],
             "refused_batches": totals["refused_batches"],
-            **self._times("batch", list(pipeline.milliseconds)[-1000:]),
+            **figures_of("batch", list(pipeline.milliseconds)[-1000:]),
             "cells": totals["cells"],
             "unreadable_cells": totals["unreadable_cells"],
             "repeated_cells": totals["repeated_cells"],
             "reread_cells": totals["reread_cells"],
-            "cell_latency_s": self._latency_s,
+            "cell_latency_s": self._times.latency_s,
             "travel_scale": "" if scale is None else round(scale, 4),
         }

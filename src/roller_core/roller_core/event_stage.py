@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -13,22 +13,20 @@ import numpy as np
 from . import outputs
 from .camera import Camera, OtherCameraError
 from .codecs import ENCODED_ENCODINGS, encode
+from .early_packets import EarlyPackets
 from .errors import RollerError
 from .event_stream import EventStream, StreamCounts
 from .events import EventArray
 from .frame_settings import StreamSettings
 from .outputs import Output, Result, ScanFault, stamp_ns
 from .pose_track import PoseTrack
+from .result_times import ResultTimes
 from .seq_gaps import LossShare
 from .stage import ERROR, OK, WARN, Stage
 from .time_order import TimeBackwardsError
 
-#: Bytes of a packet beside its events, about.
-PACKET_BYTES = 500
 #: As many events as a packet of a busy scan has, about.
 _USUAL_EVENTS = 5000
-#: Stamps this far from now, s, are of a recording: how late its results are means nothing.
-_RECORDED_S = 60.0
 #: Poses and events from so long after the robot came to rest say that its scan is over, ns: the
 #: clocks of both agree by far less.
 _SETTLED_NS = 50_000_000
@@ -78,10 +76,8 @@ class EventStage(Stage[E], Generic[E, P]):
         self.refused = ""
         #: Packets left out to keep up.
         self.left_out_packets = 0
-        self._early: deque[Any] = deque()
-        self._early_bytes = 0
-        self._milliseconds: deque[float] = deque(maxlen=1000)
-        self._late_s: float | None = None
+        self._early = EarlyPackets(settings.max_waiting_mb * 1e6)
+        self._times = ResultTimes()
         self._past: Counter[str] = Counter()
         self._losses = LossShare()
         self._told: list[Result] = []
@@ -115,10 +111,8 @@ class EventStage(Stage[E], Generic[E, P]):
             self.stream.new_source(camera.width, camera.height)
         self.camera = camera
         self._begin()
-        self._early_bytes = 0
-        while self._early:
+        for packet in self._early.take_all():
             try:
-                packet = self._early.popleft()
                 if packet is None:
                     self.new_source()
                 else:
@@ -134,7 +128,7 @@ class EventStage(Stage[E], Generic[E, P]):
     def new_source(self) -> None:
         """Finish what there is: packets of another source follow, poses go on."""
         if self.stream is None:
-            self._early.append(None)
+            self._early.new_source()
             return
         self._finish()
         self.stream.new_source(self.stream.width, self.stream.height)
@@ -157,7 +151,7 @@ class EventStage(Stage[E], Generic[E, P]):
     def take_packet(self, packet: Any) -> None:
         """Decode an event packet and take its events; see `EventStream.push_message`."""
         if self.stream is None:
-            self._keep_early(packet)
+            self.left_out_packets += self._early.add(packet)
             return
         lost = self.stream.counts.lost_packets
         try:
@@ -177,16 +171,6 @@ class EventStage(Stage[E], Generic[E, P]):
         if told is not None and outputs.CONTACT in self.outputs:
             fault = Output(outputs.CONTACT, told[0], "", ScanFault(told[1], "data"))
             self._told.append(Result(None, (fault,), told[1]))
-
-    def _keep_early(self, packet: Any) -> None:
-        """Keep a packet until the camera comes; beyond the limit the oldest go, counted."""
-        self._early.append(packet)
-        self._early_bytes += len(packet.events) + PACKET_BYTES
-        while self._early_bytes > self.settings.max_waiting_mb * 1e6 and len(self._early) > 1:
-            oldest = self._early.popleft()
-            if oldest is not None:
-                self._early_bytes -= len(oldest.events) + PACKET_BYTES
-                self.left_out_packets += 1
 
     def take_events(self, events: EventArray) -> None:
         """Take decoded events in order of time, ROS time; the camera must have come."""
@@ -293,23 +277,6 @@ class EventStage(Stage[E], Generic[E, P]):
         if needed is not None and len(self.frames.track):
             self.frames.track.discard_before(needed)
 
-    def _took(self, milliseconds: float, end_ns: int) -> None:
-        """Note how long a result took, and how late it is."""
-        self._milliseconds.append(milliseconds)
-        self._came(end_ns)
-
-    def _came(self, t_ns: int) -> None:
-        """Note how late a result of a time is."""
-        late_s = (self.clock_ns() - t_ns) * 1e-9
-        self._late_s = late_s if abs(late_s) < _RECORDED_S else None
-
-    @property
-    def _latency_s(self) -> float | str:
-        """How late the newest result was, as the status says it; empty where that isn't known."""
-        return "" if self._late_s is None else round(self._late_s, 4)
-
-    def _times(self, piece: str, milliseconds: Iterable[float]) -> dict[str, object]:
-        """Median and 95th percentile of times, as the status says them."""
-        spent = list(milliseconds)
-        median, p95 = np.percentile(spent, [50, 95]).round(2).tolist() if spent else (0.0, 0.0)
-        return {f"{piece}_ms_median": median, f"{piece}_ms_p95": p95}
+    def _came(self, t_ns: int, milliseconds: float | None = None) -> None:
+        """Note a result of a time, and how long it took where that is known."""
+        self._times.came(t_ns, self.clock_ns(), milliseconds)

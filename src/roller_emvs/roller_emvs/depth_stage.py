@@ -73,7 +73,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
             if isinstance(found, RefusedWindow):
                 yield found.result("window", "depth", self._account(found))
             else:
-                self._took(found.milliseconds.get("total", 0.0), found.end_ns)
+                self._came(found.end_ns, found.milliseconds.get("total", 0.0))
                 self._newest_ns = found.stamp_ns
                 yield Result(found, self._depth_outputs(found, camera))
                 if pipeline.at_rest:
@@ -109,6 +109,6 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
             "dead_time_events": totals["dead_time_events"],
             "edge_drift": self.settings.drift_text,
             **contact_figures(pipeline),
-            **self._times("window", self._milliseconds),
-            "window_latency_s": self._latency_s,
+            **self._times.figures("window"),
+            "window_latency_s": self._times.latency_s,
         }

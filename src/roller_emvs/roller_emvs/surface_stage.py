@@ -64,7 +64,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             if isinstance(found, RefusedWindow):
                 yield found.result("block", "points", account)
             else:
-                self._took(found.milliseconds.get("total", 0.0), found.end_ns)
+                self._came(found.end_ns, found.milliseconds.get("total", 0.0))
                 cloud = patch_output(found, found.stamp_ns, self.settings.base_frame)
                 yield Result(found, (cloud, account) if len(found) else (account,))
                 if len(found):
@@ -90,6 +90,6 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
             "map_points": len(self.map),
             "edge_drift": str(self.settings.edge_drift),
             **contact_figures(pipeline),
-            **self._times("block", self._milliseconds),
-            "block_latency_s": self._latency_s,
+            **self._times.figures("block"),
+            "block_latency_s": self._times.latency_s,
         }

@@ -17,8 +17,8 @@ from tf2_msgs.msg import TFMessage
 from roller_core import outputs
 from roller_core.camera import Camera
 from roller_core.codecs import CodecError, RawPacket
+from roller_core.early_packets import PACKET_BYTES
 from roller_core.errors import RollerError
-from roller_core.event_stage import PACKET_BYTES
 from roller_core.frame_settings import FollowedFrames, StreamSettings
 from roller_core.frame_transforms import transforms_of
 from roller_core.outputs import Output, ScanFault, stamp_ns
