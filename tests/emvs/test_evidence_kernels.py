@@ -1,20 +1,13 @@
-"""Kernels of the evidence against slow forms."""
+"""Kernels of the evidence against slow forms: votes, what saw cells, pixels, order of rays."""
 
 import cv2
 import numpy as np
 import pytest
 
 from roller_emvs.bands import sort_into_bands
-from roller_emvs.evidence import (
-    _kernels,
-    _meet_kernels,
-    _peak_kernels,
-    _pixel_kernels,
-    _seen_kernels,
-)
+from roller_emvs.evidence import _kernels, _pixel_kernels, _seen_kernels
 from roller_emvs.evidence._kernels import CELL_PX, ROW_PX, TILE_CELLS
 from roller_emvs.evidence.blur import blurred
-from roller_emvs.evidence.field import ground
 from roller_emvs.evidence.relief import enlarge
 
 HEIGHT, WIDTH = 32, 48
@@ -90,102 +83,6 @@ def test_rays_vote_near_their_plane_alone_and_skipped_tiles_stay_empty() -> None
     np.testing.assert_array_equal(skipped[2:4], found[2:4])
 
 
-def find_peak(
-    scores: np.ndarray,
-    first: np.ndarray | None = None,
-    last: np.ndarray | None = None,
-    rival: float = 2.0,
-    weakest: float = 0.0,
-    least: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Peak, contrast and top of every cell; all planes are searched unless limits are given."""
-    planes, *cells = scores.shape
-    first = np.zeros(cells, np.int32) if first is None else first.astype(np.int32)
-    last = np.full(cells, planes - 1, np.int32) if last is None else last.astype(np.int32)
-    out = tuple(np.empty(cells, np.float32) for _ in range(3))
-    scores = scores.astype(np.float32)
-    _peak_kernels._find_peak(scores, first, last, rival, float(weakest), float(least), *out)
-    return out[0], out[1], out[2]
-
-
-def test_peak_is_searched_between_limits_and_refused_at_them() -> None:
-    k = np.arange(20, dtype=np.float32)[:, None, None]
-    scores = np.exp(-((k - 5.3) ** 2) / 4) + 2 * np.exp(-((k - 14.6) ** 2) / 4)
-    scores = np.repeat(scores, 4, axis=2).astype(np.float32)
-    first, last = np.array([[0, 2, 7, 1]]), np.array([[19, 9, 11, 0]])
-    peak, contrast, top = find_peak(scores, first, last)
-    # The highest of all; the other within limits; none: scores rise at the limit; none to search.
-    np.testing.assert_allclose(peak[0, :2], [14.6, 5.3], atol=0.05)
-    assert np.isnan(peak[0, 2:]).all()
-    for j in range(2):
-        searched = scores[first[0, j] : last[0, j] + 1, 0, j]
-        expected = 1 - searched.mean() / searched.max()
-        assert contrast[0, j] == pytest.approx(expected, rel=1e-4)
-        assert top[0, j] == searched.max()
-
-
-def test_peak_between_planes_is_the_parabolas() -> None:
-    k = np.arange(12, dtype=np.float32)
-    true = np.array([[3.2, 7.75], [5.0, 0.0]])
-    scores = np.maximum(20 - (k[:, None, None] - true) ** 2, 0)
-    peak, contrast, _ = find_peak(scores)
-    np.testing.assert_allclose(peak[0], true[0], atol=1e-3)
-    assert peak[1, 0] == 5.0
-    # A peak on the first plane may lie outside the range: none.
-    assert np.isnan(peak[1, 1])
-    assert contrast[1, 1] == 0
-    flat = np.ones_like(scores)
-    flat[5:] = 0.5
-    assert np.isfinite(find_peak(flat)[0]).all()
-
-
-def test_a_second_peak_as_high_leaves_no_depth() -> None:
-    k = np.arange(30, dtype=np.float32)[:, None, None]
-    for height, known in ((0.8, True), (0.95, False)):
-        scores = np.exp(-((k - 8) ** 2) / 4) + height * np.exp(-((k - 21) ** 2) / 4)
-        assert np.isfinite(find_peak(scores, rival=0.9)[0][0, 0]) == known
-    # A broad top with a dent is one peak.
-    dented = np.exp(-((k - 15) ** 2) / 40) * (1 - 0.05 * (k == 16))
-    assert np.isfinite(find_peak(dented, rival=0.9)[0][0, 0])
-
-
-def test_a_weak_or_faint_peak_is_none() -> None:
-    k = np.arange(20, dtype=np.float32)[:, None, None]
-    scores = (1 + 3 * np.exp(-((k - 8) ** 2) / 4)).astype(np.float32)
-    expected = 1 - scores.mean() / scores.max()
-    for weakest, least, known in (
-        (3.9, 0.0, True), (4.1, 0.0, False),
-        (0.0, expected - 0.01, True), (0.0, expected + 0.01, False),
-    ):  # fmt: skip
-        peak, contrast, _ = find_peak(scores, weakest=weakest, least=least)
-        assert np.isfinite(peak[0, 0]) == known
-        # How faint it is stays known; of one too weak nothing is.
-        assert contrast[0, 0] == pytest.approx(expected if weakest < 4 else 0.0, rel=1e-4)
-
-
-def test_centroids_are_weighted_means() -> None:
-    rng = np.random.default_rng(4)
-    values = rng.gamma(1.0, 1.0, (3, 9, 11)).astype(np.float32)
-    plane = rng.integers(-1, 3, (9, 11))
-    peak = np.where(plane < 0, np.nan, plane + rng.uniform(-0.4, 0.4, (9, 11))).astype(np.float32)
-    weights = np.array([0.2, 0.6, 0.2], np.float32)
-    total, x, y = (np.empty((9, 11), np.float32) for _ in range(3))
-    _peak_kernels._centroids(values, peak, weights, total, x, y)
-    for i in range(9):
-        for j in range(11):
-            if plane[i, j] < 0:
-                assert total[i, j] == 0
-                continue
-            e = ex = ey = 0.0
-            for a in range(max(i - 1, 0), min(i + 2, 9)):
-                for b in range(max(j - 1, 0), min(j + 2, 11)):
-                    w = weights[a - i + 1] * weights[b - j + 1] * values[plane[i, j], a, b]
-                    e, ex, ey = e + w, ex + w * b, ey + w * a
-            np.testing.assert_allclose(
-                [total[i, j], x[i, j], y[i, j]], [e, ex / e, ey / e], rtol=1e-4
-            )
-
-
 def test_planes_are_blurred_where_they_hold_something_and_are_wanted() -> None:
     rng = np.random.default_rng(9)
     for size in ((60, 20), (7, 5), (1, 3), (40, 61)):
@@ -200,15 +97,6 @@ def test_planes_are_blurred_where_they_hold_something_and_are_wanted() -> None:
         asked = (wanted[:, 0] <= k) & (k <= wanted[:, 1])
         found = blurred(volume, 1.25, wanted)
         np.testing.assert_allclose(found[asked], expected[asked], rtol=1e-5, atol=1e-6)
-
-
-def test_rows_are_searched_on_the_planes_of_their_cells() -> None:
-    first = np.array([[3, 1, 2], [5, 6, 7], [-9, 4, 0]], np.int32)
-    last = np.array([[4, 9, -1], [-1, -1, -1], [-3, 5, 2]], np.int32)
-    spans = np.empty((3, 2), np.int32)
-    _peak_kernels._rows_searched(first, last, spans)
-    np.testing.assert_array_equal(spans[[0, 2]], [[1, 9], [0, 5]])
-    assert spans[1, 0] > spans[1, 1]
 
 
 def test_what_saw_cells_is_in_plain_words() -> None:
@@ -277,64 +165,6 @@ def test_pixels_are_taken_that_are_sure_enough() -> None:
         np.testing.assert_allclose(found[:count], expected, rtol=1e-4, atol=1e-5)
 
 
-def surface_of_cells() -> np.ndarray:
-    cells = np.tile((1e-5 * np.arange(WIDTH // CELL_PX)).astype(np.float32), (HEIGHT // CELL_PX, 1))
-    cells[:, -2:] = np.nan
-    return cells
-
-
-def rays_on(
-    surface: np.ndarray, x: np.ndarray, y: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """Rays that meet a surface, given by pixel, at pixels."""
-    slopes = rng.normal(0, 4000, (len(x), 2))
-    offset = surface[y, x][:, None]
-    return np.column_stack([np.column_stack([x, y]) - slopes * offset, slopes]).astype(np.float32)
-
-
-def rays_on_cells(
-    cells: np.ndarray, count: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rays that meet known cells in their middle, so that rounding moves none to the next."""
-    x = rng.integers(0, WIDTH // CELL_PX - 2, count) * CELL_PX + 1
-    y = rng.integers(0, HEIGHT // CELL_PX, count) * CELL_PX + 1
-    pixels = np.repeat(np.repeat(cells, CELL_PX, 0), CELL_PX, 1)
-    return rays_on(pixels, x, y, rng), x, y
-
-
-def test_events_meet_the_cells_they_are_of() -> None:
-    rng = np.random.default_rng(3)
-    cells = surface_of_cells()
-    rays, x, y = rays_on_cells(cells, 400, rng)
-    sums = np.zeros((*cells.shape, 3), np.float32)
-    flat = np.append(cells, np.float32(np.nan))
-    _meet_kernels._meet(
-        rays, 10, 390, (0.0, 0.0), flat, np.float32(0), cells.shape[1], sums.reshape(-1)
-    )
-    count, slope, square = np.moveaxis(sums, -1, 0)
-    expected, summed, squared = (np.zeros_like(cells) for _ in range(3))
-    np.add.at(expected, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), 1)
-    np.add.at(summed, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2])
-    np.testing.assert_array_equal(count, expected)
-    np.add.at(squared, (y[10:390] // CELL_PX, x[10:390] // CELL_PX), rays[10:390, 2] ** 2)
-    np.testing.assert_allclose(slope, summed, rtol=1e-4, atol=1)
-    np.testing.assert_allclose(square, squared, rtol=1e-4)
-
-
-def test_the_plane_to_search_around_is_that_of_the_cell() -> None:
-    rng = np.random.default_rng(5)
-    cells = surface_of_cells()
-    rays, x, y = rays_on_cells(cells, 300, rng)
-    plane = np.empty(300, np.int32)
-    step = np.float32(1e-5)
-    _meet_kernels._plane_near(rays.T.copy(), cells, np.float32(0), step, 12, plane)
-    np.testing.assert_array_equal(plane, np.rint(cells[y // CELL_PX, x // CELL_PX] / step))
-    # A ray over unknown cells is searched nowhere.
-    lost = np.array([[WIDTH - 2, 5, 0, 0]], np.float32)
-    _meet_kernels._plane_near(lost.T.copy(), cells, np.float32(0), step, 12, plane[:1])
-    assert plane[0] == -1
-
-
 def test_parts_of_the_aperture_are_as_wide() -> None:
     rng = np.random.default_rng(8)
     slope = rng.uniform(-11, 9, 500).astype(np.float32)
@@ -364,25 +194,6 @@ def test_tiles_are_searched_where_their_cells_are() -> None:
                 (first[own][known].min(), last[own][known].max()) if known.any() else (40, -1)
             )
             assert tuple(tiles[b, t]) == expected
-
-
-def test_events_gather_on_the_surface_that_they_meet() -> None:
-    rng = np.random.default_rng(3)
-    depth = np.tile((1e-5 * np.arange(WIDTH) - 2e-4).astype(np.float32), (HEIGHT, 1))
-    depth[:, 38:] = np.nan
-    x, y = rng.integers(5, 36, 500), rng.integers(5, 28, 500)
-    pixel, counts = ground(rays_on(depth, x, y, rng), depth)
-    np.testing.assert_array_equal(pixel, y * WIDTH + x)
-    np.testing.assert_array_equal(counts, np.bincount(pixel, minlength=depth.size + 1))
-
-
-def test_no_event_meets_a_surface_that_is_nowhere() -> None:
-    rng = np.random.default_rng(3)
-    nowhere = np.full((HEIGHT, WIDTH), np.nan, np.float32)
-    rays = rays_on(np.zeros_like(nowhere), *rng.integers(0, 9, (2, 20)), rng)
-    pixel, counts = ground(rays, nowhere)
-    assert (pixel == nowhere.size).all()
-    assert counts[-1] == 20
 
 
 def test_rays_are_ordered_by_group_within_their_band() -> None:

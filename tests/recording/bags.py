@@ -16,6 +16,7 @@ from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import inverse_pose, matrix_to_quaternion, pose_matrix
 from roller_recording.raw_message import RawMessage
+from roller_recording.reading import open_recording
 from roller_ros import topics
 from roller_sim.bag import BASE, TOOL, BagMessages
 from roller_sim.bag import CAMERA as SENSOR
@@ -131,6 +132,23 @@ def read_messages(bag: Path, topic: str) -> Iterator[tuple[int, Any]]:
         for connection, log_ns, data in reader.messages():
             if connection.topic == topic:
                 yield log_ns, store.deserialize_cdr(data, connection.msgtype)
+
+
+def read(path: Path, **options: Any) -> EventArray:
+    """What a replay of a bag gets; nothing may be wrong with it."""
+    recording = open_recording(path, **options)
+    parts = []
+    for step in recording.steps():
+        assert step.faults == ()
+        parts.append(step.events)
+    assert recording.counts.lost_packets == 0
+    assert len(recording.track) > 0
+    return EventArray.concatenate(parts)
+
+
+def events_in(path: Path, **options: Any) -> int:
+    """How many events that are."""
+    return len(read(path, **options))
 
 
 def write_tum(track: PoseTrack, path: Path) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin, Writer
 
 from emvs.scenes import CAMERA
@@ -21,6 +20,8 @@ from recording.bags import (
     analytic_dataset,
     bag_messages,
     camera_track,
+    events_in,
+    read,
     scan,
     write_bag,
     write_messages,
@@ -29,28 +30,11 @@ from recording.bags import (
 from roller_bringup.cli import main
 from roller_core.camera import Camera
 from roller_core.events import EventArray
-from roller_recording.raw_message import RawMessage
 from roller_recording.reading import RecordingError, open_recording
 from roller_recording.reading.bag_reader import BagReader
 
 MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 Capture = pytest.CaptureFixture[str]
-
-
-def read(path: Path, **options: Any) -> EventArray:
-    """What a replay of a bag gets; nothing may be wrong with it."""
-    recording = open_recording(path, **options)
-    parts = []
-    for step in recording.steps():
-        assert step.faults == ()
-        parts.append(step.events)
-    assert recording.counts.lost_packets == 0
-    assert len(recording.track) > 0
-    return EventArray.concatenate(parts)
-
-
-def events_in(path: Path, **options: Any) -> int:
-    return len(read(path, **options))
 
 
 @pytest.fixture(scope="module")
@@ -175,61 +159,6 @@ def test_our_own_topic_goes_before_others(tmp_path: Path) -> None:
     items = sorted(ours + other[:20], key=lambda item: item[0])
     write_messages(Writer(bag, version=9, storage_plugin=MCAP), items)
     assert events_in(bag) == len(scan())
-
-
-def split(folder: Path, storage: StoragePlugin, parts: int) -> Path:
-    """A bag in several files, as `ros2 bag record --max-bag-size` makes them."""
-    suffix = ".mcap" if storage == MCAP else ".db3"
-    items = list(bag_messages(Recipe()))
-    size = -(-len(items) // parts)
-    folder.mkdir()
-    names = []
-    for k in range(parts):
-        part = folder.parent / f"part{k}"
-        writer = Writer(part, version=9, storage_plugin=storage)
-        write_messages(writer, items[k * size : (k + 1) * size])
-        names.append(f"bag_{k}{suffix}")
-        shutil.move(part / f"part{k}{suffix}", folder / names[-1])
-        metadata = yaml.safe_load((part / "metadata.yaml").read_text())
-    information = metadata["rosbag2_bagfile_information"]
-    information |= {"relative_file_paths": names, "message_count": len(items)}
-    (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
-    return folder
-
-
-@pytest.mark.parametrize("storage", [MCAP, SQLITE])
-@pytest.mark.parametrize("metadata", [True, False])
-def test_a_bag_in_several_files(metadata: bool, storage: StoragePlugin, tmp_path: Path) -> None:
-    bag = split(tmp_path / "bag", storage, 12)  # bag_10 comes after bag_9
-    if not metadata:
-        (bag / "metadata.yaml").unlink()
-    assert events_in(bag) == len(scan())
-
-
-def test_a_split_bag_with_parts_missing_or_cut(tmp_path: Path) -> None:
-    bag = split(tmp_path / "bag", MCAP, 6)
-    (bag / "bag_1.mcap").unlink()
-    cut = bag / "bag_3.mcap"
-    cut.write_bytes(cut.read_bytes()[:-3000])
-    reader = BagReader(bag)
-    found = list(reader.messages(set(reader.topics)))
-    faults = [str(item) for item in found if not isinstance(item, RawMessage)]
-    assert len(faults) == 2
-    assert "bag_1.mcap is missing; the other files are read" in faults[0]
-    assert re.search(r"bag_3.mcap: cut off at byte \d+", faults[1])
-    last = [item for item in found if isinstance(item, RawMessage)][-1]
-    assert last.t_ns == list(bag_messages(Recipe()))[-1][0]
-
-
-def test_files_that_the_metadata_do_not_know_yet(tmp_path: Path) -> None:
-    bag = split(tmp_path / "bag", MCAP, 3)
-    metadata = yaml.safe_load((bag / "metadata.yaml").read_text())
-    names = metadata["rosbag2_bagfile_information"]["relative_file_paths"]
-    metadata["rosbag2_bagfile_information"]["relative_file_paths"] = names[:1]
-    (bag / "metadata.yaml").write_text(yaml.safe_dump(metadata))
-    shutil.copyfile(bag / names[0], bag / "backup.mcap")  # no part of the bag
-    assert events_in(bag) == len(scan())
-    assert "doesn't name bag_1.mcap, bag_2.mcap; read as well" in BagReader(bag).notes[0]
 
 
 def test_both_storages_without_metadata_are_ambiguous(tmp_path: Path) -> None:
