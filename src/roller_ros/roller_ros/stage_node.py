@@ -24,11 +24,12 @@ from roller_core.outputs import ScanFault
 from roller_core.stage import ERROR, Stage
 
 from . import diagnostics, messages, qos, topics
+from .camera_source import CameraSource
 from .feeding import NEW_SOURCE, backlog_for, bulk_of, feed, packet_of
 from .node import RollerNode
 from .parameters import declare_settings
 from .polling import Poller
-from .sources import OneSource, publisher_of, publishers, same_process
+from .sources import OneSource, publishers
 from .tf import PoseSources
 from .worker import Worker
 
@@ -63,11 +64,9 @@ class StageNode(RollerNode):
         self._looked_s = 0.0
         self._faults = self._unprocessed = self._steps_told = self._left_out_told = 0
         self._poses = PoseSources(settings.base_frame, settings.moving_frame)
-        self._events, self._cameras = OneSource(), OneSource(latched=True)
+        self._events, self._cameras = OneSource(), CameraSource()
         #: Of all topics that other nodes of the graph work out: depth maps, points.
         self._results = OneSource(latched=True, processes=True)
-        #: What the publishers of camera_info said, by publisher.
-        self._camera_infos: dict[bytes, CameraInfo] = {}
         self._meter = diagnostics.Meter()
         self._working = threading.Lock()  # the stage: the worker's, or a service's
         # Whom to follow: the poller's, or that of the thread that spins.
@@ -185,38 +184,21 @@ class StageNode(RollerNode):
             if before != self._events.followed:
                 if before is not None:
                     self._worker.submit((outputs.EVENTS, NEW_SOURCE))
-                self._camera_of_events()
+                self._submit_camera(self._cameras.of_events(self._events.followed))
         self._worker.submit((outputs.EVENTS, message), bulk=bulk_of(message))
 
     def _take_camera(self, message: CameraInfo, info: Mapping[str, Any]) -> None:
         with self._sources:
-            if (sender := publisher_of(info)) is not None:
-                self._camera_infos[sender] = message
-            if self._cameras.accepts(info):
-                self._worker.submit((outputs.CAMERA_INFO, message))
-            else:
-                self._camera_of_events()
+            self._submit_camera(self._cameras.take(message, info, self._events.followed))
 
-    def _camera_of_events(self) -> None:
-        """Follow the camera_info of the process whose events are followed."""
-        events = self._events.followed
-        if not same_process(self._cameras.followed, events):
-            for sender in self._camera_infos:
-                if same_process(sender, events):
-                    self._follow_camera(sender)
-                    return
-
-    def _follow_camera(self, sender: bytes) -> None:
-        self._cameras.follow(sender)
-        self._worker.submit((outputs.CAMERA_INFO, self._camera_infos[sender]))
+    def _submit_camera(self, camera: CameraInfo | None) -> None:
+        if camera is not None:
+            self._worker.submit((outputs.CAMERA_INFO, camera))
 
     def _check_cameras(self) -> None:
         """Follow another camera_info when the publisher of the first is gone."""
         alive = publishers(self, self.resolve_topic_name(outputs.CAMERA_INFO))
-        self._camera_infos = {k: m for k, m in self._camera_infos.items() if k in alive}
-        self._cameras.keep_to(alive)
-        if self._cameras.followed is None and self._camera_infos:
-            self._follow_camera(next(iter(self._camera_infos)))
+        self._submit_camera(self._cameras.check(alive))
 
     def _keep_to_results(self) -> None:
         """Follow another process's results when the first is dead, or sends but some of them."""
