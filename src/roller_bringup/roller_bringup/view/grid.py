@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .hull import cells_in_hull
 from .raster import Raster, rasters
-from .tiles import TILE, Blocks, Key, Tile, fours
+from .tiles import TILE, Blocks, Key, Tile, fours, overlapped
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -29,11 +29,8 @@ _MOST_WEIGHT = 250
 _SLAB = 1024
 #: What lies between points and those that came before was looked at if they are this near, m.
 _NEAR_M = 0.025
-
 #: Points beyond are none of ours, metres.
 _FARTHEST_M = 1e3
-
-Slices = tuple[slice, slice]
 
 
 class Grid:
@@ -133,7 +130,7 @@ class Grid:
         self._shrink()
 
     def _take(self, new: Raster, counted: bool) -> None:
-        for key, here, there in _overlapped(new.x0, new.y0, new.count.shape):
+        for key, here, there in overlapped(new.x0, new.y0, new.count.shape):
             count = new.count[here]
             hit = count > 0
             if not hit.any():
@@ -165,7 +162,7 @@ class Grid:
             See `OUTSIDE` and its like.
         """
         self._have(layers)
-        for key, here, there in _overlapped(x0, y0, state.shape):
+        for key, here, there in overlapped(x0, y0, state.shape):
             part = state[here]
             if not part.any():
                 continue
@@ -256,7 +253,7 @@ class Grid:
         for piece in pieces:
             x0, y0 = int(i[piece].min()), int(j[piece].min())
             mask = cells_in_hull(i[piece] - x0, j[piece] - y0)
-            for key, here, there in _overlapped(x0, y0, mask.shape):
+            for key, here, there in overlapped(x0, y0, mask.shape):
                 tile = self._tile(key)
                 np.maximum(tile.state[there], mask[here], out=tile.state[there])
                 self._touch(tile)
@@ -295,20 +292,3 @@ def _corners(i: I64, j: I64) -> I64:
     """The outermost cells in eight directions, shape (8, 2)."""
     found = [extreme(v) for v in (i, j, i + j, i - j) for extreme in (np.argmin, np.argmax)]
     return np.column_stack([i[found], j[found]])
-
-
-def _overlapped(x0: int, y0: int, shape: tuple[int, ...]) -> Iterator[tuple[Key, Slices, Slices]]:
-    """Tiles that an array of cells lies over, and where they overlap in the array and the tile."""
-    height, width = shape
-    for ty in range(y0 // TILE, (y0 + height - 1) // TILE + 1):
-        rows, there_y = _overlap(ty, y0, height)
-        for tx in range(x0 // TILE, (x0 + width - 1) // TILE + 1):
-            columns, there_x = _overlap(tx, x0, width)
-            yield (tx, ty), (rows, columns), (there_y, there_x)
-
-
-def _overlap(tile: int, first: int, count: int) -> tuple[slice, slice]:
-    """Where a row of tiles and `count` cells from `first` on overlap: in the cells, in the tile."""
-    begin = max(tile * TILE, first)
-    end = min((tile + 1) * TILE, first + count)
-    return slice(begin - first, end - first), slice(begin - tile * TILE, end - tile * TILE)

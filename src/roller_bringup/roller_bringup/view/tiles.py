@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ TILE = 64
 _BLOCKS = 64
 
 Key = tuple[int, int]
+Slices = tuple[slice, slice]
 
 
 @dataclass
@@ -58,6 +59,23 @@ def fours(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     """The four cells that become one, shape (4, n / 2, n / 2)."""
     half = TILE // 2
     return values.reshape(half, 2, half, 2).transpose(1, 3, 0, 2).reshape(4, half, half)
+
+
+def overlapped(x0: int, y0: int, shape: tuple[int, ...]) -> Iterator[tuple[Key, Slices, Slices]]:
+    """Tiles that an array of cells lies over, and where they overlap in the array and the tile."""
+    height, width = shape
+    for ty in range(y0 // TILE, (y0 + height - 1) // TILE + 1):
+        rows, there_y = _overlap(ty, y0, height)
+        for tx in range(x0 // TILE, (x0 + width - 1) // TILE + 1):
+            columns, there_x = _overlap(tx, x0, width)
+            yield (tx, ty), (rows, columns), (there_y, there_x)
+
+
+def _overlap(tile: int, first: int, count: int) -> tuple[slice, slice]:
+    """Where a row of tiles and `count` cells from `first` on overlap: in the cells, in the tile."""
+    begin = max(tile * TILE, first)
+    end = min((tile + 1) * TILE, first + count)
+    return slice(begin - first, end - first), slice(begin - tile * TILE, end - tile * TILE)
 
 
 def pack(found: Sequence[tuple[Key, Tile]], names: Sequence[str]) -> list[memoryview]:
