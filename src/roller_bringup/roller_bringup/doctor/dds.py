@@ -13,11 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from roller_bringup.dds_profile import PROFILE
+
 from .dds_peer import LARGE, MESSAGES, SMALL
 from .result import Result, fault, ok, warning
 from .ros import IMPORT, fault_apart
 
-PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
 _TIMEOUT_S = 20.0
 #: Starts a node.
 _START = (

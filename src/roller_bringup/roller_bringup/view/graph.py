@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import atexit
-import os
-import re
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +21,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from roller_bringup.dds_profile import listen_only
 from roller_core import outputs
 from roller_core.last_resort import ends_within
 from roller_core.serialized_cloud import SerializedCloud
@@ -50,7 +46,6 @@ _POSES_GONE_S = 1.0
 _RESULTS_GONE_S = 2.0
 #: A stamp older than this is of a recording: no lag can be told from it, s.
 _MOST_LAG_S = 30.0
-_PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE"
 #: The list of findings is read again after this many times what reading it took: it is sent whole
 #: with every strip, and hundreds of findings would take half a core.
 _LIST_PAUSE = 30.0
@@ -64,31 +59,13 @@ _NEEDED_OF_DEVIATION = ("x", "y", "deviation", "state")
 _LATEST = QoSProfile(depth=1, reliability=qos.PREVIEW.reliability)
 
 
-def _listen_only() -> None:
-    """Have Fast DDS keep as little shared memory of our own as it can: we publish nothing."""
-    profile = Path(os.environ.get(_PROFILE, ""))
-    if not profile.is_file():
-        return
-    text = profile.read_text()
-    largest = re.search(r"<maxMessageSize>(\d+)</maxMessageSize>", text)
-    if largest is None:
-        return
-    text = re.sub(
-        r"<segment_size>\d+</segment_size>", f"<segment_size>{largest[1]}</segment_size>", text
-    )
-    with tempfile.NamedTemporaryFile("w", suffix=".xml", delete=False) as file:
-        file.write(text)
-    os.environ[_PROFILE] = file.name
-    atexit.register(Path(file.name).unlink, missing_ok=True)
-
-
 class Graph:
     """Subscribes to a graph and fills a scene; a context manager."""
 
     def __init__(self, scene: Scene, namespace: str = "") -> None:
         self._scene = scene
         self._prefix = f"{namespace}/" if namespace else ""
-        _listen_only()
+        listen_only()
         self._context = Context()
         init_ros(context=self._context)
         self._node = Node(
