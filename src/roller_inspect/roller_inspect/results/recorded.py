@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,24 @@ class RecordedResultsError(RollerError):
     """A recording without what a live run should have published."""
 
 
+@dataclass
+class _Recorded:
+    """What a graph published."""
+
+    #: Points of each depth map or cloud, by stamp.
+    given: dict[int, int] = field(default_factory=dict)
+    #: What windows came to, with their stamps.
+    accounts: list[tuple[int, WindowAccount]] = field(default_factory=list)
+    #: Points of the surface.
+    points: int = 0
+    #: The Braille: its cells, in order, and its text.
+    cells: list[Cell] = field(default_factory=list)
+    text: str = ""
+    #: When the last events and the last result were logged, ns; 0: none were.
+    last_events_ns: int = 0
+    last_found_ns: int = 0
+
+
 def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -> None:
     """Write surface, text and report from a recorded graph.
 
@@ -63,71 +82,74 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     surface = report.method == "surface"
     kind = SurfaceTally if surface else TruthTally
     tally: Any = kind.beside(truth_folder) if truth_folder else None
-    store, lines, cells, points = typestore(), "", [], 0
-    given: dict[int, int] = {}  # points by stamp
-    accounts: list[tuple[int, WindowAccount]] = []
-    last_events_ns = last_found_ns = 0
-    beside: dict[str, dict[int, npt.NDArray[np.float32]]] = {_CONFIDENCE: {}, _SIGMA: {}}
     with (
         Reader(bag) as reader,
         PlyWriter(output / "surface.ply", SURFACE_PROPERTIES, "frame base, metres") as ply,
     ):
-        for connection, logged_ns, data in reader.messages():
-            topic = connection.topic
-            if topic == _EVENTS:
-                last_events_ns = logged_ns
-            elif topic in _FOUND:
-                last_found_ns = logged_ns
-            if not topic.startswith("/roller/"):
-                continue
-            message: Any = store.deserialize_cdr(data, connection.msgtype)
-            if topic in beside:
-                beside[topic][stamp_ns(message)] = _pixels(message)
-            elif topic == "/roller/depth/image" and not surface:
-                stamp = stamp_ns(message)
-                depth = _pixels(message)
-                sure, sigma = (kept.pop(stamp, depth) for kept in beside.values())
-                found = DepthMap(stamp, depth, sure, sigma, np.eye(4), stamp, stamp, 0)
-                given[stamp] = found.points
-                if tally is not None:
-                    tally.add(found)
-            elif topic == _ACCOUNTS[surface]:
-                accounts.append((stamp_ns(message), account_of(message)))
-            elif topic == _SURFACE:
-                patch = _patch(message)
-                ply.write(patch.points, *patch.properties())
-                points += len(patch)
-                if surface:
-                    given[patch.stamp_ns] = len(patch)
-                    if tally is not None:
-                        tally.add(patch)
-            elif topic == "/roller/braille/text":
-                lines = message.data
-            elif topic == "/roller/braille/cells":
-                cells.append(_cell(message))
-    if not given:
+        found = _read(reader, surface, tally, ply)
+    if not found.given:
         missing = "no points of the surface" if surface else "no depth map"
         raise RecordedResultsError(f"bag {bag}: the graph published {missing}")
-    for stamp, account in accounts:
+    for stamp, account in found.accounts:
         report.add_window(stamp, account)
-    for stamp in given.keys() - {stamp for stamp, _ in accounts}:
+    for stamp in found.given.keys() - {stamp for stamp, _ in found.accounts}:
         # Recorded when nodes gave no account, or it was lost.
-        report.add_bare_window(stamp, given[stamp])
+        report.add_bare_window(stamp, found.given[stamp])
     report.windows.sort(key=itemgetter("stamp_ns"))
-    text = [line for line in lines.split("\n") if line]
-    write_braille(output, cells, _lines(cells), "grade1")
+    write_braille(output, found.cells, _lines(found.cells), "grade1")
     report.totals |= {
-        "depth_windows": len(given),
-        "surface_points": points,
-        "braille_cells": len({(cell.line, cell.column) for cell in cells}),
-        "braille_text": text,
+        "depth_windows": len(found.given),
+        "surface_points": found.points,
+        "braille_cells": len({(cell.line, cell.column) for cell in found.cells}),
+        "braille_text": [line for line in found.text.split("\n") if line],
     }
-    if last_events_ns:
+    if found.last_events_ns:
         # From the last events to the last result, as they reached the recorder.
-        report.totals["lag_s"] = round(max(last_found_ns - last_events_ns, 0) * 1e-9, 3)
+        lag_ns = max(found.last_found_ns - found.last_events_ns, 0)
+        report.totals["lag_s"] = round(lag_ns * 1e-9, 3)
     if tally is not None:
         report.truth = tally.summary()
     report.write(output / "report.json")
+
+
+def _read(reader: Reader, surface: bool, tally: Any, ply: PlyWriter) -> _Recorded:
+    """Read a bag; the tally, if there is one, and the file take what they need as it comes."""
+    out, store = _Recorded(), typestore()
+    beside: dict[str, dict[int, npt.NDArray[np.float32]]] = {_CONFIDENCE: {}, _SIGMA: {}}
+    for connection, logged_ns, data in reader.messages():
+        topic = connection.topic
+        if topic == _EVENTS:
+            out.last_events_ns = logged_ns
+        elif topic in _FOUND:
+            out.last_found_ns = logged_ns
+        if not topic.startswith("/roller/"):
+            continue
+        message: Any = store.deserialize_cdr(data, connection.msgtype)
+        if topic in beside:
+            beside[topic][stamp_ns(message)] = _pixels(message)
+        elif topic == "/roller/depth/image" and not surface:
+            stamp = stamp_ns(message)
+            depth = _pixels(message)
+            sure, sigma = (kept.pop(stamp, depth) for kept in beside.values())
+            found = DepthMap(stamp, depth, sure, sigma, np.eye(4), stamp, stamp, 0)
+            out.given[stamp] = found.points
+            if tally is not None:
+                tally.add(found)
+        elif topic == _ACCOUNTS[surface]:
+            out.accounts.append((stamp_ns(message), account_of(message)))
+        elif topic == _SURFACE:
+            patch = _patch(message)
+            ply.write(patch.points, *patch.properties())
+            out.points += len(patch)
+            if surface:
+                out.given[patch.stamp_ns] = len(patch)
+                if tally is not None:
+                    tally.add(patch)
+        elif topic == "/roller/braille/text":
+            out.text = message.data
+        elif topic == "/roller/braille/cells":
+            out.cells.append(_cell(message))
+    return out
 
 
 def _pixels(message: Any) -> npt.NDArray[np.float32]:
