@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.scans import ROLLING, sphere_pass
+from calibration.scans import ROLLING, sphere_pass, write_scan
 from emvs.scenes import track_of
 from roller_bringup.cli import main
 from roller_calibration.constant_speed import SpeedError, constant_speed_part
@@ -81,6 +81,23 @@ def test_only_the_part_at_one_speed_counts() -> None:
         constant_speed_part(rolled, 0.02)
 
 
+def test_the_way_back_in_the_air_is_no_part_of_the_pass() -> None:
+    """Rolled for 15 mm, lifted, and back over 30 mm, where noise alone comes."""
+    rolled_s, end_s = 0.15, 0.35
+
+    def way(t: float) -> tuple[np.ndarray, list[float]]:
+        if t < rolled_s:
+            return np.array([0.0, 0.1 * t, 0.0]), [1, 0, 0, 0]
+        return np.array([0.0, 0.015 - 0.15 * (t - rolled_s), -0.02]), [1, 0, 0, 0]
+
+    times = np.concatenate([np.arange(0, rolled_s, 1e-5), np.arange(rolled_s, end_s, 1e-3)])
+    x = np.zeros(len(times), np.uint16)
+    events = EventArray(x, x, (times * 1e9).astype(np.int64), np.zeros(len(times), np.uint8))
+    kept = constant_speed_part(Scan("pass", events, ROLLING, track_of(way, end_s)), 0.01).events
+    assert kept.t_ns[-1] < 1e9 * rolled_s + 1e7  # as speeds are taken over 20 ms
+    assert len(kept) > 10_000
+
+
 @pytest.mark.parametrize("poses", [0, 1, 2, 20])
 def test_no_motion_is_no_constant_speed_part(poses: int) -> None:
     still = PoseTrack()
@@ -108,6 +125,28 @@ def test_plate_gives_the_depth_range(
     assert "not flat" in capsys.readouterr().err
 
 
+def test_the_plates_depth_is_that_where_it_was_rolled_over(
+    world: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Lifted by 10 mm afterwards, with more noise up there than events of the pass."""
+    scan = sphere_pass(dots=0, plate_dots=700)
+    track = PoseTrack()
+    track.assign(scan.track)
+    place = scan.track.positions[-1]
+    for k in range(1, 60):
+        lift = [0.0, 0.0, -0.01 * min(k / 10, 1.0)]
+        track.append(scan.track.end_ns + k * 8_000_000, place + lift, [0, 0, 0, 1])
+    count = len(scan.events) + 1000
+    times = np.linspace(scan.track.end_ns + 100_000_000, track.end_ns - 1, count).astype(np.int64)
+    x, y = np.random.default_rng(0).integers(0, 140, (2, count))
+    noise = EventArray.from_arrays(x, y, times, np.zeros(count))
+    events = EventArray.concatenate([scan.events, noise])
+    lifted = write_scan(tmp_path / "lifted", replace(scan, events=events, track=track))
+    words = ["calibrate", "flat", str(lifted), "--camera", str(world / "camera.yaml")]
+    assert main(words) == 0
+    assert "plate at 45.2" in capsys.readouterr().out
+
+
 def test_a_scan_with_ramps_gives_the_depth_range(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -120,6 +159,21 @@ def test_a_scan_with_ramps_gives_the_depth_range(
     for part in (settings.depth, settings.surface):
         assert part.depth_min_m == pytest.approx(0.043, abs=1e-4)
         assert part.depth_max_m == pytest.approx(0.047, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--search-mm", "0.038", "0.052"], "--search-mm 0.038: expected 1 to 500"),
+        (["--reach-mm", "0.0015"], "--reach-mm 0.0015: expected 0.01 to 50"),
+        (["--margin-mm", "nan"], "--margin-mm nan: expected"),
+    ],
+)
+def test_metres_in_place_of_millimetres_are_refused(
+    capsys: pytest.CaptureFixture[str], words: list[str], says: str
+) -> None:
+    assert main(["calibrate", "flat", "plate", *words]) == 1
+    assert says in capsys.readouterr().err
 
 
 def test_nothing_is_written_into_a_recording(

@@ -18,9 +18,12 @@ from .recordings import Scan
 
 #: Steps of time, and half the span over which a speed is taken (poses carry noise), ns.
 _STEP_NS, _HALF_SPAN_NS = 2_000_000, 10_000_000
-#: Speeds count from this share of the highest, and may differ by this share to either side; and
-#: the steps (of their logarithm) in which speeds are tried.
-_MOVING, _UNEVEN, _FINE = 0.1, 0.05, 0.02
+#: Speeds count from this share of the highest, as the way home may be much faster, and may differ
+#: by this share to either side; and the steps (of their logarithm) in which speeds are tried.
+_MOVING, _UNEVEN, _FINE = 0.01, 0.05, 0.02
+#: A part counts if it has this share of the events per metre of the one with most; in the air, on
+#: the way back, there are only those of noise.
+_LEAST_SHARE = 0.25
 
 
 class SpeedError(RollerError):
@@ -40,7 +43,8 @@ def constant_speed_part(scan: Scan, least_m: float) -> Scan:
     Returns
     -------
     Scan
-        With the events of the longest path whose speed stays within a twentieth of some speed.
+        With the events of the longest path on the surface whose speed stays within a twentieth of
+        some speed.
 
     Raises
     ------
@@ -50,7 +54,7 @@ def constant_speed_part(scan: Scan, least_m: float) -> Scan:
     track = scan.track
     first, last = track.start_ns + _HALF_SPAN_NS, track.end_ns - _HALF_SPAN_NS
     times = np.arange(first, last + 1, _STEP_NS, dtype=np.int64)
-    begin, end, length_m = 0, 0, 0.0
+    parts, length_m = np.empty((0, 2), np.int64), 0.0
     if len(times):
         ends = [track.sample(times + side * _HALF_SPAN_NS)[0] for side in (-1, 1)]
         speed = np.linalg.norm(ends[1] - ends[0], axis=1) / (2e-9 * _HALF_SPAN_NS)
@@ -60,16 +64,21 @@ def constant_speed_part(scan: Scan, least_m: float) -> Scan:
         for usual in np.exp(np.unique(np.rint(moving / _FINE)) * _FINE):
             even = np.abs(speed - usual) <= _UNEVEN * usual
             edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]])))
-            for a, b in edges.reshape(-1, 2):
-                if travel[b] - travel[a] > length_m:
-                    begin, end, length_m = int(a), int(b), float(travel[b] - travel[a])
-    if length_m < least_m:
+            found = edges.reshape(-1, 2)
+            lengths = travel[found[:, 1]] - travel[found[:, 0]]
+            length_m = max(length_m, float(lengths.max(initial=0.0)))
+            parts = np.concatenate([parts, found[lengths >= least_m]])
+    if not len(parts):
         raise SpeedError(
             f"{scan.name}: {length_m * 1e3:.1f} mm at one speed, less than {least_m * 1e3:g} mm: "
             "roll at a steady speed, without stops"
         )
-    cut = np.searchsorted(scan.events.t_ns, times[[begin, end - 1]])
-    return replace(scan, events=scan.events[int(cut[0]) : int(cut[1])])
+    lengths = travel[parts[:, 1]] - travel[parts[:, 0]]
+    cuts = np.searchsorted(scan.events.t_ns, times[parts - [0, 1]])
+    density = np.diff(cuts, axis=1)[:, 0] / lengths
+    lengths[density < _LEAST_SHARE * density.max()] = 0
+    begin, end = cuts[np.argmax(lengths)]
+    return replace(scan, events=scan.events[int(begin) : int(end)])
 
 
 def rolling_speed_m_s(track: PoseTrack) -> float:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from roller_core.calibration_file import CalibrationError, calibration_record
 
-from .output import add_kind, write
+from .output import add_kind, check_mm, write
 
 #: Nodes that search a depth range.
 _NODES = ("emvs", "surface")
@@ -48,16 +48,21 @@ def run(args: argparse.Namespace) -> int:
     from roller_calibration.recordings import read_scans
     from roller_inspect.pipeline import PipelineSettings
 
-    if not (args.reach_mm >= 0 and args.margin_mm >= 0):
-        raise CalibrationError("--reach-mm and --margin-mm: 0 or more")
+    # Metres in place of millimetres would give a range that holds no relief.
+    for option, value in (("--reach-mm", args.reach_mm), ("--margin-mm", args.margin_mm)):
+        if value != 0:
+            check_mm(option, value, 0.01, 50)
+    for value in args.search_mm:
+        check_mm("--search-mm", value, 1, 500)
     settings = PipelineSettings.load(args.params).depth
     near, far = (v * 1e-3 for v in args.search_mm)
     wide = type(settings).create(
         {**settings.model_dump(), "depth_min_m": near, "depth_max_m": far}, "--search-mm"
     )
     (scan,) = read_scans(args, settings.max_pose_gap_s)
-    points, _ = pass_points(constant_speed_part(scan, _LEAST_LENGTH_M), wide)
-    middle_ns = int(scan.events.t_ns[len(scan.events) // 2])
+    rolled = constant_speed_part(scan, _LEAST_LENGTH_M)
+    points, _ = pass_points(rolled, wide)
+    middle_ns = int(rolled.events.t_ns[len(rolled.events) // 2])
     plate = find_plate(points, scan.track.matrices([middle_ns])[0], scan.camera)
     low, high = plate.depth_range_m(args.reach_mm * 1e-3, args.margin_mm * 1e-3)
     if low <= 0:
