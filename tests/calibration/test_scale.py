@@ -46,3 +46,6 @@ def test_caliper_gives_the_scale(capsys: pytest.CaptureFixture[str]) -> None:
     for pixels, says in (("47", "8 readings in mm and 1"), ("47,x", "expected numbers")):
         assert main([*words, pixels]) == 1
         assert says in capsys.readouterr().err
+    words[3] = "0.002,0.002,0.003,0.003"
+    assert main([*words, "47.2,47.6,71,71.3"]) == 1
+    assert "reading 1 is 0.002, expected 0.1 to 100 mm" in capsys.readouterr().err

@@ -29,7 +29,8 @@ def run(args: argparse.Namespace) -> int:
     from roller_calibration.scale import PAPER_MM_PER_PX, PAPER_READINGS, scale_of
     from roller_core.camera import Camera
 
-    found = scale_of(_numbers(args.readings_mm, "--readings-mm"), _numbers(args.pixels, "--pixels"))
+    readings_mm = _numbers(args.readings_mm, "--readings-mm", 0.1, 100, "mm")
+    found = scale_of(readings_mm, _numbers(args.pixels, "--pixels", 1, 5000, "px"))
     print(
         f"{found.mm_per_px:.5f} mm/px ± {found.standard_error_mm_per_px:.5f} ({found.readings} "
         f"readings, standard deviation {found.deviation_mm_per_px:.5f}, spread "
@@ -44,8 +45,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _numbers(text: str, option: str) -> list[float]:
+def _numbers(text: str, option: str, least: float, most: float, unit: str) -> list[float]:
     try:
-        return [float(word) for word in text.split(",") if word.strip()]
+        found = [float(word) for word in text.split(",") if word.strip()]
     except ValueError as error:
         raise CalibrationError(f"{option}: expected numbers with commas, not '{text}'") from error
+    for number, value in enumerate(found, 1):
+        if not least <= value <= most:
+            raise CalibrationError(
+                f"{option}: reading {number} is {value:g}, expected {least:g} to {most:g} {unit}"
+            )
+    return found
