@@ -43,6 +43,8 @@ def test_one_speed_holds_both() -> None:
     found = estimate_time_offset([scan_of(there_and_back(0.2), 0.001)], DEPTH_M)
     assert found.late_m is None
     assert found.delay_s == pytest.approx(0.001 - PIXEL_M / 2 / 0.2, abs=4e-5)
+    # Which of both isn't known, and the deviation says so: edges lag by 0.1 mm.
+    assert found.deviation_s == pytest.approx(1e-4 / 0.2, rel=0.1)
 
 
 def test_a_swing_has_speeds_enough() -> None:

@@ -50,6 +50,8 @@ _ALIKE, _APART = 1.25, 1.5
 _ROUNDS = 6
 #: Largest delay, of either sign, that is looked for, s.
 _MOST_S = 0.02
+#: How far edges lag by themselves, metres: what one speed leaves unknown.
+_EDGE_LAG_M = 1e-4
 #: A lag is no better than this share of a pixel, however well strips agree.
 _FINEST_PX = 0.1
 
@@ -60,7 +62,8 @@ class TimeOffset:
 
     #: Event stamps less the time, in the clock of the poses, of what they show, seconds.
     delay_s: float
-    #: Standard error by the scatter of strips of the image, seconds.
+    #: Standard error by the scatter of strips of the image, seconds; where one speed can't show
+    #: what edges lag by, that too.
     deviation_s: float
     #: Travel past an edge at which its events come, metres; None where one speed can't show it:
     #: then the delay holds it too.
@@ -110,6 +113,8 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float) -> TimeOffset:
     rest = target - design @ solution
     spread = np.sqrt((rest @ rest) / max(len(lags) - len(solution), 1)) if len(lags) > 2 else 1.0
     deviation = float(np.sqrt(np.linalg.inv(design.T @ design)[0, 0])) * max(float(spread), 1.0)
+    if not apart:
+        deviation = float(np.hypot(deviation, 2 * _EDGE_LAG_M / closing.mean()))
     return TimeOffset(
         delay_s,
         deviation,

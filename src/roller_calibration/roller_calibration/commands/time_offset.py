@@ -61,8 +61,9 @@ def _describe(found: TimeOffset) -> list[str]:
     ]
     if found.late_m is None:
         lines.append(
-            "this holds what edges lag by themselves, about a tenth of a millimetre over the "
-            "speed; give another recording at half or twice the speed to separate them"
+            "this holds what edges lag by themselves, and so does ±: about a tenth of a "
+            "millimetre over the speed; give another recording at half or twice the speed to "
+            "separate them"
         )
     else:
         lines.append(f"events come {found.late_m * 1e6:.0f} µm behind their edges at any speed")
