@@ -4,8 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from roller_core.calibration_file import calibration_record, read_record, write_calibration
-from roller_core.errors import UnwritableOutputError
+from roller_core.calibration_file import (
+    calibration_record,
+    check_same_camera,
+    read_record,
+    write_calibration,
+)
+from roller_core.camera import Camera, OtherCameraError
+from roller_core.errors import SettingsError, UnwritableOutputError
 from roller_core.parameter_files import read_parameters
 
 
@@ -37,3 +43,17 @@ def test_what_was_changed_by_hand_stays_unless_it_was_read(tmp_path: Path) -> No
     assert "0.049 # my own" in cell.read_text()
     calibrate(cell, "time_offset", cell, event_delay_s=4e-4)
     assert read_parameters(cell, "emvs")["depth_max_m"] == 0.049
+
+
+def test_another_camera_is_seen_without_the_record_too(tmp_path: Path) -> None:
+    cell, camera = tmp_path / "cell.yaml", Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
+    text = "surface: {ros__parameters: {calibrated_camera: %s}}"
+    for same in ([0.0], list(camera.intrinsics)):
+        cell.write_text(text % same)
+        check_same_camera(cell, camera)
+    cell.write_text(text % [640.0, 480.0, 900.0, 900.0, 319.5, 239.5])
+    with pytest.raises(OtherCameraError, match=r"parameters of 'surface' .* another camera"):
+        check_same_camera(cell, camera)
+    cell.write_text(text % "5")
+    with pytest.raises(SettingsError, match="calibrated_camera of 'surface' can't be read"):
+        check_same_camera(cell, camera)

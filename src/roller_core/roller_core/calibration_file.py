@@ -186,7 +186,8 @@ def check_same_camera(path: Path | None, camera: Camera) -> None:
     Parameters
     ----------
     path : path or None
-        The file; without a record of a calibration it fits any camera.
+        The file; without a record of a calibration, and without a node's `calibrated_camera`, it
+        fits any camera.
     camera : Camera
         The camera of the recording at hand.
 
@@ -215,6 +216,20 @@ def check_same_camera(path: Path | None, camera: Camera) -> None:
             raise OtherCameraError(
                 f"{path}: '{kind}' was calibrated with another camera ({made}) than this "
                 f"recording's ({camera}); calibrate again"
+            )
+    # As the nodes look at it, where the record was left out.
+    for node in _CAREFUL:
+        wanted = read_parameters(path, node).get("calibrated_camera", [0.0])
+        try:
+            same = not any(wanted) or camera.same_intrinsics([float(v) for v in wanted])
+        except (TypeError, ValueError) as error:
+            raise SettingsError(
+                f"{path}: calibrated_camera of '{node}' can't be read ({error})"
+            ) from error
+        if not same:
+            raise OtherCameraError(
+                f"{path}: the parameters of '{node}' were calibrated with another camera "
+                f"(calibrated_camera) than this recording's ({camera}); calibrate again"
             )
 
 
