@@ -156,6 +156,19 @@ def test_the_force_where_the_controller_gives_it(missing):
         running.wait_for(len(running.samples) + 5)
 
 
+def test_what_is_no_number_is_left_out_and_counted():
+    with ControllerProcess() as controller, Running() as running:
+        running.wait_for(5)
+        controller.send("force nan")
+        running.wait(lambda: running.samples[-1].wrench == ())
+        controller.send("pose_z nan")
+        running.wait(lambda: running.receiver.status.not_finite > 5)
+        count = len(running.samples)
+        controller.send("pose_z 0.25")
+        running.wait_for(count + 5)
+    assert np.isfinite([sample.pose for sample in running.samples]).all()
+
+
 def test_contact():
     rolling, still = (0.3, 0, 0), (0.0, 0, 0)
     watch = ContactWatch(least_n=10, most_n=40)

@@ -33,7 +33,7 @@ class Ur10Node(RollerNode):
         self._clock_map = SensorClock()
         self._published = 0
         self._last_ns = 0
-        self._missed_reported = self._steps_reported = 0
+        self._missed_reported = self._steps_reported = self._not_finite_reported = 0
         self._meter = diagnostics.Meter()
         # Not _publishers: rclpy's own.
         self._tf = (
@@ -111,6 +111,8 @@ class Ur10Node(RollerNode):
         if self._tf is not None:
             self._others.check()
         missed, self._missed_reported = s.missed - self._missed_reported, s.missed
+        no_numbers = s.not_finite - self._not_finite_reported
+        self._not_finite_reported = s.not_finite
         steps = self._clock_map.steps
         jumped, self._steps_reported = steps > self._steps_reported, steps
         contact = self._contact.verdict()
@@ -131,6 +133,8 @@ class Ur10Node(RollerNode):
                 f"another node publishes {p.tool} on /tf too: set publish_tf to false here or stop "
                 "the other"
             )
+        elif no_numbers:
+            level, text = diagnostics.ERROR, f"{no_numbers} poses are no numbers, and left out"
         elif contact:
             level, text = diagnostics.ERROR, contact
         elif jumped:
@@ -155,6 +159,7 @@ class Ur10Node(RollerNode):
                 "pose_gaps": s.gaps,
                 "longest_pose_gap_s": round(s.longest_gap_s, 3),
                 "torn_reads": s.torn,
+                "not_finite": s.not_finite,
                 "connects": s.connects,
                 **diagnostics.clock_figures(self._clock_map),
                 "clock_steps_back": s.steps_back,

@@ -4,8 +4,8 @@
 
 It prints `ready` with the time of its first tick (CLOCK_MONOTONIC, s) and then takes commands on
 its standard input, one a line: `protective_stop`, `normal`, `disconnect`, `late SECONDS`,
-`silence SECONDS`, `step_back SECONDS`, `force N`, `tool_z METRES`, `start SECONDS`
-(CLOCK_MONOTONIC: when the trajectory begins), `quit`.
+`silence SECONDS`, `step_back SECONDS`, `force N`, `pose_z METRES` (of all poses), `tool_z METRES`,
+`start SECONDS` (CLOCK_MONOTONIC: when the trajectory begins), `quit`.
 """
 
 import json
@@ -194,6 +194,7 @@ class ControllerModel:
         self.stopped_at: float | None = None
         self.clock_shift_s = 0.0
         self.begin_s = 0.0
+        self.pose_z: float | None = None
         self.trajectory = (
             Trajectory(settings.trajectory, settings.period_s) if settings.trajectory else None
         )
@@ -255,6 +256,8 @@ class ControllerModel:
             self.trajectory.start_s = float(value)
         elif name == "force":
             self.settings.force_n = float(value)
+        elif name == "pose_z":
+            self.pose_z = float(value)
         elif name == "tool_z":
             self.settings.tcp_offset[2] = float(value)
         elif name == "step_back":
@@ -274,6 +277,8 @@ class ControllerModel:
             pose, speed = self.trajectory.at(self.begin_s + t_path)
         else:
             pose, speed = motion(s, t_path)
+        if self.pose_z is not None:
+            pose[2] = self.pose_z
         if self.stopped_at is not None:
             speed = [0.0] * 6
         return pose, speed

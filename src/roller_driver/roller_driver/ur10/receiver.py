@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -39,7 +40,7 @@ class RobotSample:
     #: Its velocity in base: m/s and rad/s.
     speed: tuple[float, ...]
     #: Force and torque at the TCP, along the axes of base: N and Nm; empty where the controller
-    #: doesn't say.
+    #: doesn't say, or says what is no number.
     wrench: tuple[float, ...] = ()
 
 
@@ -194,7 +195,10 @@ class RobotReceiver:
                 s.longest_gap_s = max(s.longest_gap_s, step * 1e-9)
             last_ns, last_seen = controller_ns, now
             s.samples += 1
-            self._on_sample(sample)
+            if all(map(math.isfinite, (*sample.pose, *sample.speed))):
+                self._on_sample(sample)
+            else:
+                s.not_finite += 1
             # The next one is most of a period away; then look often.
             time.sleep(0.7 * period_s)
 
@@ -205,6 +209,8 @@ class RobotReceiver:
             pose = tuple(interface.getActualTCPPose())
             speed = tuple(interface.getActualTCPSpeed())
             wrench = tuple(interface.getActualTCPForce()) if self._has_force else ()
+            if not all(map(math.isfinite, wrench)):
+                wrench = ()
             self.status.safety_mode = int(interface.getSafetyMode())
             self.status.robot_mode = int(interface.getRobotMode())
             after = interface.getTimestamp()

@@ -49,6 +49,8 @@ class ReceiverStatus:
     longest_gap_s: float = 0.0
     #: Reads repeated because a new sample came in the middle.
     torn: int = 0
+    #: Samples left out because their pose or velocity was no number.
+    not_finite: int = 0
     #: Times that the controller's clock went back.
     steps_back: int = 0
     #: As the controller reports them; 0 and -1 before it does.
