@@ -176,6 +176,21 @@ def test_a_parameter_that_makes_no_sense_ends_the_node_in_one_line(processes):
     assert "'encoding' = 'evt2': can't be written" in line
 
 
+def test_a_device_has_no_simulated_clock(emulated_camera, processes, watch):
+    """Nobody publishes /clock: stamps would be zero, and no pose would come out."""
+    pytest.importorskip("rtde_receive", reason="ur_rtde has no wheels for this Python")
+    watcher = watch()
+    with ControllerProcess():
+        processes.start("event_camera", f"{{{EMULATED_CAMERA}, use_sim_time: true}}")
+        processes.start("ur10", f"{{robot_ip: {LOOPBACK}, use_sim_time: true}}")
+        watcher.spin_until(
+            lambda: all(watcher.has_said(name, "use_sim_time is set") for name in (CAMERA, ROBOT)),
+            60,
+            "both devices",
+        )
+    assert set(processes.stop().values()) == {0}
+
+
 def test_without_devices_the_nodes_say_so_and_stay(processes, watch, tmp_path, monkeypatch):
     (tmp_path / "nothing.py").write_text(
         "from driver.emulation.usb_backend import EmulatedBackend as none\n"

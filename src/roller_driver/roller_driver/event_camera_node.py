@@ -262,6 +262,8 @@ class EventCameraNode(RollerNode, LifecycleNode):
         level, text = diagnostics.OK, s.state
         if s.state == reader.SEARCHING:
             level, text = diagnostics.ERROR, s.fault or "looking for the camera"
+        elif simulated := diagnostics.simulated_clock(self):
+            level, text = diagnostics.ERROR, simulated
         elif s.state == reader.SILENT:
             level, text = diagnostics.WARN, s.fault
         elif jumped:

@@ -119,6 +119,8 @@ class Ur10Node(RollerNode):
         level, text = diagnostics.OK, s.state if p.connect else "another node connects to the robot"
         if s.state == SEARCHING:
             level, text = diagnostics.ERROR, s.fault or f"looking for robot {p.robot_ip}"
+        elif simulated := diagnostics.simulated_clock(self):
+            level, text = diagnostics.ERROR, simulated
         elif s.stopped_for_safety:
             level, text = diagnostics.ERROR, f"the robot stands: {s.safety}"
         elif p.publish_hand_eye and not p.hand_eye_known:

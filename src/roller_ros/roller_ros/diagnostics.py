@@ -65,6 +65,13 @@ def pose_figures(counts: PoseCounts) -> dict[str, object]:
     }
 
 
+def simulated_clock(node: Node) -> str:
+    """What is wrong with a device's node that goes by a simulated clock; empty: it doesn't."""
+    if not node.get_clock().ros_time_is_active:
+        return ""
+    return "use_sim_time is set, but a device's times are this machine's: set it to false here"
+
+
 class Diagnostics:
     """Publishes one status a second, and at once when a fault is reported.
 

@@ -26,6 +26,7 @@ _ADVICE = tuple(
             "Check the robot's power, network and robot_ip; "
             "`roller doctor --robot-ip ADDRESS` tries it.",
         ),
+        (r"use_sim_time", "Start the cell without use_sim_time; it is for replays."),
         (r"no numbers", "Start the robot's controller again, and check its tool centre point."),
         (r"the robot stands", "Clear the stop on the robot's pendant, then start the pass again."),
         (r"hand_eye", "Calibrate the camera's place: `roller calibrate hand-eye`."),
