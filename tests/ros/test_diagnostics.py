@@ -1,14 +1,19 @@
 """Rates, and floods of faults."""
 
+import threading
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip("rclpy")
 
+import rclpy
+from rclpy.context import Context
+
 from roller_core.clock import SensorClock
 from roller_core.outputs import CONTACT, Output, Result, ScanFault
 from roller_core.sensor_pose import PoseCounts
+from roller_emvs.stitcher_stage import StitcherStage
 from roller_ros import diagnostics
 from roller_ros.diagnostics import Diagnostics, Meter
 from roller_ros.stage_node import StageNode
@@ -116,6 +121,31 @@ def test_windows_without_a_result_are_an_error_where_the_scan_is_bad_or_gives_no
     levels = [level for _, level in told]
     warn, error = diagnostics.WARN, diagnostics.ERROR
     assert levels == [warn, error, warn, warn, error, error]
+
+
+def test_a_node_that_compiles_its_kernels_says_so(domain, monkeypatch):
+    """It doesn't spin yet, and would be silent for minutes."""
+    told, said = [], threading.Event()
+
+    def send(_, level, message, values):
+        told.append((level, message))
+        said.set()
+
+    class Compiling(StitcherStage):
+        def warm_up(self):
+            said.wait(5)
+
+    monkeypatch.setattr(Diagnostics, "_send", send)
+    context = Context()
+    rclpy.init(context=context)
+    node = StageNode(Compiling, context=context)
+    try:
+        assert told
+        assert told[0][0] == diagnostics.WARN
+        assert told[0][1].startswith("not ready: it compiles its kernels")
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 def test_figures_of_a_clock_and_of_poses():

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
@@ -99,12 +101,30 @@ class Diagnostics:
     ) -> None:
         self.hardware_id = hardware_id
         self._node = node
+        self._period_s = period_s
         self._name = f"{node.get_fully_qualified_name().lstrip('/')}: {part}"
         self._values = values
         self._fault, self._fault_level = "", ERROR
         self._told: list[float] = []
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
         node.create_timer(period_s, self.publish, clock=STEADY)
+
+    @contextmanager
+    def preparing(self, what: str) -> Iterator[None]:
+        """Say what a node does that takes long before it spins, in place of regular statuses."""
+        done, begun = threading.Event(), time.monotonic()
+
+        def say() -> None:
+            while not done.wait(self._period_s):
+                self._send(WARN, f"{what} ({time.monotonic() - begun:.0f} s)", {})
+
+        thread = threading.Thread(target=say, name="preparing", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            done.set()
+            thread.join()
 
     def fault(self, message: str, level: bytes = ERROR) -> None:
         """Report a fault now; it stays in the next regular status too.

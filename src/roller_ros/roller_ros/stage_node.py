@@ -37,6 +37,8 @@ from .worker import Worker
 _MOST_UNPROCESSED = 10
 #: A scan begins and ends with windows too short for a result; more of them in a row are bad.
 _MOST_EMPTY = 3
+#: What it does before it listens.
+_PREPARING = "not ready: it compiles its kernels, on a first run for a minute or two"
 #: A sender that isn't followed is looked up in the graph no more often, s.
 _LOOK_S = 0.2
 
@@ -72,11 +74,12 @@ class StageNode(RollerNode):
         # Whom to follow: the poller's, or that of the thread that spins.
         self._sources = threading.RLock()
         self._outputs = {name: topics.publisher(self, name) for name in kind.outputs}
-        stage.warm_up()
-        take_memory()
         self._diagnostics = diagnostics.Diagnostics(
             self, kind.part, self._status, hardware_id=settings.sensor_frame
         )
+        with self._diagnostics.preparing(_PREPARING):
+            stage.warm_up()
+        take_memory()
         self._worker: Worker[tuple[str, Any]] = Worker(
             self._handle, self._flush, settings.idle_flush_s, backlog_for(settings, kind),
             self._settled,
