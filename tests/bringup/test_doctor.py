@@ -156,6 +156,7 @@ def test_machine_of_this_test(tmp_path):
         (clock.ClockFacts(None, 0.0, 3.0, 0.0), "OK", "+3.0 ppm"),
         (clock.ClockFacts(True, 0.002, -480.0, 0.0), "warning", "it is being pulled: -480"),
         (clock.ClockFacts(True, 0.002, 3.0, -0.5), "fault", "jumped by -0.500 s"),
+        (clock.ClockFacts(False, 16.0, 3.0, 0.0, 1970), "fault", "it shows the year 1970"),
     ],
 )
 def test_clock_by_its_facts(facts, level, says):

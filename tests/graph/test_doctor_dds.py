@@ -98,3 +98,7 @@ def test_transport_by_its_facts(tmp_path):
         assert says in result.found
     short = dds.judge_transport(dds.TransportFacts(ours, "segment_size", "LOCALHOST", "0", 64e6))
     assert (short.level, "--shm-size" in short.advice) == ("warning", True)
+    full = dds.judge_transport(dds.TransportFacts(ours, "segment_size", "LOCALHOST", "0", 0.0))
+    assert (full.level, "0 MB of shared memory" in full.found) == ("warning", True)
+    none = dds.judge_transport(dds.find_transport({dds.PROFILE: ours}, str(tmp_path / "none")))
+    assert (none.level, "can't be written" in none.found) == ("fault", True)

@@ -13,6 +13,8 @@ _TIME_ERROR = 5
 #: A clock that is pulled faster than this is being set right; the clock maps lag behind it.
 _MOST_PPM = 150.0
 _STEP_S = 1e-3
+#: A clock that shows an earlier one has lost the time: an empty battery.
+_LEAST_YEAR = 2024
 
 
 class _Timex(ctypes.Structure):
@@ -56,6 +58,8 @@ class ClockFacts:
     rate_ppm: float
     #: By how much it jumped while it was watched, s.
     step_s: float
+    #: The year that it shows.
+    year: int = _LEAST_YEAR
 
 
 def find_clock(before: Reading, after: Reading) -> ClockFacts:
@@ -64,7 +68,9 @@ def find_clock(before: Reading, after: Reading) -> ClockFacts:
     monotonic = after.monotonic_ns - before.monotonic_ns
     step = (after.realtime_ns - before.realtime_ns) - monotonic
     synchronised, max_error_s = _ask_kernel()
-    return ClockFacts(synchronised, max_error_s, (monotonic / elapsed - 1) * 1e6, step * 1e-9)
+    rate_ppm = (monotonic / elapsed - 1) * 1e6
+    year = time.gmtime(after.realtime_ns * 1e-9).tm_year
+    return ClockFacts(synchronised, max_error_s, rate_ppm, step * 1e-9, year)
 
 
 def judge_clock(facts: ClockFacts) -> Result:
@@ -83,6 +89,13 @@ def judge_clock(facts: ClockFacts) -> Result:
             name,
             f"it is being pulled: {rate}",
             "wait until NTP has set it right: stamps of events and poses lag meanwhile",
+        )
+    if facts.year < _LEAST_YEAR:
+        return fault(
+            name,
+            f"it shows the year {facts.year}; {rate}",
+            "set it (timedatectl set-time), and see to the machine's battery: recordings, "
+            "calibrations and reports carry its date",
         )
     if facts.synchronised is None:
         return ok(name, f"{rate}; the kernel says no more")

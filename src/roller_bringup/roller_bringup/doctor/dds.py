@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,8 +42,8 @@ class TransportFacts:
     discovery: str
     #: ROS domain.
     domain: str
-    #: Free shared memory; 0: not known.
-    shared_memory_bytes: float
+    #: Free shared memory; None: none can be written.
+    shared_memory_bytes: float | None
 
 
 @dataclass(frozen=True)
@@ -74,10 +75,10 @@ def find_transport(
     if not discovery:
         local = environment.get("ROS_LOCALHOST_ONLY") == "1"
         discovery = "LOCALHOST" if local else "SUBNET (the default)"
-    try:
-        free = float(shutil.disk_usage(shared_memory).free)
-    except OSError:
-        free = 0.0
+    free = None
+    if os.access(shared_memory, os.W_OK):
+        with suppress(OSError):
+            free = float(shutil.disk_usage(shared_memory).free)
     return TransportFacts(profile, text, discovery, environment.get("ROS_DOMAIN_ID", "0"), free)
 
 
@@ -104,7 +105,13 @@ def judge_transport(facts: TransportFacts) -> Result:
             f"{found}; the profile {facts.profile} doesn't enlarge the shared memory",
             "take config/fastdds.xml, or its transport: messages above 0.5 MB are lost",
         )
-    if 0 < facts.shared_memory_bytes < _SHARED_MEMORY:
+    if facts.shared_memory_bytes is None:
+        return fault(
+            name,
+            f"{found}; shared memory can't be written",
+            "mount /dev/shm so that this user can write there: depth images travel through it",
+        )
+    if facts.shared_memory_bytes < _SHARED_MEMORY:
         return warning(
             name,
             f"{found}; {facts.shared_memory_bytes / 1e6:.0f} MB of shared memory are free",
