@@ -101,3 +101,15 @@ def test_a_browser_that_reads_nothing_holds_up_no_other():
             if state["dropped_frames"]:
                 break
         assert state["viewers"] == 2
+
+
+def test_who_comes_as_another_leaves_waits_for_nothing(monkeypatch):
+    """A page that is loaded again: there are as many as before, and nothing has changed."""
+    monkeypatch.setattr("roller_bringup.view.server._HEARTBEAT_S", 3600.0)
+    monkeypatch.setattr("roller_bringup.view.server._PERIOD_S", 1.0)
+    with serving(Scene("x")) as server:
+        first = frames(server)
+        next(first)
+        first.close()
+        wait_until(lambda: not len(server.viewers))
+        assert next(frames(server))["title"] == "x"

@@ -148,17 +148,16 @@ class PageServer:
             due_s = max(due_s + _PERIOD_S, time.monotonic())
             await asyncio.sleep(due_s - time.monotonic())
             if not len(self.viewers):
-                seen = 0
                 continue
             now_s = time.monotonic()
             state = self._scene.state(now_s)
             state |= {"viewers": len(self.viewers), "dropped_frames": self.viewers.dropped}
             data = json.dumps(state, separators=(",", ":"))
             # Who has just come waits for nothing.
-            if data != before or len(self.viewers) > seen or now_s - sent_s > _HEARTBEAT_S:
+            if data != before or self.viewers.came > seen or now_s - sent_s > _HEARTBEAT_S:
                 self.viewers.offer(data)
                 before, sent_s = data, now_s
-            seen = len(self.viewers)
+            seen = self.viewers.came
 
 
 def _binary(data: bytes) -> Response:

@@ -47,6 +47,8 @@ class Viewers:
     def __init__(self) -> None:
         self._all: set[Viewer] = set()
         self._gone = self._number = 0
+        #: How many have come; as many may have left.
+        self.came = 0
 
     def __len__(self) -> int:
         return len(self._all)
@@ -72,6 +74,7 @@ class Viewers:
         """One browser's frames, for as long as it looks on."""
         viewer = Viewer()
         self._all.add(viewer)
+        self.came += 1
         try:
             yield b"retry: 1000\n\n"
             async for frame in viewer.frames():
