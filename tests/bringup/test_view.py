@@ -261,6 +261,13 @@ def test_the_whole_in_a_word():
     assert "--camera" in bad.shown(100.0)["advice"]
 
 
+def test_figures_that_are_no_numbers_are_none():
+    """NaN in JSON would stop the page."""
+    nodes = [health.Node("a", values={"rate": word}) for word in ("nan", "inf", "none", "5")]
+    assert health.number(nodes[:3], "rate") is None
+    assert health.number(nodes, "rate") == 5.0
+
+
 @pytest.mark.parametrize(
     ("node", "said", "advice"),
     [

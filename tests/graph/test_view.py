@@ -85,7 +85,7 @@ class Source:
             self._publishers[name].publish(messages.to_message(Output(name, now, "base", data)))
 
     def publish_nonsense(self) -> None:
-        """A force and a pose that aren't finite."""
+        """A force, a pose, a point and shares that aren't finite."""
         wrench, tf = topics.BY_NAME[outputs.WRENCH].type(), topics.BY_NAME[outputs.TF].type()
         place, turn = np.array([np.nan, 0, 0]), np.array([0, 0, 0, 1.0])
         tf.transforms.append(
@@ -94,6 +94,10 @@ class Source:
         wrench.wrench.force.z = np.nan
         self._publishers[outputs.WRENCH].publish(wrench)
         self._publishers[outputs.TF].publish(tf)
+        rows = np.full((2, len(SURFACE_FIELDS)), np.nan, np.float32)
+        points = Output(outputs.SURFACE_POINTS, time.time_ns(), "base", Cloud(rows, SURFACE_FIELDS))
+        self._publishers[outputs.SURFACE_POINTS].publish(messages.to_message(points))
+        self._publishers[outputs.FINDINGS].publish(FindingArray(measured=np.nan))
 
 
 def refuse(name: str) -> None:

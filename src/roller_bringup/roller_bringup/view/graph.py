@@ -155,8 +155,8 @@ class Graph:
             clouds.append(cloud)
         if clouds:
             self._add(clouds)
-            newest = clouds[-1].cloud
-            self._scene.head = tuple(newest.columns[:, :2].mean(axis=0, dtype=float).tolist())
+            head = clouds[-1].cloud.columns[:, :2].mean(axis=0, dtype=float)
+            self._scene.head = tuple(head.tolist()) if np.isfinite(head).all() else None
             self._take_lag(self._stamp_ns)
 
     def _add(self, clouds: Sequence[SerializedCloud]) -> None:
@@ -192,7 +192,8 @@ class Graph:
         self._scene.take_findings([plain_finding(item) for item in message.findings])
         shares = (message.measured, message.continued, message.unmeasured)
         names = ("measured", "continued", "unmeasured")
-        self._scene.coverage = dict(zip(names, map(float, shares), strict=True))
+        known = np.isfinite(shares).all()
+        self._scene.coverage = dict(zip(names, map(float, shares), strict=True)) if known else None
         so_far = "verdict" if message.finished else "verdict so far"
         facts = {"part": message.part, so_far: message.verdict, "because": message.reason}
         self._scene.facts = {name: text for name, text in facts.items() if text}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -105,9 +106,11 @@ def number(nodes: Iterable[Node], *keys: str) -> float | None:
     for node in nodes:
         for key in keys:
             try:
-                return float(node.values[key])
+                value = float(node.values[key])
             except (KeyError, ValueError):
                 continue
+            if math.isfinite(value):  # JSON, and so the page, knows no other numbers
+                return value
     return None
 
 
