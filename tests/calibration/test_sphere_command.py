@@ -101,6 +101,7 @@ def test_focus_has_parameters_of_its_own(
         ("pass", ["--radius-mm", "5"], "not 5 mm"),
         ("pass", ["--radius-mm", "-4"], "--radius-mm -4"),
         ("pass", ["--scale-mm-per-px", "0.0422"], "off the camera's calibration"),
+        ("pass", ["--top-height-mm", "0.0435"], "is it in millimetres?"),
         ("pass", ["--least-coverage", "0.9"], "no parameters of the grid measure"),
         ("pass", ["--least-coverage", "7"], "expected 0 to 1"),
         ("pass", ["--params", "{simplex}"], "simplex"),

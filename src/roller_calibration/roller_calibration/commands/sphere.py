@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from roller_emvs.depth_settings import DepthSettings
 
 METHODS = ("bma", "focus")
+#: How far the sphere's top may be found from the height that is given, mm.
+_MOST_TOP_MM = 1.0
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -144,6 +146,17 @@ def _settings(args: argparse.Namespace) -> DepthSettings:
     return settings.changed(kept)
 
 
+def _at_height(name: str, sphere: Sphere, top_mm: float) -> Sphere:
+    """The sphere with its top at a known height, z in base."""
+    found_mm = sphere.top_m[2] * 1e3
+    if not abs(top_mm - found_mm) <= _MOST_TOP_MM:
+        raise CalibrationError(
+            f"{name}: --top-height-mm {top_mm:g}: the depths have the sphere's top at z = "
+            f"{found_mm:.2f} mm in base, more than {_MOST_TOP_MM:g} mm away; is it in millimetres?"
+        )
+    return sphere.moved_to_top(top_mm * 1e-3)
+
+
 def _find(
     passes: Sequence[Scan], settings: DepthSettings, args: argparse.Namespace
 ) -> tuple[list[Sphere], list[ContactWindow]]:
@@ -162,7 +175,7 @@ def _find(
             except SphereError as error:
                 raise CalibrationError(f"{scan.name}: {error}") from error
             if args.top_height_mm is not None:
-                sphere = sphere.moved_to_top(args.top_height_mm * 1e-3)
+                sphere = _at_height(scan.name, sphere, args.top_height_mm)
             spheres.append(sphere)
             windows += contact_windows(scan, window_settings(settings), sphere)
             progress((k + 1) / len(passes))
