@@ -102,6 +102,14 @@ def test_recordings_give_a_camera_and_its_place_on_the_tool(
     assert "--pitch-mm 0" in capsys.readouterr().err
 
 
+def test_a_recording_without_its_image_size_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "events.txt").write_text("0.1 3 4 1\n")
+    assert main(["calibrate", "intrinsics", str(tmp_path), "--pitch-mm", "4"]) == 1
+    assert "doesn't say how large the image is" in capsys.readouterr().err
+
+
 def test_a_page_with_the_target_is_written(tmp_path: Path) -> None:
     page = tmp_path / "target.html"
     assert main(["calibrate", "intrinsics", "--target", str(page)]) == 0

@@ -11,7 +11,7 @@ from roller_core.event_stream import StreamCounts
 from roller_core.pose_track import PoseTrack
 
 from .bag import BagRecording
-from .base import MissingTopicError, Recording, RecordingError, Step
+from .base import MissingTopicError, Recording, RecordingError, Step, is_dataset
 from .event_file import reader_of
 from .event_topic import event_topic
 
@@ -35,6 +35,11 @@ def open_uncalibrated(path: Path, topic: str | None = None) -> Recording:
     """
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
+    if is_dataset(path):
+        raise RecordingError(
+            f"{path}: a folder with events.txt doesn't say how large the image is; give a bag or "
+            "an .aedat4 or .raw file"
+        )
     if reader_of(path) is not None:
         return _EventFile(path, topic)
     return _Bag(path, topic=topic)
