@@ -15,11 +15,11 @@ of the cell is the integrator's."""
 _EXAMPLES = """\
 examples:
   roller motion --start-m 0.50 -0.20 0.12 --end-m 0.80 -0.20 0.12 --speed 0.3 --script pass.script
-  roller motion --start-m 0.50 -0.20 0.12 --end-m 0.80 -0.20 0.12 --joints-deg 10 -80 100 -110 -90 0
-      --tcp-m 0 0 0.15 --trajectory pass.yaml
-  ros2 topic pub --once /urscript_interface/script_command std_msgs/msg/String
+  roller motion --start-m 0.50 -0.20 0.12 --end-m 0.80 -0.20 0.12 --trajectory pass.yaml \\
+      --joints-deg 130 -100 140 -130 -90 220 --tcp-m 0 0 0.15
+  ros2 topic pub --once /urscript_interface/script_command std_msgs/msg/String \\
       "$(python3 -c 'import json; print(json.dumps({"data": open("pass.script").read()}))')"
-  ros2 action send_goal /scaled_joint_trajectory_controller/follow_joint_trajectory
+  ros2 action send_goal /scaled_joint_trajectory_controller/follow_joint_trajectory \\
       control_msgs/action/FollowJointTrajectory "$(cat pass.yaml)\""""
 
 
@@ -41,10 +41,17 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--rotation-rad", type=float, nargs=3, metavar=("RX", "RY", "RZ"),
         help="rotation vector of the tool, as the pendant shows it (default: straight down)",
     )  # fmt: skip
-    parser.add_argument("--speed", type=float, metavar="M/S", help="up to 0.5 (default 0.1)")
-    parser.add_argument("--acceleration", type=float, metavar="M/S2", help="default 1")
+    parser.add_argument("--speed", type=float, metavar="M/S", help="up to 0.5 (default: 0.1)")
+    parser.add_argument(
+        "--acceleration", type=float, metavar="M/S2", help="of the ramps (default: 1)"
+    )
     parser.add_argument("--force-n", type=float, metavar="N", help="URScript: press by force mode")
-    parser.add_argument("--lift-m", type=float, metavar="M", help="URScript: approach and retreat")
+    parser.add_argument(
+        "--lift-m",
+        type=float,
+        metavar="M",
+        help="URScript: height of approach and retreat (default: 0.05)",
+    )
     parser.add_argument("--script", type=Path, metavar="FILE", help="URScript to write")
     parser.add_argument("--trajectory", type=Path, metavar="FILE", help="joint trajectory to write")
     parser.add_argument(
@@ -54,7 +61,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--tcp-m", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=("X", "Y", "Z"),
         help="trajectory: tool centre point on the flange, m",
     )  # fmt: skip
-    parser.add_argument("--arm", choices=("ur10", "ur10e"), default="ur10")
+    parser.add_argument(
+        "--arm", choices=("ur10", "ur10e"), default="ur10", help="trajectory: the arm (ur10)"
+    )
     parser.set_defaults(run=run)
 
 
