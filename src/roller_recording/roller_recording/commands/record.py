@@ -29,8 +29,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "record",
         help="record the running graph",
         description="Record the whole cell into a rosbag2 (MCAP): events, camera_info, pictures, "
-        "transforms, results and diagnostics. Ctrl-C ends it; a second one doesn't wait for the "
-        "disk. The exit code is 1 if anything was lost.",
+        "transforms, force, results and diagnostics. Ctrl-C ends it; a second one doesn't wait for "
+        "the disk. The exit code is 1 if anything was lost.",
     )
     add_output(parser, "bag folder to make (recording_DATE_TIME)")
     parser.add_argument(

@@ -13,8 +13,8 @@ class RecorderParameters(Settings):
     output: str = Field("recording", description="Bag folder to write; must not exist yet.")
     raw: bool = Field(
         False,
-        description="Only what a replay needs: events, camera_info and transforms; else also "
-        "pictures, results and diagnostics.",
+        description="Only what a replay needs: events, camera_info, transforms and force; else "
+        "also pictures, results and diagnostics.",
     )
     events_topic: str = Field(
         "event_camera/events",
