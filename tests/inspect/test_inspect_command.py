@@ -38,6 +38,21 @@ def test_a_scan_that_shows_little_is_unmeasured(
     }  # fmt: skip
 
 
+def test_the_recipe_of_the_parameter_file_counts_unless_one_is_given(
+    bag: Path, tmp_path: Path
+) -> None:
+    """The node takes it from there, so the same part had two verdicts."""
+    for name in ("cell", "given"):
+        (tmp_path / f"{name}.yaml").write_text(f"name: {name}\n")
+    params = tmp_path / "params.yaml"
+    params.write_text(f"inspect:\n  ros__parameters: {{recipe: {tmp_path}/cell.yaml}}\n")
+    words = ["--params", str(params), "--method", "focus", "--no-picture", "--no-braille"]
+    for given, counts in ((["--recipe", str(tmp_path / "given.yaml")], "given"), ([], "cell")):
+        main(["inspect", str(bag), "--output", str(tmp_path / "out"), *words, *given])
+        document = json.loads((tmp_path / "out" / "inspection.json").read_text())
+        assert document["recipe"]["name"] == counts
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

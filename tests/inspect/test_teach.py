@@ -52,3 +52,15 @@ def test_a_calibration_of_another_camera(tmp_path: Path, capsys: Capture) -> Non
     params.write_text(json.dumps({"/**/calibration": {"ros__parameters": record}}))
     assert teach(tmp_path, str(write_bag(tmp_path / "scan")), "--params", str(params)) == 1
     assert "was calibrated with another camera" in capsys.readouterr().err
+
+
+def test_parameters_of_the_inspection(tmp_path: Path, capsys: Capture) -> None:
+    """As `roller inspect` takes them: when a part ends, and the recipe."""
+    params = tmp_path / "cell.yaml"
+    words = (str(write_bag(tmp_path / "scan")), "--params", str(params))
+    params.write_text("inspect:\n  ros__parameters: {idle_flush: 60.0}\n")
+    assert teach(tmp_path, *words) == 1
+    assert "idle_flush" in capsys.readouterr().err
+    params.write_text(f"inspect:\n  ros__parameters: {{recipe: {tmp_path}/none.yaml}}\n")
+    assert teach(tmp_path, *words) == 1
+    assert "none.yaml" in capsys.readouterr().err

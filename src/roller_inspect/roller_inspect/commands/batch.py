@@ -12,7 +12,7 @@ from roller_core.command_help import add_examples
 from roller_core.option_types import add_output, number
 
 from .inspect import USAGE, add_inspection_options
-from .options import add_camera_options, add_method_option
+from .options import add_camera_options, add_method_option, recipe_file
 
 if TYPE_CHECKING:
     from roller_inspect.batch.jobs import Job, Row
@@ -64,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     from roller_inspect.batch.summary import write_summary
     from roller_inspect.recipe import RecipeError, load_recipe
 
+    args.recipe = recipe_file(args.recipe, args.params)
     try:
         recipe = load_recipe(args.recipe, args.reference)
     except RecipeError as error:

@@ -12,7 +12,7 @@ from roller_core.command_help import add_examples
 from roller_core.progress import progress_bar
 from roller_inspect.exports import EXPORTS
 
-from .options import add_processing_options, open_input
+from .options import add_processing_options, open_input, recipe_file
 
 #: Exit codes by verdict; 1 is a fault, 2 wrong usage.
 EXIT_CODES = {"conform": 0, "nonconform": 3, "inconclusive": 4, "unmeasured": 4}
@@ -28,13 +28,15 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "reference, by a recipe. Exits with 0: conform, 3: not conform, 4: inconclusive or "
         "unmeasured; 1: a fault, 2: wrong usage.",
     )
-    add_processing_options(parser, "surface")
+    add_processing_options(parser, "surface", "emvs, stitcher, surface, braille, inspect")
     add_inspection_options(parser)
     parser.add_argument("--part-id", metavar="ID", help="number of the part (the input's name)")
     add_examples(
         parser,
         "inspect scan --output result",
         "inspect scan --output result --recipe bracket.yaml --part-id A-1207 --export x3p,sdf",
+        "inspect teach good_1 good_2 good_3 --output golden  # from good parts, a reference",
+        "inspect scan --output result --reference golden:golden  # what differs from them",
     )
     parser.set_defaults(run=run)
     from .teach import add_parser as add_teach_parser
@@ -50,7 +52,10 @@ def rewritten(words: list[str]) -> list[str]:
 def add_inspection_options(parser: argparse.ArgumentParser) -> None:
     """Add what is said of an inspection: `--recipe`, `--reference` and `--export`."""
     parser.add_argument(
-        "--recipe", type=Path, metavar="FILE", help="recipe, YAML (the default one)"
+        "--recipe",
+        type=Path,
+        metavar="FILE",
+        help="recipe, YAML (that of --params, or the default)",
     )
     parser.add_argument(
         "--reference",
@@ -96,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
     from roller_inspect.recipe import RecipeError, load_recipe
     from roller_inspect.references import ReferenceError
 
+    args.recipe = recipe_file(args.recipe, args.params)
     try:
         recipe = load_recipe(args.recipe, args.reference)
         settings = PipelineSettings.load(args.params, args.method)

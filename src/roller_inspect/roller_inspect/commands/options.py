@@ -14,7 +14,11 @@ if TYPE_CHECKING:
     from roller_recording.reading import Recording
 
 
-def add_processing_options(parser: argparse.ArgumentParser, method: str | None = None) -> None:
+def add_processing_options(
+    parser: argparse.ArgumentParser,
+    method: str | None = None,
+    nodes: str = "emvs, stitcher, surface, braille",
+) -> None:
     """Add what is said of one recording that is processed: INPUT, `--output` and the method.
 
     Parameters
@@ -23,11 +27,13 @@ def add_processing_options(parser: argparse.ArgumentParser, method: str | None =
         Parser of the command.
     method : str, optional
         The depth method by default; without it that of the parameter file, or focus.
+    nodes : str
+        The nodes whose parameters count, for the help text.
     """
     parser.add_argument("input", type=path, metavar="INPUT", help="recording")
     add_output(parser, "results go here", required=True)
     add_method_option(parser, method)
-    add_recording_options(parser, "emvs, stitcher, surface, braille")
+    add_recording_options(parser, nodes)
     parser.add_argument("--no-braille", action="store_true", help="don't look for Braille")
     parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
 
@@ -55,6 +61,16 @@ def open_input(args: argparse.Namespace, settings: PipelineSettings) -> Recordin
     recording = open_recording(args.input, args.poses, args.camera, gap_s, args.topic)
     check_same_camera(args.params, recording.camera)
     return recording
+
+
+def recipe_file(recipe: Path | None, params: Path | None) -> Path | None:
+    """The recipe that counts: `--recipe`, or else what `--params` names for node `inspect`."""
+    from roller_inspect.inspect_stage import inspect_parameters
+
+    if recipe is not None:
+        return recipe
+    named = inspect_parameters(params).recipe
+    return Path(named).expanduser() if named else None
 
 
 def add_recording_options(parser: argparse.ArgumentParser, nodes: str) -> None:

@@ -13,7 +13,7 @@ from roller_core.command_help import add_examples
 from roller_core.option_types import add_output
 from roller_core.progress import progress_bar
 
-from .options import add_method_option
+from .options import add_method_option, recipe_file
 
 if TYPE_CHECKING:
     from roller_inspect.height_map import HeightMap
@@ -33,7 +33,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     add_output(parser, "the reference", required=True)
     add_method_option(parser, "surface")
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
-    parser.add_argument("--recipe", type=Path, metavar="FILE", help="recipe, for its grid")
+    parser.add_argument(
+        "--recipe",
+        type=Path,
+        metavar="FILE",
+        help="recipe, for its grid (that of --params, or the default)",
+    )
     add_examples(parser, "inspect teach good_1 good_2 good_3 --output golden")
     parser.set_defaults(run=run)
 
@@ -43,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from roller_core.output_folder import OutputFolder
     from roller_inspect.references import teach
 
+    args.recipe = recipe_file(args.recipe, args.params)
     with OutputFolder(args.output, "teach", [*args.scans, args.params, args.recipe]) as output:
         golden = teach([_map(args, scan) for scan in args.scans], _warn)
         golden.save(output.partial)
@@ -76,7 +82,7 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
     from roller_core.calibration_file import check_same_camera
     from roller_core.outputs import Result
     from roller_inspect.height_map import HeightMap, HeightMapError
-    from roller_inspect.inspect_stage import InspectParameters, InspectStage
+    from roller_inspect.inspect_stage import InspectStage, inspect_parameters
     from roller_inspect.judgement import Inspected
     from roller_inspect.pipeline import PipelineSettings
     from roller_inspect.recipe import load_recipe
@@ -95,7 +101,7 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
     recording = open_recording(scan, None, None, settings.max_pose_gap_s, None)
     check_same_camera(args.params, recording.camera)
     recipe = load_recipe(args.recipe).changed({"reference": "self"})
-    stage = InspectStage(InspectParameters.create({}), recipe)
+    stage = InspectStage(inspect_parameters(args.params), recipe)
     parts: list[Inspected] = []
 
     def take(result: Result) -> None:
