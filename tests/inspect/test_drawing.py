@@ -43,3 +43,15 @@ def test_colours_go_either_way_and_leave_out_what_is_missing() -> None:
     assert (rgb[2] == 255).all()
     assert (colours([1.0, 0.0], 1.0, 0.0, chart) == rgb[:2]).all()
     assert rgb[1, 0] > rgb[0, 0]
+
+
+def test_labels_can_be_read_on_any_colour(tmp_path: Path) -> None:
+    picture = Picture(200, 200)
+    panel = Panel(picture, (0, 0, 200, 200), (0, 1), (0, 1))
+    panel.rgb[:] = (0, 0, 80)
+    panel.label(0.5, 0.5, "-272", "mm")
+    panel.close()
+    picture.save(tmp_path / "picture.png")
+    seen = np.asarray(Image.open(tmp_path / "picture.png"))[80:120, 70:130]
+    assert (seen == 255).all(axis=-1).any()
+    assert (seen == 0).all(axis=-1).any()

@@ -62,11 +62,17 @@ class Picture:
         size: int = NORMAL,
         fixed: bool = False,
         upright: bool = False,
+        halo: int = 0,
     ) -> None:
-        """Write at a place; `anchor` as Pillow has it, `upright` from below to above."""
+        """Write at a place; `anchor` as Pillow has it, `upright` from below to above.
+
+        A `halo` of some pixels is white around the letters, which on dark colours can be read.
+        """
         font = _font(size, fixed)
         if not upright:
-            self._draw.text((x, y), text, BLACK, font, anchor)
+            self._draw.text(
+                (x, y), text, BLACK, font, anchor, stroke_width=halo, stroke_fill="white"
+            )
             return
         left, top, right, bottom = self._draw.textbbox((0, 0), text, font)
         ink = Image.new("L", (round(right - left), round(bottom - top)))
@@ -181,7 +187,7 @@ class Panel:
         p.paste(self.rgb, left, top)
         p.rectangle((left - 1, top - 1, right, bottom))
         for x, y, text, anchor in self._labels:
-            p.text(x, y, text, anchor, SMALL)
+            p.text(x, y, text, anchor, SMALL, halo=1)
         title, x_label, y_label = self._texts
         middle = left + self.width / 2
         p.text(middle, top - 8, title, "md")

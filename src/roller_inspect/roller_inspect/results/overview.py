@@ -179,6 +179,7 @@ def _draw_inspection(picture: Picture, box: tuple[int, int, int, int], folder: P
         (bottom * 1e3, top * 1e3),
         f"inspected: {document['verdict']}; µm, colours to ±{_DEVIATION_UM}",
         "x, mm",
+        "y, mm",
         equal=True,
     )
     # The map lies along the roll; the picture, along x.
