@@ -31,7 +31,7 @@ def finding(number: int, kind: str, verdict: str, depth_m: float, at: tuple[floa
         "depth_m": depth_m,
         "area_m2": 5e-6,
         "volume_m3": -4e-10,
-        "uncertainty": {"depth_m": 2e-5},
+        "uncertainty": {"depth_m": 2.04e-5},
         "confidence": 0.9,
         "verdict": verdict,
     }

@@ -24,7 +24,7 @@ export function described(finding) {
   const size = [finding.length_m, finding.width_m].filter(Number.isFinite).map((v) => length(v)).join(" × ");
   const known = (finding.uncertainty || {}).depth_m;
   const deep = Number.isFinite(finding.depth_m)
-    ? `${length(Math.abs(finding.depth_m))} ${finding.depth_m < 0 ? "deep" : "high"}${Number.isFinite(known) ? ` ± ${length(known)}` : ""}` : "";
+    ? `${length(Math.abs(finding.depth_m))} ${finding.depth_m < 0 ? "deep" : "high"}${Number.isFinite(known) ? ` ± ${length(known, 2)}` : ""}` : "";
   return { deep, size };
 }
 
