@@ -177,6 +177,20 @@ def test_methods_are_selectable(bag: Path, params: Path, tmp_path: Path) -> None
     assert "fusion" in next(w for w in report["windows"] if w["points"])["milliseconds"]
 
 
+def test_drift_that_the_method_does_not_correct_is_not_called_uncalibrated(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    params = tmp_path / "cell.yaml"
+    edges = {"coefficients_m": [1e-5, 0.0] * 2, "residual_m": [1e-5] * 24, "max_slope": 1.0}
+    drift = f"focus: {{sigma_px: 3.0}}, edge_drift: {edges}"
+    params.write_text(PARAMS.replace("focus: {sigma_px: 3.0}", drift))
+    for method, said in (("bma", "not corrected by the paper's methods"), ("focus", "calibrated")):
+        out = tmp_path / method
+        assert replay(bag, out, params, "--method", method, "--no-braille") == 0
+        assert json.loads((out / "report.json").read_text())["edge_drift"] == said
+        assert ("edge drift: not corrected by" in capsys.readouterr().out) == (method == "bma")
+
+
 @pytest.mark.recordings
 def test_slider_depth(shared_data: Path, tmp_path: Path) -> None:
     """The reference C++ code finds about 2,700 pixels, 2,600 after its outlier filter."""

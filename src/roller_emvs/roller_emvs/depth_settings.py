@@ -13,7 +13,7 @@ from roller_core.frame_settings import NominalSurface
 from roller_core.settings import Settings
 
 from .evidence.evidence_settings import FocusEvidence
-from .lines.edge_drift import NOT_CALIBRATED
+from .lines.edge_drift import NOT_CORRECTED
 from .method_settings import MethodSettings
 from .methods.paper.paper_settings import PaperSettings
 
@@ -104,7 +104,7 @@ class DepthSettings(MethodSettings):
     @property
     def drift_text(self) -> str:
         """Whether the drift of edges is taken out: the paper's methods don't."""
-        return str(self.edge_drift) if self.method == "focus" else NOT_CALIBRATED
+        return str(self.edge_drift) if self.method == "focus" else NOT_CORRECTED
 
     def views(self) -> tuple[tuple[float, float], ...]:
         """(fraction of the window, weight) of the reference views that the method fuses."""

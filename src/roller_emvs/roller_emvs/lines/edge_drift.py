@@ -20,6 +20,8 @@ from . import _drift_kernels as kernels
 
 #: What a report says where no drift is known, and none is taken out.
 NOT_CALIBRATED = "not calibrated"
+#: And where it may be known, but the depth method has no use for it.
+NOT_CORRECTED = "not corrected by the paper's methods"
 #: Terms of the model: two that `coefficients_m` is of, one of `even_m` and one of `side_m`.
 TERMS = 4
 #: Slope at which the sign of a slope counts in full.

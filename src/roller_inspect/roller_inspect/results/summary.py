@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from roller_emvs.lines.edge_drift import NOT_CALIBRATED
+from roller_emvs.lines.edge_drift import NOT_CALIBRATED, NOT_CORRECTED
 from roller_inspect.report.html import measure_words
 
 from .run_report import Report
@@ -37,6 +37,8 @@ def summary(report: Report, output: Path) -> str:
         lines += error_table(report.truth)
     if report.edge_drift == NOT_CALIBRATED:
         lines.append(f"edge drift: {NOT_CALIBRATED}, so not corrected")
+    elif report.edge_drift == NOT_CORRECTED:
+        lines.append(f"edge drift: {NOT_CORRECTED}")
     if t["braille_text"]:
         lines += ["text read: " + " / ".join(t["braille_text"])]
         if report.truth and report.truth["text"]:
