@@ -45,7 +45,8 @@ def test_each_step_says_whether_it_is_done_and_what_to_do_next(files: CellFiles)
     assert left == {"edge drift", "acceptance"}
     assert "roller calibrate edge-drift" in results["edge drift"].advice
     assert "0.20 mm" in results["hand-eye"].found
-    assert "4.00e-04" in results["time offset"].found
+    assert "0.400 ± 0.020 ms" in results["time offset"].found
+    assert "47.00 mm" in results["flat plate"].found
     new = {r.name: r for r in check_commissioning(CellFiles())}
     assert {r.level for r in new.values()} == {"warning", "OK"}
     # There is no file yet that the first could go on with.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -42,20 +42,21 @@ class _Step:
     title: str
     kind: str
     make: str
-    figures: str
+    figures: Callable[[Mapping[str, Any]], str]
     needed: bool = True
 
 
 #: In the order of docs/commissioning.md.
 _STEPS = (
     _Step("time offset", "time_offset", "calibrate time-offset slow fast",
-          "delay {event_delay_s:.2e} s ± {deviation_s:.1e}"),
-    _Step("flat plate", "flat", "calibrate flat plate", "plate at {plate_m:.4f} m"),
+          lambda r: f"delay {r['event_delay_s'] * 1e3:.3f} ± {r['deviation_s'] * 1e3:.3f} ms"),
+    _Step("flat plate", "flat", "calibrate flat plate",
+          lambda r: f"plate at {r['plate_m'] * 1e3:.2f} mm"),
     _Step("edge drift", "edge_drift",
           "calibrate edge-drift --sphere SLOW --sphere FAST --radius-mm R --steps SLOW "
-          "--steps FAST --step-mm H", ""),
+          "--steps FAST --step-mm H", lambda r: ""),
     _Step("sphere", "sphere", "calibrate sphere pass1 pass2 --radius-mm R",
-          "method {method}", needed=False),
+          lambda r: f"method {r['method']}", needed=False),
 )  # fmt: skip
 
 
@@ -208,7 +209,7 @@ def _judge(step: _Step, record: Any, now: datetime, params: Path | None) -> Resu
             return warning(step.title, f"not in {params}", make)
         return _missing(step.title, params, "--cell FILE", make)
     try:
-        found = step.figures.format(**record)
+        found = step.figures(record)
         made = datetime.fromisoformat(str(record["date"]).replace("Z", "+00:00"))
         days = (now - made).days
     except (KeyError, ValueError, TypeError) as error:
