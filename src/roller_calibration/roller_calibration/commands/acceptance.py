@@ -52,7 +52,8 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     )  # fmt: skip
     parser.add_argument(
         "--light", choices=("ring", "dome", "strong"), default="ring",
-        help="the instrument's light: it travels with the camera (ring, the default) or not (dome)",
+        help="the instrument's light: it travels with the camera (ring, the default, or "
+        "strong) or not (dome)",
     )  # fmt: skip
     parser.add_argument("--skin", default="", metavar="NAME", help="name of the skin that is on")
     add_output(parser, "folder", required=True)

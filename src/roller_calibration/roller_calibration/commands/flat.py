@@ -28,11 +28,15 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "inputs", type=Path, nargs=1, metavar="RECORDING", help="a pass over a flat plate"
     )
     parser.add_argument(
-        "--reach-mm", type=float, default=1.5,
+        "--reach-mm", type=float, default=1.5, metavar="MM",
         help="how far relief stands out of a plate, or sinks into it (default: 1.5)",
     )  # fmt: skip
     parser.add_argument(
-        "--margin-mm", type=float, default=0.5, help="beyond that, to either side (default: 0.5)"
+        "--margin-mm",
+        type=float,
+        default=0.5,
+        metavar="MM",
+        help="beyond that, to either side (default: 0.5)",
     )
     parser.add_argument(
         "--search-mm", type=float, nargs=2, default=(38.0, 52.0), metavar=("NEAR", "FAR"),

@@ -43,10 +43,18 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--resume", action="store_true", help="keep results that an earlier run has made"
     )
     parser.add_argument(
-        "--timeout-s", type=number(float, 0, 1_000_000), default=0.0, help="most time of a job"
+        "--timeout-s",
+        type=number(float, 0, 1_000_000),
+        default=0.0,
+        metavar="S",
+        help="most time of a job (no limit)",
     )
     parser.add_argument(
-        "--memory-mb", type=number(int, 0, 1_000_000), default=0, help="most memory of a job"
+        "--memory-mb",
+        type=number(int, 0, 1_000_000),
+        default=0,
+        metavar="MB",
+        help="most memory of a job (no limit)",
     )
     add_examples(
         parser,

@@ -34,29 +34,41 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     scene = parser.add_argument("scene", help=f"{', '.join(SCENES)} or mesh:FILE.stl")
     scene.completer = lambda **_: SCENES  # type: ignore[attr-defined]
-    add_output(parser, "folder to make", "OUTPUT", required=True)
-    parser.add_argument("--speed", type=float, help="speed of the scan, m/s")
+    add_output(parser, "bag folder to make", required=True)
+    parser.add_argument("--speed", type=float, metavar="V", help="speed of the scan, m/s (0.3)")
     parser.add_argument("--text", help="text of Braille and letter plates")
     parser.add_argument(
-        "--length", type=float, help="least length of the plate, mm; all of it is rolled over"
+        "--length",
+        type=float,
+        metavar="MM",
+        help="least length of the plate, mm; all of it is rolled over",
     )
-    parser.add_argument("--press", type=float, help="press depth at full contact, mm")
+    parser.add_argument("--press", type=float, metavar="MM", help="press depth at full contact, mm")
     parser.add_argument(
         "--contact", choices=["light", "medium", "full"], help="how hard it presses"
     )
     parser.add_argument("--light", choices=LIGHTS, help="light and sensor (ring)")
     parser.add_argument("--coating", choices=COATINGS, help="what is printed on the skin (plain)")
-    parser.add_argument("--threshold", type=float, help="contrast threshold of the sensor")
-    parser.add_argument("--rate-cap", type=float, help="most events read out, 10^6/s")
-    parser.add_argument("--encoding", help="mono, libcaer, libcaer_cmp or evt3")
-    parser.add_argument("--seed", type=int, help="seed of all chance")
-    parser.add_argument("--params", type=Path, help="parameter file of node virtual_cell")
+    parser.add_argument(
+        "--threshold", type=float, metavar="C", help="contrast threshold of the sensor"
+    )
+    parser.add_argument(
+        "--rate-cap", type=float, metavar="MEV", help="most events read out, 10^6/s"
+    )
+    parser.add_argument(
+        "--encoding", metavar="NAME", help="mono, libcaer, libcaer_cmp (the default) or evt3"
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of all chance (1)")
+    parser.add_argument(
+        "--params", type=Path, metavar="FILE", help="parameter file of node virtual_cell"
+    )
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="GROUP.NAME=VALUE",
-        help="any other setting, e.g. scene.dot_height_mm=0.5 or light.speckle=0",
+        help="any other setting of config/virtual_cell.yaml, e.g. "
+        "scene.dot_height_mm=0.5 or light.speckle=0",
     )
     add_examples(
         parser,
