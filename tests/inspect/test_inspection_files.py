@@ -242,6 +242,30 @@ def test_charts_of_a_pdf_have_their_style_and_no_size_of_their_own(
     assert len(charts) == 2
 
 
+def test_a_finding_is_drawn_over_the_depth_that_it_may_have(tmp_path: Path) -> None:
+    """One of a region that allows half of it lay over the depth that is allowed elsewhere."""
+    regions = {"seal": {"box_m": [0.0, -0.01, 0.1, 0.01]}}
+
+    def bands(name: str, **tolerance: float) -> list[float]:
+        own = [{"region": "seal", **tolerance}]
+        stage, results = inspect(scan(HOLE, **SMALL), regions=regions, tolerances=own)
+        part = finished(results)
+        document = inspection_document(part, stage.recipe, Scan())
+        write_inspection(tmp_path / name, document, part.found, stage.recipe.depth_tolerance_m)
+        page = (tmp_path / name / "inspection.html").read_text()
+        return [float(h) for h in re.findall(r'class="band"[^>]* height="([\d.]+)"', page)]
+
+    for name in ("wide", "narrow", "length"):
+        (tmp_path / name).mkdir()
+    (all_wide, wide), (all_narrow, narrow) = (
+        bands("wide", depth_m=1e-4),
+        bands("narrow", depth_m=5e-5),
+    )
+    assert all_wide == all_narrow
+    assert narrow == pytest.approx(wide / 2, abs=0.2)
+    assert len(bands("length", length_m=1e-3)) == 1
+
+
 def test_files_and_exports(tmp_path: Path) -> None:
     stage, results = inspect(scan(HOLE, **SMALL))
     part = finished(results)

@@ -41,6 +41,8 @@ class Judged:
     verdict: Verdict
     #: Which size decided, for people.
     limit: str
+    #: Depth that it may have there; None where its tolerance is of other sizes.
+    depth_limit_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -122,9 +124,10 @@ def _judged(
     for verdict in ("nonconform", "inconclusive", "unmeasured"):
         bad = next((name for name, v in verdicts.items() if v == verdict), None)
         if bad is not None:
-            return Judged(finding, region, verdict, f"{_limit(bad, tolerance.limits()[bad])}")
+            limit = _limit(bad, tolerance.limits()[bad])
+            return Judged(finding, region, verdict, limit, tolerance.depth_m)
     first, most = next(iter(tolerance.limits().items()))
-    return Judged(finding, region, "conform", _limit(first, most))
+    return Judged(finding, region, "conform", _limit(first, most), tolerance.depth_m)
 
 
 def _limit(name: str, most: float) -> str:

@@ -79,7 +79,10 @@ def _finding(judged: Judged) -> dict[str, Any]:
     found = dict(vars(judged.finding))
     del found["final"]
     budget = found.pop("budget")
-    own = {"region": judged.region, "verdict": judged.verdict, "limit": judged.limit}
+    own = {
+        "region": judged.region, "verdict": judged.verdict, "limit": judged.limit,
+        "depth_limit_m": judged.depth_limit_m,
+    }  # fmt: skip
     return found | own | {"budget_m": budget}
 
 

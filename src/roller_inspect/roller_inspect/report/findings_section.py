@@ -90,14 +90,14 @@ def _card(f: Mapping[str, Any], pictured: Pictured) -> str:
         + f'<b class="{f["verdict"]}">{WORDS[f["verdict"]].lower()}</b>'
         + (f"; {escape(f['limit'])}" if f.get("limit") else "")
     )
-    profile = _profile(part, deviation, ends, pictured)
+    profile = _profile(part, deviation, ends, f["depth_limit_m"])
     return f"<figure><figcaption>{words}</figcaption>{chart}{profile}</figure>"
 
 
 def _profile(
-    part: HeightMap, deviation: F32, ends: tuple[tuple[float, float], ...], pictured: Pictured
+    part: HeightMap, deviation: F32, ends: tuple[tuple[float, float], ...], limit_m: float | None
 ) -> str:
-    """Deviation along a line, dotted where cells are continued, with ±2σ; none where unmeasured."""
+    """Deviation along a line with ±2σ, over the depth that is allowed; none where unmeasured."""
     (x0, y0), (x1, y1) = ends
     length = math.hypot(x1 - x0, y1 - y0)
     at = np.linspace(0.0, 1.0, max(2, round(length / part.step_m)))
@@ -107,10 +107,11 @@ def _profile(
     known = part.state[row, column] >= CONTINUED
     height = np.where(known, deviation[row, column], np.nan) * 1e6
     two_sigma = 2e6 * part.sigma_m[row, column]
-    t = pictured.tolerance_m * 1e6
-    reach = max(1.3 * t, float(np.nanmax(np.abs(height))) * 1.15 if known.any() else 0.0)
+    t = (limit_m or 0.0) * 1e6
+    reach = max(1.3 * t, 1.0, float(np.nanmax(np.abs(height))) * 1.15 if known.any() else 0.0)
     chart = Chart((0, length * 1e3), (-reach, reach), "along, mm", "deviation, µm", _DETAIL_PX, 170)
-    chart.band(-t, t)
+    if limit_m is not None:
+        chart.band(-t, t)
     for edge in (height - two_sigma, height + two_sigma):
         chart.line(at * length * 1e3, edge.clip(-reach, reach), "sigma")
     chart.line(at * length * 1e3, height)
