@@ -103,8 +103,10 @@ class DepthSettings(MethodSettings):
 
     @property
     def drift_text(self) -> str:
-        """Whether the drift of edges is taken out: the paper's methods don't."""
-        return str(self.edge_drift) if self.method == "focus" else NOT_CORRECTED
+        """Whether the drift of edges is taken out, where it is known: the paper's methods don't."""
+        if self.method != "focus" and self.edge_drift.calibrated:
+            return NOT_CORRECTED
+        return str(self.edge_drift)
 
     def views(self) -> tuple[tuple[float, float], ...]:
         """(fraction of the window, weight) of the reference views that the method fuses."""
