@@ -78,7 +78,6 @@ def errors_left_um(texture: Texture, blocks: int) -> tuple[F64, F64, PathError]:
             error = texture.depth_error_m(x)
             before.append(error)
             after.append(error - path.lacks_m(x))
-        path.forget_before(left_m + BLOCK_M)
     return 1e6 * np.concatenate(before), 1e6 * np.concatenate(after), path
 
 
@@ -113,6 +112,17 @@ def test_a_long_pass_keeps_no_more_than_is_in_view() -> None:
     assert after[-90:].std() < 4
 
 
+def test_far_along_a_bare_strip_nothing_between_is_kept() -> None:
+    path, texture = PathError((-SLOPE, SLOPE), MIDDLE_M), Texture(waves(0.026))
+    for number in (0, 12_500):  # 100 m
+        rays, lines, left_m = texture.block(number)
+        path.begin(left_m, left_m + BLOCK_M)
+        surface = np.zeros((ROWS, int(BLOCK_M / PIXEL_M) + 4), np.float32)
+        path.look(rays, PIXEL_M, surface, lines, (left_m, PIXEL_M))
+        path.learn()
+        assert len(path._right) < 80
+
+
 def test_evenly_strewn_events_tell_nothing() -> None:
     path, rng = PathError((-SLOPE, SLOPE), MIDDLE_M), np.random.default_rng(1)
     rays, lines, left_m = Texture(waves(0.02, 2e-5)).block(0)
@@ -133,7 +143,6 @@ def test_no_lines_and_no_events_tell_nothing() -> None:
         np.empty((0, 4), np.float32), PIXEL_M, surface, (none.astype(int), none, none), (0, PIXEL_M)
     )
     path.learn()
-    path.forget_before(BLOCK_M)
     assert not path.lacks_m(np.linspace(0, BLOCK_M, 5)).any()
 
 

@@ -61,7 +61,8 @@ class PathError:
         self.begin(0.0, 0.0)
 
     def begin(self, start_m: float, end_m: float) -> None:
-        """Events that follow are of lines between two places along the strip."""
+        """Events that follow are of lines between two places along the strip; none lies before."""
+        self._forget_before(start_m)
         self._start_m = start_m
         rows = max(int(np.ceil((end_m - start_m) / self._row_m)), 0)
         self._counts, self._apart = np.zeros((rows, _PARTS)), np.zeros((rows, _PARTS))
@@ -103,7 +104,7 @@ class PathError:
         )  # fmt: skip
 
     def learn(self) -> None:
-        """Take what the events since `begin` tell, and forget places that rows behind saw alone."""
+        """Take what the events since `begin` tell."""
         count = self._counts.sum()
         share, square = self._totals / max(count, 1.0)
         if share >= _LEAST_SHARE:
@@ -117,22 +118,6 @@ class PathError:
                     root = np.sqrt(self._counts[row, seen] * weight)
                     self._take(self._start_m + (row + 0.5) * self._row_m, seen, apart, root)
         self._errors = np.asarray(np.linalg.solve(self._matrix, self._right)[_PARTS:], np.float64)
-
-    def forget_before(self, x_m: float) -> None:
-        """Rows before a place along the strip are done."""
-        oldest = int(np.floor((x_m - self._slopes[-1] * self._middle_m) / self._knot_m)) - 1
-        drop = min(oldest - self._first, len(self._right) - _PARTS)
-        if drop <= 0:
-            return
-        gone = np.arange(_PARTS, _PARTS + drop)
-        kept = np.concatenate([np.arange(_PARTS), np.arange(_PARTS + drop, len(self._right))])
-        # What they tell of the others stays (Schur's complement).
-        shared = self._matrix[np.ix_(gone, kept)]
-        gain = np.linalg.solve(self._matrix[np.ix_(gone, gone)], shared).T
-        self._right = self._right[kept] - gain @ self._right[gone]
-        self._matrix = self._matrix[np.ix_(kept, kept)] - gain @ shared
-        self._errors = self._errors[drop:]
-        self._first += drop
 
     def lacks_m(self, x_m: F64) -> F64:
         """What depths lack at places along the strip, between those of `begin`, by `learn`, m."""
@@ -163,6 +148,22 @@ class PathError:
         apart -= free @ (free.T @ apart)
         self._matrix += rates.T @ rates
         self._right += rates.T @ apart
+
+    def _forget_before(self, x_m: float) -> None:
+        """Leave out places of the camera that rows from a place along the strip on don't see."""
+        oldest = int(np.floor((x_m - self._slopes[-1] * self._middle_m) / self._knot_m)) - 1
+        drop = min(oldest - self._first, len(self._right) - _PARTS)
+        if drop <= 0:
+            return
+        gone = np.arange(_PARTS, _PARTS + drop)
+        kept = np.concatenate([np.arange(_PARTS), np.arange(_PARTS + drop, len(self._right))])
+        # What they tell of the others stays (Schur's complement).
+        shared = self._matrix[np.ix_(gone, kept)]
+        gain = np.linalg.solve(self._matrix[np.ix_(gone, gone)], shared).T
+        self._right = self._right[kept] - gain @ self._right[gone]
+        self._matrix = self._matrix[np.ix_(kept, kept)] - gain @ shared
+        self._errors = self._errors[drop:]
+        self._first += drop
 
     def _reach(self, low: int, high: int) -> None:
         """Make room for knots from one to another."""

@@ -273,7 +273,6 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             path.learn()
             lacks = path.lacks_m(x).astype(found.offset.dtype)
             found = replace(found, offset=found.offset + lacks)
-            path.forget_before(block.end_m)
         return found, x, across(found.row, found.offset)
 
     def _pass_of(self, strip: Strip) -> tuple[TravellingLight, PatchEnds, PathError]:
