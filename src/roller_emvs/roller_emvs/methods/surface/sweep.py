@@ -30,7 +30,7 @@ from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.path_error import PathError
 from roller_emvs.lines.refine import refine
 from roller_emvs.patch import Patch
-from roller_emvs.rays import F32
+from roller_emvs.rays import F32, I64
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
 
@@ -48,6 +48,8 @@ _TEXTURED_EVERY, _PATH_EVERY = 2, 8
 
 #: Measured pixels, and where they lie on the strip along and across, metres.
 Measured = tuple[Relief, F64, F64]
+#: Rows, columns and offsets of lines.
+Places = tuple[I64, F64, F64]
 
 
 @dataclass(frozen=True)
@@ -241,13 +243,10 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             blind_m, s.threads, as_points=not textured,
         )  # fmt: skip
         if textured and not ends.known:
-            for polarity, surface in enumerate(found.surfaces):
-                events, own = rays(polarity, every), lines.polarity == polarity
+            for polarity, surface, places in _by_polarity(found, lines):
+                events = rays(polarity, every)
                 seen_at = events[:, 2].astype(np.float64) * field.ray_slope_scale
-                ends.look(
-                    events, seen_at, surface,
-                    lines.row[own].astype(np.int64), lines.column[own], lines.offset[own],
-                )  # fmt: skip
+                ends.look(events, seen_at, surface, *places)
             if ends.find():
                 strip.ends = ends.ends
                 return None
@@ -263,13 +262,9 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         x = found.column * pixel + block.start_m - MARGIN_M
         if textured and isinstance(field, PartField):  # of others the path isn't straight
             path.begin(block.start_m, block.end_m)
-            for polarity, surface in enumerate(found.surfaces):
-                own = lines.polarity == polarity
-                path.look(
-                    rays(polarity, _PATH_EVERY), field.ray_slope_scale, surface,
-                    (lines.row[own].astype(np.int64), lines.column[own], lines.offset[own]),
-                    (block.start_m - MARGIN_M, pixel),
-                )  # fmt: skip
+            for polarity, surface, places in _by_polarity(found, lines):
+                events, columns_m = rays(polarity, _PATH_EVERY), (block.start_m - MARGIN_M, pixel)
+                path.look(events, field.ray_slope_scale, surface, places, columns_m)
             path.learn()
             lacks = path.lacks_m(x).astype(found.offset.dtype)
             found = replace(found, offset=found.offset + lacks)
@@ -288,3 +283,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""
         low, high = strip.slopes_seen(x)
         return np.asarray((high - low) * strip.middle_m >= self.settings.min_aperture_m)
+
+
+def _by_polarity(found: Relief, lines: LinePoints) -> Iterator[tuple[int, F32, Places]]:
+    """Polarity, its surface, and rows, columns and offsets of its lines."""
+    for polarity, surface in enumerate(found.surfaces):
+        own = lines.polarity == polarity
+        places = lines.row[own].astype(np.int64), lines.column[own], lines.offset[own]
+        yield polarity, surface, places
