@@ -106,6 +106,18 @@ def test_an_end_that_the_outermost_columns_did_not_see_is_not_known() -> None:
     assert np.isfinite(ends.ends).all()
 
 
+def test_an_end_that_is_off_shows_in_few_events() -> None:
+    """As of a part of the camera's rows; that it is on the surface takes more of them."""
+    ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
+    few = [own[::9] for own in block((16.0, 0.0))]
+    nothing = [own[:0] for own in few]
+    assert not look(ends, few), "where many come, the next look tells it better"
+    assert look(ends, nothing)
+    assert not ends.known
+    assert 12 <= (SLOPE + ends.ends[0]) * FOCAL_PX <= 28
+    assert np.isinf(ends.ends[1])
+
+
 def test_an_end_that_hardly_sees_anything_is_known_in_the_end() -> None:
     ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
     rays = block((16.0, 0.0), seen=(-SLOPE, 0.9 * SLOPE))
@@ -194,7 +206,7 @@ def test_a_textured_plate_lies_where_it_is(scans: Scans, monkeypatch: pytest.Mon
             for columns in left_out_px(sweep._pass[2], scan):
                 assert 10 < columns < 40
     with_ends, without = biases_um
-    assert 0 < with_ends < 0.7 * without < 8
+    assert abs(with_ends) < 0.7 * without < 8
 
 
 def test_windows_find_the_ends_too(scans: Scans) -> None:

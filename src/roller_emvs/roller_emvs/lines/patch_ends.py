@@ -23,17 +23,18 @@ from .near_lines import near_lines
 _COLUMNS_PX = 4.0
 #: An event within this of a line is of it, and pixels to either side of one that are its own, px.
 _MOST_PX, _BESIDE = 1.5, 1
-#: Events from which on columns tell where they lie. An end is known once so many of its outermost
-#: ones do: as a pass begins, one of them sees little, and later than what is further in. Where
-#: they hardly see anything, as of an image that is turned, so many events of the end will do.
-_ENOUGH, _OUTERMOST, _ENOUGH_AT_END = 500, 3, 40_000
+#: Events from which on columns tell where they lie, and do so surely. An end is known once so many
+#: of its outermost columns do: as a pass begins, one of them sees little, and later than what is
+#: further in. Where few events come, two looks that tell of an end off the surface will do; where
+#: the outermost columns hardly see anything, as of an image that is turned, so many of the end.
+_ENOUGH, _SURELY_ENOUGH, _OUTERMOST, _ENOUGH_AT_END = 250, 500, 3, 40_000
 #: Part of the aperture that is an end, and the part at most that may be off the surface.
 _END, _MOST_OFF = 0.1, 0.2
 #: Parts of the aperture that say how events lie where the skin is on the surface: at first, and
 #: but for the ends that this told.
 _INNER = 0.6, 0.9
 #: Columns whose events lie further than this beside the lines are off it, and the outermost ones
-#: further than this if any are, px.
+#: in the mean further than this if any are, px.
 _APART_PX, _SURELY_PX = 0.06, 0.1
 
 
@@ -55,6 +56,8 @@ class PatchEnds:
         #: Slopes between which the skin is on the surface, infinite while an end isn't known.
         self.ends = (-np.inf, np.inf)
         self._known = [False, False]
+        #: Whether a look told, though not surely, that the end is off the surface.
+        self._told = [False, False]
 
     @property
     def known(self) -> bool:
@@ -113,13 +116,24 @@ class PatchEnds:
         width = (self._high - self._low) / count
         size = max(round(_END * count), 1)
         low, high = self.ends
-        if not self._known[0] and _seen(self._counts[:size]):
-            self._known[0] = True
+        if self._settles(0, self._counts[:size], off[0]):
             low = self._low + off[0] * width if off[0] else low
-        if not self._known[1] and _seen(self._counts[::-1][:size]):
-            self._known[1] = True
+        if self._settles(1, self._counts[::-1][:size], off[1]):
             high = self._high - off[1] * width if off[1] else high
         self.ends = (low, high)
+
+    def _settles(self, end: int, counts: I64, off: int) -> bool:
+        """Whether an end is known now that wasn't; its columns, the outermost first, and how far
+        it is off the surface.
+        """
+        if self._known[end]:
+            return False
+        least = counts[:_OUTERMOST].min()
+        told, self._told[end] = self._told[end], bool(off) and least >= _ENOUGH
+        self._known[end] = bool(
+            least >= _SURELY_ENOUGH or (told and self._told[end]) or counts.sum() >= _ENOUGH_AT_END
+        )
+        return self._known[end]
 
 
 def _line(apart: F64, which: np.ndarray) -> F64:
@@ -128,18 +142,13 @@ def _line(apart: F64, which: np.ndarray) -> F64:
     return np.asarray(np.polyval(np.polyfit(place[which], apart[which], 1), place))
 
 
-def _seen(counts: I64) -> bool:
-    """Whether an end's columns, the outermost first, tell all that they will."""
-    return bool((counts[:_OUTERMOST] >= _ENOUGH).all() or counts.sum() >= _ENOUGH_AT_END)
-
-
 def _off(apart: F64, enough: np.ndarray) -> int:
     """How many of the first columns lie off the surface; 0 if it is too many to be an end."""
     told = np.flatnonzero(enough)
     away = np.abs(apart[told])
     # Two that lie on it in a row, as one may by chance, and the one before them to be sure.
     on = np.flatnonzero(np.maximum(away[:-1], away[1:]) <= _APART_PX)
-    if not len(on) or on[0] == 0 or away[0] <= _SURELY_PX:
+    if not len(on) or on[0] == 0 or abs(apart[told[:_OUTERMOST]].mean()) <= _SURELY_PX:
         return 0
     off = int(told[on[0]]) + 1
     return off if off <= _MOST_OFF * len(apart) else 0
