@@ -109,13 +109,15 @@ def test_an_end_that_the_outermost_columns_did_not_see_is_not_known() -> None:
 def test_an_end_that_is_off_shows_in_few_events() -> None:
     """As of a part of the camera's rows; that it is on the surface takes more of them."""
     ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
-    few = [own[::9] for own in block((16.0, 0.0))]
-    nothing = [own[:0] for own in few]
-    assert not look(ends, few), "where many come, the next look tells it better"
-    assert look(ends, nothing)
+    rays = block((16.0, 0.0))
+    assert not look(ends, [own[1::18] for own in rays])
+    assert look(ends, [own[2::18] for own in rays])
     assert not ends.known
     assert 12 <= (SLOPE + ends.ends[0]) * FOCAL_PX <= 28
     assert np.isinf(ends.ends[1])
+    # Where many come, the next look tells it better.
+    ends = PatchEnds((-SLOPE, SLOPE), FOCAL_PX)
+    assert not look(ends, [own[::9] for own in rays])
 
 
 def test_an_end_that_hardly_sees_anything_is_known_in_the_end() -> None:

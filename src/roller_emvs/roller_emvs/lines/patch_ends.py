@@ -25,8 +25,9 @@ _COLUMNS_PX = 4.0
 _MOST_PX, _BESIDE = 1.5, 1
 #: Events from which on columns tell where they lie, and do so surely. An end is known once so many
 #: of its outermost columns do: as a pass begins, one of them sees little, and later than what is
-#: further in. Where few events come, two looks that tell of an end off the surface will do; where
-#: the outermost columns hardly see anything, as of an image that is turned, so many of the end.
+#: further in. Where few events come, so that a quarter of the lesser number came with earlier
+#: looks, that will do for an end off the surface; where the outermost columns hardly see anything,
+#: as of an image that is turned, so many of the end.
 _ENOUGH, _SURELY_ENOUGH, _OUTERMOST, _ENOUGH_AT_END = 250, 500, 3, 40_000
 #: Part of the aperture that is an end, and the part at most that may be off the surface.
 _END, _MOST_OFF = 0.1, 0.2
@@ -56,8 +57,8 @@ class PatchEnds:
         #: Slopes between which the skin is on the surface, infinite while an end isn't known.
         self.ends = (-np.inf, np.inf)
         self._known = [False, False]
-        #: Whether a look told, though not surely, that the end is off the surface.
-        self._told = [False, False]
+        #: Events that the outermost columns had when the ends were last looked for.
+        self._before = [0, 0]
 
     @property
     def known(self) -> bool:
@@ -92,9 +93,10 @@ class PatchEnds:
 
     def find(self) -> bool:
         """Look for the ends; whether they are nearer than they were."""
-        before = self.ends
+        ends = self.ends
         self._find()
-        return self.ends != before
+        self._before = [_least(c) for c in (self._counts, self._counts[::-1])]
+        return self.ends != ends
 
     def _find(self) -> None:
         """The ends, as far as enough events tell."""
@@ -123,17 +125,18 @@ class PatchEnds:
         self.ends = (low, high)
 
     def _settles(self, end: int, counts: I64, off: int) -> bool:
-        """Whether an end is known now that wasn't; its columns, the outermost first, and how far
-        it is off the surface.
-        """
+        """Whether an end gets known; its columns, the outermost first, how many lie off."""
         if self._known[end]:
             return False
-        least = counts[:_OUTERMOST].min()
-        told, self._told[end] = self._told[end], bool(off) and least >= _ENOUGH
-        self._known[end] = bool(
-            least >= _SURELY_ENOUGH or (told and self._told[end]) or counts.sum() >= _ENOUGH_AT_END
-        )
+        least = _least(counts)
+        few = off > 0 and least >= _ENOUGH and self._before[end] >= _ENOUGH // 4
+        self._known[end] = few or least >= _SURELY_ENOUGH or bool(counts.sum() >= _ENOUGH_AT_END)
         return self._known[end]
+
+
+def _least(counts: I64) -> int:
+    """Events of that of the outermost columns that has the fewest."""
+    return int(counts[:_OUTERMOST].min())
 
 
 def _line(apart: F64, which: np.ndarray) -> F64:
