@@ -75,6 +75,17 @@ def test_noise_grows_with_what_points_claim_towards_the_ends_of_a_scan() -> None
         assert np.median(cues.noise_around_m[0][here]) == pytest.approx(errs, rel=0.4)
 
 
+def test_what_few_points_tell_must_differ_the_more() -> None:
+    def found(height_m: float) -> Found:
+        return inspect(scan(dent((0.015, 0.001), 5e-4, -height_m), seed=2))
+
+    low, high = found(9e-5), found(1.6e-4)
+    assert low.findings == ()
+    (finding,) = high.findings
+    assert finding.points < 100
+    assert 0.45 < finding.confidence < 0.75
+
+
 def test_a_small_dent_beside_a_deep_one_is_a_finding_of_its_own_and_its_foot_is_none() -> None:
     deep, small = dent((0.013, 0.0), 1.5e-3, 4e-4), dent((0.0165, 0.001), 1.5e-3, 1.2e-4)
     found = inspect(scan(lambda x, y: deep(x, y) + small(x, y)))

@@ -71,6 +71,8 @@ class Cues:
     #: known. Shapes (ny, nx).
     weight: F32
     fine_m: F32
+    #: Area of known cells that a point stands for as a rule, m²; 0 where there is none.
+    point_area_m2: float
 
 
 def height_cue(
@@ -131,12 +133,21 @@ def height_cue(
     best = np.where(edges, sign * np.maximum(best * sign, np.float32(settings.strong_z)), best)
     size = np.abs(best)
     strong = (size > settings.strong_z) | edges
-    return Cues(best, size > settings.weak_z, strong, usual, around, edges, weights[0], fine)
+    per_point = area_of_a_point(height_map)
+    weak = size > settings.weak_z
+    return Cues(best, weak, strong, usual, around, edges, weights[0], fine, per_point)
 
 
 def _grain(scale_cells: float) -> int:
     """How much coarser, a power of two, the cells may be for a Gaussian of so many cells."""
     return 2 ** max(0, int(np.floor(np.log2(scale_cells * _GRAIN))))
+
+
+def area_of_a_point(height_map: HeightMap) -> float:
+    """Area of known cells that a point stands for as a rule, m²; 0 where there is none."""
+    known = height_map.known
+    points = int(height_map.points[known].sum())
+    return float(known.sum()) * height_map.step_m**2 / points if points else 0.0
 
 
 def connected(weak: Bools, strong: Bools) -> Bools:
