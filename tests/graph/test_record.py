@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, Writer
 
 from graph.forked import ForkedProcess
 from graph.graph_world import Processes
-from recording.bags import EVENT_ARRAY, Recipe, bag_messages, write_bag
+from recording.bags import EVENT_ARRAY, Recipe, bag_messages, write_messages
 from roller_bringup.cli import main
 from roller_core.codecs import RawPacket
 from roller_recording.raw_message import RawMessage
@@ -22,6 +22,7 @@ from waiting import wait_until
 pytestmark = pytest.mark.graph
 
 EVENTS = "/event_camera/events"
+HOUR_NS = 3600 * 10**9
 
 
 class Recording:
@@ -124,9 +125,17 @@ def test_what_is_recorded_is_what_was_sent(
 def test_a_bag_of_another_driver_played_and_recorded(
     record: Callable[..., Recording], processes: Processes, tmp_path: Path
 ) -> None:
-    """An old type on a topic of another name comes out as the graph's own."""
+    """An old type on a topic of another name comes out as the graph's own.
+
+    Camera and mounting told of themselves an hour before the scan: nobody waits for that hour.
+    """
     recipe = Recipe("evt3", event_type=EVENT_ARRAY, namespace="/left", force_n=25.0)
-    bag = write_bag(tmp_path / "theirs", recipe)
+    early = {"/left/camera_info": HOUR_NS, "/tf_static": HOUR_NS}
+    bag = tmp_path / "theirs"
+    write_messages(
+        Writer(bag, version=9, storage_plugin=recipe.storage),
+        ((t_ns - early.get(topic, 0), topic, *rest) for t_ns, topic, *rest in bag_messages(recipe)),
+    )
     running = record(tmp_path / "bag", "--raw")
     processes.start(
         "player", f"{{bag: {bag}, wait_s: 30.0, listeners: recorder, exit_when_done: true}}"

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import Field
+from rclpy.qos import DurabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from roller_core.errors import RollerError
@@ -39,7 +40,10 @@ class PlayerParameters(PlaySettings):
 
 
 class PlayerNode(PlayingNode):
-    """Publishes messages as they lie in the bag, spaced as they were logged."""
+    """Publishes messages as they lie in the bag, spaced as they were logged.
+
+    What is latched may have been said long before the scan began: it is published at once.
+    """
 
     _p: PlayerParameters
 
@@ -56,6 +60,7 @@ class PlayerNode(PlayingNode):
         # Publishers by topic in the bag; a camera of another name is played as the graph's own.
         # Not _publishers: rclpy's own.
         self._outputs = {}
+        self._latched = set[str]()
         for topic in topics.INPUTS + topics.FORCE:
             force = topic in topics.FORCE
             theirs = force_topic(events) if force else topics.beside(topic.name, events)
@@ -63,6 +68,8 @@ class PlayerNode(PlayingNode):
             if theirs == events or in_bag.get(theirs) == topic.type_name:
                 made = self.create_publisher(topic.type, topic.name, topic.qos)
                 self._outputs[theirs] = made
+                if topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+                    self._latched.add(theirs)
         self._events = self._outputs[events]
         # Not _clock: rclpy's own.
         self._time = self.create_publisher(Clock, "/clock", qos.REPEATED) if self._p.clock else None
@@ -80,17 +87,18 @@ class PlayerNode(PlayingNode):
 
     def _play(self) -> None:
         self._state = "playing"
-        begin = first_ns = None
+        begin, first_ns = None, 0
         for item in self._reader.messages(set(self._outputs)):
             if self._stop.is_set():
                 return
             if isinstance(item, RecordingError):
                 self._diagnostics.fault(str(item))
                 continue
-            if begin is None or first_ns is None:
+            if item.topic not in self._latched and begin is None:
                 begin, first_ns = time.monotonic(), item.t_ns
-            self._wait_until(begin + (item.t_ns - first_ns) * 1e-9 / self._p.rate)
-            self._tell_time(item.t_ns)
+            if begin is not None:
+                self._wait_until(begin + (item.t_ns - first_ns) * 1e-9 / self._p.rate)
+                self._tell_time(item.t_ns)
             self._outputs[item.topic].publish(item.data)
             self._played += 1
 
