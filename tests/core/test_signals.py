@@ -1,16 +1,17 @@
 """An interrupt while a program loads."""
 
-import ctypes
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from llvmlite.binding import ffi, get_process_triple
 
 from roller_core.signals import load_and_run, terminate_in_order
 
@@ -40,18 +41,46 @@ def test_an_interrupt_while_a_program_loads_prints_nothing(tmp_path: Path) -> No
     assert process.returncode == -signal.SIGINT
 
 
-def compile_for_long(called: Callable[[], None]) -> None:
+def call_in_llvm(called: Callable[[], None]) -> None:
+    """Have LLVM's library call back, under its lock."""
+
+    def left() -> None:
+        pass
+
+    ffi.register_lock_callback(called, left)
+    try:
+        get_process_triple()
+    finally:
+        ffi.unregister_lock_callback(called, left)
+
+
+def call_in_destructor(called: Callable[[], None]) -> None:
+    class Dropped:
+        def __del__(self) -> None:
+            called()
+
+    Dropped()
+
+
+def interruptible(
+    call: Callable[[Callable[[], None]], None], compile_kernel: Callable[[], None]
+) -> None:
     with terminate_in_order():
-        ctypes.CFUNCTYPE(None)(called)()
+        call(compile_kernel)
         time.sleep(30.0)
 
 
+@pytest.mark.parametrize("call", [call_in_llvm, call_in_destructor])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_while_a_kernel_compiles_is_neither_lost_nor_a_fault(number: int) -> None:
-    """LLVM calls this with what it compiled: what is raised in it goes nowhere."""
-    compiled = []
+def test_an_interrupt_while_a_kernel_compiles_is_neither_lost_nor_a_fault(
+    number: int, call: Callable[[Callable[[], None]], None]
+) -> None:
+    """What is raised in LLVM's callbacks and in destructors goes nowhere."""
+    compiled: list[str] = []
 
-    def _raw_object_cache_notify() -> None:
+    def compile_kernel() -> None:
+        if compiled:
+            return
         os.kill(os.getpid(), number)
         time.sleep(0.01)
         compiled.append("whole")
@@ -60,10 +89,14 @@ def test_an_interrupt_while_a_kernel_compiles_is_neither_lost_nor_a_fault(number
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt) as raised:
-            compile_for_long(_raw_object_cache_notify)
+            interruptible(call, compile_kernel)
     finally:
         signal.signal(signal.SIGINT, before)
     assert compiled == ["whole"]
+    other = threading.Thread(target=get_process_triple, daemon=True)
+    other.start()
+    other.join(timeout=30.0)
+    assert not other.is_alive()  # the lock is free
     assert getattr(raised.value, "number", signal.SIGINT) == number
 
 

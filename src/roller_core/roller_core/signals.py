@@ -27,8 +27,10 @@ class Terminated(KeyboardInterrupt):
         self.number = number
 
 
-#: Functions that LLVM calls in the middle of compiling; and when a signal is sent again, s.
-_LLVM_CALLS, _AGAIN_S = "_raw_object_cache", 0.05
+#: What LLVM's library calls in the middle of compiling; how it takes and leaves its lock, which
+#: stays held when an exception comes meanwhile; and when a signal is sent again, s.
+_LLVM, _LLVM_CALLS, _LOCKING = "llvmlite.binding", "_raw_object_cache", ("__enter__", "__exit__")
+_AGAIN_S = 0.05
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
@@ -36,15 +38,24 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
     A kernel compiles in C, so the handler mostly runs in what LLVM calls at its end. Raised there
     it would be lost, or take away what was compiled, which reads as a fault: it waits a moment.
+    What a destructor raises is lost too.
     """
     while frame is not None:
-        if frame.f_code.co_name.startswith(_LLVM_CALLS):
+        if _loses(frame):
             again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
             again.daemon = True
             again.start()
             return
         frame = frame.f_back
     raise KeyboardInterrupt if number == signal.SIGINT else Terminated(number)
+
+
+def _loses(frame: FrameType) -> bool:
+    """Whether what is raised in a call is lost, or does harm."""
+    name = frame.f_code.co_name
+    if name in _LOCKING:
+        return str(frame.f_globals.get("__name__")).startswith(_LLVM)
+    return name == "__del__" or name.startswith(_LLVM_CALLS)
 
 
 @contextmanager
