@@ -1,9 +1,11 @@
 """Warming up runs the kernels that a method will need."""
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 
+from roller_emvs import threads
 from roller_emvs.depth_settings import METHODS, DepthSettings
 from roller_emvs.evidence import _meet_kernels, _pixel_kernels
 from roller_emvs.evidence import _part_kernels as _image_kernels
@@ -26,6 +28,18 @@ def test_every_method_warms_up(method: str) -> None:
         assert _vote_kernels._sweep_bands.signatures
     if method in ("bma", "left_right"):
         assert _view_kernels._sweep_bands_views.signatures
+
+
+@pytest.mark.parametrize("method", [*METHODS, "surface"])
+def test_it_asks_no_other_thread(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What another thread compiles ends by no interrupt: a node would have to be killed."""
+
+    def refuse() -> ThreadPoolExecutor:
+        raise AssertionError("another thread is asked for")
+
+    monkeypatch.setattr(threads, "_pool", refuse)
+    settings = SurfaceSettings if method == "surface" else DepthSettings
+    warm_up(settings.create({} if method == "surface" else {"method": method}))
 
 
 def test_surface_warms_up_and_fits_lines(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,10 +20,14 @@ _EVENTS = 60_000
 _END_NS = 100_000_000
 _SPEED_M_NS = 3e-10
 _DEPTH_M = 0.045
+_ALONE = {"threads": 1}
 
 
 def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
     """Run a small made-up scan through a method, whatever comes of it.
+
+    All of it on the caller's thread: kernels are compiled one after the other anyway, and no
+    interrupt ends what another thread compiles.
 
     Parameters
     ----------
@@ -44,11 +48,11 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
     )
     engines: list[DepthPipeline | SurfaceSweep]
     if isinstance(settings, SurfaceSettings):
-        small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.004})
+        small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.004} | _ALONE)
         engines = [SurfaceSweep(small, _CAMERA, _track(0.0))]
         _look_at_texture()
     else:
-        whole = settings.changed({"window.rule": "all"})
+        whole = settings.changed({"window.rule": "all"} | _ALONE)
         # A slanted travel goes by rays, and has every view vote for itself.
         engines = [DepthPipeline(whole, _CAMERA, _track(slant)) for slant in (0.0, 0.3)]
     for engine in engines:
