@@ -81,6 +81,8 @@ def test_it_takes_the_place_of_libcaer_driver(emulated_camera, processes, watch)
     watcher.spin_until(lambda: len(packets) > count + 20, 60, "packets again")
     assert transition(Transition.TRANSITION_DEACTIVATE) == "inactive"
     assert transition(Transition.TRANSITION_CLEANUP) == "unconfigured"
+    assert transition(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN) == "finalized"
+    watcher.spin_until(lambda: watcher.has_said(CAMERA, "shut down: start"), 60, "its end")
     assert processes.stop() == {"event_camera": 0}
 
 

@@ -65,7 +65,7 @@ class EventCameraNode(RollerNode, LifecycleNode):
         self._camera: Camera | None = None
         self._backend: Any = None
         self._preview = Preview()
-        self._watched = False
+        self._watched = self._shut_down = False
         self._clock_map = SensorClock()
         self._steps_reported = 0
         self._sequence = 0
@@ -137,8 +137,9 @@ class EventCameraNode(RollerNode, LifecycleNode):
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop, whatever the state."""
+        """Stop, whatever the state; no transition leads on from here."""
         self._halt()
+        self._shut_down = True
         return super().on_shutdown(state)
 
     def destroy_node(self) -> None:
@@ -246,6 +247,8 @@ class EventCameraNode(RollerNode, LifecycleNode):
         )
 
     def _status(self) -> tuple[bytes, str, Mapping[str, object]]:
+        if self._shut_down:
+            return diagnostics.ERROR, "shut down: start the node again", {}
         if self._reader is None:
             return diagnostics.OK, "inactive", {}
         s = self._reader.status
