@@ -95,6 +95,44 @@ def test_ctrl_c_while_python_starts(tmp_path):
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
+IMPATIENT = """
+import atexit, os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as at a terminal
+from roller_bringup import cli
+from roller_core import signals
+signals._SAME_S = float("inf")  # on a machine as slow as may be
+again = lambda: os.kill(os.getpid(), signal.SIGINT)
+class Heard:
+    def write(self, text):
+        again()
+        return sys.__stderr__.write(text)
+    def flush(self):
+        sys.__stderr__.flush()
+class HalfMade:
+    def __del__(self):
+        raise AttributeError("not there yet")
+def run(words):
+    sys.stderr, half_made = Heard(), HalfMade()
+    try:
+        again()
+    finally:
+        again()
+        print("cleaned up", flush=True)
+cli._run = run
+atexit.register(lambda: (again(), print("gone", flush=True)))
+sys.exit(cli.main())
+"""
+
+
+def test_ctrl_c_again_and_again_is_one_line():
+    """While a command cleans up, while it says so, and while Python ends."""
+    done = subprocess.run(
+        [sys.executable, "-c", IMPATIENT], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+    assert done.stdout == "cleaned up\ngone\n"
+
+
 @pytest.mark.parametrize(
     "words",
     [

@@ -12,6 +12,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from roller_core.signals import run_to_the_end
+
 #: Packages name their subcommands in this group of entry points.
 GROUP = "roller.commands"
 #: Set to 1, it has a fault of ours shown where it happened.
@@ -40,7 +42,7 @@ def _summary(module: str) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a subcommand.
+    """Run a subcommand; without words that of this process, which it then ends.
 
     Returns
     -------
@@ -48,6 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 if all was well; 1 after a fault, reported in one line; 2 for wrong usage; 128 and a
         signal's number when that ended it (130 after Ctrl-C).
     """
+    if argv is None:
+        return run_to_the_end(lambda: main(sys.argv[1:]))
     try:
         # The script `roller` has it wait until here.
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
@@ -55,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if hasattr(stream, "reconfigure"):
                 # A file's name may hold bytes that are no text.
                 stream.reconfigure(errors="backslashreplace")
-        return _run(list(sys.argv[1:] if argv is None else argv))
+        return _run(list(argv))
     except KeyboardInterrupt as interrupt:
         print("interrupted", file=sys.stderr)
         return 128 + getattr(interrupt, "number", signal.SIGINT)

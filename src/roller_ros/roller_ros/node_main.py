@@ -16,7 +16,7 @@ from rclpy.executors import ExternalShutdownException
 from roller_core.errors import RollerError
 from roller_core.last_resort import ends_within
 from roller_core.memory import keep_freed_memory
-from roller_core.signals import interrupt
+from roller_core.signals import Interrupter
 
 from .node import LEAVES_WITHIN_S, RollerNode
 from .refusals import init_ros, refused_name
@@ -40,8 +40,9 @@ def run_node(make: Callable[[], RollerNode]) -> int:
     failed: BaseException | None = None
     code = 0
     try:
+        interrupter = Interrupter()
         for number in _SIGNALS:
-            signal.signal(number, interrupt)  # starting may take long
+            signal.signal(number, interrupter)  # starting may take long
         keep_freed_memory()
         init_ros()
         node = make()
