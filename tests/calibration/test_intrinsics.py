@@ -98,6 +98,14 @@ def test_recordings_give_a_camera_and_its_place_on_the_tool(
     np.testing.assert_allclose(place, HAND_EYE[:3, 3], atol=5e-4)
     assert main(["calibrate", "hand-eye", str(pairs)]) == 0
 
+    (data,) = bag.glob("*.mcap")
+    data.write_bytes(data.read_bytes()[: int(0.95 * data.stat().st_size)])
+    capsys.readouterr()
+    assert main(words) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith(f"{bag}: ")
+    assert "cut off at byte" in first
+
     assert main(["calibrate", "intrinsics", str(bag), "--pitch-mm", "0"]) == 1
     assert "--pitch-mm 0" in capsys.readouterr().err
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,8 @@ def pairs_of_poses(
     topic: str | None = None,
     base_frame: str = "base",
     moving_frame: str = "tool0_controller",
+    on_fault: Callable[[RollerError], None] = lambda fault: None,
+    on_progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Camera, list[tuple[F64, F64]]]:
     """The tool in base and the grid in the camera, wherever robot and grid stood still.
 
@@ -47,6 +50,10 @@ def pairs_of_poses(
         Of the event packets, where there are several.
     base_frame, moving_frame : str
         The robot's base and the tool's frame.
+    on_fault : callable
+        Takes what is wrong with the recording and leaves the rest of it readable.
+    on_progress : callable
+        Takes the share that was read, 0–1.
 
     Returns
     -------
@@ -64,9 +71,15 @@ def pairs_of_poses(
     tool = SensorFrames(base_frame, moving_frame, moving_frame, max_gap_s=_MAX_GAP_S)
     watcher = GridWatcher(recording.camera, grid)
     for step in recording.items():
+        for fault in step.faults:
+            on_fault(fault)
         for transform in step.transforms:
-            tool.take(transform)
+            try:
+                tool.take(transform)
+            except RollerError as error:
+                on_fault(error)
         watcher.add_events(step.events)
+        on_progress(step.progress)
     tool.finish()
     views, pairs = watcher.finish(), []
     for view in views:

@@ -10,6 +10,7 @@ import numpy as np
 
 from roller_core.calibration_file import CalibrationError, calibration_record
 from roller_core.camera import Camera
+from roller_core.errors import RollerError
 from roller_core.marked_file import SEAL, write_marked_file
 from roller_core.progress import progress_bar
 from roller_core.text_file import TextFileError, read_text
@@ -78,9 +79,16 @@ def _from_grid(args: argparse.Namespace) -> tuple[Camera, list[F64], list[F64]]:
 
     frames = read_parameters(args.params, "emvs")
     names = {k: str(frames[k]) for k in ("base_frame", "moving_frame") if k in frames}
-    camera, pairs = pairs_of_poses(
-        args.grid_recording, grid_of(args), args.camera, args.topic, **names
-    )
+    path = args.grid_recording
+
+    def on_fault(fault: RollerError) -> None:
+        print(f"{path}: {fault}")
+
+    with progress_bar(f"look for the grid in {path.name}") as progress:
+        camera, pairs = pairs_of_poses(
+            path, grid_of(args), args.camera, args.topic, **names,
+            on_fault=on_fault, on_progress=progress,
+        )  # fmt: skip
     if args.pairs_output:
         rows = [f"{_numbers(tool)} {_numbers(target)}" for tool, target in pairs]
         text = "\n".join([_PAIRS_MARK, "# x y z qx qy qz qw each, metres", f"# {SEAL}", *rows, ""])
