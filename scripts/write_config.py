@@ -13,6 +13,7 @@ from roller_emvs.depth_stage import EmvsParameters
 from roller_emvs.stitcher_stage import StitcherParameters
 from roller_emvs.surface_stage import SurfaceParameters
 from roller_inspect.inspect_stage import InspectParameters
+from roller_recording.player_node import PlayerParameters
 from roller_recording.writing.recorder_settings import RecorderParameters
 from roller_sim.virtual_cell_node import VirtualCellParameters
 
@@ -21,6 +22,7 @@ FILES: dict[str, type[Settings]] = {
     "emvs": EmvsParameters,
     "event_camera": EventCameraParameters,
     "inspect": InspectParameters,
+    "player": PlayerParameters,
     "recorder": RecorderParameters,
     "stitcher": StitcherParameters,
     "surface": SurfaceParameters,

@@ -12,7 +12,6 @@ from bringup.test_config import FILES as MODELS
 from roller_bringup import launching
 from roller_bringup.launching import LaunchError, locate
 from roller_core.parameter_files import read_parameters
-from roller_recording.player_node import PlayerParameters
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "launch").glob("*.launch.xml"))
@@ -80,6 +79,14 @@ def test_starts_the_nodes_it_should(path, monkeypatch):
             assert profile.samefile(ROOT / "config" / "fastdds.xml")
 
 
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_every_node_of_ours_reads_its_file_first(path):
+    with load(name_of(path), record="true", inspect="true") as plan:
+        for process in plan.processes:
+            first = process.command[process.command.index("--params-file") + 1]
+            assert Path(first).samefile(ROOT / "config" / f"{process.name}.yaml")
+
+
 @pytest.mark.parametrize("player", ["replay", "virtual"])
 @pytest.mark.parametrize("method", ["focus", "surface"])
 def test_a_scan_waits_for_all_that_are_started(player, method):
@@ -104,7 +111,7 @@ def test_every_argument_says_what_it_is(path):
 def test_defaults_of_arguments_are_those_of_the_models(path, method):
     with load(name_of(path), method=method, record="true", inspect="true") as plan:
         for process in plan.processes:
-            model = {**MODELS, "player": PlayerParameters}[process.name]
+            model = MODELS[process.name]
             needed = {}
             if process.name in ("player", "virtual_cell"):
                 others = ",".join(p.name for p in plan.processes if p is not process)
@@ -122,7 +129,7 @@ def test_files_that_launch_files_fill_in_name_parameters_that_there_are():
     for file in (ROOT / "launch").glob("*.params.yaml"):
         for key in yaml.safe_load(file.read_text()):
             node = key.removeprefix("/**/")
-            model = {**MODELS, "player": PlayerParameters}[node]
+            model = MODELS[node]
             names = {name.split(".")[0] for name in read_parameters(file, node)}
             assert names <= model.model_fields.keys()
 
