@@ -11,6 +11,7 @@ import yaml
 from bringup.test_config import FILES as MODELS
 from roller_bringup import launching
 from roller_bringup.launching import LaunchError, locate
+from roller_core.errors import SettingsError
 from roller_core.parameter_files import read_parameters
 
 ROOT = Path(__file__).parents[2]
@@ -215,6 +216,20 @@ def test_the_cameras_place_is_published_without_the_robot_too(tmp_path):
         assert robot.publish_hand_eye
         assert robot.hand_eye_m == (0.1, 0.0, 0.2)
         assert robot.tool == "left_tool0_controller"
+
+
+def test_a_file_for_the_cameras_place_must_tell_it(tmp_path):
+    other = tmp_path / "cell.yaml"
+    other.write_text("/**/emvs: {ros__parameters: {event_delay_s: 0.0004}}\n")
+    with load("cell", hand_eye=str(other)) as plan:
+        robot = MODELS["ur10"].create(parameters(node(plan, "ur10")))
+    with pytest.raises(SettingsError, match=rf"{other}: there is no .* \(section ur10, hand_eye_m"):
+        robot.check_hand_eye_file()
+    other.write_text("/**/ur10: {ros__parameters: {hand_eye_identity: true}}\n")
+    robot.check_hand_eye_file()
+    # Without the argument the robot's file holds, which may leave it to another node.
+    with load("cell", robot_params=str(other)) as plan:
+        assert "hand_eye_file" not in parameters(node(plan, "ur10"))
 
 
 def test_options_add_and_leave_out_nodes():

@@ -22,6 +22,8 @@ from roller_ros import stage_node, topics
 from roller_ros.parameters import declare_settings
 
 SRC = Path(__file__).resolve().parents[2] / "src"
+#: A parameter file without a section for the robot.
+OTHERS_FILE = SRC.parent / "config" / "emvs.yaml"
 NODES = sorted(p for p in SRC.glob("*/*/**/*node.py") if "underlay" not in p.parts)
 #: Methods that rclpy means to be extended.
 EXTENDED = {"destroy_node"}
@@ -171,6 +173,7 @@ def test_any_node_may_fail_before_it_has_anything(
         ("roller_emvs.surface_node", "depth_min_m:=0.05", "depth_min_m"),
         ("roller_recording.player_node", "bag:=/nowhere", "there is no such file or folder"),
         ("roller_recording.player_node", "rate:=1.0", "'bag' is empty"),
+        ("roller_driver.ur10_node", f"hand_eye_file:={OTHERS_FILE}", "no camera's place on the"),
         ("roller_recording.recorder_node", "output:=/proc/nowhere", "can't be written"),
     ],
 )

@@ -30,6 +30,7 @@ class Ur10Node(RollerNode):
     def __init__(self) -> None:
         super().__init__("ur10")
         p = self._p = declare_settings(self, Ur10Parameters)
+        p.check_hand_eye_file()
         self._clock_map = SensorClock()
         self._published = 0
         self._last_ns = 0

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field, model_validator
 
+from roller_core.errors import SettingsError
 from roller_core.frame_settings import RobotFrames
+from roller_core.parameter_files import read_parameters
 from roller_core.pose_track import Pose
 from roller_core.settings import Settings
 from roller_core.transforms import rotation_vector_to_quaternion, unit_quaternion
@@ -76,6 +78,11 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
         description="Tool centre point on the flange that the camera's place was found with: "
         "x y z (m), rotation vector (rad); with another no poses are published. A single 0: any.",
     )
+    hand_eye_file: str = Field(
+        "",
+        description="Parameter file that must set the camera's place, as a launch argument names "
+        "it; empty: none must.",
+    )
     connect: bool = Field(
         True,
         description="Whether to connect to the robot; false where the robot's own driver publishes "
@@ -100,3 +107,20 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
         if len(self.tcp_offset) not in (1, 6):
             raise ValueError(f"tcp_offset has {len(self.tcp_offset)} values, not 6")
         return self
+
+    def check_hand_eye_file(self) -> None:
+        """Hold `hand_eye_file` to what it was given for.
+
+        Raises
+        ------
+        SettingsError
+            If it says nothing of the camera's place: that of another file, or none, would hold.
+        """
+        if not self.hand_eye_file:
+            return
+        if not read_parameters(self.hand_eye_file, "ur10").keys() & HandEyeSettings.model_fields:
+            raise SettingsError(
+                f"hand_eye {self.hand_eye_file}: there is no camera's place on the tool in it "
+                "(section ur10, hand_eye_m); give the file that `roller calibrate hand-eye "
+                "--output` wrote, or leave the argument out"
+            )
