@@ -266,6 +266,9 @@ def test_a_size_that_is_a_tenth_off_is_pointed_out(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[ball]])
     assert "--radius-mm" not in sphere_gauges(SCAN, SETTINGS, RADIUS_M)[0].text
     assert "is --radius-mm right?" in sphere_gauges(SCAN, SETTINGS, 0.9 * RADIUS_M)[0].text
+    # Drift makes a right sphere seem as much smaller.
+    text = sphere_gauges(SCAN, SETTINGS, 1.1 * RADIUS_M)[0].text
+    assert "(-9% against the 4.4 mm given)" in text
 
 
 def test_of_several_recordings_one_whose_size_drift_hides_is_left_out(

@@ -60,6 +60,20 @@ def test_sphere_is_found_wherever_base_is(turn: tuple[float, float, float]) -> N
     assert CONTACT_M - 0.1 * RADIUS_M < found.contact_radius_m <= CONTACT_M
 
 
+def test_skin_that_leaves_the_sphere_makes_it_no_larger() -> None:
+    """From the edge of contact on it goes on as steep as there."""
+    beyond = plate_points(CENTRE_M, RADIUS_M, 40_000)
+    rho = np.hypot(*(beyond - CENTRE_M)[:, :2].T) - CONTACT_M
+    beyond, rho = beyond[(rho > 0) & (rho < 4e-4)], rho[(rho > 0) & (rho < 4e-4)]
+    height = np.sqrt(RADIUS_M**2 - CONTACT_M**2)
+    beyond[:, 2] = CENTRE_M[2] - height + CONTACT_M / height * rho
+    found = find_sphere(
+        np.concatenate([dome_points(CENTRE_M, RADIUS_M, 2500), beyond]), TOWARDS, RADIUS_M
+    )
+    assert found.fitted_radius_m == pytest.approx(RADIUS_M, rel=0.01)
+    assert not found.odd
+
+
 def test_stray_depths_do_not_move_the_sphere() -> None:
     stray = np.random.default_rng(5).uniform([-4e-3, -3e-3, 0.043], [4e-3, 3e-3, 0.047], (500, 3))
     found = find_sphere(np.concatenate([scene((CENTRE_M, RADIUS_M)), stray]), TOWARDS, RADIUS_M)

@@ -22,16 +22,30 @@ from .recordings import Scan
 
 #: Lines of a gauge, at least, and on slopes.
 LEAST_LINES = 100
-#: Share that a gauge's size may be off by drift, and from which on it is pointed out.
-OTHER_SIZE, _ODD_SIZE = 0.3, 0.05
+#: Share that a gauge's size may be off by drift; from which on what was given is said beside it,
+#: and steps are asked about.
+OTHER_SIZE, _APART = 0.3, 0.05
 
 
-def size_text(fitted_m: float, given_m: float, option: str) -> str:
-    """Size of a gauge as found, with what was given where the two are apart."""
+def size_text(fitted_m: float, given_m: float, option: str, odd: bool | None = None) -> str:
+    """Size of a gauge as found, with what was given where the two are apart.
+
+    Parameters
+    ----------
+    fitted_m, given_m : float
+        The two, metres.
+    option : str
+        Where it was given.
+    odd : bool, optional
+        Whether the given one can't be right; else it can't where they are apart.
+    """
     off = fitted_m / given_m - 1
+    apart = abs(off) > _APART
+    odd = apart if odd is None else odd
     text = f"{fitted_m * 1e3:.3f} mm"
-    if abs(off) > _ODD_SIZE:
-        text += f" ({off:+.0%} against the {given_m * 1e3:g} mm given; is {option} right?)"
+    if apart or odd:
+        asked = f"; is {option} right?" if odd else ""
+        text += f" ({off:+.0%} against the {given_m * 1e3:g} mm given{asked})"
     return text
 
 

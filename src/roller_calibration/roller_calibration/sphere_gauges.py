@@ -73,7 +73,7 @@ def _on_sphere(name: str, found: PassLines, sphere: Sphere, middle_m: float) -> 
     # Steep and stray lines are of the sphere's foot.
     near = np.abs(error - np.median(error)) < max(0.1 * radius_m, 4e-4)
     text = (
-        f"sphere of {size_text(sphere.fitted_radius_m, radius_m, '--radius-mm')}, "
+        f"sphere of {size_text(sphere.fitted_radius_m, radius_m, '--radius-mm', sphere.odd)}, "
         f"{int(near.sum())} {found.kind} within "
         f"{sphere.contact_radius_m * 1e3:.2f} mm of its top"
     )

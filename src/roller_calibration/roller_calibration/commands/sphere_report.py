@@ -35,9 +35,8 @@ def describe_spheres(
             f"{scan.name}: contact circle of {sphere.contact_radius_m * 1e3:.2f} mm "
             f"({view.radius_px:.1f} px) about ({view.centre_px[0]:.0f}, {view.centre_px[1]:.0f}) "
             f"px, {count} window{'s' * (count > 1)}; the depths fit a radius of "
-            f"{size_text(sphere.fitted_radius_m, sphere.radius_m, '--radius-mm')} and lie "
-            f"{sphere.scatter_m * 1e6:.0f} µm off "
-            "the sphere at the median"
+            f"{size_text(sphere.fitted_radius_m, sphere.radius_m, '--radius-mm', sphere.odd)} "
+            f"and lie {sphere.scatter_m * 1e6:.0f} µm off the sphere at the median"
         )
         own = view.plane_m * 1e3 / scan.camera.fx
         given = args.scale_mm_per_px
