@@ -9,6 +9,7 @@ import pytest
 
 from roller_bringup.cli import main
 from roller_core.events import EventArray
+from roller_core.output_folder import OutputFolder
 from roller_emvs.methods.surface import SurfaceSettings
 from roller_emvs.pipeline import DepthPipeline
 from roller_evaluation.bench import PAPER, front_of, pareto_front, run_bench, summarise
@@ -16,9 +17,10 @@ from roller_evaluation.bench_plan import BenchOptions, depth_cases
 from roller_evaluation.bench_plots import speed_vs_error
 from roller_evaluation.cases import Case, ScanCase, depth_settings
 from roller_evaluation.dense_reference import dense_reference
-from roller_evaluation.measures import measure_depth
+from roller_evaluation.figures import ERRORS
+from roller_evaluation.measures import MEASURES, measure_depth
 from roller_evaluation.pictures import png
-from roller_evaluation.scans import Scan
+from roller_evaluation.scans import Scan, ScanStore
 from roller_evaluation.windows import densest_piece, resample, window_pieces
 
 Result = tuple[Path, dict[str, Any]]
@@ -221,3 +223,59 @@ def test_wrong_names_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert main(["bench", "--output", str(tmp_path / "out"), option, word]) == 1
         assert option in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    """Exit code of a benchmark that Ctrl-C meets after so many cases were measured."""
+    done = []
+
+    def measure(case: Case, _scan: Scan) -> list[dict[str, Any]]:
+        if len(done) == count:
+            raise KeyboardInterrupt
+        done.append(case)
+        figures = dict.fromkeys(("ms", "ms_p95", "ms_per_mev", "cpu_ms", "cpu_ms_per_mev"), 2.5)
+        errors = dict.fromkeys(ERRORS, 0.5) | {"near_edge_mae_um": 41.5}
+        counts = {"windows": 2, "refused": 0, "spent_ms": 5.0}
+        return [{"object": case.scan.scene, **figures, **errors, **counts}]
+
+    monkeypatch.setattr(ScanStore, "get", lambda _store, scan: scan)
+    monkeypatch.setattr("roller_evaluation.run.warm_up", lambda _case, _scan: None)
+    monkeypatch.setitem(MEASURES, "depth", measure)
+    return main(["bench", "--quick", "--objects", "stairs,hexagon", *words])
+
+
+def test_what_was_measured_before_an_interrupt_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "bench"
+    assert interrupted_after(3, monkeypatch, "--output", str(out)) == 130
+    said = capsys.readouterr()
+    assert "INCOMPLETE" in said.out
+    assert "41.5" in said.out
+    assert said.err == "interrupted\n"
+    assert len((out / "rows.csv").read_text().splitlines()) == 1 + 3
+    assert "INCOMPLETE" in (out / "bench.md").read_text()
+    result = json.loads((out / "bench.json").read_text())
+    assert result["complete"] is False
+    # The second method was measured on one object of two: its mean is no match for the first's.
+    assert [len(case["objects"]) for case in result["cases"]] == [2, 1]
+    assert result["pareto"]["ms_per_mev"] == [result["cases"][0]["label"]]
+    assert not list(out.glob("*.png"))
+
+    assert interrupted_after(0, monkeypatch, "--output", str(tmp_path / "none")) == 130
+    assert capsys.readouterr() == ("", "interrupted\n")
+    assert not (tmp_path / "none" / "rows.csv").exists()
+
+
+def test_an_interrupt_leaves_a_whole_result_of_an_earlier_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "bench"
+    with OutputFolder(out, "bench", lasting=["scans"]) as folder:
+        for name in ("rows.csv", "growth.png"):
+            (folder.partial / name).write_text("whole")
+    assert interrupted_after(2, monkeypatch, "--output", str(out)) == 130
+    assert (out / "rows.csv").read_text() == "whole"
+    said = capsys.readouterr().out
+    assert "41.5" in said
+    assert f"stays in {out}" in said

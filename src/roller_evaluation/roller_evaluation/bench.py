@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,16 +28,35 @@ from .tables import markdown_page, write_json
 
 #: The paper: ms a window (EMVS, laptop with an i7-1365U) and µm (mean absolute error).
 PAPER = {"ms": 377.41, "error_um": 62.0, "label": "paper: 377 ms, 62 µm"}
+#: Said of a run that was interrupted.
+INCOMPLETE = "INCOMPLETE: it was interrupted; what isn't here wasn't measured."
 #: A case is on the Pareto front only if it measures this share of the edges that the best does:
 #: leaving out what is hard is no merit.
 _LEAST_EDGES = 0.5
 _TIMES = ("ms", "ms_p95", "ms_per_mev", "cpu_ms", "cpu_ms_per_mev")
 
 
+@dataclass
+class Measured:
+    """Rows of a benchmark, filled while it runs; an interrupt leaves what came before it."""
+
+    #: Of the depth cases, of the scaling and of the fixed case.
+    depth: list[Row] = field(default_factory=list)
+    grown: list[Row] = field(default_factory=list)
+    fixed: list[Row] = field(default_factory=list)
+    #: See `decoding_cpu_ns`; it comes last.
+    decoding_cpu_ns: float | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether all was measured."""
+        return self.decoding_cpu_ns is not None
+
+
 def run_bench(
     options: BenchOptions, output: Path, on_progress: OnProgress = no_progress
 ) -> dict[str, Any]:
-    """Measure everything and write `bench.json`, `bench.md`, `rows.csv` and the pictures.
+    """Measure everything and write it; see `measure` and `write_bench`.
 
     Parameters
     ----------
@@ -58,35 +77,77 @@ def run_bench(
     RollerError
         If an object is no good.
     """
-    o = options
-    scans = ScanStore(output / "scans", hold=len(o.objects) * (len(o.speeds) + 1), threads=0)
+    measured = Measured()
+    measure(options, output / "scans", measured, on_progress)
+    return write_bench(options, measured, output)
 
+
+def measure(
+    options: BenchOptions, scans_folder: Path, into: Measured, on_progress: OnProgress = no_progress
+) -> None:
+    """Measure everything, row by row.
+
+    Parameters
+    ----------
+    options : BenchOptions
+        Size of the run.
+    scans_folder : path
+        Where scans are kept.
+    into : Measured
+        Takes what was measured.
+    on_progress : callable
+        Takes what is being done and the share done, 0–1.
+
+    Raises
+    ------
+    RollerError
+        If an object is no good.
+    """
+    o = options
+    scans = ScanStore(scans_folder, hold=len(o.objects) * (len(o.speeds) + 1), threads=0)
     part = partial(part_of, on_progress)
-    rows = run_timed(depth_cases(o), scans, o.repeats, o.case_budget_s, part(0.0, 0.7))
+    run_timed(depth_cases(o), scans, o.repeats, o.case_budget_s, part(0.0, 0.7), into.depth)
     scaling = scaling_cases(o.scan(o.dense[0], o.fixed_speed), o)
     # The first round compiles and doesn't count.
-    grown = run_timed(scaling, scans, o.repeats + 1, on_progress=part(0.7, 0.85))
-    fixed = run_timed(fixed_cases(o), scans, 1, on_progress=part(0.85, 0.95))
-    cases = summarise(rows)
+    run_timed(scaling, scans, o.repeats + 1, on_progress=part(0.7, 0.85), rows=into.grown)
+    run_timed(fixed_cases(o), scans, 1, on_progress=part(0.85, 0.95), rows=into.fixed)
+    into.decoding_cpu_ns = decoding_cpu_ns(scans.get(o.scan(o.dense[0], o.fixed_speed)))
+    on_progress("results", 1.0)
+
+
+def write_bench(options: BenchOptions, measured: Measured, output: Path) -> dict[str, Any]:
+    """Write `bench.json`, `bench.md`, `rows.csv` and, of a whole run, the pictures.
+
+    Returns
+    -------
+    dict
+        What `bench.json` holds.
+    """
+    cases = summarise(measured.depth)
+    # A mean over other objects is of another scale.
+    whole = [c for c in cases if len(c["objects"]) == len(options.objects)]
     result: dict[str, Any] = {
         "version": 3,
+        "complete": measured.complete,
         "machine": provenance(),
-        "options": asdict(o),
+        "options": asdict(options),
         "paper": PAPER,
         "cases": cases,
-        "decoding_cpu_ns": decoding_cpu_ns(scans.get(o.scan(o.dense[0], o.fixed_speed))),
-        "pareto": fronts(cases, o.speeds[0]),
-        "growth": [r for r in grown if r["run"]],
-        "fixed": fixed,
+        "decoding_cpu_ns": measured.decoding_cpu_ns,
+        "pareto": fronts(whole, options.speeds[0]),
+        "growth": [r for r in measured.grown if r["run"]],
+        "fixed": measured.fixed,
     }
-    on_progress("results", 1.0)
-    write_rows([*rows, *result["growth"], *fixed], output / "rows.csv")
+    write_rows([*measured.depth, *result["growth"], *measured.fixed], output / "rows.csv")
     write_json(result, output / "bench.json")
     about = f"{result['machine']['processor']}, {result['machine']['cores']} cores."
+    if not measured.complete:
+        about += f" {INCOMPLETE}"
     page = markdown_page("Speed against error", about, tables(result))
     (output / "bench.md").write_text(page, encoding="utf-8")
-    draw_speed_vs_error(result, output / "speed_vs_error.png")
-    draw_scaling(result["growth"], output / "growth.png")
+    if measured.complete:
+        draw_speed_vs_error(result, output / "speed_vs_error.png")
+        draw_scaling(result["growth"], output / "growth.png")
     return result
 
 

@@ -15,21 +15,24 @@ def tables(result: dict[str, Any]) -> list[Table]:
     """All tables of a result of `run_bench`."""
     found = [_cases(result), _stages(result), _objects(result)]
     found += [_fixed(result["fixed"])] if result["fixed"] else []
-    found.append(_scaling(result["growth"]))
+    found += [_scaling(result["growth"])] if result["growth"] else []
     return found
 
 
 def _cases(result: dict[str, Any]) -> Table:
     marks = {"★": set(result["pareto"]["ms_per_mev"]), "☆": set(result["pareto"]["ms"])}
-    base_speed = result["options"]["speeds"][0]
+    base_speed, objects = result["options"]["speeds"][0], result["options"]["objects"]
     rows = []
     for c in result["cases"]:
         t, e = c["time"], c["error"]
         at_base = c["speed"] == base_speed
         stars = "".join(m for m, front in marks.items() if at_base and c["label"] in front)
+        # Of an interrupted run, which the front leaves out.
+        part = "" if len(c["objects"]) == len(objects) else f"{len(c['objects'])} objects"
+        label = " ".join(f"{c['label']} {stars} {part}".split())
         rows.append(
             (
-                f"{c['label']} {stars}".strip(), f"{c['speed']:g}", number(t["ms"], 1),
+                label, f"{c['speed']:g}", number(t["ms"], 1),
                 _spread(t["ms_low"], t["ms_high"]), number(t["ms_per_mev"], 0),
                 number(t["cpu_ms_per_mev"], 0), number(e["near_edge_mae_um"], 1),
                 number(e["mae_um"], 1), number(e["bias_um"], 1), share(e["edges_measured"]),
@@ -75,9 +78,9 @@ def _objects(result: dict[str, Any]) -> Table:
     rows = []
     for c in result["cases"]:
         if c["factor"] == "base":
-            cells = [c["objects"][n] for n in names]
             texts = [
-                f"{number(e['near_edge_mae_um'], 0)} ({share(e['edges_measured'])})" for e in cells
+                f"{number(e['near_edge_mae_um'], 0)} ({share(e['edges_measured'])})" if e else "–"
+                for e in map(c["objects"].get, names)
             ]
             rows.append((c["label"], *texts))
     note = "Mean absolute error near relief edges, µm, and the share of relief edges measured."

@@ -92,6 +92,7 @@ def run_timed(
     repeats: int,
     budget_s: float = float("inf"),
     on_progress: OnProgress = no_progress,
+    rows: list[Row] | None = None,
 ) -> list[Row]:
     """Measure cases with their times, one after the other in this process.
 
@@ -111,10 +112,12 @@ def run_timed(
         A case that has taken longer stays out of further rounds.
     on_progress : callable
         Takes what is being done and the share done, 0–1.
+    rows : list of dict, optional
+        Takes the rows as they come, so that an interrupt leaves them.
     """
     one_thread_a_library()
     spent_ms = [0.0] * len(cases)
-    rows = []
+    rows = [] if rows is None else rows
     for number in range(repeats):
         for k, case in enumerate(cases):
             if spent_ms[k] > 1e3 * budget_s:

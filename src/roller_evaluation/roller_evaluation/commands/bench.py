@@ -11,6 +11,9 @@ from roller_core.output_folder import OutputFolder
 from roller_emvs.depth_settings import REPLAY_METHODS
 from roller_evaluation.commands import check_names, given, numbers, shown_progress, words
 
+#: What a whole run alone writes.
+_PICTURE = "growth.png"
+
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `bench` to the command's parser."""
@@ -49,7 +52,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write and print."""
-    from roller_evaluation.bench import run_bench
+    from roller_evaluation.bench import INCOMPLETE, Measured, measure, write_bench
     from roller_evaluation.bench_plan import ALL_OBJECTS, BenchOptions
     from roller_evaluation.bench_tables import tables
     from roller_evaluation.tables import show_tables
@@ -60,12 +63,24 @@ def run(args: argparse.Namespace) -> int:
     if any(not 0.001 <= v <= 2.0 for v in chosen.get("speeds", ())):
         raise SettingsError("--speeds: 0.001 to 2 m/s")
     options = BenchOptions.short(**chosen) if args.quick else BenchOptions(**chosen)
-    with (
-        OutputFolder(args.output, "bench", lasting=["scans"], always=["rows.csv"]) as output,
-        shown_progress("bench") as on_progress,
-    ):
-        result = run_bench(options, output.partial, on_progress)
-    show_tables(tables(result))
-    names = ("bench.json", "bench.md", "rows.csv", "speed_vs_error.png", "growth.png")
-    print("files: " + ", ".join(f"{args.output}/{name}" for name in names))
+    measured = Measured()
+    interrupt: KeyboardInterrupt | None = None
+    with OutputFolder(args.output, "bench", lasting=["scans"], always=["rows.csv"]) as output:
+        try:
+            with shown_progress("bench") as on_progress:
+                measure(options, output.partial / "scans", measured, on_progress)
+        except KeyboardInterrupt as error:
+            if not measured.depth:
+                raise
+            interrupt = error
+        result = write_bench(options, measured, output.partial)
+        written = sorted(path.name for path in output.partial.iterdir() if path.is_file())
+        show_tables(tables(result))
+        if interrupt is not None and (output.path / _PICTURE).exists():
+            print(f"{INCOMPLETE} The whole result of an earlier run stays in {args.output}.")
+            raise interrupt
+    print("files: " + ", ".join(f"{args.output}/{name}" for name in written))
+    if interrupt is not None:
+        print(INCOMPLETE)
+        raise interrupt
     return 0
