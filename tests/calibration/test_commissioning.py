@@ -20,8 +20,13 @@ from driver.emulation.controller_process import ControllerProcess
 from own import LOOPBACK
 from recording.bags import CAMERA_INFO, write_messages
 from roller_bringup.cli import main
-from roller_calibration.acceptance import golden_shortfalls, limits, shortfalls
-from roller_calibration.reached import GaugeError, Reached, on_steps
+from roller_calibration.acceptance import (
+    accepted_radii,
+    golden_shortfalls,
+    limits,
+    shortfalls,
+)
+from roller_calibration.reached import GaugeError, Reached, on_sphere, on_steps
 from roller_calibration.recordings import whole_scan
 from roller_core.camera import Camera
 from roller_core.events import EventArray
@@ -29,6 +34,7 @@ from roller_core.parameter_files import read_parameters
 from roller_core.transforms import inverse_pose
 from roller_driver.ur10.robot_settings import Ur10Parameters
 from roller_emvs.methods.surface import SurfaceSettings
+from roller_inspect.pipeline import PipelineSettings
 from roller_recording.reading import open_recording
 from roller_sim.bag import BagMessages
 from roller_sim.motion import hand_eye
@@ -153,7 +159,8 @@ def test_from_unpacked_devices_to_a_certificate(
     )
     run("inspect", parts[2], "--reference", f"golden:{golden}", "--params", cell,
         "--recipe", recipe, "--output", good)  # fmt: skip
-    run("calibrate", "acceptance", "--sphere", scan("sphere"), "--params", cell,
+    ball = scan("sphere")
+    run("calibrate", "acceptance", "--sphere", ball, "--params", cell,
         "--steps", there_and_back[1], "--step-mm", 0.2, "--flat", flat,
         "--output", certificate, "--radius-mm", 4, "--inspection", good)  # fmt: skip
     written = json.loads((certificate / "certificate.json").read_text())
@@ -165,8 +172,14 @@ def test_from_unpacked_devices_to_a_certificate(
     assert reached["plate"]["error_m"] < 3e-5
     with pytest.raises(GaugeError, match=r"are these the steps|no steps in view"):
         on_steps(whole_scan(open_recording(flat)), SurfaceSettings.create({}), 2e-4)
+    low_m, high_m = written["gauges"]["sphere"]["limits"]["radius_m"]
+    assert low_m < reached["sphere"]["radius_m"] < high_m
+    for wrong_m in (3.6e-3, 4.4e-3):
+        found = on_sphere(whole_scan(open_recording(ball)), settings_of(cell), wrong_m)
+        least = limits("sphere", found, accepted_radii(wrong_m, found, "ring", calibrated=True))
+        assert any("fits a radius of" in line for line in shortfalls("sphere", found, least))
     page = (certificate / "certificate.html").read_text()
-    for words in ("ACCEPTED", "height of a step off", "flatness", "≤ "):
+    for words in ("radius as seen*", "ACCEPTED", "height of a step off", "flatness", "≤ "):
         assert words in page
 
     found = doctor(capsys, "--cell", str(cell), "--hand-eye", str(place), "--camera-info",
@@ -176,6 +189,40 @@ def test_from_unpacked_devices_to_a_certificate(
              "acceptance"}  # fmt: skip
     assert {found[step] for step in steps} == {"OK"}
     assert "calibration" not in found
+
+
+def settings_of(parameters: Path) -> SurfaceSettings:
+    """What `surface` takes from a cell's parameters."""
+    return PipelineSettings.load(parameters, "surface").surface
+
+
+@pytest.mark.parametrize(
+    ("light", "calibrated", "off"),
+    [
+        # What right spheres of 5 mm seemed to be on the virtual cell at most, and a tenth more
+        # or less than what was said.
+        ("dome", False, (0.984, 1.006)),
+        ("ring", True, (0.920, 0.990)),
+        ("ring", False, (0.895, 1.008)),
+        ("strong", False, (0.875, 1.011)),
+    ],
+)
+def test_a_sphere_is_as_large_as_its_light_lets_it_seem(
+    light: str, calibrated: bool, off: tuple[float, float]
+) -> None:
+    def refused(radius_m: float, given_m: float) -> list[str]:
+        found = Reached(3e-5, 0.0, 0.8, 0.98, 3000, radius_m, 3.3e-3)
+        least = limits("sphere", found, accepted_radii(given_m, found, light, calibrated))
+        return list(shortfalls("sphere", found, least))
+
+    for share in off:
+        assert refused(share * 5e-3, 5e-3) == []
+    if light == "dome" or calibrated:
+        assert "fits a radius of" in refused(off[0] * 5e-3, 4.5e-3)[0]
+        assert "is --radius-mm right?" in refused(off[1] * 5e-3, 5.5e-3)[0]
+    # So far off in no light.
+    assert refused(5e-3, 4e-3)
+    assert refused(5e-3, 8e-3)
 
 
 def test_what_keeps_a_cell_from_being_accepted() -> None:

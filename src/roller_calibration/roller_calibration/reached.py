@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,9 @@ class Reached:
     within: float
     #: Points on the gauge.
     points: int
+    #: Of a sphere the radius that fits it, and how far from the top points tell it, metres.
+    radius_m: float | None = None
+    within_m: float | None = None
 
 
 def _sweep(scan: Scan, settings: SurfaceSettings) -> tuple[F64, F64, Found]:
@@ -65,7 +68,8 @@ def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached
         If there is no such sphere in view.
     """
     points, sigma, _ = _sweep(scan, settings)
-    sphere = find_sphere(points, -_middle_pose(scan)[:3, 2], radius_m)
+    # How far off its radius may be, light decides: see `acceptance`.
+    sphere = find_sphere(points, -_middle_pose(scan)[:3, 2], radius_m, OTHER_SIZE)
     away = points - sphere.centre_m
     along = away @ sphere.towards
     across = away - along[:, None] * sphere.towards
@@ -76,7 +80,9 @@ def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached
     step = radius_m / _SPHERE_CELLS
     circle = np.pi * (sphere.contact_radius_m / step) ** 2
     seen = _cells(across[inside] @ plane.T, step) / circle
-    return _reached(error, sigma[inside], abs(sphere.fitted_radius_m - radius_m), seen)
+    fitted_m = sphere.fitted_radius_m
+    reached = _reached(error, sigma[inside], abs(fitted_m - radius_m), seen)
+    return replace(reached, radius_m=fitted_m, within_m=sphere.fitted_within_m)
 
 
 def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:

@@ -149,6 +149,15 @@ def find_sphere(
     return _with_radius(local, dome, radius_m, frame)
 
 
+def seeming_radii(
+    radius_m: float, within_m: float, fall_m: tuple[float, float]
+) -> tuple[float, float]:
+    """The least and the largest fitted radius of which `Sphere.fall_m` lies in a range, metres."""
+    bent = 2 * np.array(fall_m) / within_m**2 + 1 / radius_m
+    largest, least = 1 / np.maximum(bent, 1e-3)
+    return float(least), float(largest)
+
+
 @dataclass(frozen=True)
 class _Dome:
     """A dome whose radius is free: its highest point in the local frame."""
