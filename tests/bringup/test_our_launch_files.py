@@ -13,6 +13,8 @@ from roller_bringup import launching
 from roller_bringup.launching import LaunchError, locate
 from roller_core.errors import SettingsError
 from roller_core.parameter_files import read_parameters
+from roller_ros.node import LEAVES_WITHIN_S
+from roller_ros.worker import ENDS_WITHIN_S
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "launch").glob("*.launch.xml"))
@@ -163,6 +165,12 @@ def test_inspection_is_started_on_request(path, tmp_path):
         names = [process.name for process in plan.processes]
         assert set(names) == {*NODES[name_of(path)], "inspect"}
         assert parameters(node(plan, "inspect"))["recipe"] == "bracket.yaml"
+
+
+def test_a_node_that_gives_way_has_time_to_end():
+    """It finishes what it is at, and leaves the graph: each takes longer on busy cores."""
+    with load("virtual", inspect="true") as plan:
+        assert (node(plan, "inspect").grace_s or 0.0) >= 2 * (ENDS_WITHIN_S + LEAVES_WITHIN_S)
 
 
 @pytest.mark.parametrize("name", ["cell", "virtual", "replay"])

@@ -17,6 +17,8 @@ T = TypeVar("T")
 _WAIT_S = 0.1
 #: Share of the idle time after which it is enough where nothing more is to come.
 _SETTLED = 0.25
+#: Longest time that the item at hand may take to its end, s.
+ENDS_WITHIN_S = 5.0
 #: Done when this process has to end: with the error of the program that ended a worker, or None.
 ENDED: Future[BaseException | None] = Future()
 
@@ -95,7 +97,7 @@ class Worker(Generic[T]):
         with self._ready:
             self._stop = True
             self._ready.notify()
-        self._thread.join(timeout=5.0)
+        self._thread.join(timeout=ENDS_WITHIN_S)
 
     def _run(self) -> None:
         try:
