@@ -14,6 +14,7 @@ from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.methods.surface.sweep import SurfacePatch
 
+from .pauses import without_pauses
 from .recordings import Scan
 
 #: Slope along the roll from which a line is on a wall.
@@ -68,7 +69,11 @@ Found = list[tuple[F64, F64, LinePoints]]
 def swept(
     scan: Scan, settings: SurfaceSettings, depths: Found | None = None
 ) -> tuple[list[SurfacePatch], Found]:
-    """The surface of a recording where it has points, and its lines; a list takes depths too."""
+    """The surface of a recording where it has points, and its lines; a list takes depths too.
+
+    Pauses of the robot don't end a pass.
+    """
+    scan = without_pauses(scan)
     sweep = SurfaceSweep(settings, scan.camera, scan.track)
     lines: Found = []
     sweep.on_lines = lambda *own: lines.append(own)
