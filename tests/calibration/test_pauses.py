@@ -3,12 +3,20 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from roller_bringup.cli import main
+from roller_calibration import recordings
+from roller_calibration.commands import sphere as command
+from roller_calibration.contact import contact_windows, pass_points
 from roller_calibration.pauses import without_pauses
 from roller_calibration.recordings import Scan
+from roller_calibration.sphere import find_sphere
 from roller_calibration.step_gauges import steps_gauges
+from roller_core.calibration_file import CalibrationError
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
+from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.surface import SurfaceSettings
 from simulated_scans import Scans
 
@@ -48,6 +56,25 @@ def test_a_pause_within_a_pass_makes_no_more_walls(scans: Scans) -> None:
     assert gauge.text.startswith("8 walls of 0.2")
     assert "lines on them" in gauge.text  # not depths in place of too few of them
     assert len(gauge.error_m) > 0.8 * len(whole.error_m)
+
+
+def test_a_pause_over_a_sphere_costs_no_window(
+    scans: Scans, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command's own passes: `focus` has two windows on the sphere, the pause left one."""
+    made = scans.scan("gauge_sphere", speed=0.3)
+    scan = Scan("sphere", made.events, made.camera, made.track)
+    seen: list[int] = []
+    monkeypatch.setattr(recordings, "read_scans", lambda *_: [paused(scan, 0.5)])
+
+    def stop(passes: list[Scan], settings: DepthSettings, _args: object) -> None:
+        sphere = find_sphere(*pass_points(passes[0], settings), 5e-3)
+        seen.append(len(contact_windows(passes[0], settings, sphere)))
+        raise CalibrationError("enough")
+
+    monkeypatch.setattr(command, "_find", stop)
+    assert main(["calibrate", "sphere", "ball", "--radius-mm", "5", "--method", "focus"]) == 1
+    assert seen == [2]
 
 
 def test_what_comes_while_the_robot_stands_is_left_out(scans: Scans) -> None:

@@ -77,13 +77,14 @@ def run(args: argparse.Namespace) -> int:
     from roller_calibration.grid_search import make_search
     from roller_calibration.grids import check_weights
     from roller_calibration.parameter_choice import choose_parameters
+    from roller_calibration.pauses import without_pauses
     from roller_calibration.recordings import read_scans
 
     from .sphere_report import describe_changes, describe_choice, describe_spheres
 
     if args.method == "bma":
         check_weights(settings)
-    passes = read_scans(args, settings.max_pose_gap_s)
+    passes = [without_pauses(scan) for scan in read_scans(args, settings.max_pose_gap_s)]
     camera = passes[0].camera
     check_same_camera(args.previous, camera)
     spheres, windows = _find(passes, settings, args)
