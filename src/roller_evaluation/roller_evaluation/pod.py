@@ -235,7 +235,10 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         axis.set_xticks(ticks, [f"{t:.0f}" for t in ticks], fontsize=8)
         axis.minorticks_off()
         axis.grid(alpha=0.25)
-        axis.legend(fontsize=7, title="kind, targets", title_fontsize=7, loc="upper left")
+        axis.legend(
+            fontsize=7, title="kind, targets", title_fontsize=7, loc="upper center",
+            bbox_to_anchor=(0.5, -0.13), ncols=4,
+        )  # fmt: skip
     axes[0, 0].set_ylabel("probability of detection, %; dots: share found, all kinds")
     figure.suptitle(f"Probability of detection. {CAVEAT}", fontsize=11)
     write_picture(figure, path)
