@@ -12,7 +12,15 @@ from roller_core.events import EventArray
 from roller_core.output_folder import OutputFolder
 from roller_emvs.methods.surface import SurfaceSettings
 from roller_emvs.pipeline import DepthPipeline
-from roller_evaluation.bench import PAPER, front_of, pareto_front, run_bench, summarise
+from roller_evaluation.bench import (
+    PAPER,
+    Measured,
+    front_of,
+    measure,
+    pareto_front,
+    summarise,
+    write_bench,
+)
 from roller_evaluation.bench_plan import BenchOptions, depth_cases
 from roller_evaluation.bench_plots import speed_vs_error
 from roller_evaluation.cases import Case, ScanCase, depth_settings
@@ -39,7 +47,9 @@ def bench(tmp_path_factory: pytest.TempPathFactory, cell: dict[str, Any]) -> Res
         scaling_threads=(1,),
         cell=cell,
     )
-    return folder, run_bench(options, folder)
+    measured = Measured()
+    measure(options, folder / "scans", measured)
+    return folder, write_bench(options, measured, folder)
 
 
 def test_a_quick_run_writes_its_files(bench: Result) -> None:

@@ -53,39 +53,10 @@ class Measured:
         return self.decoding_cpu_ns is not None
 
 
-def run_bench(
-    options: BenchOptions, output: Path, on_progress: OnProgress = no_progress
-) -> dict[str, Any]:
-    """Measure everything and write it; see `measure` and `write_bench`.
-
-    Parameters
-    ----------
-    options : BenchOptions
-        Size of the run.
-    output : path
-        Folder for the results; scans are kept in `scans` there.
-    on_progress : callable
-        Takes what is being done and the share done, 0–1.
-
-    Returns
-    -------
-    dict
-        What `bench.json` holds.
-
-    Raises
-    ------
-    RollerError
-        If an object is no good.
-    """
-    measured = Measured()
-    measure(options, output / "scans", measured, on_progress)
-    return write_bench(options, measured, output)
-
-
 def measure(
     options: BenchOptions, scans_folder: Path, into: Measured, on_progress: OnProgress = no_progress
 ) -> None:
-    """Measure everything, row by row.
+    """Measure everything, row by row; `write_bench` writes it.
 
     Parameters
     ----------

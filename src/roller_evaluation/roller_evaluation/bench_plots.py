@@ -38,7 +38,7 @@ def draw_speed_vs_error(result: dict[str, Any], path: Path) -> None:
     Parameters
     ----------
     result : dict
-        Of `run_bench`, or as much of it: cases, Pareto fronts, speeds, objects, paper.
+        Of `write_bench`, or as much of it: cases, Pareto fronts, speeds, objects, paper.
     path : path
         PNG file.
     """

@@ -12,7 +12,7 @@ from .tables import Table, number, share
 
 
 def tables(result: dict[str, Any]) -> list[Table]:
-    """All tables of a result of `run_bench`."""
+    """All tables of a result of `write_bench`."""
     found = [_cases(result), _stages(result), _objects(result)]
     found += [_fixed(result["fixed"])] if result["fixed"] else []
     found += [_scaling(result["growth"])] if result["growth"] else []

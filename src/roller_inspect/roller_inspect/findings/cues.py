@@ -133,7 +133,7 @@ def height_cue(
     best = np.where(edges, sign * np.maximum(best * sign, np.float32(settings.strong_z)), best)
     size = np.abs(best)
     strong = (size > settings.strong_z) | edges
-    per_point = area_of_a_point(height_map)
+    per_point = _area_of_a_point(height_map)
     weak = size > settings.weak_z
     return Cues(best, weak, strong, usual, around, edges, weights[0], fine, per_point)
 
@@ -143,7 +143,7 @@ def _grain(scale_cells: float) -> int:
     return 2 ** max(0, int(np.floor(np.log2(scale_cells * _GRAIN))))
 
 
-def area_of_a_point(height_map: HeightMap) -> float:
+def _area_of_a_point(height_map: HeightMap) -> float:
     """Area of known cells that a point stands for as a rule, m²; 0 where there is none."""
     known = height_map.known
     points = int(height_map.points[known].sum())
