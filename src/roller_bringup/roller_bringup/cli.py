@@ -82,9 +82,11 @@ def _run(words: list[str]) -> int:
     from roller_core.command_help import add_examples
     from roller_core.errors import RollerError
     from roller_core.library_threads import one_thread_a_library
+    from roller_core.memory import keep_freed_memory
     from roller_core.signals import terminate_in_order
 
     one_thread_a_library()
+    keep_freed_memory()
 
     parser = argparse.ArgumentParser(
         prog="roller", description="Surface inspection with an event-camera tactile roller."
@@ -111,9 +113,6 @@ def _run(words: list[str]) -> int:
                 subparsers.add_parser(name, help=_summary(module))
         _complete(parser)
         args = parser.parse_args(words)
-        from roller_core.memory import keep_freed_memory
-
-        keep_freed_memory()
         try:
             return int(args.run(args))
         except RollerError as error:

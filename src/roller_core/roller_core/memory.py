@@ -23,6 +23,10 @@ def keep_freed_memory() -> bool:
     size back to the system, and touching fresh pages costs more than what is computed in them,
     on virtual machines above all.
 
+    To be called before any thread starts, and so before numpy and rclpy are loaded: a thread that
+    is there already has a heap of its own, which later threads take over, and what
+    `take_memory` took lies idle in another.
+
     Returns
     -------
     bool

@@ -15,6 +15,7 @@ from types import FrameType
 from typing import Any
 
 from .library_threads import one_thread_a_library
+from .memory import keep_freed_memory
 
 
 class Terminated(KeyboardInterrupt):
@@ -147,13 +148,15 @@ def handling_ends(handler: Callable[[int, FrameType | None], object]) -> Iterato
 def load_and_run(module: str) -> None:
     """Import a module and call its `main`; libraries that it loads work on one thread.
 
-    An interrupt while it is imported ends the process without a traceback.
+    What is freed is kept for the next window. An interrupt while the module is imported ends the
+    process without a traceback.
     """
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:  # else it is ignored, and stays so
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # `roller up` has it wait
     one_thread_a_library()
+    keep_freed_memory()
     main = import_module(module).main
     signal.signal(signal.SIGINT, before)
     main()

@@ -15,7 +15,6 @@ from rclpy.executors import ExternalShutdownException
 
 from roller_core.errors import RollerError
 from roller_core.last_resort import ends_within
-from roller_core.memory import keep_freed_memory
 from roller_core.signals import Interrupter
 
 from .node import LEAVES_WITHIN_S, RollerNode
@@ -43,7 +42,6 @@ def run_node(make: Callable[[], RollerNode]) -> int:
         interrupter = Interrupter()
         for number in _SIGNALS:
             signal.signal(number, interrupter)  # starting may take long
-        keep_freed_memory()
         init_ros()
         node = make()
         with _ended_by_signals():
