@@ -22,7 +22,7 @@ from roller_evaluation.experiments import (
 from roller_evaluation.measures import MEASURES, tops_of
 from roller_evaluation.page import page
 from roller_evaluation.paper_tables import error, tables
-from roller_evaluation.results_page import check_results, write_results
+from roller_evaluation.results_page import END, check_results, write_results
 from roller_evaluation.rows import Row, where
 from roller_evaluation.scans import Scan
 from roller_evaluation.tables import Table
@@ -231,6 +231,40 @@ def test_the_page_of_results_is_made_from_rows(tmp_path: Path) -> None:
             write_results(result, options, ["roller"], page)
         assert foreign.read_text() == "my own"
         page.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize(
+    "below",
+    [
+        b"",
+        b"## By hand\n\n40 \xc2\xb5m\n",
+        b"\r\nlines of another system\r\n",
+        b"no line's end, no UTF-8: \xb5m",
+        b"the line\n" + END.encode() + b"\nonce more\n\n\n",
+    ],
+)
+def test_what_people_wrote_below_the_results_is_kept(tmp_path: Path, below: bytes) -> None:
+    page = tmp_path / "r.md"
+
+    def write(date: str) -> bytes:
+        facts = {"processor": "A chip", "cores": 3, "date": date, "system": "Linux"}
+        rows = [{"condition": "default", "method": "auto", "speed": 0.3}]
+        braille = {"rows": [{**row, "character_error_rate": 0.125} for row in rows]}
+        options = EvaluationOptions(only=("braille",), repeats=1)
+        result = {"rows": [], "braille": braille, "facts": facts}
+        write_results(result, options, ["roller", "evaluate"], page)
+        return page.read_bytes()
+
+    assert write("2001-02-03").endswith(f"\n\n{END}\n".encode())
+    with page.open("ab") as file:
+        file.write(below)
+    second = write("2004-05-06")
+    written, _, kept = second.partition(f"{END}\n".encode())
+    assert b"2004-05-06" in written
+    assert kept == below
+    assert write("2004-05-06") == second
+    page.write_bytes(written + below.replace(END.encode(), b""))  # a page without the line
+    assert write("2004-05-06") == written + END.encode() + b"\n"
 
 
 @pytest.mark.parametrize(

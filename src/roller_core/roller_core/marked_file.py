@@ -17,7 +17,7 @@ SEAL = "as written: sha256 " + 64 * "0"
 
 
 def write_marked_file(
-    path: Path, text: str, mark: str, known: bool = False, stays: str = ""
+    path: Path, text: str, mark: str, known: bool = False, stays: str = "", end: str = ""
 ) -> None:
     """Write a single file, aside first; one that stands there is replaced only if it is ours.
 
@@ -33,6 +33,10 @@ def write_marked_file(
         Whether what stands there was read for the text, changed or not.
     stays : str
         Why one of ours is to stay too; empty: it isn't.
+    end : str
+        Last line of the text, below which people may write: what stands below that line in the
+        file that is replaced is kept, byte for byte. Not for a text with `SEAL` in it. Empty: the
+        text is all of the file.
 
     Raises
     ------
@@ -49,6 +53,8 @@ def write_marked_file(
         if path.exists() and not path.is_file():
             raise UnwritableOutputError(f"{path}: is there and is no file; give another name")
         path.parent.mkdir(parents=True, exist_ok=True)
+        if end:
+            data += _below(path, end)
         part.write_bytes(data)
         if path.exists():
             if not _begins_with(path, mark.encode()):
@@ -64,6 +70,15 @@ def write_marked_file(
         with suppress(OSError):
             part.unlink()
         raise UnwritableOutputError(f"{path}: can't be written ({error.strerror})") from error
+
+
+def _below(path: Path, line: str) -> bytes:
+    """What follows the first such line of a file; nothing where file or line is missing."""
+    if not path.exists():
+        return b""
+    data = path.read_bytes()
+    found = re.search(rb"^" + re.escape(line.encode()) + rb"\r?(?:\n|\Z)", data, re.MULTILINE)
+    return b"" if found is None else data[found.end() :]
 
 
 def _begins_with(path: Path, mark: bytes) -> bool:

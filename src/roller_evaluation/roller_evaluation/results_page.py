@@ -23,6 +23,8 @@ from .time_table import processing_time
 EXPERIMENTS = ("objects", "sensors", "map", "time", "braille")
 #: How every such page begins: no other file is ever replaced.
 MARK = "<!-- roller evaluate -->"
+#: Line that ends what a run writes; what people write below it stays.
+END = "<!-- roller evaluate: end; what follows is written by hand and kept -->"
 _PICTURE = "speed_vs_error.png"
 
 
@@ -30,6 +32,8 @@ def write_results(
     result: dict[str, Any], options: EvaluationOptions, words: Sequence[str], path: Path
 ) -> None:
     """Write the page, and its picture `speed_vs_error.png` beside it.
+
+    What stands below the line `END` in a page that is replaced is kept, byte for byte.
 
     Parameters
     ----------
@@ -74,8 +78,8 @@ def write_results(
         + ", ".join(f"{name} {facts[name]}" for name in versions)
         + f"; {kinds}. Written by\n\n```\n{shlex.join(words)}\n```{picture}"
     )
-    page = f"{MARK}\n{markdown_page('Results', about, found)}"
-    write_marked_file(path, page, MARK)
+    page = f"{MARK}\n{markdown_page('Results', about, found)}\n{END}\n"
+    write_marked_file(path, page, MARK, end=END)
     if drawn is not None:
         draw_speed_vs_error(drawn, path.with_name(_PICTURE))
 

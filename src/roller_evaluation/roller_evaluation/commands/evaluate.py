@@ -47,7 +47,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )  # fmt: skip
     parser.add_argument(
         "--results", type=Path, metavar="FILE",
-        help="also write a page (Markdown) of objects, sensors, time and braille, with its picture",
+        help="also write a page (Markdown) of objects, sensors, map, time and braille, with its "
+        "picture; what people wrote below the page's end line is kept",
     )  # fmt: skip
     _add_jobs(parser)
     add_examples(
