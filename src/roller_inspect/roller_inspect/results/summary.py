@@ -13,6 +13,16 @@ from .run_report import Report
 
 #: Findings that are printed.
 _MOST_FINDINGS = 20
+#: What of a scan may be lost, by its name in the report.
+_LOST = {
+    "lost_packets": "packets",
+    "outside_events": "events outside the image",
+    "late_events": "events that came too late",
+    "depth_dropped_events": "events given up, as too many waited",
+}
+#: Share of the events that may lie before the first pose or after the last one: no recording begins
+#: and ends with both at once.
+_ENDS = 0.01
 
 
 def summary(report: Report, output: Path) -> str:
@@ -29,10 +39,11 @@ def summary(report: Report, output: Path) -> str:
             f"{ms['median']:.1f} ms a window (95 %: {ms['p95']:.1f} ms), "
             f"{t['times_faster_than_recorded'] or 0:.2f} × as fast as recorded"
         )
-    lost = {k: t[k] for k in ("lost_packets", "outside_events", "late_events") if t[k]}
-    lost |= {k: t[k] for k in ("depth_dropped_events", "depth_events_without_pose") if t[k]}
+    lost = {name: t[key] for key, name in _LOST.items() if t[key]}
+    if t["depth_events_without_pose"] > _ENDS * t["events"]:
+        lost["events without pose"] = t["depth_events_without_pose"]
     if lost:
-        lines.append("lost: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in lost.items()))
+        lines.append("lost: " + ", ".join(f"{count} {name}" for name, count in lost.items()))
     if report.truth:
         lines += error_table(report.truth)
     if report.edge_drift == NOT_CALIBRATED:
