@@ -1,6 +1,7 @@
 """Memory that is kept for the next window."""
 
 import ctypes
+import gc
 import os
 import resource
 import subprocess
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roller_core.memory import keep_freed_memory, take_memory
+from roller_core.memory import keep_freed_memory, keep_loaded, take_memory
 
 
 def test_pages_are_not_fetched_again() -> None:
@@ -57,6 +58,16 @@ def test_threads_use_what_was_taken_ahead(tmp_path: Path) -> None:
         [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
     )
     assert int(fetched.stdout) < pages(100) // 4
+
+
+def test_what_is_loaded_is_no_garbage_to_look_through() -> None:
+    loaded = [[] for _ in range(1000)]
+    try:
+        keep_loaded()
+        new = {id(each) for each in gc.get_objects()}
+        assert not new & {id(each) for each in loaded}
+    finally:
+        gc.unfreeze()
 
 
 def pages(mb: int) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import importlib
 import importlib.util
 import os
@@ -76,17 +75,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(words: list[str]) -> int:
     """Read the words and do what they say; heavy imports belong to the subcommand."""
-    # Libraries make hundreds of thousands of objects that stay: looking for garbage among them
-    # after every 700 takes a tenth of a short command's time.
-    gc.set_threshold(50_000)
     from roller_core.command_help import add_examples
     from roller_core.errors import RollerError
     from roller_core.library_threads import one_thread_a_library
-    from roller_core.memory import keep_freed_memory
+    from roller_core.memory import collect_seldom, keep_freed_memory
     from roller_core.signals import terminate_in_order
 
     one_thread_a_library()
     keep_freed_memory()
+    collect_seldom()
 
     parser = argparse.ArgumentParser(
         prog="roller", description="Surface inspection with an event-camera tactile roller."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 
 #: Parameters of glibc's mallopt (malloc.h), and what they are set to, bytes.
 _TRIM_THRESHOLD, _KEPT = -1, 192 << 20
@@ -14,6 +15,8 @@ _ARENA_MAX, _ARENAS = -8, 1
 _AHEAD, _BLOCKS_AHEAD = 30 << 20, 4
 #: The same where memory counts for more.
 _KEPT_WHEN_SMALL, _FROM_SYSTEM_WHEN_SMALL = 1 << 20, 512 << 10
+#: New objects after which Python looks for garbage; by default it does after 700.
+_NEW_OBJECTS = 50_000
 
 
 def keep_freed_memory() -> bool:
@@ -42,6 +45,24 @@ def take_memory() -> None:
     """
     blocks = [b"\1" * _AHEAD for _ in range(_BLOCKS_AHEAD)]
     blocks.clear()
+
+
+def collect_seldom() -> None:
+    """Have Python look for garbage seldom: before libraries are loaded.
+
+    They make hundreds of thousands of objects that stay. Looking among them after every 700 takes
+    a tenth of a short command's time.
+    """
+    gc.set_threshold(_NEW_OBJECTS)
+
+
+def keep_loaded() -> None:
+    """Have Python look for garbage only among what is made from now on.
+
+    To be called when all is loaded. Looking through all that holds every thread of a node up for a
+    tenth of a second, in the middle of a scan.
+    """
+    gc.freeze()
 
 
 def return_freed_memory() -> bool:

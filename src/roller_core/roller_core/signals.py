@@ -15,7 +15,7 @@ from types import FrameType
 from typing import Any
 
 from .library_threads import one_thread_a_library
-from .memory import keep_freed_memory
+from .memory import collect_seldom, keep_freed_memory
 
 
 class Terminated(KeyboardInterrupt):
@@ -157,6 +157,7 @@ def load_and_run(module: str) -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # `roller up` has it wait
     one_thread_a_library()
     keep_freed_memory()
+    collect_seldom()
     main = import_module(module).main
     signal.signal(signal.SIGINT, before)
     main()

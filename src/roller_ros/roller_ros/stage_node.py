@@ -19,7 +19,7 @@ from roller_core.clock import SensorClock
 from roller_core.codecs import CodecError, RawPacket
 from roller_core.errors import RollerError
 from roller_core.event_stage import EventStage
-from roller_core.memory import take_memory
+from roller_core.memory import keep_loaded, take_memory
 from roller_core.outputs import ScanFault
 from roller_core.stage import ERROR, Stage
 
@@ -80,6 +80,7 @@ class StageNode(RollerNode):
         with self._diagnostics.preparing(_PREPARING):
             stage.warm_up()
         take_memory()
+        keep_loaded()
         self._worker: Worker[tuple[str, Any]] = Worker(
             self._handle, self._flush, settings.idle_flush_s, backlog_for(settings, kind),
             self._settled,
