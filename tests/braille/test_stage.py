@@ -72,8 +72,7 @@ def test_the_first_pose_of_a_recording_played_once_more_begins_anew() -> None:
         take(0)  # late, or the first of the second time
     assert stage.frames.track.start_ns == 500_000_000
     stage.new_source()
-    with pytest.raises(PoseOrderError):
-        take(1_000_000)
+    take(1_000_000)  # that time ran backwards is said already
     take(3_000_000)
     assert (stage.frames.track.start_ns, stage.frames.track.end_ns) == (0, 3_000_000)
 

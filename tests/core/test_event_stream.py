@@ -78,6 +78,28 @@ def test_a_jump_back_starts_anew_and_keeps_its_events() -> None:
     assert stream.counts.clock_steps == 1
 
 
+def test_a_short_recording_that_is_played_again_starts_anew() -> None:
+    """Of less than a second, by the same publisher; its first packet holds no events."""
+    stream = EventStream(64, 48)
+    for k in range(20, 60):
+        push(stream, k, 100 * MS + 10 * k * MS, START_NS + 10 * k * MS)
+    assert len(push(stream, 20, 300 * MS, START_NS + 200 * MS, n=0)) == 0
+    with pytest.raises(TimeBackwardsError, match=r"runs backwards by 0\.38") as caught:
+        push(stream, 21, 310 * MS, START_NS + 210 * MS)
+    assert len(caught.value.events) == 10
+    assert len(push(stream, 22, 320 * MS, START_NS + 220 * MS)) == 10
+    assert stream.counts.late_events == 0
+
+
+def test_a_driver_started_again_goes_on_where_it_was() -> None:
+    """Its numbers begin anew, time doesn't but for jitter."""
+    stream = EventStream(64, 48)
+    for seq in (70, 71, 0, 1):
+        sensor_ns = (100 + stream.counts.packets) * MS
+        jitter = 3 * MS if seq == 71 else 0
+        assert len(push(stream, seq, sensor_ns + jitter, START_NS + sensor_ns)) == 10
+
+
 def test_another_image_size_is_refused() -> None:
     stream = EventStream(64, 48)
     with pytest.raises(ImageSizeError, match="640×480 px but the camera is calibrated for 64×48"):

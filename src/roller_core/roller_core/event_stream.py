@@ -55,6 +55,8 @@ class EventStream:
         self._decoder: PacketDecoder | None = None
         self._gaps = SeqGaps()
         self._order = TimeOrder()
+        # Whether numbers began anew since the last events: a packet may hold none.
+        self._renumbered = False
 
     @property
     def newest_ns(self) -> int | None:
@@ -124,7 +126,8 @@ class EventStream:
         CodecError
             If it can't be decoded.
         TimeBackwardsError
-            If time jumped back by more than a second; the stream then starts anew.
+            If time jumped back by more than a second, or with the packets' numbers; the stream then
+            starts anew.
         """
         if (width, height) != (self.width, self.height):
             self.counts.decode_errors += 1
@@ -140,7 +143,9 @@ class EventStream:
             self.counts.decode_errors += 1
             raise
         # One that can't be decoded is missing like one that never came.
+        before = self._gaps.restarts
         self._gaps.see("", seq, stamp_ns)
+        self._renumbered |= self._gaps.restarts > before
         self.counts.lost_packets = self._gaps.lost
         self.counts.seq_restarts = self._gaps.restarts
         events = packet.events if packet.ordered else packet.events.sorted_by_time()
@@ -152,6 +157,8 @@ class EventStream:
         steps = self.clock.steps
         self.clock.observe(int(events.t_ns[0]), stamp_ns)
         self.counts.clock_steps += self.clock.steps - steps
-        events = self._order.take(events.with_times(self.clock.to_ros_ns(events.t_ns)))
+        times = self.clock.to_ros_ns(events.t_ns)
+        renumbered, self._renumbered = self._renumbered, False
+        events = self._order.take(events.with_times(times), renumbered)
         self.counts.late_events = self._order.late_events
         return events

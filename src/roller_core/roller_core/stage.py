@@ -91,7 +91,8 @@ class Stage(ABC, Generic[S]):
         Raises
         ------
         PoseError, RotationError
-            If it can't be used; see `SensorFrames`. The stage begins anew where time ran backwards.
+            If it can't be used; see `SensorFrames`. The stage begins anew where time ran backwards,
+            which is said once.
         """
         try:
             if self.frames.take(transform) and (self._older or self._anew):
@@ -99,6 +100,7 @@ class Stage(ABC, Generic[S]):
         except PoseOrderError as error:
             if self._older and transform.t_ns <= self._older[-1].t_ns:
                 self._older = []
+            told = bool(self._older)
             self._older.append(transform)
             many = len(self._older) >= (1 if self._anew else _RESTART_POSES)
             if many or error.behind_s > _RESTART_S:
@@ -107,7 +109,8 @@ class Stage(ABC, Generic[S]):
                 self.restart()
                 for each in older:
                     self.frames.take(each)
-            raise
+            if not told:
+                raise
         if not self.waits_for_poses:
             self.frames.forget_beyond(_MOST_POSES)
 

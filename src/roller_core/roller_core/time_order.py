@@ -9,7 +9,8 @@ from .events import EventArray
 
 #: Events up to this late are jitter, of a clock's map or of threads, ns.
 _HOLD_NS = 5_000_000
-#: Events later than this belong to a source that started anew, ns.
+#: Events later than this belong to a source that started anew, ns; of one whose numbers began anew,
+#: such as a recording that is played again, all that are no jitter.
 _RESTART_NS = 1_000_000_000
 
 
@@ -39,18 +40,26 @@ class TimeOrder:
         self.last_ns: int | None = None
         self.late_events = 0
 
-    def take(self, events: EventArray) -> EventArray:
+    def take(self, events: EventArray, renumbered: bool = False) -> EventArray:
         """Events of the next packet, in order of time, none of them before those of earlier ones.
+
+        Parameters
+        ----------
+        events : EventArray
+            The packet's.
+        renumbered : bool
+            Whether the packets' numbers begin anew with it.
 
         Raises
         ------
         TimeBackwardsError
-            If time jumped back by more than a second; the order then begins anew.
+            If time jumped back by more than a second, or with the packets' numbers; the order then
+            begins anew.
         """
         last = self.last_ns
         if last is not None and len(events) and events.t_ns[0] < last:
             behind_ns = last - int(events.t_ns[0])
-            if behind_ns > _RESTART_NS:
+            if behind_ns > (_HOLD_NS if renumbered else _RESTART_NS):
                 self.last_ns = int(events.t_ns[-1])
                 raise TimeBackwardsError(
                     f"event time runs backwards by {behind_ns * 1e-9:.3f} s, "
