@@ -165,6 +165,8 @@ def test_inspection_is_started_on_request(path, tmp_path):
         names = [process.name for process in plan.processes]
         assert set(names) == {*NODES[name_of(path)], "inspect"}
         assert parameters(node(plan, "inspect"))["recipe"] == "bracket.yaml"
+        # With a recipe that can't be read nobody should take the parts for inspected.
+        assert node(plan, "inspect").required
 
 
 def test_a_node_that_gives_way_has_time_to_end():
