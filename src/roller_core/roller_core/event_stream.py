@@ -132,7 +132,7 @@ class EventStream:
         if (width, height) != (self.width, self.height):
             self.counts.decode_errors += 1
             raise ImageSizeError(
-                f"event packet {seq} is for {width}×{height} px but the camera is calibrated for "
+                f"event packets are for {width}×{height} px but the camera is calibrated for "
                 f"{self.width}×{self.height} px; use the calibration of this camera"
             )
         try:
