@@ -3,6 +3,9 @@
 It leaves out whole windows, the others are as ever; inspection is told of what was lost.
 """
 
+import threading
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +14,8 @@ pytest.importorskip("rclpy")
 import rclpy
 from event_camera_msgs.msg import EventPacket
 from rclpy.context import Context
+from rclpy.parameter import Parameter
+from tf2_msgs.msg import TFMessage
 
 from roller_core import outputs
 from roller_core.camera import Camera
@@ -18,16 +23,20 @@ from roller_core.codecs import encode
 from roller_core.events import EventArray
 from roller_core.frame_transforms import Transform
 from roller_core.outputs import Result
+from roller_core.pose_track import Pose
+from roller_core.stage import ERROR, OK
 from roller_emvs.depth_stage import DepthStage
 from roller_emvs.windows import Window
 from roller_ros import diagnostics, messages
 from roller_ros.feeding import LeftOut, backlog_for, bulk_of, feed
 from roller_ros.stage_node import StageNode
+from waiting import wait_until
 
 CAMERA = Camera(640, 480, 1066.0, 1066.0, 319.5, 239.5)
 MS = 1_000_000
 START_NS = 1_000_000_000
 UNIT = (0.0, 0.0, 0.0, 1.0)
+STILL = Pose(np.zeros(3), np.array(UNIT))
 PACKETS, EACH = 2000, 200
 
 
@@ -172,6 +181,61 @@ def test_whole_windows_are_left_out_and_counted(limit, rule):
     if "max_waiting_mb" in limit:
         assert most_bytes <= 1_000_000
     assert not slow.faults
+
+
+@pytest.mark.parametrize("rests", [False, True])
+def test_poses_that_end_before_the_events_are_told(rests):
+    """At once, and at the end too if the robot moved."""
+    stage = new_stage()
+    for number in range(700):
+        t_ns = START_NS + number * MS
+        if number <= 104 and number % 8 == 0:
+            stage.take_transform(replace(pose(START_NS if rests else t_ns), t_ns=t_ns))
+        stage.take_packet(packet(number))
+        if number == 600:
+            assert stage.health() == (OK, "")
+    lost = "poses base -> tool0_controller are missing: the newest is 0.6 s older than the newest"
+    level, text = stage.health()
+    assert level == ERROR
+    assert text.startswith(lost)
+    told = [o for r in stage.results(flush=True) for o in r.outputs if o.topic == outputs.CONTACT]
+    assert [(o.t_ns, o.data.part) for o in told] == [(START_NS + 104 * MS, "data")] * (not rests)
+    assert all(o.data.text.startswith(lost) for o in told)
+    assert stage.health() == (OK, "")
+
+
+def test_the_end_of_a_scan_whose_poses_come_late_is_not_kept_back(domain):
+    """Without events for a while, all was flushed that had its poses by then."""
+    context = Context()
+    rclpy.init(context=context)
+    node = StageNode(
+        Windows, context=context, parameter_overrides=[Parameter("idle_flush_s", value=0.1)]
+    )
+    try:
+        flushed, results = threading.Event(), node.stage.results
+
+        def noted(flush=False):
+            yield from results(flush)
+            if flush:
+                flushed.set()
+
+        node.stage.results = noted
+        submit, sensor = node._worker.submit, node.stage.settings.sensor_frame
+        mounted = messages.transform(STILL, 0, "tool0_controller", sensor)
+        submit((outputs.TF_STATIC, TFMessage(transforms=[mounted])), False)
+        submit((outputs.CAMERA_INFO, messages.camera_info(CAMERA, 0, "camera")))
+        for number in range(200):
+            submit((outputs.EVENTS, packet(number)))
+        assert flushed.wait(60)
+        for k in range(26):
+            moved = Pose(np.array([0.3e-9 * 8 * k * MS, 0, 0]), STILL.quaternion)
+            late = messages.transform(moved, START_NS + 8 * k * MS, "base", "tool0_controller")
+            submit((outputs.TF, TFMessage(transforms=[late])), False)
+        wait_until(lambda: node.stage.totals()["windows"], node._status)
+        wait_until(lambda: not node.stage.pipeline.held_events, node._status)
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 def test_small_packets_before_the_camera_are_bounded_too():

@@ -30,6 +30,8 @@ _USUAL_EVENTS = 5000
 #: Poses and events from so long after the robot came to rest say that its scan is over, ns: the
 #: clocks of both agree by far less.
 _SETTLED_NS = 50_000_000
+#: Events so much newer than the newest pose show that poses don't come any more, ns.
+_NO_POSES_NS = 500_000_000
 
 
 class Pipeline(Protocol):
@@ -163,11 +165,11 @@ class EventStage(Stage[E], Generic[E, P]):
         lost = self.stream.counts.lost_packets - lost
         if self.pipeline is not None and lost > 0:
             self.pipeline.miss()
-        self._tell_loss(self._losses.see(stamp_ns(packet), lost))
+        self._tell(self._losses.see(stamp_ns(packet), lost))
         self.take_events(events)
 
-    def _tell_loss(self, told: tuple[int, str] | None) -> None:
-        """Tell inspection of lost packets, where the surface is worked out."""
+    def _tell(self, told: tuple[int, str] | None) -> None:
+        """Tell inspection of data that were lost, where the surface is worked out."""
         if told is not None and outputs.CONTACT in self.outputs:
             fault = Output(outputs.CONTACT, told[0], "", ScanFault(told[1], "data"))
             self._told.append(Result(None, (fault,), told[1]))
@@ -183,8 +185,26 @@ class EventStage(Stage[E], Generic[E, P]):
             return ERROR, self.refused
         if self.pipeline is None:
             return WARN, f"waiting for {outputs.CAMERA_INFO}"
-        missing = self.frames.missing()
-        return WARN if missing else OK, missing
+        if missing := self.frames.missing():
+            return WARN, missing
+        ended = self._poses_ended()
+        return (ERROR, ended) if ended else (OK, "")
+
+    @property
+    def poses_behind_ns(self) -> int:
+        """By how much the newest event is newer than the newest pose, ns; 0: it isn't."""
+        rest, newest = self.frames.rest_ns, self.stream.newest_ns if self.stream else None
+        return 0 if rest is None or newest is None else max(newest - rest[1], 0)
+
+    def _poses_ended(self) -> str:
+        """What to tell of events that wait for poses that don't come any more; or nothing."""
+        behind_ns, frames = self.poses_behind_ns, self.frames
+        if not self.waits_for_poses or behind_ns < _NO_POSES_NS:
+            return ""
+        return (
+            f"poses {frames.base} -> {frames.moving} are missing: the newest is "
+            f"{behind_ns * 1e-9:.1f} s older than the newest event"
+        )
 
     @property
     def waits_for_poses(self) -> bool:
@@ -269,7 +289,10 @@ class EventStage(Stage[E], Generic[E, P]):
         if self.pipeline is None:
             return
         if flush:
-            self._tell_loss(self._losses.end())
+            self._tell(self._losses.end())
+            if (ended := self._poses_ended()) and (rest := self.frames.rest_ns):
+                # Of a robot that stands after its scan nobody misses poses.
+                self._tell((rest[1], ended) if rest[1] - rest[0] < _SETTLED_NS else None)
         told, self._told = self._told, []
         yield from told
         yield from self._pipeline_results(self.pipeline, flush)

@@ -213,11 +213,18 @@ class StageNode(RollerNode):
 
     def _handle(self, item: tuple[str, Any]) -> None:
         with self._working:
+            poses = self.stage.frames.counts.poses
             feed(self.stage, *item, self._fault)
+            if self.stage.frames.counts.poses > poses and self._poses_are_late():
+                self._worker.keep_awake()
             # Results don't depend on when they are asked for, and asking costs.
             self._unprocessed += 1
             if self._worker.waiting <= 1 or self._unprocessed >= _MOST_UNPROCESSED:
                 self._publish()
+
+    def _poses_are_late(self) -> bool:
+        """Whether events wait for poses that are still on their way."""
+        return isinstance(self.stage, EventStage) and self.stage.poses_behind_ns > 0
 
     def _settled(self) -> bool:
         with self._working:

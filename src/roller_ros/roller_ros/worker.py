@@ -78,6 +78,11 @@ class Worker(Generic[T]):
             self._came += keeps_awake
             self._ready.notify()
 
+    def keep_awake(self) -> None:
+        """Let the item at hand count for `idle_s`."""
+        with self._ready:
+            self._came += 1
+
     @property
     def waiting(self) -> int:
         """Items in the queue, and one more while one is being handled or idle work is done."""
