@@ -1,9 +1,12 @@
 """The launch files of the workspace: whole, and the same for `ros2 launch`."""
 
 import asyncio
+import re
 import sys
 from importlib import metadata
+from itertools import takewhile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -204,6 +207,19 @@ def test_a_parameter_file_of_ones_own_has_the_last_word(tmp_path, key):
         assert parameters(node(plan, "emvs"))["method"] == "emvs"
 
 
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_every_parameter_file_of_the_users_is_read_before_anything_starts(path):
+    """ros2 launch starts nodes without one that isn't there, and only warns."""
+    root = ElementTree.parse(path).getroot()
+    first = [e.get("value") for e in root.iter() if e.tag in ("let", "node", "include")]
+    read = re.findall(r"file-content \$\(var (\w+)\)", " ".join(takewhile(bool, first)))
+    if name_of(path) in ("virtual", "replay"):  # what they include comes first
+        read += ["params", "calibration"]
+    arguments = {f"$(var {e.get('name')})": e.get("name") for e in root.iter("arg")}
+    files = {e.get("from") for e in root.iter("param")} & arguments.keys()
+    assert {arguments[file] for file in files} <= set(read)
+
+
 def test_an_argument_goes_before_the_devices_own_file(tmp_path):
     mine = tmp_path / "mine.yaml"
     mine.write_text("/**/ur10: {ros__parameters: {robot_ip: 10.0.0.9, tf_prefix: x_}}\n")
@@ -277,7 +293,16 @@ def test_ros2_launch_starts_the_same(path, arguments, tmp_path, monkeypatch):
     with load(name_of(path), **arguments) as plan:
         ours = [_plain(process.command) for process in plan.processes]
     given = {**NEEDED.get(name_of(path), {}), **arguments}
-    assert _commands_of_launch(path, given) == ours
+    assert _commands_of_launch(path, given) == (ours, 0)
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_ros2_launch_starts_nothing_without_a_parameter_file(path, tmp_path, monkeypatch):
+    pytest.importorskip("launch.frontend")
+    pytest.importorskip("launch_ros.actions")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(_prefix(tmp_path)), prepend=":")
+    given = {**NEEDED.get(name_of(path), {}), "params": str(tmp_path / "mistyped.yaml")}
+    assert _commands_of_launch(path, given) == ([], 1)
 
 
 def _prefix(folder):
@@ -300,7 +325,7 @@ def _plain(command):
 
 
 def _commands_of_launch(path, arguments):
-    """Let launch start the file, and listen."""
+    """Let launch start the file, and listen; its exit code too."""
     from launch.event_handlers import OnProcessStart
     from launch.launch_description_sources import AnyLaunchDescriptionSource
 
@@ -323,5 +348,4 @@ def _commands_of_launch(path, arguments):
     )
     service.include_launch_description(description)
     asyncio.set_event_loop(asyncio.new_event_loop())
-    service.run()
-    return started
+    return started, service.run()

@@ -92,6 +92,23 @@ def load(path: Path | str, arguments: Mapping[str, str] | None = None) -> Launch
     return plan
 
 
+def _content(path: Path) -> str:
+    """Text of a file.
+
+    Raises
+    ------
+    SubstitutionError
+        It can't be read.
+    """
+    if not path.is_file():
+        raise substitutions.SubstitutionError(f"there is no file {path}")
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "no UTF-8"
+        raise substitutions.SubstitutionError(f"{path} can't be read ({reason})") from None
+
+
 class _Interpreter:
     """The state while a launch file is read from top to bottom."""
 
@@ -131,6 +148,8 @@ class _Interpreter:
             return str(locate.package_share(arguments[0]))
         if name == "equals":
             return str(arguments[0] == arguments[1]).lower()
+        if name == "file-content":
+            return _content(Path(arguments[0]))
         values = self.configurations if name == "var" else self.environment
         if arguments[0] in values:
             return values[arguments[0]]

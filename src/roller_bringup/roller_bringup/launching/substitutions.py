@@ -1,7 +1,9 @@
-"""Substitutions in texts: $(var A), $(find-pkg-share PACKAGE), $(env A DEFAULT), $(equals A B).
+"""Substitutions in texts.
 
-They nest, as in `$(env PROFILE $(find-pkg-share roller_bringup)/config/profile.xml)`. As in launch,
-arguments are separated by one space; its quotes and backslashes are not supported.
+They are $(var A), $(find-pkg-share PACKAGE), $(env A DEFAULT), $(equals A B) and
+$(file-content FILE). They nest, as in
+`$(env PROFILE $(find-pkg-share roller_bringup)/config/profile.xml)`. As in launch, arguments are
+separated by one space; its quotes and backslashes are not supported.
 """
 
 from __future__ import annotations
@@ -10,7 +12,13 @@ import re
 from collections.abc import Callable, Sequence
 
 #: How many arguments each takes, at least and at most.
-_KNOWN = {"var": (1, 1), "find-pkg-share": (1, 1), "env": (1, 2), "equals": (2, 2)}
+_KNOWN = {
+    "var": (1, 1),
+    "find-pkg-share": (1, 1),
+    "env": (1, 2),
+    "equals": (2, 2),
+    "file-content": (1, 1),
+}
 #: A substitution with none in it, and what stands for the value of one that is done.
 _INNERMOST, _DONE = re.compile(r"\$\(([^()]*)\)"), re.compile("\0([0-9]+)\0")
 
