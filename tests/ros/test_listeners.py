@@ -98,6 +98,25 @@ def test_who_did_not_come_is_told(wait_in_thread):
     assert found == [f"not all subscribers came in 0.1 s {told}"]
 
 
+def test_for_whom_it_waits_is_told_meanwhile(monkeypatch):
+    """One that ended with an error is not to be waited for in silence."""
+    monkeypatch.setattr("roller_ros.listeners.SETTLE_S", 0.0)
+    told: list[str] = []
+    graph = Others(emvs=["/tf"])
+
+    def tell(text: str) -> None:
+        told.append(text.partition(":")[0])
+        graph.topics[{1: "stitcher", 2: "braille"}.get(len(told), "emvs")] = ["/tf"]
+
+    chosen = PlaySettings.create({"listeners": "emvs,braille,stitcher", "wait_s": LONG_S})
+    assert wait_for_listeners(graph, Heard(1), chosen, threading.Event(), tell) == ""
+    assert told == [
+        "waiting for braille, stitcher",
+        "waiting for braille",
+        "waiting for subscribers of /events",
+    ]
+
+
 def test_those_that_come_and_go_are_not_waited_for_without_end(wait_in_thread):
     class Flapping(Heard):
         def get_subscription_count(self) -> int:

@@ -70,7 +70,11 @@ class Graph(Protocol):
 
 
 def wait_for_listeners(
-    node: Graph, events: Publisher, settings: PlaySettings, stop: threading.Event
+    node: Graph,
+    events: Publisher,
+    settings: PlaySettings,
+    stop: threading.Event,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> str:
     """Wait until all listen who should, and then until no more come.
 
@@ -84,6 +88,8 @@ def wait_for_listeners(
         Who is waited for, and how long at most.
     stop : threading.Event
         Ends the waiting.
+    tell : callable
+        Told whom it waits for, whenever that changes.
 
     Returns
     -------
@@ -98,6 +104,8 @@ def wait_for_listeners(
         now = time.monotonic()
         if (count, missing) != before:
             before, changed = (count, missing), now
+            who = ", ".join(missing) or f"subscribers of {events.topic_name}"
+            tell(f"waiting for {who}: on a first run they compile their kernels")
         complete = count >= settings.subscribers and not missing
         if complete and now - changed >= SETTLE_S:
             return ""
@@ -148,7 +156,10 @@ class PlayingNode(RollerNode):
         super().destroy_node()
 
     def _wait_for_listeners(self, events: Publisher) -> None:
-        if missing := wait_for_listeners(self, events, self._p, self._stop):
+        def tell(state: str) -> None:
+            self._state = state
+
+        if missing := wait_for_listeners(self, events, self._p, self._stop, tell):
             self.get_logger().warning(missing)
 
     def _wait_until(self, due_s: float) -> None:

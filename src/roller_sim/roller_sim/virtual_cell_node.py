@@ -81,7 +81,6 @@ class VirtualCellNode(PlayingNode):
             if self._p.prepare:
                 stream = iter(list(stream))
             self._save_truth(save_maps, self._cell.truth)
-            self._state = "waiting for its listeners, which compile their kernels on a first run"
             self._wait_for_listeners(self._outputs[EVENTS])
             if not self._stop.is_set():
                 self._scan(stream)
