@@ -207,16 +207,36 @@ def test_a_parameter_file_of_ones_own_has_the_last_word(tmp_path, key):
         assert parameters(node(plan, "emvs"))["method"] == "emvs"
 
 
+def in_order(path):
+    """Elements of a launch file and of those that it includes, in the order of doing."""
+    for element in ElementTree.parse(path).getroot().iter():
+        if element.tag == "include":
+            yield from in_order(path.parent / Path(element.get("file")).name)
+        else:
+            yield element
+
+
 @pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_every_parameter_file_of_the_users_is_read_before_anything_starts(path):
-    """ros2 launch starts nodes without one that isn't there, and only warns."""
-    root = ElementTree.parse(path).getroot()
-    first = [e.get("value") for e in root.iter() if e.tag in ("let", "node", "include")]
-    read = re.findall(r"file-content \$\(var (\w+)\)", " ".join(takewhile(bool, first)))
-    if name_of(path) in ("virtual", "replay"):  # what they include comes first
-        read += ["params", "calibration"]
-    arguments = {f"$(var {e.get('name')})": e.get("name") for e in root.iter("arg")}
-    files = {e.get("from") for e in root.iter("param")} & arguments.keys()
+def test_what_can_fail_fails_before_a_node_is_started(path):
+    """ros2 launch ends with the first error, and leaves nodes running that it has begun to start.
+
+    Without a parameter file that isn't there it starts them all the same.
+    """
+
+    def conditions(elements):
+        found = {e.get("if") or e.get("unless") or "" for e in elements}
+        return {text for text in found if text.startswith("$(var ")}
+
+    every = list(in_order(path))
+    before = list(takewhile(lambda e: e.tag != "node", every))
+    first_node = every[len(before)]
+    assert conditions(every) <= conditions([*before, first_node])
+    values = [e.get("value") for e in before if e.tag == "let"]
+    assert "$(find-pkg-share rviz2)" in values
+    read = re.findall(r"file-content \$\(var (\w+)\)", " ".join(values))
+    own = ElementTree.parse(path).getroot().iter("arg")
+    arguments = {f"$(var {e.get('name')})": e.get("name") for e in own}
+    files = {e.get("from") for e in every if e.tag == "param"} & arguments.keys()
     assert {arguments[file] for file in files} <= set(read)
 
 
