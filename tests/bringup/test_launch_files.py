@@ -183,7 +183,7 @@ TALKER = "<node pkg='demo' exec='talker' name='a'"
         ("<a></b>", 2, "not well-formed XML: mismatched tag"),
         ("<group>" * 100 + "</group>" * 100, 2, "nested too deeply"),
         (TALKER + ">\n<param from='/no.yaml'/></node>", 3, "there is no parameter file /no.yaml"),
-        ("<let name='x' value='$(file-content /no.yaml)'/>", 2, "there is no file /no.yaml"),
+        ("<let name='x' value='$(file-content /no.yaml)'/>", 2, "/no.yaml: can't be read"),
         (TALKER + ">\n<param name='p' value='1'/></node>", 3, "needs the attribute 'from'"),
         (TALKER + ">\n<remap from='a' to='b'/></node>", 3, "<remap> is not supported in <node>"),
         (

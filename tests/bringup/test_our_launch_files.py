@@ -1,9 +1,6 @@
-"""The launch files of the workspace: whole, and the same for `ros2 launch`."""
+"""The launch files of the workspace: what they start, with which parameters."""
 
-import asyncio
 import re
-import sys
-from importlib import metadata
 from itertools import takewhile
 from pathlib import Path
 from xml.etree import ElementTree
@@ -23,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "launch").glob("*.launch.xml"))
 PROCESSING = ["emvs", "stitcher", "braille"]
 NODES = {
-    "cell": ["event_camera", "ur10", *PROCESSING],
+    "cell": [*PROCESSING, "event_camera", "ur10"],
     "processing": PROCESSING,
     "replay": [*PROCESSING, "player"],
     "virtual": [*PROCESSING, "virtual_cell"],
@@ -245,10 +242,10 @@ def test_an_argument_goes_before_the_devices_own_file(tmp_path):
     mine.write_text("/**/ur10: {ros__parameters: {robot_ip: 10.0.0.9, tf_prefix: x_}}\n")
     with load("cell", robot_params=str(mine)) as plan:
         # No address is given: that of the file holds; the prefix is the argument's, for all nodes.
-        assert parameters(plan.processes[1])["robot_ip"] == "10.0.0.9"
-        assert parameters(plan.processes[1])["tf_prefix"] == ""
+        assert parameters(node(plan, "ur10"))["robot_ip"] == "10.0.0.9"
+        assert parameters(node(plan, "ur10"))["tf_prefix"] == ""
     with load("cell", robot_params=str(mine), robot_ip="10.0.0.1", camera_info="file:///c") as plan:
-        camera, robot, *_ = plan.processes
+        camera, robot = node(plan, "event_camera"), node(plan, "ur10")
         assert parameters(robot)["robot_ip"] == "10.0.0.1"
         assert parameters(camera)["camerainfo_url"] == "file:///c"
 
@@ -257,7 +254,7 @@ def test_the_cameras_place_is_published_without_the_robot_too(tmp_path):
     place = tmp_path / "hand_eye.yaml"
     place.write_text("/**/ur10: {ros__parameters: {hand_eye_m: [0.1, 0.0, 0.2]}}\n")
     with load("cell", start_robot="false", hand_eye=str(place), tf_prefix="left_") as plan:
-        robot = MODELS["ur10"].create(parameters(plan.processes[1]))
+        robot = MODELS["ur10"].create(parameters(node(plan, "ur10")))
         assert not robot.connect
         assert robot.publish_hand_eye
         assert robot.hand_eye_m == (0.1, 0.0, 0.2)
@@ -281,7 +278,7 @@ def test_a_file_for_the_cameras_place_must_tell_it(tmp_path):
 def test_options_add_and_leave_out_nodes():
     with load("cell", start_driver="false", braille="false", record="true") as plan:
         names = [process.name for process in plan.processes]
-    assert names == ["ur10", "emvs", "stitcher", "recorder"]
+    assert names == ["emvs", "stitcher", "recorder", "ur10"]
 
 
 def test_a_missing_rviz_is_reported():
@@ -298,74 +295,3 @@ def test_a_missing_rviz_is_reported():
 def test_replay_needs_its_bag():
     with pytest.raises(LaunchError, match="the argument 'bag' must be given: bag:=VALUE"):
         launching.load(ROOT / "launch" / "replay.launch.xml", {})
-
-
-CASES = ({}, {"method": "surface"}, {"namespace": "left", "tf_prefix": "left_", "method": "bma"})
-
-
-@pytest.mark.parametrize("arguments", CASES, ids=["plain", "surface", "left"])
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_ros2_launch_starts_the_same(path, arguments, tmp_path, monkeypatch):
-    """Where launch is installed: its commands and parameters are ours."""
-    pytest.importorskip("launch.frontend")
-    pytest.importorskip("launch_ros.actions")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(_prefix(tmp_path)), prepend=":")
-    with load(name_of(path), **arguments) as plan:
-        ours = [_plain(process.command) for process in plan.processes]
-    given = {**NEEDED.get(name_of(path), {}), **arguments}
-    assert _commands_of_launch(path, given) == (ours, 0)
-
-
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_ros2_launch_starts_nothing_without_a_parameter_file(path, tmp_path, monkeypatch):
-    pytest.importorskip("launch.frontend")
-    pytest.importorskip("launch_ros.actions")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(_prefix(tmp_path)), prepend=":")
-    given = {**NEEDED.get(name_of(path), {}), "params": str(tmp_path / "mistyped.yaml")}
-    assert _commands_of_launch(path, given) == ([], 1)
-
-
-def _prefix(folder):
-    """A prefix as colcon makes it, with programs that do nothing in place of the nodes."""
-    for point in metadata.entry_points(group="console_scripts"):
-        if point.name.endswith("_node") and point.module.startswith("roller_"):
-            program = folder / "lib" / point.module.split(".")[0] / point.name
-            program.parent.mkdir(parents=True, exist_ok=True)
-            program.write_text("#!/bin/sh\nexec sleep 60\n")
-            program.chmod(0o755)
-    (folder / "share").symlink_to(Path(sys.prefix) / "share")
-    return folder
-
-
-def _plain(command):
-    """A command without what differs: the program's folder, and copies of parameter files."""
-    words = [Path(command[0]).name, *command[1:]]
-    return [yaml.safe_load(Path(w).read_text()) if w.endswith(".yaml") or "launch_params_" in w
-            else w for w in words]  # fmt: skip
-
-
-def _commands_of_launch(path, arguments):
-    """Let launch start the file, and listen; its exit code too."""
-    from launch.event_handlers import OnProcessStart
-    from launch.launch_description_sources import AnyLaunchDescriptionSource
-
-    import launch
-
-    started = []
-
-    def take(event, _context):
-        started.append(_plain(event.cmd))
-
-    service = launch.LaunchService(noninteractive=True)
-    description = launch.LaunchDescription(
-        [
-            launch.actions.RegisterEventHandler(OnProcessStart(on_start=take)),
-            launch.actions.IncludeLaunchDescription(
-                AnyLaunchDescriptionSource(str(path)), launch_arguments=list(arguments.items())
-            ),
-            launch.actions.TimerAction(period=1.0, actions=[launch.actions.Shutdown()]),
-        ]
-    )
-    service.include_launch_description(description)
-    asyncio.set_event_loop(asyncio.new_event_loop())
-    return started, service.run()

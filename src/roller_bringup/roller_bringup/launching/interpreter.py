@@ -11,6 +11,8 @@ from pathlib import Path
 
 import yaml
 
+from roller_core.text_file import TextFileError, read_text
+
 from . import document, locate, substitutions
 from .document import Element, LaunchError
 from .plan import LaunchPlan, NodeProcess
@@ -92,23 +94,6 @@ def load(path: Path | str, arguments: Mapping[str, str] | None = None) -> Launch
     return plan
 
 
-def _content(path: Path) -> str:
-    """Text of a file.
-
-    Raises
-    ------
-    SubstitutionError
-        It can't be read.
-    """
-    if not path.is_file():
-        raise substitutions.SubstitutionError(f"there is no file {path}")
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "no UTF-8"
-        raise substitutions.SubstitutionError(f"{path} can't be read ({reason})") from None
-
-
 class _Interpreter:
     """The state while a launch file is read from top to bottom."""
 
@@ -149,7 +134,10 @@ class _Interpreter:
         if name == "equals":
             return str(arguments[0] == arguments[1]).lower()
         if name == "file-content":
-            return _content(Path(arguments[0]))
+            try:
+                return read_text(arguments[0])
+            except TextFileError as error:
+                raise substitutions.SubstitutionError(str(error)) from None
         values = self.configurations if name == "var" else self.environment
         if arguments[0] in values:
             return values[arguments[0]]
