@@ -98,7 +98,9 @@ class ImageSpeed:
     def _quiet(self, events: EventArray) -> EventArray:
         """The events of pixels that don't fire far more than others: hot ones stand."""
         kept = np.empty(len(events), np.bool_)
-        _keep_quiet(events.x, events.y, self._counts, kept)
+        # Every other event and all of them are of one type so: numba compiles for each.
+        x, y = np.ascontiguousarray(events.x), np.ascontiguousarray(events.y)
+        _keep_quiet(x, y, self._counts, kept)
         return events[kept]
 
 

@@ -50,7 +50,6 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
     if isinstance(settings, SurfaceSettings):
         small = settings.model_copy(update={"min_aperture_m": 0.0005, "block_m": 0.004} | _ALONE)
         engines = [SurfaceSweep(small, _CAMERA, _track(0.0))]
-        _look_at_texture()
     else:
         whole = settings.changed({"window.rule": "all"} | _ALONE)
         # A slanted travel goes by rays, and has every view vote for itself.
@@ -59,6 +58,7 @@ def warm_up(settings: DepthSettings | SurfaceSettings) -> None:
         engine.add_events(events)
         for _ in engine.results(flush=True):
             pass
+    _look_at_texture()
 
 
 def _look_at_texture() -> None:
