@@ -41,5 +41,5 @@ class TimingSettings(PoseGapSettings, WaitingSettings):
         ge=-0.1,
         le=0.1,
         description="Event stamps less the time, in the clock of the poses, of what they show: "
-        "what `roller calibrate --time-offset` finds, s.",
+        "what `roller calibrate time-offset` finds, s.",
     )

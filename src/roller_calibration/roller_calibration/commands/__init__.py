@@ -18,8 +18,11 @@ _EXAMPLES = {
     ),
     "time-offset": ("slow fast --output cell.yaml",),
     "flat": ("plate --params cell.yaml --output cell.yaml",),
-    "sphere": ("ball_1 ball_2 --radius-mm 10 --output cell.yaml",),
-    "edge-drift": ("--sphere ball --radius-mm 5 --steps stairs --step-mm 0.25 --output cell.yaml",),
+    "sphere": ("ball_1 ball_2 --radius-mm 10 --params cell.yaml --output cell.yaml",),
+    "edge-drift": (
+        "--sphere ball --radius-mm 5 --steps stairs --step-mm 0.25 --params cell.yaml "
+        "--output cell.yaml",
+    ),
     "acceptance": ("--sphere ball --radius-mm 5 --params cell.yaml --output certificate",),
     "scale": ("--readings-mm 1,2,3 --pixels 26.1,52.4,78.3",),
 }
