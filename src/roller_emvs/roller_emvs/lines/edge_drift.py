@@ -195,8 +195,9 @@ def edge_drift(
 ) -> tuple[F64, F64]:
     """Height by which edges are found too high, and its uncertainty, metres; see `drift_terms`.
 
-    Beyond the calibrated slopes and speeds the drift stays what it is there, and is uncertain by as
-    much. `speed_m_s` is the camera's, one or of each edge; `side` is as of `wall_side`.
+    Beyond the calibrated slopes and speeds the drift stays what it is there. Its uncertainty grows
+    by the larger of both times how far beyond that is: in slope, and in the speed's logarithm.
+    `speed_m_s` is the camera's, one or of each edge; `side` is as of `wall_side`.
     """
     side = facing(side, slope, settings.sure_slope)
     beta, beyond = _coefficients(settings, polarity, speed_m_s)
