@@ -18,10 +18,18 @@ from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
 from roller_inspect.report.document import Scan, inspection_document
 from roller_inspect.report.html import measure_words
+from roller_inspect.report.texture import SHOWN_A90_95_UM
 from roller_inspect.results.inspection_files import write_inspection
 
 from .analytic_surface import flat, scan
 from .inspecting import HOLE, PLANE, SMALL, clouds, finished, inspect
+
+
+def test_the_depth_that_a_report_says_is_found_is_that_of_the_results() -> None:
+    results = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+    assert re.findall(r"^All kinds: a90 \d+ µm, a90/95 (\d+) µm", results, re.MULTILINE) == [
+        str(SHOWN_A90_95_UM)
+    ]
 
 
 def test_the_list_is_whole_revised_and_final_at_the_end() -> None:
