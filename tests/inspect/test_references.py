@@ -210,7 +210,10 @@ def test_what_is_left_of_the_form_hides_no_bump_from_a_model() -> None:
 
 def test_a_model_in_millimetres_or_elsewhere_is_refused_in_one_line() -> None:
     vertices, triangles = mesh_of(part, (0.0, 0.0, 0.0))
-    for wrong, words in ((vertices * 1e3, "millimetres"), (vertices + [1, 0, 0], "from the scan")):
+    for wrong, words in (
+        (vertices * 1e3, "millimetres"),
+        (vertices + [1, 0, 0], "from the scan; models are in the recipe's frame"),
+    ):
         found = inspect(part, CadReference(wrong, triangles))
         assert found.alignment is None
         assert any(words in fault for fault in found.faults)

@@ -91,7 +91,7 @@ class CadReference:
         if far.any():
             raise ReferenceError(
                 f"reference cad: the model lies {float(np.linalg.norm(far)) + _REACH_M:.3g} m from "
-                "the scan; models are in the frame base, metres"
+                "the scan; models are in the recipe's frame, metres"
             )
 
     def _field(self, height_map: HeightMap) -> Field:
