@@ -2,6 +2,7 @@
 
 import io
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +16,7 @@ pytestmark = pytest.mark.graph
 
 NODE = """
 import sys
+from pathlib import Path
 from std_msgs.msg import String
 
 from roller_ros.node import RollerNode
@@ -77,3 +79,28 @@ def test_two_cells_in_one_graph(world, domain):
     heard = {line for line in text.getvalue().splitlines() if "heard" in line}
     assert len(heard) == 3, heard
     assert set(runner.exit_codes.values()) == {0}, text.getvalue()
+
+
+@pytest.mark.parametrize("name", ['it\'s #1: "x"', "123", "true"])
+def test_ros_reads_names_of_launch_arguments_as_they_are(name, domain):
+    """What our files write is a text for ROS's own reader of parameter files too."""
+    from rclpy import init
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+    path = Path(__file__).parents[2] / "launch" / "virtual.launch.xml"
+    given = {"record": "true", "inspect": "true", "output": name, "recipe": name, "scene": name}
+    wanted = {"recorder": "output", "inspect": "recipe", "virtual_cell": "scene.name"}
+    with launching.load(path, given) as plan:
+        for process in plan.processes:
+            if process.name in wanted:
+                context = Context()
+                init(args=list(process.command), context=context)
+                ours = Node(
+                    process.name,
+                    context=context,
+                    automatically_declare_parameters_from_overrides=True,
+                )
+                assert ours.get_parameter(wanted[process.name]).value == name
+                ours.destroy_node()
+                context.try_shutdown()

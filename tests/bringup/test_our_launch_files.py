@@ -151,6 +151,31 @@ def test_arguments_reach_their_nodes():
         assert parameters(cell)["motion"]["speed"] == 0.5
 
 
+@pytest.mark.parametrize(
+    "name", ["it's", 'a "b"', "#1: {x} [y]", "back\\n", " ", "123", "true", "~"]
+)
+def test_names_reach_their_nodes_whatever_is_in_them(name):
+    """A path with an apostrophe is a path; a folder called 123 is no number."""
+    more = dict.fromkeys(("inspect", "record"), "true")
+    with load("virtual", scene=f"mesh:{name}.stl", output=name, recipe=name, **more) as plan:
+        assert parameters(node(plan, "virtual_cell"))["scene"]["name"] == f"mesh:{name}.stl"
+        assert parameters(node(plan, "recorder"))["output"] == name
+        assert parameters(node(plan, "inspect"))["recipe"] == name
+    with load("replay", bag=name) as plan:
+        assert parameters(node(plan, "player"))["bag"] == name
+    with load("cell", camera_info=name) as plan:
+        assert parameters(node(plan, "event_camera"))["camerainfo_url"] == name
+
+
+def test_a_name_that_is_not_given_is_that_of_the_nodes_own_file():
+    """ROS takes no empty block for a text, so there must be none."""
+    more = dict.fromkeys(("inspect", "record"), "true")
+    with load("virtual", scene="", output="", **more) as plan:
+        assert parameters(node(plan, "inspect"))["recipe"] == ""
+        assert parameters(node(plan, "recorder"))["output"] == "recording"
+        assert parameters(node(plan, "virtual_cell"))["scene"]["name"] == "demo"
+
+
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_the_method_surface_has_a_node_of_its_own(path):
     with load(name_of(path), method="surface") as plan:
