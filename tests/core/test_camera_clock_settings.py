@@ -63,6 +63,27 @@ def test_camera_yaml_faults(tmp_path: Path, text: str) -> None:
         Camera.from_yaml(tmp_path / "none.yaml")
 
 
+@pytest.mark.parametrize(
+    ("entry", "name"),
+    [
+        ("image_width: wide", "image_width"),
+        ("image_height: .inf", "image_height"),
+        ("camera_matrix: {data: [1, 0, x, 0, 1, 0, 0, 0, 1]}", "camera_matrix"),
+        ("camera_matrix: [1, 0, 0, 0, 1, 0, 0, 0, 1]", "camera_matrix"),
+        ("distortion_coefficients: {data: [k1]}", "distortion_coefficients"),
+        ("distortion_coefficients: 0", "distortion_coefficients"),
+    ],
+)
+def test_the_entry_of_a_camera_yaml_that_is_wrong_is_named(
+    tmp_path: Path, entry: str, name: str
+) -> None:
+    right = ["image_width: 9", "image_height: 9", "camera_matrix: {data: [1,0,0,0,1,0,0,0,1]}"]
+    path = tmp_path / "camera.yaml"
+    path.write_text("\n".join(line for line in right if not line.startswith(name)) + f"\n{entry}\n")
+    with pytest.raises(CameraError, match=rf"^camera {path}: entry '{name}' is missing or wrong; "):
+        Camera.from_yaml(path)
+
+
 def test_uncalibrated_camera_is_refused() -> None:
     with pytest.raises(CameraError, match="calibrated"):
         Camera.from_matrix(640, 480, [0] * 9)

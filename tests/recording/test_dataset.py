@@ -7,6 +7,7 @@ import pytest
 
 from recording.bags import CAMERA, analytic_dataset, scan
 from roller_bringup.cli import main
+from roller_core.camera import CameraError
 from roller_core.pose_track import PoseError
 from roller_recording.reading import RecordingError, open_recording
 
@@ -69,3 +70,18 @@ def test_events_are_counted_without_poses_or_calibration(folder: Path, capsys: C
     assert "events     3000 (" in capsys.readouterr().out
     with pytest.raises(PoseError, match=r"groundtruth.txt: can't be read"):
         open_recording(folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a b c d", "expected 'fx fy cx cy k1 k2 p1 p2 k3'"),
+        ("0 0 1 1", "focal length 0, 0 px is not positive"),
+        ("nan 1 1 1", "the camera calibration holds a value that is not finite"),
+    ],
+)
+def test_a_calibration_that_cant_be_used_is_named(text: str, said: str, folder: Path) -> None:
+    (folder / "calib.txt").write_text(text)
+    with pytest.raises(CameraError) as caught:
+        open_recording(folder)
+    assert str(caught.value).startswith(f"camera {folder / 'calib.txt'}: {said}")

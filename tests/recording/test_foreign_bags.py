@@ -28,7 +28,7 @@ from recording.bags import (
     write_tum,
 )
 from roller_bringup.cli import main
-from roller_core.camera import Camera
+from roller_core.camera import Camera, CameraError
 from roller_core.events import EventArray
 from roller_recording.reading import RecordingError, open_recording
 from roller_recording.reading.bag_reader import BagReader
@@ -205,9 +205,58 @@ def test_big_endian_packets_are_refused(tmp_path: Path) -> None:
 
     recording = open_recording(write_bag(tmp_path / "mono", Recipe("mono", edit=edit)))
     faults = [str(f) for step in recording.steps() for f in step.faults]
-    assert faults == ["event packet 7 is big-endian; only little-endian ones are read"]
+    (fault,) = faults
+    assert fault.startswith(f"bag {tmp_path / 'mono'}: /event_camera/events at 1700000000.0")
+    assert fault.endswith(" s: event packet 7 is big-endian; only little-endian ones are read")
     # A sensor's own words are little-endian on every host.
     assert events_in(write_bag(tmp_path / "evt3", Recipe("evt3", edit=edit))) == len(scan())
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("encoding", "foo", "event packets are encoded as 'foo'; known are mono"),
+        ("width", 321, "px but the camera is calibrated for"),
+    ],
+)
+def test_packets_that_cant_be_used_are_found(
+    field: str, value: Any, said: str, tmp_path: Path, capsys: Capture
+) -> None:
+    """One wrong packet of many is found by topic and time."""
+
+    def edit(topic: str, n: int, message: Any) -> Any:
+        wrong = topic == "/event_camera/events" and n == 7
+        return replace(message, **{field: value}) if wrong else message
+
+    bag = write_bag(tmp_path / "bag", Recipe("mono", edit=edit))
+    faults = [str(f) for step in open_recording(bag).steps() for f in step.faults]
+    (fault,) = faults
+    assert fault.startswith(f"bag {bag}: /event_camera/events at 1700000000.")
+    assert said in fault
+    if field == "encoding":
+        assert main(["info", str(bag)]) == 1
+        assert fault in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"k": np.zeros(9)}, "focal length 0, 0 px is not positive; is the camera calibrated?"),
+        ({"k": np.full(9, np.nan)}, "the camera calibration holds a value that is not finite"),
+        ({"distortion_model": "odd"}, "distortion model 'odd' isn't known"),
+    ],
+)
+def test_a_bags_calibration_that_cant_be_used_is_found(
+    change: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    def edit(topic: str, n: int, message: Any) -> Any:
+        return replace(message, **change) if topic.endswith("/camera_info") else message
+
+    bag = write_bag(tmp_path / "bag", Recipe("mono", edit=edit))
+    with pytest.raises(CameraError) as caught:
+        open_recording(bag)
+    assert str(caught.value).startswith(f"bag {bag}: /event_camera/camera_info: {said}")
+    assert "give --camera FILE" in str(caught.value)
 
 
 @pytest.mark.parametrize("encoding", ["evt3", "libcaer_cmp"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -237,21 +237,9 @@ class Camera:
             If the file can't be read or an entry is missing or wrong.
         """
         try:
-            data = read_yaml(path)
-            return cls.from_matrix(
-                data["image_width"],
-                data["image_height"],
-                data["camera_matrix"]["data"],
-                data.get("distortion_coefficients", {}).get("data", ()),
-                data.get("distortion_model", "plumb_bob"),
-            )
+            return cls.from_matrix(*_entries(read_yaml(path)))
         except TextFileError as error:
             raise CameraError(f"camera {error}") from error
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise CameraError(
-                f"camera {path}: entry {error} is missing or wrong; expected ROS camera_info YAML "
-                "(image_width, image_height, camera_matrix, distortion_coefficients)"
-            ) from error
         except CameraError as error:
             raise CameraError(f"camera {path}: {error}") from error
 
@@ -288,6 +276,36 @@ class Camera:
             "projection_matrix": {"rows": 3, "cols": 4, "data": projection},
         }
         return str(yaml.safe_dump(data, sort_keys=False))
+
+
+def _numbers(entry: Any) -> list[float]:
+    return [float(value) for value in entry["data"]]
+
+
+#: Entries of a camera_info YAML file in the order of `from_matrix`: how each is read, and what
+#: stands for one that is left out; None: it must be there.
+_ENTRIES: tuple[tuple[str, Callable[[Any], Any], Any], ...] = (
+    ("image_width", int, None),
+    ("image_height", int, None),
+    ("camera_matrix", _numbers, None),
+    ("distortion_coefficients", lambda entry: _numbers({"data": (), **entry}), ()),
+    ("distortion_model", lambda model: str(model or "plumb_bob"), "plumb_bob"),
+)
+
+
+def _entries(data: Any) -> list[Any]:
+    """What a camera_info YAML file says, for `from_matrix`; the first that is wrong is named."""
+    found: list[Any] = []
+    for name, read, default in _ENTRIES:
+        try:
+            absent = default is not None and name not in data
+            found.append(default if absent else read(data[name]))
+        except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
+            raise CameraError(
+                f"entry '{name}' is missing or wrong; expected ROS camera_info YAML "
+                "(image_width, image_height, camera_matrix, distortion_coefficients)"
+            ) from error
+    return found
 
 
 @lru_cache(maxsize=2)

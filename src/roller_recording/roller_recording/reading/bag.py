@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.bags import typestore
-from roller_core.camera import Camera
+from roller_core.camera import Camera, CameraError
 from roller_core.errors import RollerError
 from roller_core.event_stream import EventStream
 from roller_core.events import EventArray
@@ -114,7 +114,7 @@ class BagRecording(Recording):
                 yield Step(EventArray.empty(), progress, (fault,))
                 continue
             if item.topic == self._topic:
-                yield self._decode(message, progress)
+                yield self._decode(message, item.t_ns, progress)
             elif item.topic == self._info_topic:
                 yield Step(EventArray.empty(), progress, self._other_camera(message, item.t_ns))
             elif item.topic == wrench:
@@ -125,13 +125,14 @@ class BagRecording(Recording):
                 found = tuple(transforms_of(message, static=item.topic == _TF_STATIC))
                 yield Step(EventArray.empty(), progress, transforms=found)
 
-    def _decode(self, message: Any, progress: float) -> Step:
+    def _decode(self, message: Any, t_ns: int, progress: float) -> Step:
         try:
             return Step(self._stream.push_message(message), progress)
         except TimeBackwardsError as error:
             return Step(error.events, progress, (error,), restart=True)
         except RollerError as error:
-            return Step(EventArray.empty(), progress, (error,))
+            where = f"bag {self._path}: {self._topic} at {t_ns * 1e-9:.6f} s"
+            return Step(EventArray.empty(), progress, (type(error)(f"{where}: {error}"),))
 
     def _other_camera(self, info: Any, t_ns: int) -> tuple[RecordingError, ...]:
         """A fault, if the camera's calibration isn't the bag's first."""
@@ -164,5 +165,10 @@ class BagRecording(Recording):
                 raise MalformedRecordingError(
                     f"bag {self._path}: {topic} is malformed ({error}); give --camera FILE"
                 ) from error
-            return Camera.from_info(info)
+            try:
+                return Camera.from_info(info)
+            except CameraError as error:
+                raise CameraError(
+                    f"bag {self._path}: {topic}: {error}; give --camera FILE"
+                ) from error
         raise MissingTopicError(f"bag {self._path}: {topic} holds no message; give --camera FILE")

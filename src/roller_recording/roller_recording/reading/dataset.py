@@ -190,17 +190,21 @@ class DatasetRecording(Recording):
         return self._text.items((self.camera.width, self.camera.height))
 
     def _calibration(self, path: Path) -> Camera:
+        expected = f"camera {path}: expected 'fx fy cx cy k1 k2 p1 p2 k3'"
         try:
             values = [float(v) for v in read_text(path).split()]
         except TextFileError as error:
             raise CameraError(f"camera {error}; give --camera FILE") from error
         except ValueError as error:
-            raise CameraError(f"camera {path}: {error}") from error
+            raise CameraError(expected) from error
         if not 4 <= len(values) <= 9:
-            raise CameraError(f"camera {path}: expected 'fx fy cx cy k1 k2 p1 p2 k3'")
+            raise CameraError(expected)
         width, height = self._text.image_size()
         fx, fy, cx, cy = values[:4]
-        return Camera(width, height, fx, fy, cx, cy, tuple(values[4:]))
+        try:
+            return Camera(width, height, fx, fy, cx, cy, tuple(values[4:]))
+        except CameraError as error:
+            raise CameraError(f"camera {path}: {error}") from error
 
 
 def _events_of(rows: np.ndarray) -> EventArray:

@@ -237,7 +237,8 @@ def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: 
                 decoders[key] = PacketDecoder(message.encoding, message.width, message.height)
             packet = decoders[key].decode(message.events, message.time_base)
         except RollerError as error:
-            summary.add_fault(error)
+            where = f"bag {path}: {item.topic} at {item.t_ns * 1e-9:.6f} s"
+            summary.add_fault(type(error)(f"{where}: {error}"))
             continue
         except Exception as error:  # a damaged message raises whatever its bytes lead to
             summary.add_fault(
