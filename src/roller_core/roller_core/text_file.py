@@ -42,7 +42,7 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_text(path: Path | str, most_bytes: int = _MOST_BYTES) -> str:
-    """The text of a file, UTF-8.
+    """The text of a file, UTF-8, with or without a byte order mark.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def read_text(path: Path | str, most_bytes: int = _MOST_BYTES) -> str:
             raise TextFileError(f"{path}: not a file")
         if path.is_file() and path.stat().st_size > most_bytes:
             raise TextFileError(f"{path}: over {most_bytes} bytes")
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise TextFileError(f"{path}: can't be read ({error.strerror})") from error
     except UnicodeDecodeError as error:

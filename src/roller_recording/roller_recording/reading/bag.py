@@ -20,7 +20,6 @@ from roller_core.time_order import TimeBackwardsError
 from .bag_reader import BagReader
 from .base import MalformedRecordingError, MissingTopicError, Recording, RecordingError, Step
 from .event_topic import event_topic, listed
-from .tum import read_tum
 
 _TF, _TF_STATIC = "/tf", "/tf_static"
 _TF_TYPE = "tf2_msgs/msg/TFMessage"
@@ -84,7 +83,7 @@ class BagRecording(Recording):
         self._topic = event_topic(self._reader.topics, path, topic)
         self._frames = SensorFrames(max_gap_s=max_gap_s)  # of who reads by `steps`
         if poses is not None:
-            self.poses = read_tum(poses, max_gap_s)
+            self.poses = self._read_poses(poses, max_gap_s)
         elif self._reader.topics.get(_TF) != _TF_TYPE:
             raise MissingTopicError(
                 f"bag {path}: there are no poses (topic /tf, {_TF_TYPE}); "
@@ -95,6 +94,7 @@ class BagRecording(Recording):
 
     def items(self) -> Iterator[Step]:
         """Read message by message; a packet that can't be decoded is left out, with a fault."""
+        yield from self._first_step()
         wrench = force_topic(self._topic)
         wanted = {self._topic, wrench} | ({_TF, _TF_STATIC} if self.poses is None else set())
         wanted |= {self._info_topic} if self._info_topic else set()

@@ -12,8 +12,10 @@ from roller_core.errors import RollerError
 from roller_core.event_stream import StreamCounts
 from roller_core.events import EventArray
 from roller_core.frame_transforms import Transform
-from roller_core.pose_track import PoseTrack
+from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.sensor_pose import SensorFrames
+
+from .tum import read_tum
 
 
 class RecordingError(RollerError):
@@ -73,6 +75,7 @@ class Recording(ABC):
     poses: PoseTrack | None = None
     counts: StreamCounts
     duration_s: float = 0.0
+    _pose_faults: tuple[PoseError, ...] = ()
     _frames: SensorFrames | None = None
 
     @abstractmethod
@@ -82,6 +85,18 @@ class Recording(ABC):
         Faults that leave the rest readable come inside a step; after one that doesn't, the
         steps end.
         """
+
+    def _read_poses(self, path: Path, max_gap_s: float) -> PoseTrack:
+        """Poses of a TUM file; what is wrong with them is said with the first step."""
+        faults: list[PoseError] = []
+        track = read_tum(path, max_gap_s, faults)
+        self._pose_faults = tuple(faults)
+        return track
+
+    def _first_step(self) -> Iterator[Step]:
+        """What is to be said before anything is read."""
+        if self._pose_faults:
+            yield Step(EventArray.empty(), 0.0, self._pose_faults)
 
     def follow(self, frames: SensorFrames) -> None:
         """Follow the camera by these frames in `track`, in place of the usual ones."""

@@ -15,7 +15,6 @@ from roller_core.events import EventArray
 from roller_core.text_file import TextFileError, read_text
 
 from .base import MalformedRecordingError, Recording, RecordingError, Step, TruncatedRecordingError
-from .tum import read_tum
 
 _CHUNK_BYTES = 4_000_000
 #: Times beyond this are none, s: in ns they fit no 64 bits.
@@ -180,14 +179,15 @@ class DatasetRecording(Recording):
     ) -> None:
         self.source = str(folder)
         self._text = EventsText(folder)
-        self.poses = read_tum(poses or folder / "groundtruth.txt", max_gap_s)
+        self.poses = self._read_poses(poses or folder / "groundtruth.txt", max_gap_s)
         self.counts = self._text.counts
         self.camera = camera or self._calibration(folder / "calib.txt")
         self.duration_s = (self.poses.end_ns - self.poses.start_ns) * 1e-9
 
     def items(self) -> Iterator[Step]:
         """See `EventsText`."""
-        return self._text.items((self.camera.width, self.camera.height))
+        yield from self._first_step()
+        yield from self._text.items((self.camera.width, self.camera.height))
 
     def _calibration(self, path: Path) -> Camera:
         expected = f"camera {path}: expected 'fx fy cx cy k1 k2 p1 p2 k3'"

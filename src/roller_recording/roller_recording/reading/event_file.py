@@ -15,7 +15,6 @@ from roller_core.events import EventArray
 from roller_core.time_order import TimeBackwardsError, TimeOrder
 
 from .base import Recording, RecordingError, Step, TruncatedRecordingError
-from .tum import read_tum
 
 _READERS = {".aedat4": ".aedat4", ".aedat": ".aedat4", ".raw": ".prophesee"} | dict.fromkeys(
     (".h5", ".hdf5"), ".dsec"
@@ -79,12 +78,13 @@ class EventFileRecording(Recording):
                 f"{camera.width}×{camera.height} px"
             )
         self.camera = camera
-        self.poses = self._track = read_tum(poses, max_gap_s)
+        self.poses = self._track = self._read_poses(poses, max_gap_s)
         self.counts = StreamCounts()
         self.duration_s = (self.poses.end_ns - self.poses.start_ns) * 1e-9
 
     def items(self) -> Iterator[Step]:
         """Read packet by packet; a file that is cut off ends with a fault."""
+        yield from self._first_step()
         span, order = max(self._track.end_ns - self._track.start_ns, 1), TimeOrder()
         try:
             for events in reader_of(self._path).read_events(self._path, self._stream):

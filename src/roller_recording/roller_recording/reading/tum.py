@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
-from roller_core.pose_track import NoPosesError, PoseError, PoseTrack
+from roller_core.pose_track import NoPosesError, PoseError, PoseTrack, PoseValueError
 from roller_core.text_file import MOST_NUMBERS_BYTES, TextFileError, read_text
 
 
-def read_tum(path: Path | str, max_gap_s: float = 0.1) -> PoseTrack:
+def read_tum(
+    path: Path | str, max_gap_s: float = 0.1, faults: list[PoseError] | None = None
+) -> PoseTrack:
     """Read lines `t x y z qx qy qz qw` (seconds, metres); `#` starts a comment.
 
     Parameters
@@ -18,6 +21,9 @@ def read_tum(path: Path | str, max_gap_s: float = 0.1) -> PoseTrack:
         The file.
     max_gap_s : float
         See `PoseTrack`.
+    faults : list, optional
+        Takes what is wrong, in place of an error: a pose that can't be one is left out; at a line
+        that is malformed or goes back in time the poses end, unless there were none before it.
 
     Returns
     -------
@@ -39,21 +45,30 @@ def read_tum(path: Path | str, max_gap_s: float = 0.1) -> PoseTrack:
         if not fields:
             continue
         try:
-            if len(fields) != 8:
-                raise ValueError(f"{len(fields)} fields")
-            t_ns = _nanoseconds(fields[0])
-            values = [float(f) for f in fields[1:]]
-        except ValueError as error:
-            raise PoseError(
-                f"poses {path}, line {number}: {error}; expected 't x y z qx qy qz qw'"
-            ) from error
-        try:
-            track.append(t_ns, values[:3], values[3:])
+            track.append(*_pose(fields))
         except PoseError as error:
-            raise type(error)(f"poses {path}, line {number}: {error}") from error
+            leaves_rest = isinstance(error, PoseValueError)
+            kept = "" if leaves_rest or faults is None else "; what came before is kept"
+            fault = type(error)(f"poses {path}, line {number}: {error}{kept}")
+            if faults is None or not (len(track) or leaves_rest):
+                raise fault from error
+            faults.append(fault)
+            if not leaves_rest:
+                break
     if not len(track):
         raise NoPosesError(f"poses {path}: the file holds no pose")
     return track
+
+
+def _pose(fields: Sequence[str]) -> tuple[int, list[float], list[float]]:
+    """Time, ns, position and quaternion of a line."""
+    try:
+        if len(fields) != 8:
+            raise ValueError(f"{len(fields)} fields")
+        values = [float(f) for f in fields[1:]]
+        return _nanoseconds(fields[0]), values[:3], values[3:]
+    except ValueError as error:
+        raise PoseError(f"{error}; expected 't x y z qx qy qz qw'") from error
 
 
 def _nanoseconds(text: str) -> int:
