@@ -289,3 +289,15 @@ def test_an_interrupt_leaves_a_whole_result_of_an_earlier_run(
     said = capsys.readouterr().out
     assert "41.5" in said
     assert f"stays in {out}" in said
+
+
+def test_what_was_measured_stays_when_whoever_reads_has_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(_tables: object) -> None:
+        assert (tmp_path / "bench" / "rows.csv").exists()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("roller_evaluation.tables.show_tables", gone)
+    assert interrupted_after(3, monkeypatch, "--output", str(tmp_path / "bench")) == 130
+    assert (tmp_path / "bench" / "rows.csv").exists()

@@ -1,6 +1,8 @@
 """`roller inspect` as users meet it: exit codes, one line for what is wrong."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -88,3 +90,14 @@ def test_a_later_replay_leaves_no_verdict_of_another_scan(bag: Path, tmp_path: P
         main([*words, "--no-picture", "--no-braille"])
         kept = (tmp_path / "out" / "inspection.json").exists()
         assert kept == (command == "inspect")
+
+
+def test_whoever_reads_may_go_and_the_results_stay(bag: Path, tmp_path: Path) -> None:
+    """As `roller inspect ... | head -1` does: it cost a whole inspection."""
+    words = ["inspect", str(bag), "--output", str(tmp_path / "out"), "--no-picture", "--no-braille"]
+    command = [sys.executable, "-m", "roller_bringup.cli", *words, "--method", "focus"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.wait() == 141
+    assert json.loads((tmp_path / "out" / "inspection.json").read_text())["verdict"]

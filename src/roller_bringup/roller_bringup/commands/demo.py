@@ -51,12 +51,15 @@ def run(args: argparse.Namespace) -> int:
     scene = build_scene(VirtualCellSettings.create(scan, "demo").scene)
     face = next((region for region in scene.regions if region.name == "face"), None)
     with OutputFolder(args.output, "demo", always=["report.json"]) as output:
-        _run(args, output.partial, face)
+        lines = _run(args, output.partial, face)
+    # When all is in place: whoever reads may go.
+    print("\n".join(lines))
     print(f"look at it in the browser: ./roller view {shlex.quote(str(args.output))}")
     return 0
 
 
-def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
+def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> list[str]:
+    """Roll, record, inspect and compare; returns what came of it, for people."""
     import yaml
 
     from roller_bringup.demo_inspection import inspect_part, write_recipe
@@ -115,5 +118,4 @@ def _run(args: argparse.Namespace, folder: Path, face: Region | None) -> None:
     from roller_inspect.results.overview import draw_overview
 
     draw_overview(folder, folder / "truth", folder / "bag")
-    print(demo_table(report, folder, args.output))
-    print("\n".join(inspected))
+    return [demo_table(report, folder, args.output), *inspected]

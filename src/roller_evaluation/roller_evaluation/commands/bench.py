@@ -75,10 +75,12 @@ def run(args: argparse.Namespace) -> int:
             interrupt = error
         result = write_bench(options, measured, output.partial)
         written = sorted(path.name for path in output.partial.iterdir() if path.is_file())
-        show_tables(tables(result))
         if interrupt is not None and (output.path / _PICTURE).exists():
+            show_tables(tables(result))
             print(f"{INCOMPLETE} The whole result of an earlier run stays in {args.output}.")
             raise interrupt
+    # When all is in place: whoever reads may go.
+    show_tables(tables(result))
     print("files: " + ", ".join(f"{args.output}/{name}" for name in written))
     if interrupt is not None:
         print(INCOMPLETE)

@@ -98,11 +98,11 @@ def _run_all(args: argparse.Namespace) -> int:
         shown_progress("evaluate") as on_progress,
     ):
         result = run_evaluation(options, output.partial, args.jobs, on_progress)
-    show_tables([table for tables in result["tables"].values() for table in tables])
     names = [args.output / name for name in ("index.html", "evaluation.json", "rows.csv")]
     if args.results is not None:
         write_results(result, options, words, args.results)
         names.append(args.results)
+    show_tables([table for tables in result["tables"].values() for table in tables])
     print("files: " + ", ".join(map(str, names)))
     return 0
 

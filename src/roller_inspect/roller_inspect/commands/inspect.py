@@ -6,13 +6,16 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from roller_core.command_help import add_examples
 from roller_core.progress import progress_bar
 from roller_inspect.exports import EXPORTS
 
 from .options import add_processing_options, open_input, recipe_file
+
+if TYPE_CHECKING:
+    from roller_inspect.results.run_report import Report
 
 #: Exit codes by verdict; 1 is a fault, 2 wrong usage.
 EXIT_CODES = {"conform": 0, "nonconform": 3, "inconclusive": 4, "unmeasured": 4}
@@ -100,6 +103,7 @@ def run(args: argparse.Namespace) -> int:
     from roller_inspect.pipeline import PipelineSettings
     from roller_inspect.recipe import RecipeError, load_recipe
     from roller_inspect.references import ReferenceError
+    from roller_inspect.results.summary import inspection_summary, summary
 
     args.recipe = recipe_file(args.recipe, args.params)
     try:
@@ -116,18 +120,28 @@ def run(args: argparse.Namespace) -> int:
     inputs = (args.input, args.params, args.poses, args.camera, args.recipe, reference)
     # Marked as a replay's: one that comes later must not leave this verdict beside its surface.
     with OutputFolder(args.output, "replay", inputs, always=["report.json"]) as output:
-        return _inspect(args, settings, stage, open_input(args, settings), output.partial)
+        recording = open_input(args, settings)
+        report, document, faults = _inspect(args, settings, stage, recording, output.partial)
+    # When all is in place: whoever reads may go.
+    print(summary(report, args.output))
+    print(inspection_summary(document))
+    for line in faults:
+        print(f"error: {line}", file=sys.stderr)
+    verdict = document["verdict"]
+    if verdict in ("inconclusive", "unmeasured"):
+        print(f"{verdict}: {document['reason']}", file=sys.stderr)
+    return 1 if faults else EXIT_CODES[verdict]
 
 
 def _inspect(
     args: argparse.Namespace, settings: Any, stage: Any, recording: Any, folder: Path
-) -> int:
+) -> tuple[Report, dict[str, Any], list[str]]:
+    """Write replay and inspection; returns their reports, and what was wrong."""
     from roller_inspect.inspect_stage import Inspected
     from roller_inspect.judgement import longest_part, with_faults
     from roller_inspect.replay import replay
     from roller_inspect.report.document import Scan, inspection_document
     from roller_inspect.results.inspection_files import write_inspection
-    from roller_inspect.results.summary import inspection_summary, summary
 
     parts: list[Inspected] = []
 
@@ -161,11 +175,4 @@ def _inspect(
     )  # fmt: skip
     document = inspection_document(inspected, stage.recipe, scan)
     write_inspection(folder, document, inspected.found, stage.recipe.depth_tolerance_m, args.export)
-    print(summary(report, args.output))
-    print(inspection_summary(document))
-    for line in faults:
-        print(f"error: {line}", file=sys.stderr)
-    verdict = inspected.judgement.verdict
-    if verdict in ("inconclusive", "unmeasured"):
-        print(f"{verdict}: {inspected.judgement.reason}", file=sys.stderr)
-    return 1 if faults else EXIT_CODES[verdict]
+    return report, document, faults
