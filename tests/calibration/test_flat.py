@@ -184,3 +184,12 @@ def test_nothing_is_written_into_a_recording(
     assert main(["calibrate", "flat", str(tmp_path / "scan"), "--output", str(output)]) == 1
     assert "overlaps with the input" in capsys.readouterr().err
     assert not output.exists()
+
+
+def test_a_folder_is_no_parameter_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was said to overlap with the input, and named as that."""
+    (tmp_path / "cell").mkdir()
+    words = ["calibrate", "flat", str(tmp_path / "scan"), "--output", str(tmp_path / "cell")]
+    assert main(words) == 1
+    said = capsys.readouterr().err
+    assert said == f"error: {tmp_path / 'cell'}: is a folder; give the name of a file\n"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from roller_core.calibration_file import CalibrationError, write_calibration
+from roller_core.errors import UnwritableOutputError
 from roller_core.option_types import add_output
 from roller_core.output_overlap import refuse_overlap
 from roller_inspect.commands.options import add_recording_options
@@ -47,10 +48,13 @@ def add_kind(
     add_recording_options(parser, nodes)
 
     def checked(args: argparse.Namespace) -> int:
-        values = (v if isinstance(v, list) else [v] for v in vars(args).values())
+        read = (v for option, v in vars(args).items() if option != "output")
+        values = (v if isinstance(v, list) else [v] for v in read)
         for source in (v for several in values for v in several):
             if args.output is not None and isinstance(source, Path) and source.is_dir():
                 refuse_overlap(source, args.output)
+        if args.output is not None and args.output.is_dir():
+            raise UnwritableOutputError(f"{args.output}: is a folder; give the name of a file")
         return run(args)
 
     parser.set_defaults(run=checked)
