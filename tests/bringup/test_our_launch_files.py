@@ -194,6 +194,15 @@ def test_inspection_is_started_on_request(path, tmp_path):
         assert node(plan, "inspect").required
 
 
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+@pytest.mark.parametrize("method", ["focus", "surface"])
+def test_points_are_averaged_where_nobody_inspects(path, method):
+    for inspect in (False, True):
+        with load(name_of(path), method=method, inspect=str(inspect).lower()) as plan:
+            depth = parameters(node(plan, "surface" if method == "surface" else "emvs"))
+            assert depth["average_flats"] is not inspect
+
+
 def test_a_node_that_gives_way_has_time_to_end():
     """It finishes what it is at, and leaves the graph: each takes longer on busy cores."""
     with load("virtual", inspect="true") as plan:

@@ -22,3 +22,6 @@ def test_a_printed_skin_is_measured(method: str, scans: Scans, tmp_path: Path) -
     document = json.loads((out / "inspection.json").read_text())
     assert document["texture"]["sufficient"] is True
     assert document["coverage"]["measured"] > 0.3
+    # Inspection averages by itself.
+    settings = json.loads((out / "report.json").read_text())["settings"]
+    assert not any(settings[node]["average_flats"] for node in ("emvs", "surface"))

@@ -34,6 +34,12 @@ class MethodSettings(TimingSettings):
         description="Events are given up where the sensor doesn't move for this long, or takes "
         "longer than this for a window by travel, s.",
     )
+    average_flats: bool = Field(
+        True,
+        description="Under a printed texture, whether points of flat places follow a wider "
+        "neighbourhood, of focus and surface. Inspection takes points as they are found, as it "
+        "averages by itself.",
+    )
     threads: int = Field(2, ge=1, le=64, description="Threads that share the work.")
     edge_drift: EdgeDriftSettings = Field(
         EdgeDriftSettings.create({}),

@@ -39,7 +39,7 @@ def measure_detection(case: Case, scan: Scan) -> list[Row]:
     """
     area, view = scan.truth.objects["plate"], seen_area(scan)
     inspector = SurfaceInspector(InspectionSettings.create({}), SelfReference())
-    for patch in surface_patches(case, scan):
+    for patch in surface_patches(case, scan, for_inspection=True):
         inspector.add(patch)
     found = inspector.finish()
     origin = scan.truth.origin_m[:2]

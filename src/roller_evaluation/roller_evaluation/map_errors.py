@@ -28,7 +28,7 @@ _SAME_M = 2e-5
 def measure_map(case: Case, scan: Scan) -> list[Row]:
     """Errors of all cells over an object, of those measured and continued, and of a linear map."""
     inspector = SurfaceInspector(InspectionSettings.create({}), SelfReference())
-    patches = list(surface_patches(case, scan))
+    patches = list(surface_patches(case, scan, for_inspection=True))
     for patch in patches:
         inspector.add(patch)
     found, region = inspector.finish().height_map, scan.truth.objects[scan.name]

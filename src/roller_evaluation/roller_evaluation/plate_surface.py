@@ -23,10 +23,12 @@ _BORDER_M, _AROUND_M = 0.5e-3, 1e-3
 _ROWS = 480
 
 
-def surface_patches(case: Case, scan: Scan) -> Iterator[SurfacePatch]:
+def surface_patches(case: Case, scan: Scan, for_inspection: bool = False) -> Iterator[SurfacePatch]:
     """The surface that `surface` finds at constant speed, the events' delay taken out."""
     settings, truth = case.depth, scan.truth
     assert isinstance(settings, SurfaceSettings)
+    if for_inspection:
+        settings = settings.changed({"average_flats": False})
     sweep = SurfaceSweep(settings, scan.camera, scan.track)
     sweep.add_events(scan.even)
     for found in sweep.results(flush=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,7 @@ _SHARED = frozenset(
     {
         "depth_min_m",
         "depth_max_m",
+        "average_flats",
         "threads",
         "max_waiting_mb",
         "surface_z_m",
@@ -86,6 +87,15 @@ class PipelineSettings:
             BrailleParameters.create(braille, source),
             SurfaceParameters.create({**shared, **surface}, source),
         )
+
+    def for_inspection(self) -> PipelineSettings:
+        """The same with points as they are found: inspection averages them by itself.
+
+        It takes noise for what it is by how it goes with scale, which points that follow their
+        neighbours where these agree no longer tell.
+        """
+        own = {"average_flats": False}
+        return replace(self, depth=self.depth.changed(own), surface=self.surface.changed(own))
 
     @property
     def sweeps(self) -> bool:

@@ -72,6 +72,8 @@ def replay(
     UnwritableOutputError
         If no results can be written; a disk that gets full is a fault in the report.
     """
+    if inspect is not None:
+        settings = settings.for_inspection()
     surface = settings.sweeps
     report = Report(
         str(source),

@@ -8,6 +8,7 @@ from .focus_measure import plane_offsets
 from .part_images import PartImages, Parts
 from .relief import Relief, is_textured, measured_pixels
 from .sweep import Depths, find_depths, planes_near, sharpest
+from .wider import follow_wider
 
 __all__ = [
     "CELL_PX",
@@ -20,6 +21,7 @@ __all__ = [
     "Relief",
     "coarse_planes",
     "find_depths",
+    "follow_wider",
     "is_textured",
     "measure_of_spots",
     "measured_pixels",

@@ -57,6 +57,7 @@ def fit_planes(
     threads: int = 1,
     scattered: bool = True,
     like: Fit | None = None,
+    given_back: float = _GIVEN_BACK,
 ) -> Fit:
     """Surface by planes through the depths around each cell.
 
@@ -80,6 +81,8 @@ def fit_planes(
     like : Fit, optional
         Of depths that differ from these in nothing but their offsets: it has what hangs on their
         places alone.
+    given_back : float
+        Share of what the planes leave over that is put back.
     """
     shape, real = depths[0].offset.shape, np.float32
     count = len(depths)
@@ -125,7 +128,7 @@ def fit_planes(
         kernels._add_residuals(*each, w, row, column, t, planes, sums)
     # Height at the cell's own centre plus slope: linear, so enlarging keeps it.
     rests, weights = blurred(sums[:2], sigma)
-    kernels._at_cells(planes, middle, weights, rests, _GIVEN_BACK, at_cell)
+    kernels._at_cells(planes, middle, weights, rests, given_back, at_cell)
     if scattered:
         kernels._scatter(*blurred(sums[1:], _ALIKE), scatter)
     return Fit(at_cell, scatter, shares, Moments(weight, place, summed))

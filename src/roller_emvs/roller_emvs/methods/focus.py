@@ -29,6 +29,7 @@ from roller_emvs.evidence import (
     RayField,
     Relief,
     find_depths,
+    follow_wider,
     is_textured,
     measured_pixels,
 )
@@ -146,6 +147,8 @@ def _points(
         )
         if look and ends is not None:
             _look_for(ends, seen, found, s.threads)
+    if textured and s.average_flats:
+        return follow_wider(found.whole(), field, s.threads), textured
     if not with_lines:
         return found.whole(), textured
     with watch("lines"):

@@ -20,6 +20,7 @@ from roller_emvs.evidence import (
     EvidenceField,
     Relief,
     find_depths,
+    follow_wider,
     is_textured,
     measured_pixels,
 )
@@ -268,6 +269,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             path.learn()
             lacks = path.lacks_m(x).astype(found.offset.dtype)
             found = replace(found, offset=found.offset + lacks)
+        if textured and s.average_flats:
+            found = follow_wider(found, field, s.threads)
         return found, x, across(found.row, found.offset)
 
     def _pass_of(self, strip: Strip) -> tuple[TravellingLight, PatchEnds, PathError]:
