@@ -113,15 +113,23 @@ def test_a_surface_that_is_relief_all_over_is_not_taken_for_flat() -> None:
     assert np.sqrt((after**2).mean()) < 1.3 * np.sqrt((before**2).mean())
 
 
-def test_sigma_and_places_stay_and_no_points_are_no_points() -> None:
+def test_points_that_follow_are_surer_and_stay_in_their_places() -> None:
     rng = np.random.default_rng(2)
     at = places(rng)
-    given = points(relief("flat"), noise(rng), at)
+    given = points(relief("step"), noise(rng), at)
     found = follow_wider(given, FIELD)
-    for name in ("row", "column", "confidence", "sigma", "agreed"):
+    for name in ("row", "column", "confidence", "agreed"):
         np.testing.assert_array_equal(getattr(found, name), getattr(given, name))
+    assert (found.sigma <= given.sigma).all()
+    away = np.abs(at[1] - CELL_PX * CELLS[1] / 2)
+    assert np.median(found.sigma[away > 2.5e-3 / PX_M]) < 0.9 * SIGMA_M
+    assert np.median(found.sigma[away < 0.1e-3 / PX_M]) > 0.97 * SIGMA_M
+
+
+def test_no_points_are_no_points() -> None:
     nowhere = np.empty(0, np.int64), np.empty(0, np.int64)
-    assert not len(follow_wider(points(relief("flat"), 0 * noise(rng), nowhere), FIELD).row)
+    flat = relief("flat")
+    assert not len(follow_wider(points(flat, 0 * flat, nowhere), FIELD).row)
 
 
 def textured(scans: Scans) -> SimulatedScan:
