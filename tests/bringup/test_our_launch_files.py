@@ -120,6 +120,8 @@ def test_defaults_of_arguments_are_those_of_the_models(path, method):
                 others = ",".join(p.name for p in plan.processes if p is not process)
                 needed = NEEDED.get(name_of(path), {}) | {"listeners": others}
             chosen = {"method": method} if process.name == "emvs" else {}
+            if process.name in ("emvs", "surface"):
+                chosen["average_flats"] = False  # where a part is inspected
             shipped = {}
             if name_of(path) == "virtual":
                 shipped = read_parameters(ROOT / "config" / "virtual_cell_ring.yaml", process.name)
