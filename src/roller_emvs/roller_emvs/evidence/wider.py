@@ -32,10 +32,14 @@ _GIVEN_BACK = 1.0
 #: is where it, or what is beside it, is so many times the usual.
 _LOOK_CELLS, _RELIEF = 1.5, 2.0
 _BESIDE = np.ones((3, 3), np.uint8)
+#: From so many times the usual on it is relief that the wider surface errs by as far as it reaches,
+#: two of its deviations.
+_STRONG = 5.0
+_REACHED = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (int(4 * _WIDER_PX / CELL_PX) + 1,) * 2)
 #: The usual is told from the quietest cells, this share of them, as others may be of relief: so
-#: many deviations a share of 0.1 of a normal distribution lies within. At most it is this share of
-#: the points' sigma: where a surface is relief all over, that is no noise.
-_QUIET, _QUIET_DEVIATIONS, _USUAL = 0.1, 0.1257, 0.5
+#: many deviations a share of 0.1 of a normal distribution lies within. At most it is so much of the
+#: sigma of the surest points: where a surface is relief all over, none of it is noise.
+_QUIET, _QUIET_DEVIATIONS, _USUAL = 0.1, 0.1257, 0.6
 #: Share of its sigma that a point is surer by where it follows. Deviations fall by a third there,
 #: but what poses err by stays, which points around err by too.
 _SURER = np.float32(0.2)
@@ -78,12 +82,13 @@ def follow_wider(found: Relief, field: EvidenceField, threads: int = 1) -> Relie
     around = np.abs(sums) / np.maximum(weights, np.float32(1e-6))
     usual = min(
         float(np.quantile(around[known], _QUIET)) / _QUIET_DEVIATIONS,
-        _USUAL * float(np.median(found.sigma * found.agreed)),
+        _USUAL * float(np.quantile(found.sigma * found.agreed, _QUIET)),
     )
+    reached = cv2.dilate((around > _STRONG * usual).view(np.uint8), _REACHED) > 0
     # On either side of a step are both a hollow and a crest, which are none together.
     around = cv2.dilate(around, _BESIDE)
     share = 1.0 / (1.0 + (around / np.float32(max(_RELIEF * usual, 1e-12))) ** 4)
-    share = np.where(known, share, np.float32(0)).astype(np.float32)
+    share = np.where(known & ~reached, share, np.float32(0)).astype(np.float32)
     follows = enlarge(share)[row, column]
     sigma = found.sigma * (1 - _SURER * follows)
     return replace(found, offset=found.offset + follows * lack, sigma=sigma)
