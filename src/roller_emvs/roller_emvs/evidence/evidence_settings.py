@@ -40,6 +40,8 @@ class EvidenceSettings(Settings):
     #: off for the scatter around them. Tuned on the virtual cell.
     min_seen_confidence: ClassVar[float] = 0.0
     min_point_confidence: ClassVar[float] = 0.0
+    #: So many times what points usually lack of a wider surface is relief that draws it with it.
+    strong_relief: ClassVar[float] = 5.0
 
 
 class FocusEvidence(EvidenceSettings):
@@ -48,6 +50,8 @@ class FocusEvidence(EvidenceSettings):
     min_confidence: float = confidence_field(0.4)
     min_seen_confidence: ClassVar[float] = 0.3
     min_point_confidence: ClassVar[float] = 0.25
+    # In one window relief stands out less. Tuned on the virtual cell.
+    strong_relief: ClassVar[float] = 3.0
 
 
 class SurfaceEvidence(EvidenceSettings):

@@ -18,6 +18,7 @@ from roller_emvs.rays import F32
 
 from ._kernels import CELL_PX
 from .blur import blurred
+from .evidence_settings import EvidenceSettings
 from .field import EvidenceField
 from .fit import fit_planes
 from .relief import Relief, enlarge
@@ -32,9 +33,7 @@ _GIVEN_BACK = 1.0
 #: is where it, or what is beside it, is so many times the usual.
 _LOOK_CELLS, _RELIEF = 1.5, 2.0
 _BESIDE = np.ones((3, 3), np.uint8)
-#: From so many times the usual on it is relief that the wider surface errs by as far as it reaches,
-#: two of its deviations.
-_STRONG = 5.0
+#: As far as the wider surface reaches, two of its deviations, it errs by strong relief.
 _REACHED = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (int(4 * _WIDER_PX / CELL_PX) + 1,) * 2)
 #: The usual is told from the quietest cells, this share of them, as others may be of relief: so
 #: many deviations a share of 0.1 of a normal distribution lies within. At most it is so much of the
@@ -45,7 +44,9 @@ _QUIET, _QUIET_DEVIATIONS, _USUAL = 0.1, 0.1257, 0.6
 _SURER = np.float32(0.2)
 
 
-def follow_wider(found: Relief, field: EvidenceField, threads: int = 1) -> Relief:
+def follow_wider(
+    found: Relief, field: EvidenceField, settings: EvidenceSettings, threads: int = 1
+) -> Relief:
     """Points that follow the surface of a wider neighbourhood as far as they tell no relief.
 
     Parameters
@@ -54,6 +55,8 @@ def follow_wider(found: Relief, field: EvidenceField, threads: int = 1) -> Relie
         Points, on whole pixels.
     field : EvidenceField
         The grid that they are of.
+    settings : EvidenceSettings
+        `strong_relief`.
     threads : int
         Threads that share the work.
     """
@@ -84,7 +87,7 @@ def follow_wider(found: Relief, field: EvidenceField, threads: int = 1) -> Relie
         float(np.quantile(around[known], _QUIET)) / _QUIET_DEVIATIONS,
         _USUAL * float(np.quantile(found.sigma * found.agreed, _QUIET)),
     )
-    reached = cv2.dilate((around > _STRONG * usual).view(np.uint8), _REACHED) > 0
+    reached = cv2.dilate((around > settings.strong_relief * usual).view(np.uint8), _REACHED) > 0
     # On either side of a step are both a hollow and a crest, which are none together.
     around = cv2.dilate(around, _BESIDE)
     share = 1.0 / (1.0 + (around / np.float32(max(_RELIEF * usual, 1e-12))) ** 4)

@@ -148,7 +148,7 @@ def _points(
         if look and ends is not None:
             _look_for(ends, seen, found, s.threads)
     if textured and s.average_flats:
-        return follow_wider(found.whole(), field, s.threads), textured
+        return follow_wider(found.whole(), field, s.focus, s.threads), textured
     if not with_lines:
         return found.whole(), textured
     with watch("lines"):

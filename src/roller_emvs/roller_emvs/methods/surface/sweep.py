@@ -270,7 +270,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             lacks = path.lacks_m(x).astype(found.offset.dtype)
             found = replace(found, offset=found.offset + lacks)
         if textured and s.average_flats:
-            found = follow_wider(found, field, s.threads)
+            found = follow_wider(found, field, s.evidence, s.threads)
         return found, x, across(found.row, found.offset)
 
     def _pass_of(self, strip: Strip) -> tuple[TravellingLight, PatchEnds, PathError]:
