@@ -1,6 +1,7 @@
 """`roller inspect` as users meet it: exit codes, one line for what is wrong."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -96,7 +97,9 @@ def test_whoever_reads_may_go_and_the_results_stay(bag: Path, tmp_path: Path) ->
     """As `roller inspect ... | head -1` does: it cost a whole inspection."""
     words = ["inspect", str(bag), "--output", str(tmp_path / "out"), "--no-picture", "--no-braille"]
     command = [sys.executable, "-m", "roller_bringup.cli", *words, "--method", "focus"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+    # What it says is kept back until it ends, as in most shells.
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
         assert process.stdout is not None
         process.stdout.close()
         assert process.wait() == 141

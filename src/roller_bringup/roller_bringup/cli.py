@@ -58,7 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             if hasattr(stream, "reconfigure"):
                 # A file's name may hold bytes that are no text.
                 stream.reconfigure(errors="backslashreplace")
-        return _run(list(argv))
+        code = _run(list(argv))
+        sys.stdout.flush()  # here a reader that has gone is known to be one
+        return code
     except KeyboardInterrupt as interrupt:
         print("interrupted", file=sys.stderr)
         return 128 + getattr(interrupt, "number", signal.SIGINT)
