@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from emvs.textured_scans import steady, true_track
+from emvs.textured_scans import steady, swept_points, true_track
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.lines.near_lines import near_lines
 from roller_emvs.lines.patch_ends import _BESIDE, _MOST_PX, PatchEnds, _add_beside
-from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
-from roller_inspect.results.truth_tally import SurfaceTally
 from roller_sim.presets import COATINGS
 from simulated_scans import Scans, SimulatedScan
 
@@ -192,13 +191,8 @@ def test_a_textured_plate_lies_where_it_is(scans: Scans, monkeypatch: pytest.Mon
     for looks in (True, False):
         if not looks:
             monkeypatch.setattr(PatchEnds, "find", lambda self: False)
-        sweep, tally = SurfaceSweep(SurfaceSettings.create({}), scan.camera, track), None
-        sweep.add_events(steady(scan))
-        tally = SurfaceTally(scan.truth)
-        for found in sweep.results(flush=True):
-            if isinstance(found, SurfacePatch):
-                tally.add_points(found.points, found.stamp_ns)
-        x, y, z = tally.points.T
+        sweep = SurfaceSweep(SurfaceSettings.create({}), scan.camera, track)
+        x, y, z = swept_points(sweep, scan).T
         height = scan.truth.height_at(x, y)
         face = height > height.max() - LEVEL_M
         assert face.sum() > 5000

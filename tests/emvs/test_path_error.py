@@ -5,12 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from emvs.textured_scans import steady, true_track
+from emvs.textured_scans import swept_points, true_track
 from roller_emvs.lines.near_lines import near_lines
 from roller_emvs.lines.path_error import _BESIDE, _TUKEY_PX, PathError, _add_apart
-from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_evaluation.plate_surface import seen_area
-from roller_inspect.results.truth_tally import SurfaceTally
 from roller_sim.presets import COATINGS
 from simulated_scans import Scans
 
@@ -192,12 +191,8 @@ def test_a_textured_plate_errs_less_for_it(scans: Scans, monkeypatch: pytest.Mon
         if not looks:
             monkeypatch.setattr(PathError, "lacks_m", lambda self, x: np.zeros_like(x))
         sweep = SurfaceSweep(SurfaceSettings.create({}), scan.camera, track)
-        sweep.add_events(steady(scan))
-        tally = SurfaceTally(scan.truth)
-        for found in sweep.results(flush=True):
-            if isinstance(found, SurfacePatch):
-                tally.add_points(found.points, found.stamp_ns)
-        x, y, z = tally.points[area.contains(*tally.points[:, :2].T)].T
+        found = swept_points(sweep, scan)
+        x, y, z = found[area.contains(*found[:, :2].T)].T
         error = 1e6 * (z - scan.truth.height_at(x, y))
         millimetre = np.floor(1e3 * x)
         columns = [np.median(error[millimetre == k]) for k in np.unique(millimetre)]

@@ -6,7 +6,9 @@ import numpy as np
 
 from roller_core.events import EventArray
 from roller_core.pose_track import PoseTrack
-from roller_core.transforms import matrix_to_quaternion
+from roller_core.transforms import F64, matrix_to_quaternion
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSweep
+from roller_inspect.results.truth_tally import SurfaceTally
 from simulated_scans import SimulatedScan
 
 _MS = 1_000_000
@@ -35,3 +37,13 @@ def steady(scan: SimulatedScan) -> EventArray:
     start, (first, last) = scan.truth.start_ros_ns, scan.truth.path.even_s
     t_ns = scan.events.t_ns
     return scan.events[(t_ns > start + first * 1e9) & (t_ns < start + last * 1e9)]
+
+
+def swept_points(sweep: SurfaceSweep, scan: SimulatedScan) -> F64:
+    """Points of a scan's steady part, x, y and z, on the plate; shape (n, 3)."""
+    sweep.add_events(steady(scan))
+    tally = SurfaceTally(scan.truth)
+    for found in sweep.results(flush=True):
+        if isinstance(found, SurfacePatch):
+            tally.add_points(found.points, found.stamp_ns)
+    return tally.points

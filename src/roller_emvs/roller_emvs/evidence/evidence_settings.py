@@ -40,7 +40,7 @@ class EvidenceSettings(Settings):
     #: off for the scatter around them. Tuned on the virtual cell.
     min_seen_confidence: ClassVar[float] = 0.0
     min_point_confidence: ClassVar[float] = 0.0
-    #: So many times what points usually lack of a wider surface is relief that draws it with it.
+    #: Where points lack so many times of a wider surface what they usually do, it errs itself.
     strong_relief: ClassVar[float] = 5.0
 
 

@@ -33,6 +33,9 @@ _GIVEN_BACK = 1.0
 #: is where it, or what is beside it, is so many times the usual.
 _LOOK_CELLS, _RELIEF = 1.5, 2.0
 _BESIDE = np.ones((3, 3), np.uint8)
+#: Share of the cells with relief from which on all points stay: what is between is no flat place.
+#: On plates with dents 0.06 to 0.25, on stairs 1 mm apart 0.32 to 0.36.
+_MOST_RELIEF = 0.3
 #: As far as the wider surface reaches, two of its deviations, it errs by strong relief.
 _REACHED = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (int(4 * _WIDER_PX / CELL_PX) + 1,) * 2)
 #: The usual is told from the quietest cells, this share of them, as others may be of relief: so
@@ -87,6 +90,8 @@ def follow_wider(
         float(np.quantile(around[known], _QUIET)) / _QUIET_DEVIATIONS,
         _USUAL * float(np.quantile(found.sigma * found.agreed, _QUIET)),
     )
+    if (around[known] > _RELIEF * usual).mean() > _MOST_RELIEF:
+        return found
     reached = cv2.dilate((around > settings.strong_relief * usual).view(np.uint8), _REACHED) > 0
     # On either side of a step are both a hollow and a crest, which are none together.
     around = cv2.dilate(around, _BESIDE)
