@@ -156,6 +156,7 @@ def test_a_graph_is_shown(port, processes: Processes, watch) -> None:
     # Another graph: what the first one left isn't taken for its own.
     watcher.spin_until(lambda: not watcher.node.count_publishers("/diagnostics"), 30, "its end")
     processes.start("braille")
+    end = time.monotonic() + 120  # a node that starts cold compiles its kernels
     for state in states(port):
         assert time.monotonic() < end, state
         if [node["name"] for node in state["nodes"]] == ["braille: text"]:
