@@ -14,6 +14,7 @@ from calibration.scans import (
     scan_of,
     swinging,
     there_and_back,
+    uneven,
     write_scan,
 )
 from emvs.scenes import CAMERA, Motion, track_of
@@ -37,6 +38,46 @@ def test_two_speeds_separate_delay_from_travel(delay_s: float) -> None:
     # An event comes as the point enters the pixel, half a pixel before its middle.
     assert found.late_m == pytest.approx(-PIXEL_M / 2, abs=1e-5)
     assert found.speeds_m_s == pytest.approx((0.1, 0.25), rel=0.03)
+
+
+def test_close_edges_count_alone_where_there_are_any() -> None:
+    """What pixels are blind for moves wide structures by a travel that goes with the speed."""
+    # Texture from 0 to 3 mm of each 6 mm, edges far apart in the rest.
+    fine = np.cumsum(np.random.default_rng(5).uniform(0.0001, 0.00025, 400)) - 0.02
+    close, wide = fine[fine % 0.006 < 0.003], uneven()
+    wide = wide[(wide % 0.006 > 0.0034) & (wide % 0.006 < 0.0056)]
+    scans, wide_alone = [], []
+    for speed in (0.1, 0.25):
+        course = there_and_back(speed)
+        off, true = scan_of(course, 0.0011, wide), scan_of(course, 0.001, close)
+        together = EventArray.concatenate([off.events, true.events])
+        order = np.argsort(together.t_ns, kind="stable")
+        scans.append(replace(true, events=together[order]))
+        wide_alone.append(off)
+    found = estimate_time_offset(scans, DEPTH_M)
+    assert found.delay_s == pytest.approx(0.001, abs=1e-5)
+    # Without any, all are better than nothing.
+    found = estimate_time_offset(wide_alone, DEPTH_M)
+    assert found.delay_s == pytest.approx(0.0011, abs=4e-5)
+
+
+def test_how_soon_a_pixel_answers_again_bounds_what_is_taken_for_delay() -> None:
+    once = [scan_of(there_and_back(v), 0.0013) for v in (0.1, 0.25)]
+    again = [replace(scan, events=_with_echoes(scan.events, 100_000)) for scan in once]
+    plain, echoing = (estimate_time_offset(scans, DEPTH_M) for scans in (once, again))
+    # Turning round shows a pixel the same line twice.
+    assert 150e-6 < plain.blind_s < 300e-6
+    assert plain.deviation_s > plain.blind_s / 4
+    assert echoing.blind_s == pytest.approx(100e-6, abs=1e-6)
+    assert 25e-6 < echoing.deviation_s < plain.deviation_s
+
+
+def _with_echoes(events: EventArray, after_ns: int) -> EventArray:
+    """A tenth of the events once more at the same pixel."""
+    echo = events[::10]
+    late = EventArray.from_arrays(echo.x, echo.y, echo.t_ns + after_ns, echo.p)
+    both = EventArray.concatenate([events, late])
+    return both[np.argsort(both.t_ns, kind="stable")]
 
 
 def test_one_speed_holds_both() -> None:

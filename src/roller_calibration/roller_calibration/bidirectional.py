@@ -47,6 +47,27 @@ class Course:
     speed_m_s: F64
 
 
+def by_pixel(scan: Scan) -> tuple[I64, npt.NDArray[np.bool_]]:
+    """Order of the events pixel by pixel, each in order of time, and whether the next is of it."""
+    events = scan.events
+    pixel = events.y.astype(np.int32) * scan.camera.width + events.x
+    order = np.argsort(pixel, kind="stable")
+    return order, np.diff(pixel[order]) == 0
+
+
+def close_edges(scan: Scan, course: Course, apart_m: float) -> EventArray:
+    """Events whose pixel had one of the other polarity less than so much travel before."""
+    events = scan.events
+    way_m = np.append(0.0, np.cumsum(np.abs(np.diff(course.travel_m))))
+    gone_m = np.interp(events.t_ns, course.grid_ns, way_m)
+    order, far = by_pixel(scan)
+    far &= np.diff(events.p[order].astype(np.int8)) != 0
+    far &= np.diff(gone_m[order]) < apart_m
+    kept = np.zeros(len(events), bool)
+    kept[order[1:]] = far
+    return events[kept]
+
+
 @dataclass(frozen=True)
 class Pass:
     """Places of one pass: along and across the path, metres; which events are ON."""

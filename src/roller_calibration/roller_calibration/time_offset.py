@@ -11,49 +11,38 @@ edge, from either side. That lag is a length, not a time. So the passes' maps li
 
 apart, and two speeds separate the two: those of two scans, or of a ramp and a steady
 stretch of one.
+
+After an event a pixel is blind for some time, and what changes meanwhile it never tells: its next
+event comes earlier or later by a travel that goes with the speed, as a delay does. That is least
+where a bright and a dark edge follow each other closely, as in a texture: where such do, they alone
+count. How far it still is hangs on the relief, so part of the blind time counts as uncertainty.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
-from roller_core.transforms import F64
-
-from .bidirectional import (
-    LEAST_EVENTS,
-    LEAST_TRAVEL_M,
-    Course,
-    Pass,
-    TimeOffsetError,
-    closing_speed,
-    course_of,
-    passes_of,
-)
+from .bidirectional import Course, TimeOffsetError, by_pixel, close_edges, course_of
+from .pass_lags import MOST_S, lags_of
 from .recordings import Scan
 
-I64 = npt.NDArray[np.int64]
-
-#: Rows of the maps are this many pixels, and strips of rows are judged each for itself.
-_ROW_PX, _STRIPS = 4, 8
-#: Structures wider than this don't count, px.
-_WIDE_PX = 20.0
-#: Least correlation of the two passes, and share of it that a second place may reach.
-_LEAST_CORRELATION, _MOST_RIVAL = 0.1, 0.9
-#: Stretches whose speeds differ by more than this ratio are judged apart; and the ratio from
-#: which a travel can be distinguished from a time.
-_ALIKE, _APART = 1.25, 1.5
+#: Ratio of speeds from which a travel can be distinguished from a time.
+_APART = 1.5
 _ROUNDS = 6
-#: Largest delay, of either sign, that is looked for, s.
-_MOST_S = 0.02
 #: How far edges lag by themselves, metres: what one speed leaves unknown.
 _EDGE_LAG_M = 1e-4
-#: A lag is no better than this share of a pixel, however well strips agree.
-_FINEST_PX = 0.1
+#: Edges of either polarity closer than this are preferred, metres; and how far, px, their lag may
+#: be from that of all events.
+_CLOSE_M, _CLOSE_REACH_PX = 3e-4, 6
+#: Intervals between a pixel's events longer than this don't tell how long it is blind, s; and so
+#: much of all intervals may be shorter than that time, by noise.
+_LONGEST_BLIND_S, _NOISE_SHARE = 1e-3, 1e-4
+#: Share of the blind time that may be taken for delay, by close edges and by all events (RMS
+#: over scans of all kinds by two simulators).
+_BLIND_SHARE_CLOSE, _BLIND_SHARE = 0.15, 0.25
 
 
 @dataclass(frozen=True)
@@ -62,9 +51,12 @@ class TimeOffset:
 
     #: Event stamps less the time, in the clock of the poses, of what they show, seconds.
     delay_s: float
-    #: Standard error by the scatter of strips of the image, seconds; where one speed can't show
-    #: what edges lag by, that too.
+    #: Standard error, seconds: by the scatter of strips of the image, by how long pixels are
+    #: blind, and where one speed can't show what edges lag by, by that.
     deviation_s: float
+    #: A pixel's shortest interval between events, seconds: it is blind for no longer than that.
+    #: 0 where none is short enough to tell.
+    blind_s: float
     #: Travel past an edge at which its events come, metres; None where one speed can't show it:
     #: then the delay holds it too.
     late_m: float | None
@@ -90,12 +82,35 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float) -> TimeOffset:
         If a scan doesn't go to and fro over the same place, or there is too little to compare.
     """
     courses = [course_of(scan) for scan in scans]
-    delay_s = 0.0
+    found, share = _solve(scans, courses, depth_m, 0.0, None), _BLIND_SHARE
+    close = [
+        replace(scan, events=close_edges(scan, course, _CLOSE_M))
+        for scan, course in zip(scans, courses, strict=True)
+    ]
+    try:
+        lines = _solve(close, courses, depth_m, found.delay_s, _CLOSE_REACH_PX)
+        if (lines.late_m is None) == (found.late_m is None):
+            found, share = lines, _BLIND_SHARE_CLOSE
+    except TimeOffsetError:
+        pass  # too few of them: all events tell more
+    blind_s = min(filter(None, map(_blind_time, scans)), default=0.0)
+    deviation_s = float(np.hypot(found.deviation_s, share * blind_s))
+    return replace(found, deviation_s=deviation_s, blind_s=blind_s)
+
+
+def _solve(
+    scans: Sequence[Scan],
+    courses: Sequence[Course],
+    depth_m: float,
+    delay_s: float,
+    reach_px: int | None,
+) -> TimeOffset:
+    """Delay by all events of scans, from a first guess on; see `lags_of` for `reach_px`."""
     for _ in range(_ROUNDS):
         lags = [
             lag
             for scan, course in zip(scans, courses, strict=True)
-            for lag in _lags(scan, course, depth_m, delay_s)
+            for lag in lags_of(scan, course, depth_m, delay_s, reach_px)
         ]
         closing = np.array([lag.closing_m_s for lag in lags])
         apart = closing.max() / closing.min() >= _APART
@@ -104,9 +119,9 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float) -> TimeOffset:
         design, target = terms * weight[:, None], np.array([g.lag_m for g in lags]) * weight
         solution, *_ = np.linalg.lstsq(design, target, rcond=None)
         delay_s += float(solution[0])
-        if abs(delay_s) > _MOST_S:
+        if abs(delay_s) > MOST_S:
             raise TimeOffsetError(
-                f"no offset within ±{_MOST_S * 1e3:g} ms makes the passes agree; are poses and "
+                f"no offset within ±{MOST_S * 1e3:g} ms makes the passes agree; are poses and "
                 "events of the same clock?"
             )
     # Larger than strips of the image say where the stretches themselves don't agree.
@@ -118,136 +133,18 @@ def estimate_time_offset(scans: Sequence[Scan], depth_m: float) -> TimeOffset:
     return TimeOffset(
         delay_s,
         deviation,
+        0.0,
         float(solution[1]) / 2 if apart else None,
         tuple(float(c) / 2 for c in np.sort(closing)),
         sum(lag.events for lag in lags),
     )
 
 
-@dataclass(frozen=True)
-class _Lag:
-    """How far the forward pass's map lies ahead over a stretch of alike speeds."""
-
-    lag_m: float
-    deviation_m: float
-    closing_m_s: float
-    events: int
-
-
-def _lags(scan: Scan, course: Course, depth_m: float, delay_s: float) -> list[_Lag]:
-    """Lags of a scan's stretches."""
-    forward, back = passes_of(scan, course, depth_m, delay_s)
-    pixel_m = depth_m / scan.camera.fx
-    low = max(forward.along_m.min(), back.along_m.min())
-    high = min(forward.along_m.max(), back.along_m.max())
-    if high - low < LEAST_TRAVEL_M:
-        raise TimeOffsetError(
-            f"the two passes share {max(high - low, 0) * 1e3:.1f} mm of the path, less than "
-            f"{LEAST_TRAVEL_M * 1e3:g} mm: roll back over the same place"
-        )
-    top = min(forward.across_m.min(), back.across_m.min())
-    bottom = max(forward.across_m.max(), back.across_m.max())
-    shape = (int((bottom - top) / (pixel_m * _ROW_PX)) + 1, int((high - low) / pixel_m) + 1)
-    maps = [
-        (
-            _map(forward, on, (low, top), pixel_m, shape),
-            _map(back, not on, (low, top), pixel_m, shape),
-        )
-        for on in (True, False)
-    ]
-    closing = closing_speed(course, low + (np.arange(shape[1]) + 0.5) * pixel_m)
-    counts = np.histogram(
-        np.concatenate([forward.along_m, back.along_m]), shape[1], (low, low + shape[1] * pixel_m)
-    )[0]
-    found = []
-    level = np.floor(np.log(np.maximum(closing, 1e-6)) / np.log(_ALIKE))
-    for k in np.unique(level[closing > 0]):
-        own = level == k
-        events = int(counts[own].sum())
-        if own.sum() * pixel_m < LEAST_TRAVEL_M / 2 or events < 2 * LEAST_EVENTS:
-            continue
-        speed = float(np.average(closing[own], weights=counts[own]))
-        lag = _compare([(a, b * own) for a, b in maps], pixel_m, speed)
-        if lag is not None:
-            found.append(_Lag(*lag, speed, events))
-    if not found:
-        raise TimeOffsetError(
-            "the two passes agree nowhere: too little relief, or an offset beyond "
-            f"±{_MOST_S * 1e3:g} ms"
-        )
-    return found
-
-
-def _compare(
-    maps: list[tuple[F64, F64]], pixel_m: float, closing_m_s: float
-) -> tuple[float, float] | None:
-    """Lag and its standard error, metres; None where the maps don't agree."""
-    shape = maps[0][0].shape
-    reach = min(int(np.ceil(_MOST_S * closing_m_s / pixel_m)) + 8, shape[1] // 2 - 1)
-    total = np.zeros((shape[0], 2 * reach + 1))
-    energy = np.zeros(2)
-    for a, b in maps:
-        energy += (np.square(a)[:, b.any(axis=0)].sum(), np.square(b).sum())
-        total += _correlate(a, b, reach)
-    summed = total.sum(axis=0)
-    best = int(np.argmax(summed))
-    if summed[best] < _LEAST_CORRELATION * np.sqrt(energy.prod()):
-        return None
-    rivals = _tops(summed)
-    rivals = rivals[np.abs(rivals - best) > 5]
-    if len(rivals) and summed[rivals].max() > _MOST_RIVAL * summed[best]:
-        other = int(rivals[np.argmax(summed[rivals])])
-        raise TimeOffsetError(
-            f"the relief repeats: offsets {abs(other - best) * pixel_m / closing_m_s * 1e3:.1f} "
-            "ms apart fit alike; roll over a surface that doesn't repeat"
-        )
-    near = slice(max(best - 4, 0), best + 5)
-    found = []
-    for strip in np.array_split(total, min(_STRIPS, shape[0])):
-        values = strip.sum(axis=0)
-        if values[near].max() > 0.02 * summed[best]:
-            k = near.start + int(np.argmax(values[near]))
-            found.append(k + _between(values, k))
-    scatter = np.std(found, ddof=1) / np.sqrt(len(found)) if len(found) > 1 else 1.0
-    deviation_px = float(np.hypot(scatter, _FINEST_PX))
-    return (best + _between(summed, best) - reach) * pixel_m, deviation_px * pixel_m
-
-
-def _map(
-    one: Pass, on: bool, origin: tuple[float, float], pixel_m: float, shape: tuple[int, int]
-) -> F64:
-    """Events on the surface, shared by the two nearest columns; narrow structures alone."""
-    own = one.on == on
-    x = (one.along_m[own] - origin[0]) / pixel_m
-    row = ((one.across_m[own] - origin[1]) / (pixel_m * _ROW_PX)).astype(np.int64)
-    column = np.floor(x).astype(np.int64)
-    part = x - column
-    counts = np.zeros(shape[0] * shape[1])
-    for k, weight in ((column, 1 - part), (column + 1, part)):
-        good = (k >= 0) & (k < shape[1]) & (row >= 0) & (row < shape[0])
-        counts += np.bincount(row[good] * shape[1] + k[good], weight[good], len(counts))
-    image = np.sqrt(counts.reshape(shape))
-    fine = cv2.GaussianBlur(image, (0, 0), sigmaX=1.5, sigmaY=0.5)
-    return np.asarray(fine - cv2.GaussianBlur(image, (0, 0), sigmaX=_WIDE_PX, sigmaY=0.5))
-
-
-def _correlate(a: F64, b: F64, reach: int) -> F64:
-    """Row by row sum of a(x + lag) · b(x) for lags from -reach to reach."""
-    size = 1 << int(np.ceil(np.log2(a.shape[1] + reach + 1)))
-    product = np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size))
-    all_lags = np.fft.irfft(product, size)
-    return np.asarray(np.concatenate([all_lags[:, -reach:], all_lags[:, : reach + 1]], axis=1))
-
-
-def _tops(values: F64) -> I64:
-    """Places higher than both neighbours."""
-    inner = (values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])
-    return np.flatnonzero(inner) + 1
-
-
-def _between(values: F64, k: int) -> float:
-    """Top of the parabola through a place and its neighbours, from the place."""
-    if not 0 < k < len(values) - 1:
+def _blind_time(scan: Scan) -> float:
+    """Shortest interval between two events of a pixel, seconds; 0 where all are long."""
+    order, same = by_pixel(scan)
+    intervals = np.diff(scan.events.t_ns[order])[same]
+    if not len(intervals):
         return 0.0
-    bend = values[k - 1] - 2 * values[k] + values[k + 1]
-    return float(0.5 * (values[k - 1] - values[k + 1]) / bend) if bend < 0 else 0.0
+    shortest = float(np.quantile(intervals, _NOISE_SHARE)) * 1e-9
+    return shortest if shortest <= _LONGEST_BLIND_S else 0.0

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     record = calibration_record(
         "", args.inputs, scans[0].camera,
         event_delay_s=float(found.delay_s), deviation_s=float(found.deviation_s),
-        speeds_m_s=list(found.speeds_m_s),
+        blind_s=found.blind_s, speeds_m_s=list(found.speeds_m_s),
     )  # fmt: skip
     write(args, "time_offset", lines, {node: delay for node in _NODES}, record)
     return 0
@@ -67,4 +67,9 @@ def _describe(found: TimeOffset) -> list[str]:
         )
     else:
         lines.append(f"events come {found.late_m * 1e6:.0f} µm behind their edges at any speed")
+    if found.blind_s:
+        lines.append(
+            f"a pixel is blind for up to {found.blind_s * 1e3:.2f} ms after an event, a part of "
+            "which may be taken for delay: ± allows for it"
+        )
     return lines
