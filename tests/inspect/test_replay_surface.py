@@ -57,6 +57,18 @@ def test_other_sections_say_what_is_shared(tmp_path: Path) -> None:
     assert (settings.depth_max_m, settings.threads, settings.evidence.sigma_px) == (0.0475, 1, 4.0)
 
 
+def test_inspection_takes_points_as_found_unless_a_file_says_otherwise(tmp_path: Path) -> None:
+    """As the graph does: what its parameter file sets counts more than `inspect:=true`."""
+    file = tmp_path / "p.yaml"
+    for text, averaged in (("{threads: 1}", False), ("{average_flats: true}", True)):
+        file.write_text(f"emvs:\n  ros__parameters: {text}\n")
+        settings = PipelineSettings.load(file).for_inspection()
+        assert settings.depth.average_flats is settings.surface.average_flats is averaged
+    file.write_text("surface:\n  ros__parameters: {average_flats: true}\n")
+    settings = PipelineSettings.load(file).for_inspection()
+    assert (settings.depth.average_flats, settings.surface.average_flats) == (False, True)
+
+
 def test_its_gap_between_poses_counts_where_it_is_the_method(tmp_path: Path) -> None:
     file = tmp_path / "p.yaml"
     file.write_text("surface:\n  ros__parameters: {max_pose_gap_s: 0.02, idle_flush_s: 2.0}\n")

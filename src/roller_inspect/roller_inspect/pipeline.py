@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from roller_braille.braille_stage import BrailleParameters, BrailleStage
 from roller_core.camera import Camera
@@ -24,6 +24,8 @@ from roller_emvs.surface_stage import SurfaceParameters, SurfaceStage
 
 if TYPE_CHECKING:  # what inspects loads scipy
     from .inspect_stage import InspectStage
+
+S = TypeVar("S", EmvsParameters, SurfaceParameters)
 
 #: Settings of the sweep in the surface's frame that the other parts have too.
 _SHARED = frozenset(
@@ -92,10 +94,14 @@ class PipelineSettings:
         """The same with points as they are found: inspection averages them by itself.
 
         It takes noise for what it is by how it goes with scale, which points that follow their
-        neighbours where these agree no longer tell.
+        neighbours where these agree no longer tell. What was set explicitly stays, as in the graph.
         """
-        own = {"average_flats": False}
-        return replace(self, depth=self.depth.changed(own), surface=self.surface.changed(own))
+
+        def as_found(part: S) -> S:
+            own = "average_flats" in part.model_fields_set
+            return part if own else part.changed({"average_flats": False})
+
+        return replace(self, depth=as_found(self.depth), surface=as_found(self.surface))
 
     @property
     def sweeps(self) -> bool:
