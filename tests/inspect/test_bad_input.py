@@ -169,6 +169,21 @@ def assert_kept(output: Path) -> dict[str, Any]:
     return dict(report)
 
 
+def test_input_that_gives_nothing_leaves_the_earlier_result(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    good = write_bag(tmp_path / "good")
+    unknown = Recipe(edit=on(EVENTS, lambda n, m: replace(m, encoding="evt9")))
+    bad = write_bag(tmp_path / "bad", unknown)
+    refuse(tmp_path, capsys, bad, "'evt9'.*more of this kind.$")
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["faults"]
+    assert run(tmp_path, capsys, good)[0] == 0
+    before = {p: p.read_bytes() for p in sorted((tmp_path / "out").rglob("*")) if p.is_file()}
+    refuse(tmp_path, capsys, bad, "'evt9'.*; nothing came of it, so the earlier result in .*out")
+    after = {p: p.read_bytes() for p in sorted((tmp_path / "out").rglob("*")) if p.is_file()}
+    assert after == before
+
+
 def test_truncated_bag(tmp_path: Path, capsys: Capture) -> None:
     source = write_bag(tmp_path / "scan")
     file = source / "scan.mcap"

@@ -140,6 +140,11 @@ class OutputFolder:
         finally:
             self._leave()
 
+    @property
+    def holds_earlier(self) -> bool:
+        """Whether the folder holds what an earlier run of this command made."""
+        return self._command in makers(self.path).values()
+
     def publish(self) -> None:
         """Put what was written in place of what an earlier run made; once only.
 

@@ -6,9 +6,14 @@ import argparse
 import sys
 
 from roller_core.command_help import add_examples
+from roller_core.errors import RollerError
 from roller_core.progress import progress_bar
 
 from .options import add_processing_options, open_input
+
+
+class NothingCameError(RollerError):
+    """Input that gives nothing, where an earlier result would be lost for it."""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -59,6 +64,11 @@ def run(args: argparse.Namespace) -> int:
                 file=sys.stderr,
             )
             raise
+        if report.faults and report.is_empty and output.holds_earlier:
+            raise NothingCameError(
+                f"{report.faults[0]}; nothing came of it, so the earlier result in {args.output} "
+                "stays"
+            )
         if not args.no_picture:
             from roller_inspect.results.overview import draw_overview
 

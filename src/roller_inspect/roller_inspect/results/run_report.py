@@ -74,6 +74,13 @@ class Report:
             lines.append(self._first_fault[kind] + more)
         return lines
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing came of the run: no depth map, no point, no character."""
+        return not any(
+            self.totals[key] for key in ("depth_windows", "surface_points", "braille_cells")
+        )
+
     def window_milliseconds(self) -> dict[str, float]:
         """Median and 95th percentile of the time a window took, ms."""
         spent = [w["milliseconds"]["total"] for w in self.windows if w["milliseconds"]]
