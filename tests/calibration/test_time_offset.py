@@ -20,8 +20,9 @@ from calibration.scans import (
 from emvs.scenes import CAMERA, Motion, track_of
 from roller_bringup.cli import main
 from roller_calibration.bidirectional import TimeOffsetError
+from roller_calibration.commands.time_offset import _describe
 from roller_calibration.recordings import Scan
-from roller_calibration.time_offset import estimate_time_offset
+from roller_calibration.time_offset import TimeOffset, estimate_time_offset
 from roller_core.calibration_file import read_record
 from roller_core.camera import Camera
 from roller_core.events import EventArray
@@ -209,6 +210,14 @@ def test_subcommand_is_the_option_and_carries_parameters_over(
     record = read_record(files[0], "time_offset")
     assert record is not None
     assert record["data"] == ["0.2"]
+
+
+@pytest.mark.parametrize(("fast_m_s", "advised"), [(0.25, False), (0.5, True)])
+def test_a_scan_too_fast_for_its_pixels_is_named(fast_m_s: float, advised: bool) -> None:
+    found = TimeOffset(0.001, 1e-4, 4e-4, 5e-5, (0.1, fast_m_s), 10_000)
+    lines = _describe(found)
+    assert "blind for up to 0.40 ms" in lines[2]
+    assert any("moves by 0.20 mm" in line and "at 0.3 m/s" in line for line in lines) == advised
 
 
 def test_what_to_calibrate_must_be_said(capsys: pytest.CaptureFixture[str]) -> None:

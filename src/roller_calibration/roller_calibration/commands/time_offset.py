@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 #: Nodes that put events together with poses.
 _NODES = ("emvs", "surface", "braille")
+#: How far the surface may move while a pixel is blind, metres: about the grain of a fine texture.
+_FAR_M = 1.2e-4
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -72,4 +74,10 @@ def _describe(found: TimeOffset) -> list[str]:
             f"a pixel is blind for up to {found.blind_s * 1e3:.2f} ms after an event, a part of "
             "which may be taken for delay: ± allows for it"
         )
+        meanwhile_m = found.blind_s * found.speeds_m_s[-1]
+        if meanwhile_m > _FAR_M:
+            lines.append(
+                f"the surface moves by {meanwhile_m * 1e3:.2f} mm meanwhile: take the faster scan "
+                f"at {_FAR_M / found.blind_s:.2g} m/s or less for a better figure"
+            )
     return lines
