@@ -131,6 +131,19 @@ class EdgeDriftSettings(Settings):
         """Whether drift depends on the side that a wall faces, at some speed."""
         return any(self.side_m) or any(self.by_speed_s[TERMS - 1 :: TERMS])
 
+    def under_texture(self) -> EdgeDriftSettings:
+        """Drift of what is printed on the skin: as its contrast tells, not the slope.
+
+        The terms of slope say where on a wall's flank its own shading crosses a threshold. A
+        printed speck lies where it is.
+        """
+        kept = {
+            "coefficients_m": (*self.coefficients_m[:1], 0.0, *self.coefficients_m[2:3], 0.0),
+            "even_m": (0.0, 0.0),
+            "by_speed_s": tuple(v * (k % TERMS in (0, 3)) for k, v in enumerate(self.by_speed_s)),
+        }
+        return self.changed(kept) if self.calibrated else self
+
     def __str__(self) -> str:
         return "calibrated" if self.calibrated else NOT_CALIBRATED
 

@@ -99,6 +99,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         super().__init__(settings, camera, track, PassCutter(settings, camera, track))
         self._cutter.dead_time = DeadTime(camera.width, camera.height)
         self.settings = settings
+        self._drifts = settings.edge_drift, settings.edge_drift.under_texture()
         self.milliseconds: dict[str, float] = {}
         self._pass: tuple[Strip, TravellingLight, PatchEnds, PathError] | None = None
         #: Takes the lines of each block as they were fitted: places in base, shape (n, 3), metres,
@@ -215,7 +216,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
 
     def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
         s, wanted = self.settings, self.on_lines is not None
-        return measured_pixels(field, depths, s.evidence, s.edge_drift, s.threads, wanted)
+        drift = self._drifts[_on_texture(field, depths)]
+        return measured_pixels(field, depths, s.evidence, drift, s.threads, wanted)
 
     def _refined(
         self,
@@ -236,12 +238,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         light, ends, path = self._pass_of(strip)
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
-        # A texture has events and points enough. A part of a grid is cut where there is none.
-        textured = not field.is_part and is_textured(depths)
+        textured = _on_texture(field, depths)  # it has events and points enough
         every = _TEXTURED_EVERY if textured else 1
         found, lines = refine(
-            field, found, lambda polarity: rays(polarity, every), columns, s.edge_drift, light,
-            blind_m, s.threads, as_points=not textured,
+            field, found, lambda polarity: rays(polarity, every), columns, self._drifts[textured],
+            light, blind_m, s.threads, as_points=not textured,
         )  # fmt: skip
         if textured and not ends.known:
             for polarity, surface, places in _by_polarity(found, lines):
@@ -286,6 +287,11 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""
         low, high = strip.slopes_seen(x)
         return np.asarray((high - low) * strip.middle_m >= self.settings.min_aperture_m)
+
+
+def _on_texture(field: EvidenceField, depths: list[Depths]) -> bool:
+    """Whether a block is textured; a part of a grid is cut where there is no texture."""
+    return not field.is_part and is_textured(depths)
 
 
 def _by_polarity(found: Relief, lines: LinePoints) -> Iterator[tuple[int, F32, Places]]:

@@ -1,0 +1,78 @@
+"""What is printed on the skin lies where it is: the slope tells nothing of its drift."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emvs.textured_scans import steady, swept_points
+from roller_core.parameter_files import read_parameters
+from roller_emvs.depth_map import DepthMap
+from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.lines.edge_drift import TERMS, EdgeDriftSettings, edge_drift
+from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
+from roller_emvs.pipeline import DepthPipeline
+from roller_evaluation.plate_surface import seen_area
+from roller_sim.presets import COATINGS
+from simulated_scans import Scans, SimulatedScan
+
+CALIBRATION = Path(__file__).parents[2] / "config" / "virtual_cell_ring.yaml"
+
+
+@pytest.fixture(scope="module")
+def drift() -> EdgeDriftSettings:
+    """The virtual ring's, by speed."""
+    found = SurfaceSettings.create(
+        {"edge_drift": read_parameters(CALIBRATION, "surface")["edge_drift"]}
+    )
+    return found.edge_drift
+
+
+@pytest.fixture
+def scan(scans: Scans) -> SimulatedScan:
+    scene = {"margin_mm": 2.0, "step_mm": 0.03, "defects": 4, "defect_kinds": ["dent"]}
+    return scans.scan("defects", scene=scene, camera={"height": 96}, **COATINGS["textured"])
+
+
+def with_more_by_slope(drift: EdgeDriftSettings) -> EdgeDriftSettings:
+    off, _, on, _ = drift.coefficients_m
+    return drift.changed({"coefficients_m": (off, 2e-4, on, -2e-4), "even_m": (1e-4, 1e-4)})
+
+
+@pytest.mark.parametrize("polarity", [0, 1])
+def test_slopes_tell_nothing(drift: EdgeDriftSettings, polarity: int) -> None:
+    full = with_more_by_slope(drift).changed({"side_m": (5e-5, 5e-5)})
+    slope, change = np.linspace(-0.8, 0.8, 9), np.linspace(0.3, -0.3, 9)
+    side = np.linspace(-1, 1, 9)
+    expected = full.coefficients_m[2 * polarity] * change + full.side_m[polarity] * side
+    for speed_m_s in (0.1, 0.3, 0.5):
+        height, _ = edge_drift(full.under_texture(), polarity, slope, change, side, speed_m_s)
+        np.testing.assert_allclose(height, expected, atol=1e-9)
+    assert any(full.by_speed_s[1::TERMS])
+    bare = EdgeDriftSettings.create({})
+    assert bare.under_texture() == bare
+
+
+def test_surface_takes_no_drift_by_slope_out(scan: SimulatedScan, drift: EdgeDriftSettings) -> None:
+    found = []
+    for own in (drift, with_more_by_slope(drift)):
+        settings = SurfaceSettings.create({}).changed({"edge_drift": own.model_dump()})
+        points = swept_points(SurfaceSweep(settings, scan.camera, scan.track), scan)
+        # The first and the last rows were seen too shortly to show their texture.
+        found.append(points[seen_area(scan).contains(*points[:, :2].T)])
+    np.testing.assert_array_equal(*found)
+    assert len(found[0]) > 1000
+
+
+def test_focus_takes_no_drift_by_slope_out(scan: SimulatedScan, drift: EdgeDriftSettings) -> None:
+    found = []
+    for own in (drift, with_more_by_slope(drift)):
+        settings = DepthSettings.create({"method": "focus"}).changed(
+            {"edge_drift": own.model_dump()}
+        )
+        pipeline = DepthPipeline(settings, scan.camera, scan.track)
+        pipeline.add_events(steady(scan))
+        found.append([m.depth for m in pipeline.results(flush=True) if isinstance(m, DepthMap)])
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert found[0]
