@@ -65,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
             )
             raise
         if report.faults and report.is_empty and output.holds_earlier:
+            for line in report.faults[1:]:
+                print(f"error: {line}", file=sys.stderr)
             raise NothingCameError(
                 f"{report.faults[0]}; nothing came of it, so the earlier result in {args.output} "
                 "stays"
