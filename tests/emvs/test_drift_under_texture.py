@@ -9,6 +9,8 @@ from emvs.textured_scans import steady, swept_points
 from roller_core.parameter_files import read_parameters
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.evidence.surface_slope import evened_changes
+from roller_emvs.evidence.sweep import Depths
 from roller_emvs.lines.edge_drift import TERMS, EdgeDriftSettings, edge_drift
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
@@ -51,6 +53,20 @@ def test_slopes_tell_nothing(drift: EdgeDriftSettings, polarity: int) -> None:
     assert any(full.by_speed_s[1::TERMS])
     bare = EdgeDriftSettings.create({})
     assert bare.under_texture() == bare
+
+
+def test_specks_around_tell_one_change_of_contrast() -> None:
+    rng, shape = np.random.default_rng(2), (40, 60)
+    change = (0.4 + rng.normal(0, 0.3, shape)).astype(np.float32)
+    offset = np.where(rng.random(shape) < 0.6, 0, np.nan).astype(np.float32)
+    told = change[np.isfinite(offset)].mean()
+    change[np.isnan(offset)] = 9.0  # of cells without a depth nothing counts
+    one, other = (Depths(offset, offset, offset, 0, 0, sign * change) for sign in (1, -1))
+    for sign, found in zip((1, -1), evened_changes([one, other]), strict=True):
+        inner = sign * found.change[8:-8, 8:-8]
+        assert inner.mean() == pytest.approx(told, abs=0.01)
+        assert inner.std() < 0.06
+        np.testing.assert_array_equal(found.offset, offset)
 
 
 def test_surface_takes_no_drift_by_slope_out(scan: SimulatedScan, drift: EdgeDriftSettings) -> None:

@@ -22,6 +22,7 @@ from .surface_slope import (
     RESOLUTION_PX,
     SLOPE_SIGMA_PX,
     STILL_SIGMA_PX,
+    evened_changes,
     surface_fit,
     surface_slope,
     wall_side,
@@ -112,6 +113,7 @@ def measured_pixels(
     threads: int = 1,
     sides: bool = False,
     surfaces: bool = True,
+    textured: bool = False,
 ) -> Relief:
     """Pixels on which events of one polarity gather, and the surface there.
 
@@ -131,15 +133,20 @@ def measured_pixels(
         Whether `side` is wanted though the drift doesn't depend on it.
     surfaces : bool
         Whether `surfaces`, `changes` and `side` are wanted of the whole grid, not of a part of it.
+    textured : bool
+        Whether the edges are a texture's, see `is_textured`, whose drift the slope doesn't tell.
     """
     if not any(np.isfinite(found.offset).any() for found in depths):
         return _nothing(field)
+    if textured and drift.calibrated:
+        drift = drift.under_texture()
     depths = [without_islands(field, found) for found in depths]
     cut = field.cut_around(_near(depths), _REACH)
     if cut is None:
-        return _measured(field, depths, settings, drift, threads, sides)
+        return _measured(field, depths, settings, drift, threads, sides, textured)
     part, box = cut
-    found = _measured(part, [each.cut(box) for each in depths], settings, drift, threads, sides)
+    own = [each.cut(box) for each in depths]
+    found = _measured(part, own, settings, drift, threads, sides, textured)
     return found.put(field, box, surfaces)
 
 
@@ -158,7 +165,9 @@ def _measured(
     drift: EdgeDriftSettings,
     threads: int,
     sides: bool,
+    textured: bool,
 ) -> Relief:
+    changes = tuple(found.change for found in depths)
     px_per_offset = max(field.aperture, 1e-12)
     sigma_px = SLOPE_SIGMA_PX if drift.corrects else STILL_SIGMA_PX
     fit, slope = surface_slope(field, depths, threads, not drift.calibrated, sigma_px)
@@ -166,7 +175,8 @@ def _measured(
     if sides or drift.sided:
         side = wall_side(depths)
     if drift.calibrated:
-        depths, unsure = without_drift(field, depths, slope, side, drift)
+        own = evened_changes(depths) if textured else depths
+        depths, unsure = without_drift(field, own, slope, side, drift)
         fit = surface_fit(field, depths, sigma_px, threads, like=fit)
     nowhere = np.float32(np.nan)
     cells = [np.where(np.isfinite(found.offset), fit.offset, nowhere) for found in depths]
@@ -210,7 +220,6 @@ def _measured(
     agreed = np.ones(len(sigma), np.float32)
     if not drift.sided:  # by its side both polarities of a wall drift alike
         agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)
-    changes = tuple(found.change for found in depths)
     heights = offset.astype(np.float64)
     return Relief(
         row, column, heights, sure, sigma, agreed, one_sided, tuple(surfaces), changes, side

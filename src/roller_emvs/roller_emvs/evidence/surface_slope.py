@@ -26,6 +26,9 @@ RESOLUTION_PX = 1.0
 #: Neighbourhood of cells that face one side, and mean change of contrast at which that counts in
 #: full.
 _SIDE_CELLS, _SIDE_CHANGE = 1.5, 0.3
+#: Neighbourhood of cells whose specks tell one change of contrast. Tuned on the virtual cell's
+#: ring: with 1.5 to 6 plates err by 2 to 4 % less than cell by cell, flanks by up to 7 %.
+_SPECK_CELLS = 3.0
 
 
 def surface_slope(
@@ -65,6 +68,17 @@ def wall_side(depths: list[Depths]) -> F32:
     change = [np.where(k > 0, own.change, 0) for k, own in zip(known, depths, strict=True)]
     sums = blurred(np.stack([sum(change), sum(known)]), _SIDE_CELLS)
     return np.tanh(sums[0] / np.maximum(_SIDE_CHANGE * sums[1], np.float32(1e-9)))
+
+
+def evened_changes(depths: list[Depths]) -> list[Depths]:
+    """Depths of a texture, with the mean change of contrast of the specks around, by polarity."""
+    found = []
+    for own in depths:
+        known = np.isfinite(own.offset)
+        sums = np.stack([np.where(known, own.change, 0), known]).astype(np.float32)
+        total, count = blurred(sums, _SPECK_CELLS)
+        found.append(replace(own, change=total / np.maximum(count, np.float32(1e-9))))
+    return found
 
 
 def without_drift(

@@ -142,10 +142,10 @@ def _points(
     with_lines = not textured and spread**2 / 12 >= LEAST_VARIANCE
     look = textured and ends is not None and not ends.known and not seen.turned
     with watch("points"):
-        drift = s.edge_drift.under_texture() if textured else s.edge_drift
         found = measured_pixels(
-            field, depths, s.focus, drift, s.threads, surfaces=with_lines or look
-        )
+            field, depths, s.focus, s.edge_drift, s.threads, surfaces=with_lines or look,
+            textured=textured,
+        )  # fmt: skip
         if look and ends is not None:
             _look_for(ends, seen, found, s.threads)
     if textured and s.average_flats:

@@ -216,8 +216,10 @@ class SurfaceSweep(DepthEngine[PassCutter]):
 
     def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
         s, wanted = self.settings, self.on_lines is not None
-        drift = self._drifts[_on_texture(field, depths)]
-        return measured_pixels(field, depths, s.evidence, drift, s.threads, wanted)
+        return measured_pixels(
+            field, depths, s.evidence, s.edge_drift, s.threads, wanted,
+            textured=_on_texture(field, depths),
+        )  # fmt: skip
 
     def _refined(
         self,
