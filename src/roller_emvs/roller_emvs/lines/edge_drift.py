@@ -137,12 +137,15 @@ class EdgeDriftSettings(Settings):
         The terms of slope say where on a wall's flank its own shading crosses a threshold. A
         printed speck lies where it is.
         """
+        if not self.calibrated:
+            return self
+        off, _, on, _ = self.coefficients_m
         kept = {
-            "coefficients_m": (*self.coefficients_m[:1], 0.0, *self.coefficients_m[2:3], 0.0),
+            "coefficients_m": (off, 0.0, on, 0.0),
             "even_m": (0.0, 0.0),
             "by_speed_s": tuple(v * (k % TERMS in (0, 3)) for k, v in enumerate(self.by_speed_s)),
         }
-        return self.changed(kept) if self.calibrated else self
+        return self.changed(kept)
 
     def __str__(self) -> str:
         return "calibrated" if self.calibrated else NOT_CALIBRATED
