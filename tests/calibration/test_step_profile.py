@@ -1,7 +1,5 @@
 """Steps in a cloud of points, by the walls that lines show."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -9,6 +7,7 @@ from calibration.made_up_gauges import SCAN, SETTINGS, STEP_M
 from roller_calibration import reached
 from roller_calibration.reached import GaugeError, on_steps
 from roller_emvs.lines.line_points import LinePoints
+from roller_emvs.methods.surface import SurfacePatch
 
 TREAD_M, WALL_M, NOISE_M = 1.1e-3, 4.5e-4, 2e-5
 #: Five steps up, four down, and where the first of them is.
@@ -42,7 +41,8 @@ def made_up_pass(monkeypatch: pytest.MonkeyPatch, lines: np.ndarray, seed: int =
         none, none, none, lines[:, 3].astype(int), lines[:, 4], none, none, none,
         np.full(n, 3e-5), none, none + 0.25,
     )  # fmt: skip
-    patch = SimpleNamespace(points=points, sigma=np.full(len(x), NOISE_M))
+    sigma = np.full(len(x), NOISE_M, np.float32)
+    patch = SurfacePatch(points, sigma, sigma, sigma)
     axes = np.diag([1.0, 1.0, -1.0])
     monkeypatch.setattr(reached, "swept", lambda *_: ([patch], [(lines[:, :3], axes, every)]))
 

@@ -93,8 +93,10 @@ def accepted_radii(
     return seeming_radii(radius_m, reached.within_m, _FALL_M[light, calibrated])
 
 
-def promised(gauge: str, scan: Scan, light: str) -> Reached:
+def promised(gauge: str, scan: Scan, light: str, printed: bool = False) -> Reached:
     """What the virtual cell reaches on its own gauge with the scan's camera and speed.
+
+    Under a printed skin if the scan's is.
 
     Raises
     ------
@@ -102,11 +104,11 @@ def promised(gauge: str, scan: Scan, light: str) -> Reached:
         If the virtual cell doesn't show its gauge to this camera.
     """
     camera, own = scan.camera, PROMISES[gauge]
-    lit = LIGHTS[light]
+    lit, coating = LIGHTS[light], "textured" if printed else own.coating
     settings = VirtualCellSettings.create(
         {
             **lit,
-            "light": {**lit.get("light", {}), **COATINGS[own.coating].get("light", {})},
+            "light": {**lit.get("light", {}), **COATINGS[coating].get("light", {})},
             "scene": {"name": own.scene},
             "motion": {"speed": round(max(rolling_speed_m_s(scan.track), 0.02), 3)},
             "camera": {

@@ -31,7 +31,8 @@ class PassLines:
 
     `cloud` are the points in base of all passes of the recording; `kind` says whether lines are
     lines, or depths of neighbourhoods in their place; `travel` how fast the density of events
-    changes along the crossing, at the median of what is on slopes.
+    changes along the crossing, at the median of what is on slopes; `printed` whether edges lie
+    everywhere, as under a printed skin.
     """
 
     place: F64
@@ -40,10 +41,13 @@ class PassLines:
     axes: F64
     kind: str = "lines"
     travel: float = 0.0
+    printed: bool = False
 
 
 def pass_lines(scan: Scan, settings: SurfaceSettings) -> Iterator[list[PassLines]]:
     """Lines of a recording's passes, without a correction, then depths: to, or to and fro.
+
+    Under a printed skin depths come first.
 
     Raises
     ------
@@ -56,8 +60,11 @@ def pass_lines(scan: Scan, settings: SurfaceSettings) -> Iterator[list[PassLines
     cloud = np.concatenate([np.empty((0, 3)), *(patch.points for patch in patches)])
     # Depths are of several edges, whose changes cancel: lines say more, if there are any.
     travel = _travel(lines or depths)
-    for kind, found in (("lines", lines), ("depths", depths)):
-        passes = passes_of(scan.name, found, kind, cloud, travel)
+    printed = is_printed(patches)
+    kinds = [("lines", lines), ("depths", depths)]
+    # Under a printed skin lines are of specks, and the surface is measured by their depths.
+    for kind, found in reversed(kinds) if printed else kinds:
+        passes = passes_of(scan.name, found, kind, cloud, travel, printed)
         if passes:
             yield passes
 
@@ -84,6 +91,12 @@ def swept(
     return [r for r in results if isinstance(r, SurfacePatch) and len(r)], lines
 
 
+def is_printed(patches: list[SurfacePatch]) -> bool:
+    """Whether most of a surface's points are of blocks whose edges lie everywhere."""
+    printed = sum(len(patch) for patch in patches if patch.textured)
+    return 2 * printed > sum(map(len, patches))
+
+
 def _travel(found: Found) -> float:
     """Median change of the events' density on slopes; 0 without any."""
     lean = [np.abs(own.lean[np.abs(own.slope) > WALL_SLOPE]) for _, _, own in found]
@@ -92,7 +105,12 @@ def _travel(found: Found) -> float:
 
 
 def passes_of(
-    name: str, found: Found, kind: str = "lines", cloud: F64 | None = None, travel: float = 0.0
+    name: str,
+    found: Found,
+    kind: str = "lines",
+    cloud: F64 | None = None,
+    travel: float = 0.0,
+    printed: bool = False,
 ) -> list[PassLines]:
     """What was found by pass.
 
@@ -122,5 +140,5 @@ def passes_of(
             }
         )
         place = np.concatenate([place for place, _, _ in own]) @ towards
-        passes.append(PassLines(place, lines, cloud, towards, kind, travel))
+        passes.append(PassLines(place, lines, cloud, towards, kind, travel, printed))
     return passes

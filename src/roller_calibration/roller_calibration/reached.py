@@ -14,10 +14,10 @@ from roller_emvs.methods.surface import SurfaceSettings
 from .dome_candidates import cell_medians
 from .flat import CELL_M, find_plate
 from .gauge import LEAST_LINES, OTHER_SIZE
-from .pass_lines import WALL_SLOPE, Found, passes_of, swept
+from .pass_lines import WALL_SLOPE, Found, is_printed, passes_of, swept
 from .recordings import Scan
 from .sphere import find_sphere
-from .step_profile import find_profile
+from .step_profile import find_profile, printed_profile
 
 #: Cells in which it is counted what of a sphere was seen, by its radius; of a wall, and of a plane,
 #: m.
@@ -48,15 +48,29 @@ class Reached:
     #: Of a sphere the radius that fits it, and how far from the top points tell it, metres.
     radius_m: float | None = None
     within_m: float | None = None
+    #: Whether the skin's texture shows, so that edges lie everywhere.
+    printed: bool = False
 
 
-def _sweep(scan: Scan, settings: SurfaceSettings) -> tuple[F64, F64, Found]:
-    """Points in base with their uncertainty, and the lines that they were found by."""
-    found, lines = swept(scan, settings)
+@dataclass(frozen=True)
+class _Swept:
+    """Points in base with their uncertainty, and what they were found by."""
+
+    points: F64
+    sigma: F64
+    lines: Found
+    depths: Found
+    printed: bool
+
+
+def _sweep(scan: Scan, settings: SurfaceSettings) -> _Swept:
+    depths: Found = []
+    found, lines = swept(scan, settings, depths)
     if not found:
         raise GaugeError(f"{scan.name}: no points at all")
     points = np.concatenate([patch.points for patch in found])
-    return points, np.concatenate([patch.sigma for patch in found]), lines
+    sigma = np.concatenate([patch.sigma for patch in found])
+    return _Swept(points, sigma, lines, depths, is_printed(found))
 
 
 def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached:
@@ -67,7 +81,8 @@ def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached
     RollerError
         If there is no such sphere in view.
     """
-    points, sigma, _ = _sweep(scan, settings)
+    found = _sweep(scan, settings)
+    points, sigma = found.points, found.sigma
     # How far off its radius may be, light decides: see `acceptance`.
     sphere = find_sphere(points, -_middle_pose(scan)[:3, 2], radius_m, OTHER_SIZE)
     away = points - sphere.centre_m
@@ -81,7 +96,7 @@ def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached
     circle = np.pi * (sphere.contact_radius_m / step) ** 2
     seen = _cells(across[inside] @ plane.T, step) / circle
     fitted_m = sphere.fitted_radius_m
-    reached = _reached(error, sigma[inside], abs(fitted_m - radius_m), seen)
+    reached = _reached(error, sigma[inside], abs(fitted_m - radius_m), seen, found.printed)
     return replace(reached, radius_m=fitted_m, within_m=sphere.fitted_within_m)
 
 
@@ -96,16 +111,23 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
     RollerError
         If there are no such steps in view.
     """
-    points, sigma, lines = _sweep(scan, settings)
-    passes = passes_of(scan.name, lines)
+    found = _sweep(scan, settings)
+    points, sigma = found.points, found.sigma
+    passes = passes_of(scan.name, found.lines)
     steep = np.abs(passes[0].lines.slope) > WALL_SLOPE if passes else np.zeros(0, bool)
     if steep.sum() < LEAST_LINES:
         raise GaugeError(
             f"{scan.name}: {int(steep.sum())} lines on slopes along the roll, fewer than "
             f"{LEAST_LINES}: no steps in view"
         )
-    local = points @ passes[0].axes
-    profile = find_profile(passes[0], local, step_m)
+    axes = passes[0].axes
+    local = points @ axes
+    if found.printed:
+        places = np.concatenate([place for place, _, _ in found.depths]) @ axes
+        sigma_m = np.concatenate([own.sigma_m for _, _, own in found.depths])
+        profile = printed_profile(places, sigma_m, local, step_m)
+    else:
+        profile = find_profile(passes[0], local, step_m)
     if profile is None:
         raise GaugeError(f"{scan.name}: no walls of steps across the roll, or a single one")
     count, fitted_m, near, on = profile.count, profile.fitted_m, profile.near, profile.on
@@ -122,7 +144,7 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
     y = local[near, 1] / _WALL_CELL_M
     seen = _cells(np.column_stack([profile.nearest, y])[on], 1.0)
     share = seen / (count * np.ptp(np.quantile(y, [0.02, 0.98])))
-    return _reached(profile.error_m, sigma[near], abs(fitted_m - step_m), share)
+    return _reached(profile.error_m, sigma[near], abs(fitted_m - step_m), share, found.printed)
 
 
 def on_plane(scan: Scan, settings: SurfaceSettings, _size_m: float = 0.0) -> Reached:
@@ -133,7 +155,8 @@ def on_plane(scan: Scan, settings: SurfaceSettings, _size_m: float = 0.0) -> Rea
     RollerError
         If what is in view is not flat.
     """
-    points, sigma, _ = _sweep(scan, settings)
+    found = _sweep(scan, settings)
+    points, sigma = found.points, found.sigma
     pose = _middle_pose(scan)
     plate = find_plate(points, pose, scan.camera)
     local = (points - pose[:3, 3]) @ pose[:3, :3]
@@ -143,7 +166,7 @@ def on_plane(scan: Scan, settings: SurfaceSettings, _size_m: float = 0.0) -> Rea
     rest = 0.5 * (1 - _FLAT_SHARE)
     flatness = float(np.ptp(np.quantile(cells, [rest, 1 - rest])))
     seen = _cells(local[:, :2], _FINE_M) / (len(cells) * (CELL_M / _FINE_M) ** 2)
-    return _reached(np.abs(error), sigma, flatness, seen)
+    return _reached(np.abs(error), sigma, flatness, seen, found.printed)
 
 
 @dataclass(frozen=True)
@@ -172,6 +195,6 @@ def _cells(places: F64, step: float) -> int:
     return len(np.unique(np.floor(places / step).astype(np.int64), axis=0))
 
 
-def _reached(error: F64, sigma: F64, form_m: float, seen: float) -> Reached:
-    within = float((error <= 2 * sigma).mean())
-    return Reached(float(error.mean()), float(form_m), min(float(seen), 1.0), within, len(error))
+def _reached(error: F64, sigma: F64, form_m: float, seen: float, printed: bool) -> Reached:
+    within, mean = float((error <= 2 * sigma).mean()), float(error.mean())
+    return Reached(mean, float(form_m), min(float(seen), 1.0), within, len(error), printed=printed)

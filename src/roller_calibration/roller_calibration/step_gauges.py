@@ -20,6 +20,7 @@ from .gauge import (
     take,
 )
 from .pass_lines import WALL_SLOPE, EdgeDriftError, PassLines
+from .printed_steps import find_printed_steps
 from .recordings import Scan
 from .step_walls import I64, LEAST_WALLS, find_walls, parts_by_kind, rising_walls, step_height
 
@@ -36,6 +37,8 @@ _STRAY = 2.5
 _SCATTER_M, _LEAST_ON_WALL = 7.5e-5, 20
 #: Share by which other lines on walls have to be more than those before to be taken.
 _MANY = 1.5
+#: So near to the middle of its wall is what a printed skin shows on it, by the steps' height.
+_ON_PRINTED = 0.6
 #: Walls of a kind that differ by more, in steps, are numbered wrong: one between them is missing.
 _APART = 0.3
 #: Steps whose foot is found so near to the nominal surface stand on it, and how surely they do, m.
@@ -56,6 +59,8 @@ class _Walls:
     change: F64
     #: Height of each wall's middle, in steps. Shape (walls,).
     middle: F64
+    #: How far over its wall's middle each kind lies, in steps. Shape (4,).
+    part: F64
     #: Height of a step, as found.
     step_m: float
 
@@ -77,6 +82,8 @@ def steps_gauges(scan: Scan, settings: SurfaceSettings, step_m: float) -> list[G
 
 def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) -> Gauge:
     steep, polarity = np.abs(found.lines.slope) > WALL_SLOPE, found.lines.polarity
+    if found.printed:
+        return _on_walls(name, found, np.ones_like(steep), step_m, surface_z_m)[0]
     # A wall that one line alone shows, or that drift levels, seems to have no slope. And one
     # polarity may gather between walls: as many must go up as go down.
     best: Gauge | None = None
@@ -101,12 +108,11 @@ def _on_walls(
     name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float, surface_z_m: float
 ) -> tuple[Gauge, bool]:
     """Errors of some of the lines, and whether as many walls rise as fall."""
-    walls = _find_walls(name, found, steep, step_m)
+    find = _printed_walls if found.printed else _find_walls
+    walls = find(name, found, steep, step_m)
     on = walls.number >= 0
     lines, at, kind = take(take(found.lines, steep), on), walls.number[on], walls.kind[on]
-    # A wall's foot and its top show in a polarity each, or both in both.
-    part = parts_by_kind(walls.across, walls.number, walls.kind, walls.change > 0)[kind]
-    level = step_m * (walls.middle[at] + part)
+    level = step_m * (walls.middle[at] + walls.part[kind])
     # Steps that begin at the height of the nominal surface stand on it; on others the height of
     # all is not known.
     base = found.place[steep][on] @ found.axes.T
@@ -175,7 +181,34 @@ def _find_walls(name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_
             f"{name}: {count} walls fit steps of {0.5e3 * step_m:g} mm better than of "
             f"{step_m * 1e3:g} mm; check --step-mm"
         )
-    return _Walls(wall, kind, across, change, middle, fitted_m)
+    # A wall's foot and its top show in a polarity each, or both in both.
+    part = parts_by_kind(across, wall, kind, rising)
+    return _Walls(wall, kind, across, change, middle, part, fitted_m)
+
+
+def _printed_walls(
+    name: str, found: PassLines, _which: npt.NDArray[np.bool_], step_m: float
+) -> _Walls:
+    """The same under a printed skin, whose specks show all of a wall in both polarities.
+
+    Raises
+    ------
+    EdgeDriftError
+        If there are too few walls, or their heights are not those of steps of the given one.
+    """
+    steps = find_printed_steps(found.place, found.lines.sigma_m, step_m)
+    if steps is None or len(steps.at_m) < LEAST_WALLS:
+        raise EdgeDriftError(f"{name}: fewer than {LEAST_WALLS} walls of steps across the roll")
+    if not abs(steps.step_m / step_m - 1) < _STEP_TOLERANCE["lines"]:
+        raise OtherGaugeError(
+            f"{name}: {len(steps.at_m)} walls fit steps of {steps.step_m * 1e3:.3f} mm, not "
+            f"{step_m * 1e3:g} mm; check --step-mm, and that all steps are equal"
+        )
+    across, on = steps.places(found.place)
+    wall, off = steps.nearest(across)
+    number = np.where(on & (np.abs(off) < _ON_PRINTED * step_m), wall, -1)
+    kind = 2 * found.lines.polarity + (steps.change[wall] < 0)
+    return _Walls(number, kind, across, steps.change, steps.middle, np.zeros(4), steps.step_m)
 
 
 def _near_their_walls(

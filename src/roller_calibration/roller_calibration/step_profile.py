@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from roller_core.transforms import F64
 
 from .pass_lines import WALL_SLOPE, PassLines
+from .printed_steps import find_printed_steps
 from .step_walls import LEAST_WALLS, find_walls, step_height, wall_levels
 
 #: So near to a wall of steps any height of it is right, m; and so far along the roll a step is
@@ -62,6 +63,19 @@ def find_profile(found: PassLines, points: F64, step_m: float) -> StepProfile | 
     return best
 
 
+def printed_profile(places: F64, sigma_m: F64, points: F64, step_m: float) -> StepProfile | None:
+    """The same under a printed skin, by the profile of the depths of neighbourhoods.
+
+    See `find_printed_steps`.
+    """
+    steps = find_printed_steps(places, sigma_m, step_m)
+    if steps is None or len(steps.at_m) < LEAST_WALLS:
+        return None
+    across, on = steps.places(points)
+    profile = _of_walls(across, on, points[:, 2], steps.at_m, steps.change, step_m)
+    return replace(profile, fitted_m=steps.step_m)
+
+
 def _of_lines(
     found: PassLines, which: npt.NDArray[np.bool_], points: F64, step_m: float
 ) -> StepProfile | None:
@@ -76,11 +90,19 @@ def _of_lines(
     # The walls' own axes: how `across` goes with x and y.
     turn = np.linalg.lstsq(np.column_stack([x, y, np.ones_like(x)]), across, rcond=None)[0]
     u = points[:, :2] @ turn[:2] + turn[2]
-    away = u[:, None] - at
+    return _of_walls(u, np.ones(len(u), np.bool_), points[:, 2], at, change, step_m)
+
+
+def _of_walls(
+    across: F64, of_steps: npt.NDArray[np.bool_], height: F64, at: F64, change: F64, step_m: float
+) -> StepProfile:
+    """The profile of walls at places across them, and how points of the steps fit it."""
+    count = len(at)
+    away = across[:, None] - at
     nearest = np.abs(away).argmin(axis=1)
-    off = away[np.arange(len(u)), nearest]
-    near = np.abs(off) < _NEAR_WALL_M
-    height, nearest, off = points[near, 2], nearest[near], off[near]
+    off = away[np.arange(len(across)), nearest]
+    near = of_steps & (np.abs(off) < _NEAR_WALL_M)
+    height, nearest, off = height[near], nearest[near], off[near]
     on = np.abs(off) < _ON_WALL_M
     levels = np.array(
         [

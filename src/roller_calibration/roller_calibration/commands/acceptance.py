@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
                 continue
             scan = read_scan(bag, args, settings.max_pose_gap_s)
             reached = GAUGES[name].measure(scan, settings, size_m)
-            promise = promised(name, scan, args.light)
+            promise = promised(name, scan, args.light, reached.printed)
             calibrated = settings.edge_drift.calibrated
             least = limits(name, promise, accepted_radii(size_m, reached, args.light, calibrated))
             short += shortfalls(name, reached, least)
@@ -151,6 +151,7 @@ def _rows(name: str, gauge: dict[str, Any]) -> str:
     from roller_calibration.reached import GAUGES
 
     size = f", {gauge['size_m'] * 1e3:g} mm" if gauge["size_m"] else ""
+    size += ", printed skin" if gauge["reached"]["printed"] else ""
     rows = f'<tr><th colspan="4">{name}{size}</th></tr>\n'
     form = (GAUGES[name].form, "form_m", 1e6, " µm", "≤ ")
     if (radii := gauge["limits"]["radius_m"]) is not None:
@@ -199,7 +200,7 @@ def _page(certificate: dict[str, Any]) -> str:
         f'<p><b class="{mark}">{certificate["verdict"].upper()}</b></p><ul>{reasons}</ul>'
         "<table><tr><th></th><th>this cell</th><th>limit</th><th>virtual cell</th></tr>\n"
         f"{rows}</table><p>The virtual cell's own gauges, with this camera and speed and without a "
-        "calibration; its plate under a printed skin.</p>"
+        "calibration; under a printed skin where this cell's is, and its plate always.</p>"
         "<p>* Edges that drift bend a sphere, and no radius is measured more surely than they let "
         "it: one within the limit may be wrong by as much as that is wide. The virtual cell's "
         "sphere has 4 mm.</p>"

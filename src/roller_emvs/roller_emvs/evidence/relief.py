@@ -70,6 +70,8 @@ class Relief:
     changes: tuple[F32, ...]
     #: Of the cells, see `wall_side`; 0 where nothing asks for it. Shape (rows, columns).
     side: F32
+    #: Whether its edges are a texture's, see `is_textured`.
+    textured: bool = False
 
     def whole(self) -> Relief:
         """The same with `one_sided` in `sigma`, once lines have moved the points."""
@@ -143,11 +145,12 @@ def measured_pixels(
     depths = [without_islands(field, found) for found in depths]
     cut = field.cut_around(_near(depths), _REACH)
     if cut is None:
-        return _measured(field, depths, settings, drift, threads, sides, textured)
+        found = _measured(field, depths, settings, drift, threads, sides, textured)
+        return replace(found, textured=textured)
     part, box = cut
     own = [each.cut(box) for each in depths]
     found = _measured(part, own, settings, drift, threads, sides, textured)
-    return found.put(field, box, surfaces)
+    return replace(found, textured=textured).put(field, box, surfaces)
 
 
 def _near(depths: list[Depths]) -> Mask:

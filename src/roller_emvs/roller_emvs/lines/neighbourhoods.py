@@ -6,14 +6,14 @@ import numpy as np
 
 from roller_emvs.evidence import CELL_PX, Depths, EvidenceField
 from roller_emvs.evidence.slope_statistics import slope_statistics
-from roller_emvs.evidence.surface_slope import surface_slope, wall_side
+from roller_emvs.evidence.surface_slope import evened_changes, surface_slope, wall_side
 from roller_emvs.evidence.uncertainty import point_sigma, seen_around
 
 from .line_points import LinePoints
 
 
 def depth_points(
-    field: EvidenceField, depths: list[Depths], columns: tuple[int, int]
+    field: EvidenceField, depths: list[Depths], columns: tuple[int, int], textured: bool = False
 ) -> LinePoints:
     """Depths of the cells of both polarities, each where its evidence lies.
 
@@ -25,9 +25,12 @@ def depth_points(
         Of OFF and of ON events, drift and all.
     columns : tuple of int
         First column in which they are wanted, and the one after the last.
+    textured : bool
+        Whether the edges are a texture's: their change of contrast is that of those around.
     """
     fit, slopes = surface_slope(field, depths)
     side, around = wall_side(depths), seen_around(depths)
+    depths = evened_changes(depths) if textured else depths
     scale = field.ray_slope_scale
     low, high = field.slopes * scale
     middle, variance = 0.5 * (low + high), np.maximum((high - low) ** 2 / 12, 1e-12)

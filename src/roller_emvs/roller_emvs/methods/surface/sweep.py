@@ -68,6 +68,8 @@ class SurfacePatch(Patch):
     cpu_ms: float = 0.0
     #: The same by stage.
     stage_cpu_ms: dict[str, float] = field(default_factory=dict)
+    #: Whether edges lie everywhere, as under a printed skin.
+    textured: bool = False
 
     @property
     def stamp_ns(self) -> int:
@@ -174,6 +176,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             {k: round(v, 3) for k, v in watch.milliseconds.items()},
             round((time.process_time() - cpu_s) * 1e3, 3),
             watch.cpu_ms,
+            found.textured,
         )
 
     def _by_parts(self, strip: Strip, block: Block, watch: Stopwatch) -> Measured | None:
@@ -240,7 +243,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         light, ends, path = self._pass_of(strip)
         late = self._cutter.dead_time
         blind_m = late.blind_m if late else 0.0
-        textured = _on_texture(field, depths)  # it has events and points enough
+        textured = found.textured  # it has events and points enough
         every = _TEXTURED_EVERY if textured else 1
         found, lines = refine(
             field, found, lambda polarity: rays(polarity, every), columns, self._drifts[textured],
@@ -256,7 +259,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 return None
         for take, own in (
             (self.on_lines, lambda: lines),
-            (self.on_depths, lambda: depth_points(field, depths, columns)),
+            (self.on_depths, lambda: depth_points(field, depths, columns, textured)),
         ):
             if take is not None:
                 points = own()
