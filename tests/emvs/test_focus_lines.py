@@ -10,8 +10,9 @@ from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.evidence import find_depths, measured_pixels
 from roller_emvs.evidence.evidence_settings import FocusEvidence
-from roller_emvs.lines.edge_drift import EdgeDriftSettings, TravellingLight
+from roller_emvs.lines.edge_drift import EdgeDriftSettings
 from roller_emvs.lines.refine import refine
+from roller_emvs.lines.travelling_light import TravellingLight
 from roller_emvs.methods import _focus_kernels, focus
 from roller_emvs.methods.focus import focus_depth
 from roller_emvs.methods.window_field import WindowView

@@ -8,12 +8,12 @@ from roller_emvs.lines import _place_kernels as places
 from roller_emvs.lines.edge_drift import (
     SLOPE_BINS,
     EdgeDriftSettings,
-    TravellingLight,
     drift_of_wider,
     drift_terms,
     edge_drift,
     facing,
 )
+from roller_emvs.lines.travelling_light import TravellingLight
 
 SHAPE = (40, 60)
 

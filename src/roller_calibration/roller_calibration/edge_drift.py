@@ -12,8 +12,8 @@ from roller_emvs.lines.edge_drift import (
     EdgeDriftSettings,
     drift_terms,
     facing,
-    share_of_travel,
 )
+from roller_emvs.lines.travelling_light import share_of_travel
 
 from .drift_lines import GaugeLines
 from .drift_speed import find_speed_drift

@@ -11,8 +11,7 @@ from roller_core.errors import RollerError
 from roller_core.transforms import F64
 from roller_emvs.lines.edge_drift import EdgeDriftSettings
 from roller_emvs.lines.line_points import LinePoints
-from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
-from roller_emvs.methods.surface.sweep import SurfacePatch
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 
 from .pauses import without_pauses
 from .recordings import Scan

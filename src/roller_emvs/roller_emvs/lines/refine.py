@@ -13,10 +13,11 @@ from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _place_kernels as kernels
-from .edge_drift import EdgeDriftSettings, TravellingLight, drift_of_wider, edge_drift, held_change
+from .edge_drift import EdgeDriftSettings, drift_of_wider, edge_drift, held_change
 from .fit import INDEPENDENT, NO_LINES, Lines, fit_lines
 from .follow import add_lines, move_points, widen_sigma
 from .line_points import LinePoints
+from .travelling_light import TravellingLight
 
 #: Uncertainty of a line's place that its fit doesn't know of, m: the poses' stamps and noise.
 _PLACE_M = 1.5e-5

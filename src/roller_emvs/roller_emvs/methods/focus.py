@@ -34,10 +34,10 @@ from roller_emvs.evidence import (
     measured_pixels,
 )
 from roller_emvs.evidence.part_images import find_depths_of_parts
-from roller_emvs.lines.edge_drift import TravellingLight
 from roller_emvs.lines.fit import LEAST_VARIANCE, NO_LINES, fit_lines
 from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.refine import refine
+from roller_emvs.lines.travelling_light import TravellingLight
 from roller_emvs.rays import F32, Packets
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.threads import share

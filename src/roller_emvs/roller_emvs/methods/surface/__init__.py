@@ -1,6 +1,7 @@
 """Heights from events voted into a strip fixed to the surface."""
 
+from .surface_patch import SurfacePatch
 from .surface_settings import SurfaceSettings
-from .sweep import SurfacePatch, SurfaceSweep
+from .sweep import SurfaceSweep
 
 __all__ = ["SurfacePatch", "SurfaceSettings", "SurfaceSweep"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from roller_core.dead_time import DeadTime
 from roller_core.errors import RollerError
 from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
-from roller_core.window_account import WindowAccount
 from roller_emvs.engine import DepthEngine
 from roller_emvs.evidence import (
     Depths,
@@ -24,13 +23,12 @@ from roller_emvs.evidence import (
     is_textured,
     measured_pixels,
 )
-from roller_emvs.lines.edge_drift import TravellingLight
 from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.lines.neighbourhoods import depth_points
 from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.path_error import PathError
 from roller_emvs.lines.refine import refine
-from roller_emvs.patch import Patch
+from roller_emvs.lines.travelling_light import TravellingLight
 from roller_emvs.rays import F32, I64
 from roller_emvs.stopwatch import Stopwatch
 from roller_emvs.windows import RefusedWindow
@@ -42,6 +40,7 @@ from .part_field import COARSE_PARTS, PartField, fits, part_field
 from .pass_cutter import PassCutter
 from .strip import Strip
 from .strip_rays import ray_field
+from .surface_patch import SurfacePatch
 from .surface_settings import SurfaceSettings
 
 #: Under a printed texture every second event is enough for lines, every eighth for the path.
@@ -51,37 +50,6 @@ _TEXTURED_EVERY, _PATH_EVERY = 2, 8
 Measured = tuple[Relief, F64, F64]
 #: Rows, columns and offsets of lines.
 Places = tuple[I64, F64, F64]
-
-
-@dataclass(frozen=True)
-class SurfacePatch(Patch):
-    """Rows of the surface that are done, and the account of how they came about."""
-
-    #: Times of the rows' first and last event, ROS time.
-    start_ns: int = 0
-    end_ns: int = 0
-    #: Their number, each counted in one patch.
-    events: int = 0
-    #: Time by stage, ms.
-    milliseconds: dict[str, float] = field(default_factory=dict)
-    #: Processor time of all threads of the process meanwhile, ms; 0 where it isn't known.
-    cpu_ms: float = 0.0
-    #: The same by stage.
-    stage_cpu_ms: dict[str, float] = field(default_factory=dict)
-    #: Whether edges lie everywhere, as under a printed skin.
-    textured: bool = False
-
-    @property
-    def stamp_ns(self) -> int:
-        """Middle of the time in which the rows were in view."""
-        return (self.start_ns + self.end_ns) // 2
-
-    @property
-    def account(self) -> WindowAccount:
-        """Counts and times beside the points."""
-        return WindowAccount(
-            self.start_ns, self.end_ns, self.events, len(self), self.milliseconds, self.cpu_ms
-        )
 
 
 class SurfaceSweep(DepthEngine[PassCutter]):
