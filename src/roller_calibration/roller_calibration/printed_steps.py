@@ -21,7 +21,7 @@ _SURE = 2.0
 _TURNS = np.radians(np.linspace(-3.0, 3.0, 61))
 #: Distance over which a wall climbs, by the steps' height; how much of a step it climbs there at
 #: least, as the skin rounds it off, and more than the treads beside it; bins of which the mean is
-#: taken. On the virtual cell's stairs at 0.5 m/s 0.4 and 0.13.
+#: taken. On the virtual cell's stairs at 0.5 m/s 0.4 and 0.09.
 _LENGTH, _CLIMB, _MORE, _MEAN = 2.0, 0.3, 0.07, 5
 #: Scatter of heights, in steps, from which on a bin tells none; share of the rows that lie lower
 #: than those which the others are compared with.

@@ -122,7 +122,7 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
         )
     axes = passes[0].axes
     local = points @ axes
-    if found.printed:
+    if found.printed and found.depths:
         places = np.concatenate([place for place, _, _ in found.depths]) @ axes
         sigma_m = np.concatenate([own.sigma_m for _, _, own in found.depths])
         profile = printed_profile(places, sigma_m, local, step_m)
