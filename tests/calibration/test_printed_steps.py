@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from roller_calibration.acceptance import limits, promised, shortfalls
 from roller_calibration.printed_steps import find_printed_steps
 from roller_calibration.reached import on_steps
 from roller_calibration.recordings import Scan
@@ -106,6 +107,9 @@ def test_a_gauge_under_a_printed_skin(scans: Scans) -> None:
     assert reached.error_m < 3.5e-5
     assert reached.coverage > 0.95
     assert reached.within > 0.85
+    promise = promised("steps", scan, "ring", reached.printed)
+    assert promise.printed
+    assert list(shortfalls("steps", reached, limits("steps", promise))) == []
     (gauge,) = steps_gauges(scan, settings, 2.5e-4)
     assert gauge.text.startswith("8 walls of 0.2")
     assert "depths on them" in gauge.text
