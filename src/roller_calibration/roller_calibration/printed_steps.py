@@ -61,12 +61,6 @@ class PrintedSteps:
         """Height of each wall's middle, in steps, shape (walls,), from the foot of the first."""
         return np.asarray(self.tread[:-1] + 0.5 * np.diff(self.tread))
 
-    def nearest(self, across: F64) -> tuple[npt.NDArray[np.int64], F64]:
-        """Number of the wall nearest to each place across the walls, and how far from it, m."""
-        away = across[:, None] - self.at_m
-        wall = np.abs(away).argmin(axis=1)
-        return wall, away[np.arange(len(across)), wall]
-
     def places(self, points: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
         """Where points lie across the walls, and whether they lie on the steps at all."""
         low, high = self.reach_m

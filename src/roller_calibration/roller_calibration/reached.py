@@ -59,18 +59,17 @@ class _Swept:
     points: F64
     sigma: F64
     lines: Found
-    depths: Found
     printed: bool
 
 
-def _sweep(scan: Scan, settings: SurfaceSettings) -> _Swept:
-    depths: Found = []
+def _sweep(scan: Scan, settings: SurfaceSettings, depths: Found | None = None) -> _Swept:
+    """A pass over a gauge; a list takes the depths of neighbourhoods too."""
     found, lines = swept(scan, settings, depths)
     if not found:
         raise GaugeError(f"{scan.name}: no points at all")
     points = np.concatenate([patch.points for patch in found])
     sigma = np.concatenate([patch.sigma for patch in found])
-    return _Swept(points, sigma, lines, depths, is_printed(found))
+    return _Swept(points, sigma, lines, is_printed(found))
 
 
 def on_sphere(scan: Scan, settings: SurfaceSettings, radius_m: float) -> Reached:
@@ -111,7 +110,8 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
     RollerError
         If there are no such steps in view.
     """
-    found = _sweep(scan, settings)
+    depths: Found = []
+    found = _sweep(scan, settings, depths)
     points, sigma = found.points, found.sigma
     passes = passes_of(scan.name, found.lines)
     steep = np.abs(passes[0].lines.slope) > WALL_SLOPE if passes else np.zeros(0, bool)
@@ -122,9 +122,9 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
         )
     axes = passes[0].axes
     local = points @ axes
-    if found.printed and found.depths:
-        places = np.concatenate([place for place, _, _ in found.depths]) @ axes
-        sigma_m = np.concatenate([own.sigma_m for _, _, own in found.depths])
+    if found.printed and depths:
+        places = np.concatenate([place for place, _, _ in depths]) @ axes
+        sigma_m = np.concatenate([own.sigma_m for _, _, own in depths])
         profile = printed_profile(places, sigma_m, local, step_m)
     else:
         profile = find_profile(passes[0], local, step_m)

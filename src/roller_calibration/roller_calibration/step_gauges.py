@@ -22,7 +22,15 @@ from .gauge import (
 from .pass_lines import WALL_SLOPE, EdgeDriftError, PassLines
 from .printed_steps import find_printed_steps
 from .recordings import Scan
-from .step_walls import I64, LEAST_WALLS, find_walls, parts_by_kind, rising_walls, step_height
+from .step_walls import (
+    I64,
+    LEAST_WALLS,
+    find_walls,
+    nearest_wall,
+    parts_by_kind,
+    rising_walls,
+    step_height,
+)
 
 #: How far the height of the steps that fit may be off.
 _STEP_TOLERANCE = {"lines": 0.15, "depths": 0.25}
@@ -82,19 +90,24 @@ def steps_gauges(scan: Scan, settings: SurfaceSettings, step_m: float) -> list[G
 
 def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) -> Gauge:
     steep, polarity = np.abs(found.lines.slope) > WALL_SLOPE, found.lines.polarity
+    every = np.ones_like(steep)
     if found.printed:
-        return _on_walls(name, found, np.ones_like(steep), step_m, surface_z_m)[0]
+        return _on_walls(
+            name, found, every, _printed_walls(name, found, step_m), step_m, surface_z_m
+        )
     # A wall that one line alone shows, or that drift levels, seems to have no slope. And one
     # polarity may gather between walls: as many must go up as go down.
     best: Gauge | None = None
     level = False
     reason: EdgeDriftError | None = None
-    for which in (steep, np.ones_like(steep), polarity == 0, polarity == 1):
+    for which in (steep, every, polarity == 0, polarity == 1):
         try:
-            gauge, balanced = _on_walls(name, found, which, step_m, surface_z_m)
+            walls = _find_walls(name, found, which, step_m)
+            gauge = _on_walls(name, found, which, walls, step_m, surface_z_m)
         except EdgeDriftError as error:
             reason = reason or error
             continue
+        balanced = bool(walls.change.sum() == 0)
         many = best is None or len(gauge.error_m) > _MANY * len(best.error_m)
         if best is None or (balanced, many) > (level, False):
             best, level = gauge, balanced
@@ -105,20 +118,23 @@ def _on_steps(name: str, found: PassLines, step_m: float, surface_z_m: float) ->
 
 
 def _on_walls(
-    name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float, surface_z_m: float
-) -> tuple[Gauge, bool]:
-    """Errors of some of the lines, and whether as many walls rise as fall."""
-    find = _printed_walls if found.printed else _find_walls
-    walls = find(name, found, steep, step_m)
+    name: str,
+    found: PassLines,
+    which: npt.NDArray[np.bool_],
+    walls: _Walls,
+    step_m: float,
+    surface_z_m: float,
+) -> Gauge:
+    """Errors of some of the lines, which lie on walls."""
     on = walls.number >= 0
-    lines, at, kind = take(take(found.lines, steep), on), walls.number[on], walls.kind[on]
+    lines, at, kind = take(take(found.lines, which), on), walls.number[on], walls.kind[on]
     level = step_m * (walls.middle[at] + walls.part[kind])
     # Steps that begin at the height of the nominal surface stand on it; on others the height of
     # all is not known.
-    base = found.place[steep][on] @ found.axes.T
+    base = found.place[which][on] @ found.axes.T
     foot_m = float(np.median(base[:, 2] - level)) - surface_z_m
     stands = abs(foot_m) < _MOST_FOOT_M
-    error = found.place[steep][on, 2] - level
+    error = found.place[which][on, 2] - level
     error += foot_m - np.median(error) if stands else -np.median(error)
     near = _near_their_walls(name, found.kind, error, at, kind, step_m)
     # How far up its wall a kind lies stays uncertain.
@@ -131,11 +147,10 @@ def _on_walls(
         f"{foot_m * 1e6:+.0f} µm " + ("off" if stands else "away from") + " the nominal surface"
     )
     spread = np.array([_STANDS_M if stands else 1e-3, *[_ON_WALL * step_m] * 4, *[_WALL_RISE] * 4])
-    gauge = Gauge(
+    return Gauge(
         name, error[near], unknown[near].astype(float), spread, take(lines, near),
         walls.change[at][near], False, text, found.travel,
     )  # fmt: skip
-    return gauge, bool(walls.change.sum() == 0)
 
 
 def _find_walls(name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_m: float) -> _Walls:
@@ -186,9 +201,7 @@ def _find_walls(name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_
     return _Walls(wall, kind, across, change, middle, part, fitted_m)
 
 
-def _printed_walls(
-    name: str, found: PassLines, _which: npt.NDArray[np.bool_], step_m: float
-) -> _Walls:
+def _printed_walls(name: str, found: PassLines, step_m: float) -> _Walls:
     """The same under a printed skin, whose specks show all of a wall in both polarities.
 
     Raises
@@ -205,7 +218,7 @@ def _printed_walls(
             f"{step_m * 1e3:g} mm; check --step-mm, and that all steps are equal"
         )
     across, on = steps.places(found.place)
-    wall, off = steps.nearest(across)
+    wall, off = nearest_wall(across, steps.at_m)
     number = np.where(on & (np.abs(off) < _ON_PRINTED * step_m), wall, -1)
     kind = 2 * found.lines.polarity + (steps.change[wall] < 0)
     return _Walls(number, kind, across, steps.change, steps.middle, np.zeros(4), steps.step_m)

@@ -11,7 +11,7 @@ from roller_core.transforms import F64
 
 from .pass_lines import WALL_SLOPE, PassLines
 from .printed_steps import find_printed_steps
-from .step_walls import LEAST_WALLS, find_walls, step_height, wall_levels
+from .step_walls import LEAST_WALLS, find_walls, nearest_wall, step_height, wall_levels
 
 #: So near to a wall of steps any height of it is right, m; and so far along the roll a step is
 #: looked for.
@@ -98,9 +98,7 @@ def _of_walls(
 ) -> StepProfile:
     """The profile of walls at places across them, and how points of the steps fit it."""
     count = len(at)
-    away = across[:, None] - at
-    nearest = np.abs(away).argmin(axis=1)
-    off = away[np.arange(len(across)), nearest]
+    nearest, off = nearest_wall(across, at)
     near = of_steps & (np.abs(off) < _NEAR_WALL_M)
     height, nearest, off = height[near], nearest[near], off[near]
     on = np.abs(off) < _ON_WALL_M

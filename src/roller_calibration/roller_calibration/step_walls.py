@@ -122,6 +122,21 @@ def parts_by_kind(across: F64, wall: I64, kind: I64, rising: npt.NDArray[np.bool
     return _FOOT * np.array([-up, down, up, -down])
 
 
+def nearest_wall(across: F64, at_m: F64) -> tuple[I64, F64]:
+    """Number of the wall nearest to each place across the walls, and how far from it that is, m.
+
+    Parameters
+    ----------
+    across : ndarray of float64, shape (n,)
+        Places, metres.
+    at_m : ndarray of float64, shape (walls,)
+        Where the walls are, metres.
+    """
+    away = across[:, None] - at_m
+    wall = np.abs(away).argmin(axis=1)
+    return wall, away[np.arange(len(across)), wall]
+
+
 def wall_levels(heights: F64, change: F64) -> F64:
     """Height of each wall's middle, in steps, shape (n,): counted, with walls that weren't seen.
 

@@ -145,12 +145,11 @@ def measured_pixels(
     depths = [without_islands(field, found) for found in depths]
     cut = field.cut_around(_near(depths), _REACH)
     if cut is None:
-        found = _measured(field, depths, settings, drift, threads, sides, textured)
-        return replace(found, textured=textured)
+        return _measured(field, depths, settings, drift, threads, sides, textured)
     part, box = cut
     own = [each.cut(box) for each in depths]
     found = _measured(part, own, settings, drift, threads, sides, textured)
-    return replace(found, textured=textured).put(field, box, surfaces)
+    return found.put(field, box, surfaces)
 
 
 def _near(depths: list[Depths]) -> Mask:
@@ -225,8 +224,9 @@ def _measured(
         agreed = agreed_share(field, fit.offset, row, column, spread_px, seen, sigma)
     heights = offset.astype(np.float64)
     return Relief(
-        row, column, heights, sure, sigma, agreed, one_sided, tuple(surfaces), changes, side
-    )
+        row, column, heights, sure, sigma, agreed, one_sided, tuple(surfaces), changes, side,
+        textured,
+    )  # fmt: skip
 
 
 def _nothing(field: EvidenceField) -> Relief:
