@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from roller_core.errors import RollerError
 from roller_core.transforms import F64
 
+from . import _plane_kernels as kernels
 from .recordings import Scan
 
 #: Largest turn about the optical axis and largest tilt that are looked for, degrees.
@@ -38,6 +39,8 @@ _LEAST_GAIN = 1.05
 _MOST_BEND = 0.05
 #: Cosine of the largest angle between the optical axis and base's z.
 _LEAST_LEVEL = 0.95
+#: Cells around those with events that their blur reaches.
+_REACH = round(4 / _CELL) + 1
 
 
 class CameraRotationError(RollerError):
@@ -178,24 +181,33 @@ class _Sharpness:
         self._cell_m = _CELL * blur_px * pixel_m
         pad = np.ceil(_PAD_PX / (_CELL * blur_px))
         # The map's size is fixed, or its border would count.
-        low = self._places(np.array([0.0, 0.0, 0.0, depth_m]))
-        self._origin = low.min(axis=0) - pad
-        self._shape = np.ceil(np.ptp(low, axis=0) + 2 * pad).astype(int)
+        middle = self._places(np.array([0.0, 0.0, 0.0, depth_m]))
+        self._origin = middle.min(axis=0) - pad
+        shape = np.ceil(np.ptp(middle, axis=0) + 2 * pad).astype(int)
+        self._counts, self._blurred = np.zeros((2, *shape), np.float32)
 
     def _places(self, values: F64) -> F64:
+        """Where the events lie on the plane, in cells, shape (n, 2)."""
         turn = Rotation.from_rotvec(np.radians(values[:3])).as_matrix()
-        rays = np.einsum("nij,nj->ni", self._rotations, self._rays @ turn.T)
-        reach = (values[3] - self._positions[:, 2]) / rays[:, 2]
-        return np.asarray((self._positions + reach[:, None] * rays)[:, :2] / self._cell_m)
+        places = np.empty((len(self._rays), 2))
+        kernels._place(
+            self._rays, self._rotations, self._positions, turn, values[3], self._cell_m, places
+        )
+        return places
 
     def __call__(self, values: F64) -> float:
-        place = self._places(values) - self._origin
-        cell = np.floor(place).astype(np.int64)
-        inside = ((cell >= 0) & (cell < self._shape)).all(axis=1)
-        flat = cell[inside, 0] * self._shape[1] + cell[inside, 1]
-        counts = np.bincount(flat, minlength=int(self._shape.prod())).reshape(self._shape)
-        image = cv2.GaussianBlur(counts.astype(np.float32), (0, 0), 1 / _CELL)
-        return float(np.square(image).sum() / max(len(flat), 1))
+        places = self._places(values)
+        count, *box = kernels._draw(places, self._origin, self._counts)
+        if not count:
+            return 0.0
+        # Beyond the events all is 0, and blurred for nothing.
+        own = tuple(
+            slice(max(first - _REACH, 0), last + _REACH + 1) for first, last in (box[:2], box[2:])
+        )
+        drawn, blurred = self._counts[own], self._blurred[own]
+        cv2.GaussianBlur(drawn, (0, 0), 1 / _CELL, dst=blurred)
+        drawn[:] = 0
+        return float(np.square(blurred).sum() / count)
 
     def climb(self, start: F64) -> F64:
         """The sharpest map near a start."""
