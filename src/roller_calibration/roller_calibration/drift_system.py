@@ -38,11 +38,16 @@ class DriftSystem:
         spreads : list of ndarray
             What the unknowns may be, metres; m values in all.
         """
-        prior, weight = np.diag(1 / np.concatenate(spreads) ** 2), np.ones(len(self.error))
+        full = self.share / self.noise**2
+        whole = (self.design * full[:, None]).T @ self.design
+        whole += np.diag(1 / np.concatenate(spreads) ** 2)
+        weight = np.ones(len(self.error))
         for _ in range(_ROUNDS):
-            w = weight * self.share / self.noise**2
-            normal = (self.design * w[:, None]).T @ self.design + prior
-            beta = np.linalg.solve(normal, self.design.T @ (w * self.error))
+            # Most lines count in full: what the others lack is taken off.
+            far = weight < 1
+            own = self.design[far]
+            normal = whole - (own * (full * (1 - weight))[far, None]).T @ own
+            beta = np.linalg.solve(normal, self.design.T @ (full * weight * self.error))
             rest = self.error - self.design @ beta
             weight = np.minimum(1.0, _HUBER * self.noise / np.maximum(np.abs(rest), 1e-9))
         return np.asarray(beta, np.float64), rest, normal

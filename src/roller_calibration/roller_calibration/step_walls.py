@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from operator import itemgetter
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +40,8 @@ _ALONE = 0.6
 #: that rise, or fall, may lie apart from the others, and squares of the scatter that one counts at
 #: most.
 _SCATTER, _KIND, _MOST_OFF = 0.2, 0.6, 9.0
+#: Where all of them lie together is held by next to nothing.
+_ANYWHERE = 1e-6
 #: Slope below which a wall seems level, and which way it slopes is chance.
 _LEVEL = 0.1
 #: So many steps from a wall that goes up to the next that goes down one between wasn't seen.
@@ -71,34 +72,39 @@ def rising_walls(
     at, kinds, heights = (np.array(part) for part in zip(*found, strict=True))
     shown = np.clip(slopes / _LEVEL, -1.0, 1.0)
 
-    def misfit(rising: npt.NDArray[np.bool_]) -> float:
-        change = np.where(rising, 1.0, -1.0)
-        rest = heights - (np.cumsum(change) - 0.5 * change)[at]
-        kind = 2 * kinds + ~rising[at]
-        design = np.column_stack([np.ones(len(at)), *(kind == k for k in range(4))])
-        prior = np.diag([1e-6, *[(_SCATTER / _KIND) ** 2] * 4])
-        offsets = np.linalg.solve(design.T @ design + prior, design.T @ rest)
-        off = (rest - design @ offsets) / _SCATTER
-        told = np.sum((offsets[1:] / _KIND) ** 2) - change @ shown
-        return float(np.sum(np.minimum(off**2, _MOST_OFF)) + told)
+    def misfits(ways: npt.NDArray[np.bool_]) -> F64:
+        """How badly the heights fit each way to go; shape (ways, count)."""
+        change = np.where(ways, 1.0, -1.0)
+        rest = heights - (np.cumsum(change, axis=1) - 0.5 * change)[:, at]
+        kind = 2 * kinds + ~ways[:, at]
+        # What all lie off by, and each kind apart from the others: least squares with a prior.
+        of_kind = kind[..., None] == np.arange(4)
+        n, sums = of_kind.sum(axis=1), (rest[..., None] * of_kind).sum(axis=1)
+        held = n + (_SCATTER / _KIND) ** 2
+        common = (sums * (1 - n / held)).sum(axis=1)
+        common /= (n * (1 - n / held)).sum(axis=1) + _ANYWHERE
+        apart = (sums - n * common[:, None]) / held
+        off = (rest - common[:, None] - np.take_along_axis(apart, kind, axis=1)) / _SCATTER
+        told = np.sum((apart / _KIND) ** 2, axis=1) - change @ shown
+        return np.asarray(np.sum(np.minimum(off**2, _MOST_OFF), axis=1) + told, np.float64)
 
+    # The direction of one run of walls changes at a time.
+    runs = list(itertools.combinations(range(count + 1), 2))
+    turned = np.zeros((len(runs), count), np.bool_)
+    for run, (first, last) in zip(turned, runs, strict=True):
+        run[first:last] = True
     best, least = slopes > 0, np.inf
     for begin in (slopes > 0, np.ones(count, np.bool_)):
-        rising, cost = begin, misfit(begin)
+        rising, cost = begin, misfits(begin[None])[0]
         while True:
-            # The direction of one run of walls changes at a time.
-            ways = []
-            for first, last in itertools.combinations(range(count + 1), 2):
-                way = rising.copy()
-                way[first:last] ^= True
-                ways.append((misfit(way), way))
-            lower, way = min(ways, key=itemgetter(0))
-            if lower >= cost:
+            ways = rising ^ turned
+            costs = misfits(ways)
+            if costs.min() >= cost:
                 break
-            rising, cost = way, lower
+            rising, cost = ways[costs.argmin()], costs.min()
         if cost < least:
             best, least = rising, cost
-    return best, least
+    return best, float(least)
 
 
 def parts_by_kind(across: F64, wall: I64, kind: I64, rising: npt.NDArray[np.bool_]) -> F64:
