@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from roller_sim import _render_kernels as kernels
+from roller_sim import _sensor_kernels as sensor_kernels
 from roller_sim import optics
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import LightSettings
@@ -111,6 +112,31 @@ def test_rendering_equals_its_numpy_twin(scene, contact):
     bright = twins.shade(xn.astype(float), yn.astype(float), *want, light)
     assert np.quantile(np.abs(out - bright), 0.99) < 0.02
     assert np.mean(np.abs(out - bright)) < 4e-3
+
+
+@pytest.mark.parametrize("contact", ["full", "light"])
+def test_level_plate_in_contact_is_seen_as_where_rays_are_followed(contact):
+    camera = {"width": 640, "height": 8, "focal_px": 1066.0}
+    cell = VirtualCell(twins.small("three_lines", camera=camera, skin={"contact": contact}))
+    maps, roller, (all_x, all_y) = cell._maps, cell.truth.roller, cell._rays
+    place = (maps.shape, maps.origin)
+    seen = 0
+    for x_mm in (-8.0, 0.0, 5.0):
+        position = position_mm(cell, at(cell, x_mm))
+        for a in range(0, 640, 16):
+            xn, yn = all_x[4, a : a + 16], all_y[4, a : a + 16]
+            kind = sensor_kernels._kind(
+                xn[0], xn[-1], yn[0], position, position, maps.active, maps.active_origin, roller
+            )
+            if kind != sensor_kernels._LEVEL:
+                continue
+            got, want = np.full((2, 4, 16), position[2], np.float32)
+            kernels._see_level_row(xn, yn, maps.flat, place[0], position, place[1], *got)
+            kernels._trace_row(xn, yn, maps.flat, place[0], position, roller, place[1], *want)
+            np.testing.assert_allclose(got, want, atol=2e-5)
+            np.testing.assert_array_equal(got[0], np.float32(position[2]))
+            seen += 1
+    assert 15 < seen < 100
 
 
 def test_light_is_fitted_within_a_percent(monkeypatch):

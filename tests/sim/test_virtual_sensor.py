@@ -26,12 +26,19 @@ class Row:
         self.noise = np.full(width, kernels.NEVER)
         self.timing = (*(np.int64(v) for v in timing[:4]), float(timing[4]))
         self.out = np.empty(width * kernels.MAX_PER_STEP, np.uint64)
+        self.watch = None
 
     def step(self, t0, t1, new, tau=0.0, y=3):
+        width = len(self.signal)
+        if self.watch is None:
+            self.watch = (*np.empty((2, 1, width), np.float32), np.empty((1, width), np.int64))
+            state = (self.level, self.held, self.noise, self.on, self.off)
+            kernels._watch_all(*(values[None] for values in state), self.watch)
         n = kernels._sensor_row(
-            np.int64(t0), np.int64(t1), tau, np.asarray(new, np.float32).copy(), 0, y,
-            len(self.signal), self.before, self.signal, self.level, self.held, self.noise,
-            self.draws, self.on, self.off, self.rate, self.timing, SEED, self.out, 0,
+            np.int64(t0), np.int64(t1), tau, np.asarray(new, np.float32), 0, y, width,
+            self.before, self.signal, self.level, tuple(values[0] for values in self.watch),
+            self.held, self.noise, self.draws, self.on, self.off, self.rate, self.timing, SEED,
+            np.empty(width, np.float32), np.empty(width, np.bool_), self.out, 0,
         )  # fmt: skip
         return self.out[:n].copy()
 

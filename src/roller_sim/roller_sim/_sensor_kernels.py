@@ -14,19 +14,23 @@ import math
 import numba
 import numpy as np
 
-from ._render_kernels import _shade_row, _trace_row
+from ._render_kernels import _see_level_row, _shade_row, _trace_row
 
 #: Digest of `_render_kernels.py`, which is compiled into the kernels here. Numba's cache sees
 #: changes of this file only: without a new digest here it would go on using the old rendering.
-RENDERING = "9d3f12ad1836229d"
+RENDERING = "2167a6ea22f23465"
 #: Events one pixel may emit between two rendered frames; any more wait for the next frame.
 MAX_PER_STEP = 4
 TIME_SHIFT = 23
-#: Frames that flat parts of the surface are watched at a time, and pixels decided on together.
+#: Frames that flat parts of the surface are watched at a time.
 GROUP = 4
-_SEGMENT = 64
+#: Pixels side by side that are looked at for relief together.
+_SEGMENT = 16
+_RELIEF, _FLAT, _LEVEL = 0, 1, 2
 #: No read-out can be pending, no noise event due.
 NEVER = np.int64(2**62)
+#: Pixels are looked at this much before their signal is so far from the level, as it is rounded.
+_EARLY = np.float32(1e-5)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -119,10 +123,29 @@ def _pixel_events(  # type: ignore[no-untyped-def]
     return state, level, noise, draws, n
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def _watch(level, held, noise, on, off):  # type: ignore[no-untyped-def]
+    """Signal down to which, signal up to which and time until which nothing happens to a pixel."""
+    if held > 0:
+        return np.float32(-np.inf), np.float32(np.inf), held
+    return level - off + _EARLY, level + on - _EARLY, noise
+
+
+@numba.njit(cache=True, nogil=True)
+def _watch_all(level, held, noise, on, off, watch):  # type: ignore[no-untyped-def]
+    """`_watch` of pixels, shape (h, w), into `watch`."""
+    low, high, wake = watch
+    for v in range(level.shape[0]):
+        for u in range(level.shape[1]):
+            low[v, u], high[v, u], wake[v, u] = _watch(
+                level[v, u], held[v, u], noise[v, u], on[v, u], off[v, u]
+            )
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _sensor_row(  # type: ignore[no-untyped-def]
-    t0, t1, tau, new, x0, y, width, before, signal, level, held, noise, draws, on, off, rate,
-    timing, seed, out, n,
+    t0, t1, tau, new, x0, y, width, before, signal, level, watch, held, noise, draws, on, off,
+    rate, timing, seed, after, busy, out, n,
 ):  # fmt: skip
     """Advance pixels of one row from `t0` to `t1`, at whose end the log intensity is `new`.
 
@@ -133,11 +156,16 @@ def _sensor_row(  # type: ignore[no-untyped-def]
     tau : float
         Time constant of the pixels' low pass, ns; 0: none.
     new : ndarray of float32, shape (w,)
-        Log intensity at `t1`; overwritten.
+        Log intensity at `t1`.
     before, signal, level, on, off, rate : ndarray of float32, shape (w,)
         Log intensity at `t0`; low-passed signal; compared level; thresholds; noise rate in Hz.
+    watch : tuple of ndarray, shape (w,)
+        When a pixel has to be looked at: its signal at most so low (float32) or at least so high
+        (float32), or the time (int64); see `_watch`.
     held, noise, draws : ndarray of int64, shape (w,)
         Time until which the pixel is held, next noise event, random numbers drawn.
+    after, busy : ndarray of float32, of bool, shape (w,)
+        Scratch: the signal at `t1`, and which pixels are looked at.
     out, n : ndarray of uint64, int
         Event buffer with room for MAX_PER_STEP events a pixel, and the number in it.
 
@@ -156,29 +184,26 @@ def _sensor_row(  # type: ignore[no-untyped-def]
         keep = np.float32(e)
         of_old = np.float32((1.0 - e) / a - e)
     of_new = np.float32(1.0) - keep - of_old
-    busy = 0
+    low, high, wake = watch
+    # Loops over few arrays each, and without branches, are done by vector instructions.
     for u in range(w):
-        l1 = of_new * new[u] + of_old * before[u] + keep * signal[u]
+        after[u] = of_new * new[u] + of_old * before[u] + keep * signal[u]
+    for u in range(w):
         before[u] = new[u]
-        new[u] = l1
-        d = l1 - level[u]
-        idle = (held[u] == 0) & (d < on[u]) & (-d < off[u]) & (noise[u] >= t1)
-        busy += not (idle | (held[u] >= t1))
-    if busy > 0:
-        for u in range(w):
-            if held[u] >= t1:
-                continue
-            l0 = signal[u]
-            l1 = new[u]
-            d = l1 - level[u]
-            if held[u] == 0 and d < on[u] and -d < off[u] and noise[u] >= t1:
-                continue
-            held[u], level[u], noise[u], draws[u], n = _pixel_events(
-                t0, t1, np.float64(l0), np.float64(l1), x0 + u, y, np.int64(y) * width + x0 + u,
-                held[u], level[u], noise[u], draws[u], on[u], off[u], rate[u], timing, seed, out, n,
-            )  # fmt: skip
     for u in range(w):
-        signal[u] = new[u]
+        busy[u] = (after[u] <= low[u]) | (after[u] >= high[u])
+    for u in range(w):
+        busy[u] |= wake[u] < t1
+    for u in range(w):
+        if busy[u]:
+            held[u], level[u], noise[u], draws[u], n = _pixel_events(
+                t0, t1, np.float64(signal[u]), np.float64(after[u]), x0 + u, y,
+                np.int64(y) * width + x0 + u, held[u], level[u], noise[u], draws[u], on[u], off[u],
+                rate[u], timing, seed, out, n,
+            )  # fmt: skip
+            low[u], high[u], wake[u] = _watch(level[u], held[u], noise[u], on[u], off[u])
+    for u in range(w):
+        signal[u] = after[u]
     return n
 
 
@@ -197,11 +222,24 @@ def _is_active(xl, xr, yn, first, last, active, origin):  # type: ignore[no-unty
     return False
 
 
+@numba.njit(cache=True, nogil=True)
+def _kind(xl, xr, yn, first, last, active, origin, roller):  # type: ignore[no-untyped-def]
+    """What the rays from `xl` to `xr` see from one camera to another.
+
+    `_RELIEF`; `_FLAT`: no relief; or `_LEVEL`: none, in full contact all of them.
+    """
+    if _is_active(xl, xr, yn, first, last, active, origin):
+        return _RELIEF
+    x = max(abs(xl), abs(xr)) * last[2]
+    full = last[2] + roller[2]
+    return _LEVEL if x * x + full * full < roller[0] * roller[0] else _FLAT
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _simulate_rows(  # type: ignore[no-untyped-def]
     begin_row, end_row,
     xn, yn, flat, shape, active, active_origin, cameras, times, tau, roller, origin, light,
-    depth, before, signal, level, held, noise, draws, on, off, rate, timing, seed, first,
+    depth, before, signal, level, watch, held, noise, draws, on, off, rate, timing, seed, first,
     out, counts,
 ):  # fmt: skip
     """Render and watch rows `begin_row` to `end_row` over a chunk of frames.
@@ -213,41 +251,55 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
     again.
     """
     w = xn.shape[1]
-    sx = np.empty(_SEGMENT, np.float32)
-    sy = np.empty(_SEGMENT, np.float32)
-    coat = np.empty(_SEGMENT, np.float32)
-    seen = np.empty(_SEGMENT, np.float32)
+    # Each by itself: of rows of one array the loops over them are four times slower.
+    sx, sy, coat = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.float32)
+    seen, after, busy = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.bool_)
+    low, high, wake = watch
     for v in range(begin_row, end_row):
         # A plain 0 has a type of its own, which everything called would be compiled for once more.
         n = np.int64(0)
         i = first[v]
         while i < len(cameras) and n + w * MAX_PER_STEP * GROUP <= out.shape[1]:
             stop = min(i + GROUP, len(cameras))
-            for a in range(0, w, _SEGMENT):
-                b = min(a + _SEGMENT, w)
-                m = b - a
-                begin = stop - 1
-                if _is_active(
-                    xn[v, a], xn[v, b - 1], yn[v, a], cameras[i], cameras[stop - 1], active,
-                    active_origin,
-                ):  # fmt: skip
-                    begin = i
-                t0 = times[i]
-                for j in range(begin, stop):
-                    _trace_row(
-                        xn[v, a:b], yn[v, a:b], flat, shape, cameras[j], roller, origin,
-                        depth[v, a:b], sx[:m], sy[:m], coat[:m],
+            camera, last = cameras[i], cameras[stop - 1]
+            a = 0
+            while a < w:
+                # What lies side by side and sees the same is done together.
+                kind, b = -1, a
+                while b < w:
+                    c = min(b + _SEGMENT, w)
+                    own = _kind(
+                        xn[v, b], xn[v, c - 1], yn[v, b], camera, last, active, active_origin,
+                        roller,
                     )  # fmt: skip
+                    if b > a and own != kind:
+                        break
+                    kind, b = own, c
+                m = b - a
+                t0 = times[i]
+                for j in range(i if kind == _RELIEF else stop - 1, stop):
+                    if kind == _LEVEL:
+                        _see_level_row(
+                            xn[v, a:b], yn[v, a:b], flat, shape, cameras[j], origin,
+                            depth[v, a:b], sx[:m], sy[:m], coat[:m],
+                        )  # fmt: skip
+                    else:
+                        _trace_row(
+                            xn[v, a:b], yn[v, a:b], flat, shape, cameras[j], roller, origin,
+                            depth[v, a:b], sx[:m], sy[:m], coat[:m],
+                        )  # fmt: skip
                     _shade_row(
                         xn[v, a:b], yn[v, a:b], depth[v, a:b], sx[:m], sy[:m], coat[:m], light,
                         seen[:m],
                     )  # fmt: skip
                     n = _sensor_row(
                         t0, times[j + 1], tau, seen[:m], a, v, w, before[v, a:b], signal[v, a:b],
-                        level[v, a:b], held[v, a:b], noise[v, a:b], draws[v, a:b], on[v, a:b],
-                        off[v, a:b], rate[v, a:b], timing, seed, out[v], n,
+                        level[v, a:b], (low[v, a:b], high[v, a:b], wake[v, a:b]), held[v, a:b],
+                        noise[v, a:b], draws[v, a:b], on[v, a:b], off[v, a:b], rate[v, a:b],
+                        timing, seed, after[:m], busy[:m], out[v], n,
                     )  # fmt: skip
                     t0 = times[j + 1]
+                a = b
             i = stop
         first[v] = i
         counts[v] = n

@@ -101,6 +101,8 @@ class EventSensor:
         self._before = np.zeros(shape, np.float32)
         self._signal = np.zeros(shape, np.float32)
         self._level = np.zeros(shape, np.float32)
+        # When each pixel has to be looked at, by its signal and by time.
+        self._watch = (*np.empty((2, *shape), np.float32), np.empty(shape, np.int64))
         self._depth = np.full(shape, roller[0], np.float32)
         self._time = 0
         self._seed = np.uint64((seed * 0x9E3779B97F4A7C15 + 0x1234567) % 2**64)
@@ -131,6 +133,7 @@ class EventSensor:
         rng = np.random.default_rng([int(self._seed) % 2**32, 19])
         phase = rng.uniform(-0.5, 0.5, shape).astype(np.float32)
         self._level[:] = self._signal + phase * np.where(phase > 0, self._on, self._off)
+        kernels._watch_all(self._level, self._held, self._noise, self._on, self._off, self._watch)
 
     def advance(self, cameras: F64, times_ns: I64) -> U64:
         """Watch while the camera moves through places at times.
@@ -160,9 +163,9 @@ class EventSensor:
                 begin_row, end_row,
                 self._xn, self._yn, self._maps.flat, self._maps.shape, self._maps.active,
                 self._maps.active_origin, cameras, times, tau_ns, self._roller, self._maps.origin,
-                self._light, self._depth, self._before, self._signal, self._level, self._held,
-                self._noise, self._draws, self._on, self._off, self._rate, self._timing,
-                self._seed, first, self._out, counts,
+                self._light, self._depth, self._before, self._signal, self._level, self._watch,
+                self._held, self._noise, self._draws, self._on, self._off, self._rate,
+                self._timing, self._seed, first, self._out, counts,
             )  # fmt: skip
 
         while int(first.min()) < len(times_ns):
