@@ -111,7 +111,7 @@ def test_the_solver_solves_what_its_plain_twin_does() -> None:
         np.testing.assert_allclose(out.ravel(), matrix @ h.ravel(), rtol=1e-5, atol=1e-4)
         _multigrid._scale(*parts, lines, out)
         np.testing.assert_allclose(out.ravel(), 1 / np.diag(matrix), rtol=1e-6)
-        _multigrid._solve(h, right, levels, *scratch, out, lines, np.float32(1e-9), 60)
+        _multigrid.solve(h, right, levels, *scratch, out, lines, np.float32(1e-9), 60)
         np.testing.assert_allclose(h.ravel(), np.linalg.solve(matrix, right.ravel()), atol=1e-3)
 
 
@@ -141,7 +141,7 @@ def test_the_solvers_cycle_is_that_of_its_plain_twin() -> None:
     levels, (x, right, image, way), lines = solver(parts_of(ny, nx, random))
     # No step: only the levels are made.
     h = np.zeros((ny, nx), np.float32)
-    _multigrid._solve(h, h, levels, x, right, image, way, h.copy(), lines, np.float32(0), 0)
+    _multigrid.solve(h, h, levels, x, right, image, way, h.copy(), lines, np.float32(0), 0)
     for fine, coarse in itertools.pairwise(levels):
         pairs = [np.kron(np.eye(m), [1, 1]) for m in coarse[0].shape]
         fy, fx = (pair[:, :n] for pair, n in zip(pairs, fine[0].shape, strict=True))
@@ -167,7 +167,7 @@ def test_a_few_steps_solve_what_has_hardly_an_anchor() -> None:
     levels, scratch, lines = solver(parts)
     h, right = np.zeros((ny, nx), np.float32), np.empty((ny, nx), np.float32)
     _multigrid._apply(truth, *parts, lines, right)
-    _multigrid._solve(h, right, levels, *scratch, h.copy(), lines, np.float32(0), 12)
+    _multigrid.solve(h, right, levels, *scratch, h.copy(), lines, np.float32(0), 12)
     assert np.abs(h - truth).mean() < 0.05 * np.abs(truth).mean()
 
 

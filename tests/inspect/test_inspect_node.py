@@ -25,7 +25,7 @@ def test_what_finding_takes_is_loaded_before_the_scan() -> None:
         "from roller_inspect.inspect_stage import InspectParameters, InspectStage\n"
         "stage = InspectStage(InspectParameters.create({}))\n"
         "stage.warm_up()\n"
-        "assert _multigrid._solve.signatures\n"
+        "assert _multigrid._cycle.signatures\n"
         "assert stage.counts()['points'] == 0 and not list(stage.results(flush=True))\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

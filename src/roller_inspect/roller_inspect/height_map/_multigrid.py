@@ -17,6 +17,8 @@ import numpy as np
 
 #: Sums may be reordered; nothing here is NaN or infinite.
 _SUMS = {"reassoc", "contract", "nsz"}
+#: What a coarse cell takes of the sums of `pull`, `bend` and both ties.
+_SHARES = 1.0, 1 / 16, 1 / 4, 1 / 4
 #: No eigenvalue of A over its diagonal is larger: that of a mixed difference, of a second one it
 #: is 3. The smoother takes away from this to an eighth of it; on the coarsest level to a 60th.
 _MOST, _SMOOTH, _COARSEST, _COARSEST_STEPS = 4.0, 8.0, 60.0, 8
@@ -71,7 +73,10 @@ def _scale(pull, bend, tie_x, tie_y, lines, out):  # type: ignore[no-untyped-def
     second, mixed, across = lines[0], lines[1], lines[2]
     second[0], second[1], second[nx], second[nx + 1] = 0, 0, 0, 0
     mixed[0], mixed[nx], across[0], across[nx] = 0, 0, 0, 0
-    out[:] = pull
+    # Not out[:] = pull, for whose error message numba compiles for seconds.
+    for i in range(ny):
+        for j in range(nx):
+            out[i, j] = pull[i, j]
     for i in range(ny):
         w, own = bend[i], out[i]
         # A difference counts with its factor's square: 1, 4 and 1 of a second one.
@@ -220,25 +225,58 @@ def _smooth(x, right, parts, image, way, lines, steps, least, begun):  # type: i
 def _cycle(levels, x, right, image, way, lines):  # type: ignore[no-untyped-def]
     """One V-cycle on A x = right: into x[0] from right[0]; all but `lines` by level."""
     last = len(x) - 1
-    for k in range(last):
-        _smooth(x[k], right[k], levels[k], image[k], way[k], lines, 2, _SMOOTH, False)
-        pull, bend, tie_x, tie_y, _ = levels[k]
-        _apply(x[k], pull, bend, tie_x, tie_y, lines, image[k])
-        for i in range(x[k].shape[0]):
-            for j in range(x[k].shape[1]):
-                image[k][i, j] = right[k][i, j] - image[k][i, j]
-        _restrict(image[k], lines[0], right[k + 1])
-    _smooth(
-        x[last], right[last], levels[last], image[last], way[last], lines, _COARSEST_STEPS,
-        _COARSEST, False,
-    )  # fmt: skip
-    for k in range(last - 1, -1, -1):
-        _prolong(x[k + 1], lines[0], x[k])
-        _smooth(x[k], right[k], levels[k], image[k], way[k], lines, 2, _SMOOTH, True)
+    # Down and up again in one loop: what it calls is compiled once for each place it is called at.
+    for visit in range(2 * last + 1):
+        k, up = min(visit, 2 * last - visit), visit > last
+        if up:
+            _prolong(x[k + 1], lines[0], x[k])
+        steps, least = (_COARSEST_STEPS, _COARSEST) if visit == last else (2, _SMOOTH)
+        _smooth(x[k], right[k], levels[k], image[k], way[k], lines, steps, least, up)
+        if visit < last:
+            pull, bend, tie_x, tie_y, _ = levels[k]
+            _apply(x[k], pull, bend, tie_x, tie_y, lines, image[k])
+            for i in range(x[k].shape[0]):
+                for j in range(x[k].shape[1]):
+                    image[k][i, j] = right[k][i, j] - image[k][i, j]
+            _restrict(image[k], lines[0], right[k + 1])
 
 
 @numba.njit(cache=True, nogil=True, fastmath=_SUMS)
-def _solve(h, pulled, levels, x, right, image, way, ahead, lines, enough, steps):  # type: ignore[no-untyped-def]
+def _advance(h, parts, residual, turned, spread, ahead, lines, before):  # type: ignore[no-untyped-def]
+    """Go a step of conjugate gradients.
+
+    `turned` is the residual after a cycle, `before` the product of both in the step before. Returns
+    that product now, and whether there was a way ahead.
+    """
+    pull, bend, tie_x, tie_y, _ = parts
+    ny, nx = h.shape
+    kind = h.dtype.type
+    rho = kind(0)
+    for i in range(ny):
+        for j in range(nx):
+            rho += residual[i, j] * turned[i, j]
+    beta = rho / before
+    for i in range(ny):
+        for j in range(nx):
+            ahead[i, j] = turned[i, j] + beta * ahead[i, j]
+    _apply(ahead, pull, bend, tie_x, tie_y, lines, spread)
+    lift = kind(0)
+    for i in range(ny):
+        for j in range(nx):
+            lift += ahead[i, j] * spread[i, j]
+    if lift <= 0:
+        return rho, False
+    alpha = rho / lift
+    for i in range(ny):
+        for j in range(nx):
+            h[i, j] += alpha * ahead[i, j]
+            residual[i, j] -= alpha * spread[i, j]
+    return rho, True
+
+
+def solve(  # type: ignore[no-untyped-def]
+    h, pulled, levels, x, right, image, way, ahead, lines, enough, steps
+) -> int:
     """Solve A h = `pulled` in place from a start. Returns the steps taken.
 
     `h`, `pulled`, `ahead` (ny, nx) and `lines` (3, nx + 2), the last two scratch. `levels` is a
@@ -246,48 +284,26 @@ def _solve(h, pulled, levels, x, right, image, way, ahead, lines, enough, steps)
     one over A's diagonal; the first level's four are given, all else is made here. `x`, `right`,
     `image`, `way`: scratch by level. It ends when the square of the error before a step,
     in the matrix's own measure, was `enough` or less.
+
+    No kernel itself: all that it calls would be compiled into it once more, for seconds.
     """
-    ny, nx = h.shape
-    kind = h.dtype.type
-    for k in range(len(levels)):
-        pull, bend, tie_x, tie_y, scale = levels[k]
+    for k, (pull, bend, tie_x, tie_y, scale) in enumerate(levels):
         if k:
             # Differences over twice the distance: first ones double, second ones four times.
-            _coarsen(levels[k - 1][0], pull, kind(1))
-            _coarsen(levels[k - 1][1], bend, kind(1 / 16))
-            _coarsen(levels[k - 1][2], tie_x, kind(1 / 4))
-            _coarsen(levels[k - 1][3], tie_y, kind(1 / 4))
+            for fine, coarse, share in zip(levels[k - 1], levels[k], _SHARES, strict=False):
+                _coarsen(fine, coarse, h.dtype.type(share))
         _scale(pull, bend, tie_x, tie_y, lines, scale)
-    pull, bend, tie_x, tie_y, _ = levels[0]
-    residual, turned, spread = right[0], x[0], image[0]
-    _apply(h, pull, bend, tie_x, tie_y, lines, spread)
-    for i in range(ny):
-        for j in range(nx):
-            residual[i, j] = pulled[i, j] - spread[i, j]
+    _apply(h, *levels[0][:4], lines, image[0])
+    np.subtract(pulled, image[0], out=right[0])
     ahead[:] = 0
-    before = kind(1)
+    rho = h.dtype.type(1)
     for step in range(steps):
         _cycle(levels, x, right, image, way, lines)
-        rho = kind(0)
-        for i in range(ny):
-            for j in range(nx):
-                rho += residual[i, j] * turned[i, j]
-        beta = rho / before
-        for i in range(ny):
-            for j in range(nx):
-                ahead[i, j] = turned[i, j] + beta * ahead[i, j]
-        _apply(ahead, pull, bend, tie_x, tie_y, lines, spread)
-        lift = kind(0)
-        for i in range(ny):
-            for j in range(nx):
-                lift += ahead[i, j] * spread[i, j]
-        if lift <= 0:
+        rho, goes_on = _advance(
+            h, levels[0], right[0], x[0], image[0], ahead, lines, h.dtype.type(rho)
+        )
+        if not goes_on:
             return step
-        alpha, before = rho / lift, rho
-        for i in range(ny):
-            for j in range(nx):
-                h[i, j] += alpha * ahead[i, j]
-                residual[i, j] -= alpha * spread[i, j]
         if rho <= enough:
             return step + 1
-    return steps
+    return int(steps)

@@ -153,5 +153,5 @@ def _solve(
         _multigrid._weigh(
             h, anchors, weight, sigma, _HUBER, hardest, tie, slope, pull, pulled, tie_x, tie_y
         )
-        _multigrid._solve(h, pulled, levels, *scratch, enough, steps)
+        _multigrid.solve(h, pulled, levels, *scratch, enough, steps)
     return h
