@@ -6,6 +6,12 @@ import pytest
 from roller_core import _array_kernels as kernels
 
 
+def test_copy():
+    values, out = np.arange(6.0).reshape(3, 2), np.zeros(5)
+    kernels._copy(values[:, 1], out[1:])
+    np.testing.assert_array_equal(out, [0, 1, 3, 5, 0])
+
+
 @pytest.mark.parametrize("kind", [np.int32, np.int64, np.float32, np.float64])
 def test_least_and_most(kind):
     values = np.random.default_rng(3).integers(-50, 50, (40, 2)).astype(kind)

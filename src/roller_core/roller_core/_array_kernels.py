@@ -1,7 +1,8 @@
 """What kernels ask of an array, in loops of our own.
 
 numba's versions of numpy's have every process that loads such a kernel import scipy's linear
-algebra: a tenth of a second.
+algebra: a tenth of a second. Where one array is assigned to another, numba compiles an error
+message and all that it takes of strings: a second or more.
 """
 
 from __future__ import annotations
@@ -10,6 +11,13 @@ import numpy as np
 from numba import njit
 
 from . import numba_start  # noqa: F401 (before a kernel runs)
+
+
+@njit(cache=True, nogil=True)
+def _copy(values, out):  # type: ignore[no-untyped-def]
+    """Write values into an array at least as long."""
+    for i in range(len(values)):
+        out[i] = values[i]
 
 
 @njit(cache=True, nogil=True)

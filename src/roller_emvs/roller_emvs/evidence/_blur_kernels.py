@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from roller_core._array_kernels import _least, _most
+from roller_core._array_kernels import _copy, _least, _most
 
 
 @njit(cache=True, nogil=True)
@@ -147,7 +147,7 @@ def _blur(volume, weights, wanted, marked, runs, buffers, out):  # type: ignore[
         for d in range(-reach, reach):
             beyond = d if d < 0 else height + d
             a, b = (reach + beyond) * stride, (reach + _reflect(beyond, height)) * stride
-            along[a : a + stride] = along[b : b + stride]
+            _copy(along[b : b + stride], along[a : a + stride])
         # Rows that are wanted, and that what was found reaches.
         last = -reach - 1
         for i in range(height):

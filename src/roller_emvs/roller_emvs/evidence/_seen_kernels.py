@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core._array_kernels import _copy
+
 
 @njit(cache=True, nogil=True)
 def _inside(i, size):  # type: ignore[no-untyped-def]
@@ -27,7 +29,7 @@ def _grow(offset, known, out):  # type: ignore[no-untyped-def]
             some |= offset[i, j] == offset[i, j]
         known[i] = some
     for i in range(height):
-        out[i] = offset[i]
+        _copy(offset[i], out[i])
         if not (known[_inside(i - 1, height)] or known[i] or known[_inside(i + 1, height)]):
             continue
         for j in range(width):

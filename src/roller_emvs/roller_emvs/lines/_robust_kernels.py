@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core._array_kernels import _copy
+
 from ._track_kernels import _LOOK, _PER_PX, _first_track
 
 #: Events that are worked on together, and where those lie that fill them up, px.
@@ -199,7 +201,7 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
             wide += 1
             if looked < _PROBES or tracks >= _SHOWS * looked or wide % _STILL == 0:
                 looked += 1
-                before[:] = line
+                _copy(line, before)
                 _first_track(
                     events, n, line, fit[0], half[0], fit[4] / fit[1], forward, looks, bin_of, bins
                 )
@@ -211,7 +213,7 @@ def _fit_lines(rays, starts, width, row, column, height, half, tukey, rounds, sa
                     reach = _TRACK_TUKEY_PX
                     tracks += 1
                 else:
-                    line[:] = before
+                    _copy(before, line)
         if not _round(every, count, line, fit[0], half[0], reach, rounds == 0, fit):
             continue
         middle, s0, sa, sy = fit[0], fit[1], fit[2], fit[3]

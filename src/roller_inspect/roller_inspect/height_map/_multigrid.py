@@ -15,6 +15,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from roller_core._array_kernels import _copy
+
 #: Sums may be reordered; nothing here is NaN or infinite.
 _SUMS = {"reassoc", "contract", "nsz"}
 #: What a coarse cell takes of the sums of `pull`, `bend` and both ties.
@@ -73,10 +75,8 @@ def _scale(pull, bend, tie_x, tie_y, lines, out):  # type: ignore[no-untyped-def
     second, mixed, across = lines[0], lines[1], lines[2]
     second[0], second[1], second[nx], second[nx + 1] = 0, 0, 0, 0
     mixed[0], mixed[nx], across[0], across[nx] = 0, 0, 0, 0
-    # Not out[:] = pull, for whose error message numba compiles for seconds.
     for i in range(ny):
-        for j in range(nx):
-            out[i, j] = pull[i, j]
+        _copy(pull[i], out[i])
     for i in range(ny):
         w, own = bend[i], out[i]
         # A difference counts with its factor's square: 1, 4 and 1 of a second one.

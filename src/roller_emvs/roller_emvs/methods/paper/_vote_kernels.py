@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from roller_core._array_kernels import _copy
+
 #: Rays that are placed before they vote.
 _CHUNK = 256
 
@@ -53,8 +55,8 @@ def _sweep_bands(  # type: ignore[no-untyped-def]
         part = (starts[b], starts[b + 1])
         _sweep_band(rays, part, limits, inverse, top, height, plane, chunk, best, number)
         for r in range(min(rows, height - top)):
-            votes[top + r] = best[r]
-            index[top + r] = number[r]
+            _copy(best[r], votes[top + r])
+            _copy(number[r], index[top + r])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
