@@ -88,7 +88,8 @@ def test_focus_takes_no_drift_by_slope_out(scan: SimulatedScan, drift: EdgeDrift
         )
         pipeline = DepthPipeline(settings, scan.camera, scan.track)
         pipeline.add_events(steady(scan))
-        found.append([m.depth for m in pipeline.results(flush=True) if isinstance(m, DepthMap)])
+        maps = [m.depth for m in pipeline.results(flush=True) if isinstance(m, DepthMap)]
+        found.append(maps[:-1])  # the last window is too short to show the texture
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
     assert found[0]
