@@ -9,10 +9,11 @@ from emvs.textured_scans import steady, swept_points
 from roller_core.parameter_files import read_parameters
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.evidence import is_textured
 from roller_emvs.evidence.surface_slope import evened_changes
 from roller_emvs.evidence.sweep import Depths
 from roller_emvs.lines.edge_drift import TERMS, EdgeDriftSettings, edge_drift
-from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
+from roller_emvs.methods.surface import SurfacePatch, SurfaceSettings, SurfaceSweep
 from roller_emvs.pipeline import DepthPipeline
 from roller_evaluation.plate_surface import seen_area
 from roller_sim.presets import COATINGS
@@ -34,6 +35,26 @@ def drift() -> EdgeDriftSettings:
 def scan(scans: Scans) -> SimulatedScan:
     scene = {"margin_mm": 2.0, "step_mm": 0.03, "defects": 4, "defect_kinds": ["dent"]}
     return scans.scan("defects", scene=scene, camera={"height": 96}, **COATINGS["textured"])
+
+
+@pytest.mark.parametrize(("share", "before", "textured"), [
+    (0.95, False, True), (0.8, False, False), (0.6, True, True), (0.3, True, False),
+])  # fmt: skip
+def test_once_seen_a_print_shows_by_less(share: float, before: bool, textured: bool) -> None:
+    offset = np.where(np.arange(1000).reshape(20, 50) < 1000 * share, 0, np.nan)
+    offset = offset.astype(np.float32)
+    depths = [Depths(offset, offset, offset, 0, 0, offset) for _ in range(2)]
+    assert is_textured(depths, before) == textured
+
+
+def test_a_print_goes_on_to_the_end_of_a_pass(scan: SimulatedScan) -> None:
+    sweep = SurfaceSweep(SurfaceSettings.create({}), scan.camera, scan.track)
+    sweep.add_events(steady(scan))
+    patches = [p for p in sweep.results(flush=True) if isinstance(p, SurfacePatch)]
+    first = [p.textured for p in patches].index(True)
+    # The very last rows are seen by a part of the patch that shows next to nothing.
+    assert all(p.textured for p in patches[first:] if len(p) > 1000)
+    assert len(patches) - first > 4
 
 
 def with_more_by_slope(drift: EdgeDriftSettings) -> EdgeDriftSettings:
@@ -88,8 +109,7 @@ def test_focus_takes_no_drift_by_slope_out(scan: SimulatedScan, drift: EdgeDrift
         )
         pipeline = DepthPipeline(settings, scan.camera, scan.track)
         pipeline.add_events(steady(scan))
-        maps = [m.depth for m in pipeline.results(flush=True) if isinstance(m, DepthMap)]
-        found.append(maps[:-1])  # the last window is too short to show the texture
+        found.append([m.depth for m in pipeline.results(flush=True) if isinstance(m, DepthMap)])
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
     assert found[0]

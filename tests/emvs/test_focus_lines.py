@@ -65,7 +65,7 @@ def test_lines_tell_heights_apart_that_a_neighbourhood_levels(
     packets, errors = packets_of(0.09, of_steps=True), {}
     x = np.unique(lines(steps, PITCH_M)[:, 0])
     for with_lines in (True, False):
-        monkeypatch.setattr(focus, "is_textured", lambda _, lines=with_lines: not lines)
+        monkeypatch.setattr(focus, "is_textured", lambda *_, lines=with_lines: not lines)
         depth, spent = depth_of(packets, 0.045)
         assert ("lines" in spent) == with_lines
         row, column = np.nonzero(np.isfinite(depth))

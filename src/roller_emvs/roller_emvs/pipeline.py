@@ -89,6 +89,8 @@ class DepthPipeline(DepthEngine[WindowCutter]):
         self._ray_slope = (self._table[..., 0] - camera.cx) / camera.fx
         self._ends: PatchEnds | None = None
         self._cut = False
+        # Whether any window so far was.
+        self._textured = False
         if settings.patch_half_length_m:
             edge = settings.patch_half_length_m * 2 / (settings.depth_min_m + settings.depth_max_m)
             self._leave_out_beyond((-edge, edge))
@@ -193,8 +195,11 @@ class DepthPipeline(DepthEngine[WindowCutter]):
             late = self._cutter.dead_time
             blind_m = late.blind_m if late else 0.0
             before = self._ends.ends if self._ends else None
-            found = focus.focus_depth(packets, camera, target, s, watch, blind_m, self._ends)
+            found = focus.focus_depth(
+                packets, camera, target, s, watch, blind_m, self._ends, self._textured
+            )
             self._cutter.textured = found.textured
+            self._textured |= found.textured
             # From the next window on: this one once more would make the others wait.
             if self._ends and self._ends.ends != before:
                 self._leave_out_beyond(self._ends.ends)

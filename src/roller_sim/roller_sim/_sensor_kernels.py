@@ -25,7 +25,7 @@ TIME_SHIFT = 23
 #: Frames that flat parts of the surface are watched at a time.
 GROUP = 4
 #: Pixels side by side that are looked at for relief together.
-_SEGMENT = 16
+_SEGMENT = 64
 _RELIEF, _FLAT, _LEVEL = 0, 1, 2
 #: No read-out can be pending, no noise event due.
 NEVER = np.int64(2**62)

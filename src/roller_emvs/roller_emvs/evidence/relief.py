@@ -40,8 +40,9 @@ _FRINGE = 0.15
 _MOST_SCATTER_PX = 1.5
 #: Warped events that a pixel needs to become a point.
 _MIN_VOTES = np.float32(2.0)
-#: Share of cells with depths of both polarities from which on a grid counts as textured.
-_TEXTURED = 0.9
+#: Share of cells with depths of both polarities from which on a grid counts as textured: at first,
+#: and once one was, as a print is on the skin and goes on at the ends of a plate.
+_TEXTURED, _STILL_TEXTURED = 0.9, 0.45
 #: Cells around depths up to which they tell on the surface.
 _REACH = 8
 
@@ -101,10 +102,13 @@ class Relief:
         )
 
 
-def is_textured(depths: list[Depths]) -> bool:
-    """Whether edges lie so close, as under a printed texture, that neighbourhoods tell all."""
+def is_textured(depths: list[Depths], before: bool) -> bool:
+    """Whether edges lie so close, as under a printed texture, that neighbourhoods tell all.
+
+    `before`: whether they did elsewhere in this run.
+    """
     known = np.isfinite([found.offset for found in depths])
-    return bool(known.all(axis=0).mean() >= _TEXTURED)
+    return bool(known.all(axis=0).mean() >= (_STILL_TEXTURED if before else _TEXTURED))
 
 
 def measured_pixels(

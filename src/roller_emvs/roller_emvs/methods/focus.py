@@ -70,6 +70,7 @@ def focus_depth(
     watch: Stopwatch,
     blind_m: float = 0.0,
     ends: PatchEnds | None = None,
+    textured_before: bool = False,
 ) -> FocusDepth:
     """Depth of one window in a reference view.
 
@@ -89,6 +90,8 @@ def focus_depth(
         Travel of the sensor while pixels are blind after an event, m; 0 where that doesn't matter.
     ends : PatchEnds, optional
         What is known of the ends of the contact patch; takes what this window tells of them.
+    textured_before : bool
+        Whether a window of this run was textured.
 
     Returns
     -------
@@ -102,7 +105,8 @@ def focus_depth(
         within = ends.ends if ends else (-edge, edge)
         seen = WindowView.of(packets, camera, view, depths_m, within)
     field, depths = _evidence(seen, s, watch)
-    found, textured = _points(seen, field, depths, s, watch, blind_m, ends)
+    textured = is_textured(depths, textured_before)
+    found = _points(seen, field, depths, s, watch, blind_m, ends, textured)
     shape, nothing = (camera.height, camera.width), np.float32(np.nan)
     depth, confidence, sigma = (np.full(shape, nothing) for _ in range(3))
     row, column = (found.column, found.row) if seen.turned else (found.row, found.column)
@@ -134,9 +138,9 @@ def _points(
     watch: Stopwatch,
     blind_m: float,
     ends: PatchEnds | None,
-) -> tuple[Relief, bool]:
-    """Measured pixels, moved by the lines around, and whether they are of a texture."""
-    textured = is_textured(depths)
+    textured: bool,
+) -> Relief:
+    """Measured pixels, moved by the lines around where they aren't of a texture."""
     spread = field.aperture * abs(field.ray_slope_scale)
     # Lines tell nothing of a texture that neighbourhoods don't.
     with_lines = not textured and spread**2 / 12 >= LEAST_VARIANCE
@@ -149,9 +153,9 @@ def _points(
         if look and ends is not None:
             _look_for(ends, seen, found, s.threads)
     if textured and s.average_flats:
-        return follow_wider(found.whole(), field, s.focus, s.threads), textured
+        return follow_wider(found.whole(), field, s.focus, s.threads)
     if not with_lines:
-        return found.whole(), textured
+        return found.whole()
     with watch("lines"):
         every = min(1 + len(seen.packets.events) // _ENOUGH, _MOST_LEFT_OUT)
         rays = replace(seen, packets=seen.packets.sample(every)).ray_field().some
@@ -160,7 +164,7 @@ def _points(
             field, found, rays, columns, s.edge_drift, light, blind_m, s.threads, as_points=False,
             held=False,
         )  # fmt: skip
-    return found, textured
+    return found
 
 
 def _look_for(ends: PatchEnds, seen: WindowView, found: Relief, threads: int) -> None:

@@ -71,6 +71,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         self.settings = settings
         self._drifts = settings.edge_drift, settings.edge_drift.under_texture()
         self.milliseconds: dict[str, float] = {}
+        # Whether any block so far was.
+        self._textured = False
         self._pass: tuple[Strip, TravellingLight, PatchEnds, PathError] | None = None
         #: Takes the lines of each block as they were fitted: places in base, shape (n, 3), metres,
         #: the strip's axes in base (along the motion, across, away from the camera), and the rest.
@@ -187,10 +189,12 @@ class SurfaceSweep(DepthEngine[PassCutter]):
 
     def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
         s, wanted = self.settings, self.on_lines is not None
+        # A part of a grid is cut where there is no texture.
+        textured = not field.is_part and is_textured(depths, self._textured)
+        self._textured |= textured
         return measured_pixels(
-            field, depths, s.evidence, s.edge_drift, s.threads, wanted,
-            textured=_on_texture(field, depths),
-        )  # fmt: skip
+            field, depths, s.evidence, s.edge_drift, s.threads, wanted, textured=textured
+        )
 
     def _refined(
         self,
@@ -260,11 +264,6 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         """Rows that were in view over enough travel; near the ends of a pass some weren't."""
         low, high = strip.slopes_seen(x)
         return np.asarray((high - low) * strip.middle_m >= self.settings.min_aperture_m)
-
-
-def _on_texture(field: EvidenceField, depths: list[Depths]) -> bool:
-    """Whether a block is textured; a part of a grid is cut where there is no texture."""
-    return not field.is_part and is_textured(depths)
 
 
 def _by_polarity(found: Relief, lines: LinePoints) -> Iterator[tuple[int, F32, Places]]:
