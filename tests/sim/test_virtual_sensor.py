@@ -178,6 +178,20 @@ def test_a_full_buffer_loses_nothing(cell, monkeypatch):
     np.testing.assert_array_equal(whole, tight)
 
 
+def test_a_print_over_level_plate_gives_its_events_at_any_frame_rate(monkeypatch):
+    printed = VirtualCell(
+        twins.small(
+            "flat", light={"speckle": 0.08}, sensor={"background_hz": 0.0, "hot_share": 0.0}
+        )
+    )
+    count = sum(len(events) for _, events in printed.raw_events())
+    monkeypatch.setattr("roller_sim.cell._STEP_PX", 0.125)
+    fine = sum(len(events) for _, events in printed.raw_events())
+    # Frames half a pixel apart miss what comes and goes between them, two pixels nearly half.
+    assert fine > 10_000
+    assert 0.9 < count / fine <= 1.0
+
+
 def test_background_and_hot_pixels_have_the_rates_set():
     flat = VirtualCell(
         twins.small("flat", light={"speckle": 0.0}, motion={"hold_s": 0.5, "vibration_um": 0.0})

@@ -22,7 +22,8 @@ RENDERING = "2167a6ea22f23465"
 #: Events one pixel may emit between two rendered frames; any more wait for the next frame.
 MAX_PER_STEP = 4
 TIME_SHIFT = 23
-#: Frames that flat parts of the surface are watched at a time.
+#: Frames that flat parts of the surface are watched at a time, where nothing much is printed on the
+#: skin: a print needs every frame.
 GROUP = 4
 #: Pixels side by side that are looked at for relief together.
 _SEGMENT = 64
@@ -239,16 +240,15 @@ def _kind(xl, xr, yn, first, last, active, origin, roller):  # type: ignore[no-u
 def _simulate_rows(  # type: ignore[no-untyped-def]
     begin_row, end_row,
     xn, yn, flat, shape, active, active_origin, cameras, times, tau, roller, origin, light,
-    depth, before, signal, level, watch, held, noise, draws, on, off, rate, timing, seed, first,
-    out, counts,
+    depth, before, signal, level, watch, held, noise, draws, on, off, rate, timing, seed,
+    group, first, out, counts,
 ):  # fmt: skip
     """Render and watch rows `begin_row` to `end_row` over a chunk of frames.
 
-    `times` has one entry more than `cameras`: the time the chunk starts from. Frames are done in
-    groups of GROUP; parts of a row that see only flat plate are rendered at a group's last frame
-    alone. Row v goes on from frame `first[v]` and stops early, leaving `first[v]` at the next
-    frame to do, when its buffer `out[v]` might overflow; the caller empties the buffers and calls
-    again.
+    `times` has one entry more than `cameras`: the time the chunk starts from. Frames are done
+    `group` at a time; parts of a row that see only flat plate are rendered at a group's last frame
+    alone. Row v goes on from frame `first[v]` and stops early, leaving `first[v]` at the next frame
+    to do, when its buffer `out[v]` might overflow; the caller empties the buffers and calls again.
     """
     w = xn.shape[1]
     # Each by itself: of rows of one array the loops over them are four times slower.
@@ -259,8 +259,8 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
         # A plain 0 has a type of its own, which everything called would be compiled for once more.
         n = np.int64(0)
         i = first[v]
-        while i < len(cameras) and n + w * MAX_PER_STEP * GROUP <= out.shape[1]:
-            stop = min(i + GROUP, len(cameras))
+        while i < len(cameras) and n + w * MAX_PER_STEP * group <= out.shape[1]:
+            stop = min(i + group, len(cameras))
             camera, last = cameras[i], cameras[stop - 1]
             a = 0
             while a < w:

@@ -28,6 +28,8 @@ _IMAGE_LATENCY_NS = 3_000_000
 _MAP_MARGIN_MM = 0.5
 #: Travel between rendered frames, px, and the longest time between them, s.
 _STEP_PX, _MAX_STEP_S = 0.5, 1e-3
+#: RMS of the coating's reflectance, in contrast thresholds, from which flat plate gives events too.
+_PRINTED = 0.2
 #: Longest packet, ns, and the mean of what delays one beyond the least, µs.
 _PACKET_NS, _ARRIVAL_JITTER_US = 1_000_000, 80.0
 #: Most events of a packet.
@@ -156,7 +158,7 @@ class VirtualCell:
         cameras = self.path.over_plate(true_s) * 1e3
         sensor = EventSensor(
             self._rays, self._maps, self.truth.roller, self._light, s, self.settings.seed,
-            self.settings.threads,
+            self.settings.threads, self.settings.light.speckle >= _PRINTED * s.threshold,
         )  # fmt: skip
         sensor.start(cameras[0])
         for a in range(1, len(times), _CHUNK):

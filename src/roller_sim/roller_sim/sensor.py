@@ -60,6 +60,9 @@ class EventSensor:
         Seed of everything that differs from pixel to pixel or is left to chance.
     threads : int
         Threads to use; 0: as many as there are cores.
+    printed : bool
+        Whether flat parts of the surface are watched at every frame, as a print on the skin needs;
+        at every fourth if not.
     """
 
     def __init__(
@@ -71,8 +74,10 @@ class EventSensor:
         settings: SensorSettings,
         seed: int,
         threads: int = 0,
+        printed: bool = False,
     ) -> None:
         self._threads = threads or os.cpu_count() or 1
+        self._group = 1 if printed else kernels.GROUP
         self._xn, self._yn = rays
         self._maps, self._roller, self._light = maps, roller, light
         self.settings = settings
@@ -165,7 +170,7 @@ class EventSensor:
                 self._maps.active_origin, cameras, times, tau_ns, self._roller, self._maps.origin,
                 self._light, self._depth, self._before, self._signal, self._level, self._watch,
                 self._held, self._noise, self._draws, self._on, self._off, self._rate,
-                self._timing, self._seed, first, self._out, counts,
+                self._timing, self._seed, self._group, first, self._out, counts,
             )  # fmt: skip
 
         while int(first.min()) < len(times_ns):
