@@ -27,8 +27,10 @@ _TUKEY_PX, _BESIDE = 1.5, 2
 #: Parts of the aperture between places of the camera whose errors are found, with straight lines
 #: between them; parts that the lines' events are told apart by; rows of lines by such a place.
 _KNOTS, _PARTS, _ROWS = 8, 40, 2
-#: Errors of poses, and of what hangs on the place in the image alone, before anything is seen, m.
-_POSE_M, _PLACE_M = 5e-6, 2e-6
+#: Errors of poses, and of what hangs on the place in the image alone, before anything is seen, m;
+#: the latter in the outermost parts too (so many at either end), where the skin may lie off the
+#: surface.
+_POSE_M, _PLACE_M, _END_M, _END = 5e-6, 2e-6, 2e-5, 2
 #: Events of a row and part from which on it counts, and the share of parts that a row must have.
 _ENOUGH, _SEEN = 20, 0.25
 #: Least share of the events that tells where lines are: of evenly strewn ones none does.
@@ -55,7 +57,9 @@ class PathError:
         self._row_m = self._knot_m / _ROWS
         # Normal equations of the parts' own errors and those of knots from the first one on.
         self._first = 0
-        self._matrix: F64 = np.eye(_PARTS) / _PLACE_M**2
+        place_m = np.full(_PARTS, _PLACE_M)
+        place_m[:_END] = place_m[-_END:] = _END_M
+        self._matrix: F64 = np.diag(1 / place_m**2)
         self._right: F64 = np.zeros(_PARTS)
         self._errors: F64 = np.zeros(0)
         self.begin(0.0, 0.0)
