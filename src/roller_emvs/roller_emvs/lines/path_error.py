@@ -30,7 +30,7 @@ _KNOTS, _PARTS, _ROWS = 8, 40, 2
 #: Errors of poses, and of what hangs on the place in the image alone, before anything is seen, m;
 #: the latter in the outermost parts too (so many at either end), where the skin may lie off the
 #: surface.
-_POSE_M, _PLACE_M, _END_M, _END = 5e-6, 2e-6, 2e-5, 2
+_POSE_M, _PLACE_M, _END_M, _END = 5e-6, 2e-6, 2e-5, 1
 #: Events of a row and part from which on it counts, and the share of parts that a row must have.
 _ENOUGH, _SEEN = 20, 0.25
 #: Least share of the events that tells where lines are: of evenly strewn ones none does.
