@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from roller_braille.dot_shape import DotShape
+from roller_braille.dot_shape import DotShape, medians
 from roller_braille.dots import Dots
 from roller_braille.reader_settings import BrailleSettings
 from roller_braille.recognise import Reading
@@ -106,3 +106,11 @@ def test_of_few_dots_nothing_is_known() -> None:
     at = nodes(1)
     middle = float(at[:, 0].mean()) * PX_M
     assert shape.read(net[:, :400], at, middle - 1e-3, middle + 1e-3) is None
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 24])
+def test_the_median_of_patches_is_numpys(count: int) -> None:
+    patches = np.random.default_rng(count).normal(size=(count, 9, 11)).astype(np.float32)
+    kept = patches.copy()
+    np.testing.assert_array_equal(medians(patches), np.median(patches, axis=0))
+    np.testing.assert_array_equal(patches, kept)

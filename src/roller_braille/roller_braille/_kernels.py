@@ -7,6 +7,8 @@ import math
 import numba
 import numpy as np
 
+from roller_core._array_kernels import _median_of_few
+
 #: Events that are warped before they are counted.
 _CHUNK = 512
 
@@ -136,3 +138,14 @@ def _contrasts(along, offset, down, scales, px, first, image, out):  # type: ign
             for ci in range(columns):
                 total += image[r, ci] * image[r, ci]
         out[k] = total
+
+
+@numba.njit(cache=True, nogil=True)
+def _medians(patches, room, out):  # type: ignore[no-untyped-def]
+    """Median of each pixel of some patches, float32 (k, rows, columns); `room` is of k."""
+    _, rows, columns = patches.shape
+    for i in range(rows):
+        for j in range(columns):
+            for k in range(len(room)):
+                room[k] = patches[k, i, j]
+            out[i, j] = _median_of_few(room)

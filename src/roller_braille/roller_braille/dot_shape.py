@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from . import _kernels as kernels
 from .dots import Dots
 from .reader_settings import Spacing
 from .recognise import ASTRAY_M, IN_PLACE_M, Reading, certainty, share
@@ -196,7 +197,7 @@ class DotShape:
         """See where most of what dots have in common lies."""
         n, more = self._size, self._aside
         dots = np.stack([np.roll(d.patch, (-d.top, -d.left), (0, 1)) for d in self._found])
-        inner = np.median(dots, axis=0)[_SHIFT:-_SHIFT, _SHIFT:-_SHIFT]
+        inner = medians(dots)[_SHIFT:-_SHIFT, _SHIFT:-_SHIFT]
         energy = cv2.boxFilter(inner * inner, -1, (n, n), anchor=(0, 0), normalize=False)
         last = 2 * more + 1
         place = np.unravel_index(int(np.argmax(energy[:last, :last])), (last, last))
@@ -205,9 +206,9 @@ class DotShape:
     def _pattern(self, dots: list[_Dot]) -> tuple[F32, float]:
         """What dots have in common, and its sum of squares without chance."""
         crops = np.stack([self._crop(dot.patch, 0, dot.top, dot.left) for dot in dots])
-        median = np.median(crops, axis=0)
+        median = medians(crops)
         held = (crops * median).sum(axis=(1, 2))
-        usual = float(np.median(held))
+        usual = float(medians(held[:, None, None])[0, 0])
         own = crops[held >= min(_PART * usual, usual)]
         n, total = len(own), own.sum(axis=0)
         squares = float((total**2).sum())
@@ -256,6 +257,13 @@ class DotShape:
                 size = (self._wide, self._wide)
                 out[i] = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
         return out
+
+
+def medians(patches: F32) -> F32:
+    """Median of each pixel of some patches, float32, shape (k, rows, columns)."""
+    out = np.empty(patches.shape[1:], np.float32)
+    kernels._medians(patches, np.empty(len(patches), np.float32), out)
+    return out
 
 
 def alike(strip: Strip, spacing: Spacing, dots: Dots) -> Dots:
