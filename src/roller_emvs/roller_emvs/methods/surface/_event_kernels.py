@@ -89,61 +89,69 @@ def _place(x, y, t, rays, t0, t1, first, second, z, steepest, out):  # type: ign
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _keep(  # type: ignore[no-untyped-def]
-    placed, t, polarity, t_base, start, length, slots, records, times, link, free, free_count,
-    pages, counts, ends,
-):  # fmt: skip
+    placed, t, polarity, start, length, slots, records, link, free, free_count, pages, counts, ends
+):
     """Append events to the pages of their block, polarity and piece; how many, and free pages left.
 
     `placed` is as of `_place`, `start` the place of the block of `slots[0]` in its x. `records`,
-    shape (pages, 3, PAGE), receives x from the block's start on, y and slope, `times` microseconds
-    from `t_base` on. `pages` holds the first and last page of each slot and of each polarity's
-    pieces, -1 for none, `counts` their events; `ends` a slot's first and last time. Places are
-    counted without sign: what may count from the end is looked at twice.
+    shape (pages, 3, PAGE), receives x from the block's start on, y and slope. `pages` holds the
+    first and last page of each slot and of each polarity's pieces, -1 for none, `counts` their
+    events; `ends` a slot's first and last time. Places are counted without sign: what may count
+    from the end is looked at twice.
     """
     per_length = np.float32(1) / np.float32(length)
     size = np.float32(length)
     per_piece = np.float32(PIECES) / size
     start = np.float32(start)
-    one, two, three, page_size = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(PAGE)
-    to, to_time, chains = records.reshape(-1), times.reshape(-1), np.uint64(2 * PIECES)
-    last_page, held = pages.reshape(-1), counts.reshape(-1)
+    one, two, page_size = np.uint64(1), np.uint64(2), np.uint64(PAGE)
+    zero, last, none = np.float32(0), np.int32(PIECES - 1), np.int32(-1)
+    blocks, of_polarity = np.float32(len(slots)), np.int32(PIECES)
+    to, last_page, held = records.reshape(-1), pages.reshape(-1), counts.reshape(-1)
+    chains = np.uint64(2 * PIECES)
     xs, ys, slopes = placed[0], placed[1], placed[2]
+    block, own = np.empty((2, _CHUNK), np.int32)
+    within = np.empty(_CHUNK, np.float32)
     kept = 0
-    for i in range(np.uint64(len(t))):
-        x = xs[i] - start
-        # Written so that NaN fails it.
-        if not x >= 0:
-            continue
-        k = np.int64(x * per_length)
-        if k >= len(slots) or slots[k] < 0:
-            continue
-        slot = np.uint64(slots[k])
-        x -= np.float32(k) * size
-        y = ys[i]
-        piece = min(np.uint64(x * per_piece), np.uint64(PIECES - 1))
-        chain = slot * chains + np.uint64(polarity[i] > 0) * np.uint64(PIECES) + piece
-        n = np.uint64(held[chain]) % page_size
-        if n == 0:
-            free_count -= 1
-            new = free[free_count]
-            link[new] = -1
-            page = last_page[two * chain + one]
-            if page < 0:
-                last_page[two * chain] = new
-            else:
-                link[page] = new
-            last_page[two * chain + one] = new
-        held[chain] += 1
-        page = np.uint64(last_page[two * chain + one])
-        at = page * three * page_size + n
-        to[at] = x
-        to[at + page_size] = y
-        to[at + two * page_size] = slopes[i]
-        to_time[page * page_size + n] = np.uint32(np.uint64(t[i] - t_base) // np.uint64(1000))
-        if t[i] < ends[slot, 0]:
-            ends[slot, 0] = t[i]
-        ends[slot, 1] = t[i]
-        kept += 1
+    for begin in range(0, len(t), _CHUNK):
+        first = np.uint64(begin)
+        some = np.uint64(min(_CHUNK, len(t) - begin))
+        # Of many at once: what needs no page.
+        for i in range(some):
+            x = xs[first + i] - start
+            # Written so that NaN fails it.
+            inside = (x >= zero) & (x * per_length < blocks)
+            k = np.int32(x * per_length if inside else zero)
+            x -= np.float32(k) * size
+            piece = np.int32(min(max(x * per_piece, zero), np.float32(last)) if inside else zero)
+            within[i] = x
+            block[i] = k if inside else none
+            own[i] = piece + (of_polarity if polarity[first + i] > 0 else np.int32(0))
+        for i in range(some):
+            if block[i] < 0 or slots[np.uint64(block[i])] < 0:
+                continue
+            slot = np.uint64(slots[np.uint64(block[i])])
+            chain = slot * chains + np.uint64(own[i])
+            n = np.uint64(held[chain]) % page_size
+            if n == 0:
+                free_count -= 1
+                new = free[free_count]
+                link[new] = -1
+                page = last_page[two * chain + one]
+                if page < 0:
+                    last_page[two * chain] = new
+                else:
+                    link[page] = new
+                last_page[two * chain + one] = new
+            held[chain] += 1
+            at = np.uint64(last_page[two * chain + one]) * np.uint64(3) * page_size + n
+            to[at] = within[i]
+            to[at + page_size] = ys[first + i]
+            to[at + two * page_size] = slopes[first + i]
+            time = t[first + i]
+            if time < ends[slot, 0]:
+                ends[slot, 0] = time
+            ends[slot, 1] = time
+            kept += 1
     return kept, free_count
 
 
@@ -170,7 +178,7 @@ def _span(records, link, pages, counts):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _collect(records, times, link, page, count, shift, x, y, slope, t):  # type: ignore[no-untyped-def]
+def _collect(records, link, page, count, shift, x, y, slope):  # type: ignore[no-untyped-def]
     """Events of a chain of pages into arrays, x `shift` further on."""
     n = 0
     while page >= 0:
@@ -178,34 +186,47 @@ def _collect(records, times, link, page, count, shift, x, y, slope, t):  # type:
             x[n + i] = records[page, 0, i] + shift
             y[n + i] = records[page, 1, i]
             slope[n + i] = records[page, 2, i]
-            t[n + i] = times[page, i]
         n += PAGE
         page = link[page]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rays(records, link, pages, counts, left, top, pixel, every, out):  # type: ignore[no-untyped-def]
-    """Every n-th event of chains of pages as rays in pixels from (`left`, `top`) on.
+def _rays(records, link, pages, counts, left, top, pixel, every, ends, out):  # type: ignore[no-untyped-def]
+    """Every n-th event of chains of pages as rays in pixels from (`left`, `top`) on; how many.
 
-    `left` is by chain. Straight across; `PAGE` is a multiple of `every`.
+    `left` is by chain. Straight across; `PAGE` is a multiple of `every`. Rays whose slope isn't
+    within `ends`, shape (2,), are left out: of most pages none or all are.
     """
     per, top, step = np.float32(1.0 / pixel), np.float32(top), np.uint64(every)
-    done = 0
+    least, most, zero = np.float32(ends[0]), np.float32(ends[1]), np.float32(0)
+    done = np.int64(0)
     for chain in range(len(pages)):
         page, count, begin = pages[chain], counts[chain], np.float32(left[chain])
-        n = 0
         while page >= 0:
             x, y, slope = records[page, 0], records[page, 1], records[page, 2]
-            own = out[done + n // every :]
-            for k in range(np.uint64(-(-min(PAGE, count - n) // every))):
+            own, n = out[done:], np.uint64(-(-min(PAGE, count) // every))
+            outside = False
+            for k in range(n):
+                outside |= (slope[k * step] < least) | (slope[k * step] > most)
+            for k in range(n):
                 i = k * step
                 own[k, 0] = (x[i] - begin) * per
                 own[k, 1] = (y[i] - top) * per
                 own[k, 2] = slope[i] * per
-                own[k, 3] = np.float32(0)
-            n += PAGE
+                own[k, 3] = zero
+            if outside:
+                kept = np.uint64(0)
+                for k in range(n):
+                    a, b, along = own[k, 0], own[k, 1], own[k, 2]
+                    own[kept, 0] = a
+                    own[kept, 1] = b
+                    own[kept, 2] = along
+                    kept += np.uint64((slope[k * step] >= least) & (slope[k * step] <= most))
+                n = kept
+            done += np.int64(n)
+            count -= PAGE
             page = link[page]
-        done += -(-count // every)
+    return done
 
 
 @njit(cache=True, nogil=True)

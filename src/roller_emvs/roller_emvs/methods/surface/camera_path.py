@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from roller_core.transforms import F64
+from roller_emvs.rays import F32
+
+#: Rounds in which the height of the camera is found with the place from which it saw a ray: the
+#: first may be off by what its height changes in view, the second by a tenth of that or so.
+_ROUNDS = 3
 
 
 class CameraPath:
@@ -18,7 +22,6 @@ class CameraPath:
     """
 
     def __init__(self, start_ns: int) -> None:
-        self._start_ns = start_ns
         self._times = [start_ns]
         self._centres: list[F64] = [np.zeros(3)]
 
@@ -45,12 +48,19 @@ class CameraPath:
         moves = way >= least_m_s * took_ns * 1e-9
         return float(way[moves].sum() / max(took_ns[moves].sum(), 1) * 1e9)
 
-    def across_at(self, t_ns: npt.NDArray[np.int64]) -> tuple[F64, F64]:
-        """The centre's y and z at some times, linear between poses."""
-        since = (np.array(self._times) - self._start_ns) * 1e-9
-        y, z = np.array(self._centres)[:, 1:].T
-        seconds = (t_ns - self._start_ns) * 1e-9
-        return np.interp(seconds, since, y), np.interp(seconds, since, z)
+    def across_at(self, x_m: F64, slope: F32, plane_m: float) -> tuple[F64, F64]:
+        """The centre's y and z while it saw places of a plane under slopes dx/dz.
+
+        A pass goes one way, so that the place tells the time: events needn't keep it. Linear
+        between poses; all arrays are of shape (n,).
+        """
+        x, y, z = np.array(self._centres).T
+        along = np.maximum.accumulate(x)
+        height: F64 = np.full(len(x_m), z.mean())
+        for _ in range(_ROUNDS):
+            at = x_m - slope * (plane_m - height)
+            height = np.interp(at, along, z)
+        return np.interp(at, along, y), height
 
     def _span(self, first_ns: int, last_ns: int) -> slice:
         first = np.searchsorted(self._times, first_ns, side="right") - 1

@@ -1,4 +1,4 @@
-"""Events that wait for their rows to be out of view: each once, in pages, 16 bytes an event.
+"""Events that wait for their rows to be out of view: each once, in pages, 12 bytes an event.
 
 The x axis of a strip is cut into blocks of one length; an event belongs to the block in which its
 ray meets the strip's middle plane. `EventStore.events` gives those of one block and polarity as
@@ -36,8 +36,6 @@ class StripEvents:
     #: dx/dz of the rays in the strip: at an offset z from the middle plane an event is at x_m +
     #: slope · z. Shape (n,).
     slope: F32
-    #: Times, to the microsecond. Shape (n,).
-    t_ns: I64
 
     def __len__(self) -> int:
         return len(self.x_m)
@@ -50,17 +48,13 @@ class EventStore:
     ----------
     length_m : float
         Length of a block.
-    start_ns : int
-        No event is older.
     """
 
-    def __init__(self, length_m: float, start_ns: int) -> None:
+    def __init__(self, length_m: float) -> None:
         self._length_m = length_m
-        self._start_ns = start_ns
         self._slots: dict[int, int] = {}
         self._spare: list[int] = []
         self.records = np.empty((0, 3, PAGE), np.float32)
-        self._times = np.empty((0, PAGE), np.uint32)
         self.link = np.empty(0, np.int32)
         self._free = np.empty(0, np.int32)
         self._free_count = 0
@@ -90,9 +84,8 @@ class EventStore:
             slots[k - low] = self._slot(k)
         self._reserve(len(events) // PAGE + 2 * PIECES * len(wanted) + 1)
         kept, self._free_count = kernels._keep(
-            placed, events.t_ns, events.p, self._start_ns, -start_m, self._length_m, slots,
-            self.records, self._times, self.link, self._free, self._free_count, self._pages,
-            self._counts, self._ends,
+            placed, events.t_ns, events.p, -start_m, self._length_m, slots, self.records,
+            self.link, self._free, self._free_count, self._pages, self._counts, self._ends,
         )  # fmt: skip
         self.held += kept
 
@@ -118,8 +111,8 @@ class EventStore:
             return
         more = max(pages, held, _FIRST_PAGES)
         room = held + more
-        self.records, self._times = _grown(self.records, room), _grown(self._times, room)
-        self.link, self._free = _grown(self.link, room), _grown(self._free, room)
+        self.records, self.link = _grown(self.records, room), _grown(self.link, room)
+        self._free = _grown(self._free, room)
         self._free[self._free_count : self._free_count + more] = np.arange(held, room)
         self._free_count += more
 
@@ -166,14 +159,12 @@ class EventStore:
         """Events of a block and polarity as arrays, x `shift_m` further on."""
         total, n = self.count(k, polarity), 0
         x, y, slope = (np.empty(total, np.float32) for _ in range(3))
-        t = np.empty(total, np.int64)
         for page, count in zip(*(v.tolist() for v in self.chains(k, polarity)), strict=True):
             kernels._collect(
-                self.records, self._times, self.link, page, count, np.float32(shift_m), x[n:],
-                y[n:], slope[n:], t[n:],
-            )  # fmt: skip
+                self.records, self.link, page, count, np.float32(shift_m), x[n:], y[n:], slope[n:]
+            )
             n += count
-        return StripEvents(x, y, slope, t * 1000 + self._start_ns)
+        return StripEvents(x, y, slope)
 
     def release_before(self, k: int) -> None:
         """Forget all blocks before one, those that no event came to after all among them."""

@@ -31,8 +31,6 @@ _START_M = 0.003
 _WAIT_M = 0.02
 #: Travel back, or away from the surface, that ends a pass, m.
 _BACK_M, _AWAY_M = 0.0003, 0.002
-#: Duration that ends a pass: its microseconds are kept in 32 bits.
-_LONGEST_NS = 4_000_000_000_000
 #: Travel over which the direction is watched, m, and the cosine of the turn that ends a pass.
 _HEADING = 0.002, 0.9
 
@@ -150,7 +148,7 @@ class PassCutter(EventCutter):
             local0, local1 = self._strip.to_strip(pose0), self._strip.to_strip(pose1)
             # A scan may end here. Noise goes on, so that no lack of events tells that it did.
             rests = self._rests(t1, pose1[:3, 3])
-            if rests or self._leaves(local1) or t1 - self._strip.start_ns > _LONGEST_NS:
+            if rests or self._leaves(local1):
                 yield from self._end_pass()
                 self.at_rest = rests
             else:

@@ -73,7 +73,6 @@ class Strip:
         depth_axis = axis - (axis @ along) * along
         depth_axis /= np.linalg.norm(depth_axis)
         self.settings = s
-        self.start_ns = start_ns
         #: Strip to base.
         self.rotation = np.stack([along, np.cross(depth_axis, along), depth_axis], axis=1)
         self.origin = pose[:3, 3].copy()
@@ -81,7 +80,7 @@ class Strip:
         self.half_m = 0.5 * (s.depth_max_m - s.depth_min_m)
         self.focal_px = float(max(camera.fx, camera.fy))
         self.pixel_m = self.middle_m / self.focal_px
-        self.store = EventStore(s.block_m, start_ns)
+        self.store = EventStore(s.block_m)
         self._blocks = BlockCutter(self.store, s.block_m, len(rays))
         self._pixel_rays = rays
         # Slopes are greatest and least at corners of the hull, however the camera turns.
@@ -203,7 +202,7 @@ class Strip:
         """Events that reach the rows of a block, of one polarity; x from the block's start on."""
         length = self.settings.block_m
         parts = [self.store.events(j, polarity, (j - block.number) * length) for j in block.sources]
-        names = ("x_m", "y_m", "slope", "t_ns")
+        names = ("x_m", "y_m", "slope")
         every = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         least, most = self.ends
         within = (every["slope"] >= least) & (every["slope"] <= most)
@@ -233,15 +232,11 @@ class Strip:
         """
         starts, pages, counts = self.chains(block, polarity, reach_m)
         out = np.empty((int((-(-counts // every)).sum()), 4), np.float32)
-        kernels._rays(
+        count = kernels._rays(
             self.store.records, self.store.link, pages, counts, starts - MARGIN_M,
-            block.low_y_m, self.pixel_m, every, out,
+            block.low_y_m, self.pixel_m, every, np.array(self.ends), out,
         )  # fmt: skip
-        if np.isinf(self.ends).all():
-            return out
-        least, most = (end / self.pixel_m for end in self.ends)
-        within = (out[:, 2] >= least) & (out[:, 2] <= most)
-        return out if within.all() else out[within]
+        return out[:count]
 
     def centres(self, block: Block) -> F64:
         """Path of the camera's centre while a block's events came, in the strip, shape (n, 3)."""
@@ -257,7 +252,8 @@ class Strip:
         _, y, z = self.centres(block).mean(axis=0)
         return np.asarray((y_m - y) / (self.middle_m - z), np.float64)
 
-    def across(self, y_m: F32, t_ns: npt.NDArray[np.int64]) -> F32:
-        """Slopes dy/dz of rays that meet the middle plane at y, from where the camera was."""
-        y, z = self._path.across_at(t_ns)
-        return np.asarray((y_m - y) / (self.middle_m - z), np.float32)
+    def across(self, events: StripEvents, start_m: float) -> F32:
+        """Slopes dy/dz of events' rays, from where the camera was; their x is from `start_m` on."""
+        x = events.x_m.astype(np.float64) + start_m
+        y, z = self._path.across_at(x, events.slope, self.middle_m)
+        return np.asarray((events.y_m - y) / (self.middle_m - z), np.float32)

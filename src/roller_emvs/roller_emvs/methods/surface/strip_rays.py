@@ -20,7 +20,7 @@ def ray_field(strip: Strip, block: Block) -> RayField:
         [
             np.column_stack([e.x_m + MARGIN_M, e.y_m - block.low_y_m, e.slope, across])
             for e in parts
-            for across in [strip.across(e.y_m, e.t_ns)]
+            for across in [strip.across(e, block.number * strip.settings.block_m)]
         ]
     )
     rays /= pixel
