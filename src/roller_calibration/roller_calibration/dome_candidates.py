@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from roller_core.transforms import F64
+
+I64 = npt.NDArray[np.int64]
 
 #: Cells and steps of the search, and discs in which the surface is looked at, in radii.
 _CELL, _STEP, _DISCS = 1 / 20, 1 / 8, (0.3, 0.5)
@@ -16,6 +19,9 @@ _CURVATURES, _MOST_UNEVEN = (0.25, 4.0), 3.0
 _MOST_MISS = 0.05
 #: Candidates that are looked at, at most.
 _MOST_PLACES = 12
+#: Rounds of a robust fit; how sure it is of what no cell tells, by what all tell; and places that
+#: are worked on together.
+_ROUNDS, _LEAST_SURE, _AT_ONCE = 3, 1e-12, 256
 
 
 def dome_places(local: F64, radius_m: float) -> list[F64]:
@@ -39,13 +45,17 @@ def dome_places(local: F64, radius_m: float) -> list[F64]:
     places = np.unique(np.rint(cells[:, :2] / step).astype(np.int64), axis=0) * step
     found: list[tuple[int, F64]] = []
     for disc in _DISCS:
-        for place, members in zip(
-            places, tree.query_ball_point(places, disc * radius_m), strict=True
-        ):
-            if len(members) >= _LEAST_CELLS:
-                top = _dome_top(cells[members], place, disc * radius_m, radius_m)
-                if top is not None:
-                    found.append((len(members), top))
+        within = tree.query_ball_point(places, disc * radius_m)
+        looked = [k for k, members in enumerate(within) if len(members) >= _LEAST_CELLS]
+        for first in range(0, len(looked), _AT_ONCE):
+            some = looked[first : first + _AT_ONCE]
+            members = [np.array(within[k]) for k in some]
+            tops_of = _dome_tops(cells, places[some], members, disc * radius_m, radius_m)
+            found += [
+                (len(own), top)
+                for own, top in zip(members, tops_of, strict=True)
+                if np.isfinite(top[0])
+            ]
     found.sort(key=lambda item: -item[0])
     tops: list[F64] = []
     for _, top in found:
@@ -81,24 +91,42 @@ def cell_medians(local: F64, size_m: float) -> F64:
     return np.column_stack([(keys + 0.5) * size_m, middle])
 
 
-def _dome_top(cells: F64, place: F64, disc_m: float, radius_m: float) -> F64 | None:
-    """Top of the quadric through cells, if it is a dome of a likely curvature."""
-    x, y = ((cells[:, :2] - place) / disc_m).T
-    design = np.column_stack([np.ones(len(x)), x, y, 0.5 * x * x, x * y, 0.5 * y * y])
-    weight = np.ones(len(x))
-    for _ in range(3):
-        solution = np.linalg.lstsq(design * weight[:, None], cells[:, 2] * weight, rcond=None)[0]
-        miss = np.abs(cells[:, 2] - design @ solution)
-        scale = max(float(np.median(miss)), 1e-9)
-        weight = np.sqrt(1 / np.maximum(miss / (2 * scale), 1))
-    if scale > _MOST_MISS * radius_m:
-        return None
-    bend = -np.array([[solution[3], solution[4]], [solution[4], solution[5]]]) / disc_m**2
-    low, high = np.linalg.eigvalsh(bend) * radius_m
-    if low < _CURVATURES[0] or high > _CURVATURES[1] or high > _MOST_UNEVEN * low:
-        return None
-    shift = np.linalg.solve(bend, solution[1:3] / disc_m)
-    if np.hypot(*shift) > 0.5 * disc_m:
-        return None
-    height = float(solution[0] + 0.5 * (solution[1:3] / disc_m) @ shift)
-    return np.array([*(place + shift), height, 0.5 * (low + high) / radius_m])
+def _dome_tops(
+    cells: F64, places: F64, members: list[I64], disc_m: float, radius_m: float
+) -> F64:
+    """Tops of the quadrics through cells around places; NaN where it is no dome of a likely bend.
+
+    All at once: of thousands of places, one fit each would take a second.
+    """
+    counts = np.array([len(own) for own in members])
+    there = np.arange(counts.max()) < counts[:, None]
+    index = np.zeros(there.shape, np.int64)
+    index[there] = np.concatenate(members)
+    x, y = np.moveaxis((cells[index, :2] - places[:, None]) / disc_m, -1, 0)
+    z = cells[index, 2]
+    design = np.stack([np.ones_like(x), x, y, 0.5 * x * x, x * y, 0.5 * y * y], axis=-1)
+    weight = there.astype(np.float64)
+    each, low, high = np.arange(len(places)), (counts - 1) // 2, counts // 2
+    for _ in range(_ROUNDS):
+        weighted = np.swapaxes(design * weight[..., None], 1, 2)
+        normal = weighted @ design
+        # Of cells in a row the bend across is unknown: nought, as of the shortest solution.
+        normal += _LEAST_SURE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+        solution = np.linalg.solve(normal, weighted @ z[..., None])
+        miss = np.where(there, np.abs(z - (design @ solution)[..., 0]), np.inf)
+        in_order = np.sort(miss, axis=1)
+        scale = np.maximum(0.5 * (in_order[each, low] + in_order[each, high]), 1e-9)
+        weight = 1 / np.maximum(miss / (2 * scale[:, None]), 1)
+    height, slope = solution[:, 0, 0], solution[:, 1:3, 0] / disc_m
+    bend = -solution[:, [[3, 4], [4, 5]], 0] / disc_m**2
+    least, most = np.linalg.eigvalsh(bend).T * radius_m
+    dome = (scale <= _MOST_MISS * radius_m) & (least >= _CURVATURES[0])
+    dome &= (most <= _CURVATURES[1]) & (most <= _MOST_UNEVEN * least)
+    shift = np.full_like(slope, np.inf)
+    shift[dome] = np.linalg.solve(bend[dome], slope[dome, :, None])[..., 0]
+    dome &= np.hypot(*shift.T) <= 0.5 * disc_m
+    tops = np.full((len(places), 4), np.nan)
+    tops[dome, :2] = (places + shift)[dome]
+    tops[dome, 2] = height[dome] + 0.5 * (slope[dome] * shift[dome]).sum(axis=1)
+    tops[dome, 3] = 0.5 * (least + most)[dome] / radius_m
+    return tops
