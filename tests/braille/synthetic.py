@@ -85,9 +85,10 @@ def scan(plate: Plate, track: PoseTrack, seed: int = 0, noise: int = 0, p: int =
     travel = rng.uniform(0.0, max(moves[-1], 1e-9), (8, len(px)))
     clock = np.interp(travel, moves, (track.times_ns - t0).astype(float))
     t = t0 + clock.astype(np.int64)
-    where = track.sample(t.ravel())[0].reshape(*t.shape, 3)
-    u = CAMERA.cx + CAMERA.fx * (px - where[..., 0]) / DEPTH_M
-    v = CAMERA.cy + CAMERA.fy * -(py - where[..., 1]) / DEPTH_M
+    # Positions alone: the camera doesn't turn.
+    at_x, at_y = (np.interp(t - t0, track.times_ns - t0, track.positions[:, k]) for k in (0, 1))
+    u = CAMERA.cx + CAMERA.fx * (px - at_x) / DEPTH_M
+    v = CAMERA.cy + CAMERA.fy * -(py - at_y) / DEPTH_M
     seen = (u >= 0) & (u < CAMERA.width - 1) & (v >= 0) & (v < CAMERA.height - 1)
     # Each point of a ring fires as often as it comes by, whatever the length of the scan.
     keep = seen & (rng.random(t.shape) < 1.0)

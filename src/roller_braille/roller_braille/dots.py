@@ -129,6 +129,8 @@ class DotFinder:
         rows = fine.shape[0] // f
         coarse = cv2.resize(fine[: rows * f], ((hi - lo) // f, rows), interpolation=cv2.INTER_AREA)
         coarse *= np.float32(f * f)
+        if coarse.sum() < LEAST_VOTES:  # all of them are no dot
+            return Dots.none()
         spots = cv2.filter2D(coarse, -1, self._spot, borderType=cv2.BORDER_CONSTANT)
         around = cv2.filter2D(coarse, -1, self._ring, borderType=cv2.BORDER_CONSTANT)
         votes = spots - around
