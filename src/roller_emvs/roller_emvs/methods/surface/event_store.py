@@ -22,8 +22,8 @@ from ._event_kernels import PAGE, PIECES
 
 I32 = npt.NDArray[np.int32]
 
-#: Pages at first: memory that the system gives when they are used.
-_FIRST_PAGES = 1024
+#: Pages at first, of eight million events: memory that the system gives when they are used.
+_FIRST_PAGES = 4096
 
 
 @dataclass(frozen=True)
