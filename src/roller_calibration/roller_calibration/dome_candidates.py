@@ -91,9 +91,7 @@ def cell_medians(local: F64, size_m: float) -> F64:
     return np.column_stack([(keys + 0.5) * size_m, middle])
 
 
-def _dome_tops(
-    cells: F64, places: F64, members: list[I64], disc_m: float, radius_m: float
-) -> F64:
+def _dome_tops(cells: F64, places: F64, members: list[I64], disc_m: float, radius_m: float) -> F64:
     """Tops of the quadrics through cells around places; NaN where it is no dome of a likely bend.
 
     All at once: of thousands of places, one fit each would take a second.
