@@ -25,7 +25,7 @@ def test_pages_are_not_fetched_again() -> None:
 def test_pages_of_the_first_window_are_taken_ahead() -> None:
     if not keep_freed_memory():
         pytest.skip("the C library has no mallopt")
-    take_memory()
+    take_memory(4)
     assert window(100) < pages(100) // 4
 
 
@@ -49,7 +49,7 @@ def test_threads_use_what_was_taken_ahead(tmp_path: Path) -> None:
         "    print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)\n"
         "def main():\n"
         "    keep_freed_memory()\n"
-        "    take_memory()\n"
+        "    take_memory(4)\n"
         "    in_thread(window)\n"
     )
     code = "from roller_core.signals import load_and_run; load_and_run('loaded')"

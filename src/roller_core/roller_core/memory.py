@@ -11,8 +11,8 @@ _MMAP_THRESHOLD, _FROM_SYSTEM = -3, 32 << 20
 #: One heap for all threads, as each keeps what was freed in it. Threads allocate large arrays, and
 #: too seldom to wait for one another.
 _ARENA_MAX, _ARENAS = -8, 1
-#: Blocks taken ahead, bytes and number: below both limits.
-_AHEAD, _BLOCKS_AHEAD = 30 << 20, 4
+#: Size of what is taken ahead at once, bytes: below both limits.
+_AHEAD = 30 << 20
 #: The same where memory counts for more.
 _KEPT_WHEN_SMALL, _FROM_SYSTEM_WHEN_SMALL = 1 << 20, 512 << 10
 #: New objects after which Python looks for garbage; by default it does after 700.
@@ -38,13 +38,18 @@ def keep_freed_memory() -> bool:
     return _set(_KEPT, _FROM_SYSTEM)
 
 
-def take_memory() -> None:
+def take_memory(blocks: int) -> None:
     """Take from the system, ahead of the first window, what `keep_freed_memory` keeps.
 
     Touching it for the first time takes as long as half a window's work.
+
+    Parameters
+    ----------
+    blocks : int
+        How much, in 30 MB.
     """
-    blocks = [b"\1" * _AHEAD for _ in range(_BLOCKS_AHEAD)]
-    blocks.clear()
+    taken = [b"\1" * _AHEAD for _ in range(blocks)]
+    taken.clear()
 
 
 def collect_seldom() -> None:

@@ -45,6 +45,8 @@ class Stage(ABC, Generic[S]):
         Topics that it takes and gives.
     most_waiting : int
         Messages that may wait for it, event packets aside.
+    memory_ahead : int
+        What its first window takes of memory, in 30 MB: taken before the window comes.
     clock_ns : callable
         ROS time now, for latencies.
     camera : Camera or None
@@ -57,6 +59,7 @@ class Stage(ABC, Generic[S]):
     inputs: ClassVar[tuple[str, ...]]
     outputs: ClassVar[tuple[str, ...]]
     most_waiting: ClassVar[int] = 200_000
+    memory_ahead: ClassVar[int] = 1
 
     def __init__(self, settings: S) -> None:
         self.settings = settings

@@ -35,6 +35,7 @@ class DepthStage(EventStage[EmvsParameters, DepthPipeline]):
     """
 
     node, part = "emvs", "depth"
+    memory_ahead = 4
     model = EmvsParameters
     outputs = (
         outputs.DEPTH_INFO,

@@ -32,6 +32,7 @@ class SurfaceStage(EventStage[SurfaceParameters, SurfaceSweep]):
     """
 
     node, part = "surface", "points"
+    memory_ahead = 4
     model = SurfaceParameters
     outputs = (
         outputs.SURFACE_POINTS,

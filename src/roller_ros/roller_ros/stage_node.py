@@ -79,7 +79,7 @@ class StageNode(RollerNode):
         )
         with self._diagnostics.preparing(_PREPARING):
             stage.warm_up()
-        take_memory()
+        take_memory(kind.memory_ahead)
         keep_loaded()
         self._worker: Worker[tuple[str, Any]] = Worker(
             self._handle, self._flush, settings.idle_flush_s, backlog_for(settings, kind),

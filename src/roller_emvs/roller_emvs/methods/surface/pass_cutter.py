@@ -6,6 +6,7 @@ one are complete, so they depend on the data alone and not on when these arrived
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from functools import lru_cache
 
@@ -60,7 +61,7 @@ class PassCutter(EventCutter):
         self._at_ns: int | None = None
         self._strip: Strip | None = None
         self._early: list[Step] = []
-        self._waiting: list[Step] = []
+        self._waiting: deque[Step] = deque()
         self._anchor: tuple[int, F64] | None = None
         self._newest: tuple[int | None, F64] = None, np.eye(4)
         self._progress, self._heading = Progress(_BACK_M), Heading(*_HEADING)
@@ -198,14 +199,14 @@ class PassCutter(EventCutter):
 
     def _advance(self, strip: Strip, flush: bool = False) -> Iterator[Output]:
         """Work off what waits, once it is known whether pixels are blind for long."""
-        late, waiting = self.dead_time, self._waiting
-        if not waiting:
+        late = self.dead_time
+        if not self._waiting:
             return
-        known = late is None or late.known or waiting[-1][4][0, 3] >= _WAIT_M
+        known = late is None or late.known or self._waiting[-1][4][0, 3] >= _WAIT_M
         if not (known or flush or self.held_events > self._settings.max_waiting_events):
             return
-        self._waiting = []
-        for events, t0, t1, pose0, pose1 in waiting:
+        while self._waiting:  # each goes as it is voted: none is held twice
+            events, t0, t1, pose0, pose1 = self._waiting.popleft()
             self._vote(strip, events, t0, t1, pose0, pose1)
             strip.advance(t1, pose1)
             for block in strip.ready():
