@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -50,7 +52,7 @@ def test_tops_of_many_are_those_of_each() -> None:
     for k, place in enumerate(places):
         parts.append(cells_around(rng, place, ("dome", "dome", "flat", "ridge", "row")[k % 5]))
     ends = np.cumsum([0, *map(len, parts)])
-    members = [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    members = [np.arange(a, b) for a, b in pairwise(ends)]
     found = _dome_tops(np.concatenate(parts), places, members, DISC_M, RADIUS_M)
     domes = 0
     for own, part, place in zip(found, parts, places, strict=True):

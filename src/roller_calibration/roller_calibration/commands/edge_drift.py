@@ -19,8 +19,8 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "drift of edges under the instrument's light, from a sphere and steps",
         "How far edges of each polarity drift while they cross the image, by slope and speed: "
         "from passes to and fro over a sphere of known radius and over steps of known height, each "
-        "at two speeds or more, under the skin and the light that you work with. All recordings count "
-        "together.",
+        "at two speeds or more, under the skin and the light that you work with. All recordings "
+        "count together.",
     )
     parser = add_kind(kinds, "edge-drift", run, "surface, emvs", texts, skin=True)
     parser.add_argument(
