@@ -42,7 +42,8 @@ def dome_places(local: F64, radius_m: float) -> list[F64]:
     cells = cell_medians(local, _CELL * radius_m)
     tree = cKDTree(cells[:, :2])
     step = _STEP * radius_m
-    places = np.unique(np.rint(cells[:, :2] / step).astype(np.int64), axis=0) * step
+    steps = np.unique(np.rint(cells[:, :2] / step).astype(np.int64), axis=0)
+    places: F64 = steps.astype(np.float64) * step
     found: list[tuple[int, F64]] = []
     for disc in _DISCS:
         within = tree.query_ball_point(places, disc * radius_m)
