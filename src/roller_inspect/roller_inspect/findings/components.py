@@ -43,6 +43,20 @@ class Component:
         inside &= (columns >= 0) & (columns < other.mask.shape[1])
         return float(other.mask[rows[inside], columns[inside]].sum()) / len(rows)
 
+    def is_near(self, other: Component, reach: int) -> bool:
+        """Whether a cell of another is within so many rows and columns of one of its own."""
+        windows = [(w.start, w.stop) for w in (self.rows, self.columns)]
+        row, column = (start - reach for start, _ in windows)
+        grown = np.zeros([stop - start + 2 * reach for start, stop in windows], np.uint8)
+        rows, columns = np.nonzero(self.mask)
+        grown[rows + reach, columns + reach] = 1
+        grown = cv2.dilate(grown, np.ones((2 * reach + 1,) * 2, np.uint8))
+        around = Component(
+            slice(row, row + grown.shape[0]), slice(column, column + grown.shape[1]), grown > 0,
+            self.sign,
+        )  # fmt: skip
+        return other.share_in(around) > 0
+
 
 def components(cues: Cues) -> list[Component]:
     """Weak cells that hang together with a strong one, by sign; what only touches is parted."""

@@ -18,6 +18,10 @@ from .sizes import measure
 
 #: A rise that lies in a crater's outline by more than this share is the crater's edge.
 _RIM_SHARE = 0.5
+#: What is less than about its own uncertainty, and lies this near, m, to what is so many times as
+#: deep the other way, is the edge of that: the skin bridges walls, and their lines are the least
+#: sure. Chosen on the plates for tuning.
+_EDGE_DEPTH, _EDGE_M, _EDGE_SURE = 3.0, 3e-4, 1.1
 
 
 @dataclass(frozen=True)
@@ -65,24 +69,41 @@ def search(
     parts = components(cues)
     found: list[tuple[Finding, Component]] = []
     craters: list[Component] = []
+    depths: list[tuple[float, Component]] = []
     known = list(known)
     # Hollows first: what rises around a crater is part of it.
     for part in sorted(parts if figures else (), key=lambda part: part.sign):
-        if any(part.holds(row, column) and part.sign * depth > 0 for row, column, depth in known):
+        before = [depth for *cell, depth in known if part.holds(*cell) and part.sign * depth > 0]
+        if before:
+            depths.append((before[0], part))
             continue
         if part.sign > 0 and any(part.share_in(crater) > _RIM_SHARE for crater in craters):
             continue
         measured = measure(part, height_map, comparison, cues, settings, reference.models_part)
         if measured is not None:
             found.append((measured[0], part))
+            depths.append((measured[0].depth_m, part))
             if measured[0].kind == "crater":
                 craters.append(measured[1])
+    reach = round(_EDGE_M / height_map.step_m)
+    found = [f for f in found if not _is_edge(*f, depths, reach)]
     found.sort(key=lambda f: (f[1].columns.start, f[1].rows.start, f[1].sign))
     return Search(
         comparison,
         tuple(replace(f, id=i) for i, (f, _) in enumerate(found, 1)),
         tuple((part.columns.start, part.columns.stop) for _, part in found),
         _mask(parts, height_map.shape),
+    )
+
+
+def _is_edge(
+    finding: Finding, part: Component, depths: list[tuple[float, Component]], reach: int
+) -> bool:
+    """Whether a finding is the edge of one that is far deeper, the other way."""
+    own = abs(finding.depth_m)
+    return own < _EDGE_SURE * finding.uncertainty.depth_m and any(
+        other.sign != part.sign and abs(depth) >= _EDGE_DEPTH * own and part.is_near(other, reach)
+        for depth, other in depths
     )
 
 
