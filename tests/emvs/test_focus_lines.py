@@ -8,9 +8,11 @@ from hypothesis import strategies as st
 from roller_core.events import EventArray
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
-from roller_emvs.evidence import find_depths, measured_pixels
+from roller_emvs.evidence import Relief, find_depths, measured_pixels
 from roller_emvs.evidence.evidence_settings import FocusEvidence
 from roller_emvs.lines.edge_drift import EdgeDriftSettings
+from roller_emvs.lines.line_points import LinePoints
+from roller_emvs.lines.ray_source import RayArray
 from roller_emvs.lines.refine import refine
 from roller_emvs.lines.travelling_light import TravellingLight
 from roller_emvs.methods import _focus_kernels, focus
@@ -130,10 +132,15 @@ def test_lines_become_points_beside_those_that_were_there() -> None:
     still.add(np.zeros(100), np.full(100, 0.02), np.full(100, 1e4))
     depths = find_depths(field, -seen.half, seen.half, settings)
     found = measured_pixels(field, depths, settings, drift)
-    moved, lines = refine(
-        field, found, field.some, (0, field.shape[1]), drift, still, 0.0, 1, as_points=False
-    )
-    both, _ = refine(field, found, field.some, (0, field.shape[1]), drift, still, 0.0, 1)
+
+    def refined(*, as_points: bool) -> tuple[Relief, LinePoints]:
+        columns = 0, field.shape[1]
+        return refine(
+            field, found, lambda k: RayArray(field.some(k)), columns, drift, still, 0.0, 1,
+            as_points=as_points,
+        )  # fmt: skip
+
+    (moved, lines), (both, _) = refined(as_points=False), refined(as_points=True)
     n = len(found.row)
     assert len(moved.row) == n < len(both.row) <= n + 2 * len(lines.row)
     for name in ("row", "column", "offset", "sigma"):

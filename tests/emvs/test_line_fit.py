@@ -9,6 +9,7 @@ from roller_emvs.evidence.field import ground
 from roller_emvs.lines import _kernels as kernels
 from roller_emvs.lines import _robust_kernels as robust_kernels
 from roller_emvs.lines.fit import ROW_STEP, Lines, fit_lines
+from roller_emvs.lines.ray_source import RayArray
 
 PIXEL_M = 4.2e-5
 SHAPE = (40, 60)
@@ -26,7 +27,7 @@ def events_of_line(
 
 def found_lines(rays: np.ndarray, direction: float = 1.0) -> Lines:
     surface = np.zeros(SHAPE, np.float32)
-    return fit_lines(rays, surface, (0, SHAPE[1]), 1.0, PIXEL_M, direction)
+    return fit_lines(RayArray(rays), surface, (0, SHAPE[1]), 1.0, PIXEL_M, direction)
 
 
 @settings(max_examples=25)

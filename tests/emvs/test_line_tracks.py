@@ -5,6 +5,7 @@ import pytest
 
 from roller_emvs.lines import _track_kernels as kernels
 from roller_emvs.lines.fit import Lines, fit_lines
+from roller_emvs.lines.ray_source import RayArray
 
 PIXEL_M = 4.2e-5
 SHAPE = (60, 60)
@@ -24,7 +25,8 @@ def tracks(
 
 
 def lines_of(rays: np.ndarray, direction: float = 1.0) -> Lines:
-    lines = fit_lines(rays, np.zeros(SHAPE, np.float32), (0, SHAPE[1]), 1.0, PIXEL_M, direction)
+    surface = np.zeros(SHAPE, np.float32)
+    lines = fit_lines(RayArray(rays), surface, (0, SHAPE[1]), 1.0, PIXEL_M, direction)
     assert len(lines) > 20
     return lines
 

@@ -15,11 +15,11 @@ import numpy.typing as npt
 
 from roller_core.transforms import F64
 from roller_emvs.evidence.blur import blurred
-from roller_emvs.evidence.field import ground
 from roller_emvs.rays import F32
 
 from . import _kernels as kernels
 from . import _robust_kernels as robust_kernels
+from .ray_source import RaySource
 
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
@@ -90,7 +90,7 @@ NO_LINES = Lines(np.empty(0, np.int64), _NONE, _NONE, _NONE, np.empty((0, 3)), *
 
 
 def fit_lines(
-    rays: F32,
+    rays: RaySource,
     surface: F32,
     columns: tuple[int, int],
     offset_per_m: float,
@@ -101,8 +101,8 @@ def fit_lines(
 
     Parameters
     ----------
-    rays : ndarray of float32, shape (n, 4)
-        x, y on the plane of offset 0, px, and slopes, px by unit of offset.
+    rays : RaySource
+        Events of that polarity.
     surface : ndarray of float32, shape (height, width)
         Offset by pixel, NaN where it is unknown.
     columns : tuple of int
@@ -115,7 +115,7 @@ def fit_lines(
         1 where the camera moves along x, -1 where it moves against it.
     """
     height, width = surface.shape
-    pixel, counts = ground(rays, surface)
+    pixel, counts = rays.ground(surface)
     row, column = _crests(counts[:-1].reshape(height, width), columns)
     if not len(row):
         return NO_LINES
@@ -162,7 +162,9 @@ def _crests(counts: I32, columns: tuple[int, int]) -> tuple[I64, I64]:
     return row[:count], column[:count] + begin
 
 
-def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int) -> tuple[F32, I32]:
+def _near(
+    rays: RaySource, pixel: I32, counts: I32, row: I64, column: I64, width: int
+) -> tuple[F32, I32]:
     """Rays that lie in the windows around some places, by pixel, and where each pixel's begin."""
     wanted = np.zeros((len(counts) // width, width), np.uint8)
     wanted[row, column] = 1
@@ -170,7 +172,7 @@ def _near(rays: F32, pixel: I32, counts: I32, row: I64, column: I64, width: int)
     cv2.dilate(wanted, np.ones((reach[1], reach[0]), np.uint8), dst=wanted)
     starts, place = np.empty((2, len(counts)), np.int32)
     ordered = np.empty((kernels._starts(counts, wanted, starts, place), 4), np.float32)
-    kernels._by_pixel(rays, pixel, place, ordered)
+    rays.by_pixel(pixel, place, ordered)
     return ordered, starts
 
 

@@ -73,7 +73,7 @@ class PatchEnds:
         Parameters
         ----------
         rays : ndarray of float32, shape (n, 4)
-            Events; see `fit_lines`.
+            Events; see `RaySource`.
         seen_at : ndarray of float64, shape (n,)
             Slope dx/dz at which the camera saw each, in its own frame.
         surface : ndarray of float32, shape (height, width)

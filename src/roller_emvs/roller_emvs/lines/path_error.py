@@ -85,7 +85,7 @@ class PathError:
         Parameters
         ----------
         rays : ndarray of float32, shape (n, 4)
-            Events; see `fit_lines`.
+            Events; see `RaySource`.
         slope_scale : float
             From their slopes to dx/dz.
         surface : ndarray of float32, shape (height, width)

@@ -9,7 +9,6 @@ import numpy as np
 
 from roller_core.transforms import F64
 from roller_emvs.evidence import CELL_PX, EvidenceField, Relief
-from roller_emvs.rays import F32
 from roller_emvs.threads import share
 
 from . import _place_kernels as kernels
@@ -17,6 +16,7 @@ from .edge_drift import EdgeDriftSettings, drift_of_wider, edge_drift, held_chan
 from .fit import INDEPENDENT, NO_LINES, Lines, fit_lines
 from .follow import add_lines, move_points, widen_sigma
 from .line_points import LinePoints
+from .ray_source import RaySource
 from .travelling_light import TravellingLight
 
 #: Uncertainty of a line's place that its fit doesn't know of, m: the poses' stamps and noise.
@@ -41,7 +41,7 @@ _ONE_SIDED = 0.5
 def refine(
     field: EvidenceField,
     found: Relief,
-    rays: Callable[[int], F32],
+    rays: Callable[[int], RaySource],
     columns: tuple[int, int],
     settings: EdgeDriftSettings,
     light: TravellingLight,
@@ -60,7 +60,7 @@ def refine(
     found : Relief
         Points, and the surface by polarity that they were taken from.
     rays : callable
-        Takes a polarity and gives its rays, float32, shape (n, 4); see `fit_lines`.
+        Takes a polarity and gives its `RaySource`.
     columns : tuple of int
         First column in which lines are wanted, and the one after the last.
     settings : EdgeDriftSettings

@@ -36,6 +36,7 @@ from roller_emvs.evidence import (
 from roller_emvs.evidence.part_images import find_depths_of_parts
 from roller_emvs.lines.fit import LEAST_VARIANCE, NO_LINES, fit_lines
 from roller_emvs.lines.patch_ends import PatchEnds
+from roller_emvs.lines.ray_source import RayArray
 from roller_emvs.lines.refine import refine
 from roller_emvs.lines.travelling_light import TravellingLight
 from roller_emvs.rays import F32, Packets
@@ -158,11 +159,11 @@ def _points(
         return found.whole()
     with watch("lines"):
         every = min(1 + len(seen.packets.events) // _ENOUGH, _MOST_LEFT_OUT)
-        rays = replace(seen, packets=seen.packets.sample(every)).ray_field().some
+        some = replace(seen, packets=seen.packets.sample(every)).ray_field().some
         columns, light = (0, field.shape[1]), TravellingLight()
         found, _ = refine(
-            field, found, rays, columns, s.edge_drift, light, blind_m, s.threads, as_points=False,
-            held=False,
+            field, found, lambda k: RayArray(some(k)), columns, s.edge_drift, light, blind_m,
+            s.threads, as_points=False, held=False,
         )  # fmt: skip
     return found
 
@@ -177,7 +178,7 @@ def _look_for(ends: PatchEnds, seen: WindowView, found: Relief, threads: int) ->
     lines = [NO_LINES, NO_LINES]
 
     def fit(k: int) -> None:
-        lines[k] = fit_lines(rays[k], found.surfaces[k], columns, *scales)
+        lines[k] = fit_lines(RayArray(rays[k]), found.surfaces[k], columns, *scales)
 
     share(threads, 2, fit)
     slopes = (packets.table[..., 0].astype(np.float64) - c.cx) / c.fx

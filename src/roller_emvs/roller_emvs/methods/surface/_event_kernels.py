@@ -1,4 +1,9 @@
-"""Loops over events that place them on a strip and keep them; each has a twin in the tests."""
+"""Loops over events that place them on a strip and keep them; each has a twin in the tests.
+
+A record of the store is where an event lies in its piece of a block, and its slope, as 16 bits
+each, and y as float32: places are rounded to some hundredths of a micrometre, far less than a pixel
+of the sensor.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +16,11 @@ from roller_core._array_kernels import _least, _most
 PAGE = 2048
 #: Pieces of a block of the store, so that what reaches another block need not be looked for in all.
 PIECES = 8
+#: What a place in a piece, and a slope, is a number of; largest slope of all, 76°.
+NUMBERS = 1 << 16
+STEEPEST = 4.0
+#: Slope by number.
+_PER_NUMBER = 2 * STEEPEST / NUMBERS
 #: Events that are placed together.
 _CHUNK = 512
 
@@ -94,38 +104,41 @@ def _keep(  # type: ignore[no-untyped-def]
     """Append events to the pages of their block, polarity and piece; how many, and free pages left.
 
     `placed` is as of `_place`, `start` the place of the block of `slots[0]` in its x. `records`,
-    shape (pages, 3, PAGE), receives x from the block's start on, y and slope. `pages` holds the
-    first and last page of each slot and of each polarity's pieces, -1 for none, `counts` their
-    events; `ends` a slot's first and last time. Places are counted without sign: what may count
-    from the end is looked at twice.
+    uint16 of shape (pages, 2, PAGE) and float32 of shape (pages, PAGE), receive place in the piece
+    and slope, and y. `pages` holds the first and last page of each slot and of each polarity's
+    pieces, -1 for none, `counts` their events; `ends` a slot's first and last time. Places are
+    counted without sign: what may count from the end is looked at twice.
     """
-    per_length = np.float32(1) / np.float32(length)
-    size = np.float32(length)
-    per_piece = np.float32(PIECES) / size
+    per_piece = np.float32(PIECES / length)
     start = np.float32(start)
     one, two, page_size = np.uint64(1), np.uint64(2), np.uint64(PAGE)
-    zero, last, none = np.float32(0), np.int32(PIECES - 1), np.int32(-1)
-    blocks, of_polarity = np.float32(len(slots)), np.int32(PIECES)
-    to, last_page, held = records.reshape(-1), pages.reshape(-1), counts.reshape(-1)
+    zero, of_block, none = np.float32(0), np.int32(PIECES), np.int32(-1)
+    inside = np.float32(len(slots) * PIECES)
+    many, most = np.float32(NUMBERS), np.float32(NUMBERS - 1)
+    per_slope, middle = np.float32(1 / _PER_NUMBER), np.float32(NUMBERS / 2)
+    to, to_y = records[0].reshape(-1), records[1].reshape(-1)
+    last_page, held = pages.reshape(-1), counts.reshape(-1)
     chains = np.uint64(2 * PIECES)
     xs, ys, slopes = placed[0], placed[1], placed[2]
     block, own = np.empty((2, _CHUNK), np.int32)
-    within = np.empty(_CHUNK, np.float32)
+    number, lean = np.empty((2, _CHUNK), np.uint16)
     kept = 0
     for begin in range(0, len(t), _CHUNK):
         first = np.uint64(begin)
         some = np.uint64(min(_CHUNK, len(t) - begin))
         # Of many at once: what needs no page.
         for i in range(some):
-            x = xs[first + i] - start
+            x = (xs[first + i] - start) * per_piece
             # Written so that NaN fails it.
-            inside = (x >= zero) & (x * per_length < blocks)
-            k = np.int32(x * per_length if inside else zero)
-            x -= np.float32(k) * size
-            piece = np.int32(min(max(x * per_piece, zero), np.float32(last)) if inside else zero)
-            within[i] = x
-            block[i] = k if inside else none
-            own[i] = piece + (of_polarity if polarity[first + i] > 0 else np.int32(0))
+            seen = (x >= zero) & (x < inside)
+            x = x if seen else zero
+            piece = np.int32(x)
+            k = piece // of_block
+            number[i] = np.uint16(np.int32(min((x - np.float32(piece)) * many, most)))
+            s = slopes[first + i] * per_slope + middle
+            lean[i] = np.uint16(np.int32(min(max(s, zero), most) if seen else zero))
+            block[i] = k if seen else none
+            own[i] = piece - k * of_block + (of_block if polarity[first + i] > 0 else np.int32(0))
         for i in range(some):
             if block[i] < 0 or slots[np.uint64(block[i])] < 0:
                 continue
@@ -143,10 +156,10 @@ def _keep(  # type: ignore[no-untyped-def]
                     link[page] = new
                 last_page[two * chain + one] = new
             held[chain] += 1
-            at = np.uint64(last_page[two * chain + one]) * np.uint64(3) * page_size + n
-            to[at] = within[i]
-            to[at + page_size] = ys[first + i]
-            to[at + two * page_size] = slopes[first + i]
+            at = np.uint64(last_page[two * chain + one]) * page_size
+            to[two * at + n] = number[i]
+            to[two * at + page_size + n] = lean[i]
+            to_y[at + n] = ys[first + i]
             time = t[first + i]
             if time < ends[slot, 0]:
                 ends[slot, 0] = time
@@ -155,78 +168,57 @@ def _keep(  # type: ignore[no-untyped-def]
     return kept, free_count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "nsz"})
-def _span(records, link, pages, counts):  # type: ignore[no-untyped-def]
-    """Least and largest x and y of chains of pages: by vector instructions, as none is NaN.
+@njit(cache=True, nogil=True)
+def _scales(piece_m):  # type: ignore[no-untyped-def]
+    """Place by number and that of number 0, within a piece, metres; the same of slopes."""
+    per = np.float32(piece_m / NUMBERS)
+    return (
+        per, np.float32(0.5) * per, np.float32(_PER_NUMBER),
+        np.float32(0.5 * _PER_NUMBER - STEEPEST),
+    )  # fmt: skip
 
-    `pages` holds the first page of each chain, `counts` its events.
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "nsz"})
+def _span(records, link, pages, counts, piece_m):  # type: ignore[no-untyped-def]
+    """Least and largest x and y of chains of pages, one a piece: by vector instructions.
+
+    `pages` holds the first page of each chain, `counts` its events. None is NaN.
     """
     inf = np.float32(np.inf)
     low_x, high_x, low_y, high_y = inf, -inf, inf, -inf
+    per, begin, _, _ = _scales(piece_m)
     for chain in range(len(pages)):
         page, left = pages[chain], counts[chain]
+        least, most = np.uint16(NUMBERS - 1), np.uint16(0)
         while page >= 0:
-            xs, ys = records[page, 0], records[page, 1]
+            xs, ys = records[0][page, 0], records[1][page]
             for i in range(min(PAGE, left)):
-                low_x = xs[i] if xs[i] < low_x else low_x
-                high_x = xs[i] if xs[i] > high_x else high_x
+                least = xs[i] if xs[i] < least else least
+                most = xs[i] if xs[i] > most else most
                 low_y = ys[i] if ys[i] < low_y else low_y
                 high_y = ys[i] if ys[i] > high_y else high_y
             left -= PAGE
             page = link[page]
+        if counts[chain] > 0:
+            start = np.float32((chain % PIECES) * piece_m) + begin
+            low_x = min(low_x, start + np.float32(least) * per)
+            high_x = max(high_x, start + np.float32(most) * per)
     return low_x, high_x, low_y, high_y
 
 
 @njit(cache=True, nogil=True)
-def _collect(records, link, page, count, shift, x, y, slope):  # type: ignore[no-untyped-def]
-    """Events of a chain of pages into arrays, x `shift` further on."""
+def _collect(records, link, page, count, piece_m, start, x, y, slope):  # type: ignore[no-untyped-def]
+    """Events of a chain of pages, a piece that begins at `start`, into arrays."""
+    per_x, first_x, per_slope, first_slope = _scales(piece_m)
+    first_x += np.float32(start)
     n = 0
     while page >= 0:
         for i in range(min(PAGE, count - n)):
-            x[n + i] = records[page, 0, i] + shift
-            y[n + i] = records[page, 1, i]
-            slope[n + i] = records[page, 2, i]
+            x[n + i] = first_x + np.float32(records[0][page, 0, i]) * per_x
+            y[n + i] = records[1][page, i]
+            slope[n + i] = first_slope + np.float32(records[0][page, 1, i]) * per_slope
         n += PAGE
         page = link[page]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _rays(records, link, pages, counts, left, top, pixel, every, ends, out):  # type: ignore[no-untyped-def]
-    """Every n-th event of chains of pages as rays in pixels from (`left`, `top`) on; how many.
-
-    `left` is by chain. Straight across; `PAGE` is a multiple of `every`. Rays whose slope isn't
-    within `ends`, shape (2,), are left out: of most pages none or all are.
-    """
-    per, top, step = np.float32(1.0 / pixel), np.float32(top), np.uint64(every)
-    least, most, zero = np.float32(ends[0]), np.float32(ends[1]), np.float32(0)
-    done = np.int64(0)
-    for chain in range(len(pages)):
-        page, count, begin = pages[chain], counts[chain], np.float32(left[chain])
-        while page >= 0:
-            x, y, slope = records[page, 0], records[page, 1], records[page, 2]
-            own, n = out[done:], np.uint64(-(-min(PAGE, count) // every))
-            outside = False
-            for k in range(n):
-                outside |= (slope[k * step] < least) | (slope[k * step] > most)
-            for k in range(n):
-                i = k * step
-                own[k, 0] = (x[i] - begin) * per
-                own[k, 1] = (y[i] - top) * per
-                own[k, 2] = slope[i] * per
-                own[k, 3] = zero
-            if outside:
-                kept = np.uint64(0)
-                for k in range(n):
-                    a, b, along = own[k, 0], own[k, 1], own[k, 2]
-                    own[kept, 0] = a
-                    own[kept, 1] = b
-                    own[kept, 2] = along
-                    kept += np.uint64((slope[k * step] >= least) & (slope[k * step] <= most))
-                n = kept
-            done += np.int64(n)
-            count -= PAGE
-            page = link[page]
-    return done
 
 
 @njit(cache=True, nogil=True)

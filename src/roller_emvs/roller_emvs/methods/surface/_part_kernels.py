@@ -13,7 +13,7 @@ from numba import njit
 
 from roller_emvs.evidence import CELL_PX
 
-from ._event_kernels import PAGE
+from ._event_kernels import PAGE, _scales
 
 #: Bins to a pixel.
 BINS_PX = 4
@@ -35,10 +35,9 @@ _AT_ONCE = 64
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _locate(  # type: ignore[no-untyped-def]
-    records, link, pages, counts, starts, pixel, top, least, width, ends, shape, left, tile, votes,
-    lines, tiles,
-):  # fmt: skip
-    """Where chains of events vote, of which x begins each at its own place of `starts`.
+    records, link, chains, scales, least, width, ends, shape, left, tile, votes, lines, tiles
+):
+    """Where chains of events vote; `chains` and `scales` as of `_ray_kernels._rays`.
 
     `left` is the bin of x = 0; rows begin half a pixel before `top`. Parts are `width` wide in
     slope from `least` on; slopes beyond them go to the end parts, those beyond `ends` nowhere.
@@ -47,7 +46,10 @@ def _locate(  # type: ignore[no-untyped-def]
     that go nowhere in its last entry. `tile`, shape (PAGE,), is a buffer.
     """
     rows, parts, bins = shape
+    begins, pages, counts = chains
+    top, pixel, piece_m = scales
     per_bin = np.float32(BINS_PX / pixel)
+    per_x, first_x, per_slope, first_slope = _scales(piece_m)
     per_row = np.float32(1.0 / pixel)
     y0 = np.float32(0.5 - top * per_row)
     per_part = np.float32(1.0 / width)
@@ -56,19 +58,20 @@ def _locate(  # type: ignore[no-untyped-def]
     zero = np.float32(0)
     right, below = np.float32(bins), np.float32(rows)
     first, final = np.float32(ends[0]), np.float32(ends[1])
-    nowhere, no_tile = np.int32(rows // CELL_PX), np.int32(len(tiles) - 1)
+    nowhere, no_tile = np.uint16(rows // CELL_PX), np.int32(len(tiles) - 1)
     many, tiles_of_row = np.int32(parts), np.int32(bins // TILE_BINS)
     done = 0
     for chain in range(len(pages)):
-        page, x0, n = pages[chain], np.float32(left - starts[chain] * per_bin), 0
+        page, n = pages[chain], 0
+        x0 = np.float32(left + (first_x - begins[chain]) * per_bin)
         while page >= 0:
             size = np.uint64(min(PAGE, counts[chain] - n))
-            x, y, slope = records[page, 0], records[page, 1], records[page, 2]
+            x, slope, y = records[0][page, 0], records[0][page, 1], records[1][page]
             own, line_of = votes[done + n :], lines[done + n :]
             for i in range(size):
-                a = x[i] * per_bin + x0
+                a = np.float32(x[i]) * (per_x * per_bin) + x0
                 b = y[i] * per_row + y0
-                s = slope[i]
+                s = first_slope + np.float32(slope[i]) * per_slope
                 part = np.int32(min(max(s * per_part + s0, zero), last))
                 inside = (a >= zero) & (a < right) & (b >= zero) & (b < below)
                 inside &= (s >= first) & (s <= final)
@@ -76,7 +79,7 @@ def _locate(  # type: ignore[no-untyped-def]
                 line = row // np.int32(CELL_PX)
                 key = (row - line * np.int32(CELL_PX)) * many + part
                 own[i] = np.uint32((key << np.int32(BIN_BITS)) | column)
-                line_of[i] = line if inside else nowhere
+                line_of[i] = np.uint16(line) if inside else nowhere
                 tile[i] = line * tiles_of_row + column // np.int32(TILE_BINS) if inside else no_tile
             for i in range(size):
                 tiles[np.uint64(tile[i])] += np.int32(1)

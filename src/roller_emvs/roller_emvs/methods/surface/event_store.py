@@ -1,4 +1,4 @@
-"""Events that wait for their rows to be out of view: each once, in pages, 12 bytes an event.
+"""Events that wait for their rows to be out of view: each once, in pages, 8 bytes an event.
 
 The x axis of a strip is cut into blocks of one length; an event belongs to the block in which its
 ray meets the strip's middle plane. `EventStore.events` gives those of one block and polarity as
@@ -15,14 +15,20 @@ import numpy as np
 import numpy.typing as npt
 
 from roller_core.events import EventArray
+from roller_core.transforms import F64
 from roller_emvs.rays import F32, I64
 
 from . import _event_kernels as kernels
 from ._event_kernels import PAGE, PIECES
 
 I32 = npt.NDArray[np.int32]
+U16 = npt.NDArray[np.uint16]
+#: Pages of a store: place in the piece and slope, shape (pages, 2, PAGE), and y, shape (pages,
+#: PAGE).
+Records = tuple[U16, F32]
 
-#: Pages at first, of eight million events: memory that the system gives when they are used.
+#: Pages at first, of eight million events: memory that the system gives when they are used, and
+#: what is held then need not be copied where there are more.
 _FIRST_PAGES = 4096
 
 
@@ -52,9 +58,14 @@ class EventStore:
 
     def __init__(self, length_m: float) -> None:
         self._length_m = length_m
+        #: Length of a piece.
+        self.piece_m = length_m / PIECES
         self._slots: dict[int, int] = {}
         self._spare: list[int] = []
-        self.records = np.empty((0, 3, PAGE), np.float32)
+        self.records: Records = (
+            np.empty((0, 2, PAGE), np.uint16),
+            np.empty((0, PAGE), np.float32),
+        )
         self.link = np.empty(0, np.int32)
         self._free = np.empty(0, np.int32)
         self._free_count = 0
@@ -111,8 +122,8 @@ class EventStore:
             return
         more = max(pages, held, _FIRST_PAGES)
         room = held + more
-        self.records, self.link = _grown(self.records, room), _grown(self.link, room)
-        self._free = _grown(self._free, room)
+        self.records = _grown(self.records[0], room), _grown(self.records[1], room)
+        self.link, self._free = _grown(self.link, room), _grown(self._free, room)
         self._free[self._free_count : self._free_count + more] = np.arange(held, room)
         self._free_count += more
 
@@ -129,7 +140,7 @@ class EventStore:
         slot, count = self._slots[k], self.count(k)
         if k not in self._spans or self._spans[k][0] != count:
             low_x, high_x, low_y, high_y = kernels._span(
-                self.records, self.link, self._pages[slot, :, 0], self._counts[slot]
+                self.records, self.link, self._pages[slot, :, 0], self._counts[slot], self.piece_m
             )
             self._spans[k] = count, (low_x, high_x, low_y, high_y)
         return self._spans[k][1]
@@ -141,28 +152,31 @@ class EventStore:
 
     def chains(
         self, k: int, polarity: int, low_m: float = -np.inf, high_m: float = np.inf
-    ) -> tuple[I32, I64]:
-        """First page and number of the events of each piece of a block, of one polarity.
+    ) -> tuple[F64, I32, I64]:
+        """Start, first page and number of the events of each piece of a block, of one polarity.
 
         Pieces that lie below `low_m` or beyond `high_m`, from the block's start on, are left out;
-        the first page of an empty one is -1.
+        the first page of an empty one is -1. Starts are from the block's on, metres.
         """
-        slot, per_piece = self._slots.get(k), PIECES / self._length_m
+        slot = self._slots.get(k)
         if slot is None:
-            return np.empty(0, np.int32), np.empty(0, np.int64)
-        begin = max(math.ceil(max(low_m * per_piece, 0.0)) - 1, 0)
-        end = math.floor(min(high_m * per_piece, PIECES - 1)) + 1
-        own = slice(polarity * PIECES + begin, polarity * PIECES + max(begin, end))
-        return self._pages[slot, own, 0], self._counts[slot, own]
+            return np.empty(0), np.empty(0, np.int32), np.empty(0, np.int64)
+        begin = max(math.ceil(max(low_m / self.piece_m, 0.0)) - 1, 0)
+        end = max(begin, math.floor(min(high_m / self.piece_m, PIECES - 1)) + 1)
+        own = slice(polarity * PIECES + begin, polarity * PIECES + end)
+        starts: F64 = np.arange(begin, end, dtype=np.float64) * self.piece_m
+        return starts, self._pages[slot, own, 0], self._counts[slot, own]
 
     def events(self, k: int, polarity: int, shift_m: float = 0.0) -> StripEvents:
         """Events of a block and polarity as arrays, x `shift_m` further on."""
         total, n = self.count(k, polarity), 0
         x, y, slope = (np.empty(total, np.float32) for _ in range(3))
-        for page, count in zip(*(v.tolist() for v in self.chains(k, polarity)), strict=True):
+        chains = (v.tolist() for v in self.chains(k, polarity))
+        for start, page, count in zip(*chains, strict=True):
             kernels._collect(
-                self.records, self.link, page, count, np.float32(shift_m), x[n:], y[n:], slope[n:]
-            )
+                self.records, self.link, page, count, self.piece_m, start + shift_m, x[n:], y[n:],
+                slope[n:],
+            )  # fmt: skip
             n += count
         return StripEvents(x, y, slope)
 

@@ -264,13 +264,12 @@ def _take_votes(
     starts = np.zeros((2, rows + 1), np.int64)
 
     def run(polarity: int) -> None:
-        begin, pages, counts = strip.chains(block, polarity, field.reach_m)
-        total = int(counts.sum())
-        votes = np.empty(total, np.uint32)
-        tile, lines = (np.empty(size, np.int32) for size in (PAGE, total))
+        chains, scales = strip.chains(block, polarity, field.reach_m), strip.scales(block)
+        total = int(chains[2].sum())
+        votes, lines = np.empty(total, np.uint32), np.empty(total, np.uint16)
         kernels._locate(
-            store.records, store.link, pages, counts, begin, pixel, block.low_y_m, least, width,
-            strip.ends, field.bins, left, tile, votes, lines, seen[polarity],
+            store.records, store.link, chains, scales, least, width, strip.ends, field.bins, left,
+            np.empty(PAGE, np.int32), votes, lines, seen[polarity],
         )  # fmt: skip
         by_row = seen[polarity, :-1].reshape(rows, -1).sum(axis=1)
         np.cumsum(by_row, out=starts[polarity, 1:])

@@ -24,7 +24,8 @@ from .camera_path import CameraPath
 from .event_store import EventStore, StripEvents
 from .surface_settings import SurfaceSettings
 
-#: How much x begins before a block, first page and number of events, of each chain of pages.
+#: Where a block begins, from the chain's piece on, first page and number of events, of each chain
+#: of pages.
 Chains = tuple[F64, npt.NDArray[np.int32], npt.NDArray[np.int64]]
 
 
@@ -131,10 +132,10 @@ class Strip:
         self._travel_ns += t1 - t0
         if self._placed.shape[1] < len(events):
             self._placed = np.empty((3, len(events)), np.float32)
-        half_length = s.patch_half_length_m or np.inf
+        steepest = min((s.patch_half_length_m or np.inf) / self.middle_m, kernels.STEEPEST)
         x_min, x_max, steepest = kernels._place(
             events.x, events.y, events.t_ns, self._pixel_rays, t0, t1, pose0, pose1,
-            self.middle_m, half_length / self.middle_m, self._placed,
+            self.middle_m, steepest, self._placed,
         )  # fmt: skip
         if x_min > x_max:
             return
@@ -214,29 +215,19 @@ class Strip:
         # Of a whole block 0, to the bit: what is about its rows may begin later, and end earlier.
         later = block.start_m - block.number * length
         earlier = block.end_m - block.end * length
-        starts, pages, counts = [], [], []
+        begins, pages, counts = [], [], []
         for j in block.sources:
-            start = (block.number - j) * length + later
-            ends = start - reach_m, (block.end - j) * length + earlier + reach_m
-            of_pieces = self.store.chains(j, polarity, *ends)
-            starts += [start] * len(of_pieces[0])
-            pages.append(of_pieces[0])
-            counts.append(of_pieces[1])
-        return np.array(starts), np.concatenate(pages), np.concatenate(counts)
+            begin = (block.number - j) * length + later
+            ends = begin - reach_m, (block.end - j) * length + earlier + reach_m
+            starts, first_pages, of_pieces = self.store.chains(j, polarity, *ends)
+            begins.append(begin - starts)
+            pages.append(first_pages)
+            counts.append(of_pieces)
+        return np.concatenate(begins), np.concatenate(pages), np.concatenate(counts)
 
-    def rays(self, block: Block, polarity: int, reach_m: float, every: int = 1) -> F32:
-        """Every n-th event that reaches a block's rows as a ray of a straight path.
-
-        float32, shape (n, 4), in pixels of its grid: place on the middle plane, slopes along and
-        across.
-        """
-        starts, pages, counts = self.chains(block, polarity, reach_m)
-        out = np.empty((int((-(-counts // every)).sum()), 4), np.float32)
-        count = kernels._rays(
-            self.store.records, self.store.link, pages, counts, starts - MARGIN_M,
-            block.low_y_m, self.pixel_m, every, np.array(self.ends), out,
-        )  # fmt: skip
-        return out[:count]
+    def scales(self, block: Block) -> tuple[float, float, float]:
+        """Least y of a block, size of a pixel of its grid, length of a piece of the store, m."""
+        return block.low_y_m, self.pixel_m, self.store.piece_m
 
     def centres(self, block: Block) -> F64:
         """Path of the camera's centre while a block's events came, in the strip, shape (n, 3)."""

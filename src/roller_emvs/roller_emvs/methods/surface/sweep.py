@@ -27,6 +27,7 @@ from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.lines.neighbourhoods import depth_points
 from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.path_error import PathError
+from roller_emvs.lines.ray_source import RayArray, RaySource
 from roller_emvs.lines.refine import refine
 from roller_emvs.lines.travelling_light import TravellingLight
 from roller_emvs.rays import F32, I64
@@ -39,7 +40,7 @@ from .part_depths import find_coarsely, find_part_depths
 from .part_field import COARSE_PARTS, PartField, fits, part_field
 from .pass_cutter import PassCutter
 from .strip import Strip
-from .strip_rays import ray_field
+from .strip_rays import StripRays, ray_field
 from .surface_patch import SurfacePatch
 from .surface_settings import SurfaceSettings
 
@@ -168,7 +169,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         with watch("lines"):
             return self._refined(
                 strip, block, field, depths, found,
-                lambda polarity, every: strip.rays(block, polarity, field.reach_m, every), across,
+                lambda polarity, every: StripRays(strip, block, polarity, field.reach_m, every),
+                across,
             )  # fmt: skip
 
     def _by_rays(self, strip: Strip, block: Block, watch: Stopwatch) -> Measured | None:
@@ -185,7 +187,10 @@ class SurfaceSweep(DepthEngine[PassCutter]):
             return np.asarray(row * strip.pixel_m + block.low_y_m, np.float64)
 
         with watch("lines"):
-            return self._refined(strip, block, field, depths, found, field.some, across)
+            return self._refined(
+                strip, block, field, depths, found,
+                lambda polarity, every: RayArray(field.some(polarity, every)), across,
+            )  # fmt: skip
 
     def _measured(self, field: EvidenceField, depths: list[Depths]) -> Relief:
         s, wanted = self.settings, self.on_lines is not None
@@ -203,7 +208,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         field: EvidenceField,
         depths: list[Depths],
         found: Relief,
-        rays: Callable[[int, int], F32],
+        rays: Callable[[int, int], RaySource],
         across: Callable[[F64, F64], F64],
     ) -> Measured | None:
         """Points that follow lines, and where they lie; None if rays beyond the patch counted."""
@@ -223,7 +228,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         )  # fmt: skip
         if textured and not ends.known:
             for polarity, surface, places in _by_polarity(found, lines):
-                events = rays(polarity, every)
+                events = rays(polarity, every).array()
                 seen_at = events[:, 2].astype(np.float64) * field.ray_slope_scale
                 ends.look(events, seen_at, surface, *places)
             if ends.find():
@@ -242,7 +247,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         if textured and isinstance(field, PartField):  # of others the path isn't straight
             path.begin(block.start_m, block.end_m)
             for polarity, surface, places in _by_polarity(found, lines):
-                events, columns_m = rays(polarity, _PATH_EVERY), (block.start_m - MARGIN_M, pixel)
+                events = rays(polarity, _PATH_EVERY).array()
+                columns_m = block.start_m - MARGIN_M, pixel
                 path.look(events, field.ray_slope_scale, surface, places, columns_m)
             path.learn()
             lacks = path.lacks_m(x).astype(found.offset.dtype)
