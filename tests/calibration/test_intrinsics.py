@@ -40,6 +40,18 @@ def test_the_grid_is_found_where_it_is_with_hot_pixels_about() -> None:
     assert find_grid(np.random.default_rng(2).poisson(2.0, (480, 640)), GRID) is None
 
 
+def test_the_dot_next_to_a_place_is_the_nearest_one() -> None:
+    places = np.random.default_rng(3).uniform(-1, 7, (4000, 2))
+    dots = GRID.points_m[:, :2] / GRID.pitch_m
+    nearest = np.linalg.norm(places[:, None] - dots[None], axis=2).min(axis=1)
+    found = GRID.to_dots(places)
+    # Half of the way between two dots next to each other.
+    near = nearest < 0.5 * np.sqrt(0.5)
+    assert 0.1 < near.mean() < 0.5
+    np.testing.assert_allclose(found[near], nearest[near], atol=1e-6)
+    assert (found[~near] >= nearest[~near] - 1e-6).all()
+
+
 def test_edges_are_as_wide_as_the_lens_makes_them() -> None:
     pose = target_poses(1, 20.0)[0]
     widths = []

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from roller_core.camera import Camera
 from roller_core.events import EventArray
+from roller_core.transforms import F64
 
 F32 = npt.NDArray[np.float32]
 
@@ -47,6 +47,30 @@ class DotGrid:
         row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
         x, y = (2 * column + row % 2) * 0.5, row * 0.5
         return (self.pitch_m * np.stack([x, y, 0 * x], axis=1)).astype(np.float32)
+
+    def to_dots(self, place: F64) -> F64:
+        """Distance of places on the target to the dot that they are next to.
+
+        The dots are on a square lattice that is turned by 45°, whose lines run along x + y and
+        x - y.
+
+        Parameters
+        ----------
+        place : ndarray of float64, shape (n, 2)
+            x and y, in pitches.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            In pitches; inf where the lattice goes on and the grid doesn't.
+        """
+        x, y = place.T
+        first, second = np.rint(x + y), np.rint(x - y)
+        row = first - second
+        column = (first + second - row % 2) / 2
+        there = (row >= 0) & (row < self.rows) & (column >= 0) & (column < self.columns)
+        away = np.hypot(x - 0.5 * (first + second), y - 0.5 * row)
+        return np.where(there, away, np.inf)
 
 
 @dataclass(frozen=True)
@@ -126,12 +150,10 @@ def edge_width_px(counts: npt.NDArray[np.integer], pixels: F32, grid: DotGrid) -
     doesn't widen the edges.
     """
     on_target, _ = cv2.findHomography(pixels, grid.points_m[:, :2] / grid.pitch_m)
-    middle = (grid.points_m[:, :2] / grid.pitch_m).astype(np.float64)
     every = np.stack(np.meshgrid(*(np.arange(n) for n in counts.shape[::-1])), -1).reshape(-1, 1, 2)
     place = cv2.perspectiveTransform(every.astype(np.float64), on_target)[:, 0]
-    reach = 0.5 * np.sqrt(0.5)
-    bins = np.linspace(0.0, reach, 41)
-    nearest = cKDTree(middle).query(place, distance_upper_bound=reach)[0]
+    bins = np.linspace(0.0, 0.5 * np.sqrt(0.5), 41)
+    nearest = grid.to_dots(place)
     most = np.percentile(counts[counts > 0], 80)
     events, _ = np.histogram(nearest, bins, weights=np.minimum(counts.ravel(), most))
     pixels_there, _ = np.histogram(nearest, bins)
