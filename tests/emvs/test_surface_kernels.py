@@ -64,14 +64,16 @@ def test_a_ray_that_looks_away_has_no_place() -> None:
     assert low > high
 
 
-#: What a place of the store is off by at most, of blocks of 4 mm, and a slope.
-PLACE, SLOPE = 0.004 / PIECES / 65536, 8 / 65536
+#: Largest slope of the stores; what a place of theirs is off by at most, of blocks of 4 mm, and a
+#: slope.
+STEEPEST = 0.5
+PLACE, SLOPE = 0.004 / PIECES / 65536, 1.01 * STEEPEST / 65536
 
 
 def test_the_store_holds_each_event_once_and_reuses_what_is_released() -> None:
     rng = np.random.default_rng(2)
     length, low, start_ns = 0.004, -2, 10**15
-    store = EventStore(length)
+    store = EventStore(length, STEEPEST)
     n = 30_000
     x = rng.uniform(-0.010, 0.018, n).astype(np.float32)
     x[7] = np.nan
@@ -157,7 +159,7 @@ def by_rows(histogram: np.ndarray, rows: int) -> np.ndarray:
 
 
 def test_blocks_that_no_event_came_to_are_forgotten_too() -> None:
-    store, placed = EventStore(0.004), np.array([[0.001], [0.0], [0.0]], np.float32)
+    store, placed = EventStore(0.004, STEEPEST), np.array([[0.001], [0.0], [0.0]], np.float32)
     events = EventArray.from_arrays([0], [0], [5], [1])
     store.add(placed, events, 0.0, 0, range(4))
     store.release_before(0)
@@ -171,7 +173,7 @@ def test_blocks_that_no_event_came_to_are_forgotten_too() -> None:
 def test_events_vote_in_their_part_row_and_bin() -> None:
     rng = np.random.default_rng(3)
     n, pixel, shift, top, least, width = 5000, 4e-5, 0.001, -0.0002, -0.3, 0.07
-    store = EventStore(0.004)
+    store = EventStore(0.004, STEEPEST)
     placed = np.stack(
         [rng.uniform(0, 0.004, n), rng.uniform(-0.0003, 0.0003, n), rng.uniform(-0.4, 0.4, n)]
     ).astype(np.float32)
@@ -184,9 +186,9 @@ def test_events_vote_in_their_part_row_and_bin() -> None:
     pieces, pages, counts = store.chains(0, 1)
     assert counts.sum() == n
     _part_kernels._locate(
-        store.records, store.link, (-shift - pieces, pages, counts), (top, pixel, store.piece_m),
-        least, width, (-0.35, np.inf), SHAPE, float(LEFT), np.empty(_event_kernels.PAGE, np.int32),
-        votes, lines, tiles,
+        store.records, store.link, (-shift - pieces, pages, counts),
+        (top, pixel, store.piece_m, STEEPEST), least, width, (-0.35, np.inf), SHAPE, float(LEFT),
+        np.empty(_event_kernels.PAGE, np.int32), votes, lines, tiles,
     )  # fmt: skip
     starts = np.cumsum([0, *tiles[:-1].reshape(CELLS, TILES).sum(axis=1)])
     np.testing.assert_array_equal(starts, np.cumsum([0, *np.bincount(lines)[:CELLS]]))

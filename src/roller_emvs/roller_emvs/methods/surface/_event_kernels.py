@@ -16,11 +16,8 @@ from roller_core._array_kernels import _least, _most
 PAGE = 2048
 #: Pieces of a block of the store, so that what reaches another block need not be looked for in all.
 PIECES = 8
-#: What a place in a piece, and a slope, is a number of; largest slope of all, 76°.
+#: What a place in a piece, and a slope, is a number of.
 NUMBERS = 1 << 16
-STEEPEST = 4.0
-#: Slope by number.
-_PER_NUMBER = 2 * STEEPEST / NUMBERS
 #: Events that are placed together.
 _CHUNK = 512
 
@@ -99,11 +96,13 @@ def _place(x, y, t, rays, t0, t1, first, second, z, steepest, out):  # type: ign
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _keep(  # type: ignore[no-untyped-def]
-    placed, t, polarity, start, length, slots, records, link, free, free_count, pages, counts, ends
-):
+    placed, t, polarity, start, length, steepest, slots, records, link, free, free_count, pages,
+    counts, ends,
+):  # fmt: skip
     """Append events to the pages of their block, polarity and piece; how many, and free pages left.
 
-    `placed` is as of `_place`, `start` the place of the block of `slots[0]` in its x. `records`,
+    `placed` is as of `_place`, its slopes up to `steepest`, `start` the place of the block of
+    `slots[0]` in its x. `records`,
     uint16 of shape (pages, 2, PAGE) and float32 of shape (pages, PAGE), receive place in the piece
     and slope, and y. `pages` holds the first and last page of each slot and of each polarity's
     pieces, -1 for none, `counts` their events; `ends` a slot's first and last time. Places are
@@ -115,7 +114,7 @@ def _keep(  # type: ignore[no-untyped-def]
     zero, of_block, none = np.float32(0), np.int32(PIECES), np.int32(-1)
     inside = np.float32(len(slots) * PIECES)
     many, most = np.float32(NUMBERS), np.float32(NUMBERS - 1)
-    per_slope, middle = np.float32(1 / _PER_NUMBER), np.float32(NUMBERS / 2)
+    per_slope, middle = np.float32(NUMBERS / (2 * steepest)), np.float32(NUMBERS / 2)
     to, to_y = records[0].reshape(-1), records[1].reshape(-1)
     last_page, held = pages.reshape(-1), counts.reshape(-1)
     chains = np.uint64(2 * PIECES)
@@ -169,12 +168,12 @@ def _keep(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _scales(piece_m):  # type: ignore[no-untyped-def]
+def _scales(piece_m, steepest):  # type: ignore[no-untyped-def]
     """Place by number and that of number 0, within a piece, metres; the same of slopes."""
-    per = np.float32(piece_m / NUMBERS)
+    place, slope = piece_m / NUMBERS, 2 * steepest / NUMBERS
     return (
-        per, np.float32(0.5) * per, np.float32(_PER_NUMBER),
-        np.float32(0.5 * _PER_NUMBER - STEEPEST),
+        np.float32(place), np.float32(0.5 * place), np.float32(slope),
+        np.float32(0.5 * slope - steepest),
     )  # fmt: skip
 
 
@@ -186,7 +185,7 @@ def _span(records, link, pages, counts, piece_m):  # type: ignore[no-untyped-def
     """
     inf = np.float32(np.inf)
     low_x, high_x, low_y, high_y = inf, -inf, inf, -inf
-    per, begin, _, _ = _scales(piece_m)
+    per, begin, _, _ = _scales(piece_m, 1.0)
     for chain in range(len(pages)):
         page, left = pages[chain], counts[chain]
         least, most = np.uint16(NUMBERS - 1), np.uint16(0)
@@ -207,9 +206,9 @@ def _span(records, link, pages, counts, piece_m):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, nogil=True)
-def _collect(records, link, page, count, piece_m, start, x, y, slope):  # type: ignore[no-untyped-def]
+def _collect(records, link, page, count, piece_m, steepest, start, x, y, slope):  # type: ignore[no-untyped-def]
     """Events of a chain of pages, a piece that begins at `start`, into arrays."""
-    per_x, first_x, per_slope, first_slope = _scales(piece_m)
+    per_x, first_x, per_slope, first_slope = _scales(piece_m, steepest)
     first_x += np.float32(start)
     n = 0
     while page >= 0:

@@ -47,9 +47,9 @@ def _locate(  # type: ignore[no-untyped-def]
     """
     rows, parts, bins = shape
     begins, pages, counts = chains
-    top, pixel, piece_m = scales
+    top, pixel, piece_m, steepest = scales
     per_bin = np.float32(BINS_PX / pixel)
-    per_x, first_x, per_slope, first_slope = _scales(piece_m)
+    per_x, first_x, per_slope, first_slope = _scales(piece_m, steepest)
     per_row = np.float32(1.0 / pixel)
     y0 = np.float32(0.5 - top * per_row)
     per_part = np.float32(1.0 / width)

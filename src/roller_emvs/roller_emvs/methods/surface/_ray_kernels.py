@@ -16,15 +16,16 @@ from ._event_kernels import PAGE, _scales
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _page(records, page, count, begin, top, pixel, piece_m, every, ends, own):  # type: ignore[no-untyped-def]
+def _page(records, page, count, begin, scales, every, ends, own):  # type: ignore[no-untyped-def]
     """Every n-th event of a page as a ray in pixels from (`begin`, `top`) on; how many.
 
-    `begin` is from the page's piece on. Rays are straight across; those whose slope isn't within
-    `ends`, shape (2,), are left out: of most pages none or all are. `own`, shape (PAGE, 4), takes
-    them.
+    `scales`: `top`, `pixel`, length of a piece and steepest slope; `begin` is from a piece on.
+    Rays are straight across; those whose slope isn't within `ends`, shape (2,), are left out: of
+    most pages none or all are. `own`, shape (PAGE, 4), takes them.
     """
+    top, pixel, piece_m, steepest = scales
     per, step, zero = np.float32(1.0 / pixel), np.uint64(every), np.float32(0)
-    per_x, first_x, per_slope, first_slope = _scales(piece_m)
+    per_x, first_x, per_slope, first_slope = _scales(piece_m, steepest)
     left = (first_x - np.float32(begin)) * per
     top, per_x = np.float32(top), per_x * per
     least, most = np.float32(ends[0]), np.float32(ends[1])
@@ -54,20 +55,17 @@ def _page(records, page, count, begin, top, pixel, piece_m, every, ends, own):  
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rays(records, link, chains, scales, every, ends, out):  # type: ignore[no-untyped-def]
-    """Every n-th event of chains of pages as rays; how many. `scales`: `top`, `pixel`, `piece_m`.
+    """Every n-th event of chains of pages as rays; how many. `scales` as of `_page`.
 
     `chains` are where the rays' frame begins, from each piece on, first pages and counts. `out`,
     shape (n, 4), needs room for those that are left out too.
     """
     begins, pages, counts = chains
-    top, pixel, piece_m = scales
     done = 0
     for chain in range(len(pages)):
         page, count = pages[chain], counts[chain]
         while page >= 0:
-            done += _page(
-                records, page, count, begins[chain], top, pixel, piece_m, every, ends, out[done:]
-            )
+            done += _page(records, page, count, begins[chain], scales, every, ends, out[done:])
             count -= PAGE
             page = link[page]
     return done
@@ -79,13 +77,12 @@ def _ground_pages(  # type: ignore[no-untyped-def]
 ):
     """`_ground` of the rays of chains of pages, as of `_rays`; how many. `own` is for use."""
     begins, pages, counts = chains
-    top, pixel_m, piece_m = scales
     corner = (0.0, 0.0)
     done = 0
     for chain in range(len(pages)):
         page, count = pages[chain], counts[chain]
         while page >= 0:
-            n = _page(records, page, count, begins[chain], top, pixel_m, piece_m, every, ends, own)
+            n = _page(records, page, count, begins[chain], scales, every, ends, own)
             _ground(own[:n], corner, surface, start, width, pixel[done : done + n], counted)
             done += n
             count -= PAGE
@@ -97,12 +94,11 @@ def _ground_pages(  # type: ignore[no-untyped-def]
 def _pages_by_pixel(records, link, chains, scales, every, ends, own, pixel, place, out):  # type: ignore[no-untyped-def]
     """`_by_pixel` of the rays of chains of pages, as of `_rays`. `own` is for use."""
     begins, pages, counts = chains
-    top, pixel_m, piece_m = scales
     done = 0
     for chain in range(len(pages)):
         page, count = pages[chain], counts[chain]
         while page >= 0:
-            n = _page(records, page, count, begins[chain], top, pixel_m, piece_m, every, ends, own)
+            n = _page(records, page, count, begins[chain], scales, every, ends, own)
             _by_pixel(own[:n], pixel[done : done + n], place, out)
             done += n
             count -= PAGE

@@ -54,10 +54,13 @@ class EventStore:
     ----------
     length_m : float
         Length of a block.
+    steepest : float
+        Largest slope of an event.
     """
 
-    def __init__(self, length_m: float) -> None:
+    def __init__(self, length_m: float, steepest: float) -> None:
         self._length_m = length_m
+        self.steepest = steepest
         #: Length of a piece.
         self.piece_m = length_m / PIECES
         self._slots: dict[int, int] = {}
@@ -95,8 +98,9 @@ class EventStore:
             slots[k - low] = self._slot(k)
         self._reserve(len(events) // PAGE + 2 * PIECES * len(wanted) + 1)
         kept, self._free_count = kernels._keep(
-            placed, events.t_ns, events.p, -start_m, self._length_m, slots, self.records,
-            self.link, self._free, self._free_count, self._pages, self._counts, self._ends,
+            placed, events.t_ns, events.p, -start_m, self._length_m, self.steepest, slots,
+            self.records, self.link, self._free, self._free_count, self._pages, self._counts,
+            self._ends,
         )  # fmt: skip
         self.held += kept
 
@@ -174,8 +178,8 @@ class EventStore:
         chains = (v.tolist() for v in self.chains(k, polarity))
         for start, page, count in zip(*chains, strict=True):
             kernels._collect(
-                self.records, self.link, page, count, self.piece_m, start + shift_m, x[n:], y[n:],
-                slope[n:],
+                self.records, self.link, page, count, self.piece_m, self.steepest, start + shift_m,
+                x[n:], y[n:], slope[n:],
             )  # fmt: skip
             n += count
         return StripEvents(x, y, slope)

@@ -27,6 +27,9 @@ from .surface_settings import SurfaceSettings
 #: Where a block begins, from the chain's piece on, first page and number of events, of each chain
 #: of pages.
 Chains = tuple[F64, npt.NDArray[np.int32], npt.NDArray[np.int64]]
+#: Slopes beyond those of the first pose that still count, as far as a camera may tilt in a pass:
+#: 20° and more. The steepest of all, 76°.
+_MORE_SLOPE, _STEEPEST = 0.5, 4.0
 
 
 class MotionError(RollerError):
@@ -81,12 +84,12 @@ class Strip:
         self.half_m = 0.5 * (s.depth_max_m - s.depth_min_m)
         self.focal_px = float(max(camera.fx, camera.fy))
         self.pixel_m = self.middle_m / self.focal_px
-        self.store = EventStore(s.block_m)
-        self._blocks = BlockCutter(self.store, s.block_m, len(rays))
         self._pixel_rays = rays
         # Slopes are greatest and least at corners of the hull, however the camera turns.
         border = cv2.convexHull(np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]]))[:, 0]
         self._border = np.column_stack([border, np.ones(len(border))]).astype(np.float64)
+        self.store = EventStore(s.block_m, self._steepest(pose))
+        self._blocks = BlockCutter(self.store, s.block_m, len(rays))
         self._placed = np.empty((3, 0), np.float32)
         self._path = CameraPath(start_ns)
         #: Least and most x of it, for what each row was seen from.
@@ -113,6 +116,14 @@ class Strip:
         """Least and most slope along x of the rays so far that count."""
         return max(self._slopes[0], self.ends[0]), min(self._slopes[1], self.ends[1])
 
+    def _steepest(self, pose: F64) -> float:
+        """Largest slope of a ray that counts, of a camera that began so and tilts no further."""
+        if self.settings.patch_half_length_m:
+            return self.settings.patch_half_length_m / self.middle_m
+        d = self._border @ (self.rotation.T @ pose[:3, :3]).T
+        slopes = np.linalg.norm(d[:, :2], axis=1) / np.maximum(d[:, 2], 1e-6)
+        return min(float(slopes.max()) + _MORE_SLOPE, _STEEPEST)
+
     def to_strip(self, pose: F64) -> F64:
         """A pose in base as one in the strip, shape (4, 4)."""
         out = np.empty((4, 4))
@@ -132,10 +143,9 @@ class Strip:
         self._travel_ns += t1 - t0
         if self._placed.shape[1] < len(events):
             self._placed = np.empty((3, len(events)), np.float32)
-        steepest = min((s.patch_half_length_m or np.inf) / self.middle_m, kernels.STEEPEST)
         x_min, x_max, steepest = kernels._place(
             events.x, events.y, events.t_ns, self._pixel_rays, t0, t1, pose0, pose1,
-            self.middle_m, steepest, self._placed,
+            self.middle_m, self.store.steepest, self._placed,
         )  # fmt: skip
         if x_min > x_max:
             return
@@ -225,9 +235,12 @@ class Strip:
             counts.append(of_pieces)
         return np.concatenate(begins), np.concatenate(pages), np.concatenate(counts)
 
-    def scales(self, block: Block) -> tuple[float, float, float]:
-        """Least y of a block, size of a pixel of its grid, length of a piece of the store, m."""
-        return block.low_y_m, self.pixel_m, self.store.piece_m
+    def scales(self, block: Block) -> tuple[float, float, float, float]:
+        """Least y of a block, size of a pixel of its grid, length of a piece of the store, m.
+
+        And the largest slope of the store.
+        """
+        return block.low_y_m, self.pixel_m, self.store.piece_m, self.store.steepest
 
     def centres(self, block: Block) -> F64:
         """Path of the camera's centre while a block's events came, in the strip, shape (n, 3)."""
