@@ -6,12 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from roller_core.camera import Camera
 from roller_core.events import EventArray
 from roller_emvs.evidence.field import ground
 from roller_emvs.lines.ray_source import RayArray
+from roller_emvs.methods.surface import SurfaceSettings
 from roller_emvs.methods.surface.blocks import MARGIN_M
 from roller_emvs.methods.surface.event_store import EventStore
+from roller_emvs.methods.surface.strip import Strip
 from roller_emvs.methods.surface.strip_rays import StripRays
 
 LENGTH_M, PIXEL_M, TOP_M, STEEPEST = 0.004, 4e-5, -0.001, 0.8
@@ -105,3 +109,20 @@ def test_places_are_kept_to_hundredths_of_a_micrometre_of_usual_blocks() -> None
     assert np.abs(off).max() < 1.2e-8
     assert abs(off.mean()) < 5e-10
     assert np.abs(kept.slope - placed[2]).max() < 1.25e-5
+
+
+@pytest.mark.parametrize("tilt_deg", [-20.0, 20.0])
+def test_no_event_is_lost_where_the_camera_tilts_in_a_pass(tilt_deg: float) -> None:
+    camera = Camera(64, 48, 100.0, 100.0, 31.5, 23.5)  # 18° to either side
+    table = camera.undistortion_table().astype(np.float64)
+    rays = ((table - (camera.cx, camera.cy)) / (camera.fx, camera.fy)).astype(np.float32)
+    first, second = np.eye(4), np.eye(4)
+    second[:3, :3] = Rotation.from_euler("y", tilt_deg, degrees=True).as_matrix()
+    second[0, 3] = 1e-3
+    strip = Strip(SurfaceSettings.create({}), camera, rays, 0, first, np.array([1.0, 0.0, 0.0]))
+    y, x = (v.ravel() for v in np.indices(rays.shape[:2]))
+    late = EventArray.from_arrays(x, y, np.full(len(x), 9_999), np.zeros(len(x), int))
+    strip.add(late, 0, 10_000, first, second)
+    assert strip.held_events == len(x)
+    steepest = np.tan(np.radians(20)) + 0.32
+    assert max(abs(strip.store.events(k, 0).slope).max() for k in strip.store.blocks) > steepest

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -43,19 +43,12 @@ class Component:
         inside &= (columns >= 0) & (columns < other.mask.shape[1])
         return float(other.mask[rows[inside], columns[inside]].sum()) / len(rows)
 
-    def is_near(self, other: Component, reach: int) -> bool:
-        """Whether a cell of another is within so many rows and columns of one of its own."""
-        windows = [(w.start, w.stop) for w in (self.rows, self.columns)]
-        row, column = (start - reach for start, _ in windows)
-        grown = np.zeros([stop - start + 2 * reach for start, stop in windows], np.uint8)
-        rows, columns = np.nonzero(self.mask)
-        grown[rows + reach, columns + reach] = 1
-        grown = cv2.dilate(grown, np.ones((2 * reach + 1,) * 2, np.uint8))
-        around = Component(
-            slice(row, row + grown.shape[0]), slice(column, column + grown.shape[1]), grown > 0,
-            self.sign,
-        )  # fmt: skip
-        return other.share_in(around) > 0
+    def grown(self, reach: int) -> Component:
+        """The same and all cells within so many rows and columns of it."""
+        around = np.pad(self.mask, reach).astype(np.uint8)
+        mask = cv2.dilate(around, np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
+        rows, columns = (slice(w.start - reach, w.stop + reach) for w in (self.rows, self.columns))
+        return replace(self, rows=rows, columns=columns, mask=mask)
 
 
 def components(cues: Cues) -> list[Component]:

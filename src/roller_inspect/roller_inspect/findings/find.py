@@ -101,8 +101,11 @@ def _is_edge(
 ) -> bool:
     """Whether a finding is the edge of one that is far deeper, the other way."""
     own = abs(finding.depth_m)
-    return own < _EDGE_SURE * finding.uncertainty.depth_m and any(
-        other.sign != part.sign and abs(depth) >= _EDGE_DEPTH * own and part.is_near(other, reach)
+    if own >= _EDGE_SURE * finding.uncertainty.depth_m:
+        return False
+    around = part.grown(reach)
+    return any(
+        other.sign != part.sign and abs(depth) >= _EDGE_DEPTH * own and other.share_in(around) > 0
         for depth, other in depths
     )
 

@@ -102,11 +102,11 @@ def _keep(  # type: ignore[no-untyped-def]
     """Append events to the pages of their block, polarity and piece; how many, and free pages left.
 
     `placed` is as of `_place`, its slopes up to `steepest`, `start` the place of the block of
-    `slots[0]` in its x. `records`,
-    uint16 of shape (pages, 2, PAGE) and float32 of shape (pages, PAGE), receive place in the piece
-    and slope, and y. `pages` holds the first and last page of each slot and of each polarity's
-    pieces, -1 for none, `counts` their events; `ends` a slot's first and last time. Places are
-    counted without sign: what may count from the end is looked at twice.
+    `slots[0]` in its x. `records`, uint16 of shape (pages, 2, PAGE) and float32 of shape (pages,
+    PAGE), receive place in the piece and slope, and y. `pages` holds the first and last page of
+    each slot and of each polarity's pieces, -1 for none, `counts` their events; `ends` a slot's
+    first and last time. Places are counted without sign: what may count from the end is looked at
+    twice.
     """
     per_piece = np.float32(PIECES / length)
     start = np.float32(start)

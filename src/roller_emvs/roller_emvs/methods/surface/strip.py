@@ -236,10 +236,7 @@ class Strip:
         return np.concatenate(begins), np.concatenate(pages), np.concatenate(counts)
 
     def scales(self, block: Block) -> tuple[float, float, float, float]:
-        """Least y of a block, size of a pixel of its grid, length of a piece of the store, m.
-
-        And the largest slope of the store.
-        """
+        """Least y of a block, pixel of its grid and piece of the store, m; the steepest slope."""
         return block.low_y_m, self.pixel_m, self.store.piece_m, self.store.steepest
 
     def centres(self, block: Block) -> F64:
