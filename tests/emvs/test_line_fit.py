@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from roller_emvs.evidence.field import ground
 from roller_emvs.lines import _kernels as kernels
 from roller_emvs.lines import _robust_kernels as robust_kernels
-from roller_emvs.lines.fit import ROW_STEP, Lines, fit_lines
+from roller_emvs.lines.fit import ROW_STEP, TEXTURE_ROW_STEP, Lines, fit_lines
 from roller_emvs.lines.ray_source import RayArray
 
 PIXEL_M = 4.2e-5
@@ -25,25 +25,26 @@ def events_of_line(
     return np.column_stack([at - slope * z_m, y, slope, np.zeros(count)]).astype(np.float32)
 
 
-def found_lines(rays: np.ndarray, direction: float = 1.0) -> Lines:
+def found_lines(rays: np.ndarray, direction: float = 1.0, row_step: int = ROW_STEP) -> Lines:
     surface = np.zeros(SHAPE, np.float32)
-    return fit_lines(RayArray(rays), surface, (0, SHAPE[1]), 1.0, PIXEL_M, direction)
+    return fit_lines(RayArray(rays), surface, (0, SHAPE[1]), 1.0, PIXEL_M, direction, row_step)
 
 
 @settings(max_examples=25)
 @given(
+    row_step=st.sampled_from([ROW_STEP, TEXTURE_ROW_STEP]),
     x=st.floats(15, 40),
     tilt=st.floats(-0.15, 0.15),
     depth_um=st.floats(-150, 150),
     seed=st.integers(0, 1000),
 )
 def test_a_line_is_found_where_it_lies_and_as_surely_as_it_says(
-    x: float, tilt: float, depth_um: float, seed: int
+    row_step: int, x: float, tilt: float, depth_um: float, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
     rays = events_of_line(rng, x, tilt, depth_um * 1e-6, 0.6)
-    lines = found_lines(rays)
-    assert len(lines) > 0.8 * SHAPE[0] / ROW_STEP
+    lines = found_lines(rays, row_step=row_step)
+    assert 0.8 * SHAPE[0] / row_step < len(lines) <= SHAPE[0] / row_step
     middle = (lines.row > 5) & (lines.row < SHAPE[0] - 5)
     error_um = (lines.offset - depth_um * 1e-6)[middle] * 1e6
     sigma_um = np.sqrt(lines.variance[middle, 2]) * 1e6

@@ -6,6 +6,7 @@ import pytest
 from emvs.textured_scans import steady, swept_points, true_track
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import DepthSettings
+from roller_emvs.lines.fit import TEXTURE_ROW_STEP
 from roller_emvs.lines.near_lines import near_lines
 from roller_emvs.lines.patch_ends import _BESIDE, _MOST_PX, PatchEnds, _add_beside
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
@@ -19,7 +20,7 @@ LEVEL_M = 5e-6
 PIXEL_M, FOCAL_PX, SLOPE = 4.2e-5, 1000.0, 0.3
 SHAPE = (40, 80)
 COLUMNS = np.arange(8.0, 76.0, 6.0)
-LINES = [(row, x) for row in range(0, SHAPE[0], 2) for x in COLUMNS]
+LINES = [(row, x) for row in range(0, SHAPE[0], TEXTURE_ROW_STEP) for x in COLUMNS]
 
 
 def block(
@@ -152,7 +153,7 @@ def test_distances_beside_lines_are_those_of_a_plain_sum() -> None:
     n, low, per_bin, bins = 5000, -0.3, 20 / 0.6, 20
     row, column = np.array(LINES).T
     offset = rng.uniform(-1e-4, 1e-4, len(row))
-    near = near_lines(row.astype(np.int64), column, SHAPE, _BESIDE)
+    near = near_lines(row.astype(np.int64), column, SHAPE, _BESIDE, TEXTURE_ROW_STEP)
     pixel = rng.integers(0, SHAPE[0] * SHAPE[1] + 1, n).astype(np.int32)
     slope, seen_at = rng.uniform(-0.32, 0.32, (2, n))
     x = pixel % SHAPE[1] + rng.uniform(-1.5, 1.5, n)
@@ -163,7 +164,7 @@ def test_distances_beside_lines_are_those_of_a_plain_sum() -> None:
     for ray, s, at in zip(rays.astype(np.float64), seen_at, pixel, strict=True):
         if at == SHAPE[0] * SHAPE[1]:
             continue
-        own = [k for k in range(len(row)) if at // SHAPE[1] - row[k] in (0, 1)]
+        own = [k for k in range(len(row)) if at // SHAPE[1] - row[k] in (-1, 0, 1, 2)]
         own = [k for k in own if abs(at % SHAPE[1] - column[k]) <= 1]
         if not own:
             continue

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from emvs.textured_scans import swept_points, true_track
+from roller_emvs.lines.fit import TEXTURE_ROW_STEP
 from roller_emvs.lines.near_lines import near_lines
 from roller_emvs.lines.path_error import _BESIDE, _TUKEY_PX, PathError, _add_apart
 from roller_emvs.methods.surface import SurfaceSettings, SurfaceSweep
@@ -57,9 +58,9 @@ class Texture:
         rays[:, 0] = column[k] + off / PIXEL_M + self._rng.normal(0, 0.5, len(k))
         rays[:, 1] = self._rng.uniform(-0.5, ROWS - 0.5, len(k))
         rays[:, 2] = slopes / PIXEL_M
-        row = np.repeat(np.arange(0, ROWS, 2), len(column))
-        place, depth = np.tile(column + fits[:, 1] / PIXEL_M, ROWS // 2), -fits[:, 0]
-        return rays, (row, place, np.tile(depth, ROWS // 2)), left_m
+        rows = np.arange(0, ROWS, TEXTURE_ROW_STEP)
+        row, place = np.repeat(rows, len(column)), np.tile(column + fits[:, 1] / PIXEL_M, len(rows))
+        return rays, (row, place, np.tile(-fits[:, 0], len(rows))), left_m
 
 
 def errors_left_um(texture: Texture, blocks: int) -> tuple[F64, F64, PathError]:
@@ -153,9 +154,9 @@ def test_no_lines_and_no_events_tell_nothing() -> None:
 
 def test_distances_by_row_and_part_are_those_of_a_plain_sum() -> None:
     rng, shape, n = np.random.default_rng(2), (12, 60), 4000
-    row = np.repeat(np.arange(0, 12, 2), 7)
-    column, offset = np.tile(np.arange(6.0, 55.0, 7.3), 6), rng.uniform(-1e-4, 1e-4, 42)
-    near = near_lines(row, column, shape, _BESIDE)
+    row = np.repeat(np.arange(0, 12, TEXTURE_ROW_STEP), 7)
+    column, offset = np.tile(np.arange(6.0, 55.0, 7.3), 3), rng.uniform(-1e-4, 1e-4, 21)
+    near = near_lines(row, column, shape, _BESIDE, TEXTURE_ROW_STEP)
     pixel = rng.integers(0, shape[0] * shape[1] + 1, n).astype(np.int32)
     slope = rng.uniform(-0.32, 0.32, n)
     x = pixel % shape[1] + rng.uniform(-1.5, 1.5, n)
@@ -170,7 +171,7 @@ def test_distances_by_row_and_part_are_those_of_a_plain_sum() -> None:
         if at == shape[0] * shape[1] or near[at] < 0:
             continue
         k = near[at]
-        assert at // shape[1] - row[k] in (0, 1)
+        assert at // shape[1] - row[k] in (-1, 0, 1, 2)
         assert abs(at % shape[1] - np.rint(column[k])) <= _BESIDE
         u = (ray[0] + ray[2] * offset[k] - column[k]) / _TUKEY_PX
         where = (

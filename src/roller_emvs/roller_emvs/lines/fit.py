@@ -30,8 +30,8 @@ _WINDOW_PX = 2.9, 4.75
 _TUKEY_PX, _ROUNDS = 2.1, 3
 #: Events that the rounds before the last take.
 _SAMPLE = 300
-#: Rows from line to line, px.
-ROW_STEP = 2
+#: Rows from line to line, px; and under a texture, where lines are many. Their windows overlap.
+ROW_STEP, TEXTURE_ROW_STEP = 2, 4
 #: A line's pixel holds this share of the events of the fullest one nearby.
 _LEAST_SHARE, _NEARBY_PX = 0.4, 3
 #: Spread of the count of events that the place of a line is taken from, rows and columns, px.
@@ -47,10 +47,8 @@ _LEAST_BAND_PX = 0.05
 _VOTE_M, _CONTOUR_PX = 1.2e-4, (6, 1.5)
 _MOST_VOTES = 64
 #: What a line's height adds to the surface is the mean of the lines along its contour, by what each
-#: is sure of and a Gaussian of this deviation; its half length, rows. Of neighbours so many share
-#: their events.
+#: is sure of and a Gaussian of this deviation; its half length, rows.
 _ALONG_ROWS, _REACH_ROWS = 5.0, 10
-_SHARED = 2 * _WINDOW_PX[1] / ROW_STEP
 #: Events of a pixel's crossing come of one threshold: their number counts as this share.
 INDEPENDENT = 0.5
 
@@ -96,6 +94,7 @@ def fit_lines(
     offset_per_m: float,
     slope_scale: float,
     direction: float,
+    row_step: int = ROW_STEP,
 ) -> Lines:
     """Fit a line wherever the events of one polarity gather along the parallax.
 
@@ -113,10 +112,12 @@ def fit_lines(
         From slopes to the rays' dx/dz.
     direction : float
         1 where the camera moves along x, -1 where it moves against it.
+    row_step : int
+        Rows from line to line, px.
     """
     height, width = surface.shape
     pixel, counts = rays.ground(surface)
-    row, column = _crests(counts[:-1].reshape(height, width), columns)
+    row, column = _crests(counts[:-1].reshape(height, width), columns, row_step)
     if not len(row):
         return NO_LINES
     at = surface[row, column].astype(np.float64)
@@ -142,23 +143,26 @@ def fit_lines(
     # A ray's offset counts from the plane that it was placed on: away from there x falls short.
     lines = Lines(row, column + p, tilt, at - d, variance, events, lean, spread, band)[keep]
     agreeing = _agreeing(lines, _VOTE_M * abs(offset_per_m))
-    return _averaged(lines[agreeing], d[keep][agreeing])
+    return _averaged(lines[agreeing], d[keep][agreeing], row_step)
 
 
-def _crests(counts: I32, columns: tuple[int, int]) -> tuple[I64, I64]:
-    """Rows and columns of the pixels, between two columns, where events gather along the row."""
+def _crests(counts: I32, columns: tuple[int, int], row_step: int) -> tuple[I64, I64]:
+    """Rows and columns of the pixels, between two columns, where events gather along the row.
+
+    Of every `row_step`-th row.
+    """
     (height, width), (first, last) = counts.shape, columns
     begin, end = max(first - _BESIDE_PX, 0), min(last + _BESIDE_PX, width)
     wanted = np.empty((height, 2), np.int32)
     wanted[:] = 1, 0
-    wanted[::ROW_STEP] = 0, 0
+    wanted[::row_step] = 0, 0
     density = blurred(counts[None, :, begin:end].astype(np.float32), _BLUR_PX, wanted)[0]
     density[:, : first - begin] = 0
     density[:, last - begin :] = 0
     # A window of even density must hold the events that a line needs.
     floor = _LEAST_EVENTS / (4 * _WINDOW_PX[1] * _TUKEY_PX)
     row, column = np.empty((2, height * (last - first) // 4 + 1), np.int64)
-    count = kernels._ridges(density, floor, _LEAST_SHARE, _NEARBY_PX, ROW_STEP, row, column)
+    count = kernels._ridges(density, floor, _LEAST_SHARE, _NEARBY_PX, row_step, row, column)
     return row[:count], column[:count] + begin
 
 
@@ -188,7 +192,7 @@ def _agreeing(lines: Lines, most: float) -> npt.NDArray[np.bool_]:
     return np.asarray((np.abs(lines.offset - votes) <= most) & (near > 1))
 
 
-def _averaged(lines: Lines, lack: F64) -> Lines:
+def _averaged(lines: Lines, lack: F64, row_step: int) -> Lines:
     """Lines whose offset less the surface's, `lack`, is the mean along their contour.
 
     Not the offset itself: that would level a surface that bends along the contour.
@@ -201,5 +205,6 @@ def _averaged(lines: Lines, lack: F64) -> Lines:
         mean, left,
     )  # fmt: skip
     variance = lines.variance.copy()
-    variance[:, 2] = np.minimum(_SHARED * left, own)
+    shared = 2 * _WINDOW_PX[1] / row_step  # so many neighbours have the same events
+    variance[:, 2] = np.minimum(shared * left, own)
     return replace(lines, offset=lines.offset + lack - mean, variance=variance)

@@ -16,7 +16,7 @@ from roller_core.transforms import F64
 from roller_emvs.evidence.field import ground
 from roller_emvs.rays import F32
 
-from .fit import I64
+from .fit import I64, TEXTURE_ROW_STEP
 from .near_lines import near_lines
 
 #: Columns of the image that are looked at as one, px.
@@ -84,7 +84,7 @@ class PatchEnds:
         if not len(row):
             return
         pixel, _ = ground(rays, surface)
-        near = near_lines(row, column, surface.shape, _BESIDE)
+        near = near_lines(row, column, surface.shape, _BESIDE, TEXTURE_ROW_STEP)
         per_bin = len(self._sums) / (self._high - self._low)
         _add_beside(
             rays, seen_at, pixel, near, column, offset, _MOST_PX, self._low, per_bin, self._sums,

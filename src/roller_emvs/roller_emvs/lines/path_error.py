@@ -18,7 +18,7 @@ from roller_core.transforms import F64
 from roller_emvs.evidence.field import ground
 from roller_emvs.rays import F32
 
-from .fit import I64, INDEPENDENT
+from .fit import I64, INDEPENDENT, TEXTURE_ROW_STEP
 from .near_lines import near_lines
 
 #: Distance of an event from a line from which on it counts for nothing, and pixels to either side
@@ -100,9 +100,10 @@ class PathError:
             return
         pixel, _ = ground(rays, surface)
         left_m, pixel_m = columns_m
+        near = near_lines(row, column, surface.shape, _BESIDE, TEXTURE_ROW_STEP)
         _add_apart(
-            rays, pixel, near_lines(row, column, surface.shape, _BESIDE), column, offset,
-            _TUKEY_PX, ((left_m - self._start_m) / self._row_m, pixel_m / self._row_m),
+            rays, pixel, near, column, offset, _TUKEY_PX,
+            ((left_m - self._start_m) / self._row_m, pixel_m / self._row_m),
             (-self._least / self._width, slope_scale / self._width), pixel_m, self._counts,
             self._apart, self._totals,
         )  # fmt: skip

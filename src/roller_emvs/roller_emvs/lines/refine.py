@@ -13,7 +13,7 @@ from roller_emvs.threads import share
 
 from . import _place_kernels as kernels
 from .edge_drift import EdgeDriftSettings, drift_of_wider, edge_drift, held_change
-from .fit import INDEPENDENT, NO_LINES, Lines, fit_lines
+from .fit import INDEPENDENT, NO_LINES, ROW_STEP, TEXTURE_ROW_STEP, Lines, fit_lines
 from .follow import add_lines, move_points, widen_sigma
 from .line_points import LinePoints
 from .ray_source import RaySource
@@ -89,8 +89,11 @@ def refine(
 
     def fit(polarity: int) -> None:
         scales = (field.offset_per_m, field.ray_slope_scale, field.direction)
+        row_step = TEXTURE_ROW_STEP if found.textured else ROW_STEP
         if np.isfinite(found.surfaces[polarity]).any():
-            both[polarity] = fit_lines(rays(polarity), found.surfaces[polarity], columns, *scales)
+            both[polarity] = fit_lines(
+                rays(polarity), found.surfaces[polarity], columns, *scales, row_step
+            )
 
     share(threads, 2, fit)
     parts = [_judge(lines, k, found, field) for k, lines in enumerate(both)]

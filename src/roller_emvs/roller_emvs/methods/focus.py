@@ -34,7 +34,7 @@ from roller_emvs.evidence import (
     measured_pixels,
 )
 from roller_emvs.evidence.part_images import find_depths_of_parts
-from roller_emvs.lines.fit import LEAST_VARIANCE, NO_LINES, fit_lines
+from roller_emvs.lines.fit import LEAST_VARIANCE, NO_LINES, TEXTURE_ROW_STEP, fit_lines
 from roller_emvs.lines.patch_ends import PatchEnds
 from roller_emvs.lines.ray_source import RayArray
 from roller_emvs.lines.refine import refine
@@ -178,7 +178,8 @@ def _look_for(ends: PatchEnds, seen: WindowView, found: Relief, threads: int) ->
     lines = [NO_LINES, NO_LINES]
 
     def fit(k: int) -> None:
-        lines[k] = fit_lines(RayArray(rays[k]), found.surfaces[k], columns, *scales)
+        surface = found.surfaces[k]
+        lines[k] = fit_lines(RayArray(rays[k]), surface, columns, *scales, TEXTURE_ROW_STEP)
 
     share(threads, 2, fit)
     slopes = (packets.table[..., 0].astype(np.float64) - c.cx) / c.fx
