@@ -178,6 +178,8 @@ def take_scan(
                     and watcher.value(DEPTH, "poses") > 20
                     and watcher.value(STITCHED, "poses") > 20
                     and watcher.value(CAMERA, "connects") > 0
+                    # A rate off by 50 ppm, as a busy host's first seconds give, is 2 µm of height.
+                    and abs(watcher.value(ROBOT, "clock_skew_ppm") + ROBOT_PPM) < 20
                 )
             ),
             90,
