@@ -6,13 +6,14 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from roller_inspect.results.drawing import BLACK, BLUE, Panel, Picture, colours
+from roller_inspect.results.drawing import BLACK, BLUE, LIGHT, Panel, Picture, colours
 
 
 def test_what_is_drawn_lies_at_its_values_within_the_frame(tmp_path: Path) -> None:
     picture = Picture(400, 300)
     panel = Panel(picture, (50, 40, 350, 240), (0, 30), (-10, 10), "title", "x, mm", "y, mm")
     panel.dots([15, 29.95, 100, -1], [0, 9.9, 0, 50])
+    panel.dots([5], [5], LIGHT)
     panel.line([0, 30], [-5, -5])
     panel.line([10, 10], [-1e6, 1e6])
     panel.close()
@@ -21,6 +22,8 @@ def test_what_is_drawn_lies_at_its_values_within_the_frame(tmp_path: Path) -> No
     blue = np.argwhere((seen == BLUE).all(axis=-1))
     assert {(140, 200), (139, 199), (40, 349), (41, 349)} <= set(map(tuple, blue.tolist()))
     assert len(blue) <= 8
+    light = np.argwhere((seen[40:240, 50:350] == LIGHT).all(axis=-1)).tolist()
+    assert light == [[49, 49], [49, 50], [50, 49], [50, 50]]
     row, column = seen[40 + 149 : 40 + 151, 60:340], seen[50:230, 50 + 99 : 50 + 101]
     assert (row.min(axis=0) < 200).all()
     assert (column.min(axis=1) < 200).all()

@@ -145,13 +145,13 @@ class Panel:
         v = (np.asarray(y, np.float64) - y1) / (y0 - y1) * self.height
         return np.stack([u, v], axis=-1)
 
-    def dots(self, x: npt.ArrayLike, y: npt.ArrayLike) -> None:
+    def dots(self, x: npt.ArrayLike, y: npt.ArrayLike, colour: Colour = BLUE) -> None:
         """Dots of two pixels."""
         at = np.floor(self.places(x, y) - 0.5).astype(np.int64)
         for shift in ((0, 0), (0, 1), (1, 0), (1, 1)):
             u, v = (at + shift).T
             inside = (u >= 0) & (v >= 0) & (u < self.width) & (v < self.height)
-            self.rgb[v[inside], u[inside]] = BLUE
+            self.rgb[v[inside], u[inside]] = colour
 
     def line(self, x: npt.ArrayLike, y: npt.ArrayLike, colour: Colour = BLACK) -> None:
         """A line."""

@@ -27,6 +27,8 @@ _MOST_POINTS = 400_000
 _HEIGHT_CHART = cv2.COLORMAP_VIRIDIS
 #: Deviation of the last colours of what was inspected, µm.
 _DEVIATION_UM = 300
+#: Sigma from which on a point of the profile is drawn as unsure, m.
+_UNSURE_M = 1e-4
 #: Pixels: heights of the rows of panels; room for the title, and between rows; for the text read.
 _DEPTHS, _ABOVE, _CHARTS, _HEAD, _GAP, _TEXT = 275, 215, 250, 70, 88, 60
 
@@ -144,6 +146,7 @@ def _draw_profile(
     width = 0.02 * max(float(np.ptp(cloud["y"])), 1e-6)
     band = np.abs(cloud["y"] - middle) < width
     x, height = cloud["x"][band] * 1e3, cloud["height"][band] * 1e3
+    unsure = cloud["sigma"][band] > _UNSURE_M
     left, right = float(cloud["x"].min()) * 1e3, float(cloud["x"].max()) * 1e3
     low, high = (height.min(), height.max()) if len(height) else (0.0, 1.0)
     if truth is not None:
@@ -155,8 +158,11 @@ def _draw_profile(
         low, high = true.min() - 0.4, true.max() + 0.4
     margin = 0.03 * (right - left)
     panel = Panel(picture, box, (left - margin, right + margin), (low, high), *texts)
-    panel.dots(x, height)
+    panel.dots(x[unsure], height[unsure], LIGHT)
+    panel.dots(x[~unsure], height[~unsure])
     names = [("measured", BLUE)]
+    if unsure.any():
+        names.append((f"σ > {_UNSURE_M * 1e3:g} mm", LIGHT))
     if truth is not None:
         panel.line(along, true)
         names.append(("truth (skin)", BLACK))
