@@ -157,7 +157,9 @@ def check_poses(watcher):
     stamps = np.array([stamp_ns(t) for t in items[:200]])
     x = np.array([t.transform.translation.x for t in items[:200]])
     steps = np.diff(stamps)
-    assert abs(np.median(steps) - 8e6) < 1e5
+    cycles = np.rint(steps / 8e6)
+    assert cycles.min() == 1  # a busy host misses some
+    assert np.median(np.abs(steps - cycles * 8e6)) < 1e5
     speed = np.median(np.abs(np.diff(x)) / (steps * 1e-9))
     assert speed == pytest.approx(0.3, rel=0.02)
     assert abs(watcher.seen["velocity"][0].twist.linear.x) == pytest.approx(0.3)

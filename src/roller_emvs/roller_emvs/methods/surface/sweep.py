@@ -44,8 +44,8 @@ from .strip_rays import StripRays, ray_field
 from .surface_patch import SurfacePatch
 from .surface_settings import SurfaceSettings
 
-#: Under a printed texture every second event is enough for lines, every eighth for the path.
-_TEXTURED_EVERY, _PATH_EVERY = 2, 8
+#: Under a printed texture every second event is enough for lines, every fourth for the path.
+_TEXTURED_EVERY, _PATH_EVERY = 2, 4
 
 #: Measured pixels, and where they lie on the strip along and across, metres.
 Measured = tuple[Relief, F64, F64]
