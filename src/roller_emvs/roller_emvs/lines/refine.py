@@ -86,10 +86,10 @@ def refine(
         All lines.
     """
     both: list[Lines] = [NO_LINES, NO_LINES]
+    row_step = TEXTURE_ROW_STEP if found.textured else ROW_STEP
 
     def fit(polarity: int) -> None:
         scales = (field.offset_per_m, field.ray_slope_scale, field.direction)
-        row_step = TEXTURE_ROW_STEP if found.textured else ROW_STEP
         if np.isfinite(found.surfaces[polarity]).any():
             both[polarity] = fit_lines(
                 rays(polarity), found.surfaces[polarity], columns, *scales, row_step
@@ -133,7 +133,8 @@ def refine(
     if not len(every.row):
         return _unsure(found.whole(), unknown * abs(field.offset_per_m)), every
     offset, sigma, tilt = (np.concatenate(values) for values in (offsets, sigmas, tilts))
-    told = sigma * (1.0 + _ONE_SIDED * light.share)
+    # A line tells of the rows up to the next: of fewer lines each counts for more.
+    told = sigma * (1.0 + _ONE_SIDED * light.share) * np.sqrt(ROW_STEP / row_step)
     found = move_points(found, every, offset, told, abs(field.offset_per_m))
     # Where light travels, the points around know of both polarities what a line knows of one.
     if as_points and light.share < 1.0:
