@@ -11,6 +11,7 @@ from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.evidence import Relief, find_depths, measured_pixels
 from roller_emvs.evidence.evidence_settings import FocusEvidence
 from roller_emvs.lines.edge_drift import EdgeDriftSettings
+from roller_emvs.lines.fit import ROW_STEP, TEXTURE_ROW_STEP
 from roller_emvs.lines.line_points import LinePoints
 from roller_emvs.lines.ray_source import RayArray
 from roller_emvs.lines.refine import refine
@@ -122,7 +123,8 @@ def test_windows_under_a_texture_are_shorter_and_repeat_what_is_asked_for(
     assert step == pytest.approx(length * (1 - (0.25 if overlap < 0 else overlap)))
 
 
-def test_lines_become_points_beside_those_that_were_there() -> None:
+def refined(*, as_points: bool, textured: bool = False) -> tuple[Relief, Relief, LinePoints]:
+    """Points of steps in light that stands still, those refined by lines, and the lines."""
     packets = packets_of(0.09, of_steps=True)
     view = track_of(rolling(0.3), 0.12).matrices([45 * MS])[0]
     seen = WindowView.of(packets, CAMERA, view, (0.0430, 0.0470))
@@ -131,24 +133,39 @@ def test_lines_become_points_beside_those_that_were_there() -> None:
     # Lines that say that the light stands still: as many as chance lets lean.
     still.add(np.zeros(100), np.full(100, 0.02), np.full(100, 1e4))
     depths = find_depths(field, -seen.half, seen.half, settings)
-    found = measured_pixels(field, depths, settings, drift)
+    found = measured_pixels(field, depths, settings, drift, textured=textured)
+    columns = 0, field.shape[1]
+    moved, lines = refine(
+        field, found, lambda k: RayArray(field.some(k)), columns, drift, still, 0.0, 1,
+        as_points=as_points,
+    )  # fmt: skip
+    return found, moved, lines
 
-    def refined(*, as_points: bool) -> tuple[Relief, LinePoints]:
-        columns = 0, field.shape[1]
-        return refine(
-            field, found, lambda k: RayArray(field.some(k)), columns, drift, still, 0.0, 1,
-            as_points=as_points,
-        )  # fmt: skip
 
-    (moved, lines), (both, _) = refined(as_points=False), refined(as_points=True)
+def test_fewer_lines_under_a_texture_move_points_as_far() -> None:
+    found, plain, lines = refined(as_points=False)
+    _, printed, fewer = refined(as_points=False, textured=True)
+    assert set(lines.row % ROW_STEP) == set(fewer.row % TEXTURE_ROW_STEP) == {0}
+    assert len(fewer.row) == pytest.approx(len(lines.row) * ROW_STEP / TEXTURE_ROW_STEP, rel=0.1)
+    moves = [points.offset - found.offset for points in (plain, printed)]
+    assert np.std(moves[0]) > 0
+    slope = (moves[0] @ moves[1]) / (moves[0] @ moves[0])
+    assert slope == pytest.approx(1.0, abs=0.01)
+    assert np.median(printed.sigma / plain.sigma) == pytest.approx(1.0, abs=0.01)
+
+
+def test_lines_become_points_beside_those_that_were_there() -> None:
+    found, moved, lines = refined(as_points=False)
+    _, both, _ = refined(as_points=True)
+    shape = found.surfaces[0].shape
     n = len(found.row)
     assert len(moved.row) == n < len(both.row) <= n + 2 * len(lines.row)
     for name in ("row", "column", "offset", "sigma"):
         np.testing.assert_array_equal(getattr(both, name)[:n], getattr(moved, name))
     # A line has a point beside it, and is surer than that.
-    sigma = np.full((*field.shape, 3), np.inf)
+    sigma = np.full((*shape, 3), np.inf)
     for shift in (-1, 0, 1):
-        sigma[moved.row, np.clip(moved.column + shift, 0, field.shape[1] - 1), shift] = moved.sigma
+        sigma[moved.row, np.clip(moved.column + shift, 0, shape[1] - 1), shift] = moved.sigma
     beside = sigma.min(axis=2)[both.row[n:], np.rint(both.column[n:]).astype(int)]
     assert np.isfinite(beside).all()
     assert (both.sigma[n:] < beside).all()
