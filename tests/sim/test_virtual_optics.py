@@ -42,8 +42,9 @@ def log_image(cell, position):
     sx, sy, coat, out = (np.empty_like(z) for _ in range(4))
     maps = cell._maps
     kernels._trace_row(
-        xn, yn, maps.flat, maps.shape, position, cell.truth.roller, maps.origin, z, sx, sy, coat
-    )
+        xn, yn, maps.flat, maps.shape, position, cell.truth.roller, maps.origin,
+        kernels.trace_scratch(len(z)), z, sx, sy, coat,
+    )  # fmt: skip
     kernels._shade_row(xn, yn, z, sx, sy, coat, cell._light, out)
     return xn, yn, z, sx, sy, coat, out
 
@@ -52,6 +53,7 @@ RENDERED = """
 import hashlib
 import numpy as np
 from roller_sim import _sensor_kernels as kernels
+from roller_sim._render_kernels import trace_scratch
 from sim import virtual_twins as twins
 from roller_sim.cell import VirtualCell
 
@@ -62,8 +64,8 @@ camera = (truth.camera_positions(middle)[0] - truth.origin_m) * 1e3
 depth = np.full(cell._rays[0].shape, camera[2], np.float32)
 sx, sy, out = (np.empty_like(depth) for _ in range(3))
 kernels._render_rows(
-    *cell._rays, maps.flat, maps.shape, camera, truth.roller, maps.origin, cell._light, depth, sx,
-    sy, out,
+    *cell._rays, maps.flat, maps.shape, camera, truth.roller, maps.origin, cell._light,
+    trace_scratch(640), depth, sx, sy, out,
 )
 assert np.ptp(out) > 0.1
 print(hashlib.sha256(out.tobytes() + depth.tobytes() + sx.tobytes()).hexdigest())
@@ -114,6 +116,35 @@ def test_rendering_equals_its_numpy_twin(scene, contact):
     assert np.mean(np.abs(out - bright)) < 4e-3
 
 
+def test_slopes_say_where_rays_end_once_the_camera_has_moved():
+    """On a slope all of its depth is told, on level ground, where nothing changes, none."""
+    x, y = np.array([-0.2, 0.0, 0.3, 0.1], np.float32), np.zeros(4, np.float32)
+    slope = np.array([0.5, 0.5, -0.4, 0.0], np.float32)
+    # The plane z = a + slope · x, seen from a camera that moves along x.
+    a = np.float32(45.0)
+    depth = a / (1 - slope * x)
+    kernels._expect_row(x, y, slope, np.zeros_like(slope), 0.02, depth)
+    np.testing.assert_allclose(depth, (a + slope * 0.02) / (1 - slope * x), rtol=1e-6)
+
+
+@pytest.mark.parametrize("again", [0.0, 1.0])
+@pytest.mark.parametrize("contact", ["full", "light"])
+def test_each_ray_of_a_row_ends_where_it_would_alone(contact, again):
+    """Rays that need more steps go on side by side; a guess far off changes nothing."""
+    camera = {"width": 640, "height": 8, "focal_px": 1066.0}
+    cell = VirtualCell(twins.small("bumps", camera=camera, skin={"contact": contact}))
+    position, maps = position_mm(cell, at(cell, 5.0)), cell._maps
+    xn, yn = cell._rays[0][4], cell._rays[1][4]
+    place = (maps.flat, maps.shape, position, cell.truth.roller, maps.origin)
+    row, single = (np.full((4, len(xn)), position[2] + again, np.float32) for _ in range(2))
+    kernels._trace_row(xn, yn, *place, kernels.trace_scratch(len(xn)), *row)
+    for u in range(len(xn)):
+        one = slice(u, u + 1)
+        kernels._trace_row(xn[one], yn[one], *place, kernels.trace_scratch(1), *single[:, one])
+    assert np.ptp(row[0]) > 0.1
+    np.testing.assert_allclose(row, single, atol=2e-4)
+
+
 @pytest.mark.parametrize("contact", ["full", "light"])
 def test_level_plate_in_contact_is_seen_as_where_rays_are_followed(contact):
     camera = {"width": 640, "height": 8, "focal_px": 1066.0}
@@ -130,11 +161,21 @@ def test_level_plate_in_contact_is_seen_as_where_rays_are_followed(contact):
             )
             if kind != sensor_kernels._LEVEL:
                 continue
-            got, want = np.full((2, 4, 16), position[2], np.float32)
-            kernels._see_level_row(xn, yn, maps.flat, place[0], position, place[1], *got)
-            kernels._trace_row(xn, yn, maps.flat, place[0], position, roller, place[1], *want)
-            np.testing.assert_allclose(got, want, atol=2e-5)
-            np.testing.assert_array_equal(got[0], np.float32(position[2]))
+            scratch, light = kernels.trace_scratch(16), cell._light
+            depth, coat, bright = np.zeros((3, 16), np.float32)
+            kernels._see_level_row(
+                xn, yn, maps.flat, place[0], position, place[1], scratch, depth, coat
+            )
+            kernels._shade_level_row(xn, yn, position, coat, light, bright)
+            want = [np.full(16, position[2], np.float32), *np.empty((4, 16), np.float32)]
+            kernels._trace_row(
+                xn, yn, maps.flat, place[0], position, roller, place[1], scratch, *want[:4]
+            )
+            kernels._shade_row(xn, yn, *want[:4], light, want[4])
+            np.testing.assert_array_equal(depth, np.float32(position[2]))
+            np.testing.assert_allclose(want[1:3], 0, atol=2e-5)
+            for got, expected in zip((depth, coat, bright), (want[0], *want[3:]), strict=True):
+                np.testing.assert_allclose(got, expected, atol=2e-5)
             seen += 1
     assert 15 < seen < 100
 

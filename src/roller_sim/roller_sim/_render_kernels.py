@@ -48,11 +48,22 @@ def _turn(x, radius, half, arc_half):  # type: ignore[no-untyped-def]
     return turned if x > 0 else -turned
 
 
+def trace_scratch(width: int) -> tuple[np.ndarray, ...]:
+    """Buffers of `_trace_row` and `_see_level_row`, for rows of up to `width` pixels."""
+    # Each by itself: of rows of one array the loops over them are four times slower.
+    kinds = [np.int32] * 2 + [np.float32] * 12
+    return tuple(np.empty(width, kind) for kind in kinds)
+
+
 # `forceinline`: where it was called, the process that compiles it and those that load it from the
 # cache would run copies of it that round otherwise.
 @numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
-def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):  # type: ignore[no-untyped-def]
+def _trace_row(xn, yn, flat, shape, camera, roller, origin, scratch, z, sx, sy, coat):  # type: ignore[no-untyped-def]
     """Follow one row's rays to the skin, from the depths found last.
+
+    By Newton's method, a step for all pixels at once: its loops become vector instructions, but
+    for the look-up. After the first most rays have moved little enough; those that haven't are
+    put side by side for the next.
 
     Parameters
     ----------
@@ -69,108 +80,164 @@ def _trace_row(xn, yn, flat, shape, camera, roller, origin, z, sx, sy, coat):  #
         the half length is seen at from the axis.
     origin : ndarray of float64, shape (3,)
         Map origin x, y and step.
+    scratch : tuple of ndarray
+        From `trace_scratch`.
     z : ndarray of float32, shape (w,)
         Depth: first guess on entry, result on return.
     sx, sy, coat : ndarray of float32, shape (w,)
         Results: slopes dz/dx, dz/dy of the skin in the camera frame; log reflectance.
     """
-    inv = np.float32(1.0 / origin[2])
-    fx0 = np.float32((camera[0] - origin[0]) / origin[2])
-    fy0 = np.float32((camera[1] - origin[1]) / origin[2])
-    last_x = np.float32(shape[1] - 1.01)
-    last_y = np.float32(shape[0] - 1.01)
-    stride = np.uint64(shape[1] * 4)
-    four = np.uint64(4)
-    i1 = np.uint64(1)
-    i2 = np.uint64(2)
-    i3 = np.uint64(3)
-    zero, half_one, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-    tolerance, least = np.float32(_TOLERANCE), np.float32(_MIN_DIVISOR)
-    cz = np.float32(camera[2])
-    radius = np.float32(roller[0])
-    r2 = radius * radius
-    half = np.float32(roller[1])
-    arc_half = np.float32(roller[3])
-    k = np.float32(roller[2])
-    for u in range(len(z)):
-        xr = xn[u]
-        yr = yn[u]
-        zi = z[u]
-        for _ in range(_MAX_STEPS):
-            x = xr * zi
-            px = min(max(fx0 + x * inv, zero), last_x)
-            py = min(max(fy0 - yr * zi * inv, zero), last_y)
-            ix = np.int32(px)
-            iy = np.int32(py)
-            fx = px - np.float32(ix)
-            fy = py - np.float32(iy)
-            w11 = fx * fy
-            w10 = fy - w11
-            w01 = fx - w11
-            w00 = one - fx - w10
-            b = np.uint64(iy) * stride + np.uint64(ix) * four
-            c = b + four
-            d = b + stride
-            e = d + four
-            h = w00 * flat[b] + w01 * flat[c] + w10 * flat[d] + w11 * flat[e]
-            gx = w00 * flat[b + i1] + w01 * flat[c + i1] + w10 * flat[d + i1] + w11 * flat[e + i1]
-            gy = w00 * flat[b + i2] + w01 * flat[c + i2] + w10 * flat[d + i2] + w11 * flat[e + i2]
-            t = w00 * flat[b + i3] + w01 * flat[c + i3] + w10 * flat[d + i3] + w11 * flat[e + i3]
-            s = cz - h
-            slope_x = -gx
-            slope_y = gy
-            free_sq = r2 - x * x
-            if (s + k) * (s + k) > free_sq:
-                # Smooth minimum of contact face and free cylinder, exact beyond +-k.
-                free = np.float32(math.sqrt(free_sq))
-                part = min(max(half_one + half_one * (free - s) / k, zero), one)
-                if abs(x) > half and part < one:
-                    # Off the surface the coating turns with the roller: find what rolled there.
-                    px += (one - part) * _turn(x, radius, half, arc_half) * inv
-                    px = min(max(px, zero), last_x)
-                    ix = np.int32(px)
-                    fx = px - np.float32(ix)
-                    b = np.uint64(iy) * stride + np.uint64(ix) * four + i3
-                    low = flat[b] + fx * (flat[b + four] - flat[b])
-                    b += stride
-                    t = low + fy * (flat[b] + fx * (flat[b + four] - flat[b]) - low)
-                s = part * s + (one - part) * free - k * part * (one - part)
-                slope_x = part * slope_x - (one - part) * x / free
-                slope_y = part * slope_y
-            step = (zi - s) / max(one - slope_x * xr - slope_y * yr, least)
-            zi -= step
-            if abs(step) < tolerance:
-                break
-        z[u] = zi
-        sx[u] = slope_x
-        sy[u] = slope_y
-        coat[u] = t
+    pixel, place, px, fx, fy, height, step, rest = scratch[:8]
+    half, tolerance = np.float32(roller[1]), np.float32(_TOLERANCE)
+    # Rays of a row lie from left to right, at depths that differ little.
+    turned = max(abs(xn[0]), abs(xn[-1])) * np.float32(roller[0]) > half
+    ray_x, ray_y, depth, slope_x, slope_y, seen = xn, yn, z, sx, sy, coat
+    for again in range(_MAX_STEPS):
+        _find_places(ray_x, ray_y, shape, camera, origin, depth, place, px, fx, fy)
+        _look_up(flat, shape, place, fx, fy, height, slope_x, slope_y, seen)
+        _step(ray_x, ray_y, camera, roller, height, depth, slope_x, slope_y, step, rest)
+        count = len(depth)
+        if turned:
+            for i in range(count):
+                x = ray_x[i] * (depth[i] + step[i])
+                if rest[i] > 0 and abs(x) > half:
+                    seen[i] = _turned_coat(
+                        flat, shape, roller, origin, x, px[i], place[i], fy[i], rest[i]
+                    )
+        if again:
+            for i in range(count):
+                u = pixel[i]
+                z[u], sx[u], sy[u], coat[u] = depth[i], slope_x[i], slope_y[i], seen[i]
+        else:
+            for i in range(count):
+                pixel[i] = i
+        left = 0
+        for i in range(count):
+            pixel[left] = pixel[i]
+            left += abs(step[i]) >= tolerance
+        if left == 0:
+            break
+        ray_x, ray_y, depth, slope_x, slope_y, seen = (
+            scratch[8][:left], scratch[9][:left], scratch[10][:left], scratch[11][:left],
+            scratch[12][:left], scratch[13][:left],
+        )  # fmt: skip
+        for i in range(left):
+            u = pixel[i]
+            ray_x[i], ray_y[i], depth[i] = xn[u], yn[u], z[u]
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
-def _see_level_row(xn, yn, flat, shape, camera, origin, z, sx, sy, coat):  # type: ignore[no-untyped-def]
-    """What `_trace_row` finds where all of a row touches level plate, of height 0."""
+def _expect_row(xn, yn, sx, sy, moved, z):  # type: ignore[no-untyped-def]
+    """Depths after the camera has moved along x by `moved` over the slopes found last."""
+    one, least, dx = np.float32(1.0), np.float32(_MIN_DIVISOR), np.float32(moved)
+    for u in range(len(z)):
+        divisor = one - sx[u] * xn[u] - sy[u] * yn[u]
+        divisor = divisor if divisor > least else least
+        z[u] += sx[u] * dx / divisor
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
+def _find_places(xn, yn, shape, camera, origin, z, place, px, fx, fy):  # type: ignore[no-untyped-def]
+    """Where rays of depth z come down: column, point of the map before it, and how far beyond."""
     inv = np.float32(1.0 / origin[2])
     fx0 = np.float32((camera[0] - origin[0]) / origin[2])
     fy0 = np.float32((camera[1] - origin[1]) / origin[2])
-    last_x = np.float32(shape[1] - 1.01)
-    last_y = np.float32(shape[0] - 1.01)
-    stride = np.uint64(shape[1] * 4)
-    four = np.uint64(4)
-    zero = np.float32(0.0)
-    cz = np.float32(camera[2])
+    last_x, last_y = np.float32(shape[1] - 1.01), np.float32(shape[0] - 1.01)
+    zero, stride = np.float32(0.0), np.int32(shape[1] * 4)
     for u in range(len(z)):
-        px = min(max(fx0 + xn[u] * cz * inv, zero), last_x)
-        py = min(max(fy0 - yn[u] * cz * inv, zero), last_y)
-        ix = np.int32(px)
-        iy = np.int32(py)
-        fx = px - np.float32(ix)
-        b = np.uint64(iy) * stride + np.uint64(ix) * four + np.uint64(3)
-        low = flat[b] + fx * (flat[b + four] - flat[b])
+        # Not min and max, which ask for NaN: so this becomes vector instructions.
+        right = fx0 + xn[u] * z[u] * inv
+        right = right if right > zero else zero
+        right = right if right < last_x else last_x
+        down = fy0 - yn[u] * z[u] * inv
+        down = down if down > zero else zero
+        down = down if down < last_y else last_y
+        column, row = np.int32(right), np.int32(down)
+        px[u], fx[u], fy[u] = right, right - np.float32(column), down - np.float32(row)
+        place[u] = row * stride + column * np.int32(4)
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
+def _look_up(flat, shape, place, fx, fy, height, along_x, along_y, coat):  # type: ignore[no-untyped-def]
+    """The map's values between four points."""
+    one, stride, four = np.float32(1.0), np.uint64(shape[1] * 4), np.uint64(4)
+    i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
+    for u in range(len(coat)):
+        b = np.uint64(place[u])
+        c, d = b + four, b + stride
+        e = d + four
+        w11 = fx[u] * fy[u]
+        w10 = fy[u] - w11
+        w01 = fx[u] - w11
+        w00 = one - fx[u] - w10
+        height[u] = w00 * flat[b] + w01 * flat[c] + w10 * flat[d] + w11 * flat[e]
+        along_x[u] = (
+            w00 * flat[b + i1] + w01 * flat[c + i1] + w10 * flat[d + i1] + w11 * flat[e + i1]
+        )
+        along_y[u] = (
+            w00 * flat[b + i2] + w01 * flat[c + i2] + w10 * flat[d + i2] + w11 * flat[e + i2]
+        )
+        coat[u] = w00 * flat[b + i3] + w01 * flat[c + i3] + w10 * flat[d + i3] + w11 * flat[e + i3]
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
+def _step(xn, yn, camera, roller, height, z, sx, sy, step, rest):  # type: ignore[no-untyped-def]
+    """One step of Newton's towards the skin.
+
+    `sx` and `sy` are the map's slopes and become those of the skin in the camera frame; `rest` is
+    the share of the free cylinder in it.
+    """
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    cz, least = np.float32(camera[2]), np.float32(_MIN_DIVISOR)
+    r2, k = np.float32(roller[0] ** 2), np.float32(roller[2])
+    half_by_k = np.float32(0.5 / roller[2])
+    for u in range(len(z)):
+        # Smooth minimum of contact face and free cylinder, exact beyond +-k.
+        x = xn[u] * z[u]
+        face, free = cz - height[u], np.float32(math.sqrt(r2 - x * x))
+        part = half + (free - face) * half_by_k
+        part = part if part > zero else zero
+        part = part if part < one else one
+        other = one - part
+        slope_x = -part * sx[u] - other * x / free
+        slope_y = part * sy[u]
+        divisor = one - slope_x * xn[u] - slope_y * yn[u]
+        divisor = divisor if divisor > least else least
+        moved = (z[u] - (part * face + other * free - k * part * other)) / divisor
+        z[u] -= moved
+        sx[u], sy[u], step[u], rest[u] = slope_x, slope_y, moved, other
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
+def _turned_coat(flat, shape, roller, origin, x, px, place, fy, rest):  # type: ignore[no-untyped-def]
+    """Log reflectance off the surface, where the coating turns with the roller: what rolled there.
+
+    `px` is the column under the ray, `place` a point of its row of the map.
+    """
+    last_x, four, stride = np.float32(shape[1] - 1.01), np.uint64(4), np.uint64(shape[1] * 4)
+    extra = _turn(x, np.float32(roller[0]), np.float32(roller[1]), np.float32(roller[3]))
+    px = min(max(px + rest * extra * np.float32(1.0 / origin[2]), np.float32(0.0)), last_x)
+    ix = np.int32(px)
+    fx = px - np.float32(ix)
+    b = np.uint64(place) // stride * stride + np.uint64(ix) * four + np.uint64(3)
+    low = flat[b] + fx * (flat[b + four] - flat[b])
+    b += stride
+    return low + fy * (flat[b] + fx * (flat[b + four] - flat[b]) - low)
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
+def _see_level_row(xn, yn, flat, shape, camera, origin, scratch, z, coat):  # type: ignore[no-untyped-def]
+    """What `_trace_row` finds where all of a row touches level plate, of height 0."""
+    place, px, fx, fy = scratch[1:5]
+    z[:] = np.float32(camera[2])
+    _find_places(xn, yn, shape, camera, origin, z, place, px, fx, fy)
+    stride, four = np.uint64(shape[1] * 4), np.uint64(4)
+    for u in range(len(z)):
+        b = np.uint64(place[u]) + np.uint64(3)
+        low = flat[b] + fx[u] * (flat[b + four] - flat[b])
         b += stride
-        high = flat[b] + fx * (flat[b + four] - flat[b])
-        coat[u] = low + (py - np.float32(iy)) * (high - low)
-    z[:], sx[:], sy[:] = cz, zero, zero
+        high = flat[b] + fx[u] * (flat[b + four] - flat[b])
+        coat[u] = low + fy[u] * (high - low)
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
@@ -219,4 +286,27 @@ def _shade_row(xn, yn, z, sx, sy, coat, light, out):  # type: ignore[no-untyped-
         # Scattered light comes from the dome above the skin: half of it reaches an upright wall.
         scattered = ambient * (half + half * upright)
         shade = scattered + diffuse * max(lambert, zero) + specular * lobe
+        out[u] = _fast_log(max(shade, floor)) + coat[u]
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath=True)
+def _shade_level_row(xn, yn, camera, coat, light, out):  # type: ignore[no-untyped-def]
+    """What `_shade_row` finds on level plate, of height 0."""
+    ambient, diffuse, specular = light[0], light[1], light[2]
+    inv_m2, alpha2, floor = light[3], light[4], light[23]
+    zero, one, four = np.float32(0.0), np.float32(1.0), np.float32(4.0)
+    z = np.float32(camera[2])
+    dz = (z - light[6]) * light[7]
+    b0, b1, b2 = light[16] + dz * light[20], light[17] + dz * light[21], light[18] + dz * light[22]
+    b3, inv_r2 = light[19], light[8]
+    facing = one / (z - light[5])
+    for u in range(len(out)):
+        r_sq = (xn[u] * xn[u] + yn[u] * yn[u]) * z * z
+        rho = r_sq * inv_r2
+        lambert = b0 + rho * (b1 + rho * (b2 + rho * b3))
+        e_sq = r_sq * facing * facing
+        a = one + (e_sq + alpha2) * inv_m2
+        g = a * a - four * e_sq * alpha2 * inv_m2 * inv_m2
+        lobe = a / (g * np.float32(math.sqrt(g)))
+        shade = ambient + diffuse * max(lambert, zero) + specular * lobe
         out[u] = _fast_log(max(shade, floor)) + coat[u]

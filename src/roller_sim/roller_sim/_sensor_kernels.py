@@ -14,11 +14,11 @@ import math
 import numba
 import numpy as np
 
-from ._render_kernels import _see_level_row, _shade_row, _trace_row
+from ._render_kernels import _expect_row, _see_level_row, _shade_level_row, _shade_row, _trace_row
 
 #: Digest of `_render_kernels.py`, which is compiled into the kernels here. Numba's cache sees
 #: changes of this file only: without a new digest here it would go on using the old rendering.
-RENDERING = "2167a6ea22f23465"
+RENDERING = "9bd1c9c639c740a8"
 #: Events one pixel may emit between two rendered frames; any more wait for the next frame.
 MAX_PER_STEP = 4
 TIME_SHIFT = 23
@@ -240,28 +240,30 @@ def _kind(xl, xr, yn, first, last, active, origin, roller):  # type: ignore[no-u
 def _simulate_rows(  # type: ignore[no-untyped-def]
     begin_row, end_row,
     xn, yn, flat, shape, active, active_origin, cameras, times, tau, roller, origin, light,
-    depth, before, signal, level, watch, held, noise, draws, on, off, rate, timing, seed,
-    group, first, out, counts,
+    depth, slopes, before, signal, level, watch, held, noise, draws, on, off, rate, timing, seed,
+    group, first, scratch, out, counts,
 ):  # fmt: skip
     """Render and watch rows `begin_row` to `end_row` over a chunk of frames.
 
-    `times` has one entry more than `cameras`: the time the chunk starts from. Frames are done
-    `group` at a time; parts of a row that see only flat plate are rendered at a group's last frame
+    `times` and `cameras` begin with those that the chunk starts from. Frames are done `group` at a
+    time; parts of a row that see only flat plate are rendered at a group's last frame
     alone. Row v goes on from frame `first[v]` and stops early, leaving `first[v]` at the next frame
     to do, when its buffer `out[v]` might overflow; the caller empties the buffers and calls again.
+    `scratch` is from `trace_scratch`.
     """
     w = xn.shape[1]
     # Each by itself: of rows of one array the loops over them are four times slower.
-    sx, sy, coat = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.float32)
-    seen, after, busy = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.bool_)
+    coat, seen = np.empty(w, np.float32), np.empty(w, np.float32)
+    after, busy = np.empty(w, np.float32), np.empty(w, np.bool_)
     low, high, wake = watch
+    sx, sy = slopes
     for v in range(begin_row, end_row):
         # A plain 0 has a type of its own, which everything called would be compiled for once more.
         n = np.int64(0)
         i = first[v]
-        while i < len(cameras) and n + w * MAX_PER_STEP * group <= out.shape[1]:
-            stop = min(i + group, len(cameras))
-            camera, last = cameras[i], cameras[stop - 1]
+        while i < len(cameras) - 1 and n + w * MAX_PER_STEP * group <= out.shape[1]:
+            stop = min(i + group, len(cameras) - 1)
+            camera, last = cameras[i + 1], cameras[stop]
             a = 0
             while a < w:
                 # What lies side by side and sees the same is done together.
@@ -280,18 +282,28 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
                 for j in range(i if kind == _RELIEF else stop - 1, stop):
                     if kind == _LEVEL:
                         _see_level_row(
-                            xn[v, a:b], yn[v, a:b], flat, shape, cameras[j], origin,
-                            depth[v, a:b], sx[:m], sy[:m], coat[:m],
+                            xn[v, a:b], yn[v, a:b], flat, shape, cameras[j + 1], origin,
+                            scratch, depth[v, a:b], coat[:m],
                         )  # fmt: skip
+                        _shade_level_row(
+                            xn[v, a:b], yn[v, a:b], cameras[j + 1], coat[:m], light, seen[:m]
+                        )
+                        sx[v, a:b], sy[v, a:b] = np.float32(0), np.float32(0)
                     else:
+                        if kind == _RELIEF:
+                            moved = cameras[j + 1, 0] - cameras[j, 0]
+                            _expect_row(
+                                xn[v, a:b], yn[v, a:b], sx[v, a:b], sy[v, a:b], moved,
+                                depth[v, a:b],
+                            )  # fmt: skip
                         _trace_row(
-                            xn[v, a:b], yn[v, a:b], flat, shape, cameras[j], roller, origin,
-                            depth[v, a:b], sx[:m], sy[:m], coat[:m],
+                            xn[v, a:b], yn[v, a:b], flat, shape, cameras[j + 1], roller, origin,
+                            scratch, depth[v, a:b], sx[v, a:b], sy[v, a:b], coat[:m],
                         )  # fmt: skip
-                    _shade_row(
-                        xn[v, a:b], yn[v, a:b], depth[v, a:b], sx[:m], sy[:m], coat[:m], light,
-                        seen[:m],
-                    )  # fmt: skip
+                        _shade_row(
+                            xn[v, a:b], yn[v, a:b], depth[v, a:b], sx[v, a:b], sy[v, a:b],
+                            coat[:m], light, seen[:m],
+                        )  # fmt: skip
                     n = _sensor_row(
                         t0, times[j + 1], tau, seen[:m], a, v, w, before[v, a:b], signal[v, a:b],
                         level[v, a:b], (low[v, a:b], high[v, a:b], wake[v, a:b]), held[v, a:b],
@@ -306,10 +318,14 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _render_rows(xn, yn, flat, shape, camera, roller, origin, light, depth, sx, sy, out):  # type: ignore[no-untyped-def]
+def _render_rows(  # type: ignore[no-untyped-def]
+    xn, yn, flat, shape, camera, roller, origin, light, scratch, depth, sx, sy, out
+):
     """Render one frame; `depth` holds first guesses and becomes the depth."""
     h, w = xn.shape
     coat = np.empty(w, np.float32)
     for v in range(h):
-        _trace_row(xn[v], yn[v], flat, shape, camera, roller, origin, depth[v], sx[v], sy[v], coat)
+        _trace_row(
+            xn[v], yn[v], flat, shape, camera, roller, origin, scratch, depth[v], sx[v], sy[v], coat
+        )
         _shade_row(xn[v], yn[v], depth[v], sx[v], sy[v], coat, light, out[v])

@@ -13,6 +13,7 @@ from roller_core.camera import Camera
 from roller_core.events import EventArray
 
 from . import _sensor_kernels as kernels
+from ._render_kernels import trace_scratch
 from .cell_settings import MotionSettings, VirtualCellSettings
 from .motion import PACKET_LATENCY_US, START_SENSOR_NS, Path, PoseStream, hand_eye, make_camera
 from .optics import SurfaceMaps, light_vector, to_grey
@@ -197,7 +198,7 @@ class VirtualCell:
         sx, sy, out = (np.empty(shape, np.float32) for _ in range(3))
         kernels._render_rows(
             *self._rays, self._maps.flat, self._maps.shape, camera, self.truth.roller,
-            self._maps.origin, self._light, depth, sx, sy, out,
+            self._maps.origin, self._light, trace_scratch(shape[1]), depth, sx, sy, out,
         )  # fmt: skip
         return to_grey(out, self.settings.light)
 

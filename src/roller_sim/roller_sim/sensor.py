@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _sensor_kernels as kernels
+from ._render_kernels import trace_scratch
 from .cell_settings import SensorSettings
 from .optics import SurfaceMaps
 from .relief import F32, F64
@@ -108,7 +109,10 @@ class EventSensor:
         self._level = np.zeros(shape, np.float32)
         # When each pixel has to be looked at, by its signal and by time.
         self._watch = (*np.empty((2, *shape), np.float32), np.empty(shape, np.int64))
+        # Where pixels' rays ended last, and the skin's slopes there along x and y.
         self._depth = np.full(shape, roller[0], np.float32)
+        self._slopes = (np.zeros(shape, np.float32), np.zeros(shape, np.float32))
+        self._camera: F64 = np.zeros(3)
         self._time = 0
         self._seed = np.uint64((seed * 0x9E3779B97F4A7C15 + 0x1234567) % 2**64)
         timing = (s.latency_us, s.jitter_us, s.refractory_us, s.readout_us)
@@ -127,11 +131,12 @@ class EventSensor:
             Camera x, y over the plate and height above its face, mm.
         """
         shape = self._xn.shape
+        self._camera = camera
         self._depth[:] = camera[2]
-        sx, sy = np.empty(shape, np.float32), np.empty(shape, np.float32)
         kernels._render_rows(
             self._xn, self._yn, self._maps.flat, self._maps.shape, camera, self._roller,
-            self._maps.origin, self._light, self._depth, sx, sy, self._signal,
+            self._maps.origin, self._light, trace_scratch(shape[1]), self._depth, *self._slopes,
+            self._signal,
         )  # fmt: skip
         self._before[:] = self._signal
         # Pixels have fired at some time before: what is left lies anywhere within the thresholds.
@@ -156,6 +161,7 @@ class EventSensor:
             Packed events read out up to the last time, in read-out order (see `unpack`).
         """
         times = np.concatenate([[self._time], times_ns]).astype(np.int64)
+        places = np.concatenate([[self._camera], cameras])
         hz = self.settings.bandwidth_hz
         tau_ns = 1e9 / (2 * np.pi * hz) if hz > 0 else 0.0
         first = np.zeros(len(self._xn), np.int64)
@@ -167,10 +173,11 @@ class EventSensor:
             kernels._simulate_rows(
                 begin_row, end_row,
                 self._xn, self._yn, self._maps.flat, self._maps.shape, self._maps.active,
-                self._maps.active_origin, cameras, times, tau_ns, self._roller, self._maps.origin,
-                self._light, self._depth, self._before, self._signal, self._level, self._watch,
-                self._held, self._noise, self._draws, self._on, self._off, self._rate,
-                self._timing, self._seed, self._group, first, self._out, counts,
+                self._maps.active_origin, places, times, tau_ns, self._roller, self._maps.origin,
+                self._light, self._depth, self._slopes, self._before, self._signal, self._level,
+                self._watch, self._held, self._noise, self._draws, self._on, self._off, self._rate,
+                self._timing, self._seed, self._group, first, trace_scratch(self._xn.shape[1]),
+                self._out, counts,
             )  # fmt: skip
 
         while int(first.min()) < len(times_ns):
@@ -180,7 +187,7 @@ class EventSensor:
             parts = [np.concatenate(parts)]
         words = parts[0]
         words.sort()
-        self._time = int(times[-1])
+        self._time, self._camera = int(times[-1]), places[-1]
         # An event is read out at or after its instant, so all up to now are known.
         limit = np.uint64((self._time + 1) << kernels.TIME_SHIFT)
         cut = int(np.searchsorted(words, limit))

@@ -162,12 +162,12 @@ class Truth:
         rays = self.camera.rays(self.camera.undistort(np.asarray(pixels, np.float64)))
         xn, yn = rays[:, 0].astype(np.float32), rays[:, 1].astype(np.float32)
         z = np.full(len(xn), position[2], np.float32)
-        scratch = np.empty((3, len(xn)), np.float32)
+        found = np.empty((3, len(xn)), np.float32)
         # Twice: the second call starts at the solution and ends within a fraction of its tolerance.
         for _ in range(2):
             kernels._trace_row(
                 xn, yn, self._maps.flat, self._maps.shape, position, self.roller,
-                self._maps.origin, z, *scratch,
+                self._maps.origin, kernels.trace_scratch(len(z)), z, *found,
             )  # fmt: skip
         x, y = xn * z, yn * z
         over = self.skin.sample((position[0] + x) * 1e-3, (position[1] - y) * 1e-3) * 1e3
