@@ -36,11 +36,11 @@ _TURNS, _HEIGHTS, _BLURS_PX = 21, 11, (3.0, 1.5)
 #: Edge of the map's cells, of the blur: no whole px, so that rows of pixels lie in them in all
 #: ways; and the map's border, px: what the largest tilts move it by.
 _CELL, _PAD_PX = 0.488, 120.0
-#: Share of the sharpness lost at the foot of the hill that a paraboloid is fitted to; the points it is
-#: fitted to, and how often, each time about the top found last.
+#: Share of the sharpness lost at the foot of the hill that a paraboloid is fitted to, the points
+#: that it is fitted to, and how often, each time about the top found last.
 _LOST, _POINTS, _FITS = 0.015, 64, 2
-#: Turns (degrees) and height (m) that the foot is looked for between, and the factor from one to the
-#: next.
+#: Turns (degrees) and height (m) between which the foot is looked for, and the factor from one to
+#: the next.
 _LEAST_WIDTHS = np.array([0.25, 0.25, 0.05, 5e-5])
 _MOST_WIDTHS = np.array([MOST_TURN_DEG, MOST_TURN_DEG, MOST_TURN_DEG, 2e-3])
 _WIDER = 1.4
