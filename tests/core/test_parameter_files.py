@@ -1,7 +1,7 @@
 """Files that are none: each is refused in one line, and nothing waits for its end."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -11,6 +11,7 @@ from roller_core.camera import Camera
 from roller_core.errors import RollerError, SettingsError
 from roller_core.parameter_files import (
     SECTIONS,
+    clashing_parameters,
     misspelt_section,
     node_name,
     passed_over_section,
@@ -136,3 +137,36 @@ def test_which_of_two_cells_is_meant_is_not_guessed(
             read_parameters(file, "emvs")
     else:
         assert read_parameters(file, "emvs") == {"threads": holds}
+
+
+def test_of_values_of_two_types_the_last_is_known(tmp_path: Path) -> None:
+    texts = {
+        "ours": "/**/emvs: {ros__parameters: {d: 0.5, n: 8, focus: {p: 1.0}, l: [1.0], s: a}}",
+        "mine": "/**/emvs: {ros__parameters: {d: x, n: 9, focus: {p: 2}, l: [1], s: b}}",
+        "all": "/**: {ros__parameters: {d: true}}",
+        "left": "left: {emvs: {ros__parameters: {d: 7}}}",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+
+    def found(*names: str, node: str = "/emvs", also: Sequence[str] = ()) -> dict[str, object]:
+        words = [w for name in names for w in ("--params-file", str(tmp_path / name))]
+        return clashing_parameters(["node", "--ros-args", *words, *also], node)
+
+    assert found("ours", "mine") == {"d": "x", "focus.p": 2, "l": [1]}
+    assert found("mine", "ours") == {"d": 0.5, "focus.p": 1.0, "l": [1.0]}
+    # Sections of other names are no clash to ROS: the one that is named later counts.
+    assert found("ours", "all") == found("ours", "left") == {}
+    assert found("ours", "mine", "all")["d"] is True
+    assert found("all", "ours", "mine")["d"] == "x"
+    assert found("all", also=("-p", "d:=1")) == {"d": 1}
+    assert found("ours", also=("-p", "/**/emvs:d:=2")) == {"d": 2}
+    assert found("ours", "mine", node="/left/emvs") == {"d": "x", "focus.p": 2, "l": [1]}
+    assert found("ours", "mine", node="/stitcher") == {}
+
+
+def test_a_number_needs_neither_point_nor_sign_around_its_exponent(tmp_path: Path) -> None:
+    file = tmp_path / "numbers.yaml"
+    file.write_text("emvs: {ros__parameters: {a: 43e-3, b: -1E+2, c: '43e-3', d: e3, f: 4e, g: 2.5e2, h: .5e1}}")
+    said = {"a": 0.043, "b": -100.0, "c": "43e-3", "d": "e3", "f": "4e", "g": 250.0, "h": 5.0}
+    assert read_parameters(file, "emvs") == said

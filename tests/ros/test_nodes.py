@@ -223,6 +223,55 @@ def test_a_section_that_is_called_nearly_as_the_node_is_told(
 
 @pytest.mark.usefixtures("own_process_state")
 @pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("depth_min_m: hello", "'depth_min_m' = 'hello': a number is expected"),
+        ("pose_smoothing: 2.5", "'pose_smoothing' = 2.5: a whole number is expected"),
+        ("average_flats: 0.5", "'average_flats' = 0.5: "),
+        ("focus: {planes_per_px: many}", "'focus.planes_per_px' = 'many': a number is expected"),
+    ],
+)
+def test_a_later_file_with_a_value_of_another_type_stops_a_node(
+    given: str,
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """ROS itself goes on with the earlier file's, and says nothing."""
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(f"/**/emvs: {{ros__parameters: {{{given}}}}}")
+    files = ["--params-file", str(SRC.parent / "config" / "emvs.yaml"), "--params-file", str(mine)]
+    monkeypatch.setattr("sys.argv", ["node", "--ros-args", *files])
+    with pytest.raises(SystemExit) as end:
+        importlib.import_module("roller_emvs.emvs_node").main()
+    assert end.value.code == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(f"error: parameters of node 'emvs': {says}")
+
+
+def test_of_a_whole_and_a_broken_number_the_last_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in (("a", "100"), ("b", "50.5"), ("c", "2.5e2")):
+        text = f"/**/recorder: {{ros__parameters: {{queue_mb: {value}}}}}"
+        (tmp_path / f"{name}.yaml").write_text(text)
+    for order, says in (("ab", 50.5), ("ba", 100.0), ("abc", 250.0), ("ca", 100.0)):
+        words = ["recorder", "--ros-args"]
+        for name in order:
+            words += ["--params-file", str(tmp_path / f"{name}.yaml")]
+        monkeypatch.setattr(sys, "argv", words)
+        context = Context()
+        rclpy.init(args=words, context=context)
+        node = Node("recorder", context=context)
+        settings = declare_settings(node, RecorderParameters)
+        assert settings.queue_mb == node.get_parameter("queue_mb").value == says
+        node.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.mark.usefixtures("own_process_state")
+@pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--params-file", "/"], "Couldn't parse params file: '--params-file /'"),

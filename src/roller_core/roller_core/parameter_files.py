@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import re
 import textwrap
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -146,6 +147,70 @@ def passed_over_section(path: Path | str, node: str) -> str:
     if not named or any(_holds_for(pattern, node) for pattern in named):
         return ""
     return f"{path}: '{named[0]}' doesn't hold for {node}: call the section '/**/{name}'"
+
+
+def clashing_parameters(words: Sequence[str], node: str) -> dict[str, Any]:
+    """Parameters of which a node's command line says two types, with what it says last.
+
+    Of two values of different types ROS keeps the one of the type that it looks at first (bool,
+    integer, double, text), whichever comes last, and says nothing.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The command line, with `--params-file FILE` and `-p NAME:=VALUE`.
+    node : str
+        The node with its namespace, such as `/left/emvs`.
+
+    Returns
+    -------
+    dict
+        Value by parameter, groups with a point between.
+
+    Raises
+    ------
+    SettingsError
+        As `read_sections`.
+    """
+    given: dict[str, dict[str, Any]] = {}
+    clashes: set[tuple[str, str]] = set()
+    for word, text in pairwise(words):
+        if word == "--params-file":
+            sections = read_sections(text)
+        elif word in ("-p", "--param"):
+            name, _, value = text.partition(":=")
+            pattern, _, name = name.rpartition(":")
+            sections = {pattern or "**": {name: yaml.safe_load(value)}}
+        else:
+            continue
+        for pattern, values in sections.items():
+            own = given.setdefault(pattern.strip("/"), {})
+            for name, value in _flat(values):
+                if name in own and _kind(own[name]) != _kind(value):
+                    clashes.add((pattern.strip("/"), name))
+                own[name] = value
+    merged: dict[str, Any] = {}
+    named: set[str] = set()
+    for pattern, values in given.items():
+        if _holds_for(pattern, node):
+            merged |= values
+            named |= {name for name in values if (pattern, name) in clashes}
+    return {name: merged[name] for name in named}
+
+
+def _flat(values: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, Any]]:
+    """Parameters with the names that ROS gives them."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{group}{name}.")
+        else:
+            yield f"{group}{name}", value
+
+
+def _kind(value: Any) -> tuple[type, ...]:
+    """The type of a value, and that of what is in a list."""
+    inner = {type(v) for v in value} if isinstance(value, list) else set()
+    return (type(value), *sorted(inner, key=str))
 
 
 def _holds_for(pattern: str, node: str) -> bool:

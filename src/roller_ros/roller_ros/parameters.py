@@ -15,9 +15,14 @@ from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from roller_core.errors import SettingsError
-from roller_core.parameter_files import misspelt_section, passed_over_section
+from roller_core.parameter_files import (
+    clashing_parameters,
+    misspelt_section,
+    passed_over_section,
+)
 from roller_core.settings import Settings
 
 S = TypeVar("S", bound=Settings)
@@ -45,6 +50,7 @@ def declare_settings(node: Node, model: type[S], live: Collection[str] = ()) -> 
     """
     source = f"parameters of node '{node.get_name()}'"
     _check_sections(node)
+    _mend_clashes(node)
     values = _declare(node, model, None, "", source, live)
     # Those meant for others may be among them (section `/**`), so it is no error.
     for name in getattr(node, "_parameter_overrides", {}):
@@ -63,6 +69,13 @@ def _check_sections(node: Node) -> None:
                 text = passed_over_section(path, node.get_fully_qualified_name())
                 if text := text or misspelt_section(path, [node.get_name()]):
                     node.get_logger().warning(text)
+
+
+def _mend_clashes(node: Node) -> None:
+    """Put what the command line says last in the place of what ROS keeps of two types."""
+    with suppress(SettingsError):  # ROS has taken it
+        for name, value in clashing_parameters(sys.argv, node.get_fully_qualified_name()).items():
+            node._parameter_overrides[name] = Parameter(name, value=value)
 
 
 def _declare(
