@@ -187,6 +187,11 @@ def test_input_and_output_never_overlap(tmp_path: Path) -> None:
     with pytest.raises(UnwritableOutputError, match="overlaps"):
         refuse_overlap(bag / "bag.mcap", tmp_path / "link")
     refuse_overlap(bag, tmp_path / "data" / "bag2")
+    refuse_overlap(bag / "bag.mcap", bag / "out")
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information:")
+    with pytest.raises(UnwritableOutputError, match="overlaps"):
+        refuse_overlap(bag / "bag.mcap", bag / "out")
+    (bag / "metadata.yaml").unlink()
     with (
         pytest.raises(UnwritableOutputError, match="overlaps"),
         OutputFolder(bag / "out", "replay", [None, bag]),

@@ -167,6 +167,7 @@ def test_of_values_of_two_types_the_last_is_known(tmp_path: Path) -> None:
 
 def test_a_number_needs_neither_point_nor_sign_around_its_exponent(tmp_path: Path) -> None:
     file = tmp_path / "numbers.yaml"
-    file.write_text("emvs: {ros__parameters: {a: 43e-3, b: -1E+2, c: '43e-3', d: e3, f: 4e, g: 2.5e2, h: .5e1}}")
+    values = "a: 43e-3, b: -1E+2, c: '43e-3', d: e3, f: 4e, g: 2.5e2, h: .5e1"
+    file.write_text(f"emvs: {{ros__parameters: {{{values}}}}}")
     said = {"a": 0.043, "b": -100.0, "c": "43e-3", "d": "e3", "f": "4e", "g": 250.0, "h": 5.0}
     assert read_parameters(file, "emvs") == said

@@ -52,6 +52,22 @@ def test_a_failure_is_a_row_and_what_is_done_stays(
     assert done.stat().st_mtime_ns == written
 
 
+@pytest.mark.parametrize("where", ["golden", "golden/out"])
+def test_a_reference_is_an_input_that_results_never_enter(
+    where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    golden, scans = tmp_path / "golden", tmp_path / "scans"
+    golden.mkdir()
+    (golden / "golden.npz").write_bytes(b"a reference")
+    scans.mkdir()
+    (scans / "one.mcap").write_text("one")
+    words = ["batch", str(scans), "--output", str(tmp_path / where)]
+    assert main([*words, "--reference", f"golden:{golden}"]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "overlaps with the input" in line
+    assert [path.name for path in golden.iterdir()] == ["golden.npz"]
+
+
 def test_how_far_it_is_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shares: list[float] = []
     bar = contextmanager(lambda _: iter([shares.append]))

@@ -83,6 +83,10 @@ def test_a_golden_part_shows_what_is_missing_and_nothing_else(tmp_path: Path) ->
     assert abs(finding.depth_m + 2e-4) < finding.uncertainty.depth_m
     with pytest.raises(ReferenceError, match=r"no golden\.npz"):
         GoldenReference.load(tmp_path / "none")
+    for content in (b"no archive", b"PK\x03\x04 cut short", b""):
+        (tmp_path / "golden.npz").write_bytes(content)
+        with pytest.raises(ReferenceError, match=r"golden\.npz: isn't what teach writes$"):
+            GoldenReference.load(tmp_path)
 
 
 def test_what_scatters_in_few_good_scans_is_no_finding_in_another() -> None:

@@ -13,6 +13,8 @@ WAY_OUT = "give another --output"
 def refuse_overlap(source: Path, output: Path) -> None:
     """Refuse an output that is, holds, or lies in what is read; links are followed.
 
+    A file of a rosbag2 folder stands for all of it.
+
     Parameters
     ----------
     source : path
@@ -25,6 +27,8 @@ def refuse_overlap(source: Path, output: Path) -> None:
     UnwritableOutputError
         If they overlap.
     """
+    if source.is_file() and (source.parent / "metadata.yaml").is_file():
+        source = source.parent
     if _lies_in(source, output) or _lies_in(output, source):
         raise UnwritableOutputError(
             f"{output}: overlaps with the input {source}, which would be lost; {WAY_OUT}"

@@ -133,6 +133,6 @@ def contact_figures(engine: DepthEngine[Any]) -> dict[str, object]:
     return {
         "image_speed": "" if state.image_speed is None else round(state.image_speed, 2),
         "contact_mm2": round(state.area_m2 * 1e6),
-        "contact_fill": round(state.fill, 2),
+        "coverage": round(state.fill, 2),
         "bad_contact_windows": engine.counts.bad_contact_windows,
     }

@@ -84,7 +84,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"error: {named}: no recordings there", file=sys.stderr)
         return USAGE
     jobs = _jobs(args, sources, recipe)
-    inputs = [*args.folders, args.params, args.camera, args.recipe]
+    reference = Path(recipe.reference.path) if recipe.reference.path else None
+    inputs = [*args.folders, args.params, args.camera, args.recipe, reference]
     lasting = [job.key for job in jobs]
     with OutputFolder(
         args.output, "batch", inputs, lasting=lasting, always=["index.html"]

@@ -112,8 +112,11 @@ class HeightMap:
         try:
             with np.load(path, allow_pickle=False) as file:
                 found = {name: file[name] for name in file.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        except OSError as error:
             raise HeightMapError(f"{path}: no height map can be read ({error})") from error
+        except (ValueError, EOFError, zipfile.BadZipFile) as error:
+            # What numpy says of these names ways to open a file that may do harm.
+            raise HeightMapError(f"{path}: no height map can be read: no NumPy archive") from error
         if "state" in found:
             found.setdefault("points", found["state"] == MEASURED)
         for name, (dimensions, _) in _ARRAYS.items():
