@@ -180,6 +180,15 @@ def test_level_plate_in_contact_is_seen_as_where_rays_are_followed(contact):
     assert 15 < seen < 100
 
 
+def test_a_view_past_the_roller_is_rendered():
+    """At 320 of 300 px from the middle a ray lies 46 degrees aside, and meets nothing of it."""
+    camera = {"width": 640, "height": 8, "focal_px": 300.0}
+    cell = VirtualCell(twins.small("bumps", camera=camera))
+    position = position_mm(cell, at(cell, 5.0))
+    for found in log_image(cell, position):
+        assert np.isfinite(found).all()
+
+
 def test_light_is_fitted_within_a_percent(monkeypatch):
     monkeypatch.setitem(optics.MIXES, "ring", optics.Mix(0.0, 1.0, 0.0, 0.6))
     vector = light_vector(LightSettings.create({}), 17.0)

@@ -18,7 +18,7 @@ from ._render_kernels import _expect_row, _see_level_row, _shade_level_row, _sha
 
 #: Digest of `_render_kernels.py`, which is compiled into the kernels here. Numba's cache sees
 #: changes of this file only: without a new digest here it would go on using the old rendering.
-RENDERING = "f96d9eef5bfe4dfa"
+RENDERING = "514c16e8336bf2fe"
 #: Events one pixel may emit between two rendered frames; any more wait for the next frame.
 MAX_PER_STEP = 4
 TIME_SHIFT = 23
