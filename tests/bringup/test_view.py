@@ -217,7 +217,7 @@ def test_bad_results_are_one_line_or_a_note(tmp_path):
     scene = read_result(folder)
     assert "inspection.json can't be read" in scene.notes[0]
     (folder / "height_map.npz").write_bytes(b"PK\x03\x04")
-    with pytest.raises(RollerError, match=r"height_map\.npz: no height map can be read"):
+    with pytest.raises(RollerError, match=r"height_map\.npz: no height map can be read: no NumPy"):
         read_result(folder)
     assert cli.main(["view", str(tmp_path / "none"), "--port", "0"]) == 1
 
