@@ -160,6 +160,8 @@ def test_of_values_of_two_types_the_last_is_known(tmp_path: Path) -> None:
     assert found("ours", "mine", "all")["d"] is True
     assert found("all", "ours", "mine")["d"] == "x"
     assert found("all", also=("-p", "d:=1")) == {"d": 1}
+    assert found("all", also=("-p", "d:=1e-3")) == {"d": 1e-3}
+    assert found("all", also=("-p", "d:=[", "--param", "s:=b")) == {}
     assert found("ours", also=("-p", "/**/emvs:d:=2")) == {"d": 2}
     assert found("ours", "mine", node="/left/emvs") == {"d": "x", "focus.p": 2, "l": [1]}
     assert found("ours", "mine", node="/stitcher") == {}

@@ -6,6 +6,7 @@ import difflib
 import re
 import textwrap
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import yaml
 
 from .errors import SettingsError
 from .settings import Settings, merge
-from .text_file import TextFileError, read_yaml
+from .text_file import TextFileError, parse_yaml, read_yaml
 
 #: Our nodes, and the record of the calibration, as parameter files name them.
 SECTIONS = (
@@ -175,14 +176,14 @@ def clashing_parameters(words: Sequence[str], node: str) -> dict[str, Any]:
     given: dict[str, dict[str, Any]] = {}
     clashes: set[tuple[str, str]] = set()
     for word, text in pairwise(words):
+        sections: dict[str, dict[str, Any]] = {}
         if word == "--params-file":
             sections = read_sections(text)
         elif word in ("-p", "--param"):
             name, _, value = text.partition(":=")
             pattern, _, name = name.rpartition(":")
-            sections = {pattern or "**": {name: yaml.safe_load(value)}}
-        else:
-            continue
+            with suppress(yaml.YAMLError):  # ROS has its say about that
+                sections = {pattern or "**": {name: parse_yaml(value)}}
         for pattern, values in sections.items():
             own = given.setdefault(pattern.strip("/"), {})
             for name, value in _flat(values):

@@ -72,6 +72,17 @@ def read_text(path: Path | str, most_bytes: int = _MOST_BYTES) -> str:
         raise TextFileError(f"{path}: not a text file") from error
 
 
+def parse_yaml(text: str) -> Any:
+    """What YAML text holds: plain data, numbers as YAML 1.2 has them.
+
+    Raises
+    ------
+    yaml.YAMLError
+        If it isn't YAML, has aliases or a name twice.
+    """
+    return yaml.load(text, _Loader)
+
+
 def read_yaml(path: Path | str) -> Any:
     """What a YAML file holds: plain data.
 
@@ -82,7 +93,7 @@ def read_yaml(path: Path | str) -> Any:
     """
     text = read_text(path)
     try:
-        return yaml.load(text, _Loader)
+        return parse_yaml(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
