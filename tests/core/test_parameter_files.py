@@ -18,6 +18,7 @@ from roller_core.parameter_files import (
     read_parameters,
     read_sections,
 )
+from roller_emvs.depth_settings import DepthSettings
 from roller_recording.reading.tum import read_tum
 from roller_sim.errors import TruthError
 from roller_sim.truth_files import load_truth
@@ -167,9 +168,11 @@ def test_of_values_of_two_types_the_last_is_known(tmp_path: Path) -> None:
     assert found("ours", "mine", node="/stitcher") == {}
 
 
-def test_a_number_needs_neither_point_nor_sign_around_its_exponent(tmp_path: Path) -> None:
-    file = tmp_path / "numbers.yaml"
-    values = "a: 43e-3, b: -1E+2, c: '43e-3', d: e3, f: 4e, g: 2.5e2, h: .5e1"
-    file.write_text(f"emvs: {{ros__parameters: {{{values}}}}}")
-    said = {"a": 0.043, "b": -100.0, "c": "43e-3", "d": "e3", "f": "4e", "g": 250.0, "h": 5.0}
-    assert read_parameters(file, "emvs") == said
+def test_text_that_looks_like_a_number_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    """A skin may be called 7e2; a parameter 43e-3 is a number to its settings all the same."""
+    file = tmp_path / "cell.yaml"
+    data = {"emvs": {"ros__parameters": {"depth_min_m": "43e-3", "skin": "7e2"}}}
+    file.write_text(yaml.safe_dump(data))
+    read = read_parameters(file, "emvs")
+    assert read == data["emvs"]["ros__parameters"]
+    assert DepthSettings.create({"depth_min_m": read["depth_min_m"]}).depth_min_m == 0.043

@@ -24,6 +24,8 @@ SECTIONS = (
 )  # fmt: skip
 #: Most namespaces around a node.
 _DEEPEST = 6
+#: Numbers to ROS, text to YAML 1.1, which asks for a point and a sign. Our files hold such text.
+_EXPONENT = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+")
 #: What rclpy asks of every node.
 _OF_RCLPY = {"use_sim_time", "qos_overrides", "start_type_description_service"}
 
@@ -204,6 +206,8 @@ def _flat(values: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, Any
     for name, value in values.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{group}{name}.")
+        elif isinstance(value, str) and _EXPONENT.fullmatch(value):
+            yield f"{group}{name}", float(value)
         else:
             yield f"{group}{name}", value
 

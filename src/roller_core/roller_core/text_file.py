@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -42,14 +41,6 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
 
-# YAML 1.2, and ROS, take 43e-3 and 4.3e1 for numbers; YAML 1.1 asks for a point and a sign.
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
-
-
 def read_text(path: Path | str, most_bytes: int = _MOST_BYTES) -> str:
     """The text of a file, UTF-8, with or without a byte order mark.
 
@@ -73,7 +64,7 @@ def read_text(path: Path | str, most_bytes: int = _MOST_BYTES) -> str:
 
 
 def parse_yaml(text: str) -> Any:
-    """What YAML text holds: plain data, numbers as YAML 1.2 has them.
+    """What YAML text holds: plain data.
 
     Raises
     ------

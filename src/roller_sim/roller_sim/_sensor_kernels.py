@@ -246,10 +246,10 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
     """Render and watch rows `begin_row` to `end_row` over a chunk of frames.
 
     `times` and `cameras` begin with those that the chunk starts from. Frames are done `group` at a
-    time; parts of a row that see only flat plate are rendered at a group's last frame
-    alone. Row v goes on from frame `first[v]` and stops early, leaving `first[v]` at the next frame
-    to do, when its buffer `out[v]` might overflow; the caller empties the buffers and calls again.
-    `scratch` is from `trace_scratch`.
+    time; parts of a row that see only flat plate are rendered at a group's last frame alone. Row v
+    goes on from frame `first[v]` and stops early, leaving `first[v]` at the next frame to do, when
+    its buffer `out[v]` might overflow; the caller empties the buffers and calls again. `scratch` is
+    from `trace_scratch`.
     """
     w = xn.shape[1]
     # Each by itself: of rows of one array the loops over them are four times slower.
