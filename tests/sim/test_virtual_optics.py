@@ -11,7 +11,7 @@ from roller_sim import _sensor_kernels as sensor_kernels
 from roller_sim import optics
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import LightSettings
-from roller_sim.optics import light_vector, ring_field, speckle
+from roller_sim.optics import light_vector, lit_level, ring_field, speckle
 from sim import virtual_twins as twins
 
 #: Every eighth pixel of a full image: wide rays at little cost.
@@ -166,7 +166,13 @@ def test_level_plate_in_contact_is_seen_as_where_rays_are_followed(contact):
             kernels._see_level_row(
                 xn, yn, maps.flat, place[0], position, place[1], scratch, depth, coat
             )
-            kernels._shade_level_row(xn, yn, position, coat, light, bright)
+            lit, higher = (
+                lit_level(xn, yn, z, light) for z in (position[2] - 0.04, position[2] + 0.06)
+            )
+            rise = (higher - lit) / 0.1
+            kernels._shade_level_row(
+                lit.astype(np.float32), rise.astype(np.float32), 0.04, coat, bright
+            )
             want = [np.full(16, position[2], np.float32), *np.empty((4, 16), np.float32)]
             kernels._trace_row(
                 xn, yn, maps.flat, place[0], position, roller, place[1], scratch, *want[:4]
@@ -178,6 +184,17 @@ def test_level_plate_in_contact_is_seen_as_where_rays_are_followed(contact):
                 np.testing.assert_allclose(got, expected, atol=2e-5)
             seen += 1
     assert 15 < seen < 100
+
+
+@pytest.mark.parametrize("kind", ["ring", "dome", "strong"])
+def test_light_on_level_plate_is_that_of_any_surface(kind):
+    light = light_vector(LightSettings.create({"kind": kind}), 17.0)
+    xn, yn = (np.float32(0.3) * a for a in np.random.default_rng(4).random((2, 200), np.float32))
+    level, out = np.zeros_like(xn), np.empty_like(xn)
+    for height_mm in (43.5, 46.0):
+        z = np.full_like(xn, height_mm)
+        kernels._shade_row(xn, yn, z, level, level, level, light, out)
+        np.testing.assert_allclose(lit_level(xn, yn, height_mm, light), out, atol=5e-6)
 
 
 def test_a_view_past_the_roller_is_rendered():

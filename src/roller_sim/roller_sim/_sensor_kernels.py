@@ -5,6 +5,8 @@ hash of (seed, pixel, draw number), so results don't depend on the order in whic
 
 An event is one 64-bit word: time [63:23], x [22:12], y [11:1], polarity [0], which sorts into
 read-out order: frame by frame, column by column, row by row.
+
+Kernels that work on rows allocate nothing and count no references: see `_render_kernels`.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from ._render_kernels import _expect_row, _see_level_row, _shade_level_row, _sha
 
 #: Digest of `_render_kernels.py`, which is compiled into the kernels here. Numba's cache sees
 #: changes of this file only: without a new digest here it would go on using the old rendering.
-RENDERING = "514c16e8336bf2fe"
+RENDERING = "0d3b258c299916a4"
 #: Events one pixel may emit between two rendered frames; any more wait for the next frame.
 MAX_PER_STEP = 4
 TIME_SHIFT = 23
@@ -34,7 +36,7 @@ NEVER = np.int64(2**62)
 _EARLY = np.float32(1e-5)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
 def _uniform(seed, pixel, draw):  # type: ignore[no-untyped-def]
     """Uniform number in (0, 1) from a hash (splitmix64's finaliser) of its arguments."""
     h = np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15)
@@ -45,7 +47,7 @@ def _uniform(seed, pixel, draw):  # type: ignore[no-untyped-def]
     return (np.float64(h >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def _next_noise(t, rate_hz, seed, pixel, draw):  # type: ignore[no-untyped-def]
     """Time of the next noise event of a pixel after `t`."""
     if rate_hz <= 0.0:
@@ -54,7 +56,7 @@ def _next_noise(t, rate_hz, seed, pixel, draw):  # type: ignore[no-untyped-def]
     return t + np.int64(min(wait, 1e18)) + 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _pixel_events(  # type: ignore[no-untyped-def]
     t0, t1, l0, l1, x, y, pixel, state, level, noise, draws, on, off, rate, timing, seed, out, n
 ):
@@ -124,7 +126,7 @@ def _pixel_events(  # type: ignore[no-untyped-def]
     return state, level, noise, draws, n
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, _nrt=False, inline="always")
 def _watch(level, held, noise, on, off):  # type: ignore[no-untyped-def]
     """Signal down to which, signal up to which and time until which nothing happens to a pixel."""
     if held > 0:
@@ -132,7 +134,7 @@ def _watch(level, held, noise, on, off):  # type: ignore[no-untyped-def]
     return level - off + _EARLY, level + on - _EARLY, noise
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def _watch_all(level, held, noise, on, off, watch):  # type: ignore[no-untyped-def]
     """`_watch` of pixels, shape (h, w), into `watch`."""
     low, high, wake = watch
@@ -143,7 +145,7 @@ def _watch_all(level, held, noise, on, off, watch):  # type: ignore[no-untyped-d
             )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _sensor_row(  # type: ignore[no-untyped-def]
     t0, t1, tau, new, x0, y, width, before, signal, level, watch, held, noise, draws, on, off,
     rate, timing, seed, after, busy, out, n,
@@ -208,7 +210,7 @@ def _sensor_row(  # type: ignore[no-untyped-def]
     return n
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def _is_active(xl, xr, yn, first, last, active, origin):  # type: ignore[no-untyped-def]
     """Whether any relief lies where the rays from `xl` to `xr` look, from one camera to another."""
     z = first[2]
@@ -223,7 +225,7 @@ def _is_active(xl, xr, yn, first, last, active, origin):  # type: ignore[no-unty
     return False
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def _kind(xl, xr, yn, first, last, active, origin, roller):  # type: ignore[no-untyped-def]
     """What the rays from `xl` to `xr` see from one camera to another.
 
@@ -236,25 +238,31 @@ def _kind(xl, xr, yn, first, last, active, origin, roller):  # type: ignore[no-u
     return _LEVEL if x * x + full * full < roller[0] * roller[0] else _FLAT
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+def row_buffers(width: int) -> tuple[np.ndarray, ...]:
+    """Buffers of `_simulate_rows`: coating, log intensity, signal, and which pixels to look at."""
+    # Each by itself: of rows of one array the loops over them are four times slower.
+    return (*(np.empty(width, np.float32) for _ in range(3)), np.empty(width, np.bool_))
+
+
+@numba.njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _simulate_rows(  # type: ignore[no-untyped-def]
     begin_row, end_row,
     xn, yn, flat, shape, active, active_origin, cameras, times, tau, roller, origin, light,
-    depth, slopes, before, signal, level, watch, held, noise, draws, on, off, rate, timing, seed,
-    group, first, scratch, out, counts,
+    level_light, level_mm, depth, slopes, before, signal, level, watch, held, noise, draws, on, off,
+    rate, timing, seed, group, first, scratch, buffers, out, counts,
 ):  # fmt: skip
     """Render and watch rows `begin_row` to `end_row` over a chunk of frames.
 
     `times` and `cameras` begin with those that the chunk starts from. Frames are done `group` at a
     time; parts of a row that see only flat plate are rendered at a group's last frame alone. Row v
     goes on from frame `first[v]` and stops early, leaving `first[v]` at the next frame to do, when
-    its buffer `out[v]` might overflow; the caller empties the buffers and calls again. `scratch` is
-    from `trace_scratch`.
+    its buffer `out[v]` might overflow; the caller empties the buffers and calls again.
+    `level_light` is `lit` and `rise` of `_shade_level_row`, the first with the camera `level_mm`
+    over the plate. `scratch` is from `trace_scratch`, `buffers` from `row_buffers`.
     """
     w = xn.shape[1]
-    # Each by itself: of rows of one array the loops over them are four times slower.
-    coat, seen = np.empty(w, np.float32), np.empty(w, np.float32)
-    after, busy = np.empty(w, np.float32), np.empty(w, np.bool_)
+    lit, rise = level_light
+    coat, seen, after, busy = buffers
     low, high, wake = watch
     sx, sy = slopes
     for v in range(begin_row, end_row):
@@ -286,8 +294,9 @@ def _simulate_rows(  # type: ignore[no-untyped-def]
                             scratch, depth[v, a:b], coat[:m],
                         )  # fmt: skip
                         _shade_level_row(
-                            xn[v, a:b], yn[v, a:b], cameras[j + 1], coat[:m], light, seen[:m]
-                        )
+                            lit[v, a:b], rise[v, a:b], cameras[j + 1, 2] - level_mm, coat[:m],
+                            seen[:m],
+                        )  # fmt: skip
                         sx[v, a:b], sy[v, a:b] = np.float32(0), np.float32(0)
                     else:
                         if kind == _RELIEF:

@@ -117,6 +117,34 @@ def light_vector(light: LightSettings, radius_mm: float) -> F32:
     return np.array(out, np.float32)
 
 
+def lit_level(xn: F32, yn: F32, height_mm: float, light: F32) -> F64:
+    """Log intensity of level plate without a coating, as ``_render_kernels._shade_row`` has it.
+
+    Parameters
+    ----------
+    xn, yn : ndarray of float32, shape (h, w)
+        x/z and y/z of each pixel's ray.
+    height_mm : float
+        Camera over the plate's face, mm.
+    light : ndarray of float32, shape (24,)
+        See `light_vector`.
+
+    Returns
+    -------
+    ndarray of float64, shape (h, w)
+    """
+    v = light.astype(np.float64)
+    ambient, diffuse, specular, inv_m2, alpha2, half_way, z_mid, inv_z, inv_r2 = v[:9]
+    square = (xn.astype(np.float64) ** 2 + yn.astype(np.float64) ** 2) * height_mm**2
+    rho, dz = square * inv_r2, (height_mm - z_mid) * inv_z
+    front = np.polyval(v[19:15:-1], rho) + dz * np.polyval(v[22:19:-1], rho)
+    e_sq = square / (height_mm - half_way) ** 2
+    a = 1 + (e_sq + alpha2) * inv_m2
+    lobe = a / (a**2 - 4 * e_sq * alpha2 * inv_m2**2) ** 1.5
+    shade = ambient + diffuse * np.maximum(front, 0) + specular * lobe
+    return np.asarray(np.log(np.maximum(shade, v[23])))
+
+
 def speckle(shape: tuple[int, int], step_mm: float, light: LightSettings, seed: int) -> F32:
     """Log reflectance of the coating: smooth noise, zero mean, of the RMS and length set.
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from . import _sensor_kernels as kernels
 from ._render_kernels import trace_scratch
 from .cell_settings import SensorSettings
-from .optics import SurfaceMaps
+from .optics import SurfaceMaps, lit_level
 from .relief import F32, F64
 
 U64 = npt.NDArray[np.uint64]
@@ -27,6 +27,8 @@ _HOT_HZ = 500.0
 _BUFFER_GROUPS = 2
 #: Parts that each thread's share of the rows is cut into: some rows see more than others.
 _PARTS_A_THREAD = 4
+#: Rise of the camera over which it is told how the light on level plate changes, mm.
+_RISE_MM = 0.1
 
 
 @functools.cache
@@ -112,6 +114,9 @@ class EventSensor:
         # Where pixels' rays ended last, and the skin's slopes there along x and y.
         self._depth = np.full(shape, roller[0], np.float32)
         self._slopes = (np.zeros(shape, np.float32), np.zeros(shape, np.float32))
+        # Log intensity of level plate with the camera so high, and how it grows by mm.
+        self._level_light = (np.zeros(shape, np.float32), np.zeros(shape, np.float32))
+        self._level_mm = 0.0
         self._camera: F64 = np.zeros(3)
         self._time = 0
         self._seed = np.uint64((seed * 0x9E3779B97F4A7C15 + 0x1234567) % 2**64)
@@ -135,9 +140,16 @@ class EventSensor:
         self._depth[:] = camera[2]
         kernels._render_rows(
             self._xn, self._yn, self._maps.flat, self._maps.shape, camera, self._roller,
-            self._maps.origin, self._light, trace_scratch(shape[1]), self._depth, *self._slopes,
-            self._signal,
+            self._maps.origin, self._light, trace_scratch(shape[1]), self._depth,
+            *self._slopes, self._signal,
         )  # fmt: skip
+        self._level_mm = float(camera[2])
+        low, lit, high = (
+            lit_level(self._xn, self._yn, self._level_mm + up_mm, self._light)
+            for up_mm in (-_RISE_MM, 0.0, _RISE_MM)
+        )
+        slope = (high - low) / (2 * _RISE_MM)
+        self._level_light = lit.astype(np.float32), slope.astype(np.float32)
         self._before[:] = self._signal
         # Pixels have fired at some time before: what is left lies anywhere within the thresholds.
         rng = np.random.default_rng([int(self._seed) % 2**32, 19])
@@ -169,15 +181,18 @@ class EventSensor:
         parts = [self._pending]
         edges = np.linspace(0, len(first), _PARTS_A_THREAD * self._threads + 1).astype(np.int64)
 
+        width = self._xn.shape[1]
+
         def simulate(begin_row: np.int64, end_row: np.int64) -> None:
             kernels._simulate_rows(
                 begin_row, end_row,
                 self._xn, self._yn, self._maps.flat, self._maps.shape, self._maps.active,
                 self._maps.active_origin, places, times, tau_ns, self._roller, self._maps.origin,
-                self._light, self._depth, self._slopes, self._before, self._signal, self._level,
-                self._watch, self._held, self._noise, self._draws, self._on, self._off, self._rate,
-                self._timing, self._seed, self._group, first, trace_scratch(self._xn.shape[1]),
-                self._out, counts,
+                self._light, self._level_light, self._level_mm, self._depth, self._slopes,
+                self._before, self._signal, self._level, self._watch, self._held, self._noise,
+                self._draws, self._on, self._off, self._rate, self._timing, self._seed, self._group,
+                first, trace_scratch(width), kernels.row_buffers(width), self._out,
+                counts,
             )  # fmt: skip
 
         while int(first.min()) < len(times_ns):
