@@ -17,7 +17,7 @@ CAMERA = {"width": 280, "height": 166, "focal_px": 711.0}
 #: Where the light falls at a slant, contrast is strongest: faint dots need all of the view.
 WIDE = CAMERA | {"width": 400}
 #: As fine as the camera's own pixels, where contrast is weakest or spots are as fine.
-FINE = {"width": 420, "height": 250}
+FINE = {"width": 320, "height": 250}
 TEXT = "dfhj 42"
 
 

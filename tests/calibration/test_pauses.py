@@ -62,7 +62,7 @@ def test_a_pause_over_a_sphere_costs_no_window(
     scans: Scans, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The command's own passes: `focus` has two windows on the sphere, the pause left one."""
-    made = scans.scan("gauge_sphere", speed=0.3)
+    made = scans.scan("gauge_sphere", speed=0.3, camera={"height": 220})
     scan = Scan("sphere", made.events, made.camera, made.track)
     seen: list[int] = []
     monkeypatch.setattr(recordings, "read_scans", lambda *_: [paused(scan, 0.5)])

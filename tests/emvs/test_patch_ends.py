@@ -208,7 +208,8 @@ def test_a_textured_plate_lies_where_it_is(scans: Scans, monkeypatch: pytest.Mon
 
 def test_windows_find_the_ends_too(scans: Scans) -> None:
     scene = {"margin_mm": 6.0, "step_mm": 0.03, "defects": 3, "defect_kinds": ["dent"]}
-    scan = scans.scan("defects", scene=scene, light={"kind": "dome", "speckle": 0.08})
+    light = {"kind": "dome", "speckle": 0.08}
+    scan = scans.scan("defects", scene=scene, camera={"height": 240}, light=light)
     pipeline = DepthPipeline(DepthSettings.create({}), scan.camera, true_track(scan))
     pipeline.add_events(steady(scan))
     maps = [found for found in pipeline.results(flush=True) if isinstance(found, DepthMap)]
@@ -221,7 +222,7 @@ def test_windows_find_the_ends_too(scans: Scans) -> None:
 def test_no_ends_are_found_where_the_skin_stays_on_the_surface(scans: Scans) -> None:
     """Pressed onto the stairs it does; events that share a pose across frames would look like it
     doesn't."""
-    scan = scans.scan("stairs", scene={"margin_mm": 6.0, "step_mm": 0.03}, **COATINGS["textured"])
+    scan = scans.scan("stairs", scene={"margin_mm": 2.0, "step_mm": 0.03}, **COATINGS["textured"])
     pipeline = DepthPipeline(DepthSettings.create({}), scan.camera, true_track(scan))
     pipeline.add_events(steady(scan))
     assert len(list(pipeline.results(flush=True))) >= 2
