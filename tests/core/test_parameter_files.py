@@ -31,8 +31,10 @@ BOMB = ["a0: &a0 [x, x]", *(f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]" for k in range
     [
         ("\n".join(BOMB), "line 2: aliases"),
         ("emvs: &e {ros__parameters: {}, inner: *e}", "line 1: aliases"),
-        ("[" * 5000, "nested too deeply|not a YAML file"),
+        ("[" * 5000, "line 1: nested too deeply"),
+        ("emvs:\n  a: " + "{b: " * 99 + "1" + "}" * 99, "line 2: nested too deeply"),
         ("emvs: [1", "line 1: not a YAML file"),
+        ("emvs: 1\nsurface: [1\n", "line 2: not a YAML file"),
         ("emvs: " + "9" * 5000, "not a YAML file .*digits"),
         ("emvs: 2026-02-31", "not a YAML file .*day is out of range"),
         ("x" * 10_000_001, "over 10000000 bytes"),
@@ -162,7 +164,8 @@ def test_of_values_of_two_types_the_last_is_known(tmp_path: Path) -> None:
     assert found("all", "ours", "mine")["d"] == "x"
     assert found("all", also=("-p", "d:=1")) == {"d": 1}
     assert found("all", also=("-p", "d:=1e-3")) == {"d": 1e-3}
-    assert found("all", also=("-p", "d:=[", "--param", "s:=b")) == {}
+    for words in ("d:=[", "d:=2026-02-31"):
+        assert found("all", also=("-p", words, "--param", "s:=b")) == {}
     assert found("ours", also=("-p", "/**/emvs:d:=2")) == {"d": 2}
     assert found("ours", "mine", node="/left/emvs") == {"d": "x", "focus.p": 2, "l": [1]}
     assert found("ours", "mine", node="/stitcher") == {}

@@ -184,7 +184,7 @@ def clashing_parameters(words: Sequence[str], node: str) -> dict[str, Any]:
         elif word in ("-p", "--param"):
             name, _, value = text.partition(":=")
             pattern, _, name = name.rpartition(":")
-            with suppress(yaml.YAMLError):  # ROS has its say about that
+            with suppress(yaml.YAMLError, ValueError):  # ROS has its say about that
                 sections = {pattern or "**": {name: parse_yaml(value)}}
         for pattern, values in sections.items():
             own = given.setdefault(pattern.strip("/"), {})
