@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from own import ros_domain
+from roller_core.pose_smoothing import StampSmoother
 from roller_emvs.depth_settings import DepthSettings
 from roller_emvs.methods.surface import SurfaceSettings
 from roller_emvs.warm_up import warm_up
@@ -65,7 +66,10 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     assert session.config.cache is not None
     folder = Path(session.config.cache.mkdir("kernels"))
     # Those of `focus` and `surface` are partly the same, and with them those of `bma`: last.
-    tasks = {"evidence": ("focus", "surface"), "votes": ("virtual cell", "bma", "left_right")}
+    tasks = {
+        "evidence": ("focus", "surface"),
+        "votes": ("virtual cell", "stamps", "bma", "left_right"),
+    }
     for wait in (False, True):
         for task, kernels in tasks.items():
             with open(folder / task, "w") as lock, suppress(BlockingIOError):
@@ -75,12 +79,14 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 def compile_kernels(name: str) -> None:
-    """Compile those of a method or of the virtual cell, or load them."""
+    """Compile those of a method, of the virtual cell or of poses' stamps, or load them."""
     if name == "virtual cell":
         small = {"width": 64, "height": 16, "focal_px": 533.0}
         cell = VirtualCell(scan_settings("flat", 0.5, {"camera": small}))
         for _ in cell.raw_events():
             break
+    elif name == "stamps":
+        StampSmoother(1)
     elif name == "surface":
         warm_up(SurfaceSettings.create({}))
     else:

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.stamp_twin import off
+from roller_core import _stamp_kernels as kernels
 from roller_core.pose_smoothing import StampSmoother
 from roller_core.pose_track import PoseOrderError
 from roller_core.sensor_pose import SensorFrames
@@ -36,6 +38,25 @@ def test_jitter_falls_to_a_quarter_and_less_between_poses_of_an_aperture() -> No
     assert left.std() < 0.25 * JITTER_NS
     # Depth is travel over parallax: what counts is the time between poses, here 56 ms apart.
     assert (left[7:] - left[:-7]).std() < 0.18 * JITTER_NS
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_loops_over_stamps_equal_their_numpy_twin(seed: int) -> None:
+    """Steady, late, missing and uneven ones, by hundreds and by a few."""
+    random, found = np.random.default_rng(seed), 0
+    for count in (*range(1, 12), 30, 80, 261):
+        for jitter in (0.0, 0.004, 0.03, 0.3):
+            period = random.choice([2_000_000, 8_000_000, 33_333_333])
+            steps = 1 + (random.random(count) < 0.03) * random.integers(1, 14, count)
+            stamps = EPOCH_NS + (np.cumsum(steps) + jitter * random.normal(size=count)) * period
+            stamps[random.random(count) < 0.02] += 0.4 * period
+            stamps = np.maximum.accumulate(stamps.astype(np.int64))
+            own = int(random.integers(max(0, count - 5), count))
+            got = kernels._off(stamps, own, 4, kernels.stamp_buffers(count))
+            want = off((stamps - stamps[own]).astype(np.float64), own, 4)
+            assert got == pytest.approx(want, abs=0.01)
+            found += want != 0
+    assert found > 15
 
 
 def test_late_and_missing_ones_spoil_no_others() -> None:
