@@ -40,6 +40,14 @@ def test_jitter_falls_to_a_quarter_and_less_between_poses_of_an_aperture() -> No
     assert (left[7:] - left[:-7]).std() < 0.18 * JITTER_NS
 
 
+def test_the_newest_stamps_alone_count_however_long_it_goes_on() -> None:
+    _, noisy = jittery(3000)
+    whole = smoothed(noisy.tolist(), 4)
+    for begin in range(0, 2200, 300):
+        part = smoothed(noisy[begin : begin + 800].tolist(), 4)
+        assert part[300:-10] == whole[begin + 300 : begin + 790]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_loops_over_stamps_equal_their_numpy_twin(seed: int) -> None:
     """Steady, late, missing and uneven ones, by hundreds and by a few."""
