@@ -50,16 +50,19 @@ def test_the_newest_stamps_alone_count_however_long_it_goes_on() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_loops_over_stamps_equal_their_numpy_twin(seed: int) -> None:
-    """Steady, late, missing and uneven ones, by hundreds and by a few."""
+    """Steady, late, missing and uneven ones, by hundreds and by a few; some wander."""
     random, found = np.random.default_rng(seed), 0
-    for count in (*range(1, 12), 30, 80, 261):
+    for count in (*range(1, 12), *[30, 80, 261] * 8):
         for jitter in (0.0, 0.004, 0.03, 0.3):
             period = random.choice([2_000_000, 8_000_000, 33_333_333])
             steps = 1 + (random.random(count) < 0.03) * random.integers(1, 14, count)
-            stamps = EPOCH_NS + (np.cumsum(steps) + jitter * random.normal(size=count)) * period
+            wander = random.choice([0.0, 0.01]) * np.sin(np.arange(count) / 12)
+            noise = wander + jitter * random.normal(size=count)
+            stamps = EPOCH_NS + (np.cumsum(steps) + noise) * period
             stamps[random.random(count) < 0.02] += 0.4 * period
-            stamps = np.maximum.accumulate(stamps.astype(np.int64))
             own = int(random.integers(max(0, count - 5), count))
+            stamps[max(own - 4, 0) : own + 5] += random.normal() * jitter * period
+            stamps = np.maximum.accumulate(stamps.astype(np.int64))
             got = kernels._off(stamps, own, 4, kernels.stamp_buffers(count))
             want = off((stamps - stamps[own]).astype(np.float64), own, 4)
             assert got == pytest.approx(want, abs=0.01)
