@@ -96,11 +96,10 @@ def test_poses_that_show_nothing_are_refused(
         find_hand_eye(*given)
 
 
-@pytest.fixture(scope="module")
-def turned_pass() -> Scan:
+def pass_of(seed: int, half_width_m: float = 0.004) -> Scan:
     """A pass over a plate by a camera that is turned against what its poses say."""
-    rng = np.random.default_rng(1)
-    x, y = rng.uniform(-0.02, 0.02, 200), rng.uniform(-0.004, 0.004, 200)
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-0.02, 0.02, 200), rng.uniform(-half_width_m, half_width_m, 200)
     dots = np.column_stack([x, y, np.full(200, -0.045)])
     # Looking down: base's z points from the plate to the camera.
     down = Rotation.from_euler("x", 180, degrees=True)
@@ -113,6 +112,11 @@ def turned_pass() -> Scan:
     return Scan("turned", events, ROLLING, track)
 
 
+@pytest.fixture(scope="module")
+def turned_pass() -> Scan:
+    return pass_of(1)
+
+
 def test_a_flat_pass_shows_how_the_camera_is_turned(turned_pass: Scan) -> None:
     found = find_camera_rotation(turned_pass, (0.043, 0.047))
     assert found.vector_deg[2] == pytest.approx(TURN_DEG[2], abs=0.02)
@@ -120,6 +124,15 @@ def test_a_flat_pass_shows_how_the_camera_is_turned(turned_pass: Scan) -> None:
     assert found.vector_deg[0] == pytest.approx(TURN_DEG[0], abs=0.3)
     assert found.height_m == pytest.approx(-0.045, abs=2e-4)
     assert found.deviation_deg[2] < found.deviation_deg[0]
+
+
+@pytest.mark.parametrize(("seed", "half_width_m"), [(3, 0.004), (4, 0.002)])
+def test_what_texture_leaves_open_is_said(seed: int, half_width_m: float) -> None:
+    """All parts of the events see the same texture, and agree on what it puts them off by."""
+    found = find_camera_rotation(pass_of(seed, half_width_m), (0.043, 0.047))
+    off = np.abs(found.vector_deg - TURN_DEG)
+    assert (off < 2 * found.deviation_deg).all()
+    assert (found.deviation_deg < [0.6, 0.25, 0.1]).all()
 
 
 @pytest.mark.parametrize("tilt_deg", [2.0, -2.0])

@@ -9,9 +9,10 @@ import numpy as np
 from numba import njit
 
 from . import numba_start  # noqa: F401 (before a kernel runs)
+from .pose_smoothing import EARLIER
 
 #: Earlier stamps that a line is drawn through, tried in turn.
-HISTORY = (256, 64, 16)
+HISTORY = (EARLIER, 64, 16)
 #: Stamps that lie further from the line than so many of their deviations count for nothing, nor do
 #: those off by this share of the period. Where more than one of five is so, the rate isn't steady.
 FAR, UNEVEN, MOST_UNEVEN = 4.0, 0.25, 0.2

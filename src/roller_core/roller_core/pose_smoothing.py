@@ -19,8 +19,10 @@ from .pose_track import PoseOrderError
 
 T = TypeVar("T")
 
-#: Earlier stamps that count at most, and room for so many times what is kept.
-_HISTORY, _ROOM = 256, 4
+#: Earlier stamps that count at most.
+EARLIER = 256
+#: Room for so many times the stamps that are kept.
+_ROOM = 4
 
 
 class StampSmoother(Generic[T]):
@@ -39,7 +41,7 @@ class StampSmoother(Generic[T]):
         self.neighbours = neighbours
         self._waiting: deque[T] = deque()
         # Stamps of earlier items, then of those that wait, and where they begin and end.
-        self._stamps = np.empty(_ROOM * (_HISTORY + neighbours + 1), np.int64)
+        self._stamps = np.empty(_ROOM * (EARLIER + neighbours + 1), np.int64)
         self._begin = self._end = 0
         self._newest_ns: int | None = None
         self._last_out: int | None = None
@@ -81,7 +83,7 @@ class StampSmoother(Generic[T]):
         if self._last_out is not None:
             t_ns = max(t_ns, self._last_out + 1)
         self._last_out = t_ns
-        if own == _HISTORY:
+        if own == EARLIER:
             self._begin += 1
         return t_ns, item
 
@@ -89,7 +91,7 @@ class StampSmoother(Generic[T]):
         """What the stamp at a place lacks of the line through them, ns, ready to be called."""
         from . import _stamp_kernels as kernels  # numba: for those alone who smooth
 
-        buffers = kernels.stamp_buffers(_HISTORY + self.neighbours + 1)
+        buffers = kernels.stamp_buffers(EARLIER + self.neighbours + 1)
         kernels._off(np.zeros(3, np.int64), 1, 1, buffers)
 
         def off(own: int) -> float:
