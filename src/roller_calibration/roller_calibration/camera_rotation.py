@@ -110,15 +110,19 @@ def find_camera_rotation(
             f"no plate between {depth_range_m[0] * 1e3:g} and {depth_range_m[1] * 1e3:g} mm with "
             f"the camera turned by less than {MOST_TURN_DEG:g}°: check the poses, or the range"
         )
-    start = first.climb(np.array([0, 0, turns[k], heights[j]]))
+    near = first.climb(np.array([0, 0, turns[k], heights[j]]))
     size = min(_EVENTS, len(rays) // _PARTS)
     found, errors, widths = np.empty((_PARTS, 4)), np.empty((_PARTS, 4)), None
     for n in range(_PARTS):
         report((n + 1) / (_PARTS + 1))
         part = MapSharpness(*views, slice(n * size, (n + 1) * size), _BLURS_PX[1])
-        near = part.climb(start)
-        widths = part.widths(near) if widths is None else widths
-        found[n], errors[n] = part.top(near, widths, np.random.default_rng(n))
+        rng = np.random.default_rng(n)
+        if widths is None:
+            near = part.climb(near)
+            widths = part.widths(near)
+            near, _ = part.top(near, widths, rng)
+        # All parts' tops are near that of the first.
+        found[n], errors[n] = part.top(near, widths, rng)
     if np.abs(found[:, :3]).max() > 1.5 * MOST_TURN_DEG:
         raise CameraRotationError(
             "the parts of the pass don't agree on a turn of some degrees: is the plate flat, with "

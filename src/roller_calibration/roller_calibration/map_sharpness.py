@@ -27,9 +27,9 @@ MOST_TURN_DEG = 3.0
 #: Edge of the map's cells, of the blur: no whole px, so that rows of pixels lie in them in all
 #: ways; and the map's border, px: what the largest tilts move it by.
 _CELL, _PAD_PX = 0.488, 120.0
-#: Share of the sharpness lost at the foot of the hill that a paraboloid is fitted to, the points
-#: that it is fitted to, and how often, each time about the top found last.
-_LOST, _POINTS, _FITS = 0.015, 64, 2
+#: Share of the sharpness lost at the foot of the hill that a paraboloid is fitted to, and at how
+#: many points it is fitted.
+_LOST, _POINTS = 0.015, 64
 #: Turns (degrees) and height (m) between which the foot is looked for, and the factor from one to
 #: the next.
 _LEAST_WIDTHS = np.array([0.25, 0.25, 0.05, 5e-5])
@@ -163,7 +163,7 @@ class MapSharpness:
         return np.minimum(widths, _MOST_WIDTHS)
 
     def top(self, near: F64, widths: F64, rng: np.random.Generator) -> tuple[F64, F64]:
-        """The top of the hill near a place, by paraboloids fitted within the widths.
+        """The top of the hill near a place, by a paraboloid fitted within the widths.
 
         Returns the top and its standard error by the bands of the map, shape (4,) each.
         """
@@ -171,22 +171,20 @@ class MapSharpness:
         aside = rng.uniform(-1, 1, (_POINTS, 4))
         terms = np.column_stack([np.ones(_POINTS), aside, aside[:, i] * aside[:, j]])
         edges = self._edges(near)
-        for _ in range(_FITS):
-            bands = np.array([self._bands(near + widths * place, edges) for place in aside])
-            fitted = np.linalg.lstsq(terms, bands, rcond=None)[0].T
-            slopes = fitted[:, 1:5]
-            bends = np.zeros((len(fitted), 4, 4))
-            bends[:, i, j] += fitted[:, 5:]
-            bends[:, j, i] += fitted[:, 5:]
-            # Along axes on which the hill doesn't bend down there is no top.
-            curvature, axes = np.linalg.eigh(bends[:_BANDS].sum(axis=0))
-            reach = np.where(curvature < 0, -1 / np.minimum(curvature, -1e-12), 0.0)
-            to_top = (axes * reach) @ axes.T
-            moved = np.clip(to_top @ slopes[:_BANDS].sum(axis=0), -1, 1)
-            near = near + widths * moved
+        bands = np.array([self._bands(near + widths * place, edges) for place in aside])
+        fitted = np.linalg.lstsq(terms, bands, rcond=None)[0].T
+        slopes = fitted[:, 1:5]
+        bends = np.zeros((len(fitted), 4, 4))
+        bends[:, i, j] += fitted[:, 5:]
+        bends[:, j, i] += fitted[:, 5:]
+        # Along axes on which the hill doesn't bend down there is no top.
+        curvature, axes = np.linalg.eigh(bends[:_BANDS].sum(axis=0))
+        reach = np.where(curvature < 0, -1 / np.minimum(curvature, -1e-12), 0.0)
+        to_top = (axes * reach) @ axes.T
+        moved = np.clip(to_top @ slopes[:_BANDS].sum(axis=0), -1, 1)
         own = ((slopes + bends @ moved) @ to_top).reshape(2, _BANDS, 4)
         across_x, across_y = widths * np.sqrt(np.square(own).sum(axis=1))
         # A turn about an axis moves texture along the other, over the edges that are cut there.
         error = np.maximum(across_x, across_y)
         error[0], error[1] = across_x[0], across_y[1]
-        return near, error
+        return near + widths * moved, error
