@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from . import _relief_kernels as kernels
 from .cell_settings import LightSettings
 from .relief import F32, F64, HeightMap
 
@@ -202,9 +203,7 @@ class SurfaceMaps:
         height = skin.height * np.float32(1e3)
         step = skin.step * 1e3
         values = np.zeros((*height.shape, 4), np.float32)
-        values[..., 0] = height
-        values[:, 1:-1, 1] = (height[:, 2:] - height[:, :-2]) / np.float32(2 * step)
-        values[1:-1, :, 2] = (height[2:] - height[:-2]) / np.float32(2 * step)
+        kernels._fill_slopes(height, np.float32(2 * step), values)
         if light.speckle:  # zeros that nobody writes take no memory's time
             values[..., 3] = speckle(height.shape, step, light, seed)
         origin = np.array([skin.x0 * 1e3, skin.y0 * 1e3, step])

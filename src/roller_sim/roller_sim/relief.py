@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from . import _relief_kernels as kernels
 from .errors import SceneError
 
 F32 = npt.NDArray[np.float32]
@@ -115,17 +116,12 @@ class HeightMap:
         ndarray of float64
             Metres.
         """
-        ny, nx = self.height.shape
-        px = np.clip((np.asarray(x, np.float64) - self.x0) / self.step, 0.0, nx - 1.000001)
-        py = np.clip((np.asarray(y, np.float64) - self.y0) / self.step, 0.0, ny - 1.000001)
-        ix = px.astype(np.int64)
-        iy = py.astype(np.int64)
-        fx = px - ix
-        fy = py - iy
-        h = self.height
-        low = h[iy, ix] * (1 - fx) + h[iy, ix + 1] * fx
-        high = h[iy + 1, ix] * (1 - fx) + h[iy + 1, ix + 1] * fx
-        return np.asarray(low * (1 - fy) + high * fy, np.float64)
+        x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        found = np.empty(x.shape)
+        kernels._sample(
+            self.height, x.ravel(), y.ravel(), self.x0, self.y0, self.step, found.reshape(-1)
+        )
+        return found
 
     def padded(self, x0: float, x1: float, y0: float, y1: float) -> HeightMap:
         """The map made larger with flat plate so that it covers a rectangle (metres)."""

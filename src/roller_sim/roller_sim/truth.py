@@ -121,7 +121,7 @@ class Truth:
 
     def seen_images(self, when: int) -> tuple[F32, npt.NDArray[np.bool_]]:
         """`seen_at` of every pixel, shape (height, width); depths are float32."""
-        depth, contact = self.seen_at(when, self._all_pixels)
+        depth, contact = self._seen(when, self._all_rays)
         shape = self.camera.height, self.camera.width
         return depth.reshape(shape).astype(np.float32), contact.reshape(shape)
 
@@ -134,9 +134,12 @@ class Truth:
         return x, y0 - (v - camera.cy) / camera.fy * depth
 
     @cached_property
-    def _all_pixels(self) -> F64:
+    def _all_rays(self) -> F64:
         u, v = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
-        return np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float64)
+        return self._rays(np.stack([u, v], axis=-1).reshape(-1, 2))
+
+    def _rays(self, pixels: npt.ArrayLike) -> F64:
+        return self.camera.rays(self.camera.undistort(np.asarray(pixels, np.float64)))
 
     @cached_property
     def _maps(self) -> SurfaceMaps:
@@ -158,8 +161,10 @@ class Truth:
         ndarray of float64 and of bool, shape (n,)
             Metres, z of the camera frame.
         """
+        return self._seen(when, self._rays(pixels))
+
+    def _seen(self, when: int, rays: F64) -> tuple[F64, npt.NDArray[np.bool_]]:
         position = (self.camera_positions(when)[0] - self.origin_m) * 1e3
-        rays = self.camera.rays(self.camera.undistort(np.asarray(pixels, np.float64)))
         xn, yn = rays[:, 0].astype(np.float32), rays[:, 1].astype(np.float32)
         z = np.full(len(xn), position[2], np.float32)
         found = np.empty((3, len(xn)), np.float32)
