@@ -240,6 +240,14 @@ def test_steps_that_are_none_or_of_another_height_are_refused(
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_steps(rng, 3e-4)]])
     with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.(29|30). mm, not 0\.2 mm"):
         steps_gauges(SCAN, SETTINGS, STEP_M)
+    # Depths are taken where lines are too few, not where they say that the size is wrong.
+    steps = made_up_steps(rng, 2.4e-4)
+    depths = replace(steps, kind="depths")
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[depths]])
+    assert steps_gauges(SCAN, SETTINGS, STEP_M)
+    monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[steps], [depths]])
+    with pytest.raises(EdgeDriftError, match=r"fit steps of 0\.2[34]. mm, not 0\.2 mm"):
+        steps_gauges(SCAN, SETTINGS, STEP_M)
     monkeypatch.setattr(calibration, "pass_lines", lambda *_: [[made_up_steps(rng)]])
     with pytest.raises(OtherGaugeError, match=r"steps of 0\.2 mm (better than of 0\.4 mm|not)"):
         steps_gauges(SCAN, SETTINGS, 2 * STEP_M)

@@ -49,7 +49,11 @@ def size_text(fitted_m: float, given_m: float, option: str, odd: bool | None = N
     return text
 
 
-class OtherGaugeError(EdgeDriftError):
+class OffSizeError(EdgeDriftError):
+    """A gauge whose size is further off the stated one than its lines or depths may be."""
+
+
+class OtherGaugeError(OffSizeError):
     """A gauge whose size is so far off the stated one that drift doesn't explain it."""
 
 
@@ -80,13 +84,21 @@ class Gauge:
 def of_lines_or_depths(
     scan: Scan, settings: SurfaceSettings, measure: Callable[[list[PassLines]], list[Gauge]]
 ) -> list[Gauge]:
-    """What lines tell, or where those are too few, the depths of neighbourhoods."""
+    """What lines tell, or where those are too few, the depths of neighbourhoods.
+
+    Raises
+    ------
+    EdgeDriftError
+        If neither shows the gauge, or lines show one of another size.
+    """
     reason = EdgeDriftError(
         f"{scan.name}: no edges in view; does it show the gauge, and is the depth range right?"
     )
     for passes in pass_lines(scan, settings):
         try:
             return measure(passes)
+        except OffSizeError:
+            raise
         except EdgeDriftError as own:
             reason = own
     raise reason

@@ -14,6 +14,7 @@ from .gauge import (
     LEAST_LINES,
     OTHER_SIZE,
     Gauge,
+    OffSizeError,
     OtherGaugeError,
     of_lines_or_depths,
     size_text,
@@ -186,7 +187,7 @@ def _find_walls(name: str, found: PassLines, steep: npt.NDArray[np.bool_], step_
         )
     if not abs(fitted_m / step_m - 1) < _STEP_TOLERANCE[found.kind]:
         other = abs(fitted_m / step_m - 1) > OTHER_SIZE
-        raise (OtherGaugeError if other else EdgeDriftError)(
+        raise (OtherGaugeError if other else OffSizeError)(
             f"{name}: {count} walls fit steps of {fitted_m * 1e3:.3f} mm, not "
             f"{step_m * 1e3:g} mm; check --step-mm, and that all steps are equal"
         )
