@@ -54,6 +54,25 @@ def test_each_step_says_whether_it_is_done_and_what_to_do_next(files: CellFiles)
     assert "--params cell.yaml" in new["flat plate"].advice
 
 
+def test_a_place_that_a_scan_turned_is_still_that_of_its_pairs(files: CellFiles) -> None:
+    place = files.hand_eye
+    assert place is not None
+    turn = calibration_record("", [], None, turn_deg=[0.1, 0.0, 0.5])
+    ur10 = {"ur10": read_parameters(place, "ur10")}
+    write_calibration(place, "hand_eye_turn", [], ur10, turn, place)
+    found = {r.name: r for r in check_commissioning(files)}["hand-eye"]
+    assert found.level == "OK"
+    assert "12 pairs" in found.found
+    assert f"turned by a scan, {turn['date'][:10]}" in found.found
+    # Pairs that were recorded since know nothing of that turn.
+    pairs = calibration_record("", [], None, rms_m=2e-4, rms_deg=0.1, pairs=9)
+    pairs["date"] = "2999-01-01T00:00:00"
+    write_calibration(place, "hand_eye", [], ur10, pairs, place)
+    found = {r.name: r for r in check_commissioning(files)}["hand-eye"]
+    assert "9 pairs" in found.found
+    assert "turned" not in found.found
+
+
 def test_the_next_step_is_said(files: CellFiles) -> None:
     after = next_step(check_commissioning(files))
     assert after.startswith("next is edge drift, see docs/commissioning.md: roller calibrate edge")

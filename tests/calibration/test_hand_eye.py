@@ -14,12 +14,22 @@ from calibration.scans import ROLLING
 from driver.emulation.controller_process import ControllerProcess
 from emvs.scenes import events_of, track_of
 from own import LOOPBACK
-from recording.bags import Recipe, write_bag
+from recording.bags import HAND_EYE_POSITION, HAND_EYE_ROTATION, Recipe, write_bag
 from roller_bringup.cli import main
-from roller_calibration.camera_rotation import CameraRotationError, find_camera_rotation
+from roller_calibration import camera_rotation
+from roller_calibration.camera_rotation import (
+    CameraRotation,
+    CameraRotationError,
+    find_camera_rotation,
+)
 from roller_calibration.hand_eye import HandEyeError, find_hand_eye
 from roller_calibration.recordings import Scan, read_scan
-from roller_core.calibration_file import CalibrationError
+from roller_core.calibration_file import (
+    SECTION,
+    CalibrationError,
+    calibration_record,
+    write_calibration,
+)
 from roller_core.parameter_files import read_parameters
 from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
 from roller_driver.ur10.robot_settings import Ur10Parameters
@@ -211,7 +221,7 @@ def test_poses_give_the_cameras_place(
     scan = ["--scan", str(world / "plate"), "--camera", str(world / "camera.yaml")]
     turned = tmp_path / "turned.yaml"
     assert main(["calibrate", "hand-eye", *scan, "-o", str(turned)]) == 1
-    assert "give that with --params" in capsys.readouterr().err
+    assert "give it with --params" in capsys.readouterr().err
     assert main(["calibrate", "hand-eye", *scan, "--params", str(file), "-o", str(turned)]) == 0
     assert "doesn't show the camera's position" in capsys.readouterr().out
     again = Ur10Parameters.create(read_parameters(turned, "ur10")).hand_eye
@@ -221,3 +231,36 @@ def test_poses_give_the_cameras_place(
     poses.write_text("\n".join([*lines, "1 2 3"]))
     assert main(["calibrate", "hand-eye", str(poses)]) == 1
     assert "line 10: expected 14 numbers" in capsys.readouterr().err
+
+
+def test_a_turn_is_against_the_place_that_was_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever place is given: running the command again must not turn the camera once more."""
+    found = CameraRotation(np.array([0.0, 0.0, 1.0]), np.full(3, 0.1), -0.045, 1000)
+    monkeypatch.setattr(camera_rotation, "find_camera_rotation", lambda *_: found)
+    bag, before, after = write_bag(tmp_path / "bag"), tmp_path / "p.yaml", tmp_path / "t.yaml"
+    pairs_record = calibration_record("", [], None, rms_m=2e-4, rms_deg=0.1, pairs=12)
+    place = {"hand_eye_m": [0.01, 0.0, 0.08], "hand_eye_quaternion": [0.0, 0.0, 0.0, 1.0]}
+    write_calibration(before, "hand_eye", [], {"ur10": place}, pairs_record)
+    recorded = Rotation.from_quat(HAND_EYE_ROTATION)
+    wanted = (recorded * Rotation.from_euler("z", 1.0, degrees=True)).as_matrix()
+    for given in (before, after):
+        words = ["calibrate", "hand-eye", "--scan", bag, "--params", given, "--output", after]
+        assert main([str(word) for word in words]) == 0
+        told = capsys.readouterr().out
+        turned = Ur10Parameters.create(read_parameters(after, "ur10")).hand_eye.matrix
+        np.testing.assert_allclose(turned[:3, :3], wanted, atol=1e-7)
+        np.testing.assert_allclose(turned[:3, 3], [0.01, 0.0, 0.08], atol=1e-7)
+        assert "against the one that the recording was made with" in told
+        records = read_parameters(after, SECTION)
+        assert records["hand_eye"]["pairs"] == 12
+        assert records["hand_eye_turn"]["turn_deg"] == [0.0, 0.0, 1.0]
+    assert f"place in {after} is turned by 1.000°" in told
+    # A recording that holds its place needs no other.
+    alone = tmp_path / "alone.yaml"
+    assert main(["calibrate", "hand-eye", "--scan", str(bag), "--output", str(alone)]) == 0
+    assert "recording was made with" not in capsys.readouterr().out
+    turned = Ur10Parameters.create(read_parameters(alone, "ur10")).hand_eye.matrix
+    np.testing.assert_allclose(turned[:3, :3], wanted, atol=1e-7)
+    np.testing.assert_allclose(turned[:3, 3], HAND_EYE_POSITION, atol=1e-7)

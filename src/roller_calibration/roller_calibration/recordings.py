@@ -14,6 +14,7 @@ from roller_core.parameter_files import read_parameters
 from roller_core.pose_track import PoseTrack
 from roller_core.progress import progress_bar
 from roller_core.sensor_pose import SensorFrames
+from roller_core.transforms import F64
 from roller_recording.reading import Recording
 
 
@@ -29,6 +30,9 @@ class Scan:
     camera: Camera
     #: Camera in base over the whole scan.
     track: PoseTrack
+    #: Camera on the frame that the robot moves, as it was recorded with, shape (4, 4); None where
+    #: that isn't known.
+    hand_eye: F64 | None = None
 
 
 def read_scan(
@@ -90,7 +94,8 @@ def whole_scan(
         progress(step.progress)
     if not parts:
         raise CalibrationError(f"{recording.source}: too few events: there are none")
-    return Scan(name, EventArray.concatenate(parts), recording.camera, recording.track)
+    events = EventArray.concatenate(parts)
+    return Scan(name, events, recording.camera, recording.track, recording.hand_eye)
 
 
 def read_scans(

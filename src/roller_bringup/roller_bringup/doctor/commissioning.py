@@ -141,17 +141,23 @@ def _hand_eye(files: CellFiles) -> Result:
         values = read_parameters(path, "ur10")
         known = {k: v for k, v in values.items() if k in HandEyeSettings.model_fields}
         settings = HandEyeSettings.create(known, str(path))
-        record = read_parameters(path, SECTION).get("hand_eye")
+        records = read_parameters(path, SECTION)
     except RollerError as error:
         return fault("hand-eye", str(error), make)
     if not settings.hand_eye_known:
         return fault("hand-eye", f"{path}: the camera's place isn't set; there is no depth", make)
+    record, turn = records.get("hand_eye"), records.get("hand_eye_turn")
+    turned = ""
+    if isinstance(turn, dict):
+        before = record.get("date", "") if isinstance(record, dict) else ""
+        if turn.get("date", "") >= before:  # else it was of the place before
+            turned = f"; turned by a scan, {turn.get('date', '')[:10]}"
     if isinstance(record, dict) and "rms_m" in record:
         return ok(
             "hand-eye", f"{record['pairs']} pairs, {record['rms_m'] * 1e3:.2f} mm and "
-            f"{record['rms_deg']:.2f}° rms, {record.get('date', '')[:10]}",
+            f"{record['rms_deg']:.2f}° rms, {record.get('date', '')[:10]}{turned}",
         )  # fmt: skip
-    return warning("hand-eye", f"{path}: set, by whom isn't recorded", make)
+    return warning("hand-eye", f"{path}: its position is set, by whom isn't recorded{turned}", make)
 
 
 def _golden(folder: Path | None) -> Result:

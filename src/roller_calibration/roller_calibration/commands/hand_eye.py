@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from roller_core.calibration_file import CalibrationError, calibration_record
 from roller_core.camera import Camera
@@ -20,6 +21,8 @@ from .intrinsics import add_grid_options, grid_of
 from .output import add_kind, write
 
 _NUMBERS = 14
+#: Places turned by more against each other are two, degrees.
+_APART_DEG = 0.005
 _PAIRS_MARK = "# pairs of poses, tool in base, then target in camera, by roller calibrate hand-eye"
 
 
@@ -141,13 +144,15 @@ def _from_scan(args: argparse.Namespace) -> int:
     known = HandEyeSettings.create(
         {k: v for k, v in values.items() if k in HandEyeSettings.model_fields}, str(args.params)
     )
-    if args.output and not known.hand_eye_known:
-        raise CalibrationError(
-            "a scan shows how the camera is turned against the place it was recorded with: give "
-            "that with --params (ur10: hand_eye_m, hand_eye_quaternion), or leave out --output"
-        )
     settings = PipelineSettings.load(args.params).depth
     scan = read_scan(args.scan, args, settings.max_pose_gap_s)
+    place = known.hand_eye.matrix if known.hand_eye_known else scan.hand_eye
+    if args.output and place is None:
+        raise CalibrationError(
+            "a scan shows how the camera is turned against the place it was recorded with, and "
+            f"{scan.name} doesn't hold that: give it with --params (ur10: hand_eye_m, "
+            "hand_eye_quaternion), or leave out --output"
+        )
     with progress_bar("turn the camera") as progress:
         found = find_camera_rotation(scan, (settings.depth_min_m, settings.depth_max_m), progress)
     axes = ("about the rows", "about the columns", "about the optical axis")
@@ -160,15 +165,31 @@ def _from_scan(args: argparse.Namespace) -> int:
         "a scan doesn't show the camera's position on the tool, nor a tilt of the plate from one "
         "of the camera",
     ]
-    pose = known.hand_eye.matrix
+    pose = np.eye(4) if place is None else place.copy()
+    if scan.hand_eye is not None:
+        # The turn is against this one: beside another it would be taken twice, or not at all.
+        apart = _apart_deg(pose, scan.hand_eye)
+        if apart > _APART_DEG:
+            lines.append(
+                f"the place in {args.params} is turned by {apart:.3f}° against the one that the "
+                "recording was made with: the turn is taken against the recording's"
+            )
+        pose[:3, :3] = scan.hand_eye[:3, :3]
     pose[:3, :3] = pose[:3, :3] @ found.rotation
-    if known.hand_eye_known:
+    if place is not None:
         lines.append(_place(pose))
     record = calibration_record(
         "", [args.scan], scan.camera,
         turn_deg=found.vector_deg.tolist(), deviation_deg=found.deviation_deg.tolist(),
     )  # fmt: skip
-    return _finish(args, lines, pose, record)
+    # Beside the record of the pairs, which its position is from.
+    return _finish(args, lines, pose, record, "hand_eye_turn")
+
+
+def _apart_deg(one: F64, other: F64) -> float:
+    """Angle between the rotations of two poses."""
+    turn = Rotation.from_matrix(one[:3, :3].T @ other[:3, :3])
+    return float(np.degrees(turn.magnitude()))
 
 
 def _place(pose: F64) -> str:
@@ -179,7 +200,13 @@ def _place(pose: F64) -> str:
     return f"camera on the tool: {place} mm; x y z w {turn}"
 
 
-def _finish(args: argparse.Namespace, lines: list[str], pose: F64, record: dict[str, Any]) -> int:
+def _finish(
+    args: argparse.Namespace,
+    lines: list[str],
+    pose: F64,
+    record: dict[str, Any],
+    kind: str = "hand_eye",
+) -> int:
     """Print what was found and write it."""
     from tf_transformations import quaternion_from_matrix
 
@@ -198,7 +225,7 @@ def _finish(args: argparse.Namespace, lines: list[str], pose: F64, record: dict[
             values["tcp_offset"] = [round(v, 7) for v in tool]
             lines.append(f"for the tool centre point {', '.join(f'{v:.6g}' for v in tool)}")
     print(*lines, sep="\n")
-    write(args, "hand_eye", lines, {"ur10": values}, record, "give it to the cell with hand_eye:=")
+    write(args, kind, lines, {"ur10": values}, record, "give it to the cell with hand_eye:=")
     return 0
 
 

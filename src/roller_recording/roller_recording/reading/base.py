@@ -14,6 +14,7 @@ from roller_core.events import EventArray
 from roller_core.frame_transforms import Transform
 from roller_core.pose_track import PoseError, PoseTrack
 from roller_core.sensor_pose import SensorFrames
+from roller_core.transforms import F64
 
 from .tum import read_tum
 
@@ -106,6 +107,17 @@ class Recording(ABC):
     def track(self) -> PoseTrack:
         """Camera optical frame in `base`; grows while `steps` runs."""
         return self.poses if self.poses is not None else self._following().track
+
+    @property
+    def hand_eye(self) -> F64 | None:
+        """Camera on the frame that the robot moves, so far, shape (4, 4).
+
+        None where poses are the camera's own, and before the recording has told it.
+        """
+        frames = self._following()
+        if self.poses is not None or frames.moving == frames.sensor:
+            return None
+        return frames.hand_eye
 
     def steps(self) -> Iterator[Step]:
         """Read piece by piece, and follow the camera's pose in `track`.
