@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,13 @@ import pytest
 from roller_bringup.cli import main
 from roller_core.outputs import DEVIATION, FINDINGS
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
+from roller_inspect.height_map.coverage import Coverage
 from roller_inspect.inspect_stage import InspectStage, inspect_parameters
 from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
 from roller_inspect.report.document import Scan, inspection_document
 from roller_inspect.report.html import measure_words
-from roller_inspect.report.texture import SHOWN_A90_95_UM
+from roller_inspect.report.texture import SHOWN_A90_95_UM, texture
 from roller_inspect.results.inspection_files import write_inspection
 
 from .analytic_surface import flat, scan
@@ -154,8 +156,9 @@ def test_a_golden_part_and_what_differs_from_it(
     assert good is not None
     (tmp_path / "good").mkdir()
     good.save(tmp_path / "good" / "height_map.npz")
-    taught = tmp_path / "golden"
+    taught = tmp_path / "golden part"
     assert main(["inspect", "teach", str(tmp_path / "good"), "--output", str(taught)]) == 0
+    assert f"--reference 'golden:{taught}'" in capsys.readouterr().out  # to be pasted
     (tmp_path / "good" / "inspection.json").write_text('{"faults": ["poses are missing"]}')
     assert main(["inspect", "teach", str(tmp_path / "good"), "--output", str(taught) + "2"]) == 1
     assert "a scan with faults: poses are missing" in capsys.readouterr().err
@@ -187,6 +190,35 @@ def test_measures_of_the_recipe_count() -> None:
     assert "1 of 1 measures out of tolerance" in known.reason
     known = measured(tool="roughness_sq", of="all", high=1e-9)
     assert known.verdict in ("inconclusive", "nonconform")
+
+
+def test_a_measure_without_limits_has_no_verdict() -> None:
+    regions = {"all": {"box_m": [0, -0.01, 0.1, 0.01]}}
+    entry = {"name": "sq", "tool": "roughness_sq", "of": "all"}
+    for limits, verdicts in (({}, {None}), ({"high": 1e-3}, {"conform", "unmeasured"})):
+        stage, results = inspect(scan(HOLE, **SMALL), regions=regions, measures=[entry | limits])
+        document = inspection_document(finished(results), stage.recipe, Scan())
+        (measure,) = document["measures"]
+        assert measure["verdict"] in verdicts
+
+
+def test_texture_is_of_what_was_measured_whatever_it_is_compared_with() -> None:
+    part = Coverage(0.1, 0.15, 0.75, 1e-4, 40.0, 0.5, 0.3)
+    found = texture(part, 1e-4, 10**6, 5e-5)
+    assert found["sufficient"]
+    assert found["measured"] == pytest.approx(0.6)
+    assert texture(replace(part, seen=0.05), 1e-4, 10**6, 5e-5)["measured"] == pytest.approx(0.1)
+    assert "Too little texture" in texture(replace(part, seen=0.05), 1e-4, 10**6, 5e-5)["text"]
+
+
+def test_a_scan_that_broke_off_says_nothing_of_its_coating() -> None:
+    """Its events are of more than what was measured until then."""
+    found = texture(Coverage(0.05, 0.1, 0.85, 1e-4, 40.0), 1e-4, 10**6, 1e-5, broken_off=True)
+    assert found["events_per_mm2"] is None
+    assert "A fault ended the scan: 5.0% of the cells measured" in found["text"]
+    assert "coating" not in found["text"]
+    nothing = texture(Coverage(), 1e-4, 10**6, 0.0, broken_off=True)
+    assert "before anything was measured" in nothing["text"]
 
 
 def test_measures_are_printed_in_mm_and_µm_with_their_unit() -> None:

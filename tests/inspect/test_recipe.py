@@ -38,6 +38,8 @@ WRONG = {
     "{lines: {a: [[0, 0], [0.01, 0]]}, measures: [{name: b, tool: width, of: a, low: 1.5}]}": "'a' "
     "is at most 0.01 m",
     "regions: {a: {polygon_m: [[0, 0], [0.01, 0.01], [0.02, 0.02]]}}": "corners lie on a line",
+    "regions: {a: {polygon_m: [[0, 0], [0.01, 0.01], [0.01, 0], [0, 0.01]]}}": "crosses itself",
+    "regions: {a: {polygon_m: [[0, -0.1], [0.2, 0.3], [0.2, -0.1], [0, 0.1]]}}": "crosses itself",
     "lines: {a: [[0, 0], [0, 0]]}": "'lines.a' begins where it ends",
     "lines: {a: [[0, 0], [10, 0]]}": "recipes are in metres",
     "plate: {yaw_rad: 90}": "'plate.yaw_rad' = 90: at most 6.28",

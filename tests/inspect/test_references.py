@@ -231,6 +231,23 @@ def test_a_model_file_that_is_none_is_refused(tmp_path: Path) -> None:
         CadReference.load(tmp_path / "part.stl")
 
 
+def test_what_is_wrong_with_a_model_file_is_said(tmp_path: Path) -> None:
+    vertices, triangles = mesh_of(flat, (0.0, 0.0, 0.0))
+    corners = np.zeros((12, 4, 3), "<f4")
+    corners[:, 1:] = vertices[triangles[:12]]
+    rows = b"".join(own.tobytes() + b"\0\0" for own in corners)
+    file, head = tmp_path / "part.stl", b"\0" * 80 + (12).to_bytes(4, "little")
+    file.write_bytes(head + rows)
+    assert len(CadReference.load(file).triangles) == 12
+    file.write_bytes(head + rows[: 4 * 50 + 20])
+    with pytest.raises(ReferenceError, match="breaks off after 4 of 12 triangles"):
+        CadReference.load(file)
+    corners[3, 2, 1] = np.nan
+    file.write_bytes(head + b"".join(own.tobytes() + b"\0\0" for own in corners))
+    with pytest.raises(ReferenceError, match="isn't a number"):
+        CadReference.load(file)
+
+
 @pytest.mark.parametrize(("unit", "millimetre"), [("mm", 1.0), ("m", 1e-3), ("inch", 1 / 25.4)])
 def test_a_step_file_is_read_in_metres_whatever_its_unit(
     unit: str, millimetre: float, tmp_path: Path

@@ -90,6 +90,8 @@ def test_pieces_that_share_cells_add_up_and_where_they_overlap_one_counts() -> N
             coverage, _ = coverage_of_area(recipe, found)
             assert coverage.measured == pytest.approx(counts[MEASURED], abs=0.01)
             assert coverage.unmeasured == pytest.approx(counts[UNMEASURED], abs=0.01)
+            # A scan's texture is what it is wherever its reference ends.
+            assert coverage.texture == pytest.approx((state == MEASURED).mean(), abs=0.01)
         # Where nothing was compared the reference is at fault, not the scan.
         bare = replace(found, deviation_m=np.full(piece.height_map.shape, np.nan, np.float32))
         if factor == 1:

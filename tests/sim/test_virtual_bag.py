@@ -170,6 +170,8 @@ def test_command_takes_options_over_the_parameter_file(tmp_path):
     for entry in ("scene.name=[1", "scene.name={a: *b}", "scene.name=" + "[" * 5000, huge):
         with pytest.raises(SettingsError, match="can't be read as YAML"):
             command.settings_from(parse("stairs", "--output", "x", "--set", entry))
+    with pytest.raises(SettingsError, match="--text: is empty"):
+        command.settings_from(parse("braille", "--output", "x", "--text", ""))
     with pytest.raises(SettingsError, match="speed"):
         command.settings_from(parse("stairs", "--output", "x", "--speed", "9"))
 

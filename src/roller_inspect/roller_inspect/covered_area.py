@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +14,14 @@ from .findings.cues import inspectable
 from .height_map import CONTINUED, OUTSIDE, HeightMap
 from .height_map.coverage import Coverage, counts_of, coverage_of_counts
 from .height_map.height_map import F32, Bools
-from .height_map.shares import inspected_states
+from .height_map.shares import inspected_states, measured_cells
 from .measures import moved
 from .pieces import Found
 from .recipe import Recipe, Region
 
 I64 = npt.NDArray[np.int64]
+#: Cells of a map, by their rows and columns or by a mask.
+Cells = tuple[I64, I64] | Bools
 #: An area is looked at in so many places at most, and in so many along its shorter side at least.
 _MOST_CELLS, _LEAST_PLACES = 4_000_000, 10
 #: Share of what was measured that must be left by the edge exclusion.
@@ -60,8 +63,13 @@ def coverage_of_area(recipe: Recipe, found: Found) -> tuple[Coverage, tuple[str,
             out &= ~recipe.regions[name].contains(x, y)
         return out
 
-    def covered(counts: F64, step_m: float) -> Coverage:
-        return coverage_of_counts(counts, step_m**2, found.coverage.points_per_mm2)
+    def covered(where: Cells, step_m: float, beyond: float | None = None) -> Coverage:
+        """Of some cells of the map; `beyond`: as many as the scan didn't reach, if that counts."""
+        counts = counts_of(seen[where], _at(shares, where))
+        measured = measured_cells(height_map.state[where], _at(found.shares, where))
+        counts[OUTSIDE] = 0.0 if beyond is None else counts[OUTSIDE] + beyond
+        cover = coverage_of_counts(counts, step_m**2, found.coverage.points_per_mm2)
+        return replace(cover, seen=measured / max(float(counts.sum()), 1.0))
 
     def within(*names: str) -> Coverage:
         """Of regions with all that the scan didn't reach."""
@@ -70,19 +78,14 @@ def coverage_of_area(recipe: Recipe, found: Found) -> tuple[Coverage, tuple[str,
         x, y, fine = _places(regions, height_map.step_m if shares is None else recipe.grid_m)
         inside = np.logical_or.reduce([each.contains(x, y) for each in regions]) & kept(x, y)
         row, column = _cells_at(height_map, *moved(map_from_recipe, x[inside], y[inside]))
-        own = None if shares is None else shares[:, row, column]
-        counts = counts_of(seen[row, column], own)
-        counts[OUTSIDE] += inside.sum() - len(row)
-        return covered(counts, fine)
+        return covered((row, column), fine, float(inside.sum() - len(row)))
 
     if recipe.inspect:
         whole = within(*recipe.inspect)
     else:
         grid = np.meshgrid(height_map.x_m, height_map.y_m)
         inside = kept(*moved(inverse_pose(map_from_recipe), *grid))
-        counts = counts_of(seen[inside], None if shares is None else shares[:, inside])
-        counts[OUTSIDE] = 0.0
-        whole = covered(counts, height_map.step_m)
+        whole = covered(inside, height_map.step_m)
     lacking = []
     own = {t.region for t in recipe.tolerances if t.region} | set(recipe.inspect)
     for name in own - set(recipe.exclude):
@@ -121,6 +124,13 @@ def _inspected_shares(found: Found) -> F32 | None:
     bare = (found.height_map.state != OUTSIDE) & ~np.isfinite(deviation_m)
     nothing = np.stack([shares.sum(axis=0), *np.zeros_like(shares[1:])])
     return np.where(bare, nothing, shares)
+
+
+def _at(shares: F32 | None, where: Cells) -> F32 | None:
+    """Shares of some cells, shape (4, n)."""
+    if shares is None:
+        return None
+    return shares[:, where] if isinstance(where, np.ndarray) else shares[:, where[0], where[1]]
 
 
 def _places(regions: list[Region], step_m: float) -> tuple[F64, F64, float]:

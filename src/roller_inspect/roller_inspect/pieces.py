@@ -11,7 +11,7 @@ from .findings.finding import Finding
 from .height_map.coverage import Coverage
 from .height_map.height_map import F32, OUTSIDE, HeightMap
 from .height_map.join import coarser, join_size, join_with
-from .height_map.shares import coarser_shares, inspected_states, joined_shares, shares_of
+from .height_map.shares import coarser_shares, joined_shares, shares_of
 from .references.reference import Alignment
 
 _Grid = TypeVar("_Grid", bound=np.ndarray)
@@ -26,7 +26,7 @@ class Piece:
     #: From the reference; NaN where there is none. Shape (ny, nx).
     deviation_m: F32
     #: How much of each cell was not measured, continued and measured on the finer map that this is
-    #: made of; None: what its state says. Shape (3, ny, nx).
+    #: made of; None: what its state says. Shape (4, ny, nx).
     shares: F32 | None = None
 
 
@@ -101,7 +101,7 @@ def _shares(piece: Piece) -> F32:
     """Of a piece that is fine still those of its states."""
     if piece.shares is not None:
         return piece.shares
-    return shares_of(inspected_states(piece.height_map, piece.deviation_m))
+    return shares_of(piece.height_map, piece.deviation_m)
 
 
 def within(pieces: list[Piece], whole: HeightMap) -> list[Piece]:

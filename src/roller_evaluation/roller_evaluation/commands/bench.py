@@ -37,11 +37,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--speeds",
         type=numbers,
         metavar="V,W",
-        help="m/s; the first is that of all variations (default: 0.3,0.5)",
+        help="m/s; the first is that of all variations (default: 0.3,0.5); the fixed case and how "
+        "the work grows are at 0.5 whatever is given",
     )
     parser.add_argument(
-        "--methods", type=words, metavar="A,B", help=f"of {', '.join(REPLAY_METHODS)}"
-    )
+        "--methods", type=words, metavar="A,B",
+        help=f"of {', '.join(REPLAY_METHODS)}; the fixed case and how the work grows are of focus "
+        "and bma whatever is given",
+    )  # fmt: skip
     add_examples(
         parser,
         "bench --output output/bench --quick  # minutes",

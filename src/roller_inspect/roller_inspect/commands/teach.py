@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -54,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
         golden.save(output.partial)
     known = float((golden.height_m == golden.height_m).mean())
     print(f"golden reference of {golden.scans} scans, {known:.1%} of its cells known")
-    print(f"use it: roller inspect SCAN --output DIR --reference golden:{args.output}")
+    reference = shlex.quote(f"golden:{args.output}")
+    print(f"use it: roller inspect SCAN --output DIR --reference {reference}")
     return 0
 
 

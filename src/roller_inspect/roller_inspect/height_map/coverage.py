@@ -25,6 +25,14 @@ class Coverage:
     points_per_mm2: float = 0.0
     #: Share of the area that the scan reached.
     scanned: float = 1.0
+    #: Share that was measured, whether or not a reference goes so far; None: `measured`.
+    seen: float | None = None
+
+    @property
+    def texture(self) -> float:
+        """Measured share of what the scan reached, whatever it was compared with."""
+        seen = self.measured if self.seen is None else self.seen
+        return min(seen / self.scanned, 1.0) if self.scanned else 0.0
 
 
 #: A scan that measures less of cells so large, m, proves nothing by finding nothing. With 18 % of
@@ -45,8 +53,7 @@ def textured(coverage: Coverage, grid_m: float) -> bool:
     """
     if not coverage.scanned:
         return False
-    measured = min(coverage.measured / coverage.scanned, 1.0)
-    return bool(1 - (1 - measured) ** ((_CELL_M / grid_m) ** 2) >= LEAST_TEXTURE)
+    return bool(1 - (1 - coverage.texture) ** ((_CELL_M / grid_m) ** 2) >= LEAST_TEXTURE)
 
 
 def coverage_of(
@@ -56,7 +63,7 @@ def coverage_of(
 
     Parameters
     ----------
-    shares : ndarray of float32, shape (3, ny, nx), optional
+    shares : ndarray of float32, shape (4, ny, nx), optional
         Of cells by state (`shares`); without them a cell is what its state says.
     """
     inside: Bools
@@ -75,11 +82,12 @@ def coverage_of(
 
 
 def counts_of(state: U8, shares: F32 | None = None) -> F64:
-    """Cells by state, shape (4,), of some with a state (n,), and perhaps shares (3, n)."""
+    """Cells by state, shape (4,), of some with a state (n,), and perhaps shares (4, n)."""
     if shares is None:
         return np.bincount(state, minlength=4).astype(np.float64)
-    inside = shares.sum(axis=1, dtype=np.float64)
-    return np.concatenate([[max(len(state) - inside.sum(), 0.0)], inside])
+    unmeasured, continued, measured, bare = shares.sum(axis=1, dtype=np.float64)
+    inside = unmeasured + bare, continued, measured
+    return np.array([max(len(state) - sum(inside), 0.0), *inside])
 
 
 def coverage_of_counts(counts: F64, cell_m2: float, points_per_mm2: float) -> Coverage:

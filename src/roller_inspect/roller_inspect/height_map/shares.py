@@ -7,8 +7,10 @@ import numpy as np
 from .height_map import CONTINUED, F32, MEASURED, U8, UNMEASURED, HeightMap
 from .join import block_means, window_of
 
+#: What was measured and compared with nothing: beside the states of cells, for shares alone.
+BARE = MEASURED + 1
 #: States that have a share, in its order; the rest of a cell is outside.
-STATES = (UNMEASURED, CONTINUED, MEASURED)
+STATES = (UNMEASURED, CONTINUED, MEASURED, BARE)
 #: Shares of cells that lie beside each other add up to no more than one, but for rounding.
 _WHOLE = 1.0 + 1e-4
 
@@ -24,9 +26,27 @@ def inspected_states(height_map: HeightMap, deviation_m: F32 | None) -> U8:
     return np.where(bare, np.uint8(UNMEASURED), height_map.state)
 
 
-def shares_of(state: U8) -> F32:
-    """Shares of each cell by its state: all or none. Shape (3, ny, nx)."""
+def shares_of(height_map: HeightMap, deviation_m: F32 | None) -> F32:
+    """Shares of each cell by its state: all or none. Shape (4, ny, nx)."""
+    state = inspected_states(height_map, deviation_m)
+    bare = (height_map.state == MEASURED) & (state != MEASURED)
+    state = np.where(bare, np.uint8(BARE), state)
     return np.stack([state == one for one in STATES]).astype(np.float32)
+
+
+def measured_cells(state: U8, shares: F32 | None) -> float:
+    """How many cells were measured, whatever they were compared with.
+
+    Parameters
+    ----------
+    state : ndarray of uint8, shape (n,)
+        Of the map, of some cells.
+    shares : ndarray of float32, shape (4, n), optional
+        Of the same cells.
+    """
+    if shares is None:
+        return float((state == MEASURED).sum())
+    return float(shares[STATES.index(MEASURED) :].sum(dtype=np.float64))
 
 
 def coarser_shares(height_map: HeightMap, shares: F32, factor: int) -> F32:

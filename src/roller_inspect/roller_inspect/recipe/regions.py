@@ -41,6 +41,8 @@ class Region(Settings):
         farthest = float(np.abs(self.outline()).max())
         if not farthest <= FARTHEST_M:
             raise ValueError(f"it reaches to {farthest:g} m; recipes are in metres")
+        if self.polygon_m is not None and _crosses(self.outline()):
+            raise ValueError("polygon_m crosses itself: give its corners in order")
         if self.area_m2 < 5e-13:
             raise ValueError("its corners lie on a line")
         return self
@@ -86,3 +88,25 @@ def in_polygon(corners: npt.NDArray[np.float64], x: npt.ArrayLike, y: npt.ArrayL
         if y0 != y1:  # a line to the right crosses an odd number of sides
             inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
     return inside
+
+
+def _crosses(corners: npt.NDArray[np.float64]) -> bool:
+    """Whether an edge of a polygon crosses another one."""
+    starts, ends = corners, np.roll(corners, -1, axis=0)
+    for start, end in zip(starts, ends, strict=True):
+        # Edges whose ends lie on either side of this one, and on either side of which its ends lie.
+        over = _side(start, end, starts) * _side(start, end, ends) < 0
+        a, b = starts[over], ends[over]
+        if (_side(a, b, start) * _side(a, b, end) < 0).any():
+            return True
+    return False
+
+
+def _side(
+    start: npt.NDArray[np.float64], end: npt.NDArray[np.float64], place: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """On which side of edges places lie, 1 or -1; 0 on them, but for rounding."""
+    along, away = end - start, place - start
+    turn = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
+    size = np.abs(along).max(axis=-1) * np.abs(away).max(axis=-1)
+    return np.where(np.abs(turn) > 1e-9 * size, np.sign(turn), 0.0)

@@ -24,6 +24,9 @@ _REACH_M = 0.05
 #: STEP to GLB: metres whatever the file's unit, chords 2 µm off its curves at most. In a process of
 #: its own, for the library writes to the terminal, and a damaged file can end it.
 _STEP_TO_GLB = "import sys, cascadio as c; c.step_to_glb(*sys.argv[1:], tol_linear=0.002)"
+#: Bytes before a binary STL's triangles, the last four of which say how many there are, and of
+#: each; more are not believed.
+_STL_HEAD, _STL_TRIANGLE, _MOST_TRIANGLES = 84, 50, 100_000_000
 
 
 class CadReference:
@@ -64,9 +67,11 @@ class CadReference:
             vertices, triangles = _read_step(path)
         else:
             vertices, triangles = _read_mesh(path)
-        if not len(triangles) or not np.isfinite(vertices).all():
+        if not len(triangles):
+            raise ReferenceError(f"reference cad: {path}: {_why_empty(path)}")
+        if not np.isfinite(vertices).all():
             raise ReferenceError(
-                f"reference cad: {path}: no triangles in it; is it an STL or STEP file?"
+                f"reference cad: {path}: a corner of a triangle isn't a number; export it anew"
             )
         return cls(vertices, triangles, base_from_cad)
 
@@ -131,6 +136,18 @@ def _read_mesh(path: Path) -> tuple[F64, np.ndarray]:
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh = o3d.io.read_triangle_mesh(str(path))
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+
+
+def _why_empty(path: Path) -> str:
+    """Why a file gave no triangles."""
+    with path.open("rb") as file:
+        head = file.read(_STL_HEAD)
+    if path.suffix.lower() == ".stl" and len(head) == _STL_HEAD and not head.startswith(b"solid"):
+        announced = int.from_bytes(head[-4:], "little")
+        there = (path.stat().st_size - _STL_HEAD) // _STL_TRIANGLE
+        if there < announced < _MOST_TRIANGLES:
+            return f"it breaks off after {there} of {announced} triangles; export it anew"
+    return "no triangles in it; is it an STL or STEP file?"
 
 
 def _read_step(path: Path) -> tuple[F64, np.ndarray]:

@@ -16,6 +16,7 @@ from roller_core.digests import data_digest, source_digest
 from roller_core.parameter_files import read_parameters
 from roller_inspect.inspect_stage import Inspected, inspect_parameters
 from roller_inspect.judgement import Judged
+from roller_inspect.measures import Figure
 from roller_inspect.recipe import Recipe
 from roller_inspect.results.plain_json import plain
 
@@ -55,13 +56,13 @@ def inspection_document(inspected: Inspected, recipe: Recipe, scan: Scan) -> dic
             "part": inspected.part,
             "verdict": judgement.verdict,
             "reason": judgement.reason,
-            "coverage": asdict(cover)
+            "coverage": {k: v for k, v in asdict(cover).items() if k != "seen"}
             | {"unmeasured": cover.unmeasured if cover.area_m2 else 1.0}
             | {"least": recipe.least_coverage},
             "reference": recipe.reference.model_dump() | {"text": str(recipe.reference)},
             "alignment": found.alignment,
             "findings": [_finding(judged) for judged in judgement.findings],
-            "measures": judgement.figures,
+            "measures": [_measure(figure) for figure in judgement.figures],
             "contact": judgement.contact,
             "uncertainty": inspect_parameters(scan.params).uncertainty.sources(),
             "texture": texture(
@@ -73,6 +74,12 @@ def inspection_document(inspected: Inspected, recipe: Recipe, scan: Scan) -> dic
         }
     )
     return document
+
+
+def _measure(figure: Figure) -> dict[str, Any]:
+    """A figure; one without limits is reported alone."""
+    limited = figure.low is not None or figure.high is not None
+    return vars(figure) | {"verdict": figure.verdict if limited else None}
 
 
 def _finding(judged: Judged) -> dict[str, Any]:

@@ -36,8 +36,10 @@ def texture(
     broken_off : bool
         Whether a fault ended it.
     """
-    per_mm2 = events / scanned_m2 * 1e-6 if events is not None and scanned_m2 > 0 else None
-    measured = coverage.measured / coverage.scanned if coverage.scanned else 0.0
+    # Of a scan that broke off events are of more than was measured.
+    known = events is not None and scanned_m2 > 0 and not broken_off
+    per_mm2 = events / scanned_m2 * 1e-6 if events is not None and known else None
+    measured = coverage.texture
     sufficient = textured(coverage, grid_m) and (per_mm2 is None or per_mm2 >= LEAST_EVENTS_PER_MM2)
     seen = f"{measured:.1%} of the cells measured"
     if per_mm2 is not None:
@@ -46,7 +48,9 @@ def texture(
         f"Texture suffices: {seen}."
         if sufficient
         else "A fault ended the scan before anything was measured: of its texture nothing is known."
-        if broken_off and not coverage.measured
+        if broken_off and not measured
+        else f"A fault ended the scan: {seen}. Whether its texture suffices isn't known."
+        if broken_off
         else "The scan didn't reach what is to be inspected: are the recipe's frame and regions "
         "those of this part?"
         if not coverage.scanned

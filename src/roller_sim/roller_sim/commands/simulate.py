@@ -87,6 +87,8 @@ def settings_from(args: argparse.Namespace) -> VirtualCellSettings:
     SettingsError
         If an entry is unknown, of the wrong type or out of range.
     """
+    if args.text is not None and not args.text.strip():
+        raise SettingsError("--text: is empty; leave it out for the scene's own")
     known = VirtualCellSettings.model_fields
     values = {k: v for k, v in read_parameters(args.params, NODE).items() if k in known}
     for preset in (LIGHTS.get(args.light, {}), COATINGS.get(args.coating, {})):
