@@ -16,7 +16,7 @@ from emvs.scenes import events_of, track_of
 from own import LOOPBACK
 from recording.bags import HAND_EYE_POSITION, HAND_EYE_ROTATION, Recipe, write_bag
 from roller_bringup.cli import main
-from roller_calibration import camera_rotation
+from roller_calibration import camera_rotation, flat_pass
 from roller_calibration.camera_rotation import (
     CameraRotation,
     CameraRotationError,
@@ -134,6 +134,10 @@ def test_a_flat_pass_shows_how_the_camera_is_turned(turned_pass: Scan) -> None:
     assert found.vector_deg[0] == pytest.approx(TURN_DEG[0], abs=0.3)
     assert found.height_m == pytest.approx(-0.045, abs=2e-4)
     assert found.deviation_deg[2] < found.deviation_deg[0]
+    before, after = (scan.track.matrices(scan.track.times_ns) for scan in
+                     (turned_pass, found.turned(turned_pass)))  # fmt: skip
+    np.testing.assert_allclose(after[:, :3, :3], before[:, :3, :3] @ found.rotation, atol=1e-9)
+    np.testing.assert_allclose(after[:, :3, 3], before[:, :3, 3])
 
 
 @pytest.mark.parametrize(("seed", "half_width_m"), [(3, 0.004), (4, 0.002)])
@@ -228,6 +232,9 @@ def test_poses_give_the_cameras_place(
     np.testing.assert_allclose(again.position, found.position, atol=1e-6)
     # The poses were right: the camera stays as it was, within half a degree.
     np.testing.assert_allclose(again.matrix, found.matrix, atol=np.radians(0.5))
+    ball = [str(world / "pass"), *scan[2:], "--params", str(file), "-o", str(turned)]
+    assert main(["calibrate", "hand-eye", "--scan", *ball]) == 1
+    assert "not flat" in capsys.readouterr().err
     poses.write_text("\n".join([*lines, "1 2 3"]))
     assert main(["calibrate", "hand-eye", str(poses)]) == 1
     assert "line 10: expected 14 numbers" in capsys.readouterr().err
@@ -239,6 +246,7 @@ def test_a_turn_is_against_the_place_that_was_recorded(
     """Whatever place is given: running the command again must not turn the camera once more."""
     found = CameraRotation(np.array([0.0, 0.0, 1.0]), np.full(3, 0.1), -0.045, 1000)
     monkeypatch.setattr(camera_rotation, "find_camera_rotation", lambda *_: found)
+    monkeypatch.setattr(flat_pass, "plate_of", lambda *_: None)
     bag, before, after = write_bag(tmp_path / "bag"), tmp_path / "p.yaml", tmp_path / "t.yaml"
     pairs_record = calibration_record("", [], None, rms_m=2e-4, rms_deg=0.1, pairs=12)
     place = {"hand_eye_m": [0.01, 0.0, 0.08], "hand_eye_quaternion": [0.0, 0.0, 0.0, 1.0]}

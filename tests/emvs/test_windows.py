@@ -77,15 +77,16 @@ def test_of_a_printed_texture_nothing_is_taken_for_late() -> None:
     cuts=st.lists(st.integers(1, 999), max_size=12),
     rule=st.sampled_from(["time", "travel"]),
     overlap=st.sampled_from([0.0, 0.5]),
+    turn_s=st.sampled_from([1.0, 0.041, 0.052]),
 )
-def test_arrival_does_not_matter(cuts: list[int], rule: str, overlap: float) -> None:
+def test_arrival_does_not_matter(cuts: list[int], rule: str, overlap: float, turn_s: float) -> None:
     s = setting(window={"rule": rule, "travel_m": 0.005, "overlap": overlap})
     events = ticking(100)
-    whole = WindowCutter(s, track_of(rolling(0.3), 0.15))
+    whole = WindowCutter(s, track_of(turning(turn_s), 0.15))
     whole.add(events)
     expected = [(w.start_ns, w.end_ns) for w in cut_all(whole)]
 
-    poses = track_of(rolling(0.3), 0.15)
+    poses = track_of(turning(turn_s), 0.15)
     track = PoseTrack()
     live, found, k = WindowCutter(s, track), [], 0
     bounds = [0, *sorted(set(cuts)), len(events)]
@@ -146,14 +147,30 @@ def test_standstill_is_refused() -> None:
     assert "no parallax" in windows[0].reason  # type: ignore[union-attr]
 
 
-def reversing(t: float) -> tuple[np.ndarray, np.ndarray]:
-    x = 0.3 * t if t < 0.01 else 0.006 - 0.3 * t
-    return np.array([x, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+def turning(turn_s: float) -> Motion:
+    def motion(t: float) -> tuple[np.ndarray, np.ndarray]:
+        x = 0.3 * min(t, 2 * turn_s - t)
+        return np.array([x, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+
+    return motion
 
 
-def test_a_reversal_counts_the_distance_from_the_start() -> None:
-    motion: Motion = reversing
-    track = track_of(motion, 0.1)
+def test_a_window_ends_where_the_sensor_turns_back() -> None:
+    """After 4.8 mm of 5; both ways together would show walls where events come late by either."""
+    track = track_of(turning(0.016), 0.1)
+    cutter = WindowCutter(setting(window={"travel_m": 0.005}), track)
+    cutter.add(ticking(100))
+    first, second = cutter.cut(True), cutter.cut(True)
+    assert isinstance(first, Window)
+    assert isinstance(second, Window)
+    assert first.end_ns == second.start_ns == 16 * MS
+    moved = track.at(second.end_ns).position - track.at(second.start_ns).position
+    assert moved[0] == pytest.approx(-0.005, abs=1e-7)
+
+
+def test_a_way_too_short_for_a_window_counts_to_the_one_back() -> None:
+    """1.5 mm of 5: the distance from the start is what counts."""
+    track = track_of(turning(0.005), 0.1)
     cutter = WindowCutter(setting(window={"travel_m": 0.005}), track)
     cutter.add(ticking(100))
     first = cutter.cut(True)

@@ -10,12 +10,13 @@ camera: the plate counts as level in base.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from roller_core.errors import RollerError
+from roller_core.pose_track import PoseTrack
 from roller_core.transforms import F64
 
 from .map_sharpness import MOST_TURN_DEG, MapSharpness
@@ -52,6 +53,14 @@ class CameraRotation:
     height_m: float
     #: Events that counted.
     events: int
+
+    def turned(self, scan: Scan) -> Scan:
+        """A scan with its camera's poses turned."""
+        track = PoseTrack(scan.track.max_gap_s)
+        own = Rotation.from_rotvec(np.radians(self.vector_deg))
+        turned = (Rotation.from_quat(scan.track.quaternions) * own).as_quat()
+        track.extend(scan.track.times_ns, scan.track.positions, turned)
+        return replace(scan, track=track)
 
     @property
     def rotation(self) -> F64:

@@ -23,6 +23,8 @@ from .depth_settings import DepthSettings
 
 #: Share of a window that the last one must have, by rule: travel that short gives a depth still.
 _LEAST_SHARE = {"travel": 0.4, "time": 0.5}
+#: A sensor that comes back by so much has turned, m.
+_TURNED_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -227,6 +229,10 @@ class WindowCutter(EventCutter):
         if rest is not None and rest <= limit and (end is None or rest < end):
             self._rest_ns = rest
             return rest, rest, 1.0, ""
+        # What both ways show of a wall isn't in one place: pixels are late on either side of it.
+        turn = self._turn_after(times, away, _LEAST_SHARE["travel"] * travel_m)
+        if turn is not None and turn <= limit and (end is None or turn < end):
+            return turn, turn, 1.0, ""
         if end is not None and end <= limit:
             following = self._reach(start, times, away, step_m) if step_m < travel_m else end
             return end, following or end, 1.0, ""
@@ -250,6 +256,13 @@ class WindowCutter(EventCutter):
             return None
         k = rest_begin(times[far[0] :], self._track.positions[-len(times) + far[0] :])
         return int(times[far[0] + k]) if k is not None else None
+
+    @staticmethod
+    def _turn_after(times: np.ndarray, away: np.ndarray, travel: float) -> int | None:
+        """Time at which the sensor turned back after it was a distance from the start."""
+        farthest = np.maximum.accumulate(away)
+        back = np.flatnonzero((farthest >= travel) & (away < farthest - _TURNED_M))
+        return int(times[np.argmax(away[: back[0]])]) if len(back) else None
 
     @staticmethod
     def _reach(start: int, times: np.ndarray, away: np.ndarray, travel: float) -> int | None:

@@ -11,8 +11,6 @@ from .output import add_kind, check_mm, write
 
 #: Nodes that search a depth range.
 _NODES = ("emvs", "surface")
-#: Length at one speed from which it takes a plate.
-_LEAST_LENGTH_M = 0.01
 
 
 def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -46,9 +44,7 @@ def add_parser(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 def run(args: argparse.Namespace) -> int:
     """Find the plate, print the range and write it."""
-    from roller_calibration.constant_speed import constant_speed_part
-    from roller_calibration.contact import pass_points
-    from roller_calibration.flat import find_plate
+    from roller_calibration.flat_pass import plate_of
     from roller_calibration.recordings import read_scans
     from roller_inspect.pipeline import PipelineSettings
 
@@ -64,10 +60,7 @@ def run(args: argparse.Namespace) -> int:
         {**settings.model_dump(), "depth_min_m": near, "depth_max_m": far}, "--search-mm"
     )
     (scan,) = read_scans(args, settings.max_pose_gap_s)
-    rolled = constant_speed_part(scan, _LEAST_LENGTH_M)
-    points, _ = pass_points(rolled, wide)
-    middle_ns = int(rolled.events.t_ns[len(rolled.events) // 2])
-    plate = find_plate(points, scan.track.matrices([middle_ns])[0], scan.camera)
+    plate = plate_of(scan, wide)
     low, high = plate.depth_range_m(args.reach_mm * 1e-3, args.margin_mm * 1e-3)
     if low <= 0:
         raise CalibrationError(

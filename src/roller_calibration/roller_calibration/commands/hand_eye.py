@@ -135,6 +135,7 @@ def _from_pairs(
 
 def _from_scan(args: argparse.Namespace) -> int:
     from roller_calibration.camera_rotation import find_camera_rotation
+    from roller_calibration.flat_pass import plate_of
     from roller_calibration.recordings import read_scan
     from roller_core.parameter_files import read_parameters
     from roller_driver.ur10.robot_settings import HandEyeSettings
@@ -155,6 +156,8 @@ def _from_scan(args: argparse.Namespace) -> int:
         )
     with progress_bar("turn the camera") as progress:
         found = find_camera_rotation(scan, (settings.depth_min_m, settings.depth_max_m), progress)
+    # Relief tells of a turn that there is none of.
+    plate_of(found.turned(scan), settings)
     axes = ("about the rows", "about the columns", "about the optical axis")
     each = ", ".join(
         f"{v:+.3f} ± {d:.3f}° {axis}"
