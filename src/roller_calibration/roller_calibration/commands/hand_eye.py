@@ -168,19 +168,10 @@ def _from_scan(args: argparse.Namespace) -> int:
         "a scan doesn't show the camera's position on the tool, nor a tilt of the plate from one "
         "of the camera",
     ]
-    pose = np.eye(4) if place is None else place.copy()
-    if scan.hand_eye is not None:
-        # The turn is against this one: beside another it would be taken twice, or not at all.
-        apart = _apart_deg(pose, scan.hand_eye)
-        if apart > _APART_DEG:
-            lines.append(
-                f"the place in {args.params} is turned by {apart:.3f}° against the one that the "
-                "recording was made with: the turn is taken against the recording's"
-            )
-        pose[:3, :3] = scan.hand_eye[:3, :3]
-    pose[:3, :3] = pose[:3, :3] @ found.rotation
+    pose = np.eye(4)
     if place is not None:
-        lines.append(_place(pose))
+        pose, notes = _turned_place(place, scan.hand_eye, found.rotation, args.params)
+        lines += [*notes, _place(pose)]
     record = calibration_record(
         "", [args.scan], scan.camera,
         turn_deg=found.vector_deg.tolist(), deviation_deg=found.deviation_deg.tolist(),
@@ -189,10 +180,25 @@ def _from_scan(args: argparse.Namespace) -> int:
     return _finish(args, lines, pose, record, "hand_eye_turn")
 
 
-def _apart_deg(one: F64, other: F64) -> float:
-    """Angle between the rotations of two poses."""
-    turn = Rotation.from_matrix(one[:3, :3].T @ other[:3, :3])
-    return float(np.degrees(turn.magnitude()))
+def _turned_place(
+    place: F64, recorded: F64 | None, rotation: F64, params: Path | None
+) -> tuple[F64, list[str]]:
+    """The camera's place once it is turned, and what is odd about the one that was given.
+
+    The turn is against the recording's place: beside another it would be taken twice, or not at
+    all.
+    """
+    pose, notes = place.copy(), []
+    if recorded is not None:
+        apart = Rotation.from_matrix(place[:3, :3].T @ recorded[:3, :3]).magnitude()
+        if np.degrees(apart) > _APART_DEG:
+            notes.append(
+                f"the place in {params} is turned by {np.degrees(apart):.3f}° against the one that "
+                "the recording was made with: the turn is taken against the recording's"
+            )
+        pose[:3, :3] = recorded[:3, :3]
+    pose[:3, :3] = pose[:3, :3] @ rotation
+    return pose, notes
 
 
 def _place(pose: F64) -> str:
