@@ -169,15 +169,15 @@ def test_a_window_ends_where_the_sensor_turns_back() -> None:
 
 
 def test_a_way_too_short_for_a_window_counts_to_the_one_back() -> None:
-    """1.5 mm of 5: the distance from the start is what counts."""
-    track = track_of(turning(0.005), 0.1)
-    cutter = WindowCutter(setting(window={"travel_m": 0.005}), track)
+    """2.4 mm of 10: the distance from the start is what counts."""
+    track = track_of(turning(0.008), 0.1)
+    cutter = WindowCutter(setting(window={"travel_m": 0.01}), track)
     cutter.add(ticking(100))
     first = cutter.cut(True)
     assert isinstance(first, Window)
     moved = track.at(first.end_ns).position - track.at(first.start_ns).position
-    assert np.linalg.norm(moved) == pytest.approx(0.005, abs=1e-7)
-    assert first.end_ns > 20 * MS
+    assert np.linalg.norm(moved) == pytest.approx(0.01, abs=1e-7)
+    assert first.end_ns > 48 * MS
 
 
 @pytest.mark.parametrize("rule", ["time", "travel"])

@@ -23,8 +23,9 @@ from .depth_settings import DepthSettings
 
 #: Share of a window that the last one must have, by rule: travel that short gives a depth still.
 _LEAST_SHARE = {"travel": 0.4, "time": 0.5}
-#: A sensor that comes back by so much has turned, m.
-_TURNED_M = 1e-3
+#: Share of a window by travel from which it ends where the sensor turns back: what windows under a
+#: printed texture repeat. One that comes back by so much, m, has turned.
+_TURN_SHARE, _TURNED_M = 0.25, 1e-3
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,7 @@ class WindowCutter(EventCutter):
             self._rest_ns = rest
             return rest, rest, 1.0, ""
         # What both ways show of a wall isn't in one place: pixels are late on either side of it.
-        turn = self._turn_after(times, away, _LEAST_SHARE["travel"] * travel_m)
+        turn = self._turn_after(times, away, _TURN_SHARE * travel_m)
         if turn is not None and turn <= limit and (end is None or turn < end):
             return turn, turn, 1.0, ""
         if end is not None and end <= limit:
