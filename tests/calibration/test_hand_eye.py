@@ -31,8 +31,10 @@ from roller_core.calibration_file import (
     write_calibration,
 )
 from roller_core.parameter_files import read_parameters
+from roller_core.sensor_pose import SensorFrames
 from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
 from roller_driver.ur10.robot_settings import Ur10Parameters
+from roller_recording.reading import open_recording
 
 HAND_EYE = pose_matrix([0.02, -0.013, 0.11], rotation_vector_to_quaternion([0.1, -0.2, 1.3]))
 TURN_DEG = np.array([0.0, 0.5, -1.1])
@@ -238,6 +240,17 @@ def test_poses_give_the_cameras_place(
     poses.write_text("\n".join([*lines, "1 2 3"]))
     assert main(["calibrate", "hand-eye", str(poses)]) == 1
     assert "line 10: expected 14 numbers" in capsys.readouterr().err
+
+
+def test_a_recording_tells_the_cameras_place_if_it_holds_one(tmp_path: Path) -> None:
+    bag, sensor = write_bag(tmp_path / "bag"), "event_camera_optical_frame"
+    told = open_recording(bag)
+    assert told.hand_eye is None
+    assert sum(len(step.events) for step in told.steps())
+    np.testing.assert_allclose(told.hand_eye, pose_matrix(HAND_EYE_POSITION, HAND_EYE_ROTATION))
+    own = open_recording(bag)
+    own.follow(SensorFrames(moving=sensor, sensor=sensor))  # poses that are the camera's own
+    assert own.hand_eye is None
 
 
 def test_a_turn_is_against_the_place_that_was_recorded(
