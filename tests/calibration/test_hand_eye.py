@@ -31,6 +31,7 @@ from roller_core.calibration_file import (
     write_calibration,
 )
 from roller_core.parameter_files import read_parameters
+from roller_core.pose_track import PoseTrack
 from roller_core.sensor_pose import SensorFrames
 from roller_core.transforms import inverse_pose, pose_matrix, rotation_vector_to_quaternion
 from roller_driver.ur10.robot_settings import Ur10Parameters
@@ -149,6 +150,18 @@ def test_what_texture_leaves_open_is_said(seed: int, half_width_m: float) -> Non
     off = np.abs(found.vector_deg - TURN_DEG)
     assert (off < 2 * found.deviation_deg).all()
     assert (found.deviation_deg < [0.6, 0.25, 0.1]).all()
+
+
+def test_the_cameras_heading_in_base_does_not_matter() -> None:
+    scan, heading = pass_of(3), Rotation.from_euler("z", 70, degrees=True)
+    track = PoseTrack()
+    turned = (heading * Rotation.from_quat(scan.track.quaternions)).as_quat()
+    track.extend(scan.track.times_ns, heading.apply(scan.track.positions) + [0.3, -0.2, 0], turned)
+    one, other = (
+        find_camera_rotation(own, (0.043, 0.047)) for own in (scan, replace(scan, track=track))
+    )
+    np.testing.assert_allclose(other.vector_deg, one.vector_deg, atol=1e-3)
+    np.testing.assert_allclose(other.deviation_deg, one.deviation_deg, rtol=1e-2)
 
 
 @pytest.mark.parametrize("tilt_deg", [2.0, -2.0])
