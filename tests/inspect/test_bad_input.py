@@ -353,8 +353,8 @@ def test_an_interrupt_says_what_was_not_processed(
 
     packets = iter(range(40))
 
-    def take(self: Pipeline, events: EventArray) -> None:
-        taken(self, events)
+    def take(self: Pipeline, events: EventArray, renumbered: bool) -> None:
+        taken(self, events, renumbered)
         if next(packets, None) is None:
             raise KeyboardInterrupt
 

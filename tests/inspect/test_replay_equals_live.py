@@ -26,7 +26,7 @@ from roller_emvs.depth_stage import DepthStage
 from roller_emvs.stitcher_stage import StitcherStage
 from roller_emvs.surface_stage import SurfaceStage
 from roller_inspect.inspect_stage import InspectStage
-from roller_ros.feeding import feed
+from roller_ros.feeding import NEW_SOURCE, feed
 from roller_ros.messages import to_message
 from roller_ros.topics import BY_NAME
 from simulated_scans import Scans
@@ -244,3 +244,46 @@ def test_a_source_that_starts_again_is_followed(tmp_path: Path) -> None:
     assert live.stages[0].counts()["windows"] == 2 * len(maps)
     assert all("backwards" in str(fault) for fault in live.faults)
     assert live.faults
+
+
+def later(source: Path, path: Path, shifts_s: list[int]) -> Path:
+    """A bag's messages once for each shift of their times; the sensor's own clock starts again."""
+    connections: dict[str, Any] = {}
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    with writer:
+        for shift_s in shifts_s:
+            with Reader(source) as reader:
+                for connection, t_ns, data in reader.messages():
+                    topic, kind = connection.topic, connection.msgtype
+                    if topic not in connections:
+                        connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+                    message: Any = STORE.deserialize_cdr(data, kind)
+                    for item in getattr(message, "transforms", [message]):
+                        item.header.stamp.sec += shift_s
+                    writer.write(
+                        connections[topic], t_ns + shift_s * 10**9,
+                        bytes(STORE.serialize_cdr(message, kind)),
+                    )  # fmt: skip
+    return path
+
+
+def test_a_source_that_starts_again_after_a_silence_is_followed(bag: Path, tmp_path: Path) -> None:
+    """Its packets are numbered anew: another process, so another page of text."""
+    params = tmp_path / "params.yaml"
+    params.write_text(PARAMS % "focus")
+    both = later(bag, tmp_path / "both", [0, 10])
+    words = ["--output", str(tmp_path / "out"), "--no-picture", "--params", str(params)]
+    assert main(["replay", str(both), *words]) == 1
+    expected = replayed(tmp_path / "out" / "result")
+
+    live = Live(params, DepthStage, StitcherStage, BrailleStage)
+    live.play(bag)
+    once = len(live.published["/roller/depth/image"])
+    for stage in live.stages:
+        if outputs.EVENTS in stage.inputs:
+            feed(stage, outputs.EVENTS, NEW_SOURCE, live.faults.append)
+    live.play(later(bag, tmp_path / "second", [10]))
+    for topic in ("depth/image", "braille/cells"):
+        assert live.published[f"/roller/{topic}"] == expected[f"/roller/{topic}"]
+    assert len(expected["/roller/depth/image"]) == 2 * once >= 4
+    assert (tmp_path / "out" / "braille.txt").read_text() == "dfhj\ndfhj\n"

@@ -167,6 +167,8 @@ class Pipeline:
                 stage.take_poses(poses)
         for taker in self._of_events:
             taker.take_camera(camera)
+        self._newest_ns = 0
+        self._least_idle_s = min(stage.settings.idle_flush_s for stage in self._of_events)
         for mapper in (self.depth, self.stitcher):
             if isinstance(mapper, SurfaceStage | StitcherStage):
                 mapper.map.period_s = None  # at the end only
@@ -181,8 +183,17 @@ class Pipeline:
             said |= self._all([self.stitcher], lambda stage: stage.take_transform(transform))
         self._report(said)
 
-    def add_events(self, events: EventArray) -> None:
-        """Take events in order of time, ROS time."""
+    def add_events(self, events: EventArray, renumbered: bool = False) -> None:
+        """Take events in order of time, ROS time; `renumbered`: of packets numbered anew."""
+        if len(events):
+            silence_s = (int(events.t_ns[0]) - self._newest_ns) * 1e-9
+            if self._newest_ns and silence_s > self._least_idle_s:
+                # As in the graph, whose nodes then process what is left.
+                self._ready += self.results(silence_s=silence_s)
+                if renumbered:  # there by another process
+                    for stage in self._of_events:
+                        stage.new_source()
+            self._newest_ns = int(events.t_ns[-1])
         self._report(self._all(self._of_events, lambda stage: stage.take_events(events)))
 
     def take_force(self, t_ns: int, force_n: float) -> None:
@@ -195,11 +206,18 @@ class Pipeline:
         for stage in self._of_events:
             stage.restart()
 
-    def results(self, flush: bool = False) -> Iterator[Result]:
-        """What is complete by now; with `flush` all that is left."""
+    def results(self, flush: bool = False, silence_s: float = 0.0) -> Iterator[Result]:
+        """What is complete by now; with `flush` all that is left.
+
+        After a silence all that is left of those stages that wait no longer (`idle_flush_s`).
+        """
+
+        def ends(stage: Stage[Any]) -> bool:
+            return flush or silence_s > stage.settings.idle_flush_s
+
         ready, self._ready = self._ready, []
         yield from ready
-        for result in self.depth.results(flush):
+        for result in self.depth.results(ends(self.depth)):
             yield from self._inspected(result)
             if self.stitcher is not None and result.outputs:
                 for output in result.outputs:
@@ -208,12 +226,12 @@ class Pipeline:
                 for stitched in self.stitcher.results():
                     yield from self._inspected(stitched)
         if self.stitcher is not None:
-            for stitched in self.stitcher.results(flush):
+            for stitched in self.stitcher.results(ends(self.stitcher)):
                 yield from self._inspected(stitched)
         if self.inspect is not None:
-            yield from self.inspect.results(flush)
+            yield from self.inspect.results(ends(self.inspect))
         if self.braille is not None:
-            yield from self.braille.results(flush)
+            yield from self.braille.results(ends(self.braille))
 
     def _inspected(self, result: Result) -> Iterator[Result]:
         """A result, and what the inspection makes of its points."""

@@ -107,7 +107,7 @@ def replay(
                 run.restarted = True
             if len(step.events):
                 run.take_span(int(step.events.t_ns[0]), int(step.events.t_ns[-1]))
-                pipeline.add_events(step.events)
+                pipeline.add_events(step.events, step.renumbered)
                 run.collect_what_goes()
             if progress is not None:
                 progress(step.progress)

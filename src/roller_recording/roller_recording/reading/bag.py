@@ -126,8 +126,10 @@ class BagRecording(Recording):
                 yield Step(EventArray.empty(), progress, transforms=found)
 
     def _decode(self, message: Any, t_ns: int, progress: float) -> Step:
+        before = self.counts.seq_restarts
         try:
-            return Step(self._stream.push_message(message), progress)
+            events = self._stream.push_message(message)
+            return Step(events, progress, renumbered=self.counts.seq_restarts > before)
         except TimeBackwardsError as error:
             return Step(error.events, progress, (error,), restart=True)
         except RollerError as error:

@@ -49,6 +49,8 @@ class Step:
     transforms: tuple[Transform, ...] = ()
     #: Whether the source of the events started again before these.
     restart: bool = False
+    #: Whether packets are numbered anew from these on, while time goes on.
+    renumbered: bool = False
     #: A time, ns, and the robot's force then, N.
     force: tuple[int, float] | None = None
 
