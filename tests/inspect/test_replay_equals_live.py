@@ -246,8 +246,8 @@ def test_a_source_that_starts_again_is_followed(tmp_path: Path) -> None:
     assert live.faults
 
 
-def later(source: Path, path: Path, shifts_s: list[int]) -> Path:
-    """A bag's messages once for each shift of their times; the sensor's own clock starts again."""
+def later(source: Path, path: Path, shifts_s: list[int], renumbered: bool) -> Path:
+    """A bag's messages once for each shift of their times, by one process or one each."""
     connections: dict[str, Any] = {}
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     with writer:
@@ -260,6 +260,9 @@ def later(source: Path, path: Path, shifts_s: list[int]) -> Path:
                     message: Any = STORE.deserialize_cdr(data, kind)
                     for item in getattr(message, "transforms", [message]):
                         item.header.stamp.sec += shift_s
+                    if topic == "/event_camera/events" and not renumbered:
+                        message.seq += shift_s and connection.msgcount
+                        message.time_base += shift_s * 10**9
                     writer.write(
                         connections[topic], t_ns + shift_s * 10**9,
                         bytes(STORE.serialize_cdr(message, kind)),
@@ -267,11 +270,12 @@ def later(source: Path, path: Path, shifts_s: list[int]) -> Path:
     return path
 
 
-def test_a_source_that_starts_again_after_a_silence_is_followed(bag: Path, tmp_path: Path) -> None:
-    """Its packets are numbered anew: another process, so another page of text."""
+@pytest.mark.parametrize("renumbered", [True, False])
+def test_a_scan_after_a_silence_is_followed(renumbered: bool, bag: Path, tmp_path: Path) -> None:
+    """Packets numbered anew are of another process, whose text is on another page."""
     params = tmp_path / "params.yaml"
     params.write_text(PARAMS % "focus")
-    both = later(bag, tmp_path / "both", [0, 10])
+    both = later(bag, tmp_path / "both", [0, 10], renumbered)
     words = ["--output", str(tmp_path / "out"), "--no-picture", "--params", str(params)]
     assert main(["replay", str(both), *words]) == 1
     expected = replayed(tmp_path / "out" / "result")
@@ -280,10 +284,11 @@ def test_a_source_that_starts_again_after_a_silence_is_followed(bag: Path, tmp_p
     live.play(bag)
     once = len(live.published["/roller/depth/image"])
     for stage in live.stages:
-        if outputs.EVENTS in stage.inputs:
+        if renumbered and outputs.EVENTS in stage.inputs:
             feed(stage, outputs.EVENTS, NEW_SOURCE, live.faults.append)
-    live.play(later(bag, tmp_path / "second", [10]))
+    live.play(later(bag, tmp_path / "second", [10], renumbered))
     for topic in ("depth/image", "braille/cells"):
         assert live.published[f"/roller/{topic}"] == expected[f"/roller/{topic}"]
     assert len(expected["/roller/depth/image"]) == 2 * once >= 4
-    assert (tmp_path / "out" / "braille.txt").read_text() == "dfhj\ndfhj\n"
+    text = "dfhj\ndfhj\n" if renumbered else "dfhj\n"
+    assert (tmp_path / "out" / "braille.txt").read_text() == text
