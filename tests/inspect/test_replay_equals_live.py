@@ -20,12 +20,16 @@ from roller_braille.braille_stage import BrailleStage
 from roller_bringup.cli import main
 from roller_core import outputs
 from roller_core.bags import typestore
+from roller_core.camera import Camera
 from roller_core.errors import RollerError
+from roller_core.events import EventArray
+from roller_core.outputs import Result
 from roller_core.parameter_files import read_parameters
 from roller_emvs.depth_stage import DepthStage
 from roller_emvs.stitcher_stage import StitcherStage
 from roller_emvs.surface_stage import SurfaceStage
 from roller_inspect.inspect_stage import InspectStage
+from roller_inspect.pipeline import Pipeline, PipelineSettings
 from roller_ros.feeding import NEW_SOURCE, feed
 from roller_ros.messages import to_message
 from roller_ros.topics import BY_NAME
@@ -292,3 +296,12 @@ def test_a_scan_after_a_silence_is_followed(renumbered: bool, bag: Path, tmp_pat
     assert len(expected["/roller/depth/image"]) == 2 * once >= 4
     text = "dfhj\ndfhj\n" if renumbered else "dfhj\n"
     assert (tmp_path / "out" / "braille.txt").read_text() == text
+
+
+def test_what_was_ready_before_a_silence_comes_once() -> None:
+    pipeline = Pipeline(PipelineSettings.load(None), Camera(64, 48, 100.0, 100.0, 31.5, 23.5))
+    before = Result(None, notice="before")
+    pipeline._ready = [before]
+    for t_s in (10, 20):
+        pipeline.add_events(EventArray.from_arrays([1], [1], [t_s * 10**9], [1]))
+    assert [result for result in pipeline.results() if result is before] == [before]

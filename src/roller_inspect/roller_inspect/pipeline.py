@@ -179,7 +179,7 @@ class Pipeline:
         if self.stitcher is not None:
             if self.depth.restarted:
                 # While the stitcher still has the poses of the last depth maps.
-                self._ready += self.results()
+                self._ready = [*self.results()]
             said |= self._all([self.stitcher], lambda stage: stage.take_transform(transform))
         self._report(said)
 
@@ -189,7 +189,7 @@ class Pipeline:
             silence_s = (int(events.t_ns[0]) - self._newest_ns) * 1e-9
             if self._newest_ns and silence_s > self._least_idle_s:
                 # As in the graph, whose nodes then process what is left.
-                self._ready += self.results(silence_s=silence_s)
+                self._ready = [*self.results(silence_s=silence_s)]
                 if renumbered:  # there by another process
                     for stage in self._of_events:
                         stage.new_source()

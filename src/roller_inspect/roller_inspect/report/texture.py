@@ -34,9 +34,9 @@ def texture(
     scanned_m2 : float
         Area of the scan.
     broken_off : bool
-        Whether a fault ended it.
+        Whether it had faults, which may have ended it.
     """
-    # Of a scan that broke off events are of more than was measured.
+    # Of a scan that broke off, events are of more than was measured.
     known = events is not None and scanned_m2 > 0 and not broken_off
     per_mm2 = events / scanned_m2 * 1e-6 if events is not None and known else None
     measured = coverage.texture
@@ -49,7 +49,7 @@ def texture(
         if sufficient
         else "A fault ended the scan before anything was measured: of its texture nothing is known."
         if broken_off and not measured
-        else f"A fault ended the scan: {seen}. Whether its texture suffices isn't known."
+        else f"The scan had faults: {seen}. Whether its texture suffices isn't known."
         if broken_off
         else "The scan didn't reach what is to be inspected: are the recipe's frame and regions "
         "those of this part?"
