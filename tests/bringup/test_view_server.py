@@ -46,10 +46,14 @@ def test_pages_of_elsewhere_reach_nothing():
 def test_connections_that_ask_for_nothing_are_closed(monkeypatch, before):
     monkeypatch.setattr("roller_bringup.view.http_server._REQUEST_S", 0.5)
     with serving(Scene("x")) as server, ExitStack() as stack:
+        halves = []
         for _ in range(_MOST_CONNECTIONS):
             half = socket.create_connection(("127.0.0.1", server.port), 20)
-            stack.enter_context(half)
+            halves.append(stack.enter_context(half))
             half.sendall(before + b"GET /api/text HTTP/1.1\r\n")
+        for half in halves:  # until it is closed
+            while half.recv(65536):
+                pass
         wait_until(lambda: get(server, "/api/text")[0] == 200)
         stream = frames(server)  # one that listens stays
         for _ in range(3):
