@@ -122,6 +122,33 @@ def test_what_is_recorded_is_what_was_sent(
     assert not (killed.bag / "metadata.yaml").exists()
 
 
+def test_of_two_cameras_at_once_one_is_recorded(
+    record: Callable[..., Recording], tmp_path: Path
+) -> None:
+    running = record(tmp_path / "bag", "--raw")
+    file = running.bag / "bag.mcap"
+    first = source(tmp_path, "--rate", "1", "--seconds", "100")
+    try:
+        wait_until(lambda: file.is_file() and file.stat().st_size >= 1_000_000)
+        (tmp_path / "other").mkdir()
+        other = source(tmp_path / "other", "--rate", "1", "--seconds", "1")
+        assert other.wait(timeout=90) == 0
+        code, output = running.end()
+    finally:
+        first.kill()
+        first.wait()
+    assert code == 1
+    assert re.search(
+        r"error: lost: another camera sent at the same time \(stop all but one\), not written: "
+        rf"\d+ of {EVENTS} from",
+        output,
+    ), output
+    assert len(packets(running.bag)) > 500  # which rise
+    counted = BagReader(running.bag).custom
+    assert int(counted["event_packets_of_other_cameras"]) > 500
+    assert counted["event_packet_numbers_restarted"] == "0"
+
+
 def test_a_bag_of_another_driver_played_and_recorded(
     record: Callable[..., Recording], processes: Processes, tmp_path: Path
 ) -> None:

@@ -1,6 +1,7 @@
 """The recorder without a graph: what it is given is in the bag, or counted as lost."""
 
 import os
+import re
 import resource
 import threading
 from collections import Counter
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import Reader
 
-from recording.bags import KINDS, Recipe, raw_messages, scan
+from recording.bags import DURATION_S, KINDS, Recipe, raw_messages, scan
 from roller_bringup.cli import main
 from roller_core import outputs
 from roller_core.errors import UnwritableOutputError
@@ -146,7 +147,12 @@ def test_numbers_that_begin_anew_are_told(
     assert recorder.progress().seq_restarts == 1
     assert recorder.losses.before.lost == 0
     assert main(["info", str(tmp_path / "bag")]) == 0
-    assert "restarts   1 times the packets' numbers fell" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "restarts   1 times the packets' numbers fell" in out
+    once = DURATION_S - 0.001  # of the last packet's events, about
+    found = re.search(r"duration   ([0-9.]+) s, the sensor's time began 1 times anew", out)
+    assert found, out
+    assert float(found[1]) == pytest.approx(2 * once, abs=0.002)
 
 
 def test_what_waits_at_a_hurried_end_is_counted(tmp_path: Path) -> None:
@@ -299,3 +305,13 @@ def test_which_topics_are_recorded() -> None:
     raw = {t.name for t in topics.recorded(raw=True, events_topic="/left/events")}
     own = {"/left/events", "/left/camera_info", "/tf", "/tf_static"}
     assert raw == own | {outputs.WRENCH}  # what inspection holds a part to
+
+
+def test_a_cell_in_a_namespace_is_recorded_whole() -> None:
+    shared = {t.name for t in topics.ALL if t.name.startswith("/")}
+    cell = {f"/left/{t.name}" for t in topics.ALL if not t.name.startswith("/")}
+    asked = topics.recorded(events_topic="/left/event_camera/events")
+    assert {t.name for t in asked} == (cell | shared) - {f"/left/{outputs.SURFACE_MAP}"}
+    # Elsewhere only the camera's are known to lie beside it.
+    others = {t.name for t in topics.recorded(events_topic="/left/dvs/events")}
+    assert {"/left/dvs/camera_info", outputs.DEPTH_IMAGE, "/tf"} <= others

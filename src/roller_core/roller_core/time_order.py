@@ -8,7 +8,7 @@ from .errors import RollerError
 from .events import EventArray
 
 #: Events up to this late are jitter, of a clock's map or of threads, ns.
-_HOLD_NS = 5_000_000
+JITTER_NS = 5_000_000
 #: Events later than this belong to a source that started anew, ns; of one whose numbers began anew,
 #: such as a recording that is played again, all that are no jitter.
 _RESTART_NS = 1_000_000_000
@@ -59,14 +59,14 @@ class TimeOrder:
         last = self.last_ns
         if last is not None and len(events) and events.t_ns[0] < last:
             behind_ns = last - int(events.t_ns[0])
-            if behind_ns > (_HOLD_NS if renumbered else _RESTART_NS):
+            if behind_ns > (JITTER_NS if renumbered else _RESTART_NS):
                 self.last_ns = int(events.t_ns[-1])
                 raise TimeBackwardsError(
                     f"event time runs backwards by {behind_ns * 1e-9:.3f} s, "
                     f"from {last * 1e-9:.6f} s; was the recording or the driver started anew?",
                     events,
                 )
-            if behind_ns < _HOLD_NS:
+            if behind_ns < JITTER_NS:
                 events = events.with_times(np.maximum(events.t_ns, last))
             else:
                 kept = events[int(np.searchsorted(events.t_ns, last)) :]

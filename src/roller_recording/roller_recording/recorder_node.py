@@ -8,14 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sensor_msgs.msg import Image
+from geometry_msgs.msg import WrenchStamped
 
+from roller_core import outputs
+from roller_recording.raw_message import RawMessage
+from roller_recording.writing.one_camera import OneCamera
 from roller_recording.writing.polled_subscriptions import PolledSubscriptions
 from roller_recording.writing.recorder_settings import RecorderParameters
 from roller_ros import diagnostics, topics
 from roller_ros.node import RollerNode
 from roller_ros.node_main import run_node
 from roller_ros.parameters import declare_settings
+from roller_ros.sources import publishers
 
 from .writing import BagWriter, Recorder
 
@@ -25,7 +29,7 @@ _DRAIN_S = 25.0
 
 
 class RecorderNode(RollerNode):
-    """Writes every message as it came, with the time at which it arrived.
+    """Writes every message as it came, with the time at which it arrived; of one camera.
 
     Parameters
     ----------
@@ -36,26 +40,28 @@ class RecorderNode(RollerNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("recorder", **options)
         p = declare_settings(self, RecorderParameters)
-        chosen = [
-            replace(t, name=self.resolve_topic_name(t.name))
-            for t in topics.recorded(p.raw, p.events_topic)
-        ]
-        spare = topics.FORCE + topics.OUTPUTS
-        outputs = {self.resolve_topic_name(t.name) for t in spare}
+        chosen, enough = (
+            [replace(t, name=self.resolve_topic_name(t.name)) for t in found]
+            for found in (topics.recorded(raw, p.events_topic) for raw in (p.raw, True))
+        )
         self.path = Path(p.output)
-        self._needed = [t.name for t in chosen if t.name not in outputs and t.type is not Image]
+        self._needed = [t.name for t in enough if t.type is not WrenchStamped]
         writer = BagWriter(
             self.path,
             {t.name: (t.type_name, topics.offered(t)) for t in chosen},
             p.compress,
             int(p.keep_free_mb * 1e6),
         )
-        events = [t.name for t in chosen if t.type_name == topics.EVENT_TYPE]
-        self.recorder = Recorder(writer, events, int(p.queue_mb * 1e6))
+        events = self.resolve_topic_name(p.events_topic)
+        self._camera_info = self.resolve_topic_name(
+            topics.beside(outputs.CAMERA_INFO, p.events_topic)
+        )
+        self.recorder = Recorder(writer, [events], int(p.queue_mb * 1e6))
+        self._camera = OneCamera(events, self._camera_info, self.recorder.losses)
         self._diagnostics = diagnostics.Diagnostics(self, "recording", self._status)
         self._told = False
-        self._tap = PolledSubscriptions(self, chosen, self.recorder.take, self._overflow)
-        self.create_timer(1.0, self._tap.match_publishers)
+        self._tap = PolledSubscriptions(self, chosen, self._take, self._overflow)
+        self.create_timer(1.0, self._look_round)
 
     def stop_taking(self) -> None:
         """Take what has arrived and no more; what waits is still being written."""
@@ -82,6 +88,13 @@ class RecorderNode(RollerNode):
         seen = self.recorder.progress().messages
         return [name for name in self._needed if not seen.get(name)]
 
+    def _take(self, messages: list[RawMessage]) -> None:
+        self.recorder.take(self._camera.keep(messages))
+
+    def _look_round(self) -> None:
+        self._tap.match_publishers()
+        self._camera.see_publishers(publishers(self, self._camera_info))
+
     def _overflow(self, topic: str, t_ns: int) -> None:
         self.recorder.losses.overflows[topic] += 1
 
@@ -97,6 +110,8 @@ class RecorderNode(RollerNode):
         elif p.lost_here:
             level = diagnostics.ERROR
             message = f"{p.lost_here} messages not written: the disk is too slow"
+        elif conflict := self._camera.conflict(self):
+            level, message = diagnostics.ERROR, conflict
         elif p.lost_before:
             level = diagnostics.WARN
             message = f"{p.lost_before} event packets never came"
@@ -105,6 +120,7 @@ class RecorderNode(RollerNode):
             "events": p.events,
             "lost_packets": p.lost_before,
             "seq_restarts": p.seq_restarts,
+            "foreign_packets": p.foreign_packets,
             "lost_messages": p.lost_here,
             "waiting_messages": p.waiting_messages,
             "waiting_mb": round(p.waiting_bytes / 1e6, 1),

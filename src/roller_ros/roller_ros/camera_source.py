@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Any
-
-from sensor_msgs.msg import CameraInfo
+from typing import Any, Generic, TypeVar
 
 from .sources import OneSource, publisher_of, same_process
 
+M = TypeVar("M")
 
-class CameraSource(OneSource):
+
+class CameraSource(OneSource, Generic[M]):
     """Keeps to the camera_info of the process whose events are followed, where it sends one.
 
     It may be sent once and never again, so what each publisher said is kept.
@@ -18,16 +18,14 @@ class CameraSource(OneSource):
 
     def __init__(self) -> None:
         super().__init__(latched=True)
-        self._said: dict[bytes, CameraInfo] = {}
+        self._said: dict[bytes, M] = {}
 
-    def take(
-        self, message: CameraInfo, info: Mapping[str, Any], events: bytes | None
-    ) -> CameraInfo | None:
+    def take(self, message: M, info: Mapping[str, Any], events: bytes | None) -> M | None:
         """Take a message.
 
         Parameters
         ----------
-        message : CameraInfo
+        message : M
             What a publisher says.
         info : mapping
             rclpy's `MessageInfo` of it.
@@ -36,14 +34,14 @@ class CameraSource(OneSource):
 
         Returns
         -------
-        CameraInfo or None
+        M or None
             What holds from now on; None: what held before.
         """
         if (sender := publisher_of(info)) is not None:
             self._said[sender] = message
         return message if self.accepts(info) else self.of_events(events)
 
-    def of_events(self, events: bytes | None) -> CameraInfo | None:
+    def of_events(self, events: bytes | None) -> M | None:
         """Go over to the process of a publisher of events; returns as of `take`."""
         if not same_process(self.followed, events):
             for sender in self._said:
@@ -51,7 +49,7 @@ class CameraSource(OneSource):
                     return self._go_over_to(sender)
         return None
 
-    def check(self, alive: Collection[bytes]) -> CameraInfo | None:
+    def check(self, alive: Collection[bytes]) -> M | None:
         """Go over to another when the followed one isn't among the living; as of `take`."""
         self._said = {k: m for k, m in self._said.items() if k in alive}
         self.keep_to(alive)
@@ -59,6 +57,6 @@ class CameraSource(OneSource):
             return self._go_over_to(next(iter(self._said)))
         return None
 
-    def _go_over_to(self, sender: bytes) -> CameraInfo:
+    def _go_over_to(self, sender: bytes) -> M:
         self.follow(sender)
         return self._said[sender]

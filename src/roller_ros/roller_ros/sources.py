@@ -29,6 +29,11 @@ def publisher_of(info: Mapping[str, Any]) -> bytes | None:
     return None if gid is None else bytes(gid["data"])[:_ID]
 
 
+def info_of(sender: bytes, t_ns: int) -> dict[str, Any]:
+    """Rclpy's `MessageInfo` of a message that is kept without it, as far as a source needs it."""
+    return {"publisher_gid": {"data": sender} if sender else None, "received_timestamp": t_ns}
+
+
 class OneSource:
     """Keeps to one publisher where several send.
 

@@ -66,7 +66,7 @@ class StageNode(RollerNode):
         self._looked_s = 0.0
         self._faults = self._unprocessed = self._steps_told = self._left_out_told = 0
         self._poses = PoseSources(settings.base_frame, settings.moving_frame)
-        self._events, self._cameras = OneSource(), CameraSource()
+        self._events, self._cameras = OneSource(), CameraSource[CameraInfo]()
         #: Of all topics that other nodes of the graph work out: depth maps, points.
         self._results = OneSource(latched=True, processes=True)
         self._meter = diagnostics.Meter()

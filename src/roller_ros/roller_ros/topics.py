@@ -95,13 +95,24 @@ def recorded(raw: bool = False, events_topic: str = outputs.EVENTS) -> list[Topi
     raw : bool
         Only what a replay needs: events, calibration, transforms and force.
     events_topic : str
-        Where the event packets are; the camera's other topics lie beside it.
+        Where the event packets are; the camera's other topics lie beside it. Where it is the
+        graph's own in a namespace, so are the cell's other topics.
     """
+    cell = events_topic.removesuffix(outputs.EVENTS) if _is_a_cells(events_topic) else ""
+
+    def place(name: str) -> str:
+        theirs = beside(name, events_topic)
+        return theirs if name.startswith("/") or theirs != name else cell + name
+
     return [
-        Topic(beside(t.name, events_topic), t.type, t.qos)
+        Topic(place(t.name), t.type, t.qos)
         for t in (INPUTS + FORCE if raw else ALL)
         if not (raw and t.type is Image) and t.name != outputs.SURFACE_MAP
     ]
+
+
+def _is_a_cells(events_topic: str) -> bool:
+    return events_topic.endswith(f"/{outputs.EVENTS}")
 
 
 def offered(topic: Topic) -> list[Qos]:

@@ -44,8 +44,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--topic",
         metavar="NAME",
-        help="topic of the event packets, the camera's other topics beside it "
-        "(/event_camera/events)",
+        help="topic of the event packets, the camera's other topics beside it; "
+        "/CELL/event_camera/events: all topics of that cell (/event_camera/events)",
     )
     parser.add_argument(
         "--compress", action="store_true", help="compress the bag (zstd); takes more of a core"

@@ -11,13 +11,39 @@ from roller_core.bags import EVENT_ARRAY, EVENT_PACKET, typestore
 from roller_core.codecs import DecodedPacket, PacketDecoder, Payload, unknown_words
 from roller_core.errors import RollerError
 from roller_core.seq_gaps import SeqGaps
-from roller_core.time_order import TimeBackwardsError, TimeOrder
+from roller_core.time_order import JITTER_NS, TimeBackwardsError, TimeOrder
 
 from .base import MalformedRecordingError, RecordingError, check_path, is_dataset
 from .event_file import reader_of
 
 #: Of more faults of a kind the rest is counted.
 _MOST_FAULTS = 100
+
+
+@dataclass
+class SensorSpan:
+    """How long a sensor sent, over its starts."""
+
+    #: How often its time began anew.
+    restarts: int = 0
+    _before_ns: int = 0
+    _first_ns: int | None = None
+    _last_ns: int = 0
+
+    @property
+    def duration_s(self) -> float:
+        """From the first event to the last of each start, together, s."""
+        return (self._before_ns + self._last_ns - (self._first_ns or 0)) * 1e-9
+
+    def add(self, first_ns: int, last_ns: int) -> None:
+        """Take the times of a packet's first and last event."""
+        if self._first_ns is None:
+            self._first_ns = first_ns
+        elif first_ns < self._last_ns - JITTER_NS:
+            self._before_ns += self._last_ns - self._first_ns
+            self._first_ns = first_ns
+            self.restarts += 1
+        self._last_ns = last_ns
 
 
 @dataclass
@@ -37,9 +63,8 @@ class RecordingSummary:
     encodings: set[str] = field(default_factory=set)
     #: Image width and height, px.
     size: tuple[int, int] = (0, 0)
-    #: Sensor time of the first and last event.
-    first_ns: int | None = None
-    last_ns: int | None = None
+    #: Sensor time by topic.
+    spans: dict[str, SensorSpan] = field(default_factory=dict)
     #: Messages by topic, for bags.
     topics: Counter[str] = field(default_factory=Counter)
     #: Event packets that are missing.
@@ -59,14 +84,15 @@ class RecordingSummary:
 
     def lines(self) -> list[str]:
         """The counts, for people."""
-        span = ((self.last_ns or 0) - (self.first_ns or 0)) * 1e-9
+        span = max(self.spans.values(), key=lambda one: one.duration_s, default=SensorSpan())
+        anew = f", the sensor's time began {span.restarts} times anew" if span.restarts else ""
         out = [
             f"encoding   {', '.join(sorted(self.encodings)) or '-'}",
             f"image      {self.size[0]} x {self.size[1]} px",
             f"packets    {self.packets}",
             f"events     {self.events} ({self.on} ON, {self.off} OFF)",
             f"triggers   {self.triggers_rising} rising, {self.triggers_falling} falling",
-            f"duration   {span:.6f} s",
+            f"duration   {span.duration_s:.6f} s{anew}",
         ]
         if self.gaps.lost:
             out.append(
@@ -86,19 +112,24 @@ class RecordingSummary:
         out += [f"note       {note}" for note in self.notes]
         return out
 
-    def add(self, events: Any, outside: int = 0) -> None:
+    def add(self, events: Any, outside: int = 0, topic: str = "") -> None:
         """Count decoded events."""
         self.packets += 1
         self.events += len(events)
         self.on += int(events.p.sum())
         self.outside += outside
         if len(events):
-            if self.first_ns is None:
-                self.first_ns = int(events.t_ns[0])
-            self.last_ns = int(events.t_ns[-1])
+            span = self.spans.setdefault(topic, SensorSpan())
+            span.add(int(events.t_ns[0]), int(events.t_ns[-1]))
 
     def add_packet(
-        self, encoding: str, payload: Payload, packet: DecodedPacket, at: str, begin: int = 0
+        self,
+        encoding: str,
+        payload: Payload,
+        packet: DecodedPacket,
+        at: str,
+        begin: int = 0,
+        topic: str = "",
     ) -> None:
         """Count a packet and what of it could not be decoded.
 
@@ -112,8 +143,10 @@ class RecordingSummary:
             Where it is, for people; a byte's number follows.
         begin : int
             Number of its first byte.
+        topic : str
+            On which it came.
         """
-        self.add(packet.events, packet.outside)
+        self.add(packet.events, packet.outside, topic)
         self.untimed += packet.untimed
         self.triggers_rising += int(packet.triggers.edge.sum())
         self.triggers_falling += len(packet.triggers) - int(packet.triggers.edge.sum())
@@ -251,7 +284,7 @@ def _count_bag(path: Path, summary: RecordingSummary, topic: str | None, check: 
         summary.encodings.add(message.encoding)
         summary.size = (message.width, message.height)
         where = f"on {item.topic} at {item.t_ns * 1e-9:.6f} s, byte "
-        summary.add_packet(message.encoding, message.events, packet, where)
+        summary.add_packet(message.encoding, message.events, packet, where, topic=item.topic)
     if check:
         faults, notes = reader.check(summary.topics)
         if not summary.faults:  # else reported already

@@ -36,10 +36,17 @@ class Losses:
     #: How often the middleware's queue of a topic was full when messages were taken: some may have
     #: been lost there. Event packets between others are counted in `before` too.
     overflows: Counter[str] = field(default_factory=Counter)
+    #: Event packets of other cameras that sent at the same time, by topic.
+    foreign: dict[str, Dropped] = field(default_factory=dict)
     #: Messages for which the queue had no room, by topic.
     dropped: dict[str, Dropped] = field(default_factory=dict)
     #: Messages that the disk didn't take, or that came after it was full, by topic.
     unwritten: dict[str, Dropped] = field(default_factory=dict)
+
+    @property
+    def foreign_packets(self) -> int:
+        """Event packets of other cameras, left out."""
+        return sum(d.messages for d in self.foreign.values())
 
     @property
     def here(self) -> int:
@@ -56,6 +63,10 @@ class Losses:
         """Count a message that the queue had no room for."""
         self.dropped.setdefault(message.topic, Dropped()).add(message.t_ns)
 
+    def leave_to_others(self, message: RawMessage) -> None:
+        """Count an event packet of another camera than the one that is recorded."""
+        self.foreign.setdefault(message.topic, Dropped()).add(message.t_ns)
+
     def leave_out(self, topic: str, t_ns: int, messages: int = 1) -> None:
         """Count messages that the disk didn't take."""
         self.unwritten.setdefault(topic, Dropped()).add(t_ns, messages)
@@ -71,6 +82,11 @@ class Losses:
         if self.overflows:
             listed = ", ".join(f"{topic} ({n}×)" for topic, n in sorted(self.overflows.items()))
             out.append(f"DDS's queue was full, messages may be missing: {listed}")
+        if self.foreign:
+            out.append(
+                "another camera sent at the same time (stop all but one), not written: "
+                + _by_topic(self.foreign, start_ns)
+            )
         if self.dropped:
             out.append(
                 "the queue was full (the disk is too slow), not written: "
@@ -85,6 +101,7 @@ class Losses:
         return {
             "event_packets_lost_before_recorder": str(self.before.lost),
             "event_packet_numbers_restarted": str(self.before.restarts),
+            "event_packets_of_other_cameras": str(self.foreign_packets),
             "messages_dropped_by_recorder": str(sum(d.messages for d in self.dropped.values())),
             "messages_not_written": str(sum(d.messages for d in self.unwritten.values())),
         }
@@ -107,6 +124,7 @@ class Progress:
     #: See `Losses`, and `SeqGaps` for the first two.
     lost_before: int
     seq_restarts: int
+    foreign_packets: int
     lost_here: int
 
 

@@ -79,6 +79,7 @@ class Recorder:
             self._queue.waiting,
             self.losses.before.lost,
             self.losses.before.restarts,
+            self.losses.foreign_packets,
             self.losses.here,
         )
 
