@@ -213,11 +213,11 @@ def test_texture_is_of_what_was_measured_whatever_it_is_compared_with() -> None:
 
 def test_a_scan_that_broke_off_says_nothing_of_its_coating() -> None:
     """Its events are of more than what was measured until then."""
-    found = texture(Coverage(0.05, 0.1, 0.85, 1e-4, 40.0), 1e-4, 10**6, 1e-5, broken_off=True)
+    found = texture(Coverage(0.05, 0.1, 0.85, 1e-4, 40.0), 1e-4, 10**6, 1e-5, faulty=True)
     assert found["events_per_mm2"] is None
     assert "The scan had faults: 5.0% of the cells measured" in found["text"]
     assert "coating" not in found["text"]
-    nothing = texture(Coverage(), 1e-4, 10**6, 0.0, broken_off=True)
+    nothing = texture(Coverage(), 1e-4, 10**6, 0.0, faulty=True)
     assert "before anything was measured" in nothing["text"]
 
 

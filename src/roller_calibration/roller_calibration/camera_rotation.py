@@ -57,16 +57,18 @@ class CameraRotation:
     def turned(self, scan: Scan) -> Scan:
         """A scan with its camera's poses turned."""
         track = PoseTrack(scan.track.max_gap_s)
-        own = Rotation.from_rotvec(np.radians(self.vector_deg))
-        turned = (Rotation.from_quat(scan.track.quaternions) * own).as_quat()
+        turned = (Rotation.from_quat(scan.track.quaternions) * self._own).as_quat()
         track.extend(scan.track.times_ns, scan.track.positions, turned)
         return replace(scan, track=track)
 
     @property
     def rotation(self) -> F64:
         """Put behind the camera's rotation, on the tool as in base; shape (3, 3)."""
-        turn = Rotation.from_rotvec(np.radians(self.vector_deg))
-        return np.asarray(turn.as_matrix(), np.float64)
+        return np.asarray(self._own.as_matrix(), np.float64)
+
+    @property
+    def _own(self) -> Rotation:
+        return Rotation.from_rotvec(np.radians(self.vector_deg))
 
 
 def find_camera_rotation(

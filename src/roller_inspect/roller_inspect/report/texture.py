@@ -19,7 +19,7 @@ def texture(
     grid_m: float,
     events: int | None,
     scanned_m2: float,
-    broken_off: bool = False,
+    faulty: bool = False,
 ) -> dict[str, Any]:
     """What a report says of a scan's texture.
 
@@ -33,11 +33,11 @@ def texture(
         Of the scan; None where it isn't known.
     scanned_m2 : float
         Area of the scan.
-    broken_off : bool
+    faulty : bool
         Whether it had faults, which may have ended it.
     """
-    # Of a scan that broke off, events are of more than was measured.
-    known = events is not None and scanned_m2 > 0 and not broken_off
+    # Of a scan that a fault ended, events are of more than was measured.
+    known = events is not None and scanned_m2 > 0 and not faulty
     per_mm2 = events / scanned_m2 * 1e-6 if events is not None and known else None
     measured = coverage.texture
     sufficient = textured(coverage, grid_m) and (per_mm2 is None or per_mm2 >= LEAST_EVENTS_PER_MM2)
@@ -48,9 +48,9 @@ def texture(
         f"Texture suffices: {seen}."
         if sufficient
         else "A fault ended the scan before anything was measured: of its texture nothing is known."
-        if broken_off and not measured
+        if faulty and not measured
         else f"The scan had faults: {seen}. Whether its texture suffices isn't known."
-        if broken_off
+        if faulty
         else "The scan didn't reach what is to be inspected: are the recipe's frame and regions "
         "those of this part?"
         if not coverage.scanned
