@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .cells import LEAST_CONFIDENCE, Seen
+from .dot_centre import DotCentre
 from .dot_shape import DotShape, alike
 from .dots import CHANCE, LEAST_VOTES, SPOT, Dots
 from .ground import TAIL
@@ -85,6 +86,7 @@ class CellReader:
         #: Spots in the line's band.
         self.dots = LineDots()
         self._shape, self._unseen = DotShape(spacing, strip.px_m), Dots.none()
+        self._centre = DotCentre(spacing, strip.px_m)
         self._explained: deque[float] = deque(maxlen=FIT_CELLS)
         #: Events of a typical dot where a cell was last read.
         self.typical = 0.0
@@ -220,6 +222,8 @@ class CellReader:
             confidence = confidence * self._clean(reading.explained)
             self._explained.append(reading.explained)
         self.typical = reference.whole
+        if raised.any():
+            self._centre.add(*net_around(self._strip, nodes[raised], self._centre.margin))
         return (
             CellKind.READ,
             self._seen(number, mask, confidence, nodes, stamp),
@@ -282,6 +286,7 @@ class CellReader:
         return float(np.clip((usual - _SPOILT) / (_CLEAN - _SPOILT), 0.0, 1.0))
 
     def _seen(self, number: int, mask: int, confidence: F64, nodes: F64, stamp_ns: int) -> Seen:
+        nodes = nodes + (self._centre.off_m, 0.0)
         if self._direction < 0:
             mask = mask >> 3 | (mask & 7) << 3
             confidence = np.roll(confidence, 3)
