@@ -14,12 +14,14 @@ from roller_core.settings import Settings
 
 from .diagnostics import STEADY
 from .node import RollerNode
+from .work_left import WorkLeft
 
 #: How long no subscriber may have come before a scan begins, s: the other side needs a moment to
 #: know of the publisher, and a node subscribes to its topics one by one.
 SETTLE_S = 1.0
-#: Time others have to finish before the node that played ends, s.
-LINGER_S = 4.0
+#: Time others have at least to finish before the node that played ends, s; for how long none may
+#: have said that work is left; and how long they have at most.
+LINGER_S, QUIET_S, MOST_S = 4.0, 2.5, 120.0
 #: What any node may subscribe to before it is ready.
 _ALL_HAVE = frozenset({"/clock", "/parameter_events"})
 
@@ -40,7 +42,11 @@ class PlaySettings(Settings):
         le=600.0,
         description="Longest wait for them, s: on a first run nodes compile their kernels.",
     )
-    exit_when_done: bool = Field(False, description="Whether to end after the last message.")
+    exit_when_done: bool = Field(
+        False,
+        description="Whether to end after the last message, once no other node of the namespace "
+        "says that it has work left.",
+    )
 
     @property
     def listener_names(self) -> tuple[str, ...]:
@@ -144,6 +150,7 @@ class PlayingNode(RollerNode):
 
     def _start(self, run: Callable[[], None]) -> None:
         """Begin to play; the process ends with `_code` once `_done` is set."""
+        self._others = WorkLeft(self) if self._p.exit_when_done else None
         self._thread = threading.Thread(target=run, daemon=True)
         self._thread.start()
         self._timer = self.create_timer(0.2, self._end, clock=STEADY)
@@ -171,10 +178,20 @@ class PlayingNode(RollerNode):
             self._late_s = max(self._late_s, -wait_s)
 
     def _finish(self) -> None:
-        """All was played."""
+        """All was played: end when the others are done, if at all."""
         self._state = "finished"
-        if self._p.exit_when_done and not self._stop.wait(LINGER_S):
-            self._done.set()
+        others, end_s = self._others, time.monotonic() + MOST_S
+        if others is None or self._stop.wait(LINGER_S):
+            return
+        while others.quiet_s < QUIET_S:
+            if time.monotonic() > end_s:
+                self.get_logger().warning(
+                    f"{others.who} still has work left after {MOST_S:.0f} s; it ends without it"
+                )
+                break
+            if self._stop.wait(0.1):
+                return
+        self._done.set()
 
     def _end(self) -> None:
         if self._done.is_set():
