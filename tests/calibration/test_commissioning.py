@@ -172,6 +172,8 @@ def test_from_unpacked_devices_to_a_certificate(
     assert reached["plate"]["error_m"] < 3e-5
     with pytest.raises(GaugeError, match=r"are these the steps|no steps in view|no walls of steps"):
         on_steps(whole_scan(open_recording(flat)), SurfaceSettings.create({}), 2e-4)
+    with pytest.raises(GaugeError, match=r"lie 2 steps of 0.1 mm above .* is --step-mm right\?"):
+        on_steps(whole_scan(open_recording(there_and_back[1])), settings_of(cell), 1e-4)
     low_m, high_m = written["gauges"]["sphere"]["limits"]["radius_m"]
     assert low_m < reached["sphere"]["radius_m"] < high_m
     for wrong_m in (3.6e-3, 4.4e-3):

@@ -1,14 +1,22 @@
 """Intrinsics and hand-eye from a blinking grid of dots."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from calibration import blinking_grid
 from calibration.blinking_grid import GRID, dots_image, target_poses, write_grid_bag
 from roller_bringup.cli import main
-from roller_calibration.dot_grid import GridView, edge_width_px, find_grid
-from roller_calibration.intrinsics import IntrinsicsError, find_intrinsics, grid_in_camera
+from roller_calibration.dot_grid import GridView, edge_width_px, find_grid, moved_px
+from roller_calibration.intrinsics import (
+    IntrinsicsError,
+    check_one_lens,
+    find_intrinsics,
+    grid_in_camera,
+)
 from roller_core.camera import Camera
 from roller_core.parameter_files import read_parameters
 from roller_core.transforms import pose_matrix, rotation_vector_to_quaternion
@@ -17,10 +25,15 @@ CAMERA = Camera(640, 480, 1066.0, 1069.0, 322.5, 236.0, (-0.08, 0.11, 0.001, -0.
 HAND_EYE = pose_matrix([0.02, -0.013, 0.11], rotation_vector_to_quaternion([0.1, -0.2, 1.3]))
 
 
-def exact_views(poses: list[np.ndarray], noise_px: float = 0.05) -> list[GridView]:
+def exact_views(
+    poses: list[np.ndarray],
+    noise_px: float = 0.05,
+    camera: Camera = CAMERA,
+    stretch: tuple[float, float] = (1.0, 1.0),
+) -> list[GridView]:
     rng = np.random.default_rng(2)
-    points = GRID.points_m.astype(float)
-    seen = [CAMERA.project(points @ p[:3, :3].T + p[:3, 3]) for p in poses]
+    points = GRID.points_m.astype(float) * (*stretch, 1.0)
+    seen = [camera.project(points @ p[:3, :3].T + p[:3, 3]) for p in poses]
     return [
         GridView(k, k + 1, (p + rng.normal(0, noise_px, p.shape)).astype(np.float32), 1.0)
         for k, p in enumerate(seen)
@@ -87,6 +100,70 @@ def test_intrinsics_are_found_within_their_deviations() -> None:
 def test_views_that_say_too_little_are_refused(views: list[GridView], says: str) -> None:
     with pytest.raises(IntrinsicsError, match=says):
         find_intrinsics(views, GRID, (640, 480))
+
+
+def test_views_of_two_lenses_are_told_from_those_of_one() -> None:
+    """Together they fit one camera in between to 0.2 px."""
+    turned = replace(CAMERA, fx=1.06 * CAMERA.fx, fy=1.06 * CAMERA.fy)
+    before = exact_views(target_poses(10, 35.0))
+    after, same = (
+        exact_views(target_poses(10, 35.0, seed=4), camera=camera) for camera in (turned, CAMERA)
+    )
+    assert find_intrinsics([*before, *after], GRID, (640, 480)).rms_px < 0.3
+    with pytest.raises(IntrinsicsError, match=r"px in a, of .* px in b; was the lens turned"):
+        check_one_lens({"a": before, "few": after[:4], "b": after}, GRID, (640, 480))
+    check_one_lens({"a": before, "b": same, "few": after[:4]}, GRID, (640, 480))
+
+
+def test_a_page_printed_longer_one_way_is_told() -> None:
+    poses = target_poses(15, 35.0)
+    good = find_intrinsics(exact_views(poses, 0.15), GRID, (640, 480))
+    assert good.longer == 0.0
+    long = find_intrinsics(exact_views(poses, 0.15, stretch=(1.0, 1.03)), GRID, (640, 480))
+    assert 0.01 < abs(long.longer) < 0.05
+
+
+def test_what_dots_have_in_common_is_movement_and_the_rest_is_chance() -> None:
+    rng = np.random.default_rng(5)
+    before, beside = (exact_views([pose], 0.0)[0].pixels for pose in target_poses(2, 20.0))
+    chance = rng.normal(0.0, 0.3, before.shape).astype(np.float32)
+    assert np.abs(chance).max() > 0.5
+    assert moved_px(before, before + chance) < 0.3
+    assert moved_px(before, before + np.float32([0.6, 0.0]) + chance) > 0.4
+    middle = before.mean(axis=0)
+    assert moved_px(before, middle + np.float32(1.01) * (before - middle)) > 0.4
+    assert moved_px(before, beside) > 3.0
+
+
+@pytest.mark.scan
+def test_a_soft_lens_is_told_by_its_edges(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also before there are views enough: the lens is turned by what is said."""
+    sharp = blinking_grid.dots_image
+    monkeypatch.setattr(blinking_grid, "dots_image", lambda c, p: sharp(c, p, 3.0))
+    bag = write_grid_bag(tmp_path / "views", CAMERA, target_poses(2, 20.0))
+    assert main(["calibrate", "intrinsics", str(bag), "--pitch-mm", "4"]) == 1
+    told = capsys.readouterr()
+    (edge,) = re.findall(r"2 views; edges ([0-9.]+) px wide", told.out)
+    assert float(edge) == pytest.approx(5.0, rel=0.25)
+    assert "2 different views of the grid" in told.err
+
+
+@pytest.mark.scan
+def test_recordings_of_two_lenses_give_no_camera(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turned = replace(CAMERA, fx=1.1 * CAMERA.fx, fy=1.1 * CAMERA.fy)
+    bags = [
+        str(write_grid_bag(tmp_path / name, camera, target_poses(8, 35.0, seed)))
+        for name, camera, seed in (("one", CAMERA, 3), ("two", turned, 4))
+    ]
+    file = tmp_path / "camera.yaml"
+    words = ["calibrate", "intrinsics", *bags, "--pitch-mm", "4", "--output", str(file)]
+    assert main(words) == 1
+    assert f"px in {bags[0]}, of " in capsys.readouterr().err
+    assert not file.exists()
 
 
 @pytest.mark.scan

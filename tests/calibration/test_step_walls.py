@@ -9,7 +9,13 @@ from calibration.made_up_gauges import SCAN, SETTINGS, STEP_M, drift_m, made_up_
 from roller_calibration import gauge as calibration
 from roller_calibration.edge_drift import fit_drift
 from roller_calibration.step_gauges import steps_gauges
-from roller_calibration.step_walls import find_walls, parts_by_kind, rising_walls, wall_levels
+from roller_calibration.step_walls import (
+    find_walls,
+    parts_by_kind,
+    rising_walls,
+    steps_apart,
+    wall_levels,
+)
 from roller_emvs.lines.edge_drift import edge_drift
 
 
@@ -153,3 +159,15 @@ def test_walls_that_were_not_seen_are_counted() -> None:
     np.testing.assert_allclose(wall_levels(heights[seen], change[seen]), heights[seen])
     heights[1] = np.nan
     np.testing.assert_allclose(wall_levels(heights, change), [0.5, 1.5, 2.5, 2.5, 1.5, 0.5])
+
+
+def test_steps_that_are_higher_than_thought_are_told() -> None:
+    """Their walls fit any height that theirs is a multiple of."""
+    change = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
+    heights = np.array([0.5, 1.5, 2.5, 3.5, 3.5, 2.5, 1.5, 0.5])
+    for times in (1, 2, 3):
+        assert steps_apart(wall_levels(times * heights, change), change) == times
+    seen = np.array([0, 2, 3, 5, 6, 7])  # two walls weren't seen
+    assert steps_apart(wall_levels(heights[seen], change[seen]), change[seen]) == 1
+    for few in (change[:1], change[3:5], change[2:5]):  # one pair says nothing
+        assert steps_apart(wall_levels(4 * heights[: len(few)], few), few) == 1

@@ -22,7 +22,8 @@ F32 = npt.NDArray[np.float32]
 #: Events are counted over this long, ns; a view stands still over two such windows or more.
 WINDOW_NS = 300_000_000
 LEAST_WINDOWS = 2
-#: A grid that has moved no further stands still, px.
+#: A grid that has moved no further stands still, px: by what its dots have in common, as each is
+#: found by chance a little off, the more the softer the lens.
 _STILL_PX = 0.4
 #: Fewest events of a window in which it is worth to look.
 _LEAST_EVENTS = 3000
@@ -166,6 +167,14 @@ def edge_width_px(counts: npt.NDArray[np.integer], pixels: F32, grid: DotGrid) -
     return float((ends[1] - ends[0]) / max(scale, 1e-12))
 
 
+def moved_px(before: F32, after: F32) -> float:
+    """How far the dots moved at most, as a whole: shifted, turned, nearer or tilted; px."""
+    ones = np.column_stack([before, np.ones(len(before))]).astype(np.float64)
+    ones -= [*before.mean(axis=0), 0.0]
+    whole = ones @ np.linalg.lstsq(ones, (after - before).astype(np.float64), rcond=None)[0]
+    return float(np.abs(whole).max())
+
+
 class GridWatcher:
     """Looks for the grid while events come, and keeps where it stood still.
 
@@ -186,6 +195,14 @@ class GridWatcher:
         self._begin_ns: int | None = None
         self._still: list[tuple[int, F32]] = []
         self._sample = self._counts.reshape(self._size)  # a window of the view
+        self._last: tuple[npt.NDArray[np.int32], F32] | None = None
+
+    @property
+    def edge_px(self) -> float:
+        """Width of the dots' edges: of a usual view, or where last seen; NaN if never."""
+        if self.views:
+            return float(np.median([view.edge_px for view in self.views]))
+        return edge_width_px(*self._last, self._grid) if self._last else float("nan")
 
     def add_events(self, events: EventArray) -> None:
         """Take events in order of time."""
@@ -221,9 +238,10 @@ class GridWatcher:
             self._end_view()
         else:
             self.found += 1
-            if self._still and np.abs(dots - self._still[0][1]).max() > _STILL_PX:
+            if self._still and moved_px(self._still[0][1], dots) > _STILL_PX:
                 self._end_view()
             self._still.append((self._begin_ns, dots))
+            self._last = counts.copy(), dots
             if len(self._still) <= LEAST_WINDOWS:
                 self._sample = counts.copy()
         self._counts[:] = 0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -21,6 +22,10 @@ LEAST_VIEWS, _OTHER_VIEW_PX = 6, 8.0
 MOST_RMS_PX, LEAST_TILT_DEG = 0.7, 10.0
 #: A view this many times worse than the median is left out.
 _OUTLIER = 3.0
+#: Focal lengths that lie apart by so many of their deviations, and by this share, are of two
+#: lenses; those along rows and columns, of a grid that is longer one way than it should be.
+_APART, _APART_SHARE = 5.0, 0.003
+_LONGER, _LONGER_SHARE = 3.0, 0.005
 #: Cells of the image by which the spread of the dots is judged.
 _CELLS = (8, 6)
 
@@ -45,6 +50,16 @@ class Intrinsics:
     left_out: int
     #: Share of the image's cells (8 × 6) that hold dots.
     covered: float
+
+    @property
+    def longer(self) -> float:
+        """By what share fx is longer than fy, if by more than chance; else 0.
+
+        Pixels are square; a page that was printed longer one way is not.
+        """
+        share = self.camera.fx / self.camera.fy - 1.0
+        chance = float(np.hypot(*self.deviation[:2])) / self.camera.fy
+        return share if abs(share) > max(_LONGER * chance, _LONGER_SHARE) else 0.0
 
 
 def different_views(views: Sequence[GridView]) -> list[GridView]:
@@ -104,6 +119,43 @@ def find_intrinsics(views: Sequence[GridView], grid: DotGrid, size: tuple[int, i
     camera = Camera(*size, k[0, 0], k[1, 1], k[0, 2], k[1, 2], tuple(d.ravel()[:4]))
     share = len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
     return Intrinsics(camera, deviation, float(rms), len(chosen), left_out, share)
+
+
+def check_one_lens(
+    parts: Mapping[str, Sequence[GridView]], grid: DotGrid, size: tuple[int, int]
+) -> None:
+    """See that all parts of the views are of one focal length.
+
+    Their mean fits the dots of two hardly worse than either, as distance makes up for much.
+
+    Parameters
+    ----------
+    parts : mapping
+        Views by what to call them; a part with too few, or too little tilt, says nothing.
+    grid, size
+        As of `find_intrinsics`.
+
+    Raises
+    ------
+    IntrinsicsError
+        If two parts differ by more than chance.
+    """
+    found: list[tuple[str, Intrinsics]] = []
+    for name, views in parts.items():
+        try:
+            found.append((name, find_intrinsics(views, grid, size)))
+        except IntrinsicsError:
+            continue
+    for (one, a), (other, b) in itertools.combinations(found, 2):
+        (fx, fy, *_), (gx, gy, *_) = a.deviation, b.deviation
+        for f, g, s, t in (
+            (a.camera.fx, b.camera.fx, fx, gx), (a.camera.fy, b.camera.fy, fy, gy),
+        ):  # fmt: skip
+            if abs(f - g) > max(_APART * float(np.hypot(s, t)), _APART_SHARE * f):
+                raise IntrinsicsError(
+                    f"the views don't fit one camera: a focal length of {f:.1f} ± {s:.1f} px in "
+                    f"{one}, of {g:.1f} ± {t:.1f} px in {other}; was the lens turned in between?"
+                )
 
 
 def _solve(

@@ -141,6 +141,11 @@ def on_steps(scan: Scan, settings: SurfaceSettings, step_m: float) -> Reached:
             f"{scan.name}: {count} walls fit steps of {fitted_m * 1e3:.3f} mm, not "
             f"{step_m * 1e3:g} mm; are these the steps, and is --step-mm right?"
         )
+    if profile.apart > 1:
+        raise GaugeError(
+            f"{scan.name}: most of {count} walls lie {profile.apart} steps of {step_m * 1e3:g} mm "
+            "above the one before: are the steps higher, and is --step-mm right?"
+        )
     y = local[near, 1] / _WALL_CELL_M
     seen = _cells(np.column_stack([profile.nearest, y])[on], 1.0)
     share = seen / (count * np.ptp(np.quantile(y, [0.02, 0.98])))

@@ -11,7 +11,7 @@ from roller_core.transforms import F64
 
 from .pass_lines import WALL_SLOPE, PassLines
 from .printed_steps import find_printed_steps
-from .step_walls import LEAST_WALLS, find_walls, nearest_wall, step_height, wall_levels
+from .step_walls import LEAST_WALLS, find_walls, nearest_wall, step_height, steps_apart, wall_levels
 
 #: So near to a wall of steps any height of it is right, m; and so far along the roll a step is
 #: looked for.
@@ -27,6 +27,8 @@ class StepProfile:
     #: Number of walls, and a step's height as measured, metres; NaN if the walls don't tell it.
     count: int
     fitted_m: float
+    #: How many steps most walls lie above the one before: one, or steps are higher than thought.
+    apart: int
     #: How many more walls are as high as their number says than are not.
     fits: float
     #: Which points lie near walls, shape (n,), and the number of their wall, shape (m,).
@@ -117,7 +119,8 @@ def _of_walls(
     tread = half * change[nearest] * np.sign(off)
     error = np.where(on, np.maximum(np.abs(over) - half, 0.0), np.abs(over - tread))
     fits = _fitting(levels / step_m - middle, change)
-    return StepProfile(count, fitted_m, fits, near, nearest, on, error)
+    apart = steps_apart(middle, change)
+    return StepProfile(count, fitted_m, apart, fits, near, nearest, on, error)
 
 
 def _fitting(off: F64, change: F64) -> float:

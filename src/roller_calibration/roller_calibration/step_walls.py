@@ -163,6 +163,20 @@ def wall_levels(heights: F64, change: F64) -> F64:
     return np.asarray(levels)
 
 
+def steps_apart(middle: F64, change: F64) -> int:
+    """How many steps most walls lie above the one before, where both rise or both fall.
+
+    More than one, and it is rather the steps that are higher than thought.
+
+    Parameters
+    ----------
+    middle, change : ndarray of float64, shape (n,)
+        See `wall_levels`: what it gives, and what it takes.
+    """
+    between = np.abs(np.diff(middle))[change[1:] == change[:-1]]
+    return int(np.median(between)) if len(between) > 1 else 1
+
+
 def step_height(wall: I64, kind: I64, height: F64, middle: F64) -> float:
     """Height of a step: the median over pairs of walls of one polarity, both rising or falling.
 

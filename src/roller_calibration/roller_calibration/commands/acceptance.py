@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from roller_core.calibration_file import SECTION, CalibrationError, calibration_record
+from roller_core.calibration_file import (
+    SECTION,
+    CalibrationError,
+    calibration_record,
+    same_camera,
+)
+from roller_core.camera import Camera
 from roller_core.option_types import add_output
 
 from .output import check_mm
@@ -91,6 +98,8 @@ def run(args: argparse.Namespace) -> int:
     inputs = (*bags, args.params, args.poses, args.camera, args.inspection)
     if args.poses and len(bags) > 1:
         raise CalibrationError("--poses goes with one recording; convert the others to bags")
+    camera = _one_camera(bags, args, settings.max_pose_gap_s)
+    inspection = _inspection(args.inspection, camera) if args.inspection else None
     with OutputFolder(args.output, "acceptance", inputs) as output:
         gauges: dict[str, Any] = {}
         short: list[str] = []
@@ -107,12 +116,11 @@ def run(args: argparse.Namespace) -> int:
                 "size_m": size_m, "reached": vars(reached), "promised": vars(promise),
                 "limits": vars(least),
             }  # fmt: skip
-        inspection = _inspection(args.inspection) if args.inspection else None
         if inspection is not None:
             short += golden_shortfalls(inspection)
         records = read_parameters(args.params, SECTION)
         certificate = calibration_record(
-            args.skin, bags, scan.camera,
+            args.skin, bags, camera,
             schema="roller-acceptance/2",
             verdict="not accepted" if short else "accepted",
             reasons=short,
@@ -135,15 +143,40 @@ def run(args: argparse.Namespace) -> int:
     return NOT_ACCEPTED if short else 0
 
 
-def _inspection(folder: Path) -> dict[str, Any]:
+def _one_camera(bags: Sequence[Path], args: argparse.Namespace, max_gap_s: float) -> Camera:
+    """The camera of all recordings; that of another would be certified with what isn't its own."""
+    from roller_recording.reading import open_recording
+
+    cameras = [
+        open_recording(bag, args.poses, args.camera, max_gap_s, args.topic).camera for bag in bags
+    ]
+    for bag, camera in zip(bags, cameras, strict=True):
+        if not same_camera(camera, cameras[0]):
+            raise CalibrationError(
+                f"{bag} is of another camera ({camera}) than {bags[0]} ({cameras[0]})"
+            )
+    return cameras[0]
+
+
+def _inspection(folder: Path, camera: Camera) -> dict[str, Any]:
+    """An inspection of a part with the camera of the gauges."""
+    from roller_inspect.report.document import SCHEMA
+
     path = folder / "inspection.json"
     try:
         found = json.loads(path.read_text())
     except (OSError, ValueError) as error:
         raise CalibrationError(f"{path}: can't be read ({error})") from error
-    if not isinstance(found, dict):
-        raise CalibrationError(f"{path}: is no inspection")
-    return found
+    kind = found.get("schema") if isinstance(found, dict) else None
+    parts = [found.get(key) for key in ("reference", "traceability")] if kind == SCHEMA else []
+    if not (parts and all(isinstance(part, dict) for part in parts)):
+        raise CalibrationError(f"{path}: is no inspection ({SCHEMA})")
+    other = found["traceability"].get("camera")
+    if other != str(camera):
+        raise CalibrationError(
+            f"{path}: the part was seen by another camera ({other}) than the gauges ({camera})"
+        )
+    return dict(found)
 
 
 def _rows(name: str, gauge: dict[str, Any]) -> str:

@@ -65,7 +65,7 @@ def add_grid_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Find the intrinsics, print them and write them."""
     from roller_calibration.dot_grid import target_page
-    from roller_calibration.intrinsics import find_intrinsics
+    from roller_calibration.intrinsics import check_one_lens, find_intrinsics
     from roller_recording.reading.uncalibrated import open_uncalibrated
 
     for output in (args.output, args.target):
@@ -81,14 +81,20 @@ def run(args: argparse.Namespace) -> int:
     if not args.inputs:
         raise CalibrationError("give a RECORDING of the grid, or --target FILE.html to make one")
     grid = grid_of(args)
-    views, sizes = [], set()
+    views, sizes, parts = [], set(), {}
     for path in args.inputs:
         recording = open_uncalibrated(path, args.topic)
         sizes.add((recording.camera.width, recording.camera.height))
-        views += find_views(recording, grid, path)
+        parts[str(path)] = found_here = find_views(recording, grid, path)
+        views += found_here
     if len(sizes) > 1:
         raise CalibrationError(f"the recordings are of different image sizes: {sorted(sizes)} px")
-    found = find_intrinsics(views, grid, sizes.pop())
+    size = sizes.pop()
+    found = find_intrinsics(views, grid, size)
+    if len(parts) == 1:
+        half = len(views) // 2
+        parts = {"the first half of the views": views[:half], "the second": views[half:]}
+    check_one_lens(parts, grid, size)
     c, s = found.camera, found.deviation
     edge = sorted(view.edge_px for view in views)[len(views) // 2]
     print(
@@ -99,6 +105,12 @@ def run(args: argparse.Namespace) -> int:
         f"{found.covered:.0%} of the image seen; edges {edge:.1f} px wide",
         sep="\n",
     )
+    if found.longer:
+        print(
+            f"the focal length along the rows is {abs(found.longer):.1%} "
+            f"{'longer' if found.longer > 0 else 'shorter'} than along the columns: is the "
+            "target's pitch the same both ways?"
+        )
     if found.covered < 0.6:
         print("the dots cover little of the image: hold the target into its corners too")
     if args.output:
@@ -152,12 +164,19 @@ def find_views(recording: Recording, grid: DotGrid, path: Path) -> list[GridView
             watcher.add_events(step.events)
             progress(step.progress)
     views = watcher.finish()
+    edges = f"; edges {watcher.edge_px:.1f} px wide" if watcher.found else ""
     print(
         f"{path}: the grid is in {watcher.found} of {watcher.windows} windows; {len(views)} views"
+        f"{edges}"
     )
+    if not watcher.found:
+        raise CalibrationError(
+            f"{path}: the grid ({grid.columns}×{grid.rows} dots) isn't seen: does it blink, is it "
+            "whole in the image, is --grid right?"
+        )
     if not views:
         raise CalibrationError(
-            f"{path}: the grid ({grid.columns}×{grid.rows} dots) isn't seen standing still: does "
-            "it blink, is it whole in the image, is --grid right?"
+            f"{path}: the grid ({grid.columns}×{grid.rows} dots) isn't seen standing still: hold "
+            f"it still for 2 s at each place; its edges are {watcher.edge_px:.1f} px wide"
         )
     return views
