@@ -71,7 +71,11 @@ def test_camera_yaml_faults(tmp_path: Path, text: str) -> None:
         ("camera_matrix: {data: [1, 0, x, 0, 1, 0, 0, 0, 1]}", "camera_matrix"),
         ("camera_matrix: [1, 0, 0, 0, 1, 0, 0, 0, 1]", "camera_matrix"),
         ("distortion_coefficients: {data: [k1]}", "distortion_coefficients"),
-        ("distortion_coefficients: 0", "distortion_coefficients"),
+        ("distortion_coefficients: 0.1", "distortion_coefficients"),
+        ("distortion_coefficients: {rows: 1, cols: 4, dat: [1]}", "distortion_coefficients"),
+        ("distortion_coefficients: {rows: 1, cols: 4}", "distortion_coefficients"),
+        ("distortion_coefficients: {rows: 1, cols: 4, data: [1]}", "distortion_coefficients"),
+        ("camera_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1]}", "camera_matrix"),
     ],
 )
 def test_the_entry_of_a_camera_yaml_that_is_wrong_is_named(
@@ -82,6 +86,37 @@ def test_the_entry_of_a_camera_yaml_that_is_wrong_is_named(
     path.write_text("\n".join(line for line in right if not line.startswith(name)) + f"\n{entry}\n")
     with pytest.raises(CameraError, match=rf"^camera {path}: entry '{name}' is missing or wrong; "):
         Camera.from_yaml(path)
+
+
+def written(path: Path, *more: str) -> Path:
+    """A camera_info YAML file with entries beside those that it must have."""
+    matrix = "camera_matrix: {data: [9, 0, 4, 0, 9, 4, 0, 0, 1]}"
+    path.write_text("\n".join(["image_width: 9", "image_height: 9", matrix, *more]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    "entry", ["", "distortion_coefficients: {data: []}", "distortion_coefficients:",
+              "distortion_coefficients: {rows: 0, cols: 0}"],
+)  # fmt: skip
+def test_a_lens_without_distortion(tmp_path: Path, entry: str) -> None:
+    camera = Camera.from_yaml(written(tmp_path / "camera.yaml", entry, "camera_name: ours"))
+    assert not camera.is_distorted
+
+
+def test_a_misspelt_distortion_is_no_lens_without_one(tmp_path: Path) -> None:
+    path = written(tmp_path / "camera.yaml", "distortion_coeficients: {data: [0.1, 0, 0, 0, 0]}")
+    with pytest.raises(CameraError, match="'distortion_coeficients'; is it 'distortion_coeffic"):
+        Camera.from_yaml(path)
+
+
+@pytest.mark.parametrize(("index", "value"), [(1, 0.5), (3, -0.1), (6, 1.0), (7, 1e-9), (8, 7.0)])
+def test_a_matrix_that_is_more_than_focal_lengths_and_centre(index: int, value: float) -> None:
+    k = [9.0, 0.0, 4.0, 0.0, 9.0, 4.0, 0.0, 0.0, 1.0]
+    assert Camera.from_matrix(9, 9, k).fx == 9.0
+    k[index] = value
+    with pytest.raises(CameraError, match="is it K"):
+        Camera.from_matrix(9, 9, k)
 
 
 def test_uncalibrated_camera_is_refused() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -215,6 +216,9 @@ class Camera:
         values = [float(v) for v in k]
         if len(values) != 9:
             raise CameraError(f"the intrinsic matrix has {len(values)} entries, not 9")
+        zeros_and_one = (values[1], values[3], *values[6:])
+        if np.isfinite(values).all() and any(values) and zeros_and_one != (0, 0, 0, 0, 1):
+            raise CameraError("the intrinsic matrix isn't (fx 0 cx, 0 fy cy, 0 0 1): is it K?")
         coefficients = tuple(float(v) for v in d)
         return cls(
             int(width),
@@ -279,16 +283,29 @@ class Camera:
 
 
 def _numbers(entry: Any) -> list[float]:
-    return [float(value) for value in entry["data"]]
+    """The numbers of a matrix, row by row."""
+    numbers = [float(value) for value in entry["data"]]
+    size = int(entry.get("rows", 1)) * int(entry.get("cols", len(numbers)))
+    if size != len(numbers):
+        raise ValueError(f"{len(numbers)} numbers")
+    return numbers
 
 
+def _coefficients(entry: Any) -> list[float]:
+    """The same, where none may be given."""
+    none = not entry or (len(entry) < 3 and "data" not in entry and 0 in entry.values())
+    return [] if none else _numbers(entry)
+
+
+#: How alike an entry's name must be to one that is missing to be meant for it.
+_ALIKE = 0.8
 #: Entries of a camera_info YAML file in the order of `from_matrix`: how each is read, and what
 #: stands for one that is left out; None: it must be there.
 _ENTRIES: tuple[tuple[str, Callable[[Any], Any], Any], ...] = (
     ("image_width", int, None),
     ("image_height", int, None),
     ("camera_matrix", _numbers, None),
-    ("distortion_coefficients", lambda entry: _numbers({"data": (), **entry}), ()),
+    ("distortion_coefficients", _coefficients, ()),
     ("distortion_model", lambda model: str(model or "plumb_bob"), "plumb_bob"),
 )
 
@@ -296,6 +313,11 @@ _ENTRIES: tuple[tuple[str, Callable[[Any], Any], Any], ...] = (
 def _entries(data: Any) -> list[Any]:
     """What a camera_info YAML file says, for `from_matrix`; the first that is wrong is named."""
     found: list[Any] = []
+    missing = [name for name, *_ in _ENTRIES if isinstance(data, dict) and name not in data]
+    for given in data if missing else ():
+        # Left out it would stand for a lens without distortion.
+        for meant in get_close_matches(str(given), missing, 1, _ALIKE):
+            raise CameraError(f"unknown entry '{given}'; is it '{meant}'?")
     for name, read, default in _ENTRIES:
         try:
             absent = default is not None and name not in data

@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from geometry_msgs.msg import WrenchStamped
-
 from roller_core import outputs
 from roller_recording.raw_message import RawMessage
 from roller_recording.writing.one_camera import OneCamera
@@ -45,7 +43,7 @@ class RecorderNode(RollerNode):
             for found in (topics.recorded(raw, p.events_topic) for raw in (p.raw, True))
         )
         self.path = Path(p.output)
-        self._needed = [t.name for t in enough if t.type is not WrenchStamped]
+        self._needed = [t.name for t in enough if t.type is not topics.FORCE[0].type]
         writer = BagWriter(
             self.path,
             {t.name: (t.type_name, topics.offered(t)) for t in chosen},
