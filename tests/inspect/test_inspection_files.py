@@ -15,7 +15,7 @@ from roller_bringup.cli import main
 from roller_core.outputs import DEVIATION, FINDINGS
 from roller_inspect.height_map import CONTINUED, MEASURED, HeightMap
 from roller_inspect.height_map.coverage import Coverage
-from roller_inspect.inspect_stage import InspectStage, inspect_parameters
+from roller_inspect.inspect_stage import InspectStage, NoPartError, inspect_parameters
 from roller_inspect.judgement import Inspected, judge_nothing
 from roller_inspect.recipe import Recipe
 from roller_inspect.report.document import Scan, inspection_document
@@ -54,12 +54,15 @@ def test_the_list_is_whole_revised_and_final_at_the_end() -> None:
 
 def test_parts_end_on_request_and_when_the_source_starts_again() -> None:
     stage, _ = inspect([])
-    assert stage.finish() == "P-17: no points yet"
+    with pytest.raises(NoPartError, match=r"^P-17: no points yet$"):
+        stage.finish()
     for output in clouds(scan(flat, **SMALL), t_ns=10**12):
         stage.take_output(output)
     said = stage.finish()
     assert said.startswith("P-17: conform: no findings"), said
-    assert stage.finish() == f"P-17 2: no points yet; before: {said}"
+    with pytest.raises(NoPartError) as none:
+        stage.finish()
+    assert str(none.value) == f"P-17 2: no points yet; before: {said}"
     for output in clouds(scan(HOLE, **SMALL), t_ns=2 * 10**12):
         stage.take_output(output)
     assert stage.start() == "P-17 3 begins with the next points"
@@ -71,6 +74,10 @@ def test_parts_end_on_request_and_when_the_source_starts_again() -> None:
     assert [p.part for p in parts] == ["P-17", "P-17 2", "P-17 3", "P-17 4"]
     verdicts = [p.judgement.verdict for p in parts]
     assert verdicts == ["conform", "nonconform", "conform", "conform"]
+    # Of a part that ended by itself it is said once.
+    assert stage.finish().startswith("P-17 4: conform")
+    with pytest.raises(NoPartError, match=r"^P-17 5: no points yet; before: P-17 4: conform"):
+        stage.finish()
 
 
 @pytest.mark.parametrize(

@@ -34,9 +34,10 @@ class Player:
         return SimpleNamespace(warning=self.warned.append)
 
 
-def status(name: str, waiting: str | None) -> DiagnosticArray:
-    values = [] if waiting is None else [KeyValue(key="waiting_messages", value=waiting)]
-    return DiagnosticArray(status=[DiagnosticStatus(name=name, values=values)])
+def status(name: str, waiting: str | None, **more: str) -> DiagnosticArray:
+    values = {} if waiting is None else {"waiting_messages": waiting}
+    said = [KeyValue(key=key, value=value) for key, value in (values | more).items()]
+    return DiagnosticArray(status=[DiagnosticStatus(name=name, values=said)])
 
 
 @pytest.mark.parametrize(
@@ -119,3 +120,52 @@ def test_one_that_is_stopped_or_stays_ends_nothing(finish) -> None:
     ending._stop.set()
     thread.join(30)
     assert not ending._done.is_set()
+
+
+#: A node that takes events, and one that takes what that gives.
+EMVS = {"name": "emvs: depth", "packets": "1"}
+STITCHER = {"name": "stitcher: surface"}
+
+
+def test_nodes_are_asked_in_the_order_of_their_work() -> None:
+    now = [0.0]
+    others = WorkLeft(Player(), lambda: now[0])
+
+    def say(node: dict[str, str], idle: str, at_s: float, waiting: str = "0") -> str:
+        now[0] = at_s
+        others.take(status(waiting=waiting, idle=idle, **node))
+        return asked.unfinished
+
+    for node in (EMVS, STITCHER):
+        others.take(status(waiting="0", idle="1", **node))
+    others.take(status("recorder: recording", "5"))  # it processes nothing
+    asked = others.ask()
+    assert asked.unfinished == "emvs, stitcher"  # what was said before doesn't count
+    assert say(STITCHER, "1", 0.2) == "emvs, stitcher"  # more may come of emvs
+    assert say(EMVS, "0", 0.4) == "emvs, stitcher"
+    assert say(EMVS, "1", 1.4, waiting="2") == "emvs, stitcher"
+    assert say(EMVS, "1", 2.4) == "stitcher"
+    assert say(STITCHER, "1", 2.45) == "stitcher"  # its last result may be on its way
+    assert say(STITCHER, "0", 3.4) == "stitcher"
+    assert say(EMVS, "1", 3.42) == "stitcher"
+    assert say(STITCHER, "1", 3.45) == ""
+    assert say(EMVS, "0", 4.4) == "emvs"
+    now[0] = 20.0
+    assert others.ask().unfinished == ""  # all are gone
+
+
+def test_two_may_ask_at_once_and_each_is_told() -> None:
+    now = [0.0]
+    others = WorkLeft(Player(), lambda: now[0])
+    others.take(status(waiting="0", idle="1", **EMVS))
+    first = others.ask()
+    now[0] = 0.5
+    others.take(status(waiting="0", idle="1", **EMVS))
+    assert first.unfinished == ""
+    second = others.ask()
+    assert second.unfinished == "emvs"
+    first.open = False
+    third = others.ask()
+    now[0] = 1.5
+    others.take(status(waiting="0", idle="1", **EMVS))
+    assert second.unfinished == third.unfinished == ""

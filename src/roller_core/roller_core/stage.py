@@ -142,6 +142,10 @@ class Stage(ABC, Generic[S]):
         """
         return {}
 
+    #: Those of `services` that are about all that came up to now: where other nodes still work on
+    #: it, they wait for them.
+    patient_services: frozenset[str] = frozenset()
+
     def results(self, flush: bool = False) -> Iterator[Result]:
         """What is complete by now.
 

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from roller_core import outputs
 from roller_core.camera import Camera
+from roller_core.errors import RollerError
 from roller_core.frame_settings import FollowedFrames, idle_flush_field
 from roller_core.outputs import Cloud, Output, Result, ScanFault
 from roller_core.parameter_files import read_parameters
@@ -77,6 +78,10 @@ class FindingMarkers:
     findings: tuple[Judged, ...]
 
 
+class NoPartError(RollerError):
+    """A verdict was asked for where no part is known."""
+
+
 class InspectStage(Stage[InspectParameters]):
     """Inspects part after part.
 
@@ -96,6 +101,7 @@ class InspectStage(Stage[InspectParameters]):
     inputs = (outputs.SURFACE_POINTS, outputs.CONTACT, outputs.WRENCH)
     outputs = (outputs.FINDINGS, outputs.FINDING_MARKERS, outputs.DEVIATION)
     most_waiting = 5000
+    patient_services = frozenset({"start", "finish"})
 
     def __init__(self, settings: InspectParameters, recipe: Recipe | None = None) -> None:
         super().__init__(settings)
@@ -105,7 +111,7 @@ class InspectStage(Stage[InspectParameters]):
         self._reference = load_reference(recipe)
         self._number = self._points = 0
         self._part_points, self._revisits = PartPoints(), Revisits(settings.idle_flush_s)
-        self._verdict = ""
+        self._verdict, self._told = "", True
         self._last_ns = 0
         self._inspector: SurfaceInspector | None = None
         self._begin()
@@ -131,11 +137,19 @@ class InspectStage(Stage[InspectParameters]):
         return f"{self._name} begins with the next points"
 
     def finish(self) -> str:
-        """Finish the part and say its verdict; of one that ended by itself too."""
-        if self._inspector is None:
+        """Finish the part and say its verdict; once also of one that ended by itself.
+
+        Raises
+        ------
+        NoPartError
+            If there is none.
+        """
+        if self._inspector is not None:
+            self._finish()
+        elif self._told:
             before = f"; before: {self._verdict}" if self._verdict else ""
-            return f"{self._name}: no points yet{before}"
-        self._finish()
+            raise NoPartError(f"{self._name}: no points yet{before}")
+        self._told = True
         return self._verdict
 
     def take_camera(self, camera: Camera) -> None:
@@ -247,6 +261,7 @@ class InspectStage(Stage[InspectParameters]):
         )  # fmt: skip
         if judgement.verdict == "conform" and (off := off_reference(self.recipe, found)):
             judgement = replace(judgement, verdict="inconclusive", reason=off)
+        self._told = False
         self._verdict = f"{self._name}: {judgement.verdict}: {judgement.reason}"
         outs = self._deviations(found.last) + self._list(judgement, finished=True)
         inspected = Inspected(self._name, found, judgement)

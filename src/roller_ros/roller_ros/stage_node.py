@@ -9,7 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from event_camera_msgs.msg import EventPacket
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -31,6 +33,7 @@ from .parameters import declare_settings
 from .polling import Poller
 from .sources import OneSource, publishers
 from .tf import PoseSources
+from .work_left import WorkLeft
 from .worker import Worker
 
 #: Messages that are taken without looking for results while more wait.
@@ -39,6 +42,8 @@ _MOST_UNPROCESSED = 10
 _MOST_EMPTY = 3
 #: What it does before it listens.
 _PREPARING = "not ready: it compiles its kernels, on a first run for a minute or two"
+#: How long a service waits for nodes that still work on what came, s.
+_PATIENCE_S = 10.0
 #: A sender that isn't followed is looked up in the graph no more often, s.
 _LOOK_S = 0.2
 
@@ -88,6 +93,7 @@ class StageNode(RollerNode):
         self._poller = Poller(self)
         for name in kind.inputs:
             self._listen(name)
+        self._others = WorkLeft(self) if stage.patient_services else None
         for name, act in stage.services().items():
             self._offer(name, act)
         self._poller.start()
@@ -164,16 +170,40 @@ class StageNode(RollerNode):
     def _offer(self, name: str, act: Callable[[], str]) -> None:
         """Offer what a stage may be asked as a service ~/name."""
 
-        def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        async def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            late = await self._all_that_came() if name in self.stage.patient_services else ""
             with self._working:
                 try:
                     response.success, response.message = True, act()
                 except RollerError as error:
                     response.success, response.message = False, str(error)
+                if late:
+                    response.message += f"; {late} still had work left"
                 self._publish()
             return response
 
-        self.create_service(Trigger, f"~/{name}", serve)
+        # While it waits, others have their turn.
+        group = ReentrantCallbackGroup()
+        self.create_service(Trigger, f"~/{name}", serve, callback_group=group)
+
+    async def _all_that_came(self) -> str:
+        """Wait until what came by now is here; who still works on it after `_PATIENCE_S`."""
+        assert self._others is not None
+        done, asked = Future[str](), self._others.ask()
+        end_s = time.monotonic() + _PATIENCE_S
+
+        def look() -> None:
+            left = asked.unfinished
+            here = not left and self._worker.waiting == 0
+            if not done.done() and (here or time.monotonic() > end_s):
+                done.set_result(left)
+
+        timer = self.create_timer(0.05, look, clock=diagnostics.STEADY)
+        try:
+            return await done
+        finally:
+            asked.open = False
+            self.destroy_timer(timer)
 
     def _take_packet(
         self, message: RawPacket | EventPacket | CodecError, info: Mapping[str, Any]
@@ -276,6 +306,7 @@ class StageNode(RollerNode):
             **self._meter.rates(**stage.rated()),
             **stage.counts(),
             "waiting_messages": worker.waiting,
+            "idle": int(worker.waiting == 0 and (worker.idle or stage.settled)),
             "dropped_messages": worker.backlog.dropped,
             "faults": self._faults,
         }

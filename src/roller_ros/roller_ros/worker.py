@@ -57,6 +57,8 @@ class Worker(Generic[T]):
         self._ready = threading.Condition()
         self._stop = False
         self._busy = False
+        #: Whether nothing has come since the work was done that is done when nothing comes.
+        self.idle = True
         self._came = 0  # items that keep awake
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -117,7 +119,7 @@ class Worker(Generic[T]):
     def _work(self) -> None:
         # Idle time is the sum of short waits in vain, each counted as no longer than it was to be,
         # and of work on what had come before: while it lasted, more could have come.
-        idle_s, idle_done, came = 0.0, True, 0
+        idle_s, came = 0.0, 0
         while True:
             begun = time.monotonic()
             with self._ready:
@@ -130,13 +132,13 @@ class Worker(Generic[T]):
             if entry is not None:
                 self._handle(entry.item)
             if self._came != came:
-                idle_s, idle_done, came = 0.0, False, self._came
+                idle_s, self.idle, came = 0.0, False, self._came
             else:
                 idle_s += min(time.monotonic() - begun, _WAIT_S)
-            if not idle_done and not self.backlog and self._long_enough(idle_s):
+            if not self.idle and not self.backlog and self._long_enough(idle_s):
                 self._busy = True
                 self._on_idle()
-                idle_done = True
+                self.idle = True
             self._busy = False
 
     def _long_enough(self, idle_s: float) -> bool:
