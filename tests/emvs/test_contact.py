@@ -93,6 +93,21 @@ def test_a_standing_image_and_a_texture_that_is_gone_are_contact_lost(texture: E
     assert "the skin is still" in gone.fault(120 * MS, 290 * MS)
 
 
+def test_flat_plate_behind_relief_that_fills_the_view_is_no_contact_lost(scans: Scans) -> None:
+    """Under a plain skin it leaves no events; what was seen before is none of the skin."""
+    scan = scans.scan(
+        "stairs", 0.3, camera={"width": 480, "height": 160}, scene={"length_mm": 110.0},
+        light={"speckle": 0.03},
+    )  # fmt: skip
+    watch = ContactWatch(scan.camera, scan.track, 43e-3, 47e-3)
+    shares, look = [], ContactWatch._look
+    watch._look = lambda *a: shares.append(look(watch, *a)) or shares[-1]  # type: ignore[method-assign]
+    watch.add(scan.events)
+    assert watch.fault(scan.track.start_ns, int(scan.events.t_ns[-1])) == ""
+    assert max(state.cells for state in shares) > 0.5
+    assert min(state.cells for state in shares) < 0.05
+
+
 def test_events_that_could_not_wait_are_no_contact_lost(
     texture: EventArray, monkeypatch: pytest.MonkeyPatch
 ) -> None:

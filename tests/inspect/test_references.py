@@ -1,5 +1,6 @@
 """References: nominal forms, golden scans and CAD."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from roller_inspect.references import (
     SelfReference,
     teach,
 )
+from roller_inspect.references.cad import unfollowed
 from roller_inspect.surface_inspector import InspectionSettings, SurfaceInspector
 
 from .analytic_surface import Surface, dent, errors, flat, scan
@@ -248,6 +250,98 @@ def test_what_is_wrong_with_a_model_file_is_said(tmp_path: Path) -> None:
         CadReference.load(file)
 
 
+def ascii_files(vertices: F64, triangles: np.ndarray) -> dict[str, str]:
+    """A mesh as text, by what follows the name."""
+    corners = [f"{x:.6e} {y:.6e} {z:.6e}" for x, y, z in vertices]
+    faces = [
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join(f"vertex {corners[k]}\n" for k in row)
+        + "endloop\nendfacet\n"
+        for row in triangles
+    ]
+    head = (
+        f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\nproperty float x\n"
+        f"property float y\nproperty float z\nelement face {len(triangles)}\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    return {
+        ".stl": "solid part\n" + "".join(faces) + "endsolid part\n",
+        ".ply": head + "\n".join([*corners, *("3 {} {} {}".format(*row) for row in triangles), ""]),
+        ".obj": "".join(f"v {corner}\n" for corner in corners)
+        + "".join("f {} {} {}\n".format(*(row + 1)) for row in triangles),
+    }
+
+
+@pytest.mark.parametrize("kind", [".stl", ".ply", ".obj"])
+def test_a_model_file_that_breaks_off_is_no_model(kind: str, tmp_path: Path) -> None:
+    """At any place behind its first triangles, also at the end of a line."""
+    x, y = np.meshgrid(np.arange(6) * 1e-3, np.arange(5) * 1e-3)
+    k = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = (part.ravel() for part in (k[:-1, :-1], k[:-1, 1:], k[1:, :-1], k[1:, 1:]))
+    triangles = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+    triangles = triangles[np.argsort(triangles.max(axis=1))]
+    vertices = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    file, text = tmp_path / f"part{kind}", ascii_files(vertices, triangles)[kind]
+    file.write_text(text)
+    assert len(CadReference.load(file).triangles) == len(triangles)
+    lines = text.splitlines(keepends=True)
+    for share in (0.75, 0.9, 0.97):
+        whole = "".join(lines[: int(share * len(lines))])
+        cuts = [text[: int(share * len(text))].rstrip("\n")]
+        # Of an OBJ's last lines nothing tells that they were more, once all corners have triangles.
+        cuts += [whole] if kind != ".obj" or share < 0.8 else []
+        for cut in cuts:
+            file.write_text(cut)
+            with pytest.raises(ReferenceError, match=r"; export it anew|no triangles"):
+                CadReference.load(file)
+
+
+def test_a_model_that_is_turned_is_refused() -> None:
+    """Ten degrees would be found, and what lies two millimetres off be called missing."""
+    vertices, triangles = mesh_of(part, (0.0, 0.0, 0.0))
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec([0.0, np.radians(5.0), 0.0]).as_matrix()
+    middle = np.array([0.012, 0.0, 0.0])
+    pose[:3, 3] = middle - pose[:3, :3] @ middle
+    found = inspect(part, CadReference(vertices, triangles, pose))
+    assert found.findings == ()
+    (said,) = found.faults
+    assert re.search(r"where the pose puts it, turned by [45]\.\d°, and", said), said
+
+
+def test_what_a_skin_bridges_at_a_models_walls_is_no_finding() -> None:
+    """It hangs from a block's edge to the plate, 0.25 mm from there; a dent beside it is one."""
+
+    def block(x: F64, y: F64) -> F64:
+        inside = (np.abs(x - 0.012) < 4e-3) & (np.abs(y) < 3e-3)
+        return np.where(inside, 2e-4, 0.0)
+
+    def skin(x: F64, y: F64) -> F64:
+        beside = np.maximum(np.abs(x - 0.012) - 4e-3, np.abs(y) - 3e-3)
+        return 2e-4 * np.clip(1.0 - beside / 2.5e-4, 0.0, 1.0)
+
+    model = CadReference(*mesh_of(block, (0.0, 0.0, 0.0)))
+    assert inspect(skin, model).findings == ()
+    hole = dent((0.019, 0.0), 1.2e-3, 2e-4)
+    found = inspect(lambda x, y: skin(x, y) + hole(x, y), model).findings
+    (finding,) = found
+    assert finding.kind == "missing"
+
+
+def test_a_slope_is_followed_and_a_wall_is_not() -> None:
+    x = np.arange(0.0, 12e-3, 1e-4)
+    for slope in (0.0, 0.3, 0.8):
+        ramp = np.tile((slope * x).astype(np.float32), (15, 1))
+        assert unfollowed(ramp, 1e-4)[:, 20:-20].max() < 1e-6
+    wall = np.tile(np.where(x > 6e-3, 2e-4, 0.0).astype(np.float32), (15, 1))
+    off = unfollowed(wall, 1e-4)[7]
+    assert off[58:63].min() > 5e-5
+    assert off[:50].max() < 1e-6
+    assert off[72:].max() < 1e-6
+    wall[:, 80:] = np.nan
+    assert np.isfinite(unfollowed(wall, 1e-4)).all()
+
+
 @pytest.mark.parametrize(("unit", "millimetre"), [("mm", 1.0), ("m", 1e-3), ("inch", 1 / 25.4)])
 def test_a_step_file_is_read_in_metres_whatever_its_unit(
     unit: str, millimetre: float, tmp_path: Path
@@ -268,7 +362,7 @@ def test_a_step_file_is_read_in_metres_whatever_its_unit(
 def test_step_without_its_library_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("roller_inspect.references.cad.find_spec", lambda name: None)
+    monkeypatch.setattr("roller_inspect.references.model_file.find_spec", lambda name: None)
     (tmp_path / "part.step").write_text("ISO-10303-21;")
     with pytest.raises(ReferenceError, match="pip install cascadio"):
         CadReference.load(tmp_path / "part.step")

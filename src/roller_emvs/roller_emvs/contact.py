@@ -25,8 +25,9 @@ _OF = 8
 _MOST_WAITING = 1_000_000
 #: Below this share the image stands.
 _STANDS = 0.2
-#: Cells in which contact is seen, px; of a skin with texture, this share of them is never empty.
-_CELL_PX, _TEXTURED = 16, 0.5
+#: Cells in which contact is seen, px; of a skin with texture, this share of them is never empty. On
+#: a plain one relief that fills the view leaves events in up to 0.7 of them.
+_CELL_PX, _TEXTURED = 16, 0.8
 
 
 @dataclass(frozen=True)

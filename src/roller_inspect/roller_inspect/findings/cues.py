@@ -91,7 +91,8 @@ def height_cue(
     best = np.zeros(height_map.shape, np.float32)
     usual = np.zeros(2, np.float32)
     around = np.zeros((2, *height_map.shape), np.float32)
-    claimed, reference2 = _claimed(height_map), np.square(comparison.sigma_m)
+    claimed, reference = _claimed(height_map), comparison.sigma_m
+    varies = bool(np.ptp(reference) > 0)
     whole = comparison.deviation_m
     fields, weights, fine = [whole], [cell_weights(height_map, whole)], whole
     if local:
@@ -114,8 +115,13 @@ def height_cue(
                 end = int(k > 0)
                 usual[end] = np.median(thinned)
                 around[end] = spread_blocks(noise, by, height_map.shape)
+            doubt = reference[cells]
+            if varies:  # smoothing carries what is off at a wall beyond it
+                spread = block_means(np.where(found, 0, weight * reference), by)
+                away, _ = smoothed_sums(spread, weights_left, max(scale / step / by, 0.5))
+                doubt = np.fmax(doubt, away)
             with np.errstate(invalid="ignore"):
-                z = mean / np.sqrt(np.square(noise) + reference2[cells])
+                z = np.asarray(mean / np.hypot(noise, doubt), np.float32)
             z[~counts] = 0
             tail = _tail(z, counts, scale / step / by, step * by)
             z *= np.float32(settings.strong_z / max(tail, settings.strong_z))

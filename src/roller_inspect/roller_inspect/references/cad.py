@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from roller_core.transforms import F64
 from roller_inspect.height_map.height_map import F32, Bools, HeightMap
 
 from .field import Field, compare_field
+from .model_file import read_model
 from .reference import Comparison, ReferenceError
 
 #: The model is looked at this far around the map, m.
 _AROUND_M = 2e-3
 #: The model may lie so far above or below the map, m.
 _REACH_M = 0.05
-#: STEP to GLB: metres whatever the file's unit, chords 2 µm off its curves at most. In a process of
-#: its own, for the library writes to the terminal, and a damaged file can end it.
-_STEP_TO_GLB = "import sys, cascadio as c; c.step_to_glb(*sys.argv[1:], tol_linear=0.002)"
-#: Bytes before a binary STL's triangles, the last four of which say how many there are, and of
-#: each; more are not believed.
-_STL_HEAD, _STL_TRIANGLE, _MOST_TRIANGLES = 84, 50, 100_000_000
+#: Beside a wall of the model neither skin nor depth follow it: how far, m, where it is so much
+#: steeper than what lies around, by a Gaussian of this deviation, m; and the share of what they may
+#: be off there that is its standard uncertainty.
+_BRIDGED_M, _FOLLOWED, _AROUND_WALL_M, _OFF = 6e-4, 0.3, 5e-4, 0.5
 
 
 class CadReference:
@@ -59,21 +55,9 @@ class CadReference:
         Raises
         ------
         ReferenceError
-            If it can't be read, or is STEP and cascadio isn't installed.
+            If it can't be read, breaks off, or is STEP and cascadio isn't installed.
         """
-        if not path.is_file():
-            raise ReferenceError(f"reference cad: {path}: no such file")
-        if path.suffix.lower() in (".step", ".stp"):
-            vertices, triangles = _read_step(path)
-        else:
-            vertices, triangles = _read_mesh(path)
-        if not len(triangles):
-            raise ReferenceError(f"reference cad: {path}: {_why_empty(path)}")
-        if not np.isfinite(vertices).all():
-            raise ReferenceError(
-                f"reference cad: {path}: a corner of a triangle isn't a number; export it anew"
-            )
-        return cls(vertices, triangles, base_from_cad)
+        return cls(*read_model(path), base_from_cad)
 
     def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
         """See `Reference`."""
@@ -125,42 +109,37 @@ class CadReference:
         away = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy()
         height: F32 = np.where(np.isfinite(away), top - away, np.nan).astype(np.float32)
         height[np.abs(height) > _REACH_M] = np.nan
-        return Field(x, y, height, np.zeros_like(height))
+        return Field(x, y, height, _OFF * unfollowed(height, step))
 
 
-def _read_mesh(path: Path) -> tuple[F64, np.ndarray]:
-    """Vertices and triangles of a file; none if it isn't one."""
-    import open3d  # late: it takes a second to load and only CAD needs it
+def unfollowed(height_m: F32, step_m: float) -> F32:
+    """How far off a surface heights may lie that bridge its walls and round their tops, m.
 
-    o3d: Any = open3d  # its stubs leave out NumPy arrays
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(str(path))
-    return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    Parameters
+    ----------
+    height_m : ndarray of float32, shape (rows, columns)
+        The surface; NaN where there is none.
+    step_m : float
+        Edge of a cell.
 
-
-def _why_empty(path: Path) -> str:
-    """Why a file gave no triangles."""
-    with path.open("rb") as file:
-        head = file.read(_STL_HEAD)
-    if path.suffix.lower() == ".stl" and len(head) == _STL_HEAD and not head.startswith(b"solid"):
-        announced = int.from_bytes(head[-4:], "little")
-        there = (path.stat().st_size - _STL_HEAD) // _STL_TRIANGLE
-        if there < announced < _MOST_TRIANGLES:
-            return f"it breaks off after {there} of {announced} triangles; export it anew"
-    return "no triangles in it; is it an STL or STEP file?"
-
-
-def _read_step(path: Path) -> tuple[F64, np.ndarray]:
-    """The same of a STEP file, metres."""
-    if find_spec("cascadio") is None:
-        raise ReferenceError(
-            f"reference cad: {path}: STEP needs cascadio ({sys.executable} -m pip install "
-            "cascadio); or export an STL in metres"
+    Returns
+    -------
+    ndarray of float32, shape (rows, columns)
+        Up to the surfaces above and below it, near by, that are nowhere steeper against what lies
+        around: 0 where it is no steeper itself, as on a slope.
+    """
+    n = round(_BRIDGED_M / step_m)
+    away = step_m * np.hypot(*np.mgrid[-n : n + 1, -n : n + 1])
+    near, slope = away <= _BRIDGED_M, -_FOLLOWED * away
+    none = ~np.isfinite(height_m)
+    wide = _AROUND_WALL_M / step_m
+    share = ndimage.gaussian_filter((~none).astype(np.float64), wide)
+    around = ndimage.gaussian_filter(np.where(none, 0.0, height_m), wide) / np.maximum(share, 1e-9)
+    rest = height_m - around
+    above, below = (
+        sign * ndimage.grey_dilation(
+            np.where(none, -np.inf, sign * rest), footprint=near, structure=slope, mode="nearest"
         )
-    with TemporaryDirectory(prefix="roller_step_") as folder:
-        mesh = Path(folder) / "part.glb"
-        command = [sys.executable, "-c", _STEP_TO_GLB, str(path.resolve()), str(mesh)]
-        subprocess.run(command, capture_output=True)
-        if not mesh.is_file():
-            raise ReferenceError(f"reference cad: {path}: can't be read; is it a STEP file?")
-        return _read_mesh(mesh)
+        for sign in (1.0, -1.0)
+    )  # fmt: skip
+    return np.where(none, 0.0, np.maximum(above - rest, rest - below)).astype(np.float32)

@@ -20,8 +20,9 @@ _MOST_CELLS, _LEAST_CELLS = 40_000, 200
 #: A direction is refined if it moves the surface by less than this when chance has its way, m;
 #: one in so many cells says something of its own.
 _SURE_M, _SHARED = 2e-5, 50.0
-#: The robot's pose isn't off by more than this, m, and a reference leaves less than this, m.
-_FARTHEST_M, _WORST_M = 2e-3, 5e-4
+#: The robot's pose isn't off by more than this, m, nor turned by more than this, rad, and a
+#: reference leaves less than this, m.
+_FARTHEST_M, _MOST_TURN, _WORST_M = 2e-3, 0.06, 5e-4
 #: Slopes steeper than this don't say where a wall is: the skin rounds it.
 _STEEPEST = 1.0
 #: Where more than this share of what is left is so many times the median, the reference is looked
@@ -93,15 +94,24 @@ def compare_field(
     deviation = (height_map.height_m - height).astype(np.float32)
     residual = deviation[overlap]
     left = rms_robust(residual)
-    if not left < _WORST_M or not np.linalg.norm(motion[:3]) < _FARTHEST_M:
+    away_m, turn = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
+    if not (left < _WORST_M and away_m < _FARTHEST_M and turn < _MOST_TURN):
+        turned = f", turned by {np.degrees(turn):.1f}°," if turn >= _MOST_TURN else ""
         raise ReferenceError(
-            f"reference {name}: it lies {np.linalg.norm(motion[:3]) * 1e3:.2g} mm beside where the "
-            f"pose puts it and {left * 1e6:.0f} µm off the scan; is it this part, in this place?"
+            f"reference {name}: it lies {away_m * 1e3:.2g} mm beside where the pose puts it"
+            f"{turned} and {left * 1e6:.0f} µm off the scan; is it this part, in this place?"
         )
     return Comparison(
         deviation,
         np.nan_to_num(sigma, nan=0.0).astype(np.float32),
-        Alignment(name, _in_base(motion, centre, height_map), refined, left, int(overlap.sum())),
+        Alignment(
+            name,
+            _in_base(motion, centre, height_map),
+            refined,
+            left,
+            int(overlap.sum()),
+            height_map.in_base(centre[0], centre[1], 0.0),
+        ),
         by_pose="z" not in refined,
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -32,6 +32,8 @@ class Alignment:
     residual_m: float
     #: Measured cells that it rests on.
     cells: int
+    #: Their middle in base, metres. Shape (3,).
+    middle_m: F64 = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True)

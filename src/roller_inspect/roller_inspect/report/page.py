@@ -127,12 +127,16 @@ def _alignment(document: Mapping[str, Any]) -> str:
     if a is None:
         return ""
     moved = np.asarray(a["correction"])
-    shift = ", ".join(f"{v * 1e6:.0f}" for v in moved[:3, 3])
+    middle = np.asarray(a["middle_m"])
+    shift = ", ".join(f"{v * 1e6:.0f}" for v in moved[:3, :3] @ middle + moved[:3, 3] - middle)
+    turns = (moved[2, 1] - moved[1, 2], moved[0, 2] - moved[2, 0], moved[1, 0] - moved[0, 1])
+    turn = ", ".join(f"{1e3 * v / 2:.2f}" for v in turns)
     residual = "–" if a["residual_m"] is None else f"{a['residual_m'] * 1e6:.1f} µm"
     rows = [
         ["reference", escape(document["reference"]["text"])],
         ["refined beyond the robot's pose", escape(", ".join(a["refined"]) or "nothing")],
-        ["correction x, y, z", f"{shift} µm"],
+        ["correction x, y, z at the middle", f"{shift} µm"],
+        ["turn about x, y, z", f"{turn} mrad"],
         ["residual (robust, without findings)", residual],
         ["cells that it rests on", f"{a['cells']:,}"],
     ]

@@ -1,0 +1,132 @@
+"""Reading a model of a part: a mesh, or STEP."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from roller_core.transforms import F64
+
+from .reference import ReferenceError
+
+#: STEP to GLB: metres whatever the file's unit, chords 2 µm off its curves at most. In a process of
+#: its own, for the library writes to the terminal, and a damaged file can end it.
+_STEP_TO_GLB = "import sys, cascadio as c; c.step_to_glb(*sys.argv[1:], tol_linear=0.002)"
+#: Bytes before a binary STL's triangles, the last four of which say how many there are, and of
+#: each; more are not believed.
+_STL_HEAD, _STL_TRIANGLE, _MOST_TRIANGLES = 84, 50, 100_000_000
+#: Bytes of a PLY's head at most, and of the end of a text that are looked at.
+_PLY_HEAD, _END = 4096, 200
+#: More of an OBJ's corners than this without a triangle are of triangles that are missing.
+_UNUSED = 0.01
+
+
+def read_model(path: Path) -> tuple[F64, np.ndarray]:
+    """Vertices, metres, shape (n, 3), and triangles, shape (m, 3), of a file.
+
+    Raises
+    ------
+    ReferenceError
+        If it can't be read, breaks off, or is STEP and cascadio isn't installed.
+    """
+    if not path.is_file():
+        raise ReferenceError(f"reference cad: {path}: no such file")
+    if path.suffix.lower() in (".step", ".stp"):
+        vertices, triangles = _read_step(path)
+    else:
+        vertices, triangles = _read_mesh(path)
+        if why := _broken_off(path, len(vertices), len(triangles)):
+            raise ReferenceError(f"reference cad: {path}: {why}; export it anew")
+    if not len(triangles):
+        raise ReferenceError(
+            f"reference cad: {path}: no triangles in it; is it an STL or STEP file?"
+        )
+    if not np.isfinite(vertices).all():
+        raise ReferenceError(
+            f"reference cad: {path}: a corner of a triangle isn't a number; export it anew"
+        )
+    return vertices, triangles
+
+
+def _read_mesh(path: Path) -> tuple[F64, np.ndarray]:
+    """Vertices and triangles of a file; none if it isn't one."""
+    import open3d  # late: it takes a second to load and only CAD needs it
+
+    o3d: Any = open3d  # its stubs leave out NumPy arrays
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        mesh = o3d.io.read_triangle_mesh(str(path))
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+
+
+def _broken_off(path: Path, vertices: int, triangles: int) -> str:
+    """Why a file isn't whole, as far as that shows; empty: it is.
+
+    Parameters
+    ----------
+    vertices, triangles : int
+        How many were read.
+    """
+    kind, size = path.suffix.lower(), path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_PLY_HEAD)
+        file.seek(max(size - _END, 0))
+        end = file.read()
+    if kind == ".ply":
+        announced = re.findall(rb"element (vertex|face) (\d+)", head.partition(b"end_header")[0])
+        read = {b"vertex": vertices, b"face": triangles}
+        for name, count in announced:
+            if read[name] < int(count):
+                return f"{read[name]} of {int(count)} {name.decode()} entries can be read"
+    elif kind == ".obj":
+        if triangles and not end.endswith((b"\n", b"\r")):
+            return "its last line breaks off"
+        corners, last = _corners_of_obj(path)
+        if triangles and 0 < last < corners * (1 - _UNUSED):  # they come before the triangles
+            return f"{corners - last} of {corners} corners belong to no triangle"
+    elif kind == ".stl" and head.startswith(b"solid") and b"facet" in head:
+        return "" if not triangles or b"endsolid" in end else "it has no endsolid"
+    elif kind == ".stl" and len(head) >= _STL_HEAD:
+        count = int.from_bytes(head[_STL_HEAD - 4 : _STL_HEAD], "little")
+        there = (size - _STL_HEAD) // _STL_TRIANGLE
+        if there < count < _MOST_TRIANGLES:
+            return f"it breaks off after {there} of {count} triangles"
+    return ""
+
+
+def _corners_of_obj(path: Path) -> tuple[int, int]:
+    """How many corners an OBJ has, and the last one that a face has; 0: it counts another way."""
+    corners = last = 0
+    with path.open("rb") as file:
+        for line in file:
+            if line.startswith(b"v "):
+                corners += 1
+            elif line.startswith(b"f "):
+                for word in line.split()[1:]:
+                    number = word.split(b"/")[0]
+                    if not number.isdigit():
+                        return corners, 0
+                    last = max(last, int(number))
+    return corners, last
+
+
+def _read_step(path: Path) -> tuple[F64, np.ndarray]:
+    """The same of a STEP file, metres."""
+    if find_spec("cascadio") is None:
+        raise ReferenceError(
+            f"reference cad: {path}: STEP needs cascadio ({sys.executable} -m pip install "
+            "cascadio); or export an STL in metres"
+        )
+    with TemporaryDirectory(prefix="roller_step_") as folder:
+        mesh = Path(folder) / "part.glb"
+        command = [sys.executable, "-c", _STEP_TO_GLB, str(path.resolve()), str(mesh)]
+        subprocess.run(command, capture_output=True)
+        if not mesh.is_file():
+            raise ReferenceError(f"reference cad: {path}: can't be read; is it a STEP file?")
+        return _read_mesh(mesh)
