@@ -18,7 +18,7 @@ HISTORY = (EARLIER, 64, 16)
 FAR, UNEVEN, MOST_UNEVEN = 4.0, 0.25, 0.2
 #: Most jitter of a steady rate, by the period; beyond this times the jitter from stamp to stamp,
 #: stamps wander about the line.
-MOST_JITTER, WANDERS = 0.06, 1.6
+MOST_JITTER, WANDERS = 0.07, 1.6
 #: A line doesn't reach over more missing poses in a row.
 MOST_MISSING = 8
 #: The stamps around may differ from the line by so many of their standard errors, and by this, ns.

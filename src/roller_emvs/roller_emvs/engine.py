@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar
 from roller_core.camera import Camera
 from roller_core.event_queue import EventCutter
 from roller_core.events import EventArray
+from roller_core.pose_evenness import StampWatch, UnevenStampsError
 from roller_core.pose_track import PoseTrack
 
 from .contact import ContactState, ContactWatch
@@ -59,6 +60,7 @@ class DepthEngine(Generic[C]):
         cutter.most_bend_m = settings.depth_min_m / max(camera.fx, camera.fy)
         self._counts = DepthCounts()
         self._event_delay_s = settings.event_delay_s
+        self._stamps = StampWatch()
         self._contact = ContactWatch(camera, track, settings.depth_min_m, settings.depth_max_m)
 
     @property
@@ -110,8 +112,15 @@ class DepthEngine(Generic[C]):
         """Some events never came: a window does without them, the contact can't be told."""
         self._contact.leave_gap()
 
-    def _without_contact(self, start_ns: int, end_ns: int, events: int) -> RefusedWindow | None:
-        """A window or block that gives no depth, as skin and surface didn't move as one."""
+    def _refused(self, start_ns: int, end_ns: int, events: int) -> RefusedWindow | None:
+        """A window or block that gives no depth.
+
+        Skin and surface didn't move as one, or the poses don't say how they moved.
+        """
+        try:
+            self._stamps.check(self.track, start_ns, end_ns)
+        except UnevenStampsError as error:
+            return RefusedWindow(start_ns, end_ns, events, str(error), error)
         fault = self._contact.fault(start_ns, end_ns)
         if not fault:
             return None

@@ -166,7 +166,7 @@ class DepthPipeline(DepthEngine[WindowCutter]):
 
     def _reconstruct(self, window: Window) -> DepthMap | RefusedWindow:
         watch, begin, cpu_s = Stopwatch(), time.perf_counter(), time.process_time()
-        refused = self._without_contact(window.start_ns, window.end_ns, len(window.events))
+        refused = self._refused(window.start_ns, window.end_ns, len(window.events))
         if refused is not None:
             return refused
         try:

@@ -103,7 +103,7 @@ class SurfaceSweep(DepthEngine[PassCutter]):
                 self._counts.events += block.events
                 span = block.first_ns, block.last_ns, block.events
                 try:
-                    result = self._without_contact(*span) or self._measure(strip, block)
+                    result = self._refused(*span) or self._measure(strip, block)
                 except RollerError as error:
                     result = RefusedWindow(*span, str(error))
                 strip.release(block)
