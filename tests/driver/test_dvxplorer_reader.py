@@ -41,8 +41,8 @@ def scan(n=20_000, frames=300, seed=1, start_us=1_000_000):
 class Running:
     """A reader on a model, and what it handed out."""
 
-    def __init__(self, model, **settings):
-        self.backend = EmulatedBackend(model)
+    def __init__(self, model, sensor=None, **settings):
+        self.backend, self.sensor = EmulatedBackend(model), sensor or SensorSettings()
         self.packets, self.changes = [], []
         self.reader = CameraReader(
             self._connect, self.packets.append,
@@ -52,7 +52,8 @@ class Running:
 
     def _connect(self):
         camera = open_camera(self.backend)
-        camera.configure(SensorSettings())
+        camera.configure(self.sensor)
+        self.ignored = camera.ignored
         return camera
 
     def __enter__(self):
@@ -94,6 +95,22 @@ def test_biases_are_set_while_it_streams(firmware):
         model.unplug()
         running.wait(lambda: running.reader.status.state == SEARCHING)
         running.reader.set_biases(one)  # kept for the next
+
+
+def test_thresholds_that_an_old_camera_lacks_are_told_and_block_nothing():
+    model = CameraModel(encode_words(scan()).tobytes(), 9, bytes_per_s=50_000)
+    settings = SensorSettings(contrast_threshold_on=3)
+    with Running(model, settings) as running:
+        running.wait_for(100)
+        assert running.ignored.startswith("firmware 9 has no contrast_threshold_on")
+        wanted = settings.changed({"bias_sensitivity": 4})
+        running.reader.set_biases(wanted)  # what is changed is there
+        values = {(p.MODULE_SENSOR, r): v[4] for r, v in p.SENSITIVITY.items()}
+        assert values.items() <= model.values.items()
+        for _ in range(2):
+            with pytest.raises(CameraControlError, match="9 has no contrast_threshold_on and _off"):
+                running.reader.set_biases(wanted.changed({"contrast_threshold_off": 5}))
+        running.reader.set_biases(wanted)
 
 
 def same(a, b):

@@ -91,6 +91,13 @@ def test_the_receiver_follows_a_controller_through_its_troubles():
         running.wait(lambda: status.steps_back == 1)
         running.wait_for(len(samples) + 10)
 
+        missed, before_ns = status.missed, samples[-1].controller_ns
+        controller.send("step_back -100")  # forward: none is missing
+        running.wait(lambda: samples[-1].controller_ns > before_ns + 90e9)
+        running.wait_for(len(samples) + 10)
+        assert status.longest_gap_s < 50.0
+        assert status.missed - missed < 1000
+
         controller.send("silence 0.5")
         running.wait(lambda: "nothing came for 0.15 s" in str(running.changes))
         running.wait_for(len(samples) + 10)

@@ -35,6 +35,11 @@ def test_the_cameras_place_as_quaternion_or_rotation_vector():
             "not both",
         ),
         ({"hand_eye_m": (0.0, 1.0)}, "hand_eye_m"),
+        ({"hand_eye_m": (12.0, -31.0, 84.0)}, "hand_eye lies 90.3 m away: is it in millimetres"),
+        ({"hand_eye_rotation_rad": (0.0, 0.0, 45.0)}, "turned by 45 rad: is it in degrees"),
+        ({"tcp_offset": (0.0, 0.0, 120.0, 0.0, 0.0, 0.0)}, "tcp_offset lies 120 m away"),
+        ({"tcp_offset": (0.0, 0.0, 0.12, 0.0, 0.0, 180.0)}, "is turned by 180 rad"),
+        ({"least_force_n": 50.0, "most_force_n": 20.0}, "most_force_n 20 isn't above least_fo"),
         ({"tcp_offset": (0.0, 0.1, 0.2)}, "tcp_offset has 3 values, not 6"),
     ],
 )

@@ -67,7 +67,7 @@ class EventCameraNode(RollerNode, LifecycleNode):
         self._preview = Preview()
         self._watched = self._shut_down = False
         self._clock_map = SensorClock()
-        self._steps_reported = 0
+        self._steps_reported = self._dropped_reported = 0
         self._sequence = 0
         self._sent = 0
         self._dropped = 0
@@ -180,6 +180,8 @@ class EventCameraNode(RollerNode, LifecycleNode):
         except CameraFault:
             camera.close()
             raise
+        if camera.ignored:
+            self._diagnostics.fault(f"{camera.name}: {camera.ignored}", diagnostics.WARN)
         # Plugged in again it counts from zero.
         self._clock_map.begin_anew()
         return camera
@@ -262,6 +264,7 @@ class EventCameraNode(RollerNode, LifecycleNode):
         queue, dropped = 0, self._dropped
         if self._worker is not None:
             queue, dropped = self._worker.waiting, dropped + self._worker.backlog.dropped
+        lost, self._dropped_reported = dropped - self._dropped_reported, dropped
         level, text = diagnostics.OK, s.state
         if s.state == reader.SEARCHING:
             level, text = diagnostics.ERROR, s.fault or "looking for the camera"
@@ -273,6 +276,8 @@ class EventCameraNode(RollerNode, LifecycleNode):
             level, text = diagnostics.WARN, "streaming; the camera's clock has jumped"
         elif rates["faults"]:
             level, text = diagnostics.WARN, "streaming, with faults of the stream"
+        elif lost > 0:
+            level, text = diagnostics.WARN, f"streaming, but {lost} packets had to be dropped"
         elif self._camera is None:
             level, text = diagnostics.WARN, "streaming, not calibrated: set camerainfo_url"
         return (

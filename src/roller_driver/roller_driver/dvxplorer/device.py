@@ -40,6 +40,7 @@ class CameraDevice:
         self.firmware = firmware
         self.serial = serial
         self.orientation = 0
+        self._thresholds = (-1, -1)
 
     @property
     def name(self) -> str:
@@ -69,7 +70,17 @@ class CameraDevice:
             If it refuses a setting or doesn't answer.
         """
         self.identify()
+        self._thresholds = settings.contrast_threshold_on, settings.contrast_threshold_off
         self._send(sequences.configure(self.firmware, settings, self.orientation))
+
+    @property
+    def ignored(self) -> str:
+        """What of the settings the camera doesn't have, in words; empty: nothing."""
+        if self.firmware >= p.FIRST_NEW_FIRMWARE or self._thresholds == (-1, -1):
+            return ""
+        return (
+            f"firmware {self.firmware} has no contrast_threshold_on and _off: set bias_sensitivity"
+        )
 
     def set_biases(self, settings: SensorSettings) -> None:
         """Set the biases, also while it streams.
@@ -77,14 +88,13 @@ class CameraDevice:
         Raises
         ------
         CameraControlError
-            If the camera refuses them, or has no such setting.
+            If the camera refuses them, or has no setting that is changed.
         """
-        named = settings.contrast_threshold_on, settings.contrast_threshold_off
-        if self.firmware < p.FIRST_NEW_FIRMWARE and named != (-1, -1):
-            raise CameraControlError(
-                f"{self.name}: firmware {self.firmware} has no contrast_threshold_on and _off; "
-                "set bias_sensitivity"
-            )
+        before = self._thresholds
+        self._thresholds = settings.contrast_threshold_on, settings.contrast_threshold_off
+        if self._thresholds != before and self.ignored:
+            why, self._thresholds = self.ignored, before
+            raise CameraControlError(f"{self.name}: {why}")
         self._send(sequences.set_biases(self.firmware, settings))
 
     def prepare(self) -> None:

@@ -25,6 +25,8 @@ VARIABLES = [
 #: What it may be without.
 FORCE = "actual_TCP_force"
 _POLL_S = 0.0002
+#: A controller's time that leaps by so much more than passed here was set, s.
+_CLOCK_SET_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,12 +189,15 @@ class RobotReceiver:
             controller_ns = sample.controller_ns
             if last_ns >= 0:
                 step = controller_ns - last_ns
+                # So long nothing was missing: the controller's clock was set.
+                jumped = step * 1e-9 > now - last_seen + _CLOCK_SET_S
                 if step < 0:
                     s.steps_back += 1
-                elif step > 1.5 * period_ns:
+                elif step > 1.5 * period_ns and not jumped:
                     s.missed += round(step / period_ns) - 1
                     s.gaps += 1
-                s.longest_gap_s = max(s.longest_gap_s, step * 1e-9)
+                if not jumped:
+                    s.longest_gap_s = max(s.longest_gap_s, step * 1e-9)
             last_ns, last_seen = controller_ns, now
             s.samples += 1
             if all(map(math.isfinite, (*sample.pose, *sample.speed))):

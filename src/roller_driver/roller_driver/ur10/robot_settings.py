@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydantic import Field, model_validator
 
@@ -14,6 +16,17 @@ from roller_core.transforms import rotation_vector_to_quaternion, unit_quaternio
 
 _NO_QUATERNION = (0.0, 0.0, 0.0, 1.0)
 _NO_ROTATION = (0.0, 0.0, 0.0)
+#: No camera or tool is further from the flange than this, m, nor turned by more than this, rad:
+#: then it is in millimetres or degrees.
+_FARTHEST_M, _MOST_RAD = 1.0, 2 * np.pi + 1e-6
+
+
+def _check_units(name: str, position_m: Sequence[float], rotation_rad: Sequence[float]) -> None:
+    away, turn = float(np.linalg.norm(position_m)), float(np.linalg.norm(rotation_rad))
+    if away > _FARTHEST_M:
+        raise ValueError(f"{name} lies {away:.3g} m away: is it in millimetres?")
+    if turn > _MOST_RAD:
+        raise ValueError(f"{name} is turned by {turn:.3g} rad: is it in degrees?")
 
 
 class HandEyeSettings(Settings):
@@ -44,6 +57,7 @@ class HandEyeSettings(Settings):
             and self.hand_eye_rotation_rad != _NO_ROTATION
         ):
             raise ValueError("give hand_eye_quaternion or hand_eye_rotation_rad, not both")
+        _check_units("hand_eye", self.hand_eye_m, self.hand_eye_rotation_rad)
         return self
 
     @property
@@ -106,6 +120,12 @@ class Ur10Parameters(HandEyeSettings, RobotFrames):
     def _check_tool(self) -> Ur10Parameters:
         if len(self.tcp_offset) not in (1, 6):
             raise ValueError(f"tcp_offset has {len(self.tcp_offset)} values, not 6")
+        _check_units("tcp_offset", self.tcp_offset[:3], self.tcp_offset[3:])
+        if 0 < self.most_force_n <= self.least_force_n:
+            raise ValueError(
+                f"most_force_n {self.most_force_n:g} isn't above least_force_n "
+                f"{self.least_force_n:g}"
+            )
         return self
 
     def check_hand_eye_file(self) -> None:
