@@ -24,6 +24,7 @@ def test_scale_is_the_mean_of_the_readings() -> None:
         ([2.0], [47.0], "1 reading"),
         ([2.0, 0.0], [47.0, 47.0], "reading 2"),
         ([2.0, float("nan")], [47.0, 47.0], "reading 2"),
+        ([2.0, 3.0], [47.2, 85.0], "reading 1 .* is 20% off the others .* read it again"),
         ([2.0, 2.0, 3.0, 3.0], [47.4, 47.4, 71.1, 47.4], "reading 4 .* read it again"),
     ],
 )
@@ -43,7 +44,11 @@ def test_caliper_gives_the_scale(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["calibrate", "scale", "--readings-mm", "2,2,3,3,4,4,5,5", "--pixels"]
     assert main([*words, "47.2,47.6,71,71.3,94.9,94.6,118.3,118.7"]) == 0
     assert "0.04219 mm/px" in capsys.readouterr().out
-    for pixels, says in (("47", "8 readings in mm and 1"), ("47,x", "expected numbers")):
+    for pixels, says in (
+        ("47", "8 readings in mm and 1"),
+        ("47,x", "expected numbers"),
+        ("47,,47", "expected numbers"),
+    ):
         assert main([*words, pixels]) == 1
         assert says in capsys.readouterr().err
     words[3] = "0.002,0.002,0.003,0.003"

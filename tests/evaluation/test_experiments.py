@@ -282,3 +282,14 @@ def test_wrong_options_get_one_line(
     errors = capsys.readouterr().err.strip().splitlines()
     assert len(errors) == 1
     assert says in errors[0]
+
+
+@pytest.mark.parametrize("words", [["--only", ""], ["--lights", ","], ["pod", "--kinds", " "]])
+def test_a_choice_of_nothing_replaces_no_results(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["evaluate", *words, "--output", str(tmp_path / "out")])
+    assert caught.value.code == 2
+    assert "nothing is named; leave the option out for its default" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

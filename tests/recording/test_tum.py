@@ -27,6 +27,10 @@ def test_tum_round_trip(tmp_path: Path) -> None:
         ("0 0 0 0 0 0 0 1\nx 0 0 0 0 0 0 1\n", "line 2"),
         ("1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "line 2.*backwards"),
         ("# nothing\n", "no pose"),
+        ("1700000000002405079 0 0 0 0 0 0 1\n", "line 1: .*; is it in nanoseconds"),
+        ("1e30 0 0 0 0 0 0 1\n", "line 1: .* is no time in seconds"),
+        ("1e999999 0 0 0 0 0 0 1\n", "line 1: '1e999999' is no time in seconds; expected"),
+        ("0 0 0 0 0 0 0 1\n0.01 3 0 0 0 0 0 1\n", "at 300 m/s; are positions in millimetres"),
     ],
 )
 def test_tum_faults(tmp_path: Path, text: str, message: str) -> None:
@@ -40,6 +44,7 @@ def test_tum_faults(tmp_path: Path, text: str, message: str) -> None:
     ("line", "message"),
     [
         ("1700000000.1 0 0", "line 11: 3 fields; expected 't x y z qx qy qz qw'; what came before"),
+        ("1e999999 0 0 0 0 0 0 1", "line 11: '1e999999' is no time in seconds; .*; what came bef"),
         ("x 0 0 0 0 0 0 1", "line 11: 'x' is no time in seconds; .*; what came before is kept"),
         ("-1 0 0 0 0 0 0 1", "line 11: .* time runs backwards, .*; what came before is kept"),
     ],

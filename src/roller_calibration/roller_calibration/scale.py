@@ -13,7 +13,7 @@ from roller_core.errors import RollerError
 PAPER_MM_PER_PX, PAPER_READINGS = 0.0422, 8
 #: Share by which a scale may differ from the camera's own.
 _MOST_OFF = 0.05
-#: A reading may differ by this share from the median of all.
+#: A reading may differ by this share from the median of the others.
 MOST_OFF = 0.1
 
 
@@ -67,12 +67,14 @@ def scale_of(readings_mm: Sequence[float], pixels: Sequence[float]) -> Scale:
         k = int(bad[0])
         raise ScaleError(f"reading {k + 1} ({mm[k]:g} mm, {px[k]:g} px) isn't positive")
     each = mm / px
-    off = np.abs(each / np.median(each) - 1)
+    # Against the others, not against a median that it is part of.
+    others = np.array([np.median(np.delete(each, k)) for k in range(len(each))])
+    off = np.abs(each / others - 1)
     worst = int(np.argmax(off))
     if off[worst] > MOST_OFF:
         raise ScaleError(
             f"reading {worst + 1} ({mm[worst]:g} mm, {px[worst]:g} px: {each[worst]:.4g} mm/px) is "
-            f"{off[worst]:.0%} off the others ({np.median(each):.4g} mm/px), more than "
+            f"{off[worst]:.0%} off the others ({others[worst]:.4g} mm/px), more than "
             f"{MOST_OFF:.0%}: read it again"
         )
     mean = float(each.mean())

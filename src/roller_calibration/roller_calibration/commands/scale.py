@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _numbers(text: str, option: str, least: float, most: float, unit: str) -> list[float]:
     try:
-        found = [float(word) for word in text.split(",") if word.strip()]
+        found = [float(word) for word in text.split(",")]
     except ValueError as error:
         raise CalibrationError(f"{option}: expected numbers with commas, not '{text}'") from error
     for number, value in enumerate(found, 1):

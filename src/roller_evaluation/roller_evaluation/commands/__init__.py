@@ -12,8 +12,11 @@ from roller_core.progress import OnProgress
 
 
 def words(text: str) -> tuple[str, ...]:
-    """Words of an option, separated by commas, each of them once."""
-    return tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    """Words of an option, separated by commas, each of them once; one at least."""
+    found = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    if not found:
+        raise argparse.ArgumentTypeError("nothing is named; leave the option out for its default")
+    return found
 
 
 def numbers(text: str) -> tuple[float, ...]:

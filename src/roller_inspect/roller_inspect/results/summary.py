@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,13 @@ _LOST = {
     "late_events": "events that came too late",
     "depth_dropped_events": "events given up, as too many waited",
 }
+#: Why there may be no window at all, by what most events were left out as.
+_NOTHING = {
+    "depth_ramp_events": "by its poses the robot accelerates too hard nearly everywhere; are their "
+    "times and units right?",
+    "depth_events_without_pose": "there are no poses for most events",
+    "depth_still_events": "by its poses the robot stands",
+}
 #: Share of the events that may lie before the first pose or after the last one: no recording begins
 #: and ends with both at once.
 _ENDS = 0.01
@@ -34,6 +42,8 @@ def summary(report: Report, output: Path) -> str:
         f"{t['depth_refused_windows']} windows refused, {t['events']} events, "
         f"{t['surface_points']} surface points",
     ]
+    if t["events"] and not t["depth_points"]:
+        lines.append(_why_nothing(report))
     if ms:
         lines.append(
             f"{ms['median']:.1f} ms a window (95 %: {ms['p95']:.1f} ms), "
@@ -57,6 +67,19 @@ def summary(report: Report, output: Path) -> str:
             lines.append("text given: " + given)
     lines.append(f"results in {output}/")
     return "\n".join(lines)
+
+
+def _why_nothing(report: Report) -> str:
+    """Why a scan gave no depth, as far as its windows say."""
+    t = report.totals
+    reasons = Counter(reason for window in report.windows for reason in window["lost"])
+    if reasons:
+        reason, count = reasons.most_common(1)[0]
+        return f"no depth: {reason} ({count} of {len(report.windows)} windows)"
+    for key, why in _NOTHING.items():
+        if t[key] > 0.5 * t["events"]:
+            return f"no depth: {why}"
+    return "no depth: no window was complete"
 
 
 def inspection_summary(document: Mapping[str, Any]) -> str:

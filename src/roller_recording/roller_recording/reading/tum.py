@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
+
+import numpy as np
 
 from roller_core.pose_track import NoPosesError, PoseError, PoseTrack, PoseValueError
 from roller_core.text_file import MOST_NUMBERS_BYTES, TextFileError, read_text
+
+#: Times are nanoseconds in 63 bits; poses that usually move faster than this are in millimetres,
+#: m/s.
+_MOST_NS, _FASTEST_M_S = 2**62, 50.0
 
 
 def read_tum(
@@ -33,7 +39,8 @@ def read_tum(
     Raises
     ------
     PoseError
-        If the file can't be read, a line is malformed or time runs backwards.
+        If the file can't be read, a line is malformed, time runs backwards, or the poses move as
+        no sensor does.
     """
     track = PoseTrack(max_gap_s)
     try:
@@ -57,7 +64,19 @@ def read_tum(
                 break
     if not len(track):
         raise NoPosesError(f"poses {path}: the file holds no pose")
+    _check_unit(path, track)
     return track
+
+
+def _check_unit(path: Path | str, track: PoseTrack) -> None:
+    seconds = np.diff(track.times_ns) * 1e-9
+    moved = np.linalg.norm(np.diff(track.positions, axis=0), axis=1)
+    speeds = (moved / np.maximum(seconds, 1e-9))[moved > 0]
+    if len(speeds) and np.median(speeds) > _FASTEST_M_S:
+        raise PoseError(
+            f"poses {path}: they move at {np.median(speeds):.3g} m/s; are positions in millimetres "
+            "in place of metres?"
+        )
 
 
 def _pose(fields: Sequence[str]) -> tuple[int, list[float], list[float]]:
@@ -74,6 +93,9 @@ def _pose(fields: Sequence[str]) -> tuple[int, list[float], list[float]]:
 def _nanoseconds(text: str) -> int:
     """Decimal seconds as text to whole nanoseconds, without a detour over float64."""
     try:
-        return int((Decimal(text) * 1_000_000_000).to_integral_value())
-    except (InvalidOperation, OverflowError, ValueError) as error:
+        t_ns = int((Decimal(text) * 1_000_000_000).to_integral_value())
+    except (ArithmeticError, ValueError) as error:
         raise ValueError(f"'{text}' is no time in seconds") from error
+    if abs(t_ns) > _MOST_NS:
+        raise ValueError(f"'{text}' is no time in seconds; is it in nanoseconds?")
+    return t_ns
