@@ -1,16 +1,19 @@
 """`roller batch`: one failure is a row, what is done stays done."""
 
 import json
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from recording.bags import analytic_dataset, write_bag
 from roller_bringup.cli import main
-from roller_inspect.batch import jobs
+from roller_inspect.batch import dask_workers, jobs
 from roller_inspect.batch.jobs import find_recordings
 from waiting import wait_until
 
@@ -72,7 +75,7 @@ def test_how_far_it_is_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     shares: list[float] = []
     bar = contextmanager(lambda _: iter([shares.append]))
     monkeypatch.setattr("roller_core.progress.progress_bar", bar)
-    monkeypatch.setattr(jobs, "run_job", lambda job: jobs._failed(job, "not tried", 0.0))
+    monkeypatch.setattr(jobs, "run_job", lambda job: jobs.failed(job, "not tried", 0.0))
     scans = tmp_path / "scans"
     scans.mkdir()
     for name in ("one", "two"):
@@ -81,27 +84,89 @@ def test_how_far_it_is_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert shares == [0.5, 1.0]
 
 
-def test_a_dask_scheduler_does_the_jobs(tmp_path: Path) -> None:
+@pytest.fixture
+def cluster() -> Iterator[Any]:
     distributed = pytest.importorskip("distributed")
-    folder, out = tmp_path / "scans", tmp_path / "out"
-    folder.mkdir()
-    (folder / "broken.mcap").write_bytes(b"\x89MCAP0\r\n nothing")
-    words = ["batch", str(folder), "--output", str(out), "--method", "focus", "--scheduler"]
     with distributed.LocalCluster(
-        n_workers=1,
-        processes=False,
-        protocol="tcp://",
-        host="127.0.0.1",
+        n_workers=0, threads_per_worker=1, processes=True, protocol="tcp://", host="127.0.0.1",
         dashboard_address="127.0.0.1:0",
-    ) as cluster:
-        assert main([*words, cluster.scheduler_address]) == 1
-    (job,) = json.loads((out / "summary.json").read_text())["jobs"]
-    assert "nothing is read" in job["error"]
+    ) as made:  # fmt: skip
+        yield made
+
+
+def batch(folder: Path, out: Path, *words: str) -> tuple[int, list[dict[str, Any]]]:
+    """Exit code, and the rows of the summary."""
+    code = main(["batch", str(folder), "--output", str(out), "--method", "focus", *words])
+    summary = out / "summary.json"
+    return code, json.loads(summary.read_text())["jobs"] if summary.exists() else []
+
+
+def broken_scans(folder: Path, count: int) -> Path:
+    folder.mkdir()
+    for k in range(count):
+        (folder / f"broken{k}.mcap").write_bytes(b"\x89MCAP0\r\n nothing" + bytes([k]))
+    return folder
+
+
+def test_a_dask_scheduler_does_the_jobs(cluster: Any, tmp_path: Path) -> None:
+    cluster.scale(2)
+    folder = broken_scans(tmp_path / "scans", 3)
+    code, rows = batch(folder, tmp_path / "out", "--scheduler", cluster.scheduler_address)
+    assert code == 1
+    assert [Path(row["source"]).name for row in rows] == [f"broken{k}.mcap" for k in range(3)]
+    assert all("nothing is read" in row["error"] for row in rows)
+
+
+def test_what_a_scheduler_lacks_is_said(
+    cluster: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = broken_scans(tmp_path / "scans", 1)
+    words = ("--scheduler", cluster.scheduler_address)
+    monkeypatch.setattr(dask_workers, "_PATIENCE_S", 2)
+    assert batch(folder, tmp_path / "out", *words) == (1, [])
+    assert "the scheduler has no workers; start some" in capsys.readouterr().err
+    cluster.scale(1)
+    monkeypatch.setattr(dask_workers, "_KNOWS_US", "False")
+    assert batch(folder, tmp_path / "out", *words) == (1, [])
+    assert re.search(r"the worker tcp://\S+ has no roller_inspect", capsys.readouterr().err)
+
+
+def test_a_job_that_kills_its_worker_costs_itself_alone(
+    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cluster.scale(2)  # each has one of them
+    cluster.wait_for_workers(2)
+    cluster.scheduler.allowed_failures = 1
+    job, other = (jobs.Job(key, key, "out", (), False, 0.0, 0) for key in ("dies", "lives"))
+    cloudpickle = pytest.importorskip("cloudpickle")
+    cloudpickle.register_pickle_by_value(sys.modules[__name__])
+    monkeypatch.setattr(jobs, "run_job", dies_or_lives)
+    rows = {
+        row.key: row
+        for row in dask_workers.rows_of_workers([job, other], cluster.scheduler_address)
+    }
+    assert rows["dies"].error.startswith("its worker gave it up: ")
+    assert rows["lives"].verdict == "conform"
+
+
+def dies_or_lives(job: jobs.Job) -> jobs.Row:
+    """On a worker, which knows nothing of this file: it is sent there as it stands."""
+    import os
+    from dataclasses import replace
+
+    from roller_inspect.batch.jobs import failed
+
+    if job.key == "dies":
+        os._exit(1)
+    return replace(failed(job, ""), verdict="conform")
 
 
 _BATCH = """
 import sys, threading
-from roller_inspect.batch import jobs
+from roller_inspect.batch import dask_workers, jobs
 said = "print(os.getpid(), file=open(sys.argv[2], 'w'))"
 jobs._CHILD = f"{jobs._BOUND} import time; {said}; time.sleep(300)"
 job = jobs.Job("key", sys.argv[1], "out", (), False, 0.0, 0)
@@ -156,7 +221,7 @@ def test_a_file_that_holds_something_else_now_makes_another_job(
     (scans / "one.mcap").touch()
     tried: list[jobs.Job] = []
     monkeypatch.setattr(
-        jobs, "run_job", lambda job: tried.append(job) or jobs._failed(job, "not tried", 0.0)
+        jobs, "run_job", lambda job: tried.append(job) or jobs.failed(job, "not tried", 0.0)
     )
     value = f"cad:{file}" if option == "--reference" else str(file)
     for height_m in (0.0, 1e-3):
@@ -176,7 +241,7 @@ def test_a_recording_that_is_there_twice_is_named_and_inspected_once(
 ) -> None:
     tried: list[jobs.Job] = []
     monkeypatch.setattr(
-        jobs, "run_job", lambda job: tried.append(job) or jobs._failed(job, "not tried", 0.0)
+        jobs, "run_job", lambda job: tried.append(job) or jobs.failed(job, "not tried", 0.0)
     )
     scans = tmp_path / "scans"
     for name in ("one", "sub/two", "three"):

@@ -110,7 +110,7 @@ def run_job(job: Job) -> Row:
                 timeout=job.timeout_s or None,
             )
         except subprocess.TimeoutExpired:
-            return _failed(job, f"took longer than {job.timeout_s:g} s", begin)
+            return failed(job, f"took longer than {job.timeout_s:g} s", begin)
         if done.returncode not in (0, 3, 4):
             lines = [line for line in done.stderr.splitlines() if line.strip()]
             said = next((line for line in lines if line.startswith("error: ")), lines[-1:] or "")
@@ -119,11 +119,11 @@ def run_job(job: Job) -> Row:
             error = re.sub(rf"^(bag )?{re.escape(job.source)}: ", "", error)
             error = error or f"ended with {done.returncode}"
             if done.returncode != 1 or not (folder / "inspection.json").is_file():
-                return _failed(job, error, begin)
+                return failed(job, error, begin)
     try:
         document = json.loads((folder / "inspection.json").read_text())
     except (OSError, ValueError) as fault:
-        return _failed(job, f"no results: {fault}", begin)
+        return failed(job, f"no results: {fault}", begin)
     depths = [f["depth_m"] for f in document["findings"]]
     return Row(
         job.key,
@@ -139,6 +139,7 @@ def run_job(job: Job) -> Row:
     )
 
 
-def _failed(job: Job, error: str, begin: float) -> Row:
-    spent = round(time.monotonic() - begin, 2)
+def failed(job: Job, error: str, begin: float | None = None) -> Row:
+    """The row of a job that came to nothing; `begin`: when it began, monotonic time, s."""
+    spent = None if begin is None else round(time.monotonic() - begin, 2)
     return Row(job.key, job.source, "", "", None, None, None, spent, error)

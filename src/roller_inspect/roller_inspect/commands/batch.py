@@ -97,6 +97,7 @@ def run(args: argparse.Namespace) -> int:
                 said = row.error or row.reason
                 print(f"{row.source}: {row.verdict or 'failed'}: {said}", flush=True)
                 progress(len(rows) / len(jobs))
+        rows.sort(key=lambda row: lasting.index(row.key))
         write_summary(output.partial, rows, output.path)
     failed = [row for row in rows if row.error]
     print(f"results in {args.output}/: index.html, summary.csv, summary.json")
@@ -141,26 +142,16 @@ def _jobs(args: argparse.Namespace, sources: list[Path], recipe: Recipe) -> list
 
 
 def _run_all(jobs: list[Job], args: argparse.Namespace) -> Iterator[Row]:
-    """Rows in the order of the jobs, as they come."""
-    from joblib import Parallel, delayed, parallel_config
+    """Rows as they come."""
+    from joblib import Parallel, delayed
 
-    from roller_core.errors import RollerError
     from roller_inspect.batch.jobs import run_job
 
     if args.scheduler is None:
         # A job is a process already; threads wait for them.
         work = Parallel(n_jobs=args.jobs, backend="threading", return_as="generator")
         yield from work(delayed(run_job)(job) for job in jobs)
-        return
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise RollerError(
-            f"--scheduler needs dask ({sys.executable} -m pip install dask distributed)"
-        ) from error
-    try:
-        client = Client(args.scheduler, timeout=10)
-    except (OSError, ValueError) as error:
-        raise RollerError(f"{args.scheduler}: no Dask scheduler answers there ({error})") from error
-    with client, parallel_config(backend="dask"):
-        yield from Parallel()(delayed(run_job)(job) for job in jobs)
+    else:
+        from roller_inspect.batch.dask_workers import rows_of_workers
+
+        yield from rows_of_workers(jobs, args.scheduler)
