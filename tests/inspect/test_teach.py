@@ -1,6 +1,7 @@
 """What `roller inspect teach` refuses to learn from."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,8 @@ import pytest
 
 from recording.bags import Recipe, write_bag
 from roller_bringup.cli import main
+
+from .test_references import map_of, part
 
 Capture = pytest.CaptureFixture[str]
 
@@ -64,3 +67,58 @@ def test_parameters_of_the_inspection(tmp_path: Path, capsys: Capture) -> None:
     params.write_text(f"inspect:\n  ros__parameters: {{recipe: {tmp_path}/none.yaml}}\n")
     assert teach(tmp_path, *words) == 1
     assert "none.yaml" in capsys.readouterr().err
+
+
+SETTINGS = {"surface": {"event_delay_s": 0.0, "edge_drift": {"off": [0.0]}}, "emvs": {"threads": 1}}
+
+
+def result(
+    folder: Path, seed: int, camera: str = "ours", grid_m: float = 1e-4, **report: Any
+) -> str:
+    """As much of an inspection's result as a reference is taught from."""
+    folder.mkdir()
+    map_of(part, seed).save(folder / "height_map.npz")
+    inspection = {"traceability": {"camera": camera}, "recipe": {"grid_m": grid_m}}
+    (folder / "inspection.json").write_text(json.dumps(inspection))
+    written = {"method": "surface", "settings": SETTINGS} | report
+    (folder / "report.json").write_text(json.dumps(written))
+    return str(folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"settings": SETTINGS | {"surface": {"event_delay_s": 4e-4}}},
+         r"other settings \(surface\.event_delay_s\)"),
+        ({"method": "focus"}, "method focus, not surface"),
+        ({"camera": "another"}, "camera another, not ours"),
+        ({"grid_m": 2e-4}, "grid_m 0.0002, not 0.0001"),
+    ],
+)  # fmt: skip
+def test_results_that_were_measured_otherwise(
+    change: dict[str, Any], why: str, tmp_path: Path, capsys: Capture
+) -> None:
+    good = [result(tmp_path / name, k) for k, name in enumerate(("one", "two"))]
+    other = result(tmp_path / "other", 3, **change)
+    assert teach(tmp_path, *good, other) == 1
+    said = rf"error: {other} was measured otherwise than {good[0]}: {why}; "
+    assert re.match(said, capsys.readouterr().err)
+    assert not (tmp_path / "golden").exists()
+    # What doesn't matter to the surface may differ, and what isn't known is believed.
+    fine = result(tmp_path / "fine", 4, settings=SETTINGS | {"emvs": {"threads": 2}})
+    bare = result(tmp_path / "bare", 5, camera="", grid_m=0.0, method="", settings={})
+    assert teach(tmp_path, *good, fine, bare) == 0
+
+
+def test_options_that_results_dont_keep_to(tmp_path: Path, capsys: Capture) -> None:
+    good = [result(tmp_path / name, k) for k, name in enumerate(("one", "two"))]
+    params, recipe = tmp_path / "cell.yaml", tmp_path / "recipe.yaml"
+    params.write_text("/**/surface: {ros__parameters: {event_delay_s: 0.0004}}\n")
+    recipe.write_text("schema: roller-recipe/1\ngrid_m: 2.0e-4\n")
+    for words, why in (
+        (("--params", str(params)), "than the options ask for: other settings (surface.event_del"),
+        (("--method", "bma"), "than the options ask for: method surface, not bma"),
+        (("--recipe", str(recipe)), "than --recipe: grid_m 0.0001, not 0.0002"),
+    ):
+        assert teach(tmp_path, *good, *words) == 1
+        assert f"error: {good[0]} was measured otherwise {why}" in capsys.readouterr().err

@@ -38,9 +38,11 @@ def add_processing_options(
     parser.add_argument("--no-picture", action="store_true", help="don't draw overview.png")
 
 
-def add_method_option(parser: argparse.ArgumentParser, default: str | None) -> None:
-    """Add `--method`, one of those of a replay."""
-    shown = default or "default: focus"
+def add_method_option(
+    parser: argparse.ArgumentParser, default: str | None, otherwise: str = "focus"
+) -> None:
+    """Add `--method`, one of those of a replay; `otherwise`: what holds where it isn't given."""
+    shown = default or f"default: {otherwise}"
     parser.add_argument(
         "--method", choices=REPLAY_METHODS, default=default, help=f"depth method ({shown})"
     )

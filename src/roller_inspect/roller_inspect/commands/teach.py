@@ -18,6 +18,10 @@ from .options import add_method_option, recipe_file
 
 if TYPE_CHECKING:
     from roller_inspect.height_map import HeightMap
+    from roller_inspect.references.measured_by import MeasuredBy
+
+#: Method of recordings where none is named.
+_METHOD = "surface"
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -32,7 +36,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "scans", type=Path, nargs="+", metavar="SCAN", help="recordings, or results of inspect"
     )
     add_output(parser, "the reference", required=True)
-    add_method_option(parser, "surface")
+    add_method_option(parser, None, _METHOD)
     parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
     parser.add_argument(
         "--recipe",
@@ -48,10 +52,16 @@ def run(args: argparse.Namespace) -> int:
     """Make a map of each scan, and the reference of all."""
     from roller_core.output_folder import OutputFolder
     from roller_inspect.references import teach
+    from roller_inspect.references.measured_by import check_alike
 
     args.recipe = recipe_file(args.recipe, args.params)
     with OutputFolder(args.output, "teach", [*args.scans, args.params, args.recipe]) as output:
-        golden = teach([_map(args, scan) for scan in args.scans], _warn)
+        maps, made = [], _asked(args)
+        for scan in args.scans:
+            height_map, made[str(scan)] = _map(args, scan)
+            check_alike(made)
+            maps.append(height_map)
+        golden = teach(maps, _warn)
         golden.save(output.partial)
     known = float((golden.height_m == golden.height_m).mean())
     print(f"golden reference of {golden.scans} scans, {known:.1%} of its cells known")
@@ -77,7 +87,27 @@ def _check(scan: Path, faults: Sequence[str], totals: Mapping[str, Any]) -> None
         raise HeightMapError(f"{scan}: nothing is learnt from a scan with faults: {faults[0]}")
 
 
-def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
+def _asked(args: argparse.Namespace) -> dict[str, MeasuredBy]:
+    """What the options ask for, as far as they are given."""
+    from roller_inspect.pipeline import PipelineSettings
+    from roller_inspect.recipe import load_recipe
+    from roller_inspect.references.measured_by import MeasuredBy
+
+    if args.method is None and args.params is None and args.recipe is None:
+        return {}
+    grid_m = load_recipe(args.recipe).grid_m if args.recipe is not None else 0.0
+    if args.method is None and args.params is None:
+        return {"--recipe": MeasuredBy(grid_m=grid_m)}
+    s = PipelineSettings.load(args.params, args.method or _METHOD).for_inspection()
+    settings = {
+        "emvs": s.depth.model_dump(), "stitcher": s.stitcher.model_dump(),
+        "surface": s.surface.model_dump(),
+    } if args.params is not None else {}  # fmt: skip
+    asked = MeasuredBy.of(args.method or _METHOD, settings, "", grid_m)
+    return {"the options ask for": asked}
+
+
+def _map(args: argparse.Namespace, scan: Path) -> tuple[HeightMap, MeasuredBy]:
     """The map of a scan: from a result that is there, or by inspecting the recording."""
     from tempfile import TemporaryDirectory
 
@@ -88,6 +118,7 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
     from roller_inspect.judgement import Inspected
     from roller_inspect.pipeline import PipelineSettings
     from roller_inspect.recipe import load_recipe
+    from roller_inspect.references.measured_by import MeasuredBy
     from roller_inspect.replay import replay
     from roller_recording.reading import open_recording
 
@@ -98,8 +129,13 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
         )
         faults = [*document.get("faults", []), *document.get("contact", [])]
         _check(scan, faults, report.get("totals", {}))
-        return HeightMap.load(scan / "height_map.npz")
-    settings = PipelineSettings.load(args.params, args.method)
+        made = MeasuredBy.of(
+            report.get("method", ""), report.get("settings", {}),
+            document.get("traceability", {}).get("camera", ""),
+            document.get("recipe", {}).get("grid_m", 0.0),
+        )  # fmt: skip
+        return HeightMap.load(scan / "height_map.npz"), made
+    settings = PipelineSettings.load(args.params, args.method or _METHOD)
     recording = open_recording(scan, None, None, settings.max_pose_gap_s, None)
     check_same_camera(args.params, recording.camera)
     recipe = load_recipe(args.recipe).changed({"reference": "self"})
@@ -118,4 +154,5 @@ def _map(args: argparse.Namespace, scan: Path) -> HeightMap:
     height_map = parts[0].found.height_map if parts else None
     if height_map is None:
         raise HeightMapError(f"{scan}: nothing was measured; a reference needs texture")
-    return height_map
+    camera = str(recording.camera)
+    return height_map, MeasuredBy.of(done.method, done.settings, camera, recipe.grid_m)
