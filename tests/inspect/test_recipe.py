@@ -65,6 +65,8 @@ WRONG = {
     "tolerances: [{colour: 1}]": "unknown entry 'tolerances.0.colour'; there are region, kind,",
     "tolerances: [{depth_m: 100}]": "'tolerances.0.depth_m' = 100: at most 0.01 is expected",
     "tolerances: {depth_m: 1.0e-4}": "'tolerances' = {'depth_m': 0.0001}: a list is expected",
+    "limits: {depth_m: 5.0e-4}": "'limits.depth_m' is 0.0005, above a tolerance of 0.0001",
+    "{limits: {length_m: 2.0e-3}, tolerances: [{kind: scratch, length_m: 1.0e-3}]}": "never found",
     "limits: {depth_m: 30}": "'limits.depth_m' = 30: at most 0.01 is expected",
     "grid_m: fine": "'grid_m' = 'fine': a number is expected",
     "plate: {origin_m: [0, 0]}": "'plate.origin_m.2' is missing",
@@ -83,6 +85,17 @@ def test_what_is_wrong_is_named_in_one_line(text: str, tmp_path: Path) -> None:
     (line,) = str(caught.value).splitlines()
     assert str(file) in line
     assert WRONG[text] in line
+
+
+def test_limits_below_the_tolerances_that_hold_are_fine(tmp_path: Path) -> None:
+    file = tmp_path / "recipe.yaml"
+    for text in (
+        "limits: {depth_m: 9.0e-5}",
+        "{limits: {depth_m: 5.0e-4}, tolerances: [{depth_m: 1.0e-3}]}",  # the default holds nowhere
+        "tolerances: [{depth_m: 1.0e-5}]",  # tighter than what is found as a rule
+    ):
+        file.write_text(text)
+        load_recipe(file)
 
 
 def test_the_first_tolerance_that_fits_holds(tmp_path: Path) -> None:

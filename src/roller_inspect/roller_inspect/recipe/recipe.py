@@ -19,7 +19,7 @@ from roller_inspect.surface_inspector import InspectionSettings
 from .decision import Rule
 from .measure import ALONE, ALONG, Measure
 from .regions import FARTHEST_M, Region
-from .tolerance import DEFAULT_TOLERANCE, Tolerance
+from .tolerance import DEFAULT_TOLERANCE, Tolerance, check_discrimination
 
 SCHEMA = "roller-recipe/1"
 Kind = Literal["self", "nominal", "golden", "cad"]
@@ -189,6 +189,7 @@ class Recipe(Settings):
             along = m.of in self.lines
             outline = np.array(self.lines[m.of]) if along else self.regions[m.of].outline()
             m.check_limits(f"measures.{i}", outline)
+        check_discrimination(self.tolerances, self.limits)
         return self
 
     @property

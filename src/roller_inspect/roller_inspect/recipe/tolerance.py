@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from roller_core.settings import Settings
+from roller_inspect.findings import Limits
 
 from .measure import DEEPEST_M
 
@@ -41,3 +43,24 @@ class Tolerance(Settings):
 
 #: What a finding may be where no tolerance of the recipe fits it.
 DEFAULT_TOLERANCE = Tolerance.create({"depth_m": 100e-6})
+
+
+def check_discrimination(tolerances: Sequence[Tolerance], limits: Limits) -> None:
+    """Refuse limits under which a tolerance would never be seen to be exceeded.
+
+    Raises
+    ------
+    ValueError
+        Naming it.
+    """
+    usual = Limits.create({})
+    for tolerance in (*tolerances, DEFAULT_TOLERANCE):
+        for name, most in tolerance.limits().items():
+            least = getattr(limits, name, 0.0)
+            if least > most and least != getattr(usual, name):
+                raise ValueError(
+                    f"'limits.{name}' is {least:g}, above a tolerance of {most:g}: what lies "
+                    "between is never found, and would pass"
+                )
+        if tolerance.kind == "any" and not tolerance.region:
+            return  # none after it holds
