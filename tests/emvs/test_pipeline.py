@@ -16,6 +16,7 @@ from emvs.scenes import (
     waking,
 )
 from roller_core.events import EventArray
+from roller_core.pose_track import PoseTrack
 from roller_emvs.depth_map import DepthMap
 from roller_emvs.depth_settings import METHODS, DepthSettings
 from roller_emvs.pipeline import DepthPipeline
@@ -106,6 +107,28 @@ def test_error_does_not_depend_on_speed_with_travel_windows() -> None:
         errors = np.concatenate([errors_m(m) for m in maps if isinstance(m, DepthMap)])
         medians.append(float(np.median(np.abs(errors))))
     assert medians[0] < 1.5 * medians[1]
+
+
+def test_counts_add_up_where_windows_overlap_and_poses_are_missing() -> None:
+    """The robot starts at 20 m/s², which poses 8 ms apart don't tell."""
+
+    def starting(t: float) -> tuple[np.ndarray, np.ndarray]:
+        way = 10.0 * min(t, 0.02) ** 2 + 0.4 * max(t - 0.02, 0.0)
+        return np.array([way, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+
+    events = events_of(lines(tilted), starting, 0.16)
+    for missing in (False, True):
+        whole, track = track_of(starting, 0.16), PoseTrack(max_gap_s=0.03)
+        for t, p, q in zip(whole.times_ns, whole.positions, whole.quaternions, strict=True):
+            if not (missing and 60e6 < t - whole.start_ns < 110e6):
+                track.append(int(t), p, q)
+        pipeline = DepthPipeline(DepthSettings.create({"window.overlap": 0.5}), CAMERA, track)
+        pipeline.add_events(events)
+        list(pipeline.results(flush=True))
+        c = pipeline.counts
+        assert c.ramp_events > 0
+        told = c.events + c.events_without_pose + c.ramp_events + c.still_events + c.dropped_events
+        assert told + c.dead_time_events == len(events)
 
 
 def test_counts_add_up(scan: EventArray) -> None:

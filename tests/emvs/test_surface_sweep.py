@@ -107,7 +107,10 @@ def test_a_gap_in_poses_ends_the_pass(scan: EventArray) -> None:
     faults = [r for r in refused if r.fault is not None]
     assert len(faults) == 1
     assert "gap" in faults[0].reason
-    assert engine.counts.events_without_pose == faults[0].events
+    counts = engine.counts
+    assert counts.events_without_pose == faults[0].events
+    told = counts.events + counts.events_without_pose + counts.ramp_events + counts.still_events
+    assert told == len(scan)  # each once
     points = points_of(patches)
     assert np.median(np.abs(points[:, 2] - tilted(points[:, 0]))) < 70e-6
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from roller_inspect.results.truth_tally import SurfaceTally
+from roller_emvs.depth_map import DepthMap
+from roller_inspect.results.truth_tally import SurfaceTally, TruthTally
 from roller_sim.cell import VirtualCell
 from roller_sim.cell_settings import VirtualCellSettings
 from roller_sim.relief import Region
@@ -33,3 +34,17 @@ def test_an_object_smaller_than_a_pixel_has_no_edges_and_stops_nothing() -> None
     found = tally.summary()["objects"]["speck"]
     assert found["points"] == 1
     assert np.isnan(found["edges_measured"])
+
+
+def test_what_is_too_high_is_above_0_for_depth_maps_and_points_alike() -> None:
+    truth = VirtualCell(VirtualCellSettings.create({"scene": {"name": "flat"}}, "test")).truth
+    stamp_ns = truth.start_ros_ns + truth.duration_ns // 2
+    depth = truth.seen_images(stamp_ns)[0]
+    high = np.asarray(depth - 2e-5, np.float32)  # nearer to the camera
+    maps, points = TruthTally(truth), SurfaceTally(truth)
+    maps.add(DepthMap(stamp_ns, high, high, high, np.eye(4), stamp_ns, stamp_ns, 0))
+    x, y = np.meshgrid(np.linspace(0.01, 0.02, 20), np.linspace(-3e-3, 3e-3, 5))
+    above = np.stack([x, y, truth.height_at(x, y) + 2e-5], axis=-1).reshape(-1, 3)
+    points.add_points(above, stamp_ns)
+    for tally in (maps, points):
+        assert tally.summary()["all"]["bias_um"] == pytest.approx(20.0, abs=1.0)

@@ -158,6 +158,7 @@ class EventCutter(ABC):
         self.events_without_pose = 0
         self.still_events = 0
         self.ramp_events = 0
+        self._ramps_to_ns = -(2**62)
 
     @property
     def held_events(self) -> int:
@@ -216,9 +217,10 @@ class EventCutter(ABC):
         keep = np.ones(len(events), np.bool_)
         for begin, end in ramps:
             keep[slice(*np.searchsorted(events.t_ns, (begin, end)))] = False
-        kept = events[keep]
-        self.ramp_events += len(events) - len(kept)
-        return kept
+        # Windows may overlap: each is counted once.
+        self.ramp_events += int((~keep & (events.t_ns >= self._ramps_to_ns)).sum())
+        self._ramps_to_ns = max(self._ramps_to_ns, end_ns)
+        return events[keep]
 
     def _in_gap(self, start_ns: int, end_ns: int) -> bool:
         """Whether events were left out in a span; the spans asked for go on in time."""

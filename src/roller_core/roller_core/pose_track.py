@@ -207,8 +207,10 @@ class PoseTrack:
         # bends within the step is off by no more than the time squared times the acceleration at
         # the end that tells of less; one that bends at a pose leaves both steps straight.
         low, high = np.fmin(acc[:-1], acc[1:]), np.fmax(acc[:-1], acc[1:])
-        off = np.minimum(8 * low, high) * (np.diff(times) * 1e-9) ** 2 / 8
-        return [(int(times[k]), int(times[k + 1])) for k in np.flatnonzero(off > most_m)]
+        seconds = np.diff(times) * 1e-9
+        off = np.minimum(8 * low, high) * seconds**2 / 8
+        hard = (off > most_m) & (seconds <= self.max_gap_s)  # of a gap nothing is known
+        return [(int(times[k]), int(times[k + 1])) for k in np.flatnonzero(hard)]
 
     def half_way(self, start_ns: int, end_ns: int) -> int:
         """Time at which the sensor has come half of its way through a span that poses cover."""

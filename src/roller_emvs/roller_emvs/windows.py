@@ -289,5 +289,7 @@ class WindowCutter(EventCutter):
             self._drop_unplaced()
         events = self._placed(taken, start, end)
         self.repeated = int(np.searchsorted(events.t_ns, self._taken_to_ns))
-        self._taken_to_ns = end if self._start_ns is not None else -(2**62)
+        # A window that ends at a gap may end before the one before it.
+        taken_to = max(self._taken_to_ns, end)
+        self._taken_to_ns = taken_to if self._start_ns is not None else -(2**62)
         return Window(start, end, events)

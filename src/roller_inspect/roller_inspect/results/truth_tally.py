@@ -90,7 +90,7 @@ class TruthTally(_Tallies):
         edges = (slope > EDGE_SLOPE) & contact
         measured = np.isfinite(found.depth)
         reached, near = _grown(measured), _grown(edges)
-        error = (found.depth - depth) * 1e6
+        error = (depth - found.depth) * 1e6  # + is too high, as of points
         x, y = self.truth.places(seen_ns, depth)
         for tally, here in self._places(x, y):
             inside = measured & contact & here

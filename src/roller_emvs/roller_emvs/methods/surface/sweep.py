@@ -96,7 +96,8 @@ class SurfaceSweep(DepthEngine[PassCutter]):
         """
         for found in self._cutter.cut(flush):
             if isinstance(found, RefusedWindow):
-                self._counts.events += found.events
+                if found.fault is None:  # else they count as without a pose
+                    self._counts.events += found.events
                 result: SurfacePatch | RefusedWindow = found
             else:
                 strip, block = found
