@@ -59,6 +59,15 @@ def test_times_never_run_backwards() -> None:
     assert stream.counts.late_events == 0
 
 
+def test_packets_in_the_wrong_order_are_told() -> None:
+    """Within 5 ms they take the newest time, which moves their edges along the roll."""
+    stream, total = EventStream(64, 48), 0
+    for k in (0, 1, 3, 2, 4):
+        total += len(push(stream, k, (10 + 2 * k) * MS, START_NS + 2 * k * MS))
+    assert total == 50
+    assert stream.counts.late_events == 10
+
+
 def test_late_packets_are_left_out_and_counted() -> None:
     stream = EventStream(64, 48)
     push(stream, 0, 100 * MS, START_NS)

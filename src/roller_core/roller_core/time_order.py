@@ -7,8 +7,9 @@ import numpy as np
 from .errors import RollerError
 from .events import EventArray
 
-#: Events up to this late are jitter, of a clock's map or of threads, ns.
-JITTER_NS = 5_000_000
+#: Events up to this late are jitter, of a clock's map or of threads, ns; more than so much of it is
+#: told.
+JITTER_NS, _TOLD_NS = 5_000_000, 500_000
 #: Events later than this belong to a source that started anew, ns; of one whose numbers began anew,
 #: such as a recording that is played again, all that are no jitter.
 _RESTART_NS = 1_000_000_000
@@ -33,7 +34,8 @@ class TimeOrder:
     last_ns : int or None
         Time of the newest event; None before the first.
     late_events : int
-        Events left out because newer ones came first.
+        Events that came half a millisecond after newer ones, or more: up to 5 ms they take the time
+        of the newest, later ones are left out.
     """
 
     def __init__(self) -> None:
@@ -67,6 +69,7 @@ class TimeOrder:
                     events,
                 )
             if behind_ns < JITTER_NS:
+                self.late_events += int(np.searchsorted(events.t_ns, last - _TOLD_NS))
                 events = events.with_times(np.maximum(events.t_ns, last))
             else:
                 kept = events[int(np.searchsorted(events.t_ns, last)) :]
