@@ -285,8 +285,7 @@ class Camera:
 def _numbers(entry: Any) -> list[float]:
     """The numbers of a matrix, row by row."""
     numbers = [float(value) for value in entry["data"]]
-    size = int(entry.get("rows", 1)) * int(entry.get("cols", len(numbers)))
-    if size != len(numbers):
+    if {"rows", "cols"} <= entry.keys() and int(entry["rows"]) * int(entry["cols"]) != len(numbers):
         raise ValueError(f"{len(numbers)} numbers")
     return numbers
 

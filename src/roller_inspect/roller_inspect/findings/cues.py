@@ -92,7 +92,6 @@ def height_cue(
     usual = np.zeros(2, np.float32)
     around = np.zeros((2, *height_map.shape), np.float32)
     claimed, reference = _claimed(height_map), comparison.sigma_m
-    varies = bool(np.ptp(reference) > 0)
     whole = comparison.deviation_m
     fields, weights, fine = [whole], [cell_weights(height_map, whole)], whole
     if local:
@@ -116,7 +115,7 @@ def height_cue(
                 usual[end] = np.median(thinned)
                 around[end] = spread_blocks(noise, by, height_map.shape)
             doubt = reference[cells]
-            if varies:  # smoothing carries what is off at a wall beyond it
+            if comparison.of_walls:
                 spread = block_means(np.where(found, 0, weight * reference), by)
                 away, _ = smoothed_sums(spread, weights_left, max(scale / step / by, 0.5))
                 doubt = np.fmax(doubt, away)

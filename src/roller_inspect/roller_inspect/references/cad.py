@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,8 @@ class CadReference:
     def compare(self, height_map: HeightMap, masked: Bools | None = None) -> Comparison:
         """See `Reference`."""
         self._check_place(height_map)
-        return compare_field(self._field(height_map), height_map, self.name, masked)
+        found = compare_field(self._field(height_map), height_map, self.name, masked)
+        return replace(found, of_walls=True)
 
     def _check_place(self, height_map: HeightMap) -> None:
         """Refuse a model in millimetres or far from the map."""

@@ -48,6 +48,8 @@ class Comparison:
     alignment: Alignment
     #: Whether its height over the scan rests on the robot's pose alone.
     by_pose: bool = False
+    #: Whether its uncertainty is that of walls, whose deviation smoothing carries beyond them.
+    of_walls: bool = False
 
 
 class Reference(Protocol):
