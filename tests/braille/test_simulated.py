@@ -56,6 +56,14 @@ def test_a_plate_is_read(scans: Scans, speed: float) -> None:
     assert np.ptp([c.position[2] for c in cells]) < 1e-5
 
 
+@pytest.mark.parametrize("speckle", [0.03, 0.08])
+def test_cells_before_the_second_dot_lie_as_all_others(scans: Scans, speckle: float) -> None:
+    light = {"speckle": speckle}
+    cells, _, truth = read_plate(scans, "a cab", light=light, camera=FINE)
+    assert [c.mask for c in cells] == [m.mask for m in truth.marks]
+    check_places(cells, truth, 0.3)
+
+
 def test_weak_contrast_and_much_noise(scans: Scans) -> None:
     sensor = {"threshold": 0.35, "background_hz": 3.0, "hot_share": 1e-3}
     _, pipeline, _ = read_plate(scans, "dfhj", sensor=sensor, camera={"width": 600, "height": 230})

@@ -58,7 +58,7 @@ def test_a_verdict_waits_for_points_that_are_still_worked_out(processes, watch):
     for output in strips(0.0, now):
         points.publish(messages.to_message(output))
     watcher.spin_until(lambda: watcher.value(STATUS, "points") > 1000, 30, "points")
-    answer = client.call_async(Trigger.Request())
+    answer, again = (client.call_async(Trigger.Request()) for _ in range(2))
     watcher.spin(0.7)
     assert not answer.done()
     for output in strips(0.02, now + 4 * 10**8, depth_m=3e-4):
@@ -67,6 +67,8 @@ def test_a_verdict_waits_for_points_that_are_still_worked_out(processes, watch):
     watcher.spin_until(answer.done, 30, "the verdict")
     assert answer.result().success
     assert answer.result().message.startswith("part 1: nonconform"), answer.result().message
+    watcher.spin_until(again.done, 30, "the same verdict")
+    assert again.result() == answer.result()  # who asked meanwhile
     again = watcher.call("/inspect/finish", Trigger, Trigger.Request())
     assert not again.success
     assert again.message.startswith("part 2: no points yet; before: part 1: nonconform")

@@ -65,7 +65,7 @@ WRONG = {
     "tolerances: [{colour: 1}]": "unknown entry 'tolerances.0.colour'; there are region, kind,",
     "tolerances: [{depth_m: 100}]": "'tolerances.0.depth_m' = 100: at most 0.01 is expected",
     "tolerances: {depth_m: 1.0e-4}": "'tolerances' = {'depth_m': 0.0001}: a list is expected",
-    "limits: {depth_m: 5.0e-4}": "'limits.depth_m' is 0.0005, above a tolerance of 0.0001",
+    "limits: {depth_m: 5.0e-4}": "'limits.depth_m' is 0.0005, above the default tolerance",
     "{limits: {length_m: 2.0e-3}, tolerances: [{kind: scratch, length_m: 1.0e-3}]}": "never found",
     "limits: {depth_m: 30}": "'limits.depth_m' = 30: at most 0.01 is expected",
     "grid_m: fine": "'grid_m' = 'fine': a number is expected",
@@ -74,6 +74,9 @@ WRONG = {
     "measures: [{name: a}]": "'measures.0.tool' is missing",
     "inspect: face": "'inspect' = 'face': a list is expected",
 }
+
+
+KINDS = ("dent", "crater", "scratch", "raised", "missing", "extra")
 
 
 @pytest.mark.parametrize("text", WRONG)
@@ -92,6 +95,9 @@ def test_limits_below_the_tolerances_that_hold_are_fine(tmp_path: Path) -> None:
     for text in (
         "limits: {depth_m: 9.0e-5}",
         "{limits: {depth_m: 5.0e-4}, tolerances: [{depth_m: 1.0e-3}]}",  # the default holds nowhere
+        "limits: {depth_m: 1.5e-4}\ntolerances: ["
+        + ", ".join(f"{{kind: {kind}, depth_m: 3.0e-4}}" for kind in KINDS)
+        + "]",
         "tolerances: [{depth_m: 1.0e-5}]",  # tighter than what is found as a rule
     ):
         file.write_text(text)

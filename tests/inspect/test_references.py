@@ -287,13 +287,41 @@ def test_a_model_file_that_breaks_off_is_no_model(kind: str, tmp_path: Path) -> 
     lines = text.splitlines(keepends=True)
     for share in (0.75, 0.9, 0.97):
         whole = "".join(lines[: int(share * len(lines))])
-        cuts = [text[: int(share * len(text))].rstrip("\n")]
+        cuts = [whole] if kind != ".obj" or share < 0.8 else []
         # Of an OBJ's last lines nothing tells that they were more, once all corners have triangles.
-        cuts += [whole] if kind != ".obj" or share < 0.8 else []
+        cuts += [text[: int(share * len(text))].rstrip("\n")] if kind != ".obj" else []
+        cuts += [text[:-3]] if kind == ".obj" else []  # "f 1 2" is no triangle
         for cut in cuts:
             file.write_text(cut)
             with pytest.raises(ReferenceError, match=r"; export it anew|no triangles"):
                 CadReference.load(file)
+
+
+def test_whole_model_files_as_others_write_them(tmp_path: Path) -> None:
+    vertices, triangles = mesh_of(flat, (0.0, 0.0, 0.0))
+    triangles = triangles[:40]
+    text = ascii_files(vertices[: triangles.max() + 1], triangles)
+    corners = np.zeros((40, 4, 3), "<f4")
+    corners[:, 1:] = vertices[triangles]
+    rows = b"".join(own.tobytes() + b"\0\0" for own in corners)
+    binary = b"solid facet by others".ljust(80) + (40).to_bytes(4, "little") + rows
+    files = {
+        "upper.stl": text[".stl"].replace("endsolid", "ENDSOLID").encode(),
+        "trailing.stl": (text[".stl"] + " " * 300 + "\n").encode(),
+        "long_name.stl": (text[".stl"].rstrip() + "x" * 250 + "\n").encode(),
+        "binary.stl": binary,
+        "no_newline.obj": text[".obj"].rstrip().encode(),
+        "comment.obj": (text[".obj"] + "# End of File").encode(),
+        "axes.obj": (text[".obj"] + "v 0 0 0\nv 1 0 0\n").encode(),
+    }
+    for name, content in files.items():
+        file = tmp_path / name
+        file.write_bytes(content)
+        assert len(CadReference.load(file).triangles) == 40, name
+    quads = "".join(f"v {k} {k % 2} 0\n" for k in range(4)) + "f 1 2 3 4\n"
+    (tmp_path / "quads.obj").write_text(quads)
+    with pytest.raises(ReferenceError, match="1 faces have more than three corners, of which none"):
+        CadReference.load(tmp_path / "quads.obj")
 
 
 def test_a_model_that_is_turned_is_refused() -> None:

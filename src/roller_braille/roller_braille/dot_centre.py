@@ -15,8 +15,8 @@ import numpy as np
 from .reader_settings import Spacing
 from .warp import F32, F64
 
-#: Dots that count, the last ones, and the fewest.
-_MOST_DOTS, _LEAST_DOTS = 24, 2
+#: Dots that count, the last ones.
+_MOST_DOTS = 24
 #: What is looked at along the roll on either side, and how far off the middle may lie, by the pitch
 #: of dots: the flanks of the next dot are beyond.
 _REACH, _OFF = 0.75, 0.35
@@ -62,7 +62,7 @@ class DotCentre:
             first = max(int(row) - self._half, 0)
             profile = net[first : int(row) + self._half + 1].sum(axis=0, dtype=np.float64)
             self._profiles.append(np.interp(column + steps, columns, profile, 0.0, 0.0))
-        if len(self._profiles) >= _LEAST_DOTS:
+        if self._profiles:
             self._find(np.sum(self._profiles, axis=0))
 
     def _find(self, profile: F64) -> None:

@@ -216,8 +216,8 @@ class Camera:
         values = [float(v) for v in k]
         if len(values) != 9:
             raise CameraError(f"the intrinsic matrix has {len(values)} entries, not 9")
-        zeros_and_one = (values[1], values[3], *values[6:])
-        if np.isfinite(values).all() and any(values) and zeros_and_one != (0, 0, 0, 0, 1):
+        rest = np.abs(np.array([values[1], values[3], *values[6:]]) - [0, 0, 0, 0, 1])
+        if np.isfinite(values).all() and any(values) and rest.max() > _ROUNDED:
             raise CameraError("the intrinsic matrix isn't (fx 0 cx, 0 fy cy, 0 0 1): is it K?")
         coefficients = tuple(float(v) for v in d)
         return cls(
@@ -286,7 +286,9 @@ def _numbers(entry: Any) -> list[float]:
     """The numbers of a matrix, row by row."""
     numbers = [float(value) for value in entry["data"]]
     if {"rows", "cols"} <= entry.keys() and int(entry["rows"]) * int(entry["cols"]) != len(numbers):
-        raise ValueError(f"{len(numbers)} numbers")
+        raise CameraError(
+            f"a matrix of {entry['rows']} × {entry['cols']} has {len(numbers)} numbers"
+        )
     return numbers
 
 
@@ -296,6 +298,8 @@ def _coefficients(entry: Any) -> list[float]:
     return [] if none else _numbers(entry)
 
 
+#: What a matrix's zeros may be off by.
+_ROUNDED = 1e-6
 #: How alike an entry's name must be to one that is missing to be meant for it.
 _ALIKE = 0.8
 #: Entries of a camera_info YAML file in the order of `from_matrix`: how each is read, and what
@@ -321,6 +325,8 @@ def _entries(data: Any) -> list[Any]:
         try:
             absent = default is not None and name not in data
             found.append(default if absent else read(data[name]))
+        except CameraError as error:
+            raise CameraError(f"entry '{name}': {error}") from error
         except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
             raise CameraError(
                 f"entry '{name}' is missing or wrong; expected ROS camera_info YAML "

@@ -32,6 +32,9 @@ _USUAL_EVENTS = 5000
 _SETTLED_NS = 50_000_000
 #: Events so much newer than the newest pose show that poses don't come any more, ns.
 _NO_POSES_NS = 500_000_000
+#: A camera that gives not one event over so much of the way, m, in so long, ns, is gone: pixels are
+#: never all quiet.
+_NO_EVENTS_M, _NO_EVENTS_NS = 0.01, 100_000_000
 
 
 class Pipeline(Protocol):
@@ -83,6 +86,8 @@ class EventStage(Stage[E], Generic[E, P]):
         self._past: Counter[str] = Counter()
         self._losses = LossShare()
         self._told: list[Result] = []
+        # Of the events, and of those after which it was told that none came.
+        self._last_event_ns = self._ended_ns = 0
 
     def warm_up(self) -> None:
         """Load what decodes packets and maps their times; a stage adds what it needs."""
@@ -177,6 +182,7 @@ class EventStage(Stage[E], Generic[E, P]):
     def take_events(self, events: EventArray) -> None:
         """Take decoded events in order of time, ROS time; the camera must have come."""
         if self.pipeline is not None and len(events):
+            self._last_event_ns = int(events.t_ns[-1])
             self.pipeline.add_events(events)
 
     def health(self) -> tuple[int, str]:
@@ -204,6 +210,21 @@ class EventStage(Stage[E], Generic[E, P]):
         return (
             f"poses {frames.base} -> {frames.moving} are missing: the newest is "
             f"{behind_ns * 1e-9:.1f} s older than the newest event"
+        )
+
+    def _events_ended(self) -> tuple[int, str] | None:
+        """When, ns, and what to tell of a way that the sensor went on without any events; once."""
+        newest, track = self._last_event_ns, self.frames.track
+        if not len(track) or newest in (0, self._ended_ns):
+            return None
+        way = track.positions[int(np.searchsorted(track.times_ns, newest)) :]
+        gone_m = float(np.linalg.norm(way[-1] - way[0])) if len(way) else 0.0
+        if gone_m < _NO_EVENTS_M or track.end_ns < newest + _NO_EVENTS_NS:
+            return None
+        self._ended_ns = newest
+        return newest, (
+            f"{outputs.EVENTS_ENDED} over the last {gone_m * 1e3:.0f} mm of the way: the camera, "
+            "or its recording, ended before the scan"
         )
 
     @property
@@ -290,6 +311,7 @@ class EventStage(Stage[E], Generic[E, P]):
             return
         if flush:
             self._tell(self._losses.end())
+            self._tell(self._events_ended())
             if (ended := self._poses_ended()) and (rest := self.frames.rest_ns):
                 # Of a robot that stands after its scan nobody misses poses.
                 self._tell((rest[1], ended) if rest[1] - rest[0] < _SETTLED_NS else None)

@@ -10,6 +10,19 @@ from typing import Any, TypeVar
 N = TypeVar("N", int, float)
 
 
+class Once(argparse.Action):
+    """An option that may be given once: of two argparse would drop the first without a word."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any,
+        option_string: str | None = None,
+    ) -> None:  # fmt: skip
+        """Take the value."""
+        if getattr(namespace, self.dest) is not None:
+            parser.error(f"{option_string} is given twice; put what both say into one file")
+        setattr(namespace, self.dest, values)
+
+
 def number(kind: type[N], least: N, most: N) -> Callable[[str], N]:
     """What reads an option's number, for `type` of argparse.
 

@@ -85,6 +85,10 @@ def cloud_of(message: Any) -> Cloud:
     return Cloud(np.frombuffer(message.data, "<f4").reshape(-1, len(names)), names)
 
 
+#: How a fault begins that tells of a scan's end, and counts though no points follow.
+EVENTS_ENDED = "no events came"
+
+
 @dataclass(frozen=True)
 class ScanFault:
     """What is wrong with a stretch of a scan: no contact between skin and surface, lost data."""

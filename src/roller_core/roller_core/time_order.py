@@ -7,8 +7,8 @@ import numpy as np
 from .errors import RollerError
 from .events import EventArray
 
-#: Events up to this late are jitter, of a clock's map or of threads, ns; more than so much of it is
-#: told.
+#: Events up to this late are jitter, of a clock's map or of threads, ns; of packets in the wrong
+#: order more than so much is told.
 JITTER_NS, _TOLD_NS = 5_000_000, 500_000
 #: Events later than this belong to a source that started anew, ns; of one whose numbers began anew,
 #: such as a recording that is played again, all that are no jitter.
@@ -34,8 +34,8 @@ class TimeOrder:
     last_ns : int or None
         Time of the newest event; None before the first.
     late_events : int
-        Events that came half a millisecond after newer ones, or more: up to 5 ms they take the time
-        of the newest, later ones are left out.
+        Events left out because newer ones came first; and those, half a millisecond late or more,
+        of packets in the wrong order, which take the time of the newest up to 5 ms.
     """
 
     def __init__(self) -> None:
@@ -69,7 +69,8 @@ class TimeOrder:
                     events,
                 )
             if behind_ns < JITTER_NS:
-                self.late_events += int(np.searchsorted(events.t_ns, last - _TOLD_NS))
+                if renumbered:
+                    self.late_events += int(np.searchsorted(events.t_ns, last - _TOLD_NS))
                 events = events.with_times(np.maximum(events.t_ns, last))
             else:
                 kept = events[int(np.searchsorted(events.t_ns, last)) :]

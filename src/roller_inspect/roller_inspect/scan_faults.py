@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 
+from roller_core.outputs import EVENTS_ENDED
+
 #: Shorter than this the force may be out of its range, s; samples further apart say nothing.
 _LEAST_S, _APART_S = 0.02, 0.1
 #: That it was out of its range is said for so long, s: statuses come once a second.
@@ -22,7 +24,7 @@ class ScanFaults:
 
     What comes before the first point and after the last is of the way to the part and back. But a
     roller that was lifted doesn't slip: where it is told to after the last points, more often than
-    as it leaves, it is still on the part, and no depth comes of that.
+    as it leaves, it is still on the part, and no depth comes of that; nor where events ended first.
 
     Parameters
     ----------
@@ -114,8 +116,10 @@ class ScanFaults:
         """One line for each thing that was wrong; empty if nothing was."""
         if self._from_ns is not None:
             self.passed(self._to_ns)  # what was told of it after its last points
-            after = [late for late in self._late if _kind(late[1]) == "slipping"]
-            if len(after) >= _STILL_ON:
+            slipping = [late for late in self._late if _kind(late[1]) == "slipping"]
+            after = slipping if len(slipping) >= _STILL_ON else []
+            after += [late for late in self._late if late[1].startswith(EVENTS_ENDED)]
+            if after:
                 for late in after:
                     self._late.remove(late)
                     self._count_fault(late[1])

@@ -169,17 +169,26 @@ class StageNode(RollerNode):
 
     def _offer(self, name: str, act: Callable[[], str]) -> None:
         """Offer what a stage may be asked as a service ~/name."""
+        patient = name in self.stage.patient_services
+        asked: list[Future[tuple[bool, str]]] = []
 
         async def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            late = await self._all_that_came() if name in self.stage.patient_services else ""
-            with self._working:
-                try:
-                    response.success, response.message = True, act()
-                except RollerError as error:
-                    response.success, response.message = False, str(error)
-                if late:
-                    response.message += f"; {late} still had work left"
-                self._publish()
+            if asked:  # meanwhile again: it is of the same
+                response.success, response.message = await asked[0]
+                return response
+            asked.append(Future[tuple[bool, str]]())
+            try:
+                late = await self._all_that_came() if patient else ""
+                with self._working:
+                    try:
+                        response.success, response.message = True, act()
+                    except RollerError as error:
+                        response.success, response.message = False, str(error)
+                    if late:
+                        response.message += f"; {late} still had work left"
+                    self._publish()
+            finally:
+                asked.pop().set_result((response.success, response.message))
             return response
 
         # While it waits, others have their turn.

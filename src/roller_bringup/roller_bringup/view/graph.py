@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -64,7 +65,8 @@ class Graph:
 
     def __init__(self, scene: Scene, namespace: str = "") -> None:
         self._scene = scene
-        self._prefix = f"{namespace}/" if namespace else ""
+        self._cell = namespace.strip("/")
+        self._other_cells: set[str] = set()
         listen_only()
         self._context = Context()
         init_ros(context=self._context)
@@ -242,8 +244,14 @@ class Graph:
     def _take_statuses(self, found: list[bytes]) -> None:
         for data in found:
             for status in deserialize_message(data, DiagnosticArray).status:
-                if status.name.startswith(self._prefix):
+                cell = status.name.partition(":")[0].rpartition("/")[0]
+                if cell == self._cell:
                     self._take_status(status)
+                elif cell not in self._other_cells:
+                    self._other_cells.add(cell)
+                    shown = f"that in {self._cell}" if self._cell else "that without a namespace"
+                    other = f"--namespace {cell}" if cell else "no --namespace"
+                    print(f"{other} shows another cell; shown is {shown}", file=sys.stderr)
 
     def _take_status(self, status: Any) -> None:
         if self._ended:  # another graph begins

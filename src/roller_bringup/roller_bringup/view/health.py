@@ -21,6 +21,7 @@ _ADVICE = tuple(
             r"event_camera: .*(looking for|sends nothing|plugged|went away|reading failed|stalled)",
             "Check the camera's cable and power; `roller doctor --camera` looks for it.",
         ),
+        (r"stop all but one|stop the other", "Stop one, or set another ROS_DOMAIN_ID."),
         (r"not calibrated|camera_info", "Set camerainfo_url: docs/commissioning.md, intrinsics."),
         (
             r"ur10: .*(looking for|can't be reached|connection was lost|nothing came)",

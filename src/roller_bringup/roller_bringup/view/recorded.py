@@ -28,10 +28,16 @@ def results_of(source: Path, folder: Path) -> Path:
         If the recording can't be read.
     """
     topics = _topics(source) if source.is_dir() else set()
-    if _POINTS in topics:
-        method = "focus" if _DEPTH in topics else "surface"
+    cells = sorted(name.removesuffix(_POINTS) for name in topics if name.endswith(_POINTS))
+    if len(cells) > 1:
+        raise RollerError(
+            f"{source}: it holds results of {len(cells)} cells ({', '.join(cells)}); record each "
+            "into a bag of its own"
+        )
+    for cell in cells:
+        method = "focus" if cell + _DEPTH in topics else "surface"
         report = Report(str(source), method, {}, source.name)
-        gather(source, folder, None, report)
+        gather(source, folder, None, report, cell)
         return folder
     settings = PipelineSettings.load()
     try:

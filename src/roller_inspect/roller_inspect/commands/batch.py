@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from roller_core.command_help import add_examples
-from roller_core.option_types import add_output, number
+from roller_core.option_types import Once, add_output, number
 
 from .inspect import USAGE, add_inspection_options
 from .options import add_camera_options, add_method_option, recipe_file
@@ -30,7 +30,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="recordings")
     add_output(parser, "results go here", required=True)
     add_method_option(parser, "surface")
-    parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
+    parser.add_argument(
+        "--params", action=Once, type=Path, metavar="FILE", help="ROS 2 parameter file"
+    )
     add_camera_options(parser)
     add_inspection_options(parser)
     parser.add_argument(

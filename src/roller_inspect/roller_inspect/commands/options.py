@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from roller_core.option_types import add_output, path
+from roller_core.option_types import Once, add_output, path
 from roller_emvs.depth_settings import REPLAY_METHODS
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def add_recording_options(parser: argparse.ArgumentParser, nodes: str) -> None:
         The nodes whose parameters count, for the help text.
     """
     parser.add_argument(
-        "--params", type=Path, metavar="FILE", help=f"ROS 2 parameter file ({nodes})"
+        "--params", action=Once, type=Path, metavar="FILE", help=f"ROS 2 parameter file ({nodes})"
     )
     parser.add_argument(
         "--poses", type=Path, metavar="FILE", help="TUM poses of the camera in base, seconds"

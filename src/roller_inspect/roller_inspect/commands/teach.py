@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from roller_core.command_help import add_examples
-from roller_core.option_types import add_output
+from roller_core.option_types import Once, add_output
 from roller_core.progress import progress_bar
 
 from .options import add_method_option, recipe_file
@@ -37,7 +37,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     add_output(parser, "the reference", required=True)
     add_method_option(parser, None, _METHOD)
-    parser.add_argument("--params", type=Path, metavar="FILE", help="ROS 2 parameter file")
+    parser.add_argument(
+        "--params", action=Once, type=Path, metavar="FILE", help="ROS 2 parameter file"
+    )
     parser.add_argument(
         "--recipe",
         type=Path,

@@ -12,6 +12,7 @@ from roller_inspect.findings import Limits
 
 from .measure import DEEPEST_M
 
+_KINDS = ("dent", "crater", "scratch", "raised", "missing", "extra")
 #: Sizes that a tolerance may limit, as a finding has them.
 _SIZES = ("depth_m", "length_m", "width_m", "area_m2", "volume_m3")
 
@@ -53,14 +54,17 @@ def check_discrimination(tolerances: Sequence[Tolerance], limits: Limits) -> Non
     ValueError
         Naming it.
     """
-    usual = Limits.create({})
+    usual, left = Limits.create({}), set(_KINDS)
     for tolerance in (*tolerances, DEFAULT_TOLERANCE):
+        which = "the default tolerance" if tolerance is DEFAULT_TOLERANCE else "a tolerance"
         for name, most in tolerance.limits().items():
             least = getattr(limits, name, 0.0)
             if least > most and least != getattr(usual, name):
                 raise ValueError(
-                    f"'limits.{name}' is {least:g}, above a tolerance of {most:g}: what lies "
-                    "between is never found, and would pass"
+                    f"'limits.{name}' is {least:g}, above {which} of {most:g}: what lies between "
+                    "is never found, and would pass"
                 )
-        if tolerance.kind == "any" and not tolerance.region:
+        if not tolerance.region:
+            left -= set(_KINDS) if tolerance.kind == "any" else {tolerance.kind}
+        if not left:
             return  # none after it holds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +13,10 @@ from .reference import ReferenceError
 
 #: Parts of a replay's settings that a surface hangs on.
 _SWEEP, _MAPS = ("surface",), ("emvs", "stitcher")
+#: Settings that change no heights: of the machine, of the graph, and of the map to look at.
+_NO_MATTER = re.compile(
+    r"threads|max_waiting_mb|max_latency_s|idle_flush_s|max_still_s|\w+_frame|map|calibrated_camera"
+)
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ class MeasuredBy:
             f"{stage}.{name}": value
             for stage in stages
             for name, value in plain(settings.get(stage, {})).items()
+            if not _NO_MATTER.fullmatch(name)
         }
         return cls(method, camera, grid_m, flat)
 

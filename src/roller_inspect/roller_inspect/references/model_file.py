@@ -23,9 +23,10 @@ _STEP_TO_GLB = "import sys, cascadio as c; c.step_to_glb(*sys.argv[1:], tol_line
 #: each; more are not believed.
 _STL_HEAD, _STL_TRIANGLE, _MOST_TRIANGLES = 84, 50, 100_000_000
 #: Bytes of a PLY's head at most, and of the end of a text that are looked at.
-_PLY_HEAD, _END = 4096, 200
-#: More of an OBJ's corners than this without a triangle are of triangles that are missing.
-_UNUSED = 0.01
+_PLY_HEAD, _END = 4096, 4096
+#: More of an OBJ's corners than this share, and number, without a triangle are of triangles that
+#: are missing.
+_UNUSED, _SPARE = 0.01, 8
 
 
 def read_model(path: Path) -> tuple[F64, np.ndarray]:
@@ -85,35 +86,39 @@ def _broken_off(path: Path, vertices: int, triangles: int) -> str:
             if read[name] < int(count):
                 return f"{read[name]} of {int(count)} {name.decode()} entries can be read"
     elif kind == ".obj":
-        if triangles and not end.endswith((b"\n", b"\r")):
-            return "its last line breaks off"
-        corners, last = _corners_of_obj(path)
-        if triangles and 0 < last < corners * (1 - _UNUSED):  # they come before the triangles
-            return f"{corners - last} of {corners} corners belong to no triangle"
-    elif kind == ".stl" and head.startswith(b"solid") and b"facet" in head:
-        return "" if not triangles or b"endsolid" in end else "it has no endsolid"
-    elif kind == ".stl" and len(head) >= _STL_HEAD:
+        return _what_of_obj(path, triangles)
+    elif kind == ".stl":
         count = int.from_bytes(head[_STL_HEAD - 4 : _STL_HEAD], "little")
-        there = (size - _STL_HEAD) // _STL_TRIANGLE
-        if there < count < _MOST_TRIANGLES:
-            return f"it breaks off after {there} of {count} triangles"
+        there, rest = divmod(size - _STL_HEAD, _STL_TRIANGLE)
+        if not head.lstrip().lower().startswith(b"solid") or (there == count and not rest):
+            if len(head) >= _STL_HEAD and there < count < _MOST_TRIANGLES:
+                return f"it breaks off after {there} of {count} triangles"
+        elif triangles and b"endsolid" not in end.lower():
+            return "it has no endsolid"
     return ""
 
 
-def _corners_of_obj(path: Path) -> tuple[int, int]:
-    """How many corners an OBJ has, and the last one that a face has; 0: it counts another way."""
-    corners = last = 0
+def _what_of_obj(path: Path, triangles: int) -> str:
+    """The same of an OBJ, by its lines: corners come before the faces that they are of."""
+    corners = last = wide = 0
+    words: list[bytes] = []
     with path.open("rb") as file:
         for line in file:
-            if line.startswith(b"v "):
+            words = line.split() or words
+            if words[:1] == [b"v"]:
                 corners += 1
-            elif line.startswith(b"f "):
-                for word in line.split()[1:]:
-                    number = word.split(b"/")[0]
-                    if not number.isdigit():
-                        return corners, 0
-                    last = max(last, int(number))
-    return corners, last
+            elif words[:1] == [b"f"]:
+                wide += len(words) > 4
+                numbers = [word.split(b"/")[0] for word in words[1:]]
+                counted = all(number.isdigit() for number in numbers)
+                last = max([last, *map(int, numbers)]) if counted else corners
+    if wide:
+        return f"{wide} faces have more than three corners, of which none would be seen"
+    if triangles and words[0] in (b"v", b"f") and len(words) < 4:
+        return "its last line breaks off"
+    if triangles and last < corners - max(_UNUSED * corners, _SPARE):
+        return f"{corners - last} of {corners} corners belong to no triangle"
+    return ""
 
 
 def _read_step(path: Path) -> tuple[F64, np.ndarray]:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from rosbags.rosbag2 import Reader
 
 from roller_braille.cells import Cell, certain_dots
 from roller_braille.page_order import PageOrder
@@ -23,6 +22,8 @@ from roller_emvs.depth_map import DepthMap
 from roller_emvs.methods.surface import SurfacePatch
 from roller_emvs.patch import SURFACE_PROPERTIES
 from roller_emvs.ply import PlyWriter
+from roller_recording.raw_message import RawMessage
+from roller_recording.reading.bag_reader import BagReader
 
 from .result_writer import write_braille
 from .run_report import Report
@@ -59,7 +60,9 @@ class _Recorded:
     last_found_ns: int = 0
 
 
-def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -> None:
+def gather(
+    bag: Path, output: Path, truth_folder: Path | None, report: Report, cell: str = ""
+) -> None:
     """Write surface, text and report from a recorded graph.
 
     Parameters
@@ -73,6 +76,8 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     report : Report
         Completed with windows, truth and totals (`lag_s` too), and written; its method says
         whether the windows are depth maps or, with `surface`, clouds.
+    cell : str
+        Namespace of the cell, with a slash before it; empty: none.
 
     Raises
     ------
@@ -82,11 +87,8 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     surface = report.method == "surface"
     kind = SurfaceTally if surface else TruthTally
     tally: Any = kind.beside(truth_folder) if truth_folder else None
-    with (
-        Reader(bag) as reader,
-        PlyWriter(output / "surface.ply", SURFACE_PROPERTIES, "frame base, metres") as ply,
-    ):
-        found = _read(reader, surface, tally, ply)
+    with PlyWriter(output / "surface.ply", SURFACE_PROPERTIES, "frame base, metres") as ply:
+        found = _read(BagReader(bag), surface, tally, ply, cell)
     if not found.given:
         missing = "no points of the surface" if surface else "no depth map"
         raise RecordedResultsError(f"bag {bag}: the graph published {missing}")
@@ -112,19 +114,21 @@ def gather(bag: Path, output: Path, truth_folder: Path | None, report: Report) -
     report.write(output / "report.json")
 
 
-def _read(reader: Reader, surface: bool, tally: Any, ply: PlyWriter) -> _Recorded:
+def _read(reader: BagReader, surface: bool, tally: Any, ply: PlyWriter, cell: str) -> _Recorded:
     """Read a bag; the tally, if there is one, and the file take what they need as it comes."""
     out, store = _Recorded(), typestore()
     beside: dict[str, dict[int, npt.NDArray[np.float32]]] = {_CONFIDENCE: {}, _SIGMA: {}}
-    for connection, logged_ns, data in reader.messages():
-        topic = connection.topic
+    for item in reader.messages(set(reader.topics)):
+        if not isinstance(item, RawMessage):
+            continue  # what a cut or damage took
+        topic, logged_ns = item.topic.removeprefix(cell), item.t_ns
         if topic == _EVENTS:
             out.last_events_ns = logged_ns
         elif topic in _FOUND:
             out.last_found_ns = logged_ns
         if not topic.startswith("/roller/"):
             continue
-        message: Any = store.deserialize_cdr(data, connection.msgtype)
+        message: Any = store.deserialize_cdr(item.data, item.type)
         if topic in beside:
             beside[topic][stamp_ns(message)] = _pixels(message)
         elif topic == "/roller/depth/image" and not surface:

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from roller_core.bag_writer import BagFullError
 from roller_core.command_help import add_examples
 from roller_core.errors import SettingsError
-from roller_core.option_types import add_output
+from roller_core.option_types import Once, add_output
 from roller_core.output_folder import OutputFolder
 from roller_core.parameter_files import read_parameters
 from roller_sim.bag import write_bag
@@ -60,7 +60,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of all chance (1)")
     parser.add_argument(
-        "--params", type=Path, metavar="FILE", help="parameter file of node virtual_cell"
+        "--params",
+        action=Once,
+        type=Path,
+        metavar="FILE",
+        help="parameter file of node virtual_cell",
     )
     parser.add_argument(
         "--set",
