@@ -42,6 +42,7 @@ def port(domain: int) -> Iterator[int]:
     # Ctrl-C ends it with the browser still looking on.
     assert run.returncode in (0, 130), said
     assert "Traceback" not in said
+    assert "--namespace left shows another cell; shown is that without a namespace" in said
 
 
 class Source:
@@ -117,6 +118,7 @@ def test_a_graph_is_shown(port, processes: Processes, watch) -> None:
     watcher: Watcher = watch()
     source = Source(watcher.node)
     processes.start("stitcher")
+    processes.start("stitcher", namespace="left")  # another cell's, which isn't shown
     end, sent = time.monotonic() + 120, 0
 
     def until(what: str, holds) -> dict:

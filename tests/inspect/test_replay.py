@@ -19,6 +19,8 @@ from recording.bags import (
 )
 from recording.event_files import write_aedat4
 from roller_bringup.cli import main
+from roller_bringup.view.recorded import results_of
+from roller_core.errors import RollerError
 from roller_emvs.ply import read_ply
 from roller_inspect.results.recorded import gather
 from roller_inspect.results.run_report import Report
@@ -102,6 +104,56 @@ def test_a_recorded_graph_gives_the_same_windows(
             (w["stamp_ns"], w["points"]) for w in measured
         )
         assert not any("cpu_ms" in w or "events" in w for w in found["windows"])
+
+
+@pytest.mark.parametrize("what", ["namespace", "no metadata", "cut off"])
+def test_results_of_other_recordings_are_gathered_too(
+    reference: Reference, tmp_path: Path, what: str
+) -> None:
+    """Of a cell in a namespace, and where the recorder was killed: what came before is there."""
+    bag, cell = tmp_path / "bag", "/left" if what == "namespace" else ""
+    with Reader(reference[0] / "result") as reader:
+        messages = [
+            (t_ns, cell + c.topic, c.msgtype, bytes(data)) for c, t_ns, data in reader.messages()
+        ]
+    write_messages(Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP), iter(messages))
+    if what != "namespace":
+        (bag / "metadata.yaml").unlink()
+    if what == "cut off":
+        (file,) = bag.glob("*.mcap")
+        file.write_bytes(file.read_bytes()[:-100])
+    out = tmp_path / "out"
+    out.mkdir()
+    assert results_of(bag, out) == out
+    found, expected = (
+        json.loads((folder / "report.json").read_text()) for folder in (out, reference[0])
+    )
+    for key in ("depth_windows", "surface_points"):
+        assert found["totals"][key] == expected["totals"][key] > 0
+
+
+def test_results_of_two_cells_in_one_recording_are_not_mixed(
+    reference: Reference, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    with Reader(reference[0] / "result") as reader:
+        messages = [
+            (t_ns, cell + c.topic, c.msgtype, bytes(data))
+            for c, t_ns, data in reader.messages() for cell in ("/left", "/right")
+        ]  # fmt: skip
+    write_messages(Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP), iter(messages))
+    with pytest.raises(RollerError, match=r"it holds results of 2 cells \(/left, /right\)"):
+        results_of(bag, tmp_path)
+
+
+def test_parameters_given_twice_are_refused(
+    bag: Path, params: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["replay", str(bag), "--params", str(params), "--params", str(params)]
+    with pytest.raises(SystemExit) as caught:
+        main([*words, "--output", str(tmp_path / "out")])
+    assert caught.value.code == 2
+    assert "--params is given twice" in capsys.readouterr().err
 
 
 def test_outputs_are_complete(reference: Reference) -> None:
