@@ -94,7 +94,7 @@ def test_every_node_of_ours_reads_its_file_first(path):
 @pytest.mark.parametrize("method", ["focus", "surface"])
 def test_a_scan_waits_for_all_that_are_started(player, method):
     """Who subscribes late misses its begin: depth without poses, or no text."""
-    others = ("braille", "inspect") + ("record",) * (player == "virtual")
+    others = ("braille", "inspect", "record")
     for chosen in ("false", "true"):
         with load(player, method=method, **dict.fromkeys(others, chosen)) as plan:
             *processing, last = plan.processes
