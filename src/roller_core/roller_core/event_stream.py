@@ -143,9 +143,10 @@ class EventStream:
             self.counts.decode_errors += 1
             raise
         # One that can't be decoded is missing like one that never came.
-        before = self._gaps.restarts
+        before, late = self._gaps.restarts, self._gaps.late
         self._gaps.see("", seq, stamp_ns)
         self._renumbered |= self._gaps.restarts > before
+        late = self._gaps.late - late
         self.counts.lost_packets = self._gaps.lost
         self.counts.seq_restarts = self._gaps.restarts
         events = packet.events if packet.ordered else packet.events.sorted_by_time()
@@ -159,6 +160,6 @@ class EventStream:
         self.counts.clock_steps += self.clock.steps - steps
         times = self.clock.to_ros_ns(events.t_ns)
         renumbered, self._renumbered = self._renumbered, False
-        events = self._order.take(events.with_times(times), renumbered)
+        events = self._order.take(events.with_times(times), renumbered, late > 0)
         self.counts.late_events = self._order.late_events
         return events

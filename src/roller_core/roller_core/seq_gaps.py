@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 #: A leap over more numbers than this is no loss but another source: minutes of packets.
 _MOST_LOST = 2**20
+#: A number from a gap of no more than this is of a packet that came late.
+_SHUFFLED = 8
 #: Gaps that are kept with their place; beyond it only their number counts.
 _PLACES = 1000
 #: Places that are told.
@@ -39,6 +41,8 @@ class _Numbers:
     leap: Gap | None = None
     #: Whether both go on, in turns.
     two: bool = False
+    #: The first number of all.
+    first: int = -1
 
     def turn_to(self, seq: int) -> None:
         """Make the one that a number follows the last."""
@@ -62,6 +66,8 @@ class SeqGaps:
         Places where some are.
     places : list of Gap
         The first of them.
+    late : int
+        Packets that came after later ones.
     restarts : int
         Places where the numbers fall or leap: a source that started anew, or another one.
     """
@@ -69,7 +75,7 @@ class SeqGaps:
     def __init__(self) -> None:
         self.lost = 0
         self.gaps = 0
-        self.restarts = 0
+        self.restarts = self.late = 0
         self.places: list[Gap] = []
         self._last: dict[str, dict[bytes, _Numbers]] = {}
 
@@ -80,7 +86,9 @@ class SeqGaps:
         self.restarts += numbers is None and bool(senders)
         if len(senders) >= _MOST_SENDERS:
             del senders[next(iter(senders))]  # silent for longest
-        senders[sender] = numbers = numbers or _Numbers(seq)
+        senders[sender] = numbers = numbers or _Numbers(seq, first=seq)
+        if self._fills(numbers, seq):
+            return
         numbers.turn_to(seq)
         if numbers.two and numbers.leap is not None:
             self._count(numbers.leap, -1)
@@ -95,6 +103,23 @@ class SeqGaps:
             self._count(gap)
             if not numbers.two:
                 numbers.other, numbers.leap = last, gap
+
+    def _fills(self, numbers: _Numbers, seq: int) -> bool:
+        """Whether a packet is one of those that were missing just before."""
+        gap, before = numbers.leap, numbers.other
+        if seq == numbers.first - 1 and numbers.last == numbers.first:
+            self.late += 1  # the first two
+            return True
+        if gap is None or before is None or gap.packets > _SHUFFLED:
+            return False
+        if not before < seq < numbers.last:
+            return False
+        self.late += 1
+        self._count(gap, -1)
+        numbers.leap = Gap(gap.topic, gap.t_ns, gap.packets - 1) if gap.packets > 1 else None
+        if numbers.leap is not None:
+            self._count(numbers.leap)
+        return True
 
     def _count(self, gap: Gap, sign: int = 1) -> None:
         self.lost += sign * gap.packets

@@ -42,7 +42,7 @@ class TimeOrder:
         self.last_ns: int | None = None
         self.late_events = 0
 
-    def take(self, events: EventArray, renumbered: bool = False) -> EventArray:
+    def take(self, events: EventArray, renumbered: bool = False, late: bool = False) -> EventArray:
         """Events of the next packet, in order of time, none of them before those of earlier ones.
 
         Parameters
@@ -51,6 +51,8 @@ class TimeOrder:
             The packet's.
         renumbered : bool
             Whether the packets' numbers begin anew with it.
+        late : bool
+            Whether its number says that it came after later ones.
 
         Raises
         ------
@@ -69,7 +71,7 @@ class TimeOrder:
                     events,
                 )
             if behind_ns < JITTER_NS:
-                if renumbered:
+                if renumbered or late:
                     self.late_events += int(np.searchsorted(events.t_ns, last - _TOLD_NS))
                 events = events.with_times(np.maximum(events.t_ns, last))
             else:
