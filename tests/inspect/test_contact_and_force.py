@@ -28,6 +28,7 @@ from .inspecting import PLANE, clouds, finished
         ("none", "no force came; the recipe asks for 5 to 30 N"),
         ("lost", "7% of the event packets were lost: 20 of 300"),
         ("ended", "no events came over the last 40 mm of the way: the camera, or its recording"),
+        ("silent in between", ""),
         ("before and after", ""),
         ("", ""),
     ],
@@ -55,6 +56,9 @@ def test_a_part_that_was_not_in_good_contact_is_never_conform(what: str, said: s
                 stage.take_output(Output(CONTACT, t, "", fault))
     if what == "lost":  # told when the scan is over, of a time within it
         stage.take_output(Output(CONTACT, middle, "", ScanFault(said, "data")))
+    if what == "silent in between":  # points that follow show that events went on
+        fault = ScanFault("no events came over the last 40 mm of the way", "data")
+        stage.take_output(Output(CONTACT, middle, "", fault))
     if what == "ended":
         stage.take_output(Output(CONTACT, last + 10**8, "", ScanFault(said, "data")))
     part = finished(list(stage.results(flush=True)))

@@ -19,6 +19,7 @@ from .event_stream import EventStream, StreamCounts
 from .events import EventArray
 from .frame_settings import StreamSettings
 from .outputs import Output, Result, ScanFault, stamp_ns
+from .passes import way_gone_on
 from .pose_track import PoseTrack
 from .result_times import ResultTimes
 from .seq_gaps import LossShare
@@ -217,8 +218,7 @@ class EventStage(Stage[E], Generic[E, P]):
         newest, track = self._last_event_ns, self.frames.track
         if not len(track) or newest in (0, self._ended_ns):
             return None
-        way = track.positions[int(np.searchsorted(track.times_ns, newest)) :]
-        gone_m = float(np.linalg.norm(way[-1] - way[0])) if len(way) else 0.0
+        gone_m = way_gone_on(track, newest)
         if gone_m < _NO_EVENTS_M or track.end_ns < newest + _NO_EVENTS_NS:
             return None
         self._ended_ns = newest

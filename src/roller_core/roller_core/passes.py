@@ -27,6 +27,9 @@ _MIN_SPEED_M_S, STANDSTILL_S, _TURN_BACK_M = 0.005, 1.0, 0.002
 #: A sensor that goes no further than this, m, for so long, s, is at rest: the poses of a robot that
 #: holds its place scatter by hundredths of a millimetre, and where it turns back it is gone sooner.
 REST_M, REST_S = 1e-4, 0.2
+#: So long before a time a sensor is looked at to tell whether it was at rest then, ns; so far along
+#: its axis it is off the surface, m.
+_AT_REST_NS, _LIFTED_M = 50_000_000, 1e-3
 
 
 def stands(motion_m: float, duration_ns: int, min_speed_m_s: float) -> bool:
@@ -218,3 +221,24 @@ class RollTracker:
         end = self._moved_ns
         self.spans.append(Span(self._pass, end, end, open=False, last_of_pass=True))
         self._pass = None
+
+
+def way_gone_on(track: PoseTrack, t_ns: int) -> float:
+    """How far a rolling sensor went on after a time, metres.
+
+    Nothing where it was at rest then, as at the end of a scan; and no further than to where it is
+    lifted off, or pressed on, along its optical axis.
+    """
+    times, places = track.times_ns, track.positions
+    now = int(np.searchsorted(times, t_ns))
+    before = int(np.searchsorted(times, t_ns - _AT_REST_NS))
+    way = places[now:]
+    if not len(way):
+        return 0.0
+    if now - before > 1 and np.linalg.norm(places[now - 1] - places[before]) < REST_M:
+        return 0.0
+    axis = quaternion_to_matrix(track.quaternions[now])[:, 2]
+    lifted = np.abs((way - way[0]) @ axis) > _LIFTED_M
+    if lifted.any():
+        way = way[: int(lifted.argmax())]
+    return float(np.linalg.norm(way - way[0], axis=1).max())

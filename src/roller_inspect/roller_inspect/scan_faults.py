@@ -87,7 +87,8 @@ class ScanFaults:
         past = [late for late in self._late if late[0] < t_ns]
         for late in past:
             self._late.remove(late)
-            if late[0] >= self._from_ns:
+            # Points that follow show that events went on.
+            if late[0] >= self._from_ns and not late[1].startswith(EVENTS_ENDED):
                 self._count_fault(late[1])
         while self._forces and self._forces[0][0] < t_ns:
             at_ns, force_n = self._forces.popleft()

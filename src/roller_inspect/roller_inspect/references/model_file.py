@@ -104,7 +104,7 @@ def _what_of_obj(path: Path, triangles: int) -> str:
     words: list[bytes] = []
     with path.open("rb") as file:
         for line in file:
-            words = line.split() or words
+            words = line.partition(b"#")[0].split() or words
             if words[:1] == [b"v"]:
                 corners += 1
             elif words[:1] == [b"f"]:
