@@ -51,6 +51,8 @@ def test_what_the_sensor_does_after_its_events() -> None:
     assert gone(lambda t: (0.3 * min(t, 0.8 - t), 0.0)) == pytest.approx(60.0, abs=6.0)
     # It stood when they ended, and then lifts off and goes home.
     assert gone(lambda t: (0.3 * min(t, 0.1) - 0.5 * max(t - 0.3, 0.0), max(t - 0.3, 0.0))) == 0.0
+    # Or rolls on beside the part, which was seen.
+    assert gone(lambda t: (0.3 * min(t, 0.1) + 0.3 * max(t - 0.3, 0.0), 0.0)) == 0.0
     # Or it lifts off at once: 1 mm up it is off the surface.
     assert gone(lambda t: (0.3 * t, 0.5 * max(t - 0.2, 0.0))) < 1.5
     assert gone(lambda t: (0.3 * t, 0.0), 0.7) == 0.0

@@ -109,11 +109,13 @@ def test_error_does_not_depend_on_speed_with_travel_windows() -> None:
     assert medians[0] < 1.5 * medians[1]
 
 
-def test_counts_add_up_where_windows_overlap_and_poses_are_missing() -> None:
-    """The robot starts at 20 m/s², which poses 8 ms apart don't tell."""
+@pytest.mark.parametrize("begin_s", [0.0, 0.05])
+def test_counts_add_up_where_windows_overlap_and_poses_are_missing(begin_s: float) -> None:
+    """The robot accelerates at 20 m/s², which poses 8 ms apart don't tell."""
 
     def starting(t: float) -> tuple[np.ndarray, np.ndarray]:
-        way = 10.0 * min(t, 0.02) ** 2 + 0.4 * max(t - 0.02, 0.0)
+        first, since = (0.2, t - begin_s) if begin_s else (0.0, t)
+        way = first * t + 10.0 * min(max(since, 0.0), 0.02) ** 2 + 0.4 * max(since - 0.02, 0.0)
         return np.array([way, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
 
     events = events_of(lines(tilted), starting, 0.16)
