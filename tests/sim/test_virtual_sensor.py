@@ -1,10 +1,6 @@
-import hashlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from roller_sim import _render_kernels as render_kernels
 from roller_sim import _sensor_kernels as kernels
 from roller_sim.cell import VirtualCell
 from roller_sim.sensor import EventSensor, unpack
@@ -207,9 +203,3 @@ def test_background_and_hot_pixels_have_the_rates_set():
     assert 15 <= len(noisy) <= 70
     assert len(words) / seconds / len(noisy) > 250
     assert not len(events_of(flat, background_hz=0.0, hot_share=0.0)[0])
-
-
-def test_the_cached_kernels_know_which_rendering_they_hold():
-    source = Path(render_kernels.__file__).read_bytes()
-    digest = hashlib.sha256(source).hexdigest()[:16]
-    assert digest == kernels.RENDERING, f'write RENDERING = "{digest}" into _sensor_kernels.py'

@@ -15,6 +15,8 @@ import math
 import numba
 import numpy as np
 
+from roller_core import numba_start  # noqa: F401 (before a kernel runs)
+
 #: Rays are followed until the depth moves by less than this, mm. Newton's next step would be far
 #: smaller, and slopes and coating are those of a point at most a third of it aside.
 _TOLERANCE = 4e-3

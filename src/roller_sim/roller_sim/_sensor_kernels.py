@@ -18,9 +18,6 @@ import numpy as np
 
 from ._render_kernels import _expect_row, _see_level_row, _shade_level_row, _shade_row, _trace_row
 
-#: Digest of `_render_kernels.py`, which is compiled into the kernels here. Numba's cache sees
-#: changes of this file only: without a new digest here it would go on using the old rendering.
-RENDERING = "0d3b258c299916a4"
 #: Events one pixel may emit between two rendered frames; any more wait for the next frame.
 MAX_PER_STEP = 4
 TIME_SHIFT = 23
